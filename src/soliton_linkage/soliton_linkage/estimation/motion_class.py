@@ -1,19 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Class of motion of a wall from the angles alone, without parameters of the chain.
+"""Class of motion of a wall from the angles alone, without the parameters of the chain.
 
-A wall is located where u = r sin(phi) changes its sign. Its two sides lean right and left by the
-same angle. The rotors of a flipper pass through the top or the bottom: theta_right = -theta_left,
-and the staggered cosines on both sides have the same sign. The rotors of a spinner turn over:
-theta_right = theta_left + pi, and the cosines have opposite signs.
+A wall is where u = r sin(phi) changes its sign. Far from the wall, the rotors on one side lean
+right and the rotors on the other side lean left, by the same angle. The angle theta is the
+staggered angle of a rotor.
 
-A wobbling flipper leans over by more than its rest angle beside the wall. The deviation e from
-rest maps outwards from rotor to rotor by F(e), for bars of fixed length and d = 1
-(`next_deviation`), with a maximum of 0 at e = 0. For any d the slope there is
+- The rotors of a flipper pass through the top or the bottom. Then theta_right = -theta_left, and
+  cos(theta) has the same sign on both sides.
+- The rotors of a spinner turn over. Then theta_right = theta_left + pi, and cos(theta) has
+  opposite signs on the two sides.
 
-    lambda = (1 - d) / (1 + d),    e' = F(e) + lambda e + ...,
+In a wobbling flipper, rotors beside the wall lean by more than the rest angle. Let e be the
+deviation of a rotor from the rest angle, and e' that of its outer neighbour. For bars of fixed
+length and d = 1, the function `next_deviation` gives e' = F(e). F has a maximum of 0 at e = 0. For
+any lean ratio d,
 
-so that a chain wobbles for lambda < 0. Extended springs do not change the sign of lambda; a term
-in e^2 models their change of curvature.
+    e' = F(e) + lambda e + ...,    lambda = (1 - d) / (1 + d),
+
+so that a chain wobbles if lambda < 0. Extended springs do not change the sign of lambda. A term in
+e^2 models the effect of extended springs on the curvature of F.
 """
 
 from __future__ import annotations
@@ -44,33 +49,39 @@ _NUMBERS = records(record_dtype(MotionSettings))
 _LEAST_NOISE = 1e-6
 """Lower limit of the noise of a frame [rad]."""
 _LEANING = 3.0
-"""Smallest lean of either side of a wall, in its standard deviations [1]."""
+"""Threshold of the lean on either side of a wall [standard deviations]: a frame shows a wall only
+if the lean on both sides exceeds this threshold."""
 _FLAT, _FLAT_IN_NOISE, _NOISIEST = 0.02, 2.0, 0.15
-"""Limits of tails [1]: smallest deviation relative to the rest angle and to the noise, and largest
-noise relative to the rest angle."""
+"""Limits of the use of tails [1]. A tail ends where the deviation is below `_FLAT` rest angles or
+below `_FLAT_IN_NOISE` standard deviations of the noise. A frame is not used if its noise exceeds
+`_NOISIEST` rest angles."""
 _BEND, _NEGLECTED = 0.1, 0.01
-"""Prior standard deviation of the coefficient of e^2, multiplied by the rest angle [1], and error
-of the tail ratio due to extended springs [1]."""
+"""Two assumed effects of extended springs [1]. `_BEND` is the prior standard deviation of the
+coefficient of e^2, multiplied by the rest angle. `_NEGLECTED` is the standard deviation of the
+tail ratio."""
 _SPREAD = 1.2
 """Ratio of the variance of e' - F(e) to the variance of the noise [1]."""
 _LEAST_LEVER = 1e-9
-"""Replacement for the zero lever of a bar in line with its outer rotor [1]; the slope would be
-infinite."""
+"""Lever that replaces a zero lever [1], so that the slope stays finite. The lever is zero if a bar
+is in line with its outer rotor."""
 _LEAST_WEIGHT = 1e-300
-"""Weight of a rest angle without information from the tails [1/rad^2]; positive, so that means
-exist."""
+"""Weight of the rest angle of a frame whose tails contain no information [1/rad^2]. A weight of 0
+would make the mean rest angle undefined."""
 _NO_EVIDENCE = (math.nan, 0.0, math.nan)
-"""Site, log likelihood ratio and rest angle of a frame without information."""
+"""Site, log likelihood ratio and rest angle of a frame that contains no information."""
 
 
 @compiled(f8, f8, f8)
 def next_deviation(inner: float, rest_angle: float, k: float) -> tuple[float, float]:
-    """Return the deviation F of the outer neighbour on relaxed bars [rad], and its slope [1].
+    """Return the deviation F(e) of the outer neighbour of a rotor [rad], and the slope F'(e) [1].
 
-    A rotor leans by alpha = theta_bar + e; its neighbour further from the wall leans by alpha'.
-    The bar between them keeps its length if, with k = a / r, cos(alpha + alpha') + k (sin(alpha) -
-    sin(alpha')) = cos(2 theta_bar). The slope lambda at e = 0 gives k = 2 sin(theta_bar) / d = 2
-    sin(theta_bar) (1 + lambda) / (1 - lambda).
+    All bars have their relaxed length. A rotor leans by alpha = theta_bar + e, and its neighbour
+    further from the wall leans by alpha' = theta_bar + F(e). With k = a / r, the bar between these
+    two rotors has the relaxed length if
+
+        cos(alpha + alpha') + k (sin(alpha) - sin(alpha')) = cos(2 theta_bar).
+
+    The slope at e = 0 is lambda = (1 - d) / (1 + d) for k = 2 sin(theta_bar) / d.
     """
     lean, up = math.sin(rest_angle + inner), math.cos(rest_angle + inner)
     across = k + lean
@@ -83,10 +94,10 @@ def next_deviation(inner: float, rest_angle: float, k: float) -> tuple[float, fl
 
 @compiled(const_f8_1d)
 def bond_of_wall(sines: Array) -> tuple[int, float, float]:
-    """Return the number of rotors before the wall and the sines of the two nearest rotors.
+    """Return the number of rotors before the wall, and the sines of the two rotors beside it.
 
-    The sines are 0 if unknown. The wall is where the means of sin(theta) on the two sides differ
-    most.
+    The wall is at the bond at which the sums of sin(theta) on the two sides differ most. An
+    unknown sine is returned as 0.
     """
     whole, running, most, bond = 0.0, 0.0, -1.0, 0
     for n in range(sines.size):
@@ -112,10 +123,10 @@ def _staggered(angles: Array, n: int) -> float:
 
 
 class UniformPart(NamedTuple):
-    """Outer half of the rotors on one side of a wall."""
+    """Statistics of the outer half of the rotors on one side of a wall."""
 
     known: float
-    """Number of known rotors."""
+    """Number of rotors with known angles."""
     sine: float
     """Sum of sin(theta)."""
     cosine: float
@@ -123,7 +134,7 @@ class UniformPart(NamedTuple):
     mean: float
     """Mean angle theta [rad]."""
     scatter: float
-    """Sum of squared differences from the mean [rad^2]."""
+    """Sum of the squared differences between theta and `mean` [rad^2]."""
 
 
 _PART = named_tuple(UniformPart, f8)
@@ -133,7 +144,10 @@ _PART = named_tuple(UniformPart, f8)
 def uniform_part(
     angles: Array, sines: Array, cosines: Array, nearest: int, edge: int
 ) -> UniformPart:
-    """Return the outer half of the rotors between a wall and an edge, without the edge rotor."""
+    """Return statistics of the outer half of the rotors between a wall and an edge.
+
+    `nearest` is the rotor next to the wall. The edge rotor `edge` is excluded.
+    """
     way = 1 if edge > nearest else -1
     inner = nearest + way * (abs(edge - nearest) // 2)
     low, high = (inner, edge) if way > 0 else (edge + 1, inner + 1)
@@ -153,9 +167,11 @@ def uniform_part(
 
 @compiled(const_f8_1d, f8, f8)
 def tail_of_side(deviations: Array, large: float, small: float) -> tuple[int, int]:
-    """Return the first rotor beyond all deviations above `large` [rad], and the end of the tail.
+    """Return the index at which a tail begins and the index at which it ends.
 
-    The tail ends at the first later rotor with a deviation of at most `small` [rad].
+    `deviations` [rad] are those of the rotors on one side of a wall, from the wall outwards. The
+    tail begins after the last rotor whose absolute deviation exceeds `large` [rad]. It ends before
+    the first later rotor whose absolute deviation is at most `small` [rad].
     """
     begin = 0
     for n in range(deviations.size):
@@ -176,11 +192,13 @@ def tail_products(
     noise: float,
     sums: Array,
 ) -> None:
-    """Add products of (e, e^2, e' - F(e)), divided by the variance of e', to sums, shape (3, 3).
+    """Add the products of a tail to the sums, shape (3, 3).
 
-    The deviation e is theta minus the mean of its side [rad], positive for a larger lean. The tail
-    starts in the middle of the wall and ends where it is flat, within the inner half of the
-    rotors. If the noise exceeds a limit, the sums do not change.
+    The products are those of the entries of (e, e^2, e' - F(e)), divided by the variance of the
+    last entry. The deviation e of a rotor is the difference between theta and the mean of theta on
+    the same side [rad]; e is positive for a larger lean. Only the inner half of the rotors on a
+    side is used, up to the first rotor with a negligible deviation. If the noise exceeds
+    `_NOISIEST` rest angles, the sums do not change.
     """
     mean, handed = part.mean, 1.0 if (part.sine > 0) == (part.cosine > 0) else -1.0
     rest_angle = math.pi / 2 - abs(math.asin(math.cos(mean)))
@@ -205,10 +223,11 @@ def tail_products(
 
 @compiled(f8, f8, f8)
 def _flipping(left: float, right: float, variance: float) -> float:
-    """Return the log likelihood ratio of theta_right = -theta_left against theta_left + pi.
+    """Return the log likelihood ratio of a flipper against a spinner.
 
-    If neither holds within the noise, for example in a wake, the smaller square replaces the
-    variance.
+    A flipper has theta_right = -theta_left, and a spinner has theta_right = theta_left + pi. If
+    neither condition is satisfied within the noise, for example in a wake, the smaller squared
+    error replaces `variance`.
     """
     flipped, spun = wrapped(right + left), wrapped(right - left - math.pi)
     flipped, spun = flipped * flipped, spun * spun
@@ -220,9 +239,10 @@ def _flipping(left: float, right: float, variance: float) -> float:
 def evidence(
     settings: Records, angles: Array, sines: Array, cosines: Array, noise: float, tails: Array
 ) -> tuple[float, float, float]:
-    """Return site, log likelihood ratio and rest angle of a frame; add its tails, shape (3, 3).
+    """Return site, log likelihood ratio and rest angle of a frame, as in `MotionEvidence`.
 
-    The noise is a lower bound [rad]; see `MotionEvidence`.
+    Adds the products of the tails of the frame to `tails`, shape (3, 3). `noise` is a lower bound
+    of the noise of the angles [rad].
     """
     rotors, fewest = angles.size, settings[0]['fewest_rotors']
     bond, before, beyond = bond_of_wall(sines)
@@ -252,10 +272,10 @@ def evidence(
 
 @compiled(const_f8_2d, f8)
 def tail_ratio(tails: Array, rest_angle: float) -> tuple[float, float]:
-    """Return the ratio lambda of the tails and its standard deviation [1].
+    """Return the ratio lambda of the tails and the standard deviation of this ratio [1].
 
-    They are NaN and infinity if unknown. The prior standard deviation of the coefficient of e^2 is
-    `_BEND` / theta_bar.
+    If the tails contain no information, the ratio is NaN and its standard deviation is infinite.
+    The prior standard deviation of the coefficient of e^2 is `_BEND` / theta_bar.
     """
     if tails[0, 0] <= 0:
         return math.nan, math.inf
@@ -275,9 +295,10 @@ def observe(
     rest_angle: float,
     tails: Array,
 ) -> tuple[tuple[float, float, float], tuple[float, float]]:
-    """Add the `evidence` of a frame to the evidence of earlier frames and update the tails.
+    """Add the `evidence` of a frame to the evidence of earlier frames, and update the tails.
 
-    Returns site, log likelihood ratio and rest angle, and the `tail_ratio` of all frames.
+    Returns two tuples: site, log likelihood ratio and rest angle, and the `tail_ratio`. All except
+    the site include the earlier frames.
     """
     known = tails[0, 0]
     sines, cosines = np.full(angles.size, math.nan), np.full(angles.size, math.nan)
@@ -288,7 +309,7 @@ def observe(
     limit = settings[0]['strongest']
     flipping = min(max(flipping + more, -limit), limit)
     if math.isfinite(lean) and math.isfinite(rest_angle):
-        # The weight is the information of the tails, and never 0.
+        # The weight of a frame is the information in its tails. The weight is never 0.
         added = tails[0, 0] - known + _LEAST_WEIGHT
         rest_angle += added / (known + added) * (lean - rest_angle)
     elif math.isfinite(lean):
@@ -297,11 +318,12 @@ def observe(
 
 
 class MotionClass(NamedTuple):
-    """Class of motion from the angles.
+    """Class of motion, determined from the angles.
 
-    motion: class of motion; None if there is no wall or too much noise.
-    confidence: probability of the likeliest class, from 0 to 1; the prior of all three is equal.
-    spinning: probability that the rotors spin, from 0 to 1.
+    motion: class of motion; None if no class is probable enough, for example without a wall.
+    confidence: probability of the likeliest class, from 0 to 1. The spinner has the prior
+        probability 1/3; the two classes of flippers share 2/3.
+    spinning: probability that the chain is a spinner, from 0 to 1.
     """
 
     motion: Motion | None
@@ -312,14 +334,17 @@ class MotionClass(NamedTuple):
 class MotionEvidence(NamedTuple):
     """Evidence about the class of motion from all frames.
 
-    site: crossing of u through 0 in the last frame [rotor spacings]; NaN without a wall.
-    flipping: log likelihood ratio of a flipper against a spinner [1], limited because errors may
-        persist in all frames.
-    rest_angle: mean lean of the uniform parts [rad]; NaN without a wall.
-    tails: sums of products of (e, e^2, e' - F(e)) over their variance, shape (3, 3).
-    tail_ratio: ratio lambda of the deviations of neighbouring rotors [1]; NaN if unknown.
-    tail_ratio_deviation: standard deviation of this ratio [1], including the effect of extended
-        springs; infinite if unknown.
+    site: site at which u changes its sign in the last frame [rotor spacings]; NaN if that frame
+        shows no wall.
+    flipping: log likelihood ratio of a flipper against a spinner [1]. The ratio is limited,
+        because all frames may have the same error.
+    rest_angle: mean lean of the rotors far from the wall [rad]; NaN if no frame has shown a wall.
+    tails: sums of the products of the entries of (e, e^2, e' - F(e)), divided by the variance of
+        the last entry, shape (3, 3).
+    tail_ratio: ratio lambda of the deviations of neighbouring rotors in the tails [1]; NaN if
+        unknown.
+    tail_ratio_deviation: standard deviation of the tail ratio [1], including the effect of
+        extended springs; infinite if unknown.
     """
 
     site: float
@@ -330,7 +355,11 @@ class MotionEvidence(NamedTuple):
     tail_ratio_deviation: float
 
     def verdict(self, settings: MotionSettings = DEFAULTS.motion) -> MotionClass:
-        """Return the class of motion, None unless one class is probable enough."""
+        """Return the class of motion.
+
+        The field `motion` is None unless the probability of a class reaches the least probability
+        of the settings.
+        """
         determined = math.isfinite(self.tail_ratio)
         scaled = self.tail_ratio / self.tail_ratio_deviation if determined else 0.0
         wobbling = math.erfc(scaled / math.sqrt(2)) / 2
@@ -350,10 +379,10 @@ NO_EVIDENCE = MotionEvidence(math.nan, 0.0, math.nan, np.zeros((3, 3)), math.nan
 
 
 class MotionObserver:
-    """Observer that adds up the evidence of all frames since the last restart.
+    """Observer that accumulates the evidence of all frames since the last restart.
 
-    A frame has no information if it has no wall, if the wall is within four rotors of an edge, or
-    if too few angles are known.
+    A frame contains no information in three cases: the frame shows no wall, the wall is within
+    four rotors of an edge, or too few angles are known.
     """
 
     def __init__(self, settings: MotionSettings = DEFAULTS.motion) -> None:
@@ -361,15 +390,15 @@ class MotionObserver:
         self.restart()
 
     def restart(self) -> None:
-        """Discard all frames, for example after the source of the angles has restarted."""
+        """Discard the evidence of all frames, for example after a restart of the encoders."""
         self.evidence = NO_EVIDENCE
 
     def observe(self, angles: Array, noise: float = 0.0) -> MotionClass:
-        """Add a frame of angles [rad], shape (N,), NaN if unknown, and return the class of motion.
+        """Add the evidence of a frame, and return the class of motion.
 
-        Angles may be wrapped or unwrapped. The noise [rad] is a lower bound of the scatter of the
-        uniform parts. Raises ValueError for a negative or infinite noise and for angles that are
-        not one-dimensional.
+        Angles [rad], shape (N,), are NaN if unknown. They may be wrapped or unwrapped. `noise` is
+        a lower bound of the standard deviation of the angles [rad]. Raises ValueError for a
+        negative or infinite noise, and for angles that are not one-dimensional.
         """
         angles = np.asarray(angles, dtype=np.float64, order='C')
         if angles.ndim != 1:

@@ -1,31 +1,38 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Multiple-model filter of the motion along the orbit: Kalman filters of arc s and rate w.
+"""Multiple-model filter of the motion along the orbit: a bank of Kalman filters.
 
-Models with different process noise run in parallel (Blom and Bar-Shalom). The state is (s, w, b,
-d): arc [rad], rate [rad/s], bias of the measurement [rad] and disturbance [rad/s^2]. A measurement
-is z = s + b + noise. Its bias b persists while the wall moves by about one rotor:
+The state of each filter is (s, w, b, d): arc length s along the orbit [rad], its rate w [rad/s],
+bias b of the measurement [rad] and disturbance d [rad/s^2]. A measurement is z = s + b + noise.
+The bias b persists while the wall moves by about half a rotor spacing:
 
     ds = w dt,   dw = sqrt(q) dB,   b' = a b + noise of variance m^2 (1 - a^2),
 
-with a = exp(-|w| dt / (Lambda / 2)) and q = e^2 |w|^3 / Lambda; e is the relative change of the
-rate per rotor. Filters with different values of e and m run in parallel. The estimate is their
-mean, weighted by the likelihood of recent measurements. The steady filter has e = m = 0 and uses
-the whole record. Its weight is high until the likelihood of all measurements contradicts it. Then
-it restarts from the mean of the others, with a low weight. At edges the springs exchange energy
-with the wall: there e is larger in the other filters, and the weight of the steady filter is
-limited. Waves as strong as the motion of the wall limit it too.
+with a = exp(-|w| dt / (Lambda / 2)) and q = e^2 |w|^3 / Lambda. Lambda is the arc length per rotor
+spacing, and e is the relative change of the rate per rotor spacing.
 
-An impulse changes the rate instantly. One filter assumes an impulse about 1 frame ago, one about 2
-frames ago, then 4, 8, ...; the rate after the impulse is almost unknown. The weight of such a
-filter is the likelihood ratio of all later measurements times the prior probability of an impulse.
-If the odds become decisive, all filters restart from it.
+Filters with different values of e and m run in parallel (Blom and Bar-Shalom). The estimate is the
+mean of all filters, weighted by the likelihood of recent measurements. The steady filter has
+e = m = 0 and uses the whole record. The steady filter has a high weight until the likelihood of
+all measurements contradicts it. Then it restarts from the mean of the other filters, with a low
+weight.
 
-With a disturbance, all three states have process noise in proportion to the variance r of a
-measurement times the time step,
+At edges, springs exchange energy with the wall. Therefore e is larger there in the other filters,
+and the weight of the steady filter is limited. Its weight is also limited if waves are as strong
+as the motion of the wall.
 
-    ds = w dt + sqrt(3 r) W dB_1,   dw = (u + d) dt + sqrt(3 r) W^2 dB_2,   dd = sqrt(r) W^3 dB_3,
+An impulse changes the rate instantly. Several filters assume an impulse about 1, 2, 4, 8, ...
+frames ago. In these filters the rate after the impulse is almost unknown. The weight of such a
+filter is the prior probability of an impulse times the likelihood ratio of all measurements since
+that impulse. If the odds of an impulse become decisive, all filters restart from the filter that
+assumes this impulse.
 
-so that the steady filter has three poles at -W for any r (Riccati equation).
+If the settings include a disturbance, s, w and d have process noise. The variance of this noise is
+proportional to r, which is the variance of a measurement times the time step:
+
+    ds = w dt + sqrt(3 r) W dB_1,   dw = (u + d) dt + sqrt(3 r) W^2 dB_2,   dd = sqrt(r) W^3 dB_3.
+
+Here u is the modelled acceleration. The steady filter then has three poles at -W for any r
+(Riccati equation); W is the bandwidth of the disturbance.
 """
 
 from __future__ import annotations
@@ -53,13 +60,14 @@ from soliton_linkage.estimation.settings import DEFAULTS, FilterSettings
 
 _Summary = tuple[float, float, float, float, float]
 _FIRST_ODDS = 5.5
-"""Prior log odds for a steady wall without unmodelled damping [1]."""
+"""Prior log odds that the steady model is correct, without unmodelled damping [1]."""
 _LEAST_IMPULSE = 0.1
-"""Least standard deviation of the change of rate by an impulse, relative to the rate scale [1]."""
+"""Lower limit of the standard deviation by which an impulse changes the rate, relative to the rate
+scale [1]."""
 
 
 class MultipleModelFilter:
-    """Bank of Kalman filters of arc, rate, bias and disturbance."""
+    """Bank of Kalman filters of arc length along the orbit, rate, bias and disturbance."""
 
     def __init__(
         self,
@@ -69,15 +77,16 @@ class MultipleModelFilter:
         site_arc: float,
         settings: FilterSettings = DEFAULTS.filter,
     ) -> None:
-        """Start at an arc [rad] with a variance [rad^2] and a typical rate `scale` [rad/s].
+        """Start all filters at the same arc length along the orbit [rad].
 
-        The site arc [rad] is the arc from one rotor to the next.
+        `variance` is the variance of this arc length [rad^2]. `scale` is a typical absolute rate
+        [rad/s]. `site_arc` is the arc length per rotor spacing [rad].
         """
         self._settings = settings
         self.site_arc = site_arc
         self._base = 1 + len(settings.rate_changes) * len(settings.biases)
         self.filters = self._models()
-        """Records of `FILTER`, shape (F,)."""
+        """One record of type `FILTER` for each filter, shape (F,)."""
         self.filters['state'][:, ARC] = arc
         covariances = self.filters['covariance']
         covariances[:, ARC, ARC] = variance
@@ -86,7 +95,7 @@ class MultipleModelFilter:
         if settings.disturbance:
             covariances[:, DISTURBANCE, DISTURBANCE] = (settings.disturbance * scale**2) ** 2
         else:
-            # Only the models with the steadiest rate include unmodelled damping.
+            # Only the models with the smallest change of the rate include unmodelled damping.
             damped = slice(1, 1 + len(settings.biases))
             covariances[damped, DISTURBANCE, DISTURBANCE] = (settings.damping * scale) ** 2
         self._status = np.zeros(1, STATUS)
@@ -96,7 +105,7 @@ class MultipleModelFilter:
         set_weights(self.filters, settings.record, self._base, odds)
         self._refresh()
         self.expected_rate = 0.0
-        """Predicted rate of the arc length [rad/s]."""
+        """Rate of the arc length after the last prediction [rad/s]."""
 
     def _models(self) -> Records:
         settings, base = self._settings, self._base
@@ -106,7 +115,7 @@ class MultipleModelFilter:
         models['edge_rate_noise'][1:base] = (changes.ravel() + settings.change_at_edges) ** 2
         models['bias_variance'][1:base] = (self.site_arc * biases.ravel()) ** 2
         if settings.impulse_ages:
-            # After an impulse the rate changes as in the middle model.
+            # After an impulse, use the process noise of the middle model.
             middle = settings.rate_changes[len(settings.rate_changes) // 2]
             models['rate_noise'][base:] = models['edge_rate_noise'][base:] = middle**2
         models['prior'][1:base] = 0.5 / max(base - 2, 1)
@@ -116,7 +125,7 @@ class MultipleModelFilter:
         return models
 
     def mirrored(self, arc: float) -> MultipleModelFilter:
-        """Return a copy that moves in the opposite direction, at another arc [rad]."""
+        """Return a copy of the bank at another arc length [rad], with the opposite rate."""
         other = copy.copy(self)
         other.filters, other._status = self.filters.copy(), self._status.copy()
         other.filters['state'] *= -1
@@ -127,12 +136,12 @@ class MultipleModelFilter:
 
     @property
     def arc(self) -> float:
-        """Arc length [rad]."""
+        """Mean arc length along the orbit [rad]."""
         return self.summary[0]
 
     @property
     def rate(self) -> float:
-        """Rate of the arc length [rad/s]."""
+        """Mean rate of the arc length [rad/s]."""
         return self.summary[1]
 
     @property
@@ -142,12 +151,12 @@ class MultipleModelFilter:
 
     @property
     def rate_deviation(self) -> float:
-        """Standard deviation of the rate [rad/s]."""
+        """Standard deviation of the rate of the arc length [rad/s]."""
         return math.sqrt(self.summary[4])
 
     @property
     def disturbance(self) -> float:
-        """Unmodelled acceleration [rad/s^2], 0 unless the settings include one."""
+        """Estimated unmodelled acceleration [rad/s^2]; 0 if the settings include none."""
         if not self._settings.disturbance:
             return 0.0
         return float(self.filters['weight'] @ self.filters['state'][:, DISTURBANCE])
@@ -160,10 +169,11 @@ class MultipleModelFilter:
         acceleration: float = 0.0,
         bandwidth: float = 0.0,
     ) -> None:
-        """Predict over a time [s]; the wall is at an edge of the chain or inside it.
+        """Predict all filters over the time `elapsed` [s].
 
-        The ratio is the factor by which the orbit changes the rate [1]; torques cause the
-        acceleration [rad/s^2]; the bandwidth of the disturbance is in rad/s.
+        `at_edge` is whether the wall is at an edge of the chain. `ratio` is the factor by which
+        the motion along the orbit changes the rate [1]. `acceleration` is the modelled
+        acceleration of the arc length [rad/s^2]. `bandwidth` is that of the disturbance [rad/s].
         """
         rate, gained = self.rate, (acceleration + self.disturbance) * elapsed
         self._known = None
@@ -182,7 +192,11 @@ class MultipleModelFilter:
     def apply_impulse(
         self, change: float, rate_variance: float = 0.0, arc_variance: float = 0.0
     ) -> None:
-        """Add a change to the rate [rad/s], and variances to rate [rad^2/s^2] and arc [rad^2]."""
+        """Add the effect of an impulse to all filters.
+
+        `change` is added to the rate [rad/s], `rate_variance` to the variance of the rate
+        [rad^2/s^2], and `arc_variance` to the variance of the arc length [rad^2].
+        """
         self.filters['state'][:, RATE] += change
         self.filters['covariance'][:, RATE, RATE] += rate_variance
         self.filters['covariance'][:, ARC, ARC] += arc_variance
@@ -190,7 +204,10 @@ class MultipleModelFilter:
         self._refresh()
 
     def add_rate_noise(self, variance: float, elapsed: float) -> None:
-        """Add a variance to the rate [rad^2/s^2] that grew over a time [s]."""
+        """Add process noise of the rate that has accumulated over the time `elapsed` [s].
+
+        `variance` is the increase of the variance of the rate [rad^2/s^2].
+        """
         covariances = self.filters['covariance']
         covariances[:, RATE, RATE] += variance
         covariances[:, ARC, ARC] += variance * elapsed**2 / 3
@@ -205,11 +222,12 @@ class MultipleModelFilter:
         degrees_of_freedom: float = math.inf,
         calm: float = 1.0,
     ) -> None:
-        """Update with a measurement of the arc [rad] and its variance [rad^2].
+        """Update all filters with a measured arc length [rad] and its variance [rad^2].
 
-        If the variance has f degrees of freedom, Student's distribution replaces a normalised
-        innovation x by sqrt((f + 1) log(1 + x^2 / f)). The calm, from 0 (strong waves) to 1,
-        limits the weight of the steady filter.
+        The variance has a number f of degrees of freedom. If f is finite, the likelihood follows
+        Student's distribution: sqrt((f + 1) log(1 + x^2 / f)) replaces a normalised innovation x.
+        `calm` is a number from 0 (strong waves) to 1 (no waves). A small `calm` limits the weight
+        of the steady filter.
         """
         self._known = measure(
             self.filters,
@@ -228,13 +246,17 @@ class MultipleModelFilter:
 
     @property
     def summary(self) -> _Summary:
-        """Arc, rate, variance of the arc, covariance, variance of the rate; units as above."""
+        """Mean and covariance of arc length and rate, averaged over all filters.
+
+        The five numbers are: arc length [rad], rate [rad/s], variance of the arc length [rad^2],
+        covariance [rad^2/s], and variance of the rate [rad^2/s^2].
+        """
         if self._known is None:
             self._known = mixture(self.filters, len(self.filters))
         return self._known
 
     def _refresh(self) -> None:
-        """Compute the predicted measurement, s + b [rad], and its variance [rad^2]."""
+        """Compute mean [rad] and variance [rad^2] of the predicted measurement s + b."""
         self._known = None
         self._status['rate'] = self.rate
         self.expected, self.expected_variance = expected_measurement(self.filters)

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Noise of angles and rates, separated from persistent residuals."""
+"""Estimates of the noise of angles, rates and time stamps.
+
+Noise is random from frame to frame. Persistent residuals, which remain over several frames, are
+estimated separately.
+"""
 
 from __future__ import annotations
 
@@ -25,15 +29,21 @@ FREEDOMS_OF_MEDIAN = 0.368
 """Efficiency of the median of absolute values as an estimator of the standard deviation [1]."""
 
 _LARGEST_CHANGE = 12.0
-"""Limit of the squared second difference of arcs, relative to its variance [1]."""
+"""Upper limit of the squared second difference of arc lengths, relative to its expected value [1].
+"""
 _EDGE_RATIO = 4.0
-"""Ratio of the variance of the deformation of a wall at an edge to that inside the chain [1]."""
+"""Variance of the deformation of a wall at an edge, relative to that of a wall inside the chain
+[1]."""
 _FIELD_RATIO = 3.0
-"""Ratio of the largest squared residual near a wall to the mean [1]; waves are not uniform."""
+"""Largest squared residual near a wall, relative to the mean square [1]. The ratio exceeds 1,
+because waves are not uniform."""
 
 
 def median(values: Array) -> float:
-    """Return the median of numbers without NaN and reorder them; faster than `numpy.median`."""
+    """Return the median of an array without NaN.
+
+    The function reorders the array. It is faster than `numpy.median`.
+    """
     half = len(values) // 2
     if len(values) % 2:
         values.partition(half)
@@ -43,7 +53,10 @@ def median(values: Array) -> float:
 
 
 def robust_deviation(sizes: Array) -> float:
-    """Return the standard deviation from the median of absolute errors, and reorder them."""
+    """Return a robust estimate of a standard deviation, from the median of absolute errors.
+
+    The function reorders the array of absolute errors.
+    """
     return DEVIATION_PER_MEDIAN * median(sizes) if len(sizes) else 0.0
 
 
@@ -54,9 +67,14 @@ Estimate = tuple[float, float, float, float, float, float]
 _SQUARES = ('squares', 'freedoms', 'recent_squares', 'recent_freedoms')
 PAIRS = ('products', 'pairs', 'wall', 'wall_weights', 'wall_squared_weights')
 NOISE = np.dtype([(name, np.float64) for name in (*_SQUARES, *PAIRS)])
-"""Exponentially weighted sums over frames: squares [rad^2] and degrees of freedom [1] of all and
-of recent frames; products of successive frames [rad^2] and their number [1]; the same products
-weighted by t^2 [rad^2], and sums of their weights and squared weights [1]."""
+"""Record of sums over the frames, in which older frames have less weight. Fields:
+
+squares, freedoms: squared residuals [rad^2] and their degrees of freedom [1].
+recent_squares, recent_freedoms: the same sums over the recent frames only.
+products, pairs: products of residuals in successive frames [rad^2] and their number [1].
+wall: the same products, each weighted by the squared tangent t^2 [rad^2].
+wall_weights, wall_squared_weights: effective weights of the terms in `wall` and their squares [1].
+"""
 _SUMS = records(NOISE, writable=True)
 _READ_SUMS = records(NOISE)
 _NUMBERS = records(record_dtype(NoiseSettings))
@@ -66,10 +84,12 @@ _NUMBERS = records(record_dtype(NoiseSettings))
 def products_in_time(
     oldest: Array, older: Array, latest: Array, tangent: Array, first: int, found: Array
 ) -> None:
-    """Set sums of p = x (4 x' - x'') / 3 over the residuals of three frames [rad], (N,).
+    """Set sums of products of the residuals in three successive frames.
 
-    The sums over the rotors near the wall, from rotor `first` on, are sum p, sum t^2 p, sum f and
-    sum f^2 with f = t^2 - t^4.
+    Residuals [rad] have shape (N,). With the residuals x in the latest frame, x' in the preceding
+    one and x'' in the oldest one, the product of a rotor is p = x (4 x' - x'') / 3. With the
+    tangent t of the rotors near the wall, which starts at rotor `first`, the four sums are sum p,
+    sum t^2 p, sum f and sum f^2, where f = t^2 - t^4.
     """
     total, wall, weights, squared = 0.0, 0.0, 0.0, 0.0
     for n in range(tangent.size):
@@ -88,17 +108,23 @@ def products_in_time(
 def _noise_bound(
     square: float, squared_weights: float, largest: float, significance: float
 ) -> float:
-    """Return Bernstein's bound of a weighted sum of products of variance 17 / 9 [rad^2]."""
+    """Return Bernstein's bound of a weighted sum of products that noise alone causes [rad^2].
+
+    For noise of variance 1, each product has the variance 17 / 9. `square` is the mean square of
+    the residuals [rad^2], and `largest` is the largest weight [1].
+    """
     deviation = significance * math.sqrt(17 / 9 * squared_weights)
     return square * (deviation + significance**2 / 2 * largest)
 
 
 @compiled(_READ_SUMS, _NUMBERS, f8)
 def estimate(noise: Records, settings: Records, given: float) -> Estimate:
-    """Return the variance of the noise [rad^2], given the sums and a prior variance.
+    """Return the variance of the noise and five related numbers.
 
-    Also returns a lower bound of this variance, the recent total variance, the persistent variance
-    of all rotors and that near the wall [rad^2], and the degrees of freedom [1].
+    `given` is the specified variance of the noise [rad^2], 0 if unknown. The results are: the
+    variance of the noise; a lower bound of this variance; the mean square of the residuals in
+    recent frames; the mean square of persistent residuals; the mean square of persistent residuals
+    near the wall [rad^2 each]; and the degrees of freedom of the residuals [1].
     """
     sums, significance = noise[0], settings[0]['significance']
     freedoms, recent = sums['freedoms'], sums['recent_freedoms']
@@ -127,10 +153,11 @@ def learn(
     pairs: int,
     products: Array,
 ) -> Estimate:
-    """Add the residuals of a frame to the sums; return the `estimate`.
+    """Add the residuals of a frame to the sums, and return the `estimate`.
 
-    The residuals have a number of degrees of freedom and a sum of squares [rad^2]. `pairs` is the
-    number of rotors in `products_in_time`, 0 in the first two frames.
+    `freedoms` is the number of degrees of freedom of the residuals, and `squares` the sum of their
+    squares [rad^2]. `products` are the results of `products_in_time`, and `pairs` is the number of
+    products [1]; 0 means that no products exist, as in the first two frames.
     """
     sums, numbers = noise[0], settings[0]
     fade = 1 - 1 / numbers['memory']
@@ -150,37 +177,43 @@ def learn(
 
 
 class FrameNoise:
-    """Noise of the angles, separated from persistent residuals.
+    """Estimator of the noise of the angles and of persistent residuals.
 
-    Noise is independent from frame to frame, so that the product of the residuals of a rotor in
-    two frames has mean 0. Waves, deviations and offsets persist: their mean square is c_0 = (4 c_1
-    - c_2) / 3, extrapolated from the products of frames one and two apart.
+    Noise is independent from frame to frame. Therefore noise does not change the mean product of
+    the residuals of a rotor in two different frames. Persistent residuals are caused by waves,
+    encoder offsets and deviations from the uniform chain. Let c_1 be the mean product of the
+    residuals in successive frames, and c_2 that in frames with one frame between them. The mean
+    square of persistent residuals is extrapolated to c_0 = (4 c_1 - c_2) / 3.
     """
 
     def __init__(self, given: float | None, settings: NoiseSettings = DEFAULTS.noise) -> None:
-        """Start without frames, with a given standard deviation [rad] or None."""
+        """Start without frames.
+
+        `given` is the standard deviation of the noise [rad], None if unknown.
+        """
         self._settings = settings.record
         self._given = 0.0 if given is None else given**2
         self._sums, self._products = np.zeros(1, NOISE), np.zeros(4)
         self._freedoms = 0.0
         self.variance = self._given
         self.least = 0.0
-        """Lower bound of the variance of the noise [rad^2]; 0 after the first frame."""
+        """Lower bound of the variance of the noise [rad^2]. It is 0 after the first frame, unless
+        the noise is given."""
         self._earlier: tuple[LinearisedMeasurement, ...] = ()
         self.discard_persistence()
 
     @property
     def deviation(self) -> float:
-        """Standard deviation of the noise in use [rad]."""
+        """Standard deviation of the noise [rad], either given or estimated."""
         return math.sqrt(self.variance)
 
     @property
     def degrees_of_freedom(self) -> float:
-        """Degrees of freedom of the variance; infinite if it is given."""
+        """Degrees of freedom of the variance of the noise; infinite if the given noise is used."""
         return math.inf if self.variance == self._given else max(self._freedoms, 1.0)
 
     def update(self, view: LinearisedMeasurement) -> None:
-        """Update with the residuals of a frame."""
+        """Update the estimates with the residuals of a frame."""
         pairs = 0
         if len(self._earlier) == 2:
             oldest, older = self._earlier
@@ -207,7 +240,10 @@ class FrameNoise:
         )
 
     def discard_persistence(self) -> None:
-        """Discard the products but keep the noise, for example after finding an offset."""
+        """Discard the estimate of persistent residuals, but keep the estimate of the noise.
+
+        This is necessary if the corrected offsets have changed.
+        """
         self._earlier = ()
         self._sums['squares'] = self.variance * self._freedoms
         for name in PAIRS:
@@ -222,7 +258,10 @@ class FrameNoise:
 
 @compiled(const_f8_1d, const_f8_1d, const_f8_1d, f8)
 def median_change(first: Array, second: Array, third: Array, ratio: float) -> float:
-    """Return the median of |r_1 - (1 + q) r_2 + q r_3| over known rotors, NaN without any."""
+    """Return the median of |r_1 - (1 + q) r_2 + q r_3| over all rotors with known rates.
+
+    The result is NaN if no rotor has three known rates r_1, r_2 and r_3. `ratio` is q.
+    """
     changes, known = np.empty(first.size), 0
     for n in range(first.size):
         change = abs(first[n] - (1 + ratio) * second[n] + ratio * third[n])
@@ -233,13 +272,15 @@ def median_change(first: Array, second: Array, third: Array, ratio: float) -> fl
 
 
 class RateNoise:
-    """Standard deviation of the noise of rates, from second differences in time.
+    """Estimator of the noise of rates, from second differences in time.
 
-    Let three frames be dt_1 and dt_2 apart, and q = dt_1 / dt_2. White noise of the rates r causes
-    a variance (1 + (1 + q)^2 + q^2) sigma^2 of r_1 - (1 + q) r_2 + q r_3. A phonon of angular
-    frequency w contributes only (w dt)^4 / 2 of its squared amplitude at equal intervals. The
-    median over the rotors, with a bias of 1 / (3 N), excludes the rotors in a wall. Frames further
-    apart than 0.5 / w of the fastest phonon cannot separate noise from phonons.
+    Let dt_1 and dt_2 be the time differences of three successive frames, and q = dt_1 / dt_2. The
+    second difference of the rates is r_1 - (1 + q) r_2 + q r_3. White noise of variance sigma^2
+    contributes (1 + (1 + q)^2 + q^2) sigma^2 to its variance. At equal intervals dt, a phonon of
+    angular frequency w contributes only (w dt)^4 / 2 times its squared amplitude. The estimate
+    uses the median over the rotors, so that the rotors in a wall have no effect; the median has a
+    relative bias of 1 / (3 N). Frames are not used if a time difference exceeds 0.5 / w for the
+    fastest phonon, because noise and phonons cannot be separated then.
     """
 
     def __init__(self, chain: Chain, settings: NoiseSettings = DEFAULTS.noise) -> None:
@@ -254,11 +295,11 @@ class RateNoise:
 
     @property
     def deviation(self) -> float:
-        """Standard deviation of the noise [rad/s], NaN if unknown."""
+        """Standard deviation of the noise of a rate [rad/s], NaN if unknown."""
         return DEVIATION_PER_MEDIAN * self._median if self._frames else math.nan
 
     def update(self, time: float, rates: Array) -> None:
-        """Add the rates [rad/s] of an instant [s], shape (N,), NaN if unknown."""
+        """Add the rates [rad/s] at a time [s]; the rates have shape (N,), NaN if unknown."""
         self._rows = [*self._rows[-2:], (time, np.ascontiguousarray(rates, dtype=np.float64))]
         if len(self._rows) < 3:
             return
@@ -275,11 +316,13 @@ class RateNoise:
 
 
 class StampJitter:
-    """Variance of the error of stamps, from second differences of measured arcs.
+    """Estimator of the errors of time stamps, from second differences of measured arc lengths.
 
-    A stamp error e shifts a wall of rate w by w e. Let three measurements be dt_1 and dt_2 apart,
-    and q = dt_2 / dt_1. White errors of variance v cause a variance v_3 + (1 + q)^2 v_2 + q^2 v_1
-    of z_3 - (1 + q) z_2 + q z_1. The excess over this variance, weighted by w^2, is the jitter.
+    A stamp error e shifts the measured arc length along the orbit by w e, where w is the rate. Let
+    dt_1 and dt_2 be the time differences of three successive measurements z_1, z_2 and z_3 with
+    the variances v_1, v_2 and v_3, and q = dt_2 / dt_1. Without stamp errors, the second
+    difference z_3 - (1 + q) z_2 + q z_1 has the variance v_3 + (1 + q)^2 v_2 + q^2 v_1. The
+    estimator attributes a larger mean square to stamp errors. The mean is weighted by w^2.
     """
 
     def __init__(self, settings: NoiseSettings = DEFAULTS.noise) -> None:
@@ -287,14 +330,17 @@ class StampJitter:
         self.restart()
 
     def restart(self) -> None:
-        """Discard all frames."""
+        """Discard all measurements."""
         self._rows: tuple[tuple[float, float, float], ...] = ()
         self._excess = self._weight = self._chance = 0.0
         self.variance = 0.0
-        """Variance of the error of a stamp [s^2]; 0 if it is not significant."""
+        """Variance of the error of a stamp [s^2]; 0 if the error is not significant."""
 
     def update(self, time: float, arc: float, variance: float, rate: float) -> None:
-        """Add an arc [rad] measured at a stamp [s], its variance [rad^2] and the rate [rad/s]."""
+        """Add a measured arc length along the orbit [rad] with the stamp `time` [s].
+
+        `variance` is the variance of the arc length [rad^2], and `rate` its rate [rad/s].
+        """
         self._rows = *self._rows[-2:], (time, arc, variance)
         if len(self._rows) < 3:
             return
@@ -304,27 +350,34 @@ class StampJitter:
         expected = (v3 + (1 + ratio) ** 2 * v2 + ratio**2 * v1) / unit
         change = (third - (1 + ratio) * second + ratio * first) ** 2 / unit
         known = expected + square * self.variance
-        # Limit the effect of impulses and wrong readings, because they are no stamp errors.
+        # Limit the effect of large changes, which impulses and wrong readings may have caused.
         change = min(change, _LARGEST_CHANGE * known)
         self._excess = self._fade * self._excess + square * (change - expected)
         self._weight = self._fade * self._weight + square * square
-        # Second differences of successive frames are correlated.
+        # The factor 6 includes the correlation between second differences of successive frames.
         self._chance = self._fade * self._chance + 6 * (square * expected) ** 2
         significant = self._excess > self._significance * math.sqrt(self._chance)
         self.variance = self._excess / self._weight if significant else 0.0
 
 
 class ResidualVariance:
-    """Variance of the deviation of a rotor from the orbit due to noise, waves and springs."""
+    """Variance of the difference between a rotor and the orbit.
+
+    The difference is caused by noise, by waves, and by the deformation of a wall by its springs.
+    """
 
     def __init__(self, swing: float, noise: float | None, settings: EstimationSettings) -> None:
-        """Start with the swing of a rotor in a wall [rad] and the noise [rad], None if unknown."""
+        """Start without frames.
+
+        `swing` is the change of angle of a rotor while a wall passes [rad]. `noise` is the
+        standard deviation of the angles [rad], None if unknown.
+        """
         given = settings.likelihood
         self._given_noise, self._settings = noise, settings
         self.elastic = (given.elastic_share * swing) ** 2
-        """Prior variance from the deformation of a wall by its springs [rad^2]."""
+        """Prior variance of a rotor due to the deformation of a wall by its springs [rad^2]."""
         self.largest_field = (given.field_share * swing) ** 2
-        """Largest variance without the noise [rad^2]."""
+        """Upper limit of the variance of a rotor without the noise [rad^2]."""
         self.restart()
 
     def restart(self) -> None:
@@ -333,25 +386,26 @@ class ResidualVariance:
         self.way = math.inf
         """Displacement of the wall since the last frame [rotor spacings]."""
         self.frames = 0
-        """Number of frames of the current wall."""
+        """Number of frames since the current wall was acquired."""
         self.at_edge = False
-        """Whether springs exchange energy with the wall at an edge."""
+        """Whether the wall is at an edge, where springs exchange energy with the wall."""
 
     def start(self, view: LinearisedMeasurement) -> None:
-        """Restart with the first frame of a wall; the displacement is kept."""
+        """Restart with the first frame of a new wall, but keep `way` and `at_edge`."""
         self.frames = 0
         self.noise = FrameNoise(self._given_noise, self._settings.noise)
         self.noise.update(view)
 
     def learn(self, view: LinearisedMeasurement) -> None:
-        """Update with a frame."""
+        """Update the estimates with the residuals of a frame."""
         self.noise.update(view)
         self.frames += 1
 
     def of_rotor(self) -> float:
-        """Return the variance of a rotor about the orbit [rad^2]: noise, waves and springs.
+        """Return the variance of the difference between a rotor and the orbit [rad^2].
 
-        The deformation by springs depends on the displacement since the last frame.
+        The variance of the deformation by springs increases with the displacement of the wall
+        since the last frame.
         """
         noise = self.noise
         field = max(noise.scatter - noise.variance, 0.0) + _FIELD_RATIO * noise.excess
@@ -361,10 +415,10 @@ class ResidualVariance:
         return noise.variance + min(field, self.largest_field)
 
     def of_arc(self, view: LinearisedMeasurement) -> float:
-        """Return the variance of a measured arc [rad^2].
+        """Return the variance of a measured arc length along the orbit [rad^2].
 
-        If rotors are unseen, persistent residuals shift the nearest point until the wall has
-        passed a rotor; rotors without weight shift it in this frame only.
+        If rotors are unseen, persistent residuals shift the measured arc length until the wall has
+        moved by one rotor spacing. Outliers shift the measured arc length in this frame only.
         """
         known = max(view.full_information, view.information)
         unseen, outliers = max(1 / known - 1, 0.0), 1 / view.information - 1 / known
@@ -376,10 +430,11 @@ class ResidualVariance:
         return noise.variance / view.information + persistent + fleeting
 
     def calm(self, rate: float) -> float:
-        """Return the confidence, from 0 to 1, that waves do not disturb a wall with this arc rate.
+        """Return the confidence that waves do not disturb the motion of a wall, from 0 to 1.
 
-        Waves of amplitude phi change the rate w of a wall by about phi / w relative to it, in the
-        time unit of the chain. A large ratio to the noise means that the waves are certain.
+        `rate` is the rate of the arc length in the time unit of the chain. Waves of amplitude phi
+        change the rate of a wall by about the fraction phi / rate. The confidence decreases if
+        this fraction or the ratio of the waves to the noise increases.
         """
         noise = self.noise
         field = max(noise.scatter - noise.variance, noise.excess, 0.0)

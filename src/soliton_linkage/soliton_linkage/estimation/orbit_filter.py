@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recursive estimate of the position of a chain on its orbit, and of its rate.
+"""Recursive estimator of the arc length of a chain along its orbit, and of the rate.
 
-A frame measures the arc s at the predicted point of the orbit, phi = Phi(s) + noise. With t =
-dPhi/ds the measurement is z = s + t . (phi - Phi(s)) / t^2 with the variance sigma^2 / t^2, linear
-in the noise near the truth. It updates a `MultipleModelFilter`. `FrameNoise` estimates sigma and
-the persistent residuals; `EncoderOffsets` estimates the offsets of the encoders.
+Each frame is a measurement of the arc length s. The measured angles are phi = Phi(s) + noise,
+where Phi is the orbit and the noise has the standard deviation sigma. The measurement is
+linearised at the predicted arc length s_0. With the tangent t = dPhi/ds at this point,
+
+    z = s_0 + t . (phi - Phi(s_0)) / t^2    with the variance sigma^2 / t^2.
+
+Each measurement updates a `MultipleModelFilter`. `FrameNoise` estimates sigma and the persistent
+residuals. `EncoderOffsets` estimates the offsets of the encoders.
 """
 
 from __future__ import annotations
@@ -35,21 +39,23 @@ from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.orbit.orbit import Orbit
 
 _EDGE_ROTORS = 2.0
-"""Range of an edge beyond the penetration depth [rotor spacings]."""
+"""Threshold of the distance from an edge [rotor spacings]: a wall is at an edge if its distance is
+smaller than this threshold plus the penetration depth."""
 _FIELD_SHARE = 0.08
-"""Error of the arc relative to the persistent residuals near the wall [1]. Without this term,
-errors near waves exceed the stated standard deviations by 2 %."""
+"""Error of the arc length along the orbit, relative to the persistent residuals near the wall [1].
+Without this error, the errors near waves exceed the stated standard deviations by 2 %."""
 _LEAST_PROBABILITY = 0.9
-"""Least probability that one of the candidates of a frame is correct [1]."""
+"""Threshold of a probability [1]: the chain is acquired only if the probability that one of the
+candidates of a frame is correct reaches this threshold."""
 
 
 class OrbitFilter:
-    """Recursive estimate of a chain's arc and rate.
+    """Recursive estimator of the arc length of a chain along its orbit, and of the rate.
 
-    Frames with a repeated or late stamp are ignored. The filter restarts in two cases: a
-    stamp goes back by more than the clock limit of the settings, or another position explains
-    several frames much better.
-    Estimated offsets of encoders survive a restart.
+    Frames with a repeated or late stamp are ignored. The filter restarts in two cases: a stamp is
+    earlier than the last one by more than the clock limit of the settings, or another position on
+    the orbit explains several frames much better. A restart keeps the estimated offsets of the
+    encoders.
     """
 
     def __init__(
@@ -58,9 +64,10 @@ class OrbitFilter:
         noise: float | None = None,
         settings: EstimationSettings = DEFAULTS,
     ) -> None:
-        """Start without frames, with the noise of the angles [rad] if it is known.
+        """Start without frames.
 
-        Raises ValueError for a noise that is not above 0.
+        `noise` is the standard deviation of the angles [rad]; None means that the filter estimates
+        the noise. Raises ValueError for a noise that is infinite or not above 0.
         """
         if noise is not None and not (math.isfinite(noise) and noise > 0):
             raise ValueError(
@@ -70,7 +77,7 @@ class OrbitFilter:
         chain = orbit.chain
         self.orbit = orbit
         self.rejected = self.starts = 0
-        """Number of rejected frames and number of acquisitions."""
+        """Number of rejected frames, and number of times that the chain was acquired."""
         self.bandwidth = 0.0
         """Bandwidth of the disturbance [rad/s]."""
         self._given_noise = noise
@@ -84,7 +91,7 @@ class OrbitFilter:
         self._likelihood = FrameLikelihood(swing, settings.likelihood)
         self._scales = ReadingScales(noise)
         self.jitter = StampJitter(settings.noise)
-        """Estimated errors of the stamps."""
+        """Estimator of the errors of the stamps."""
         self._variance = ResidualVariance(swing, noise, settings)
         self._model = OrbitMeasurementModel(
             orbit, self._likelihood, self._variance.elastic, settings
@@ -94,14 +101,14 @@ class OrbitFilter:
 
     @property
     def offsets(self) -> EncoderOffsets:
-        """Estimated offsets of the encoders."""
+        """Estimator of the offsets of the encoders."""
         return self._model.offsets
 
     @property
     def disturbance(self) -> float:
-        """Unmodelled acceleration of the arc [rad/s^2].
+        """Unmodelled acceleration of the arc length along the orbit [rad/s^2].
 
-        It is 0 if the settings do not include it, and NaN while the chain is lost.
+        The value is 0 if the settings include no disturbance, and NaN while the chain is lost.
         """
         return self._hypotheses.leader.motion.disturbance if self._hypotheses.all else math.nan
 
@@ -112,11 +119,12 @@ class OrbitFilter:
         deviations: Array | None = None,
         torques: Array | None = None,
     ) -> OrbitEstimate:
-        """Update at an instant [s] with angles [rad], shape (N,), NaN if unknown.
+        """Update the estimate with a frame that was measured at a time [s].
 
-        Standard deviations of the readings [rad], shape (N,), above 0, NaN if unknown, determine
-        their weights. Torques [N m], shape (N,), are those that acted since the last frame. Raises
-        ValueError for angles of another shape.
+        Angles [rad] have shape (N,), NaN if unknown. `deviations` are the standard deviations of
+        the angles [rad], shape (N,), which determine the weights of the angles. Each of them is
+        above 0, or NaN if unknown. `torques` are the mean torques on the rotors since the last
+        frame [N m], shape (N,). Raises ValueError for angles of another shape.
         """
         check_shape(angles, self.orbit.chain.number_of_rotors)
         elapsed = time - self.estimate.time
@@ -134,10 +142,10 @@ class OrbitFilter:
         return self.estimate
 
     def apply_impulse(self, impulse: FrameImpulse) -> None:
-        """Apply an impulse that acts from the latest frame on.
+        """Apply an impulse that takes effect in the latest frame.
 
-        The variances include the uncertain compliance of the springs and the displacement since
-        the impulse.
+        The variances of the estimate increase for two reasons. The effect of the springs on the
+        change of the rate is uncertain, and so is the displacement since the impulse.
         """
         for each in self._hypotheses.all:
             rigid, rate = self._rate_change(impulse.impulses, each), each.motion.rate
@@ -152,7 +160,11 @@ class OrbitFilter:
         self._budget.restart()
 
     def _rate_change(self, impulses: Array, hypothesis: Hypothesis) -> float:
-        """Return the change of the rate for rigid bars, t . J / sum(I t^2) [rad/s]."""
+        """Return the change of the rate for rigid bars, t . J / sum(I t^2).
+
+        J are the impulses [N m s] or torques [N m]. The change is in rad/s for impulses and in
+        rad/s^2 for torques.
+        """
         about = self.orbit.segment(hypothesis.motion.arc)
         within = slice(about.first, about.first + len(about.tangent))
         inertia = self.orbit.chain.moments_of_inertia[within] @ about.tangent**2
@@ -162,7 +174,7 @@ class OrbitFilter:
     def _lose(self, time: float) -> None:
         self._hypotheses = Hypotheses(self.orbit, self._settings)
         self.view: LinearisedMeasurement | None = None
-        """Measurement from the latest frame; None while lost and for an empty frame."""
+        """Measurement from the latest frame; None if the chain is lost or the frame is empty."""
         self._unexplained, self._unexplained_since = 0, math.nan
         self._variance.restart()
         self.jitter.restart()
@@ -260,10 +272,11 @@ class OrbitFilter:
         self._report(time, TrackingStatus.TRACKING if explained else TrackingStatus.COASTING)
 
     def _measure(self, seen: Array, elapsed: float) -> float:
-        """Measure a frame for each hypothesis; return the variance of a rotor [rad^2].
+        """Measure a frame for each hypothesis, and return the variance of a rotor [rad^2].
 
-        After an unmodelled impulse the prediction is wrong. Then the frame is measured again with
-        the uncertainty of a new wall. The new measurement is used if it fits most of the frame.
+        If the prediction is wrong, for example after an unmodelled impulse, the frame is measured
+        again with the uncertainty of a new wall. The second measurement replaces the first one if
+        most of the information of the frame remains without its outliers.
         """
         variance = self._linearise(seen, 0.0)
         if not self._gate.is_strained(self._hypotheses.leader.view):
@@ -289,9 +302,10 @@ class OrbitFilter:
         return variance
 
     def _relocated(self, time: float, seen: Array, fits: bool) -> bool:
-        """Restart if another position explains the frame; return whether the filter restarted.
+        """Restart if another position on the orbit explains an unexplained frame much better.
 
-        The chain is lost if no position explains the frames for longer than the loss time.
+        If no position explains the frames for longer than the loss time, the chain is lost.
+        Returns whether the filter has restarted or lost the chain.
         """
         tracking, view = self._tracking, self._hypotheses.leader.view
         if self._unexplained == 0:
@@ -320,7 +334,10 @@ class OrbitFilter:
         return candidate.view.likelihood - expected
 
     def _predict(self, motion: MultipleModelFilter, elapsed: float, acceleration: float) -> None:
-        """Predict over a time [s], given the acceleration by torques [rad/s^2]."""
+        """Predict the motion over the time `elapsed` [s].
+
+        `acceleration` is the acceleration of the arc length by known torques [rad/s^2].
+        """
         arc, rate, *_ = motion.summary
         ahead = arc + rate * elapsed
         ratio = self._compliance.rate_ratio(ahead, rate, arc)
@@ -330,7 +347,10 @@ class OrbitFilter:
         motion.predict(elapsed, self._variance.at_edge, ratio, acceleration, self.bandwidth)
 
     def _damping(self, arc: float) -> float:
-        """Return the decay rate by known damping of the rotors, c . t^2 / I . t^2 [1/s]."""
+        """Return the decay rate due to the known damping of the rotors, sum(c t^2) / sum(I t^2).
+
+        The decay rate is in 1/s. c are the damping coefficients, I the moments of inertia.
+        """
         chain = self.orbit.chain
         if not chain.damping:
             return 0.0
@@ -362,8 +382,8 @@ class OrbitFilter:
         orbit, noise = self.orbit, self._variance.noise
         leader = self._hypotheses.leader
         arc, rate, arc_variance, covariance, rate_variance = leader.motion.summary
-        # Persistent residuals and unknown disorder shift the nearest point of the orbit; an error
-        # of the stamp shifts the wall.
+        # Persistent residuals and unknown disorder shift the nearest point of the orbit. A wrong
+        # stamp also causes an error of the arc length. Add the variances of these errors.
         by_disorder, rate_disorder = self._model.disorder_deviations(arc)
         field = _FIELD_SHARE**2 * noise.excess
         by_springs = self._compliance.unpredicted_change(rate)

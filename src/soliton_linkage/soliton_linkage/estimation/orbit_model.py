@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measurement model of a wall on the orbit, with corrections for encoders and springs."""
+"""Measurement model of a wall on the orbit.
+
+The model includes corrections for encoder offsets, for unseen rotors, and for the compliance of
+the springs.
+"""
 
 from __future__ import annotations
 
@@ -31,13 +35,15 @@ from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.orbit.wall_shifts import WallShifts
 
 _CLOSE = 0.01
-"""Step of the arc below which the linearisation is not repeated [rad]."""
+"""Threshold of a step along the orbit [rad]: after a shorter step the linearisation is not
+repeated."""
 _LARGE_SCALE = 1.5
-"""Scale of a reading above which the reading is not used to estimate offsets [1]."""
+"""Threshold of the scale of a reading [1]: a reading with a larger scale is not used to estimate
+encoder offsets."""
 
 
 class OrbitMeasurementModel:
-    """Measurement of the arc from a frame, with estimated offsets of the encoders."""
+    """Model that measures the arc length along the orbit, corrected for encoder offsets."""
 
     def __init__(
         self,
@@ -46,7 +52,10 @@ class OrbitMeasurementModel:
         elastic: float,
         settings: EstimationSettings,
     ) -> None:
-        """Start without offsets; mean square residuals above `elastic` [rad^2] are waves."""
+        """Start with zero offsets.
+
+        A mean square residual above `elastic` [rad^2] counts as a wave.
+        """
         chain = orbit.chain
         self._orbit, self._likelihood = orbit, likelihood
         self._backgrounds = [
@@ -58,7 +67,7 @@ class OrbitMeasurementModel:
         self._shifts = WallShifts(orbit)
         self._unseen = UnseenRotorCorrection(orbit)
         self.noise = 0.0
-        """Part of the variance of a rotor that is noise [rad^2]."""
+        """Variance of the noise of an angle [rad^2]."""
         self._any_doubtful = False
 
     def linearise(
@@ -70,10 +79,11 @@ class OrbitMeasurementModel:
         upside_down: bool,
         rate: float = 0.0,
     ) -> LinearisedMeasurement:
-        """Linearise a frame at an arc [rad] whose variance is `spread` [rad^2].
+        """Return the measurement of a frame, linearised at an arc length along the orbit [rad].
 
-        `variance` is the variance of a rotor [rad^2]. The rate of the arc [rad/s] determines the
-        inertial forces on unseen rotors.
+        `seen` are the measured angles [rad], shape (N,), NaN if unknown. `variance` is the
+        variance of a rotor [rad^2], and `spread` the variance of the arc length [rad^2]. The rate
+        of the arc length [rad/s] determines the inertial forces on unseen rotors.
         """
         about = self._orbit.segment(arc)
         before, beyond = self._backgrounds[self._orbit.leg(arc)]
@@ -111,10 +121,11 @@ class OrbitMeasurementModel:
         impulse_variance: float,
         upside_down: bool,
     ) -> LinearisedMeasurement:
-        """Linearise a frame at its likeliest arc, given the prediction of the filters.
+        """Return the measurement of a frame, linearised at the likeliest arc length.
 
-        `variance` is the variance of a rotor, `impulse_variance` the variance of the arc after an
-        unmodelled impulse [rad^2].
+        This arc length along the orbit combines the frame with the prediction of the filters.
+        `variance` is the variance of a rotor [rad^2]. `impulse_variance` is an additional variance
+        of the predicted arc length [rad^2], due to a possible unmodelled impulse.
         """
         expected, spread = motion.expected, motion.expected_variance + impulse_variance
         views: list[LinearisedMeasurement] = []
@@ -137,7 +148,11 @@ class OrbitMeasurementModel:
         return views[-1]
 
     def disorder_deviations(self, arc: float) -> tuple[float, float]:
-        """Return the deviation of an arc due to disorder [rad], and of its rate, relative [1]."""
+        """Return the standard deviations of arc length and rate that disorder causes.
+
+        The standard deviation of the arc length along the orbit is in rad. That of the rate is
+        relative to the rate [1].
+        """
         disorder = self.far.disorder
         if not disorder:
             return 0.0, 0.0
@@ -152,9 +167,10 @@ class OrbitMeasurementModel:
         noise: FrameNoise,
         upside_down: bool,
     ) -> bool:
-        """Update the offsets with a frame; return whether the set of known offsets changed.
+        """Update the encoder offsets with a frame.
 
-        `elapsed` is the time since the last frame [s].
+        `elapsed` is the time since the last frame [s]. Returns whether the number of corrected
+        offsets has changed.
         """
         outlying = view.outlying if view.outliers else None
         residuals = view.residuals
@@ -171,27 +187,33 @@ class OrbitMeasurementModel:
 
 
 _NEGLIGIBLE = 0.01
-"""Ratio to the noise variance below which the effect of unseen rotors is neglected [1]."""
+"""Threshold of the variance that unseen rotors cause, relative to the noise variance [1]: a
+smaller variance is neglected."""
 _LEAST_SEEN = 1e-6
-"""Share of t^2 in the seen rotors below which they do not determine the arc [1]."""
+"""Threshold of the sum of t^2 over the seen rotors [1]: with a smaller sum, the seen rotors do not
+determine the arc length along the orbit."""
 
 
 class UnseenRotorCorrection:
-    """Correction of the nearest point on the orbit for unseen rotors, which their springs hold."""
+    """Correction of the measured arc length along the orbit for unseen rotors.
+
+    The springs between seen and unseen rotors determine the positions of the unseen rotors.
+    """
 
     def __init__(self, orbit: Orbit) -> None:
         self._orbit = orbit
         lower, upper = (edge**2 for edge in band_edges(orbit.chain))
         self.remaining = (2 * lower / (lower + upper)) ** 2
-        """Share of the variance from unseen rotors that remains after the correction [1]."""
+        """Share of the variance due to unseen rotors that remains after the correction [1]."""
 
     def shift(
         self, arc: float, rate: float, residuals: Array, field: float, noise: float
     ) -> float:
-        """Return the shift of the arc from residuals [rad], shape (N,), NaN for unseen rotors.
+        """Return the correction of the arc length along the orbit [rad].
 
-        A shift below the noise is 0. The rate of the arc is in rad/s. The variance of a rotor is
-        `field` due to waves and springs, and `noise` [rad^2].
+        `rate` is the rate of the arc length [rad/s]. Residuals [rad] have shape (N,), NaN for
+        unseen rotors. The variance of a rotor has two parts [rad^2]: `field` due to waves and
+        springs, and `noise`. The correction is 0 if it would add more noise than it removes.
         """
         unseen = np.isnan(residuals)
         tangent = self._orbit.tangent(arc)
@@ -207,7 +229,11 @@ class UnseenRotorCorrection:
         return -float(held @ turning + pull[~unseen] @ residuals[~unseen])
 
     def _balanced(self, arc: float, unseen: Flags, tangent: Array) -> tuple[Array, Array]:
-        """Return V and K V, shape (N,); V is 0 for seen rotors, K V is t for unseen rotors."""
+        """Return a displacement V of the rotors and the torques K V, shape (N,) each.
+
+        K is the stiffness matrix, and t the tangent of the orbit. V is 0 for seen rotors, and K V
+        is t for unseen rotors.
+        """
         chain = self._orbit.chain
         first, second = rigidity_bands(chain, self._orbit.configuration(arc))
         rotors = np.flatnonzero(unseen)
@@ -221,26 +247,36 @@ class UnseenRotorCorrection:
 
 
 _SAMPLES = 32
-"""Samples per spacing [1]; linear interpolation is accurate to 2 % in wobbling flippers."""
+"""Number of samples of the compliance per rotor spacing [1]. In wobbling flippers, linear
+interpolation between these samples has an error of 2 %."""
 _LOWEST_ORDER = 0.2
-"""Largest share 3 mu w^2 of the energy in the springs for which the lowest order holds [1]."""
+"""Threshold of 3 mu w^2, the share of the energy that is due to the springs [1]: the lowest order
+in w^2 is accurate enough up to this threshold."""
 _PERIOD = 2
-"""Period of the shape of a wall [rotor spacings], because even and odd rotors alternate."""
+"""Period of the shape of a wall [rotor spacings]; even and odd rotors have different shapes."""
 _SLOW = 0.25
-"""Largest number of rotors that a slow wall passes per period of the slowest phonon [1]; its third
-harmonic is then below the band."""
+"""Threshold of the number of rotors that a wall passes per period of the slowest phonon [1]: a
+wall is slow up to this threshold. The third harmonic of this motion is below the phonon band."""
 _SECOND_ORDER = 0.5
-"""Square root of the relative error of the predicted change for the fastest slow wall [1],
-measured with d = 0.7 d_c at one and at two times the period of this wall."""
+"""Square root of the relative error of the predicted change of the rate, for the fastest slow wall
+[1]. The error was measured with d = 0.7 d_c, at the speed of this wall and at half of this speed.
+"""
 _LONGEST_RESOLVED = 4 / 3
-"""Speed above which three phonon periods average over a rotor, over the fastest slow one [1]."""
+"""Threshold of the speed of a wall, relative to that of the fastest slow wall [1]: a faster wall
+passes at least one rotor in three phonon periods. Then the forces of the springs average out."""
 
 
 class ComplianceCorrection:
-    """Correction of the rate of a wall for the site-dependent compliance of the springs."""
+    """Correction of the rate of a wall for the compliance of the springs.
+
+    The compliance depends on the site of the wall between two rotors.
+    """
 
     def __init__(self, orbit: Orbit) -> None:
-        """Sample the compliance in the middle of the orbit of a chain without deviations."""
+        """Sample the compliance for walls in the middle of a uniform chain.
+
+        The uniform chain has the same parameters as the chain of the orbit, but no deviations.
+        """
         self._orbit = even = orbit
         chain = replace(orbit.chain, deviations=NO_DEVIATIONS)
         if orbit.chain != chain:
@@ -256,7 +292,7 @@ class ComplianceCorrection:
         self._fastest = min(self._adiabatic, lowest_order)
 
     def mu(self, arc: float) -> float:
-        """Return the compliance mu at an arc of the orbit [s^2]."""
+        """Return the compliance mu [s^2] at an arc length along the orbit [rad]."""
         samples = self._mu[self._orbit.leg(arc) % 2]
         whole, beyond = divmod(self._orbit.site(arc) * _SAMPLES, 1.0)
         number, count = int(whole), len(samples)
@@ -264,28 +300,39 @@ class ComplianceCorrection:
         return here + beyond * (samples[(number + 1) % count] - here)
 
     def rate_after_impulse(self, rate: float, momentum: float) -> float:
-        """Return the rate after adding a momentum p / I [rad/s], for the mean compliance."""
+        """Return the rate [rad/s] after a change of the momentum, for the mean compliance.
+
+        `momentum` is the change of the momentum divided by the moment of inertia [rad/s].
+        """
         return rate_after_impulse(rate, momentum, self._mean)
 
     def damped(self, rate: float) -> float:
-        """Return the loss of rate over the decay rate of the momentum p / I = w + 2 mu w^3."""
+        """Return the deceleration due to damping, divided by the decay rate of the momentum.
+
+        The result is in rad/s. The momentum is p / I = w + 2 mu w^3 for the rate w [rad/s].
+        """
         square = 2 * self._mean * rate * rate
         return rate * (1 + square) / (1 + 3 * square)
 
     def rate_ratio(self, arc: float, rate: float, before: float) -> float:
-        """Return the factor by which springs change the rate of a slow wall between two arcs."""
+        """Return the factor by which springs change the rate of a slow wall [1].
+
+        The wall moves from the arc length `before` to the arc length `arc` along the orbit [rad].
+        The factor is 1 for fast walls.
+        """
         if abs(rate) > self._fastest:
             return 1.0
         square = 3 * rate * rate
         return math.sqrt((1 + square * self.mu(before)) / (1 + square * self.mu(arc)))
 
     def unpredicted_change(self, rate: float) -> float:
-        """Return the standard deviation of the change of a rate within a site, relative [1].
+        """Return the standard deviation of the unpredicted change of a rate, relative to it [1].
 
-        It covers the change that `rate_ratio` does not predict. For slow walls this is of second
-        order in the frequency of passing sites over that of the slowest phonon. For fast walls the
-        average over three phonon periods and the inertia of the rotors each reduce it by the
-        square of this ratio.
+        `rate_ratio` does not predict this change while a wall moves by one site. The change
+        depends on the ratio of two frequencies: the rate at which the wall passes sites, and the
+        frequency of the slowest phonon. For slow walls the change is of second order in this
+        ratio. For fast walls the change decreases with the fourth power of this ratio, because of
+        the average over three phonon periods and of the inertia of the rotors.
         """
         square = 3 * rate * rate
         change = 0.5 * square * self._spread / (1 + square * self._mean)
@@ -305,7 +352,10 @@ def _mu(orbit: Orbit, arc: float) -> float:
 
 
 def rate_after_impulse(rate: float, momentum: float, mu: float) -> float:
-    """Return the rate after adding a momentum p / I [rad/s], for a compliance mu [s^2]."""
+    """Return the rate [rad/s] after a change of the momentum, for a compliance mu [s^2].
+
+    `momentum` is the change of the momentum divided by the moment of inertia [rad/s].
+    """
     total = rate + 2 * mu * rate**3 + momentum
     scale = math.sqrt(6 * mu)
     return 2 / scale * math.sinh(math.asinh(1.5 * scale * total) / 3)

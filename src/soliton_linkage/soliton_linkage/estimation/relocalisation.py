@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Relocalisation: search of the whole orbit for the positions that one frame allows.
+"""Relocalisation: search of the whole orbit for the positions that are compatible with one frame.
 
-The log likelihood is scanned along the orbit with a standard deviation several times the noise, so
-that no position is missed between two samples. Reweighted Gauss-Newton steps with the actual noise
-refine each local maximum. Its weight is its share of the total likelihood,
+First, the log likelihood L of the frame is computed at samples along the orbit. This scan assumes
+several times the actual noise, so that it misses no maximum between two samples. Then Gauss-Newton
+steps with the actual noise refine each local maximum. The weight of a maximum is the integral of
+exp(L) over the arc length s near this maximum,
 
-    exp(L) sqrt(2 pi V / I) compared with the integral of exp(L) ds far from all maxima,
+    exp(L) sqrt(2 pi V / I),
 
-which dominates if the frame does not determine a position, for example if no rotor near the wall
-is visible.
+with the variance V of a rotor and the information I on the arc length. The integral of exp(L) ds
+far from all maxima is the weight of all other positions. The other positions dominate if the frame
+does not determine a position, for example if no rotor near the wall is visible.
 """
 
 from __future__ import annotations
@@ -42,49 +44,57 @@ from soliton_linkage.linkage.chain import Array, check_shape
 from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
 
 _CLOSE = 1e-5
-"""Step below which the search for a maximum of the likelihood ends [rad]."""
+"""Threshold of a step along the orbit [rad]: the search for a maximum of the likelihood ends with
+a shorter step."""
 SCAN_DEVIATION, _SCAN_STEP = 0.1, 0.05
-"""Standard deviation of a rotor in a scan, and step of the scan along the orbit, relative to the
-swing of a rotor [1]."""
+"""Assumed standard deviation of a rotor in the scan, and step of the scan along the orbit, both
+relative to the swing of a rotor [1]."""
 _NEAR = 0.5
-"""Distance below which a sample belongs to a candidate [rotor spacings]."""
+"""Threshold of the distance between a sample and a candidate [rotor spacings]: a closer sample
+belongs to the candidate."""
 _EXACT = 1e-8
-"""Step below which the search for the nearest point ends [rad]."""
+"""Threshold of a step along the orbit [rad]: the search for the nearest point ends with a shorter
+step."""
 _SAME_ARC = 0.01
-"""Distance below which two maxima are the same [rad]."""
+"""Threshold of the distance between two maxima along the orbit [rad]: closer maxima are the same.
+"""
 _MOST_PLACES = 12
 """Largest number of maxima that are refined [1]."""
 _STEPS_OF_TABLE = 32
-"""Points of the likelihood table per standard deviation [1]; interpolation is accurate to 1e-4."""
+"""Number of points of the likelihood table per standard deviation [1]; the error of the
+interpolation is 1e-4."""
 _MOST_SAMPLES = 500
-"""Largest number of samples per leg if only part of the orbit is sampled [1]."""
+"""Largest number of samples per leg of the orbit if the orbit is too long to be sampled fully [1].
+"""
 
 
 class Candidate(NamedTuple):
     """Local maximum of the likelihood along the orbit."""
 
     arc: float
-    """Arc length [rad]."""
+    """Arc length along the orbit [rad]."""
     upside_down: bool
-    """Whether the chain is the image phi -> pi - phi of the chain of the orbit."""
+    """Whether the chain is upside down, that is, the mirror image phi -> pi - phi of the chain for
+    which the orbit was computed."""
     view: LinearisedMeasurement
-    """Measurement, linearised at `arc`."""
+    """Measurement of the frame, linearised at `arc`."""
     variance: float
     """Variance of a rotor in that measurement [rad^2]."""
     evidence: float
-    """Log of the integral of the likelihood around the maximum [1]."""
+    """Logarithm of the integral of the likelihood over the arc length near the maximum [1]."""
 
 
 class CandidateSet(NamedTuple):
-    """Candidates of a frame, likeliest first, and the likelihood of all other positions."""
+    """Candidates for the position in a frame, and the likelihood of all other positions."""
 
     candidates: list[Candidate]
+    """Candidates in descending order of their evidence."""
     elsewhere: float
-    """Log of the integral of the likelihood over all arcs far from the candidates [1]."""
+    """Logarithm of the integral of the likelihood over the orbit far from all candidates [1]."""
 
     @property
     def probability(self) -> float:
-        """Probability that the chain is at one of the candidates [1]."""
+        """Probability that one of the candidates is the position of the chain [1]."""
         if not self.candidates:
             return 0.0
         top = max(self.candidates[0].evidence, self.elsewhere)
@@ -94,17 +104,18 @@ class CandidateSet(NamedTuple):
 
 @dataclass(frozen=True)
 class OrbitSamples:
-    """Points of an orbit."""
+    """Sampled points of an orbit."""
 
     arcs: Array
-    """Arc lengths [rad], shape (S,)."""
+    """Arc length of each sample along the orbit [rad], shape (S,)."""
     sites: Array
-    """Sites of the walls [rotor spacings], shape (S,)."""
+    """Site of the wall in each sample [rotor spacings], shape (S,)."""
     walls: likelihood.SampledWalls
+    """Angles near the wall in each sample."""
 
 
 def samples_of(orbit: Orbit, arcs: Array) -> OrbitSamples:
-    """Sample an orbit at arc lengths [rad], shape (S,)."""
+    """Return samples of an orbit at given arc lengths [rad], shape (S,)."""
     about = [orbit.segment(arc) for arc in arcs.tolist()]
     counts = np.array([len(each.angles) for each in about], dtype=np.int64)
     walls = likelihood.SampledWalls(
@@ -118,12 +129,16 @@ def samples_of(orbit: Orbit, arcs: Array) -> OrbitSamples:
 
 
 class Relocaliser:
-    """Search of an orbit, and of its mirror image, for the position in a single frame."""
+    """Search of an orbit and of its mirror image for the position of the chain in one frame."""
 
     def __init__(
         self, orbit: Orbit, likelihood: LikelihoodSettings, most_angles: int = 2_000_000
     ) -> None:
-        """Sample the orbit, unless the samples exceed `most_angles` angles (16 MB)."""
+        """Sample the orbit.
+
+        If the samples of the whole orbit have more than `most_angles` angles, each search samples
+        only the plausible section of the orbit. The default corresponds to 16 MB.
+        """
         self._orbit, self._given = orbit, likelihood
         chain = orbit.chain
         legs = range(orbit.number_of_legs)
@@ -147,9 +162,10 @@ class Relocaliser:
     def find(
         self, angles: Array, noise: float, upside_down: tuple[bool, ...] = (False, True)
     ) -> CandidateSet:
-        """Return the candidates of a frame of angles [rad], shape (N,), NaN if unknown.
+        """Return the candidates for the position of the chain in a frame.
 
-        The noise is their standard deviation [rad], 0 if it is unknown.
+        Angles [rad] have shape (N,), NaN if unknown. `noise` is the standard deviation of the
+        angles [rad], 0 if unknown. `upside_down` selects the orientations to search.
         """
         images = {each: math.pi - angles if each else angles for each in upside_down}
         wide = max(self._coarse, (4.0 * noise) ** 2)
@@ -184,7 +200,10 @@ class Relocaliser:
         return CandidateSet(candidates, self._elsewhere(images, scans, candidates, variance))
 
     def _variance(self, image: Array, arc: float, wide: float, noise: float) -> float:
-        """Return the variance of a rotor [rad^2] from its median residual."""
+        """Return the variance of a rotor [rad^2], estimated from the median residual.
+
+        The residuals refer to the local maximum near an arc length along the orbit [rad].
+        """
         candidate = self._refined(image, arc, False, wide, max(wide / 4, noise**2))
         left = np.abs(candidate.view.residuals[np.isfinite(candidate.view.residuals)])
         seen = robust_deviation(left) ** 2 if len(left) > 3 else noise**2
@@ -195,7 +214,10 @@ class Relocaliser:
     def _refined(
         self, image: Array, arc: float, turned: bool, wide: float, variance: float
     ) -> Candidate:
-        """Return the local maximum near an arc; the variance decreases to the given one."""
+        """Return the local maximum of the likelihood near an arc length along the orbit [rad].
+
+        The search reduces the variance of a rotor step by step from `wide` to `variance` [rad^2].
+        """
         seen_with = max(wide, variance) / 2
         while seen_with > variance:
             ahead = self._view(image, arc, seen_with).arc - arc
@@ -247,10 +269,10 @@ class Relocaliser:
     def _scanned(
         self, image: Array, samples: OrbitSamples, variance: float, between: float = 0.0
     ) -> Array:
-        """Return the log likelihood at samples, shape (S,).
+        """Return the log likelihood of a frame at each sample, shape (S,).
 
-        `between` is an additional variance of rotors near the wall [rad^2], due to the distance
-        between samples.
+        `between` is an additional variance of the rotors near the wall [rad^2]. It accounts for
+        the distance between two samples.
         """
         sums, found = self._sums(image, variance), np.empty(len(samples.arcs))
         variance += between
@@ -262,7 +284,11 @@ class Relocaliser:
         return found
 
     def _sums(self, image: Array, variance: float) -> Array:
-        """Return cumulative log likelihoods left and right of the wall, shape (2, legs, N + 1)."""
+        """Return cumulative log likelihoods over the rotors, shape (2, legs, N + 1).
+
+        Row 0 compares the rotors with the uniform state before the wall, row 1 with the uniform
+        state beyond the wall.
+        """
         bound, floor = self._given.bound, self._likelihood.floor(variance)
         sums = np.empty((2, len(self._before), len(image) + 1))
         for states, row in ((self._before, sums[0]), (self._beyond, sums[1])):
@@ -270,7 +296,7 @@ class Relocaliser:
         return sums
 
     def _samples(self, image: Array, variance: float) -> OrbitSamples:
-        """Return samples of the whole orbit or, if it is long, of its plausible part."""
+        """Return samples of the whole orbit or, for a long orbit, of its plausible section."""
         if self._all is not None:
             return self._all
         orbit, sums = self._orbit, self._sums(image, variance)
@@ -291,18 +317,21 @@ class Relocaliser:
 
 
 class ScanBudget:
-    """Limit of the number of searches per second of recorded time, so that frames do not queue."""
+    """Limit of the number of searches per second of recorded time.
+
+    The limit prevents that frames queue up while a search is running.
+    """
 
     def __init__(self, settings: TrackingSettings) -> None:
         self._settings = settings
         self.restart()
 
     def restart(self) -> None:
-        """Refill the budget, for example after the clock was set."""
+        """Refill the budget, for example after a restart of the clock."""
         self._left, self._last = self._settings.scan_burst, math.nan
 
     def spend(self, time: float) -> bool:
-        """Use one search at an instant [s]; return False if the budget is exhausted."""
+        """Use one search at a time [s], and return whether the budget allows this search."""
         if not math.isnan(self._last):
             gained = (time - self._last) * self._settings.scan_rate
             self._left = min(self._left + gained, self._settings.scan_burst)
@@ -317,12 +346,14 @@ class ScanBudget:
 class NearestPoint:
     """Nearest point of the orbit to a frame.
 
-    arc: arc length from the start of the orbit [rad]; NaN without any known rotor.
-    information: information on the arc for a noise of 1 rad [1], 1 if all rotors are seen. The
-        standard deviation of the arc is sigma / sqrt(information) [rad]. Below 1e-6 the arc is the
-        starting point of the search.
-    misfit: root mean square residual of the rotors about the wall [rad], NaN for fewer than two.
-        It estimates sigma: the divisor is the number of rotors minus one.
+    arc: arc length from the start of the orbit [rad]; NaN if `fit_anywhere` found no position.
+    information: information on the arc length for a noise of 1 rad [1]; 1 if all rotors are seen.
+        For a noise sigma [rad] the standard deviation of the arc length is sigma /
+        sqrt(information) [rad]. If the information is below 1e-6, `arc` is the starting point of
+        the search.
+    misfit: root mean square residual of the rotors near the wall [rad]; NaN for fewer than two
+        known rotors. The sum of squares is divided by the number of rotors minus one, so that the
+        misfit is an estimate of sigma.
     """
 
     arc: float
@@ -331,12 +362,13 @@ class NearestPoint:
 
 
 def fit_near(orbit: Orbit, angles: Array, arc: float) -> NearestPoint:
-    """Return the nearest point of the orbit to angles [rad], shape (N,), near an arc.
+    """Return the point of the orbit that is nearest to a frame, near an arc length [rad].
 
-    Unknown angles are NaN. Gauss-Newton steps arc += t . (phi - Phi) / (t . t) use known rotors,
-    with differences from -pi to pi. The arc may leave the range of one cycle, so that a series of
-    fits counts cycles. Raises ValueError for infinite angles, for angles of another shape, and for
-    an arc that is not finite.
+    Angles [rad] have shape (N,), NaN if unknown. The search takes Gauss-Newton steps
+    arc += t . (phi - Phi) / (t . t) over the known rotors, where the differences phi - Phi are in
+    the range from -pi to pi. The arc length may leave the range of one cycle, so that a series of
+    fits counts the cycles. Raises ValueError for infinite angles, for angles of another shape, and
+    for an arc length that is not finite.
     """
     if not math.isfinite(arc):
         raise ValueError(
@@ -348,11 +380,12 @@ def fit_near(orbit: Orbit, angles: Array, arc: float) -> NearestPoint:
 def fit_anywhere(
     orbit: Orbit, angles: Array, settings: EstimationSettings = DEFAULTS
 ) -> NearestPoint:
-    """Return the nearest point of the orbit to angles [rad], shape (N,), NaN if unknown.
+    """Return the point of the orbit that is nearest to a frame.
 
-    The search starts from the likeliest candidate of `Relocaliser`; the arc is in the range of the
-    orbit. If no angle is known, the arc is NaN and the information 0. Raises ValueError for
-    infinite angles and for angles of another shape.
+    Angles [rad] have shape (N,), NaN if unknown. The search starts from the likeliest candidate of
+    a `Relocaliser`. The arc length is in the range from 0 to the length of the orbit. If no angle
+    is known, the arc length is NaN and the information is 0. Raises ValueError for infinite angles
+    and for angles of another shape.
     """
     frame = _checked(orbit, angles)
     found = _search(orbit, settings).find(frame, 0.0, (False,)).candidates
@@ -364,7 +397,10 @@ def fit_anywhere(
 
 @lru_cache(maxsize=1)
 def _search(orbit: Orbit, settings: EstimationSettings) -> Relocaliser:
-    """Return the search of an orbit; the latest search is cached because sampling is slow."""
+    """Return the `Relocaliser` of an orbit.
+
+    The latest `Relocaliser` is cached, because sampling an orbit is slow.
+    """
     return Relocaliser(orbit, settings.likelihood)
 
 
@@ -388,7 +424,10 @@ def _fit_near(orbit: Orbit, frame: Array, arc: float) -> NearestPoint:
 
 
 def _compared(frame: Array, about: OrbitSegment) -> tuple[Array, Array]:
-    """Return differences [rad], -pi to pi, and tangent [1] of the known rotors near the wall."""
+    """Return differences and tangent of the known rotors near the wall.
+
+    The differences between the frame and the orbit [rad] are in the range from -pi to pi.
+    """
     difference = frame[about.first : about.first + len(about.angles)] - about.angles
     difference -= 2 * math.pi * np.rint(difference * (0.5 / math.pi))
     if math.isfinite(difference @ difference):

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measurement model of several walls: fits of the shape of each wall.
+"""Measurement model of several walls, which fits the shape of each wall to the angles.
 
-The tails of other walls are subtracted before each fit. Far from others a wall is measured as
-precisely as a single wall. The residuals of the fits give the variance of a rotor, which includes
-noise, waves, and the deformation of moving walls.
+Before each fit, the tails of all other walls are subtracted. A wall that is far from all other
+walls is measured as precisely as a single wall. The residuals of the fits give the variance of a
+rotor. This variance includes noise, waves, and the deformation of moving walls.
 """
 
 from __future__ import annotations
@@ -36,12 +36,13 @@ from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linkage.chain import Array, Motion, staggered
 
 _TAILS = 1.5
-"""Distance between two walls, relative to the half-width of a `WallTable`, above which neither
-wall turns the rotors of the other by more than 1e-4 rad [1]."""
+"""Threshold of the distance between two walls, relative to the reach of a `WallTable` [1]: above
+it, neither wall turns the rotors near the other wall by more than 1e-4 rad."""
 _SCAN_BESIDE = 1.5
 """Range of the scan on either side of a domain border [rotor spacings]."""
 _CORE = 2.5
-"""Distance from a wall within which it must explain the rotors [rotor spacings]."""
+"""Range of the core on either side of a wall [rotor spacings]: the wall must explain all rotors in
+its core."""
 
 
 class _ShapeFit(NamedTuple):
@@ -54,7 +55,7 @@ class _ShapeFit(NamedTuple):
 
 
 class ShapeMeasurementModel:
-    """Measurement of all walls of a frame by their shapes."""
+    """Model that measures all walls of a frame by fits of their shapes."""
 
     def __init__(
         self, shapes: WallShapes, line: LatticeCoordinates, settings: EstimationSettings
@@ -76,12 +77,16 @@ class ShapeMeasurementModel:
         self.restart()
 
     def restart(self) -> None:
-        """Discard the variance of the residuals."""
+        """Discard the estimated variance of a rotor and the residuals of the preceding frame."""
         self._variance, self._frames = self._coarse, 0
         self._before[:] = math.nan
 
     def measure(self, state: FrameState, seen: Array) -> list[WallMeasurement]:
-        """Measure the walls of a state, given its angles [rad], shape (N,), NaN if unseen."""
+        """Return the measurements of all walls in a frame.
+
+        `state` is the state of the chain with estimates for unseen rotors. `seen` are the measured
+        angles [rad], shape (N,), NaN if unseen.
+        """
         borders = self._borders(state)
         if not borders:
             return []
@@ -98,7 +103,7 @@ class ShapeMeasurementModel:
             for one, other in combinations(walls, 2)
         )
         if near:
-            # The first fits assumed the other walls at the borders of their domains.
+            # Repeat the fits, because the first ones assumed inaccurate sites of the other walls.
             walls = self._fitted(theta, walls, scanned=False)
         parts = []
         for wall in walls:
@@ -121,9 +126,11 @@ class ShapeMeasurementModel:
         return find(polarised, self._domain)
 
     def _explains(self, wall: _ShapeFit, first: int, residuals: Array) -> bool:
-        """Return whether a wall explains the rotors from `first` on better than random angles do.
+        """Return whether a wall explains the angles better than random angles do.
 
-        Two tests of the residuals [rad]: all rotors, and the core with the largest variance.
+        The residuals [rad] start at rotor `first`. One test uses all rotors and the estimated
+        variance of a rotor. Another test uses the rotors in the core of the wall and the largest
+        possible variance.
         """
         variance = min(self._variance, self._largest)
         if self._likelihood.over_random(residuals, variance) < self._evidence:
@@ -136,7 +143,10 @@ class ShapeMeasurementModel:
     def _isolated(
         self, theta: Array, walls: Sequence[_ShapeFit], wall: _ShapeFit
     ) -> tuple[int, Array]:
-        """Return the first rotor and the angles near a wall, without the tails of other walls."""
+        """Return the index of the first rotor near a wall, and the angles near this wall.
+
+        The tails of all other walls are subtracted from the angles.
+        """
         reach = self._shapes.reach
         ways = [(self._line.separation(each.site, wall.site), each) for each in walls]
         ways = [(way, each) for way, each in ways if each is not wall]
@@ -182,7 +192,10 @@ class ShapeMeasurementModel:
         return found
 
     def _learn(self, residuals: Array, walls: int) -> None:
-        """Update the variance of a rotor with the residuals of `walls` walls [rad]."""
+        """Update the variance of a rotor with the residuals [rad] of the fits in a frame.
+
+        `walls` is the number of walls.
+        """
         sizes = np.abs(residuals[np.isfinite(residuals)])
         if len(sizes) < 4 * walls:
             return
@@ -195,9 +208,10 @@ class ShapeMeasurementModel:
     def _measurement(
         self, wall: _ShapeFit, first: int, residuals: Array, before: Array
     ) -> WallMeasurement:
-        """Return the measurement of a wall, given its residuals from `first` on [rad].
+        """Return the measurement of a wall from its fit.
 
-        `before` are the residuals of the preceding frame [rad], shape (N,).
+        The residuals of the fit [rad] start at rotor `first`. `before` are the residuals of the
+        preceding frame [rad], shape (N,).
         """
         line, variance, information = self._line, self._variance, wall.site_information
         width = math.nan, math.nan
@@ -223,14 +237,15 @@ class ShapeMeasurementModel:
 
 
 _CLEAR = 9
-"""Number of bonds of one domain around the point at which a ring is cut, if possible [1]."""
+"""Preferred number of bonds of one domain around the bond at which a ring is cut [1]."""
 
 
 def domain_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
-    """Return the borders of domains [rotor spacings] and their alternating charges.
+    """Return the sites of all domain borders [rotor spacings] and the charges of the walls there.
 
-    The polarisations of all bonds have shape (springs,). So that wrong readings form no domain,
-    each has at least `least` bonds, or half as many at an end of the chain.
+    `polarised` are the polarisations of all bonds, shape (springs,). A domain has at least `least`
+    bonds, or half as many at an edge of the chain. Without this limit, wrong readings would form
+    domains. The charges alternate from border to border.
     """
     scores = np.ascontiguousarray(polarised, dtype=np.float64)
     right = np.empty(len(scores), dtype=np.bool_)
@@ -244,9 +259,9 @@ def domain_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
 
 
 def ring_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
-    """Return `domain_borders` of a ring, with sites from 0 to the number of bonds.
+    """Return the `domain_borders` of a ring, with sites from 0 to the number of bonds.
 
-    The ring is cut inside a domain.
+    To find the borders, the ring is cut open inside a domain.
     """
     bonds = len(polarised)
     clear = minimum_filter1d(np.abs(polarised), min(_CLEAR, bonds), mode='wrap')

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled loops over the springs and rotors of a state: its energies and its topology.
+"""Compiled loops over springs and rotors that compute energies and topology of a state.
 
-Spring tables hold extensions [m] and levers A and B [m/rad], shape (3, springs).
+A spring table has shape (3, springs). Its rows are the extensions of the springs [m] and the
+levers A and B of the springs [m/rad]. The lever A (B) is the derivative of the extension by the
+angle of the left (right) rotor.
 """
 
 from __future__ import annotations
@@ -27,14 +29,16 @@ from soliton_linkage.linkage.springs import TINY, spring_between
 
 Records = NDArray[np.void]
 Energy = tuple[float, float, float]
-"""Energy, its part in the wake, and the standard deviation of the energy [J]."""
+"""Energy of the state, energy in the wake, and standard deviation of the first energy [J each]."""
 Shape = tuple[float, float, float, float]
-"""Sums of `of_angles`, lever A of the first spring and lever B of the last spring [m/rad]."""
+"""The two results of `of_angles`, lever A of the first spring [m/rad], and lever B of the last
+spring [m/rad]."""
 Sides = tuple[float, float, int, int, float]
 """Result of `topology`."""
 
 _LARGE = 1e150
-"""Ratio between two levels of scaled large numbers [1]; its square is still finite."""
+"""Ratio between two levels of scaled large numbers [1]; the square of this ratio is still finite.
+"""
 
 
 spring = compile_loop(spring_between, inlined=True)
@@ -60,11 +64,12 @@ def _set_spring(
 def of_angles(
     angles: Array, parameters: Array, periodic: bool, rows: Array
 ) -> tuple[float, float]:
-    """Set the rows of springs for angles [rad], shape (N,).
+    """Set the spring table for angles [rad], shape (N,), and return two sums.
 
-    Parameters are r [m], a [m], c [m^2] and lbar [m] (see `Chain.springs`), shape (4, N). Returns
-    two sums that determine the orientation of a state: sin(theta_n + theta_{n+1}) = (-1)^n
-    sin(phi_{n+1} - phi_n) over bonds, and cos(theta_n) over inner rotors.
+    Parameters are r [m], a [m], c [m^2] and lbar [m] (see `Chain.springs`), shape (4, N). The two
+    sums determine the orientation of the state. The first one is the sum of
+    sin(theta_n + theta_{n+1}) = (-1)^n sin(phi_{n+1} - phi_n) over all bonds between neighbours.
+    The second one is the sum of cos(theta_n) over all inner rotors.
     """
     rotors = angles.size
     sines, cosines = np.empty(rotors), np.empty(rotors)
@@ -84,7 +89,10 @@ def of_angles(
 
 @compiled(const_f8_1d, f8, const_f8_1d, f8)
 def _wake(energies: Array, site: float, walls: Array, reach: float) -> float:
-    """Sum the energies beyond the reach of all walls; the first energy is that at `site`."""
+    """Return the sum of the energies beyond the reach of all walls.
+
+    `energies` are the energies at successive sites, and `site` is the first of these sites.
+    """
     wake, count = 0.0, energies.size
     for n in range(walls.size - 1):
         low, high = walls[n] + reach - site, walls[n + 1] - reach - site
@@ -106,17 +114,18 @@ def elastic(
     walls: Array,
     reach: float,
 ) -> Energy:
-    """Return the elastic energy [J], its part in the wake of the walls, and its deviation.
+    """Return the elastic energy, its share in the wake, and its standard deviation [J each].
 
-    The mean contribution of noise is subtracted.
+    The mean contribution of noise is subtracted from the energies.
 
-    `half` are half the stiffnesses [N/m], shape (springs,); `lefts` and `rights` are the same, 0
-    unless the left or right rotor has noise. The wake is the energy of springs, at n + 1/2, beyond
-    the reach of all walls. `walls` are ascending sites [rotor spacings] including a neighbour
-    beyond either end, shape (W + 2,).
+    `half` are half the stiffnesses of the springs [N/m], shape (springs,). `lefts` (`rights`) are
+    the same, but 0 for springs whose left (right) rotor has no noise. `walls` are the
+    ascending sites of the walls [rotor spacings], with one more site at each end of the list,
+    shape (W + 2,). The wake contains the springs beyond the reach of all walls. Spring n is at
+    site n + 1/2.
 
-    The variance is sigma^2 |tau|^2 + sigma^4 |H|^2 / 2 with the torques tau and H = R^T k_e R;
-    noise increases the measured |tau|^2 by sigma^2 |H|^2.
+    For angles with noise sigma, the variance of the energy is sigma^2 |tau|^2 + sigma^4 |H|^2 / 2
+    with the torques tau and H = R^T k_e R. Noise increases the measured |tau|^2 by sigma^2 |H|^2.
     """
     whole, squares, pulling, variance = 0.0, 0.0, 0.0, noise**2
     count = half.size
@@ -143,13 +152,14 @@ def elastic(
 def kinetic(
     half: Array, noisy: Array, rates: Array, noise: float, walls: Array, reach: float
 ) -> Energy:
-    """Return the kinetic energy [J], its part in the wake of the walls, and its deviation.
+    """Return the kinetic energy, its share in the wake, and its standard deviation [J each].
 
-    The mean contribution of noise is subtracted.
+    The mean contribution of noise is subtracted from the energies.
 
-    `half` are half the inertias [kg m^2], shape (N,); `noisy` are the same, 0 unless the rate has
-    noise. The variance is I^2 sigma^2 (omega^2 + sigma^2 / 2) per rotor; noise increases the
-    measured omega^2 by sigma^2.
+    `half` are half the moments of inertia [kg m^2], shape (N,). `noisy` are the same, but 0 for
+    rotors whose rate has no noise. For a rate omega with noise sigma, the variance of the energy
+    of a rotor is I^2 sigma^2 (omega^2 + sigma^2 / 2). Noise increases the measured omega^2 by
+    sigma^2.
     """
     whole, known, squares, variance = 0.0, 0.0, 0.0, noise**2
     energies = np.empty(half.size)
@@ -165,10 +175,13 @@ def kinetic(
 
 @compiled(const_f8_2d, i8, i8, f8)
 def topology(rows: Array, before: int, beyond: int, domain: float) -> Sides:
-    """Sum (A^2 - B^2) / (A^2 + B^2) before and beyond the walls, and locate the zero mode.
+    """Return the polarisations before and beyond the walls, and the centre of the zero mode.
 
-    Returns both sums, the signs of the first and of the last bond above the domain threshold (0 if
-    there is none), and the centre of t_n^2 [rotor spacings].
+    The polarisation of a bond is (A^2 - B^2) / (A^2 + B^2). A bond lies in a domain if the
+    absolute value of its polarisation exceeds `domain`. The five results are: the sum of the
+    polarisations over bonds 0 to `before` - 1; their sum over the bonds from `beyond` on; the
+    signs of the first and of the last bond in a domain, 0 if no bond lies in a domain; and the
+    centre of t_n^2 [rotor spacings], where t is the zero mode.
     """
     left, right, first, last = 0.0, 0.0, 0, 0
     squares, moments, square, level = 1.0, 0.0, 1.0, 0
@@ -180,7 +193,7 @@ def topology(rows: Array, before: int, beyond: int, domain: float) -> Sides:
         if abs(strength) > domain:
             last = 1 if strength > 0 else -1
             first = first if first else last
-        # t_n^2 in units of 1e150 to the power of its level minus the largest level so far.
+        # t_n^2 = square * 1e150^level, relative to the largest t_n^2 so far.
         square *= min(max(max(a, TINY) / max(b, TINY), 1 / _LARGE), _LARGE)
         if square > _LARGE:
             square, level = square / _LARGE, level + 1
@@ -198,9 +211,15 @@ def topology(rows: Array, before: int, beyond: int, domain: float) -> Sides:
 SCOPE = np.dtype(
     [(name, np.float64) for name in ('noise', 'rate_noise', 'reach', 'before', 'beyond', 'domain')]
 )
-"""Noise of a state and bonds beside its walls, one record: standard deviations of angles [rad] and
-rates [rad/s], reach of a wall [rotor spacings], number of bonds before the first wall, first bond
-beyond the last wall, least polarisation of a bond in a domain [1]."""
+"""Record of the noise of a state and of the bonds beside its walls. Fields:
+
+noise: standard deviation of the angles [rad].
+rate_noise: standard deviation of the rates [rad/s].
+reach: distance from a wall beyond which energy belongs to the wake [rotor spacings].
+before: number of bonds before the first wall [1].
+beyond: index of the first bond beyond the last wall [1].
+domain: least polarisation of a bond in a domain [1].
+"""
 _SCOPE = records(SCOPE)
 
 
@@ -214,10 +233,11 @@ def report(
     walls: Array,
     scope: Records,
 ) -> tuple[Shape, Sides, Energy, Energy]:
-    """Return shape, topology, elastic energy and kinetic energy in one call.
+    """Return shape, topology, elastic energy and kinetic energy of a state in one call.
 
-    `springs` are the arguments `half`, `lefts` and `rights` of `elastic`, shape (3, springs);
-    `rotors` are `half`, `noisy` and `rates` of `kinetic`, shape (3, N).
+    The rows of `springs` are the arguments `half`, `lefts` and `rights` of `elastic`, shape (3,
+    springs). The rows of `rotors` are the arguments `half`, `noisy` and `rates` of `kinetic`,
+    shape (3, N).
     """
     half = springs[0]
     rows = np.empty((3, half.size))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Report of one state of a known chain: energies, topology and edge rotors.
 
-Walls are given by their sites [rotor spacings]. The mean contribution of noise is subtracted from
-squared quantities.
+The walls of the state are specified by their sites [rotor spacings]. The mean contribution of
+noise is subtracted from all energies.
 """
 
 from __future__ import annotations
@@ -20,15 +20,18 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion, check_shape
 
 
 class Energies(NamedTuple):
-    """Energies of a state [J]; quantities that need rates are NaN while the rates are unknown.
+    """Energies of a state [J].
+
+    If the rates are unknown, the kinetic energies are NaN.
 
     kinetic: kinetic energy of the rotors.
     elastic: energy of the springs.
-    kinetic_wake: kinetic energy beyond the reach of every wall.
-    elastic_wake: elastic energy beyond the reach of every wall.
-    kinetic_deviation: standard deviation of the kinetic energy from noise and unseen rotors; NaN
+    kinetic_wake: kinetic energy of the wake, which contains all rotors beyond the reach of every
+        wall.
+    elastic_wake: elastic energy of the wake.
+    kinetic_deviation: standard deviation of the kinetic energy due to noise and unseen rotors; NaN
         if the noise of the rates is unknown.
-    elastic_deviation: standard deviation of the elastic energy from noise and unseen rotors.
+    elastic_deviation: standard deviation of the elastic energy due to noise and unseen rotors.
     """
 
     kinetic: float
@@ -45,7 +48,7 @@ class Energies(NamedTuple):
 
     @property
     def wake(self) -> float:
-        """Energy beyond the reach of every wall [J]."""
+        """Energy of the wake, which is beyond the reach of every wall [J]."""
         return self.kinetic_wake + self.elastic_wake
 
     @property
@@ -57,9 +60,10 @@ class Energies(NamedTuple):
 class Topology(NamedTuple):
     """Polarisations, winding numbers, charge and zero mode of a state.
 
-    polarisations: mean polarisation before the first wall and beyond the last one; +1 leans right,
-        -1 leans left.
-    winding_numbers: winding number of the uniform state on either side; they differ by the charge.
+    polarisations: mean polarisation before the first wall, and mean polarisation beyond the last
+        wall. The value is +1 if the rotors lean right, and -1 if the rotors lean left.
+    winding_numbers: winding numbers of the uniform states before the first wall and beyond the
+        last wall. The two numbers differ by the charge.
     charge: number of walls with charge +1 minus number of walls with charge -1.
     mode_centre: centre of the zero mode [rotor spacings].
     """
@@ -73,8 +77,10 @@ class Topology(NamedTuple):
 class EdgeRotors(NamedTuple):
     """States of the first and the last rotor.
 
-    toggled: whether each rotor has toggled relative to the left-leaning state; None for spinners.
-    turns: turns of each rotor from a uniform state [1]; NaN for flippers.
+    toggled: whether the first and the last rotor have toggled, compared with the left-leaning
+        state; None for spinners.
+    turns: numbers of turns of the first and the last rotor, counted from a uniform state [1]; NaN
+        for flippers.
     """
 
     toggled: tuple[bool, bool] | None
@@ -85,7 +91,7 @@ class StateReport(NamedTuple):
     """Topology, edge rotors and energies of one state."""
 
     topology: Topology | None
-    """None for periodic ends, because a ring has no two sides."""
+    """Topology of the chain; None for a ring, because a ring has no edges."""
     edge_rotors: EdgeRotors
     energies: Energies
 
@@ -95,8 +101,9 @@ class FrameErrors(NamedTuple):
 
     noise: standard deviation of the angles [rad].
     rate_noise: standard deviation of the rates [rad/s], NaN if unknown.
-    persistent: root mean square of the persistent residuals of the orbit [rad].
-    unseen: flags of rotors whose angles and rates were filled in from the orbit, shape (N,).
+    persistent: root mean square of the persistent differences from the orbit [rad].
+    unseen: flags of unseen rotors, whose angles and rates come from the orbit, shape (N,); None
+        means that all rotors were seen.
     """
 
     noise: float = 0.0
@@ -106,15 +113,15 @@ class FrameErrors(NamedTuple):
 
     @property
     def known_rate_noise(self) -> float:
-        """Standard deviation of the rates [rad/s], 0 if it is unknown."""
+        """Standard deviation of the rates [rad/s], 0 if unknown."""
         return self.rate_noise if math.isfinite(self.rate_noise) else 0.0
 
 
 class ArcRate(NamedTuple):
-    """Rate along the orbit, used when the rates of the rotors are unknown.
+    """Rate of the arc length along the orbit, used if the rates of the rotors are unknown.
 
-    rate: rate of the arc divided by `Orbit.free_rate` [rad/s].
-    deviation: standard deviation of that quotient [rad/s].
+    rate: rate of the arc length divided by `Orbit.free_rate` [rad/s].
+    deviation: standard deviation of this quotient [rad/s].
     """
 
     rate: float
@@ -122,7 +129,7 @@ class ArcRate(NamedTuple):
 
 
 _DOMAIN = 0.5
-"""Least polarisation of a bond in a domain, relative to the uniform state [1]."""
+"""Least polarisation of a bond in a domain, relative to that of the uniform state [1]."""
 EXACT = FrameErrors()
 _NO_TURNS = (math.nan, math.nan)
 
@@ -131,7 +138,10 @@ class FrameState:
     """Configuration of a chain with the extensions and levers of its springs."""
 
     def __init__(self, chain: Chain, angles: ArrayLike) -> None:
-        """Compute the springs from angles [rad]; raise ValueError unless they have shape (N,)."""
+        """Compute the extensions and levers of the springs from angles [rad], shape (N,).
+
+        Raises ValueError for angles of another shape and for angles that are not finite.
+        """
         self.chain = chain
         self.angles = np.ascontiguousarray(angles, dtype=np.float64)
         check_shape(self.angles, chain.number_of_rotors)
@@ -155,20 +165,19 @@ class FrameState:
 
 
 def energy_reach(chain: Chain) -> float:
-    """Return the distance from a wall beyond which energy counts as wake [rotor spacings].
+    """Return the reach of a wall [rotor spacings]; energy beyond the reach belongs to the wake.
 
-    The energy of a moving wall falls as e^(-2 x / ell) or faster, so that at most e^-16 of it is
-    beyond 8 ell / a. Three spacings contain the core of walls near d = 1, where ell vanishes.
+    At a distance x the energy density of a moving wall falls as e^(-2 x / ell) or faster. The
+    reach is 8 ell plus three rotor spacings, so that at most the share e^-16 of the energy of a
+    wall is beyond the reach. The three spacings contain the core of walls near d = 1, where ell
+    vanishes.
     """
     depth = penetration_depth(chain) / chain.spacing
     return 8 * depth + 3
 
 
 class StateReporter:
-    """Reporter of the states of one chain.
-
-    Sites of walls are in rotor spacings, shape () or (W,), NaN or empty without a wall.
-    """
+    """Reporter of the states of one chain."""
 
     def __init__(self, chain: Chain) -> None:
         self.chain = chain
@@ -190,18 +199,22 @@ class StateReporter:
         rates: Array | ArcRate | None = None,
         errors: FrameErrors = EXACT,
     ) -> StateReport:
-        """Report the state of angles [rad], shape (N,).
+        """Return energies, topology and edge rotors of the state with given angles [rad], (N,).
 
-        Rates are rates of rotors [rad/s], shape (N,), or the rate of the arc, which gives the
-        kinetic energy (I / 2) rate^2 but not its wake. Spring n, with energy (k_e / 2) (l_n -
-        lbar)^2, counts at site n + 1/2. The mean contribution of noise is subtracted: (k_e / 2)
-        (A_n^2 + B_n^2) sigma^2 per spring and (I / 2) sigma_rate^2 per rotor, so that small
-        energies may be negative. Without walls all energy is wake. The standard deviations include
-        all energy that unseen rotors may have.
+        `sites` are the sites of the walls [rotor spacings], shape () or (W,). An empty array or
+        NaN means that the state has no wall. `rates` are the rates of the rotors [rad/s], shape
+        (N,), or the rate of the arc length along the orbit. The latter gives the kinetic energy
+        (I / 2) rate^2, but not the kinetic energy of the wake.
 
-        A side has the winding number of the uniform state with the same mean polarisation;
-        a side without bonds uses its nearest bond. Raises ValueError for arrays of another shape
-        and for angles or rates that are not finite.
+        Spring n is at site n + 1/2 and has the energy (k_e / 2) (l_n - lbar)^2. Noise adds (k_e /
+        2) (A_n^2 + B_n^2) sigma^2 to the mean energy of a spring and (I / 2) sigma_rate^2 to that
+        of a rotor. These contributions are subtracted, so that small energies may be negative.
+        Without walls, all energy belongs to the wake. The standard deviations include all energy
+        that unseen rotors may have.
+
+        The winding number on a side of the walls is that of the uniform state with the same sign
+        of the mean polarisation. If a side has no bonds, the bond nearest to that edge is used.
+        Raises ValueError for arrays of another shape and for angles or rates that are not finite.
         """
         chain, walls = self.chain, _finite(sites)
         state = np.ascontiguousarray(angles, dtype=np.float64)
@@ -251,7 +264,7 @@ class StateReporter:
         )
 
     def _bonds_beside(self, walls: list[float]) -> tuple[int, int]:
-        """Return the number of bonds before the first wall and the first bond beyond the last."""
+        """Return the entries `before` and `beyond` of `state_loops.SCOPE` for sites of walls."""
         bonds = self.chain.number_of_springs
         first, last = (walls[0], walls[-1]) if walls else (math.inf, -math.inf)
         before = math.floor(min(max(first - 0.5, 0.0), bonds - 1)) + 1
@@ -269,10 +282,11 @@ class StateReporter:
         """Return the states of the edge rotors.
 
         The edge rotor of a flipper toggles when it crosses the line from its pivot to the
-        neighbouring mass, where A_0 or B_{N-2} changes sign. In the left-leaning state A_0 has the
-        sign of d - 1 and B_n the sign of (-1)^(n+1), inverted upside down. The edge rotor of a
-        spinner makes half a turn per wall. Turns are counted from theta = theta_bar or, if that
-        state is not on the orbit, from -theta_bar.
+        neighbouring mass. On this line A_0 (first rotor) or B_{N-2} (last rotor) changes its sign.
+        In the left-leaning state, A_0 has the sign of d - 1, and B_n has the sign of (-1)^(n+1);
+        in a chain that is upside down, both signs are inverted. The edge rotor of a spinner makes
+        half a turn for each wall that passes it. Turns are counted from theta = theta_bar, or from
+        theta = -theta_bar if the orbit does not contain the first state.
         """
         chain = self.chain
         twists, upright, at_first, at_last = shape
@@ -286,11 +300,12 @@ class StateReporter:
         return EdgeRotors((at_first < 0, at_last * stands * self._last_sign < 0), _NO_TURNS)
 
     def _of_arc(self, rate: ArcRate | None, elastic: state_loops.Energy) -> state_loops.Energy:
-        """Return the kinetic energy from the rate of the arc, no wake, and its deviation [J].
+        """Return the kinetic energy, NaN for the wake, and a standard deviation [J each].
 
-        Phonons have equal mean kinetic and elastic energies. Their kinetic energy is therefore
-        assumed to be the elastic energy, if that exceeds its standard deviation, with an
-        uncertainty of the same size.
+        The kinetic energy is computed from the rate of the arc length along the orbit, plus the
+        kinetic energy of phonons. The mean kinetic energy of phonons equals their mean elastic
+        energy. Therefore the elastic energy minus its standard deviation is added if this
+        difference is positive. The standard deviation of this contribution is equally large.
         """
         if rate is None:
             return math.nan, math.nan, math.nan
@@ -304,7 +319,7 @@ class StateReporter:
     def _hidden(
         self, state: FrameState, errors: FrameErrors, unseen: Flags
     ) -> tuple[float, float]:
-        """Return the elastic and the kinetic energy that unseen rotors may have [J]."""
+        """Return the elastic and the kinetic energy [J each] that unseen rotors may have."""
         half = self._springs[0]
         stiffness = self.chain.gathered(half * state.first**2, half * state.second**2)
         elastic = float(stiffness[unseen].sum()) * (errors.noise**2 + errors.persistent**2)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shapes of walls at rest, as tables of staggered angles, and compiled fits of these shapes.
 
-Shapes of kinks, and of anti-kinks for d < 1, are computed for the chain itself. Pinned anti-kinks
-(all in spinners, some in wobbling flippers) have every other rotor turned over at rest. Anti-kinks
-of wobbling flippers that are not pinned have the mirrored shape of a kink, which is exact in the
-continuum limit.
+The shapes of kinks, and the shapes of anti-kinks for d < 1, are computed for the chain itself. An
+anti-kink is pinned in all spinners and in some wobbling flippers. In a pinned anti-kink at rest,
+every other rotor is turned over. In all other wobbling flippers, the mirrored shape of a kink is
+used for anti-kinks. This shape is exact in the continuum limit.
 """
 
 from __future__ import annotations
@@ -38,28 +38,32 @@ from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons
 
 _SCAN_STEP = 0.125
-"""Step of the scan [rotor spacings], smaller than the width of any wall."""
+"""Step of the scan over the site of a wall [rotor spacings]. The step is smaller than the width of
+any wall."""
 _STEPS = 12
-"""Largest number of Gauss-Newton steps [1]; half of them suffice to converge."""
+"""Largest number of Gauss-Newton steps [1]; most fits converge after half of this number."""
 _LONGEST_STEP = 0.3
-"""Longest step of the site and of the stretch [rotor spacings, 1]."""
+"""Longest step of the site [rotor spacings] and of the stretch [1]."""
 _SHORTER = 0.6
-"""Factor for steps that alternate in sign [1]."""
+"""Factor that shortens the next steps after two steps with opposite signs [1]."""
 _CLOSE = 1e-6
-"""Step below which the fit has converged [rotor spacings]."""
+"""Threshold of the steps of site [rotor spacings] and stretch [1]: the fit ends if both steps are
+shorter."""
 _NARROWEST, _WIDEST = 0.2, 2.0
-"""Range of the stretch of a wall [1]."""
+"""Smallest and largest stretch of a wall [1]; the stretch is the width relative to the table."""
 
 
 class WallTable(NamedTuple):
-    """Staggered angles of rotors as a function of their distance from a wall."""
+    """Table of the staggered angles of rotors as a function of their distance from a wall."""
 
     angles: Array
-    """Angles of even and of odd rotors [rad], then their slopes [rad/spacing], shape (4, J)."""
+    """Angles [rad] and their slopes [rad / rotor spacing], shape (4, J). The rows are: angles of
+    even rotors, angles of odd rotors, slopes of even rotors, slopes of odd rotors."""
     points: float
-    """Columns per spacing [1]."""
+    """Number of columns per rotor spacing [1]."""
     reach: float
-    """Distance of the first and of the last column from the wall [rotor spacings]."""
+    """Largest distance from the wall in the table [rotor spacings]. The columns cover distances
+    from minus this value to plus this value."""
 
 
 _TABLE = named_tuple(WallTable, f8_2d, f8, f8)
@@ -67,13 +71,15 @@ _TABLE = named_tuple(WallTable, f8_2d, f8, f8)
 
 @compiled(const_f8_1d, f8, b1_1d)
 def find_domains(polarised: Array, cost: float, right: Flags) -> None:
-    """Set which bonds lie in right-leaning domains, shape (B,), from their polarisations, (B,).
+    """Set whether each bond lies in a right-leaning domain, shape (B,).
 
-    The division maximises the sum of the polarisations, clipped to 1, in right-leaning domains
-    minus the sum in left-leaning domains, minus a cost per wall (dynamic programming).
+    `polarised` are the polarisations of the bonds, shape (B,). Dynamic programming finds the
+    division into domains with the highest score. The score is the sum of the polarisations in
+    right-leaning domains, minus the sum in left-leaning domains, minus `cost` for each wall. For
+    this sum the polarisations are clipped to the range from -1 to 1.
     """
     count = polarised.size
-    # Best sums that end in a left-leaning and in a right-leaning bond, and their predecessors.
+    # Highest scores up to the current bond: for a left-leaning bond, and for a right-leaning bond.
     residuals, rightmost = 0.0, 0.0
     from_right = np.empty(count, dtype=np.bool_)
     from_left = np.empty(count, dtype=np.bool_)
@@ -92,9 +98,10 @@ def find_domains(polarised: Array, cost: float, right: Flags) -> None:
 
 @compiled(_TABLE, i8, f8)
 def _shape(table: WallTable, parity: int, x: float) -> tuple[float, float]:
-    """Return the staggered angle of a rotor at a distance x from a wall [rad], and its slope.
+    """Return the staggered angle of a rotor [rad] at the distance x from a wall, and the slope.
 
-    Interpolation is cubic; beyond the table the slope is 0 [rad/spacing].
+    x is in rotor spacings, and the slope is in rad / rotor spacing. The table is interpolated by
+    cubic polynomials. Beyond the table the angle is constant.
     """
     angles, points, reach = table
     at = (x + reach) * points
@@ -113,9 +120,10 @@ def _shape(table: WallTable, parity: int, x: float) -> tuple[float, float]:
 def set_residuals(
     theta: Array, first: int, table: WallTable, site: float, stretch: float, residuals: Array
 ) -> None:
-    """Set the residuals of staggered angles from rotor `first` on [rad], shape (n,).
+    """Set the residuals of staggered angles [rad], shape (n,), from the shape of a wall.
 
-    The wall is at a site [rotor spacings] and wider than the table by a factor `stretch` [1].
+    The angles start at rotor `first`. The wall is at a site [rotor spacings]. The width of the
+    wall is that of the table times `stretch` [1].
     """
     for k in range(theta.size):
         n = first + k
@@ -127,9 +135,10 @@ def set_residuals(
 def scan_wall(
     theta: Array, first: int, table: WallTable, start: float, beside: float, bound: float
 ) -> tuple[float, float]:
-    """Return the least sum of squares, each clipped to a bound [rad^2], and the site of the wall.
+    """Return the least sum of squared residuals [rad^2] and the corresponding site of the wall.
 
-    The scan covers the distance `beside` on either side of the start [rotor spacings].
+    Each squared residual is clipped to `bound` [rad^2]. The scan covers the distance `beside` on
+    either side of the site `start` [rotor spacings each].
     """
     best, least = start, np.inf
     steps = math.ceil(beside / _SCAN_STEP)
@@ -158,10 +167,10 @@ def sums_of_fit(
     bound: float,
     free: bool,
 ) -> tuple[float, float, float, float, float]:
-    """Return the sums over rotors of w p^2, w q^2, w p q, w p x and w q x (see `fit_wall`).
+    """Return the sums over rotors of w p^2, w q^2, w p q, w p x and w q x for `fit_wall`.
 
-    A rotor has the weight w and the residual x [rad], with derivatives p by the site [rad/spacing]
-    and q by the stretch [rad]; q is 0 unless the stretch is free.
+    A rotor has the weight w and the residual x [rad]. The derivatives of its angle are p by the
+    site [rad / rotor spacing] and q by the stretch [rad]. If the stretch is not free, q is 0.
     """
     site_information, of_stretch, both, ahead, wider = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(theta.size):
@@ -194,10 +203,12 @@ def fit_wall(
     bound: float,
     free: bool,
 ) -> tuple[float, float, float, float]:
-    """Fit the site of a wall, and its stretch if `free`, by reweighted Gauss-Newton steps.
+    """Fit the site of a wall by reweighted Gauss-Newton steps.
 
-    Residuals up to `bound` standard deviations have full weight; `variance` is the variance of a
-    rotor [rad^2]. Returns site, stretch and the information on each for a noise of 1 rad.
+    If `free` is true, the stretch is fitted too. `variance` is the variance of a rotor [rad^2].
+    Residuals up to `bound` standard deviations have full weight, and larger residuals have less
+    weight. Returns the site, the stretch, the information on the site and the information on the
+    stretch. The information refers to a noise of 1 rad.
     """
     site_information, of_stretch, last, share = 0.0, 0.0, 0.0, 1.0
     for _ in range(_STEPS):
@@ -211,7 +222,7 @@ def fit_wall(
         if free and determinant > 1e-3 * site_information * of_stretch:
             step = (of_stretch * ahead - both * wider) / determinant
             change = (site_information * wider - both * ahead) / determinant
-        # Steps that alternate in sign are too long.
+        # If two steps have opposite signs, they are too long.
         share *= _SHORTER if change * last < -0.5 * last * last else 1.0
         last = change
         site += share * min(max(step, -_LONGEST_STEP), _LONGEST_STEP)
@@ -226,10 +237,11 @@ def fit_wall(
 def fit_about(
     angles: Array, span: float, last: int, table: WallTable, site: float, stretch: float
 ) -> tuple[float, float, tuple[float, float, float, float, float]]:
-    """Fit site and stretch of a wall with unit weights; return them and `sums_of_fit` there.
+    """Fit site and stretch of a wall with equal weights of all rotors near the wall.
 
-    Uses the actual angles [rad], shape (N,), of rotors within `span` of the site [rotor spacings],
-    except the edge rotors.
+    `angles` are actual angles [rad], shape (N,). The fit uses the rotors within the distance
+    `span` of the site [rotor spacings], but no edge rotors. Returns the fitted site and stretch,
+    and the `sums_of_fit` for these values.
     """
     first, end = max(math.ceil(site - span), 1), min(math.floor(site + span) + 1, last)
     theta = np.empty(max(end - first, 0))
@@ -245,10 +257,12 @@ def fit_about(
 def persistence(
     residuals: Array, previous: Array, first: int, table: WallTable, site: float, stretch: float
 ) -> tuple[float, float]:
-    """Return the mean product of a wall's residuals in two frames [rad^2], weighted by t^2.
+    """Return the mean product of residuals in two frames, and a variance of this mean.
 
-    Both rows start at rotor `first`, shape (n,), NaN if unknown. Noise contributes a mean of 0;
-    the second number is the variance of its contribution divided by sigma^4.
+    The mean over the rotors near a wall is weighted by t^2 [rad^2], with the tangent t of the
+    wall. The residuals of both frames [rad], shape (n,), start at rotor `first` and are NaN if
+    unknown. Noise of the standard deviation sigma does not change the expected mean product. The
+    second result is the variance that noise causes, divided by sigma^4 [1].
     """
     whole, squares, product = 0.0, 0.0, 0.0
     for k in range(residuals.size):
@@ -267,13 +281,15 @@ def persistence(
 
 
 _POINTS = 16
-"""Points of a table per spacing [1]; cubic interpolation is exact to 1e-5 rad."""
+"""Number of points of a table per rotor spacing [1]; the error of cubic interpolation is 1e-5 rad.
+"""
 _DEPTHS = 14.0
-"""Reach of a table in penetration depths [1]; tails beyond are below 1e-6 rad."""
+"""Reach of a table in penetration depths [1]; tails beyond this reach are below 1e-6 rad."""
 _ROTORS = 5.0
-"""Additional reach for the core [rotor spacings], needed where the depth vanishes."""
+"""Additional reach of a table [rotor spacings]. It contains the core of a wall if the penetration
+depth vanishes."""
 _DEGREE = 5
-"""Degree of the splines through the samples [1]; their slopes are then exact to 1e-5 rad."""
+"""Degree of the splines through the samples [1]; the error of their slopes is 1e-5 rad."""
 
 
 @dataclass(frozen=True)
@@ -282,16 +298,17 @@ class WallShape:
 
     table: WallTable
     sides: Array
-    """Angles far to the left and to the right [rad], of even and of odd rotors, shape (2, 2)."""
+    """Staggered angles far from the wall [rad], shape (2, 2). Row 0 holds even rotors, and row 1
+    odd rotors. Column 0 is to the left of the wall, and column 1 to the right."""
 
 
 class WallShapes:
     """Shapes of the kinks and anti-kinks of a chain."""
 
     def __init__(self, chain: Chain) -> None:
-        """Sample static walls in the middle of a long chain without deviations.
+        """Compute shapes from static walls in the middle of a long uniform chain.
 
-        Raises the ValueError and the ArithmeticError of `static_wall`.
+        Raises ValueError and ArithmeticError in the same cases as `static_wall`.
         """
         depth = penetration_depth(chain) / chain.spacing
         beside = math.ceil(_DEPTHS * depth + _ROTORS)
@@ -307,18 +324,21 @@ class WallShapes:
             self._sampled([static_wall(window, float(site), leg) for site in self._sites])
             for leg in range(2 if chain.motion is Motion.SPINNER else 1)
         )
-        """Kink of each leg of the orbit; in spinners the rotors turn forwards in one leg and
-        backwards in the other."""
+        """Shape of the kink in each leg of the orbit. Spinners have two shapes, because the rotors
+        turn forwards in one leg and backwards in the other leg."""
         found = find_solitons(window, static_wall(window, even + 4.5))
         self.width = found[0].width if found else math.nan
-        """Width of a wall at rest [m], NaN if it has no tanh profile."""
+        """Width of a wall at rest [m], NaN if the wall has no tanh profile."""
         spinner = chain.motion is Motion.SPINNER
         self.stretches = math.isfinite(self.width) and (spinner or chain.lean_ratio < 1)
-        """Whether motion changes only the width of a wall."""
+        """Whether the motion of a wall changes only its width."""
 
     @cached_property
     def anti_kinks(self) -> tuple[WallShape, ...]:
-        """Shapes of anti-kinks, computed at the first use because this takes longer."""
+        """Shapes of anti-kinks.
+
+        They are computed at the first use, because this computation is slower than that of kinks.
+        """
         try:
             path = anti_kink_path(self._window, float(self._sites[0]))
         except ArithmeticError:
@@ -330,9 +350,10 @@ class WallShapes:
 
     @cached_property
     def pinning_speed(self) -> float:
-        """Speed of an anti-kink whose kinetic energy is its energy barrier [rotor spacings/s].
+        """Speed of an anti-kink at its energy barrier between two sites [rotor spacings / s].
 
-        It is 0 for a pinned anti-kink, which has no path from site to site.
+        At this speed the kinetic energy of the anti-kink equals the energy barrier. The speed is 0
+        for a pinned anti-kink, because no path from site to site exists.
         """
         try:
             sites, states = anti_kink_path(self._window, float(self._sites[0]))
@@ -344,11 +365,14 @@ class WallShapes:
         return math.sqrt(2 * barrier / mass)
 
     def of_leg(self, leg: int) -> WallShape:
-        """Return the kink of a leg of the orbit."""
+        """Return the shape of the kink in a leg of the orbit."""
         return self.kinks[leg % len(self.kinks)]
 
     def _pinned(self) -> tuple[WallShape, WallShape]:
-        """Return two anti-kinks, exact at rest, one for each parity of the nearest rotor."""
+        """Return the two shapes of a pinned anti-kink, which are exact at rest.
+
+        In one shape the rotor nearest to the anti-kink is even, in the other shape odd.
+        """
         window = self._window
         site, angles = resting_anti_kink(window, float(self._sites[0]) + 0.5)
         rotors, theta = np.arange(len(angles)), staggered(angles)
@@ -369,10 +393,11 @@ class WallShapes:
         return WallShape(WallTable(angles, float(_POINTS), self.reach), angles[:2, [0, -1]])
 
     def _sampled(self, walls: ArrayLike) -> WallShape:
-        """Return the shape of a wall from the angles of a window [rad], one row per site.
+        """Return the shape of a wall from samples of static walls.
 
-        Rotors of one parity have the same shape, so that one rotor samples all of it while the
-        wall moves by two spacings.
+        Each row of `walls` holds the angles of all rotors [rad] for one site of the wall. All even
+        rotors have the same angle as a function of the distance from the wall, and so have all odd
+        rotors. Therefore sites within two rotor spacings suffice.
         """
         theta = staggered(np.asarray(walls))[:, 1:-1]
         rotors = np.arange(1, theta.shape[1] + 1)

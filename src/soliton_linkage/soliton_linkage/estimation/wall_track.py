@@ -25,7 +25,10 @@ from soliton_linkage.solitons.tanh_fit import order_field
 
 
 class LatticeCoordinates:
-    """Coordinates of sites [rotor spacings]; a ring has periodic sites from 0 to N."""
+    """Site coordinates along a chain [rotor spacings].
+
+    On a ring the coordinates are periodic, in the range from 0 to N.
+    """
 
     def __init__(self, chain: Chain) -> None:
         self.rotors, self.periodic = chain.number_of_rotors, chain.periodic
@@ -35,34 +38,39 @@ class LatticeCoordinates:
         self.near = min(reach, room / 3)
         """Distance below which two walls, or a wall and an edge, interact [rotor spacings]."""
         self.parted = min(1.5 * reach, room / 2)
-        """Distance above which two walls have separated [rotor spacings]."""
+        """Threshold of the distance between two walls [rotor spacings]: more distant walls have
+        separated."""
         self.period = 2 * math.pi / max(gap(chain), 1e-12)
         """Longest period of a phonon [s]."""
 
     def separation(self, site: float, other: float) -> float:
-        """Return the displacement from `other` to `site` [rotor spacings].
+        """Return the displacement from the site `other` to the site `site` [rotor spacings].
 
-        On a ring it is the shorter one.
+        On a ring, the shorter of the two possible displacements is returned.
         """
         way = site - other
         return math.remainder(way, self.rotors) if self.periodic else way
 
     def wrap(self, site: float) -> float:
-        """Return the equivalent site between 0 and N on a ring."""
+        """Return the equivalent site between 0 and N on a ring; an open chain keeps the site."""
         return site % self.rotors if self.periodic else site
 
     def edge_distance(self, site: float) -> float:
-        """Return the distance from the nearer edge [rotor spacings], infinite for a ring."""
+        """Return the distance of a site from the nearer edge [rotor spacings].
+
+        The distance is infinite for a ring.
+        """
         return math.inf if self.periodic else min(site, self.rotors - 1 - site)
 
     def nearest_edge(self, site: float) -> float:
-        """Return the site of the nearer edge."""
+        """Return the site of the edge that is nearer to a given site."""
         return 0.0 if site < (self.rotors - 1) / 2 else self.rotors - 1.0
 
     def rotors_between(self, low: float, high: float, edge: int = 0) -> NDArray[np.int64]:
-        """Return the rotors between two sites, without `edge` rotors at each edge of a chain.
+        """Return the indices of the rotors between two sites.
 
-        On a ring, indices below 0 and above N are allowed.
+        In an open chain, the first `edge` rotors and the last `edge` rotors are excluded. On a
+        ring, the indices may be negative or exceed N.
         """
         first, last = math.ceil(low), math.floor(high)
         if not self.periodic:
@@ -70,7 +78,10 @@ class LatticeCoordinates:
         return np.arange(first, last + 1)
 
     def midpoint(self, left: float, right: float) -> float:
-        """Return the midpoint between a site and the next site on its right."""
+        """Return the midpoint between the sites of two walls [rotor spacings].
+
+        On a ring, this is the midpoint of the section that begins at `left` and ends at `right`.
+        """
         way = right - left
         if self.periodic:
             way %= self.rotors
@@ -78,7 +89,10 @@ class LatticeCoordinates:
 
 
 class WallFrame:
-    """Angles and rates of one frame, with quantities near walls that are computed on demand."""
+    """Angles and rates of one frame.
+
+    The methods compute quantities near walls on demand, because few frames need these quantities.
+    """
 
     def __init__(
         self,
@@ -88,21 +102,27 @@ class WallFrame:
         rates: Array | None,
         errors: FrameErrors,
     ) -> None:
-        """Store angles [rad] and rates [rad/s], shape (N,), None if unknown."""
+        """Store angles [rad] and rates [rad/s], shape (N,) each; None means unknown."""
         self._reporter, self._chain, self._line = reporter, reporter.chain, line
         self._angles, self._rates, self._errors = angles, rates, errors
 
     def energy(self, sites: Sequence[float]) -> float:
-        """Return the energy near walls, corrected for noise [J]; NaN if unknown."""
+        """Return the energy within the reach of the walls at given sites [J].
+
+        The mean contribution of noise is subtracted. The energy is NaN if angles or rates are
+        unknown.
+        """
         angles, rates = self._angles, self._rates
         if angles is None or rates is None or not np.isfinite(rates).all():
             return math.nan
         return self._reporter.report(angles, sites, rates, self._errors).energies.wall
 
     def swing(self, site: float, lean: int) -> float:
-        """Return the largest swing of a rotor near a site from a uniform state, given by its lean.
+        """Return the largest swing of a rotor near a site away from a uniform state.
 
-        It is relative to the swing to the opposite state [1], and 0 if a rotor is unknown.
+        `lean` is +1 for the right-leaning uniform state and -1 for the left-leaning one. The swing
+        is relative to the difference between the two uniform states [1]. The result is 0 if the
+        angles are unknown.
         """
         if self._angles is None:
             return 0.0
@@ -111,10 +131,11 @@ class WallFrame:
         return float(np.abs(field[near % len(field)] - lean).max() / 2)
 
     def turn(self, left: float, right: float) -> int:
-        """Return the turning sense of the rotors of a spinner in the left of two walls, +1 or -1.
+        """Return the sense, +1 or -1, in which the rotors of a spinner turn over in a wall.
 
-        It is 0 for flippers and if a rotor is unknown. The relative angle of neighbours must
-        differ by less than half a turn from that of a uniform state.
+        The wall is the left one of two walls at the sites `left` and `right`. The result is 0 for
+        flippers, and if the angles are unknown. The relative angle of two neighbouring rotors must
+        differ from that in a uniform state by less than half a turn.
         """
         chain, line, angles = self._chain, self._line, self._angles
         if angles is None or chain.motion is not Motion.SPINNER:
@@ -127,41 +148,51 @@ class WallFrame:
 
 
 _MEMORY, _SIGNIFICANCE = 100, 3.0
-"""Number of frames over which persistent residuals are averaged, and number of standard deviations
-of the noise above which they are significant [1]."""
+"""Number of frames over which persistent residuals are averaged [1], and threshold of this average
+in standard deviations [1]: an average above the threshold is significant."""
 _AVERAGED = 20
 """Number of frames over which the variance of a fit is averaged [1]. One frame does not suffice,
 because a wall has few rotors."""
 _FORCE = 0.6
-"""Process noise of the rate of a fast anti-kink over u^4 / v [1], with its speed v and the speed u
-of its energy barrier: f^2 / 2 for the rms force f = pi u^2 / sqrt(8) of a sinusoidal potential."""
+"""Process noise of the rate of a fast anti-kink, divided by u^4 / v [1]. Here v is the speed of
+the anti-kink, and u is the speed at which its kinetic energy equals the energy barrier. The value
+is f^2 / 2 for the rms force f = pi u^2 / sqrt(8) of a sinusoidal potential and u = 1."""
 
 
 class WallMeasurement(NamedTuple):
-    """Measurement of a wall in one frame, by a fit of its shape or by the filter on the orbit."""
+    """Measurement of a wall in one frame.
+
+    The measurement comes from a fit of the shape of the wall, or from the `OrbitFilter`.
+    """
 
     rotor: float
-    """Centre [rotor spacings]."""
+    """Site of the centre of the wall [rotor spacings]."""
     deviation: float
     """Standard deviation of the centre [rotor spacings], NaN if unknown."""
     charge: int
-    """Charge, +1 or -1."""
+    """Charge of the wall, +1 or -1."""
     width: tuple[float, float] = (math.nan, math.nan)
-    """Width and its standard deviation [m], NaN if unknown."""
+    """Width of the wall [m] and standard deviation of the width [m], NaN if unknown."""
     persistent: float = 0.0
-    """Estimated variance of the centre from persistent residuals [rotor spacings^2]."""
+    """Estimated variance of the centre due to persistent residuals [rotor spacings^2]."""
     noise: float = 0.0
     """Variance of `persistent` due to noise [rotor spacings^4]."""
     elastic: float = 0.0
     """Prior variance of the centre due to the deformation by springs [rotor spacings^2]."""
     pinning: float = 0.0
-    """Speed of a wall whose kinetic energy is its energy barrier [rotor spacings/s]."""
+    """Speed at which the kinetic energy of the wall equals its energy barrier between two sites
+    [rotor spacings / s]; 0 if the barrier is neglected."""
     estimate: OrbitEstimate | None = None
-    """Estimate of the filter on the orbit, which replaces the filter of the track."""
+    """Estimate of the `OrbitFilter`, which replaces the filter of the track; None if the
+    measurement comes from a fit."""
 
 
 class WallTrack:
-    """Track of a wall with its own filter, or with the `OrbitFilter` for a wall on the orbit."""
+    """Track of a wall from frame to frame.
+
+    A wall that is located on the orbit has the state of the `OrbitFilter`. All other tracks have a
+    filter of their own.
+    """
 
     def __init__(
         self,
@@ -173,21 +204,23 @@ class WallTrack:
     ) -> None:
         """Start without a measurement.
 
-        `scale` is the scale of rotor rates [rad/s], `site_arc` the arc per rotor spacing [rad].
+        `scale` is the typical rate of a rotor [rad/s]. `site_arc` is the arc length along the
+        orbit per rotor spacing [rad].
         """
         self._line, self._scale, self._arc, self._settings = line, scale, site_arc, settings
         self.charge = charge
         self.id = 0
-        """Identifier from 1 on, 0 until the wall is confirmed."""
+        """Identifier of the wall, 1 or more; 0 until the wall is confirmed."""
         self.rotor = self.rate = self.deviation = self.rate_deviation = math.nan
         self.frames = self.missed = 0
-        """Number of frames with this wall, and number of frames without it since the last one."""
+        """Number of frames that have shown this wall, and number of frames that have not shown it
+        since the last frame that has."""
         self.last_seen = math.nan
-        """Time of the last frame with this wall [s]."""
+        """Time of the last frame that has shown this wall [s]."""
         self.width = math.nan, math.nan
-        """Width and its standard deviation [m], NaN if unknown."""
+        """Width of the wall [m] and standard deviation of the width [m], NaN if unknown."""
         self.energy = math.nan
-        """Energy when the wall was last far from edges and other walls [J]."""
+        """Energy of the wall at the last time when it was far from edges and other walls [J]."""
         self.was_free = False
         """Whether the wall was far from edges and other walls in the preceding frame."""
         self._motion: MultipleModelFilter | None = None
@@ -195,20 +228,21 @@ class WallTrack:
 
     @property
     def is_seen(self) -> bool:
-        """Whether the last frame showed this wall."""
+        """Whether the last frame has shown this wall."""
         return self.missed == 0 and self.frames > 0
 
     @property
     def status(self) -> TrackingStatus:
-        """Basis of the track."""
+        """Status that shows which frames the state of the track is based on."""
         if not self.is_seen:
             return TrackingStatus.COASTING
         return TrackingStatus.TRACKING if self.frames > 1 else TrackingStatus.ACQUIRED
 
     def predict(self, elapsed: float) -> tuple[float, float]:
-        """Predict the site after a time [s]; return the site and its variance.
+        """Predict the site of the wall after the time `elapsed` [s].
 
-        At least one measurement is required.
+        Returns the site [rotor spacings] and its variance [rotor spacings^2]. At least one
+        measurement is required.
         """
         if self._motion is None:
             rate = self.rate if math.isfinite(self.rate) else 0.0
@@ -216,8 +250,9 @@ class WallTrack:
             return self._line.wrap(self.rotor + rate * elapsed), spread**2 + self._variance
         self._motion.predict(elapsed, self._line.edge_distance(self.rotor) < self._line.near)
         if self._pinning:
-            # The force persists for a quarter of a rotor spacing, or of the period in a well. In a
-            # well it is in proportion to the speed.
+            # The force of the barrier is constant while a fast wall moves by a quarter of a rotor
+            # spacing, or for a quarter of the period of a slow wall in a potential well. In a well
+            # the force is proportional to the speed.
             speed = math.hypot(self.rate, self.rate_deviation)
             force = min(speed, self._pinning) ** 2 * self._pinning**2
             added = _FORCE * force / max(speed, self._pinning) * elapsed * self._arc**2
@@ -226,7 +261,10 @@ class WallTrack:
         return self._line.wrap(site), variance / self._arc**2 + self._variance
 
     def update(self, measured: WallMeasurement, time: float) -> None:
-        """Update with a measurement at `time` [s]; call `predict` first."""
+        """Update the track with a measurement at a time [s].
+
+        Except for the first measurement, `predict` must be called before.
+        """
         self.frames += 1
         self.missed, self.last_seen, self.width = 0, time, measured.width
         self._pinning = measured.pinning
@@ -248,15 +286,15 @@ class WallTrack:
             self._motion.update((expected + apart) * self._arc, variance)
         arc, rate, of_arc, _, of_rate = self._motion.summary
         self.rotor, self.rate = self._line.wrap(arc / self._arc), rate / self._arc
-        # More frames do not reduce the shift by persistent residuals; only motion of the wall
-        # does.
+        # Only the motion of the wall reduces the error due to persistent residuals, while more
+        # frames at the same site do not. Therefore add the variance of this error here.
         persistent = self._persistent_variance(measured)
         of_rate += persistent * (rate / self._settings.filter.bias_way) ** 2
         self.deviation = math.sqrt(of_arc / self._arc**2 + persistent)
         self.rate_deviation = math.sqrt(of_rate) / self._arc
 
     def _persistent_variance(self, measured: WallMeasurement) -> float:
-        """Return the variance of the site from persistent residuals [rotor spacings^2]."""
+        """Return the variance of the site due to persistent residuals [rotor spacings^2]."""
         gain = 1 / min(self.frames, _MEMORY)
         self._persistent += gain * (measured.persistent - self._persistent)
         self._noise += gain * (measured.noise - self._noise)
@@ -265,14 +303,14 @@ class WallTrack:
         return elastic + (self._persistent if significant else 0.0)
 
     def stop(self) -> None:
-        """Discard the motion, for example after a collision."""
+        """Discard the estimated motion of the wall, for example after a collision."""
         self._motion, self.frames = None, 0
         self._variance = self._persistent = self._noise = 0.0
         self.rate = math.nan
 
 
 class Encounter:
-    """Encounter of two neighbouring walls, from their approach until they separate."""
+    """Encounter of two neighbouring walls, from the time they approach until they separate."""
 
     def __init__(
         self,
@@ -283,21 +321,23 @@ class Encounter:
         time: float,
         energy: float,
     ) -> None:
-        """Start at an instant [s] with the energy [J] near both walls."""
+        """Start at a time [s], given the energy near both walls [J]."""
         self._line, self._settings = line, settings
         self.left, self.right = left, right
         self.energy = energy
-        """Energy near both walls before the encounter, or of the breather at its formation [J]."""
+        """Energy near both walls before the encounter [J]. After a breather has formed, this is
+        the energy of the breather when it formed."""
         self.collisions = 0
-        """Number of overlaps."""
+        """Number of collisions, in which the two walls overlapped."""
         self.breather = 0
-        """Identifier of the breather, 0 without one."""
+        """Identifier of the breather; 0 if the walls have not formed a breather."""
         self.overlaps = False
-        """Whether the last frame showed neither wall."""
+        """Whether the two walls overlap, so that the last frame has shown neither of them."""
         self.when = self._moved = time
-        """Instant of the smallest distance, or of the first overlap [s]."""
+        """Time of the first overlap [s]. Before an overlap, this is the time at which the distance
+        of the walls was smallest."""
         self.site = line.midpoint(left.rotor, right.rotor)
-        """Midpoint at that instant [rotor spacings]."""
+        """Midpoint between the walls at the time `when` [rotor spacings]."""
         self.passed = False
         """Whether the walls have passed through each other an odd number of times."""
         self._turn = 0
@@ -308,19 +348,23 @@ class Encounter:
 
     @property
     def both_seen(self) -> bool:
-        """Whether the last frame showed both walls."""
+        """Whether the last frame has shown both walls."""
         return self.left.is_seen and self.right.is_seen
 
     @property
     def ids_before(self) -> tuple[int, ...]:
-        """Identifiers from left to right before the encounter, or of the breather."""
+        """Identifiers of the two walls before the encounter, from left to right.
+
+        If the walls have formed a breather, the only identifier is that of the breather.
+        """
         ids = self.left.id, self.right.id
         return (self.breather,) if self.breather else ids[::-1] if self.passed else ids
 
     def add_seen(self, time: float, turn: int) -> None:
-        """Add a frame with both walls, given the turning sense of the rotors between them.
+        """Add a frame that shows both walls.
 
-        The sense is +1 or -1 for spinners, and 0 if it is unknown.
+        `turn` is the sense, +1 or -1, in which the rotors of a spinner turn over in the left wall;
+        0 means that the sense is unknown.
         """
         self.overlaps, self._moved = False, time
         self._distance = abs(self._line.separation(self.right.rotor, self.left.rotor))
@@ -334,10 +378,11 @@ class Encounter:
         self._turn = turn or self._turn
 
     def add_overlap(self, time: float, swing: float) -> None:
-        """Add a frame without both walls, given the largest swing of a rotor near the site.
+        """Add a frame that shows neither of the two walls, because the walls overlap.
 
-        The swing is relative to the swing between the uniform states [1]. A small separation
-        between two overlaps may be noise; both belong to the same collision.
+        `swing` is the largest swing of a rotor near the midpoint, relative to the difference
+        between the two uniform states [1]. If the walls separate only slightly between two
+        overlaps, the separation may be noise. Then both overlaps belong to the same collision.
         """
         if not self.overlaps:
             if not self.collisions or self._peak > self._onset + self._line.width / 4:
@@ -355,7 +400,10 @@ class Encounter:
         return self.both_seen and self._distance > self._line.parted
 
     def outcome(self, time: float) -> EventKind | None:
-        """Return the current outcome, or None if it is undecided or no event occurred."""
+        """Return the outcome of the encounter at a time [s].
+
+        None means that the outcome is undecided, or that the walls separated without an event.
+        """
         if self.is_over():
             nearer = self._initial - self._closest
             if self.breather:

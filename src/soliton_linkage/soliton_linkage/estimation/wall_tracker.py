@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tracker of all walls of a chain, with constant identifiers, and detector of events.
+"""Tracker of all walls of a chain, which assigns constant identifiers to walls and detects events.
 
-Each wall has a track that predicts it in the next frame; measurements are assigned to predictions.
-An unassigned track or measurement is a wall that disappeared or appeared: at an edge, where it may
-return, in an encounter with another wall, or without a visible cause.
+Each wall has a track, which predicts the site of the wall in the next frame. The tracker assigns
+measurements to these predictions. A track without a measurement is a wall that has disappeared.
+A measurement without a track is a wall that has appeared. Walls appear and disappear at an edge,
+in an encounter with another wall, or for no visible reason. A wall that has disappeared at an edge
+may return.
 """
 
 from __future__ import annotations
@@ -27,20 +29,20 @@ from soliton_linkage.estimation.wall_track import (
 )
 
 _LONGEST_DELAY = 2.0
-"""Longest delay of the event of a wall that enters from an edge [s]."""
+"""Longest time for which the event of a wall that enters from an edge is delayed [s]."""
 _FORBIDDEN = 1e9
-"""Cost of a forbidden assignment [1], larger than the square of any gate."""
+"""Cost of a forbidden assignment [1]. The cost exceeds the square of any gate."""
 
 
 class PredictedWall(NamedTuple):
-    """Prediction of a wall."""
+    """Prediction of a wall in the next frame."""
 
     rotor: float
-    """Centre [rotor spacings]."""
+    """Predicted site of the centre of the wall [rotor spacings]."""
     variance: float
-    """Variance of the centre [rotor spacings^2]."""
+    """Variance of the predicted site [rotor spacings^2]."""
     charge: int
-    """Charge, +1 or -1."""
+    """Charge of the wall, +1 or -1."""
 
 
 def assign(
@@ -49,10 +51,12 @@ def assign(
     seen: Sequence[WallMeasurement],
     gate: float,
 ) -> dict[int, int]:
-    """Return the index of the measurement assigned to each prediction.
+    """Assign measured walls to predicted walls.
 
-    Pairs have equal charges and differ by less than `gate` standard deviations. The number of
-    pairs is as large as possible; among such results the sum of squares is least.
+    Returns a mapping from the index of a prediction to the index of a measurement. The charges of
+    a pair are equal, and its sites differ by less than `gate` standard deviations. The number of
+    pairs is as large as possible. If several assignments have this number of pairs, the one with
+    the least sum of squared differences is chosen.
     """
     if not predicted or not seen:
         return {}
@@ -79,8 +83,9 @@ class WallTracker:
     ) -> None:
         """Start without walls.
 
-        `scale` is the scale of rates [rad/s], `site_arc` the arc from one rotor to the next [rad],
-        and `swing` the length of the motion at an edge [rotor spacings].
+        `scale` is the typical rate of a rotor [rad/s]. `site_arc` is the arc length along the
+        orbit per rotor spacing [rad]. `swing` is the distance that the chain moves along the orbit
+        while the wall is at an edge [rotor spacings].
         """
         self._line, self._scale, self._arc = line, scale, site_arc
         self._edge_way = swing + 2 * line.near
@@ -89,7 +94,10 @@ class WallTracker:
         self.restart()
 
     def restart(self) -> None:
-        """Discard all walls, for example when a new record starts; identifiers are not reused."""
+        """Discard all walls, for example when a new record starts.
+
+        The identifiers of the discarded walls are not used again.
+        """
         self._tracks: list[WallTrack] = []
         self._encounters: list[Encounter] = []
         self._at_edges: list[tuple[float, WallTrack]] = []
@@ -100,9 +108,10 @@ class WallTracker:
     def update(
         self, time: float, seen: Sequence[WallMeasurement], frame: WallFrame, confirming: int
     ) -> tuple[list[WallTrack], list[SolitonEvent]]:
-        """Update with the walls of a frame at a time [s]; `confirming` frames confirm a change.
+        """Update the tracks with the measured walls of a frame at a time [s].
 
-        Returns the identified walls of the frame, from rotor 0 on, and the new events.
+        `confirming` is the number of successive frames that confirm a new or a lost wall. Returns
+        the tracks of the identified walls in the frame, sorted by their site, and the new events.
         """
         elapsed = time - self._time if self._frames else 0.0
         self._time, self._events = time, []
@@ -115,7 +124,7 @@ class WallTracker:
         pairs = assign(line, predicted, seen, self._gate)
         for row, column in pairs.items():
             tracks[row].update(seen[column], time)
-        # The remaining walls may have moved unexpectedly if they are near each other.
+        # Assign the remaining walls with a wide gate, because they may have moved unexpectedly.
         left = [track for row, track in enumerate(tracks) if row not in pairs]
         others = [wall for column, wall in enumerate(seen) if column not in pairs.values()]
         variance = (line.parted / self._gate) ** 2
@@ -135,7 +144,7 @@ class WallTracker:
         return self._resolve(time, frame, confirming)
 
     def _is_undisturbed(self, seen: Sequence[WallMeasurement]) -> bool:
-        """Return whether a single wall is far from the edges, so that no event can occur."""
+        """Return whether the only wall is far from the edges, so that no event can occur."""
         if len(self._tracks) != 1 or len(seen) != 1 or seen[0].estimate is None:
             return False
         if self._encounters or self._pending or self._at_edges:
@@ -198,7 +207,11 @@ class WallTracker:
                 self._add_inside(track, new, time, frame)
 
     def _confirmed(self, track: WallTrack, confirming: int) -> bool:
-        """Return whether a new wall is real; wrong readings look like a pair of walls."""
+        """Return whether a new wall is confirmed.
+
+        Wrong readings look like a pair of walls with opposite charges. Therefore a wall is
+        confirmed by several frames, by its position at an edge, or by the absence of such a pair.
+        """
         if track.frames >= min(confirming, self._frames) or self._is_at_edge(track):
             return True
         return not any(
@@ -231,7 +244,10 @@ class WallTracker:
         self._add(EventKind.FOUND, time, track.rotor, ids, charges, (energy, energy))
 
     def _add_from_edge(self, track: WallTrack, time: float) -> None:
-        """Identify a new or returned wall; its event is pending until it leaves the edge."""
+        """Assign an identifier to a wall that has appeared or returned at an edge.
+
+        The event of this wall is pending until the wall leaves the edge.
+        """
         edge, charge = self._line.nearest_edge(track.rotor), track.charge
         for index, (_, before) in enumerate(self._at_edges):
             if self._line.nearest_edge(before.rotor) == edge and before.charge == charge:
@@ -248,7 +264,11 @@ class WallTracker:
     def _add_inside(
         self, track: WallTrack, new: list[WallTrack], time: float, frame: WallFrame
     ) -> None:
-        """Identify a wall far from the edges, alone or as a pair with a new neighbour."""
+        """Assign an identifier to a new wall far from the edges.
+
+        If a new wall of opposite charge is near, both walls get an identifier, and the event is
+        the birth of a pair.
+        """
         other = self._partner(track, [each for each in new if not each.id])
         if other is None:
             self._add_found(track, time, frame)
@@ -272,7 +292,7 @@ class WallTracker:
         return (one, other) if self._line.separation(other.rotor, one.rotor) > 0 else (other, one)
 
     def _record_energies(self, shown: list[WallTrack], frame: WallFrame) -> None:
-        """Record the energy of a free wall when it approaches an edge or another wall."""
+        """Record the energy of each wall when it approaches an edge or another wall."""
         for track in shown:
             single = all(
                 self._distance(each, track.rotor) > self._line.near
@@ -362,9 +382,10 @@ class WallTracker:
             self._add(EventKind.LOST, track.last_seen, track.rotor, ids, charges, energies)
 
     def _report_pending(self, time: float, frame: WallFrame) -> None:
-        """Report walls from an edge when they have left it, or after a delay.
+        """Report the pending events of walls at an edge.
 
-        A wall that has gone back to the edge was not reflected.
+        An event is reported when its wall has left the edge, or after a delay. If a wall that
+        returned disappears again at the edge, it was not reflected, and its event is dropped.
         """
         waiting = []
         for event, track in self._pending:

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lorentz contraction of a moving wall relative to the same wall at rest.
 
-The angle of rotor n depends only on its distance from a wall at X: phi_n = f(X - n). A wall
-contracted by gamma has
+For a wall at the site X, the angle of rotor n depends only on the distance from the wall: phi_n =
+f(X - n). For a wall that is contracted by the factor gamma, the model is
 
-    phi_n = f(gamma (X - n)),
+    phi_n = f(gamma (X - n)).
 
-This is exact for gamma = 1, and in the continuum limit for all gamma. `WallFamily` fits
-gamma and X to a frame by least squares, `ContractionMean` averages over frames, and
-`WidthReporter` reports w / gamma.
+The model is exact for gamma = 1. In the continuum limit the model is exact for all gamma.
+`WallFamily` fits gamma and X to a frame by least squares. `ContractionMean` averages gamma over
+frames. `WidthReporter` reports the width w / gamma, where w is the width of the wall at rest.
 """
 
 from __future__ import annotations
@@ -26,28 +26,30 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.solitons.continuum import wall_theory
 
 _CLEAR = 2
-"""Least distance of a fitted wall from an edge, in widths or penetration depths [1]."""
+"""Least distance of a fitted wall from an edge, relative to its width and to the penetration depth
+[1]."""
 _CLOSE, _CLOSEST = 0.02, 1e-5
-"""Step below which a fit has converged [1]: in standard deviations of the result, and absolute for
-exact angles."""
+"""Thresholds of the last step of ln(gamma) [1]: a fit has converged if the step is shorter than
+`_CLOSE` standard deviations of ln(gamma) or shorter than `_CLOSEST`."""
 _DEGENERATE = 1e-12
-"""Smallest determinant of a fit, relative to that of orthogonal derivatives [1]."""
+"""Threshold of the determinant of a fit, relative to its largest possible value [1]: with a
+smaller determinant the contraction is unknown."""
 _COARSEST = math.log(1.5)
 """Largest standard deviation of a reported ln(gamma) [1]."""
 _LEAST_DEVIATION = 3e-4
 """Error of ln(gamma) due to the assumed shape of a moving wall [1]."""
 _PASSAGES, _FEWEST_PASSAGES = 30, 4
-"""Largest and smallest number of passages that determine the scatter [1]."""
+"""Largest and smallest number of passages from which the scatter is estimated [1]."""
 _SIGNIFICANCE = 2.5
-"""Number of standard deviations above which the scatter is significant [1]."""
+"""Threshold of the scatter in standard deviations [1]: a larger scatter is significant."""
 _WIDEST_LEAN_RATIO = 2.0
-"""Lean ratio d above which only spinners have a tanh profile [1]."""
+"""Threshold of the lean ratio d [1]: from this value on, only spinners have a tanh profile."""
 
 
 class Contraction(NamedTuple):
-    """Contraction of a wall relative to rest; NaN if it is unknown.
+    """Contraction gamma of a wall: its width at rest divided by its width.
 
-    logarithm: logarithm of the contraction gamma [1].
+    logarithm: natural logarithm of gamma [1]; NaN if unknown.
     deviation: standard deviation of the logarithm [1]; infinite if unknown.
     """
 
@@ -56,7 +58,7 @@ class Contraction(NamedTuple):
 
     @property
     def factor(self) -> float:
-        """Contraction gamma [1]."""
+        """Contraction gamma [1]; NaN if unknown."""
         return math.exp(self.logarithm)
 
 
@@ -64,7 +66,7 @@ UNKNOWN = Contraction(math.nan, math.inf)
 
 
 class WallFamily:
-    """Walls of a chain as a function of the contraction."""
+    """Family of the shapes of a wall, with the contraction as its parameter."""
 
     def __init__(self, shapes: WallShapes, settings: WidthSettings = DEFAULTS.width) -> None:
         self.settings = settings
@@ -78,12 +80,16 @@ class WallFamily:
     def fit(
         self, angles: Array, site: float, leg: int, noise: float, logarithm: float = 0.0
     ) -> Contraction:
-        """Fit the contraction to one frame, near a site and a logarithm of gamma, by Gauss-Newton.
+        """Fit the contraction of a wall to one frame by Gauss-Newton steps.
 
-        Angles [rad], shape (N,), NaN if unknown, are in the orientation of the orbit and have
-        independent noise [rad]. `leg` is a leg of the orbit. The result is unknown if the wall is
-        nearer to an edge than twice its width or decay length, or if the standard deviation of
-        ln(gamma) exceeds ln(1.5).
+        The fit starts at the site `site` [rotor spacings] and at ln(gamma) = `logarithm` [1].
+        Angles [rad], shape (N,), are in the orientation of the orbit, and NaN if unknown. `noise`
+        is the standard deviation of their independent noise [rad]. `leg` is the leg of the orbit,
+        which determines the shape of the wall.
+
+        The contraction is unknown in three cases: the distance of the wall from an edge is below
+        twice its width or twice the penetration depth, the standard deviation of ln(gamma) exceeds
+        ln(1.5), or the fit does not converge.
         """
         if not self._clear <= site <= self._last - self._clear:
             return UNKNOWN
@@ -111,9 +117,10 @@ class WallFamily:
 class ContractionMean:
     """Mean contraction over the rotors that a wall has passed recently.
 
-    The weight of a frame is its information; the assumed variance includes the deformation of a
-    wall between two rotors, so that no single site dominates. Frames are grouped into passages of
-    one rotor. From one passage to the next the weights decay by e^(-1/5).
+    The weight of a frame is the inverse of its variance. This variance includes the deformation of
+    a wall between two rotors, so that no single site of the wall dominates the mean. Frames are
+    grouped into passages. During a passage the wall moves by one rotor spacing. From one passage
+    to the next, the weights of earlier frames decay by the factor e^(-1/5).
     """
 
     def __init__(self, family: WallFamily) -> None:
@@ -124,7 +131,7 @@ class ContractionMean:
         self.restart()
 
     def restart(self) -> None:
-        """Discard the mean, for example after a kick or a reflection, but keep the scatter."""
+        """Discard the mean, for example after an impulse or a reflection, but keep the scatter."""
         self._leg, self._anchor = -1, math.nan
         self._discard_passages()
 
@@ -133,10 +140,11 @@ class ContractionMean:
         self._before, self._passage = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
     def update(self, angles: Array, site: float, leg: int, noise: float) -> Contraction:
-        """Return the mean including one more frame; arguments as in `WallFamily.fit`.
+        """Add a frame, and return the mean contraction.
 
-        The mean restarts when the leg changes and when a passage contradicts earlier ones. The
-        result is unknown if the frame does not determine a contraction.
+        The arguments are those of `WallFamily.fit`. The mean restarts if the leg of the orbit
+        changes, or if a passage contradicts the earlier passages. If the frame does not determine
+        a contraction, the result is unknown.
         """
         if leg != self._leg:
             self.restart()
@@ -186,9 +194,10 @@ class ContractionMean:
 
 
 def passage_scatter(values: Array, variances: Array) -> float:
-    """Return the variance of passages in excess of their noise, 0 if it is not significant.
+    """Return the scatter of the passages: the variance of their values minus that of their noise.
 
-    The values and the variances of their noise have shape (M,).
+    `values` are the values of ln(gamma) and `variances` the variances of their noise [1], shape
+    (M,) each. The result is 0 if the scatter is not significant.
     """
     apart, freedoms = values - np.average(values, weights=1 / variances), len(values) - 1
     by_chance = freedoms + _SIGNIFICANCE * math.sqrt(2 * freedoms)
@@ -198,16 +207,16 @@ def passage_scatter(values: Array, variances: Array) -> float:
 
 
 class WidthReporter:
-    """Reporter of the width w of a wall tanh(x / w), frame by frame."""
+    """Reporter of the width w of a wall with the profile tanh(x / w) in each frame."""
 
     def __init__(self, shapes: WallShapes, settings: WidthSettings = DEFAULTS.width) -> None:
         self._mean = ContractionMean(WallFamily(shapes, settings))
         self._at_rest = TheoryWidth(shapes.chain)(0.0)
 
     def update(self, angles: Array, site: float, leg: int, noise: float) -> tuple[float, float]:
-        """Return the mean width and its deviation [m] with one more frame, NaN if unknown.
+        """Add a frame, and return the mean width [m] and its standard deviation [m].
 
-        See `WallFamily.fit` for the arguments.
+        The arguments are those of `WallFamily.fit`. An unknown width is NaN.
         """
         found = self._mean.update(angles, site, leg, noise)
         width = self._at_rest / found.factor
@@ -215,7 +224,11 @@ class WidthReporter:
 
 
 class TheoryWidth:
-    """Width of the walls of a chain by continuum theory; NaN from d = 2 to d_c."""
+    """Width of the walls of a chain by continuum theory.
+
+    The width is NaN for flippers whose lean ratio d is 2 or more, because they have no tanh
+    profile.
+    """
 
     def __init__(self, chain: Chain) -> None:
         theory = wall_theory(chain)
@@ -224,7 +237,11 @@ class TheoryWidth:
         self._at_rest = theory.width() if defined else math.nan
 
     def __call__(self, velocity: float) -> float:
-        """Return the width at a velocity [m], contracted by sqrt(1 - v^2 / c^2); NaN from c on."""
+        """Return the width [m] of a wall that moves at a velocity v [m/s].
+
+        The width is that at rest times sqrt(1 - v^2 / c^2) with the speed of sound c. If |v| is
+        not below c, the width is NaN.
+        """
         if velocity == 0:
             return self._at_rest
         if not abs(velocity) < self._speed_of_sound:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Wobble of the rotors beside a wall: amplitude, decay length and wavelength.
 
-The rotors are selected by the shape of a wall at rest, not by the measured angles, so that noise
-does not bias the selection.
+The shape of a wall at rest determines which rotors are used. The measured angles have no influence
+on this selection, so that noise does not bias the results.
 """
 
 from __future__ import annotations
@@ -29,22 +29,22 @@ BARS = np.dtype(
         for name in ('rotor_length', 'spacing', 'rest_angle', 'lean_ratio', 'spins')
     ]
 )
-"""Parameters of a chain that determine the wobble: lengths [m], rest angle [rad], d, spinner
-flag."""
+"""Record of the parameters of a chain that determine the wobble: rotor length [m], spacing [m],
+rest angle [rad], lean ratio d [1], and 1 for spinners or 0 for flippers."""
 _BARS = records(BARS)
 _LEAST_NOISE = 1e-12
-"""Lower limit of the noise [rad], at the size of rounding errors."""
+"""Lower limit of the noise [rad], which is the size of rounding errors."""
 _CALM, _LARGEST, _ABOVE_NOISE = 1e-3, 0.5, 4.0
-"""Limits of deviations from the rest state [1]. A rotor beside a static wall is at rest if its
-deviation is below `_CALM` times the rest angle. A tail has deviations below `_LARGEST` times the
-rest angle and above `_ABOVE_NOISE` times the noise."""
+"""Thresholds of the deviation of a rotor from the rest angle [1]. A rotor beside a static wall is
+calm if its deviation is below `_CALM` rest angles. A tail contains the rotors with deviations
+below `_LARGEST` rest angles and above `_ABOVE_NOISE` standard deviations of the noise."""
 _BEND = 0.3
-"""Shift of a zero of the tail [rotor spacings] per deviation divided by the rest angle."""
+"""Assumed shift of a zero of the tail [rotor spacings] for a deviation of one rest angle."""
 _CERTAIN, _COARSEST = 3.0, 0.2
-"""Conditions for a decay length [1]: smallest ratio of the tail ratio to its standard deviation,
-and largest relative standard deviation of the length."""
+"""Conditions for a known decay length [1]. The tail ratio exceeds `_CERTAIN` of its standard
+deviations. The relative standard deviation of the decay length is at most `_COARSEST`."""
 _NO_OVERSHOOT = (math.nan, math.nan, math.nan)
-"""Overshoot of a spinner, or without known rotors [m]."""
+"""Overshoot that is returned for spinners and if no rotor is known [m]."""
 
 
 @compiled(const_f8_1d, const_f8_1d, i8, i8, i8, b1, f8, f8_2d)
@@ -58,11 +58,12 @@ def beside_wall(
     rest_angle: float,
     leans: Array,
 ) -> None:
-    """Set the leans of rotors beside a wall, relative to the uniform state [rad], shape (2, n).
+    """Set the leans of the rotors beside a wall, shape (2, n).
 
-    The first row is the wall at rest, given by its angles from rotor `first` on; the second row is
-    measured. Columns are rotors from `low` on: those before the middle of the wall, then those
-    beyond it, where the rotors of spinners are turned over.
+    Leans are relative to the uniform state [rad]. Row 0 is the wall at rest, and row 1 is the measured wall. `at_rest` are the angles of the wall
+    at rest, starting at rotor `first`. The first columns are the rotors from `middle` - 1 down to
+    `low`, which are before the middle of the wall. The other columns are the rotors from `middle`
+    on, which are beyond the middle of the wall.
     """
     expected, measured = leans[0], leans[1]
     high = low + expected.size
@@ -86,9 +87,11 @@ def beside_wall(
 
 @compiled(const_f8_1d, f8, f8)
 def overshooting(expected: Array, rest_angle: float, calm: float) -> int:
-    """Return the index of the rotor with the largest lean or, for calm > 0, of the first calm one.
+    """Return the index of the rotor at which the overshoot is measured.
 
-    A rotor is calm if it deviates by less than `calm` [rad]; if none is, return the last rotor.
+    If `calm` is 0, this is the rotor with the largest lean. If `calm` is above 0, this is the
+    first calm rotor, whose deviation from the rest angle is below `calm` [rad]. If no rotor is
+    calm, the last rotor is used.
     """
     at, most = 0, -math.inf
     for n in range(expected.size):
@@ -105,7 +108,12 @@ def overshooting(expected: Array, rest_angle: float, calm: float) -> int:
 def tail_sums(
     measured: Array, begin: int, end: int, rest_angle: float, k: float
 ) -> tuple[float, float, float, float, float]:
-    """Return sums over a tail: e^2, e (e' - F(e)), F'(e), (F'(e) e)^2 and F'(e) e e_before."""
+    """Return the sums of five terms over the rotors of a tail.
+
+    The terms are e^2, e (e' - F(e)), F'(e), (F'(e) e)^2 and F'(e) e e_inner. Here e is the
+    deviation of a rotor from the rest angle [rad], e' that of its outer neighbour, and e_inner
+    that of its inner neighbour. `next_deviation` computes F and its slope F'.
+    """
     square, product, slopes, squares, both = 0.0, 0.0, 0.0, 0.0, 0.0
     share = 0.0
     for n in range(begin, end):
@@ -125,11 +133,12 @@ def tail_sums(
 def half_wavelength(
     measured: Array, begin: int, end: int, rest_angle: float, error: float, bend: float
 ) -> tuple[float, float]:
-    """Return the distance between the zeros of a tail [rotor spacings] and its variance.
+    """Return the mean distance between two zeros of a tail [rotor spacings] and its variance.
 
-    Both are NaN if there are fewer than two zeros. The tail is interpolated linearly and changes
-    its sign at each rotor. The weights combine the noise with the shift of a zero by a large
-    deviation, bend e / theta_bar.
+    Both results are NaN if the tail has fewer than two zeros. In a wobbling tail the deviation e
+    changes its sign from rotor to rotor, and linear interpolation gives the zeros. The variance of
+    a zero, which determines its weight, includes the noise and the shift bend e / theta_bar that a
+    large deviation causes.
     """
     start = max(end - 1, begin)
     while start > begin and measured[start - 1] * measured[start] < 0:
@@ -165,7 +174,11 @@ def half_wavelength(
 def _overshoot(
     expected: Array, measured: Array, rest_angle: float, length: float, calm: float, error: float
 ) -> tuple[float, float, float]:
-    """Return the overshoot beyond the rest angle, its deviation, and its value at rest [m]."""
+    """Return the overshoot beyond the rest angle and two related lengths [m each].
+
+    The second result is the standard deviation of the overshoot. The third result is the overshoot
+    of a wall at rest.
+    """
     if not expected.size:
         return _NO_OVERSHOOT
     at = overshooting(expected, rest_angle, calm)
@@ -181,10 +194,11 @@ def _overshoot(
 def _decay_length(
     ratio: float, deviation: float, exact: float, spacing: float
 ) -> tuple[float, float]:
-    """Return the decay length -a / ln|lambda| and its deviation [m], NaN if unknown.
+    """Return the decay length -a / ln|lambda| and its standard deviation [m each].
 
-    The exact ratio decides whether the length is known to 20 %, so that noise does not bias this
-    decision.
+    `ratio` is the measured lambda, `deviation` its standard deviation, and `exact` the lambda of
+    the chain [1]. Both results are NaN unless the decay length is known to 20 %. This decision
+    uses the exact lambda instead of the measured one, so that noise does not bias the decision.
     """
     known = abs(exact)
     if not (known > _CERTAIN * deviation and 0 < abs(ratio) < 1):
@@ -205,12 +219,14 @@ def wobble(
     noise: float,
     persistent: float,
 ) -> tuple[Overshoot, Lengths]:
-    """Return overshoot and lengths of the wobble beside a wall; see `WobbleReporter.wobble`.
+    """Return overshoot and lengths of the wobble beside a wall, for `WobbleReporter.wobble`.
 
-    `at_rest` are the angles of the wall at rest from rotor `first` on [rad]. Overshoot: its value
-    on the side where the wall at rest overshoots more, its standard deviation, and the value at
-    rest [m]; NaN for spinners and without rotors. Lengths: tail ratio [1], decay length [m] and
-    wavelength [m], each with its standard deviation, NaN if unknown.
+    `at_rest` are the angles of the wall at rest [rad], starting at rotor `first`. The first tuple
+    is the overshoot, its standard deviation, and the overshoot of the wall at rest [m each]. The
+    overshoot is that on the side on which the wall at rest has the larger overshoot. It is NaN for
+    spinners, and if no rotor is beside the wall. The second tuple is tail ratio [1], decay length
+    [m] and wavelength [m]. Each of these is followed by its standard deviation, and NaN if
+    unknown.
     """
     bar, rotors = bars[0], angles.size
     rest_angle, length, spacing = bar['rest_angle'], bar['rotor_length'], bar['spacing']
@@ -254,20 +270,22 @@ def wobble(
 
 
 class Wobble(NamedTuple):
-    """Deviations of the rotors beside a wall from the uniform states; NaN if unknown.
+    """Wobble beside a wall, where rotors deviate from the uniform states; NaN if unknown.
 
-    amplitude: overshoot of |u| beyond ub [m] of one rotor, on the side where a wall at rest
-        overshoots more. This rotor has the largest lean in a wall at rest; for d <= 1 (no wobble)
-        it is the nearest rotor that is at rest within the noise.
+    amplitude: overshoot of one rotor, by which its |u| exceeds the displacement ub of the uniform
+        state [m]. For d > 1 this is the rotor that has the largest lean in a wall at rest. For
+        d <= 1 (no wobble) this is the rotor nearest to the wall that is at rest within the noise.
+        The rotor is on the side on which a wall at rest has the larger overshoot.
     amplitude_deviation: standard deviation of the amplitude [m].
-    rest_amplitude: the same overshoot for a wall at rest [m].
-    tail_ratio: ratio of the deviation of a rotor in the tails to that of its inner neighbour [1].
-    tail_ratio_deviation: standard deviation of the ratio [1].
+    rest_amplitude: overshoot of the same rotor for a wall at rest [m].
+    tail_ratio: deviation of a rotor in the tails, relative to that of its inner neighbour [1].
+    tail_ratio_deviation: standard deviation of the tail ratio [1].
     decay_length: distance over which the tails decrease by a factor e [m].
     decay_length_deviation: standard deviation of the decay length [m].
-    wavelength: twice the distance between the zeros of the tails [m]; NaN without zeros.
+    wavelength: twice the mean distance between two zeros of the tails [m]; NaN for fewer than two
+        zeros.
     wavelength_deviation: standard deviation of the wavelength [m].
-    exact_decay_length: penetration depth ell by theory [m].
+    exact_decay_length: decay length by theory, which is the penetration depth ell [m].
     exact_wavelength: wavelength by theory [m]: 2 a for d > 1, else infinite.
     """
 
@@ -288,9 +306,9 @@ class RestingWall(NamedTuple):
     """Wall at rest at the site of a measured wall."""
 
     first: int
-    """Index of the first rotor."""
+    """Index of the rotor to which the first angle belongs."""
     angles: Array
-    """Angles in the orientation of the orbit [rad], shape (n,), up to whole turns."""
+    """Angles in the orientation of the orbit [rad], shape (n,). Whole turns are arbitrary."""
     site: float
     """Site of the wall [rotor spacings]."""
 
@@ -310,13 +328,16 @@ class WobbleReporter:
     def wobble(
         self, angles: Array, wall: RestingWall, noise: float = 0.0, persistent: float = 0.0
     ) -> Wobble:
-        """Return the wobble of a state beside its wall, from finite angles [rad], shape (N,).
+        """Return the wobble beside a wall.
 
-        The tail ratio lambda is a least-squares fit of e' = F(e) + (lambda - lambda_0) e to the
-        deviations e from rest on both sides. F is the map of relaxed bars, with the slope lambda_0
-        = (1 - d) / (1 + d). The wavelength follows from a straight line through the zeros. The
-        standard deviations include the noise of the angles [rad] and the persistent residuals of
-        the orbit [rad], which are treated as noise.
+        Angles [rad], shape (N,), must be finite. The tail ratio lambda is a least-squares fit of
+        e' = F(e) + (lambda - lambda_0) e to both sides of the wall. Here e is the deviation of a
+        rotor from the rest angle, and e' that of its outer neighbour. The function F
+        (`next_deviation`) is exact for relaxed bars and has the slope lambda_0 = (1 - d) / (1 + d)
+        at e = 0. The wavelength follows from a straight line through the zeros of the tails.
+        `noise` is the standard deviation of the angles [rad]. `persistent` is the root mean square
+        of the persistent differences from the orbit [rad]. The standard deviations of the results
+        include both.
         """
         overshoot, lengths = wobble(
             self._bars,
