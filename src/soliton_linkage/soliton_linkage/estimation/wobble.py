@@ -60,10 +60,10 @@ def beside_wall(
 ) -> None:
     """Set the leans of the rotors beside a wall, shape (2, n).
 
-    Leans are relative to the uniform state [rad]. Row 0 is the wall at rest, and row 1 is the measured wall. `at_rest` are the angles of the wall
-    at rest, starting at rotor `first`. The first columns are the rotors from `middle` - 1 down to
-    `low`, which are before the middle of the wall. The other columns are the rotors from `middle`
-    on, which are beyond the middle of the wall.
+    Leans are relative to the uniform state [rad]. Row 0 is the wall at rest, and row 1 is the
+    measured wall. `at_rest` are the angles of the wall at rest, starting at rotor `first`. The
+    first columns are the rotors from `middle` - 1 down to `low`, which are before the middle of
+    the wall. The other columns are the rotors from `middle` on, which are beyond the middle.
     """
     expected, measured = leans[0], leans[1]
     high = low + expected.size
