@@ -84,8 +84,9 @@ def crossing_duration(chain: Chain, kick: float) -> float:
 def slow_crossing_time(chain: Chain, kick: float) -> float:
     """Return the crossing time of a wall in a chain of rigid bars [time units].
 
-    The crossing time is (N - 1) Lambda / v0. Lambda is the length of the path of all masses in
-    configuration space while the wall moves by one rotor spacing, divided by the spacing.
+    The crossing time is (N - 1) Lambda / v0. Lambda is the length of the chain's path in
+    configuration space while the wall moves by one rotor spacing. This length is the norm of the
+    displacements of all masses, divided by the spacing.
     """
     way = site_arc(chain) * chain.rotor_length / chain.spacing
     return (chain.number_of_rotors - 1) * way / kick

@@ -136,7 +136,7 @@ class FigureReport:
         measured: float,
         stated: float = math.nan,
     ) -> None:
-        """Add a `Comparison` of the paper, the theory and the simulation, a row of the table."""
+        """Add a row to the table that compares the paper, the theory and the simulation."""
         self.comparisons.append(Comparison(quantity, paper, theory, measured, stated))
 
     def save(self, folder: Path, name: str) -> None:

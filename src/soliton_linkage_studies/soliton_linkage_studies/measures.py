@@ -161,10 +161,10 @@ class _Walker:
 def _frame_arc(chain: Chain) -> float:
     """Return the arc length in configuration space between two frames [rad].
 
-    It equals the frame period [s], because the chain moves at 1 rad/s. The rotors of a flipper
-    turn by 2 theta_bar while the wall moves by its own width. The arc length between two frames
-    is limited from below: `_FRAMES_A_SWING` frames suffice to resolve the swing of an edge rotor
-    at a reflection. This swing is about a / r, but at most 1 rad.
+    The frame period [s] has the same value, because the chain moves at 1 rad/s. The rotors of a
+    flipper turn by 2 theta_bar while the wall moves by its own width. A lower limit avoids
+    needlessly many frames: `_FRAMES_A_SWING` frames resolve the swing of an edge rotor at a
+    reflection. This swing is about a / r, but at most 1 rad.
     """
     spacings = 1 + chain.wall_width / chain.spacing
     of_wall = chain.rest_angle / (_FRAMES_A_SPACING * math.sqrt(spacings))

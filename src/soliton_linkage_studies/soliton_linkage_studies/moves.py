@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Move walls to goals in simulated chains; measure position errors and excited phonons.
 
-Writes a table as Markdown and a picture as PNG and PDF with its data as CSV.
+The study writes a table as Markdown, a picture as PNG and PDF, and the drawn data as CSV.
 """
 
 from __future__ import annotations

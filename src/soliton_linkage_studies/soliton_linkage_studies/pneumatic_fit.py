@@ -36,7 +36,7 @@ class StepResponse:
     """Measured pressure in the chamber [Pa], shape (readings,)."""
 
     def __post_init__(self) -> None:
-        """Raise ValueError for arrays with other shapes, too few readings or invalid values."""
+        """Raise ValueError if the arrays have different shapes, too few or invalid readings."""
         columns = (self.times, self.commands, self.pressures)
         if len({column.shape for column in columns}) != 1 or self.times.ndim != 1:
             raise ValueError('times, commands and pressures must have the same shape, (readings,)')
@@ -73,9 +73,10 @@ def fit_step_response(response: StepResponse) -> PneumaticFit:
     """Estimate the time constants of filling and venting by least squares.
 
     The pressure p follows the command u as dp/dt = (u - p) / tau. The initial guess of the filling
-    time is tau = sum (u - p) dt / sum dp, summed over the intervals in which the pressure rises.
-    The initial guess of the venting time is the same sum over the intervals in which the pressure
-    falls. Raises ValueError if the pressure never rises or never falls towards the command.
+    time is tau = sum (u - p) dt / sum dp. The sums contain the intervals in which the command is
+    above the pressure. For the venting time they contain the intervals in which the command is
+    below the pressure. Raises ValueError if the pressure never rises or never falls towards the
+    command.
 
     >>> times = np.linspace(0, 1, 201)
     >>> commands = np.where(times < 0.5, 1e5, 0.0)

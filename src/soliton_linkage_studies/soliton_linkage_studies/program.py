@@ -146,7 +146,7 @@ def installed_settings(name: str) -> Path | None:
 
 
 def select_names(known: Sequence[str], asked: Sequence[str], option: str = '--only') -> list[str]:
-    """Return those of the known names that a command-line option selects.
+    """Return the known names that a command-line option selects.
 
     An empty option selects all names. The option can contain whole names, or only the characters
     before the first _ of a name. Raises ValueError for an unknown name.

@@ -31,7 +31,7 @@ class Section:
     file: str
     """Path of the file, for error messages."""
     name: str
-    """Keys from the top of the file to this section, joined by dots; '' for the whole file."""
+    """Keys that lead to this section, joined by dots. An empty text means the whole file."""
     values: Mapping[str, object]
 
     def error(self, key: str, what: str) -> ValueError:
@@ -41,7 +41,7 @@ class Section:
         return ValueError(f'{where}{value} {what}')
 
     def check_keys(self, *keys: str) -> None:
-        """Raise ValueError if the section has a key that is not listed: it is a typing error."""
+        """Raise ValueError if the section has a key that is not in `keys`, a typing error."""
         for key in self.values:
             if key not in keys:
                 raise self.error(key, f'is not known; known keys are {", ".join(keys)}')
@@ -54,7 +54,7 @@ class Section:
         return _section(self.file, self._full(key), value)
 
     def sections(self) -> dict[str, Section]:
-        """Return all values by key, if every value is a section."""
+        """Return the sections below this section by key. Every value must be a section."""
         return {key: self.section(key) for key in self.values}
 
     def number(

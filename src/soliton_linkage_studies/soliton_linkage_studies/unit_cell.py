@@ -143,17 +143,19 @@ def motion_of(ratios: ArrayLike, rest_angles: ArrayLike) -> Integers:
 
 
 def flipper_limit(rest_angles: ArrayLike) -> Array:
-    """Return the ratio r / a at d = 1, 1 / (2 sin(theta_bar)) [1]; larger ratios wobble.
+    """Return the limit of r / a between flippers and wobbling flippers [1].
 
-    The rest angles theta_bar [rad] and the result have shape (...).
+    It is 1 / (2 sin(theta_bar)), where d = 1. Chains with a larger ratio wobble. The rest angles
+    theta_bar [rad] and the result have the same shape.
     """
     return np.asarray(0.5 / np.sin(np.asarray(rest_angles)))
 
 
 def spinner_limit(rest_angles: ArrayLike) -> Array:
-    """Return the ratio r / a at d = d_c, 1 / sin(theta_bar)^2 [1]; larger ratios are spinners.
+    """Return the limit of r / a between wobbling flippers and spinners [1].
 
-    The rest angles theta_bar [rad] and the result have shape (...).
+    It is 1 / sin(theta_bar)^2, where d = d_c. Chains with a larger ratio are spinners. The rest
+    angles theta_bar [rad] and the result have the same shape.
     """
     return np.asarray(1 / np.sin(np.asarray(rest_angles)) ** 2)
 

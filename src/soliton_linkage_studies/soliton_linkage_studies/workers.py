@@ -28,9 +28,10 @@ _MAXIMUM_COUNT = 1000
 """Largest number of processes [1]. A larger number is rejected as a typing error."""
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 _CHUNK_DURATION = 1.0
-"""Duration of a chunk, the rows that a worker measures in one task [s].
+"""Duration of a chunk [s].
 
-After an interruption each worker loses the results of one chunk.
+A chunk is the set of rows that a worker measures in one task. If the study is interrupted, each
+worker loses the results of one chunk.
 """
 _CHUNK_GROWTH = 4
 """Largest ratio of the sizes of two successive chunks [1].
@@ -166,7 +167,7 @@ class Processes:
 
 
 def process_count(text: str) -> int:
-    """Parse a number of processes. Raises ArgumentTypeError if the text is no such number."""
+    """Parse a number of processes from 1 to 1000. Raises ArgumentTypeError for another text."""
     count = int(text) if text.isdecimal() and text.isascii() else 0
     if not 1 <= count <= _MAXIMUM_COUNT:
         raise argparse.ArgumentTypeError(

@@ -208,9 +208,10 @@ class EdgeActuator(ManagedNode):
                     self.frames.take(serialized)
 
     def _poll(self) -> None:
-        """Receive waiting frames and execute the code path of a kick without a kick.
+        """Receive waiting frames, and run the computations of a kick without applying a kick.
 
-        Otherwise this code would leave the processor caches, and a kick would take twice as long.
+        Otherwise their code would leave the caches of the processor, and a kick would take twice
+        as long.
         """
         self._dispatch_while_busy()
         self._catch_up()

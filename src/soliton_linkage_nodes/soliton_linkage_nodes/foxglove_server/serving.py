@@ -148,7 +148,7 @@ class IncomingTopic:
     """A topic on which a client publishes."""
 
     def __init__(self, node: Node, topic: str, type_name: str, encoding: str) -> None:
-        """Create the publisher. Raises ValueError if that is not possible."""
+        """Create the publisher. Raises ValueError for an invalid encoding, type or topic name."""
         if encoding not in _ENCODINGS:
             raise ValueError(f'encoding {encoding!r} must be one of {", ".join(_ENCODINGS)}')
         self.name = topic
@@ -188,9 +188,9 @@ class Serving:
         queue: Queue,
         reject: Reject,
     ) -> None:
-        """Start the server at an address of host and port.
+        """Start the server. `address` consists of the host and the port.
 
-        Raises OSError if that is not possible.
+        Raises OSError if the server cannot be started.
         """
         self.published = 0
         """Number of messages published by clients."""

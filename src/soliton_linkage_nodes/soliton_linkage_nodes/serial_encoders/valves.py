@@ -80,7 +80,7 @@ class Valves:
     """Torques for the valves. They are sent in repeated commands until they time out."""
 
     def __init__(self, parameters: ValveParameters, rotors: int) -> None:
-        """Start with closed valves. Raises ValueError if the parameters do not fit the rotors."""
+        """Start with closed valves. Raises ValueError for parameters that `check_fit` rejects."""
         parameters.check_fit(rotors)
         self.commands = 0
         """Number of commands so far."""

@@ -139,7 +139,7 @@ class SimulationControl:
     def tick(self) -> bool:
         """Apply the waiting commands, publish the current frame and compute the next frame.
 
-        Returns False, and does nothing, if the simulation is paused or stopped.
+        Returns False, and publishes no frame, if the simulation is paused or stopped.
         """
         with self._frame_in_work:
             if self._abandoned is self._simulation:

@@ -153,7 +153,7 @@ def draw_stiffness(
 def draw_tilt(
     report: FigureReport, above: Axes, axes: Axes, runs: Mapping[str, TiltedRun]
 ) -> Axes:
-    """Draw the tilt over time, and in the panel below the wall position for springs and bars."""
+    """Draw the tilt over time, and the wall positions for springs and bars in another panel."""
     for mechanics, run in runs.items():
         colour = MECHANICS_COLOURS[mechanics]
         axes.plot(run.times, run.positions, color=colour, linewidth=1.2, label=mechanics)

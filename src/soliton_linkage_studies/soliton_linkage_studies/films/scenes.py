@@ -106,7 +106,7 @@ class Scene(ABC):
         return float(self.times[1])
 
     def show(self, frame: int) -> None:
-        """Move all artists to a frame, counted from 0."""
+        """Move all artists to their positions in a frame. Frames are counted from 0."""
         time = self.times[frame]
         self._clock.set_text(f't = {time:.2f} s = {time / self._time_unit:.1f} √(M/kₑ)')
         self._move(frame)
