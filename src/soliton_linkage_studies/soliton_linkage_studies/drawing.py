@@ -217,7 +217,7 @@ def expand_limits(pictures: Sequence[ChainPicture]) -> tuple[float, float]:
 
 
 def add_legend(figure: Figure) -> None:
-    """Add a legend of the symbols for pivots, rotors, masses and arrows, in one row below."""
+    """Add a legend of the symbols in one row below the panels."""
     right, left = (f'u leans {side}' for side in ('right', 'left'))
     styles: list[tuple[str, str, str, Literal['', '-', '--']]] = [
         ('pivot', BLACK, 'x', ''),

@@ -89,7 +89,7 @@ class Comparison:
 
     @property
     def expected(self) -> float:
-        """Theoretical value: the value of the formula if `theory` is one, otherwise `stated`."""
+        """Theoretical value: `theory.value` if `theory` is a formula, otherwise `stated`."""
         return self.theory.value if isinstance(self.theory, Formula) else self.stated
 
     @property

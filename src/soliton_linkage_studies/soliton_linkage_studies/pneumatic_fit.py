@@ -122,8 +122,8 @@ def fit_torque(pressures: Array, torques: Array) -> tuple[float, float]:
         raise ValueError(
             'torques must be read at two pressures or more, one of them not 0; add readings'
         )
-    # The saturated readings are those at the largest pressures. The fit is linear if their number
-    # is given, so that each possible number is tried.
+    # The saturated readings are those at the largest pressures. For a given number of saturated
+    # readings the fit is linear. Therefore each possible number is tried.
     fits = [_split_fit(pressed, twisted, count) for count in range(1, len(pressed) + 1)]
     straight = fits[-1]
     best = min((fit for fit in fits if fit is not None), default=None)

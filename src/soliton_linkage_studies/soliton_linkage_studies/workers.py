@@ -283,7 +283,7 @@ def defer_interrupts() -> Iterator[None]:
     In processes that start in the block, SIGINT stays blocked permanently.
     """
     received: list[int] = []
-    # To block the signals in this thread is not sufficient, because another thread can receive
+    # It is not sufficient to block the signals in this thread, because another thread can receive
     # them.
     handlers = [
         signal.signal(number, lambda *call: received.append(call[0])) for number in _INTERRUPTS

@@ -27,7 +27,7 @@ from soliton_linkage_nodes.messages.frame_reader import FrameReader
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
 _MOST_IMPULSES = 10_000
-"""Largest number of impulses that are stored, and largest number of tilts [1]."""
+"""Largest number of stored impulses [1]. The number of stored tilts has the same limit."""
 _MOST_UNMATCHED = 100
 """Largest number of stored messages of `joint_state_deviations` without a stored frame [1]."""
 _Impulses = deque[tuple[int, Array | None]]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Inspect, record and play bags, by the programs of the suite."""
+"""Inspect, record and play bags with the programs of the suite."""
 
 from __future__ import annotations
 

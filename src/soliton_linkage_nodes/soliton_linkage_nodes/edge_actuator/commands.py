@@ -66,7 +66,7 @@ class Commands:
         self._publishers = publishers
 
     def nudge(self, source: str, message: Float64) -> None:
-        """Apply a kick, or a pressure with the same impulse, at the edge of the parameters.
+        """Apply a kick, or a pressure with the same impulse, at an edge of the chain.
 
         The parameter `nudge_as` selects a kick or a pressure, and `nudge_edge` selects the edge.
         """

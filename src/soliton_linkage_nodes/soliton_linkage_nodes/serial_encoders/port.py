@@ -144,7 +144,7 @@ class ReopenedPort:
                         self._changed('')
 
     def _read(self) -> None:
-        # This makes two system calls for each chunk, whereas the method read of pyserial makes
+        # These lines make two system calls for each chunk. The method `read` of pyserial makes
         # four.
         file = self._port.fileno()
         ready, _, _ = select.select([file], [], [], _READ_TIMEOUT)

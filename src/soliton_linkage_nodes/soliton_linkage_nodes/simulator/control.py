@@ -42,10 +42,8 @@ class SimulationStatus:
     energy: float
     """Energy of the current frame [J]."""
     energy_drift: float
-    """Error of the energy balance, divided by the largest energy so far [1].
-
-    The integration error of the solver causes it.
-    """
+    """Energy that the solver gains or loses by integration errors, divided by the largest energy
+    so far [1]."""
     dissipated: float
     """Energy dissipated by the damping since the last reset [J]."""
 

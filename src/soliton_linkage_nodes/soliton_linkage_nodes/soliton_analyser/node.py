@@ -169,8 +169,8 @@ class SolitonAnalyser(ManagedNode):
 
     def take(self, serialized: bytes) -> None:
         """Analyse joint states and publish the result, or store them until the chain is known."""
-        # Impulses and standard deviations must be processed before the frame to which they belong.
-        # Messages of different topics arrive in any order, so that waiting ones are taken first.
+        # Impulses and standard deviations must be processed before the frame to which they belong,
+        # but messages of different topics arrive in any order.
         if self.settings.stamps == 'arrival':
             serialized = stamped(serialized, self._frames_of.received_at)
         self._impulses.take_waiting()
@@ -278,7 +278,7 @@ def main() -> None:
 
 
 _MISFIT_OVER_NOISE = 3.0
-"""Threshold of misfit / noise of the angles [1]: a smaller misfit causes no warning."""
+"""Threshold of the ratio misfit / noise of the angles [1]: a smaller ratio causes no warning."""
 _CONTRADICTION_CONFIDENCE = 0.999
 """Threshold of the confidence in the motion class that the angles show [1].
 

@@ -323,7 +323,7 @@ class SolitonSteering(ManagedNode):
         self.diagnostics.publish()
 
     def _start_move(self, request: MoveSoliton.Goal) -> MoveResult | None:
-        """Start the move of a request. Return None, or a result if the request is rejected."""
+        """Start the move that a client requests. Return None, or the result of a rejection."""
         if not self.active:
             return MoveResult(
                 Outcome.OUT_OF_REACH, 'the steering is not active; activate it first', math.nan
