@@ -57,8 +57,8 @@ class CellScene(Scene):
     Right: configuration space of the unit cell over both staggered angles, for a constant length
     of the bar. Both angles are periodic, so opposite sides of the square are identical. The
     component that contains the motion is blue. If a second component exists, it is pink. Triangles
-    mark the uniform states. The black dot is the configuration on the left; the wide grey line is its
-    past path.
+    mark the uniform states. The black dot is the configuration on the left; the wide grey line
+    is its past path.
     """
 
     def __init__(self, title: str, motion: Cell, shape: Format) -> None:
