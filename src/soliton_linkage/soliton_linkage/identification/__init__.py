@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Identification of a chain from one recording of a passing soliton."""
+"""Identification of a chain from recordings of a passing soliton."""

@@ -161,7 +161,7 @@ def _stepped(bundle: Bundle, change: Array, prior: Array, noise: float) -> tuple
 
 
 def _cost(bundle: Bundle, prior: Array, noise: float) -> float:
-    """Return -2 log likelihood [1]."""
+    """Return the cost that is minimised: -2 times the log likelihood, with the prior [1]."""
     unknowns = to_unknowns(bundle.lengths)
     return float(bundle.normal.squares.sum() / noise**2 + unknowns @ prior @ unknowns)
 

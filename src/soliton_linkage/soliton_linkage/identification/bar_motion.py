@@ -2,8 +2,7 @@
 """Estimation of the mass ratios of rotors on rigid bars, from the free motion of the wall.
 
 A chain of rigid bars has one degree of freedom. Its coordinate is the arc length s [rad] along the
-orbit of configurations phi(s), in short the arc. With the unit tangent t = dphi/ds and the speed
-variable u,
+orbit of configurations phi(s). With the unit tangent t = dphi/ds and the speed variable u,
 
     sqrt(I) ds/dt = u,    I = sum_n m_n r_n^2 t_n^2,
     sqrt(I) du/dt = sum_n m_n r_n g sin(phi_n + tilt) t_n - c ds/dt
@@ -11,16 +10,16 @@ variable u,
 
 where c is the damping, b the dry friction, and w the rate above which b is nearly constant.
 Without gravity and drag, u is constant, so that a wall moves slowly at heavy rotors. Each frame is
-projected onto the orbit, which gives its arc. A least-squares fit of s(t) to these arcs gives the
-masses relative to their mean.
+projected onto the orbit, which gives the arc length of the frame. A least-squares fit of the
+motion s to these arc lengths gives the masses relative to their mean.
 
-Errors dp of the estimated lengths and offsets change the orbit. At a given arc, the true
+Errors dp of the estimated lengths and offsets change the orbit. At a given arc length, the true
 configuration differs from the configuration of the estimated chain by
 
     dphi = -R^T (R R^T)^-1 (df/dp) dp,
 
-with the misclosures f and their derivatives R by the angles. Errors do of the offsets also shift
-the measured arcs of frames by t . do. The fit therefore has additional unknowns: independent
+with the misclosures f and their derivatives R by the angles. Errors e of the offsets also shift
+the measured arc lengths by t . e. The fit therefore has additional unknowns: independent
 combinations of the errors of lengths and offsets, each of unit variance.
 """
 
@@ -51,8 +50,8 @@ from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.orbit.orbit import Orbit
 
 _GRID = 0.03
-"""Difference of the arcs of successive rows of a table [rad]. Sensitivity: at 0.5x, estimated
-masses change by 1e-4."""
+"""Step of the arc length along the orbit between the rows of a table [rad]. Sensitivity: at 0.5x,
+estimated masses change by 1e-4."""
 _SLIDING = 0.1
 """Rate w above which dry friction is nearly constant [rad/s]. It is small compared with the rates
 of rotors in a moving wall."""
@@ -61,8 +60,8 @@ _ROUNDS = 2
 _KNOWN = 1e-6
 """Prior standard deviation of the logarithm of gravity if gravity is known [1]."""
 _LARGEST_EXCESS = 1.5
-"""Threshold of the ratio of the residual noise of arcs to the reading noise [1]: the motion is not
-free if the ratio is larger."""
+"""Threshold of the ratio of the residual noise of arc lengths to the reading noise [1]: the motion
+is not free if the ratio is larger."""
 _MOST_STEPS = 15
 """Largest number of evaluations of a fit [1]; usually 4 to 6 are needed."""
 _CONVERGED = 1e-4
@@ -87,7 +86,7 @@ def _acceleration(
     grid: Array,
     drags: Array,
 ) -> tuple[float, float]:
-    """Return ds/dt and du/dt at an arc s and a speed u.
+    """Return ds/dt and du/dt at an arc length s and a speed u.
 
     The tables are interpolated linearly between their rows.
     """
@@ -127,12 +126,13 @@ def move_along(
     begin: Array,
     arcs: Array,
 ) -> None:
-    """Integrate K motions along an orbit by the Runge-Kutta method; set `arcs`, (T, K).
+    """Integrate K motions along an orbit by the Runge-Kutta method.
 
-    `begin` contains the initial arcs and speeds u, (2, K). The tables have one row for each of G
-    equidistant arcs: `roots` are the square roots of the inertias I, (G, K); `gravity` are the
-    forces of gravity, (G, K); `friction` are the sums of |t_n|, (G,). `grid` contains the first
-    arc, the step between arcs, and the rate w. `drags` are damping and dry friction, (2, K).
+    `arcs`, (T, K), receives the arc lengths s at T times. `begin` contains the initial arc lengths
+    and speeds u, (2, K). Three tables have one row for each of G equidistant arc lengths: `roots`,
+    the square roots of the inertias I, (G, K); `gravity`, the forces of gravity, (G, K); and
+    `friction`, the sums of |t_n|, (G,). `grid` contains the first arc length, the step between arc
+    lengths, and the rate w. `drags` contains damping and dry friction, (2, K).
     """
     for k in range(begin.shape[1]):
         s, u = begin[0, k], begin[1, k]
@@ -156,19 +156,19 @@ def move_along(
 
 
 class _Sums(NamedTuple):
-    """Sums over the rotors at G arcs, for K chains; or changes of the sums by K unknowns."""
+    """Sums over the rotors at G arc lengths, for K chains; or their changes by K unknowns."""
 
     inertia: Array
-    """sum m r^2 t^2, shape (G, K)."""
+    """Inertia I = sum m r^2 t^2, shape (G, K)."""
     weight: NDArray[np.complex128]
-    """sum m r t (cos phi + i sin phi), shape (G, K)."""
+    """Weight sum m r t (cos phi + i sin phi), from which the gravity force follows, (G, K)."""
 
 
 class _OrbitTable:
-    """Configurations at equidistant arcs along an orbit, and sums over the rotors there."""
+    """Configurations at G equidistant arc lengths along an orbit, and sums over the rotors."""
 
     def __init__(self, orbit: Orbit, lengths: Lengths, arcs: Array) -> None:
-        """Prepare a table that extends beyond given arcs [rad] by one rotor spacing each way."""
+        """Prepare a table for given arc lengths [rad], and one rotor spacing on each side."""
         self._lengths = lengths
         self.begin = float(np.nanmin(arcs)) - orbit.site_arc
         count = math.ceil((float(np.nanmax(arcs)) + orbit.site_arc - self.begin) / _GRID)
@@ -179,16 +179,16 @@ class _OrbitTable:
         self._inertias = (r * self._tangents) ** 2
         self._weights = r * self._tangents * np.exp(1j * self._angles)
         self.friction = np.abs(self._tangents).sum(axis=1)
-        """sum |t|, shape (G,)."""
+        """Sum of |t| over the rotors, shape (G,)."""
 
     def locate(self, arcs: Array) -> tuple[NDArray[np.intp], Array]:
-        """Return the row before each arc [rad], and the fraction of a step from this row [1]."""
+        """Return the row before each arc length [rad], and the fraction of a step from it [1]."""
         at = (arcs - self.begin) / _GRID
         row = np.clip(at, 0, len(self.friction) - 2).astype(np.intp)
         return row, np.clip(at - row, 0.0, 1.0)
 
     def tangents(self, arcs: Array) -> Array:
-        """Return the unit tangents of the orbit at arcs [rad], shape (T, N)."""
+        """Return the unit tangents of the orbit at T arc lengths [rad], shape (T, N)."""
         row, part = self.locate(arcs)
         before, after = self._tangents[row], self._tangents[row + 1]
         return np.asarray(before + part[:, None] * (after - before))
@@ -221,7 +221,7 @@ class _OrbitTable:
 
 
 def _arcs_of(orbit: Orbit, angles: Array, noise: float) -> tuple[Array, Array]:
-    """Return the arc of each frame, and the standard deviation of the arc [rad], (T,) each."""
+    """Return the arc length of each frame and its standard deviation [rad], shape (T,) each."""
     arc = fit_anywhere(orbit, angles[0]).arc
     found = []
     for frame in angles:
@@ -290,11 +290,11 @@ def _combinations(covariance: Array) -> Array:
 
 
 class _Fit:
-    """Least-squares fit of simulated motions to the arcs of frames.
+    """Least-squares fit of simulated motions to the arc lengths of frames along the orbit.
 
     The unknowns are the logarithms of the masses, the forces, the initial state of each interval,
-    and combinations of lengths and offsets. `excess` is the ratio of the residual noise of arcs to
-    the noise expected from the readings [1].
+    and combinations of lengths and offsets. `excess` is the ratio of the residual noise of arc
+    lengths to the noise expected from the readings [1].
     """
 
     def __init__(
@@ -325,7 +325,7 @@ class _Fit:
         return self._unknowns[: self._rotors]
 
     def _begin(self, interval: slice) -> Array:
-        """Return the arc and the speed u at the start of an interval."""
+        """Return the arc length and the speed u at the start of an interval."""
         few = slice(interval.start, interval.start + _RATE_FRAMES)
         rate, arc = np.polyfit(self._times[few] - self._times[interval.start], self._arcs[few], 1)
         row, _ = self._table.locate(np.array(arc))
@@ -333,7 +333,7 @@ class _Fit:
         return np.array([arc, rate * math.sqrt(float(inertia))])
 
     def solve(self, mass_deviation: float) -> None:
-        """Estimate the unknowns for a prior standard deviation of masses [1]."""
+        """Estimate the unknowns, given the prior standard deviation of log masses [1]."""
         inertia = float(self._table.sums(np.ones(self._rotors)).inertia.mean())
         forces = force_deviations(inertia)
         if self._known:
@@ -393,7 +393,7 @@ class _Fit:
         self._combined = np.concatenate(rows)
 
     def _moved(self, unknowns: Array, number: int, changes: _Sums | None = None) -> Array:
-        """Return simulated arcs in the frames of an interval [rad], (T, K).
+        """Return simulated arc lengths in the frames of an interval [rad], (T, K).
 
         Each of the K columns of `unknowns` gives one motion. If changes of the sums are given, all
         motions except the first use sums that are changed by one finite-difference step.

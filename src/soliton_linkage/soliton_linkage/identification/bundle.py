@@ -55,9 +55,9 @@ class Misclosures(NamedTuple):
     values: Array
     """Misclosures f [m]."""
     first: Array
-    """df_n / dphi_n [m/rad]."""
+    """Derivatives df_n / dphi_n [m/rad]."""
     second: Array
-    """df_n / dphi_{n+1} [m/rad]."""
+    """Derivatives df_n / dphi_{n+1} [m/rad]."""
     slopes: Array
     """Derivatives of f_n by the six unknowns of bond n (see `Lengths`), shape (N - 1, T, 6)."""
 
@@ -132,14 +132,14 @@ def cholesky_factor(first: Array, second: Array, variances: Array) -> CholeskyFa
 
 
 class NormalEquations(NamedTuple):
-    """Normal equations of the unknowns for readings of unit variance."""
+    """Normal equations of the P unknowns, if readings have the variance 1 rad^2."""
 
     matrix: Array
-    """Information sum J^T M^-1 J [1/rad^2], shape (P, P)."""
+    """Left side: the information sum J^T M^-1 J [1/rad^2], shape (P, P)."""
     vector: Array
-    """-sum J^T M^-1 w, shape (P,)."""
+    """Right side: -sum J^T M^-1 w, shape (P,)."""
     squares: Array
-    """Sum over frames of the squared whitened misclosure of each bond [rad^2], (N - 1,)."""
+    """Squared whitened misclosures of each bond, summed over the frames [rad^2], (N - 1,)."""
 
 
 class Bundle:

@@ -19,7 +19,7 @@ The compiled loops have these arguments:
 
 - `table`, (5, N): r, a, l, k, and the moments of inertia;
 - `columns`, (5, N): the indices of r, a, l, log k and log m among the unknowns;
-- `forces`, (6,): c, b, w, gravity along the chain, gravity down from the chain, longest step;
+- `forces`, (6,): c, b, w, gravity along the chain and across it, and the longest step;
 - angles and rates, (N,), and their sensitivities x and v, (N, Q).
 
 With Q = 0 only the motion is integrated.

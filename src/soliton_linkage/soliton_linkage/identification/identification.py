@@ -59,8 +59,8 @@ _BEFORE_KICK = 0.06
 _SUSPICIOUS = 1.05
 """Threshold of residual noise over reading noise [1]: above it, a kick is searched."""
 _KICKED = 5.5
-"""Threshold of the mean residual of `_KICK_FRAMES` frames, in its standard deviations [1]: a kick
-is near if it is larger. Noise exceeds it in one of 300 recordings of 40 rotors and 2000 frames."""
+"""Threshold of the mean residual of `_KICK_FRAMES` frames, in standard deviations [1]: a kick acts
+there if the mean is larger. In 1 of 300 recordings (40 rotors, 2000 frames), noise exceeds it."""
 _KICK = (
     'a kick that was not recorded acts near {}; the frames near it were not used for masses, '
     'springs and drag'
@@ -82,8 +82,8 @@ class Identification:
     chain: Chain
     """Identified chain; the given chain supplies the values that could not be estimated."""
     deviations: dict[str, Array]
-    """Relative standard deviations of lengths, masses and stiffnesses [1]; names as in the chain's
-    `Deviations`."""
+    """Relative standard deviations of lengths, masses and stiffnesses [1]. The keys are the names
+    of the fields of `Deviations`."""
     offsets: Array
     """Offset of each encoder, reading minus angle [rad], shape (N,)."""
     offset_deviations: Array
@@ -131,11 +131,11 @@ def identify(
 ) -> Identification:
     """Identify a chain from a recording.
 
-    Angles alone determine neither the mean spacing nor the mean mass, and often not the damping.
-    Gravity determines the mean spacing unless `spacing_known`. Known impulses determine the mean
-    mass. The given chain supplies the values that the recording does not determine; all other
-    parameters of the given chain are ignored. The tolerance of lengths [1] is estimated unless it
-    is given. Raises ValueError with a one-line message if the recording determines no chain.
+    Angles alone determine neither the mean spacing nor the mean mass, and sometimes not the
+    damping. Gravity determines the mean spacing unless `spacing_known`. Known impulses determine
+    the mean mass. The given chain supplies the values that the recording does not determine; its
+    number of rotors and its other lengths are ignored. The tolerance of lengths [1] is estimated
+    unless it is given. Raises ValueError, in one line, if the recording determines no chain.
     """
     for recording in readings.recordings:
         check_unit(recording.angles)
@@ -159,7 +159,7 @@ def _by_model(
     tolerance: float | None,
     spacing_known: bool,
 ) -> Identification:
-    """Return the chain of the model that explains the readings best."""
+    """Return the chain with springs or with rigid bars, whichever fits the readings best."""
     impulses = [impulse.time for impulse in readings.impulses]
     frames = informative_frames(readings.times, readings.unwrapped, impulses, _MOST_FITTED)
     unused = len(readings.times) - len(frames)

@@ -23,7 +23,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 UNKNOWNS_PER_ROTOR = 4
 """Number of unknowns per rotor [1]: r, o, a and l."""
 UNKNOWNS_PER_BOND = 6
-"""Number of unknowns that affect a bond [1]."""
+"""Number of unknowns on which the misclosure of a bond depends [1]."""
 _LONGEST_STEP = 0.2
 """Largest change in one step: of the logarithm of a length [1], or of an offset [rad]."""
 
@@ -170,9 +170,9 @@ class Tolerances:
     """Prior standard deviations of lengths about the mean of their kind, and of offsets."""
 
     lengths: float = _INITIAL
-    """Relative standard deviation of lengths [1]."""
+    """Relative standard deviation of the lengths of one kind about their mean [1]."""
     offsets: float = _INITIAL
-    """Standard deviation of offsets [rad]."""
+    """Standard deviation of the offsets about 0 [rad]."""
 
     def information(self, rotors: int) -> Array:
         """Return the prior information on the P unknowns of N rotors, shape (P, P)."""

@@ -70,7 +70,7 @@ class _Curve(NamedTuple):
     mounting: Mounting
     """Mounting of the second encoder relative to the first."""
     misfit: float
-    """Root mean square distance of the readings from the curve [rad]."""
+    """Root mean square distance of the recorded angles from the curve [rad]."""
     room: float
     """Square of l, relative to the smallest square in a bond that a wall can pass [1]."""
     backward: bool
@@ -230,7 +230,7 @@ def in_degrees(angles: Array) -> bool:
 
 
 def _stagger(angles: Array) -> float:
-    """Return the median of 1 + cos(phi_n + phi_{n+1}) over visible neighbours."""
+    """Return the median of 1 + cos(phi_n + phi_{n+1}) over neighbours that are both visible."""
     misfits = 1 + np.cos(angles[:-1] + angles[1:])
     seen = misfits[np.isfinite(misfits)]
     return float(np.median(seen)) if len(seen) else np.nan

@@ -3,8 +3,8 @@
 
 All rotors on one side of a wall lean in the same direction, and all rotors on the other side lean
 in the opposite direction. For any lengths, the staggered angles of a rotor before and after the
-wall passes are therefore symmetric: about 0 for all rotors, or about pi for all rotors. The zero
-error of an encoder breaks this symmetry.
+wall passes are therefore symmetric: about 0 for all rotors, or about pi for all rotors. A wrong
+zero of an encoder breaks this symmetry.
 """
 
 from __future__ import annotations

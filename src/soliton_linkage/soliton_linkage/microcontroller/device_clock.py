@@ -8,10 +8,10 @@ shows x + y with
 
 Here a is the offset between the clocks plus the smallest delay of a message, b is the drift, and d
 is the additional delay due to waiting. The estimate of a + b x is a line below all points (x, y):
-of all such lines, the one with the least mean distance from the points. This line contains that
-edge of the lower convex hull which is at the mean of x (S. Moon, P. Skelly and D. Towsley, INFOCOM
-1999, doi:10.1109/INFCOM.1999.749287). Time is divided into intervals. The points are the messages
-with the smallest delay in each interval.
+of all such lines, the one with the least mean distance from the points. This line passes through
+the edge of the lower convex hull at the mean of x (S. Moon, P. Skelly and D. Towsley, INFOCOM
+1999, doi:10.1109/INFCOM.1999.749287). Time is divided into intervals. Only the message with the
+smallest delay in each interval is used as a point.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ may look like a jump; at 2x, undetected jumps bias the drift more."""
 _EARLY, _LATE = 3.0, 10.0
 """Thresholds of the distance of a message below the line and above the line, in medians of the
 delay [1]: the time of the message is implausible if the distance is larger. If delays have an
-exponential distribution, one delay in a thousand exceeds ten medians, but never do three
-successive delays."""
+exponential distribution, one delay in a thousand exceeds ten medians. Three successive delays
+practically never do."""
 _UNUSUAL = 8.0
 """Threshold of the difference between a sampling interval and the median interval, in medians of
 this difference [1]: the interval is unusual if its difference is larger."""
@@ -121,7 +121,7 @@ class DelayEnvelope:
 
 
 def _slope_under(xs: Array, ys: Array) -> float:
-    """Return the slope of the edge of the lower convex hull above the mean of x."""
+    """Return the slope of the lower convex hull of points (x, y) at the mean of x."""
     middle = xs.mean()
     left, right = xs < middle, xs >= middle
     run = xs[right] - xs[left, None]
@@ -279,7 +279,7 @@ class DeviceClock:
         return max(_LATE * usual, _SMALLEST_JUMP) + LARGEST_DRIFT * abs(gap) / _SECOND
 
     def _confirmed(self) -> bool:
-        """Return whether the implausible times are consistent with each other."""
+        """Return whether enough successive implausible times are consistent with each other."""
         if len(self._suspects) < _CONFIRMATIONS:
             return False
         times, arrivals = np.diff(np.array(self._suspects, dtype=np.int64), axis=0).T

@@ -50,7 +50,7 @@ _MISSING = '-'
 
 
 class FrameKind(Enum):
-    """Meaning of the values of a frame."""
+    """Kind of a frame, which states the meaning of its values."""
 
     COUNTS = 'counts'
     """Encoder counts [1]."""

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from soliton_linkage.linkage.chain import Array
 
 HIDDEN = -1
-"""Dot number of a hidden rotor."""
+"""Number that replaces the dot number of a hidden rotor."""
 _CANDIDATES = 6
 """Largest number of candidate dots of a rotor [1]."""
 _HIDDEN_COST = 14.0

@@ -188,7 +188,7 @@ class DeadZone:
 
     @property
     def present(self) -> bool:
-        """Whether some dots were recently repeated while others moved."""
+        """Whether the video has a dead zone: recently some dots were repeated, others updated."""
         return self._since < MEMORY
 
     def add_repeated(self, repeated: NDArray[np.bool_], seen: NDArray[np.bool_]) -> None:

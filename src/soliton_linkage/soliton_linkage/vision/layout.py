@@ -175,7 +175,7 @@ class MarkerLayout:
 
     @cached_property
     def bounds(self) -> Array:
-        """Lowest and highest x and z of all labels [m], shape (2, 2)."""
+        """Box that contains all labels: lowest x and z, highest x and z [m], shape (2, 2)."""
         chain = self.chain
         reach = float(chain.rotor_lengths.max()) + self.label_radius
         return np.array([[-reach, -reach], [float(chain.pivots[-1]) + reach, reach]])
