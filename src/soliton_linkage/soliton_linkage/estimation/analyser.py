@@ -198,9 +198,9 @@ class Analyser:
 
         Angles [rad] and rates [rad/s] have shape (N,). Unknown values are NaN or infinite. Angles
         may be wrapped. `deviations` are the standard deviations of the angles [rad], shape (N,),
-        NaN if unknown. They determine the weight of each angle if there is a single wall; `noise`
-        is then the standard deviation of a typical angle. Raises ValueError for arrays of another
-        shape, and for standard deviations that are infinite or not above 0.
+        NaN if unknown. If there is a single wall, these standard deviations determine the weights
+        of the angles, and `noise` is the standard deviation of a typical angle. Raises ValueError
+        for arrays of another shape, and for standard deviations that are infinite or not above 0.
         """
         rotors = self.chain.number_of_rotors
         angles = np.ascontiguousarray(angles, dtype=np.float64)

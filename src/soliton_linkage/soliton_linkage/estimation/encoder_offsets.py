@@ -40,11 +40,11 @@ _LEAST_ERROR = 3e-4
 """Lower limit of the persistent error of a residual [rad]; smaller offsets may be rounding errors.
 """
 _FROM_EDGE = 2.0
-"""Least distance of the wall from an edge for a test of the rotors near the wall [rotor spacings].
-"""
+"""Threshold of the distance between a wall and an edge [rotor spacings]: only if the distance is
+larger, rotors near the wall are tested for an offset."""
 _STUCK, _MOST_STUCK = 1e-5, 0.2
-"""Two thresholds. A rotor is at rest if its reading changes by at most the first one [rad] from
-block to block. The chain is at rest if the share of such rotors exceeds the second one [1]."""
+"""Two thresholds. A rotor is at rest if its reading changes by at most `_STUCK` [rad] from block
+to block. The chain is at rest if the share of rotors at rest exceeds `_MOST_STUCK` [1]."""
 
 
 class EncoderOffsets:
@@ -175,8 +175,9 @@ class FarFieldResiduals:
     ) -> bool:
         """Add the residuals of a frame [rad], shape (N,), and return whether the block is full.
 
-        The mean so far replaces the residual of an outlier in two cases: the rotor was no outlier
-        in the preceding frame, or its residual has changed. `outlying` are the flags of outliers,
+        For an outlier, the mean of its earlier residuals in the block replaces the residual in two
+        cases: the rotor was no outlier in the preceding frame, or the residual has changed much.
+        `outlying` are the flags of outliers,
         shape (N,), or None without outliers. `site` is the site of the wall [rotor spacings].
         `elapsed` is the time since the last frame [s]. `variance` is a lower limit of the noise
         variance [rad^2].
@@ -297,9 +298,10 @@ class FarFieldResiduals:
     def _disorder(self, means: Array, noise: float) -> float:
         """Return the disorder [rad] of the rotors, without the effect of the tail of the wall.
 
-        The disorder is the standard deviation of Student's distribution of the mean residuals. It
-        is 0 if it does not significantly exceed `noise`, the noise of a mean [rad]. The mean
-        residuals before and beyond the wall [rad] have shape (2, N), NaN if unknown.
+        The disorder is the standard deviation of Student's distribution of the mean residuals. A
+        disorder that does not significantly exceed the noise of a mean, `noise` [rad], is returned
+        as 0. The mean residuals before and beyond the wall [rad] have shape (2, N), NaN if
+        unknown.
         """
         (before, beyond), tail = means, self._tail
         added = np.concatenate([before[:-1] - tail * before[1:], beyond[1:] - tail * beyond[:-1]])

@@ -31,8 +31,8 @@ LEAST_ODDS, _LEAST_ODDS_AT_EDGES = -9.0, -2.0
 """Lower limits of the log odds against the steady filter [1], inside the chain and at edges. The
 limit at edges is higher, because springs exchange energy with a wall at an edge."""
 _LEAST_EVIDENCE = 0.5
-"""Threshold of the log odds of an impulse [1]: below it, the filter that assumes this impulse has
-no weight. Sensitivity: without a threshold, the stated standard deviations of a steady wall grow
+"""Threshold of the log odds of an impulse [1]: a filter that assumes a less likely impulse has no
+weight. Sensitivity: without a threshold, the stated standard deviations of a steady wall grow
 by 3 %."""
 
 ARC, RATE, BIAS, DISTURBANCE = range(4)
@@ -56,8 +56,8 @@ state, covariance: mean and covariance of (s, w, b, d).
 bias_variance: stationary variance m^2 of the bias [rad^2].
 rate_noise, edge_rate_noise: process noise e^2 of the rate inside the chain and at edges [1].
 weight: weight of the filter in the mixture of all filters [1].
-prior, probability: prior and current probability of the filter [1]. They are defined for filters
-    that are neither the steady filter nor assume an impulse.
+prior, probability: prior and current probability of the filter [1]. The steady filter and the
+    filters that assume an impulse do not use these probabilities.
 likelihood: log likelihood of recent measurements [1].
 odds: log odds of the impulse that the filter assumes [1].
 """

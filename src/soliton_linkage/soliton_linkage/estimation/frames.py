@@ -92,8 +92,9 @@ class FrameClock:
     def advance(self, stamp: int) -> bool:
         """Advance to a stamp [ns], and return whether the clock has accepted the stamp.
 
-        A stamp is rejected if it is not later than the last one. It is accepted, and restarts the
-        clock, if it is earlier than the last one by more than the limit.
+        A stamp is rejected if it is not later than the last accepted stamp. There is one
+        exception: a stamp that is earlier by more than the limit is accepted and restarts the
+        clock.
         """
         if self._epoch is None:
             self._epoch = stamp
@@ -264,8 +265,8 @@ def complete(
     The estimates come from `expected`, the prediction of the orbit. If `expected` is None, missing
     angles are interpolated between neighbouring rotors. Angles [rad] and rates [rad/s] have shape
     (N,), NaN if unknown. The last angles determine the whole turns of replaced angles. A rotor
-    counts as unseen if it differs from the orbit by more than half of its swing while its
-    neighbours do not.
+    counts as unseen if only this rotor, and neither of its neighbours, differs from the orbit by
+    more than half of its swing.
     """
     unseen = ~np.isfinite(angles)
     if expected is None:

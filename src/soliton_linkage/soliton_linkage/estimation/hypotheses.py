@@ -72,8 +72,8 @@ class Hypotheses:
     def weigh(self, likelihoods: list[float]) -> None:
         """Add the log likelihood of a frame to the evidence of each hypothesis.
 
-        Hypotheses that have become too unlikely are removed, and equal ones are merged. The list
-        contains the log likelihood of the frame for each hypothesis.
+        Hypotheses that have become too unlikely are removed, and equal ones are merged.
+        `likelihoods` are the log likelihoods of the frame, one for each hypothesis.
         """
         if len(self.all) == 1:
             return
@@ -95,8 +95,8 @@ class Hypotheses:
     def add_toggled(self) -> None:
         """Add a hypothesis for each edge rotor that contradicts the leading hypothesis.
 
-        In the new hypothesis the chain is in the leg of the orbit in which this edge rotor of a
-        flipper has the other state.
+        The new hypothesis assumes that this edge rotor of a flipper has toggled. Therefore the
+        chain is in another leg of the orbit in this hypothesis.
         """
         orbit, leader = self._orbit, self.leader
         view = leader.view
@@ -128,8 +128,8 @@ class Hypotheses:
     def mixture(self, arc_variance: float, rate_variance: float) -> MixtureMoments:
         """Return site and rate of the wall, averaged over all hypotheses.
 
-        `arc_variance` is added to the variance of the arc length along the orbit [rad^2], and
-        `rate_variance` to the variance of its rate [rad^2/s^2].
+        `arc_variance` is added to the variance of the arc length along the orbit [rad^2].
+        `rate_variance` is added to the variance of the rate of the arc length [rad^2/s^2].
         """
         if len(self.all) == 1:
             site, site_var, rate, rate_var = self._row(self.all[0], arc_variance, rate_variance)

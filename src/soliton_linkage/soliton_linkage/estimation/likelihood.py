@@ -130,7 +130,7 @@ def _weigh(
 
     Unknown and doubtful rotors have weight 0. Returns three numbers: the information on the arc
     length, sum w t^2 [1]; the step to the most likely arc length [rad]; and the information that
-    the frame would contain if all other weights were 1 [1].
+    the frame would contain without outliers [1].
     """
     end = first + tangent.size
     information, ahead, whole = 0.0, 0.0, 0.0

@@ -242,9 +242,9 @@ class ReadingScales:
     def __init__(self, usual: float | None = None) -> None:
         """Start with the standard deviation of a typical reading [rad], None if unknown.
 
-        If it is unknown, the standard deviations sigma of the first frame give the typical value
-        1 / sqrt(mean of 1 / sigma^2). A frame with this value for all readings would contain the
-        same information.
+        If this value is unknown, it is computed as 1 / sqrt(mean of 1 / sigma^2) from the standard
+        deviations sigma of the readings in the first frame. A frame with this standard deviation
+        for all readings would contain the same information.
         """
         self._usual = usual
         self._squares: Array | None = None
@@ -269,8 +269,8 @@ class ReadingScales:
         """Return the scale of each reading [1], shape (N,), or None if all scales are 1.
 
         The scale is the standard deviation of a rotor relative to that of a typical rotor.
-        `variance` is the variance of a typical rotor [rad^2]. `noise` is the share of this
-        variance that is noise [rad^2]; only this share differs from reading to reading.
+        `variance` is the variance of a typical rotor [rad^2]. `noise` is the part of this
+        variance that is due to noise [rad^2]; only this part differs from reading to reading.
         """
         if self._squares is None:
             return None

@@ -15,9 +15,9 @@ deviation of a rotor from the rest angle, and e' that of its outer neighbour. Fo
 length and d = 1, the function `next_deviation` gives e' = F(e). F has a maximum of 0 at e = 0. For
 any lean ratio d,
 
-    e' = F(e) + lambda e + ...,    lambda = (1 - d) / (1 + d),
+    e' = F(e) + lambda e + ...,    lambda = (1 - d) / (1 + d).
 
-so that a chain wobbles if lambda < 0. Extended springs do not change the sign of lambda. A term in
+A chain wobbles if lambda < 0. Extended springs do not change the sign of lambda. A term in
 e^2 models the effect of extended springs on the curvature of F.
 """
 
@@ -194,11 +194,11 @@ def tail_products(
 ) -> None:
     """Add the products of a tail to the sums, shape (3, 3).
 
-    The products are those of the entries of (e, e^2, e' - F(e)), divided by the variance of the
-    last entry. The deviation e of a rotor is the difference between theta and the mean of theta on
-    the same side [rad]; e is positive for a larger lean. Only the inner half of the rotors on a
-    side is used, up to the first rotor with a negligible deviation. If the noise exceeds
-    `_NOISIEST` rest angles, the sums do not change.
+    Each product is that of two entries of the vector (e, e^2, e' - F(e)), divided by the variance
+    of the last entry. The deviation e of a rotor is the difference between theta and the mean of
+    theta on the same side [rad]; e is positive for a larger lean. Only the inner half of the
+    rotors on a side is used, up to the first rotor with a negligible deviation. If the noise
+    exceeds `_NOISIEST` rest angles, the sums do not change.
     """
     mean, handed = part.mean, 1.0 if (part.sine > 0) == (part.cosine > 0) else -1.0
     rest_angle = math.pi / 2 - abs(math.asin(math.cos(mean)))
@@ -297,8 +297,8 @@ def observe(
 ) -> tuple[tuple[float, float, float], tuple[float, float]]:
     """Add the `evidence` of a frame to the evidence of earlier frames, and update the tails.
 
-    Returns two tuples: site, log likelihood ratio and rest angle, and the `tail_ratio`. All except
-    the site include the earlier frames.
+    Returns two tuples. The first one is site, log likelihood ratio and rest angle. The second one
+    is the `tail_ratio`. All results except the site include the earlier frames.
     """
     known = tails[0, 0]
     sines, cosines = np.full(angles.size, math.nan), np.full(angles.size, math.nan)
@@ -339,8 +339,8 @@ class MotionEvidence(NamedTuple):
     flipping: log likelihood ratio of a flipper against a spinner [1]. The ratio is limited,
         because all frames may have the same error.
     rest_angle: mean lean of the rotors far from the wall [rad]; NaN if no frame has shown a wall.
-    tails: sums of the products of the entries of (e, e^2, e' - F(e)), divided by the variance of
-        the last entry, shape (3, 3).
+    tails: sums of the products of two entries of the vector (e, e^2, e' - F(e)), divided by the
+        variance of the last entry, shape (3, 3).
     tail_ratio: ratio lambda of the deviations of neighbouring rotors in the tails [1]; NaN if
         unknown.
     tail_ratio_deviation: standard deviation of the tail ratio [1], including the effect of

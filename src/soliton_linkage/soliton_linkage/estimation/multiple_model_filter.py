@@ -16,9 +16,9 @@ e = m = 0 and uses the whole record. The steady filter has a high weight until t
 all measurements contradicts it. Then it restarts from the mean of the other filters, with a low
 weight.
 
-At edges, springs exchange energy with the wall. Therefore e is larger there in the other filters,
-and the weight of the steady filter is limited. Its weight is also limited if waves are as strong
-as the motion of the wall.
+At edges, springs exchange energy with the wall. Therefore the other filters have a larger e at
+edges, and the weight of the steady filter is limited. The weight of the steady filter is also
+limited if waves are as strong as the motion of the wall.
 
 An impulse changes the rate instantly. Several filters assume an impulse about 1, 2, 4, 8, ...
 frames ago. In these filters the rate after the impulse is almost unknown. The weight of such a
@@ -60,7 +60,7 @@ from soliton_linkage.estimation.settings import DEFAULTS, FilterSettings
 
 _Summary = tuple[float, float, float, float, float]
 _FIRST_ODDS = 5.5
-"""Prior log odds that the steady model is correct, without unmodelled damping [1]."""
+"""Prior log odds of the steady model, which assumes no unmodelled damping [1]."""
 _LEAST_IMPULSE = 0.1
 """Lower limit of the standard deviation by which an impulse changes the rate, relative to the rate
 scale [1]."""

@@ -182,7 +182,7 @@ class FrameNoise:
     Noise is independent from frame to frame. Therefore noise does not change the mean product of
     the residuals of a rotor in two different frames. Persistent residuals are caused by waves,
     encoder offsets and deviations from the uniform chain. Let c_1 be the mean product of the
-    residuals in successive frames, and c_2 that in frames with one frame between them. The mean
+    residuals in two successive frames, and c_2 that in two frames with a frame between. The mean
     square of persistent residuals is extrapolated to c_0 = (4 c_1 - c_2) / 3.
     """
 
@@ -276,11 +276,11 @@ class RateNoise:
 
     Let dt_1 and dt_2 be the time differences of three successive frames, and q = dt_1 / dt_2. The
     second difference of the rates is r_1 - (1 + q) r_2 + q r_3. White noise of variance sigma^2
-    contributes (1 + (1 + q)^2 + q^2) sigma^2 to its variance. At equal intervals dt, a phonon of
-    angular frequency w contributes only (w dt)^4 / 2 times its squared amplitude. The estimate
-    uses the median over the rotors, so that the rotors in a wall have no effect; the median has a
-    relative bias of 1 / (3 N). Frames are not used if a time difference exceeds 0.5 / w for the
-    fastest phonon, because noise and phonons cannot be separated then.
+    contributes (1 + (1 + q)^2 + q^2) sigma^2 to the variance of this difference. At equal
+    intervals dt, a phonon of angular frequency w contributes only (w dt)^4 / 2 times its squared
+    amplitude. The estimate uses the median over the rotors, so that the rotors in a wall have no
+    effect; the median has a relative bias of 1 / (3 N). Frames are not used if a time difference
+    exceeds 0.5 / w for the fastest phonon, because noise and phonons cannot be separated then.
     """
 
     def __init__(self, chain: Chain, settings: NoiseSettings = DEFAULTS.noise) -> None:
@@ -339,7 +339,8 @@ class StampJitter:
     def update(self, time: float, arc: float, variance: float, rate: float) -> None:
         """Add a measured arc length along the orbit [rad] with the stamp `time` [s].
 
-        `variance` is the variance of the arc length [rad^2], and `rate` its rate [rad/s].
+        `variance` is the variance of the arc length [rad^2], and `rate` is its change per time
+        [rad/s].
         """
         self._rows = *self._rows[-2:], (time, arc, variance)
         if len(self._rows) < 3:

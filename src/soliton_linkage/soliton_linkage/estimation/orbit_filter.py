@@ -43,10 +43,11 @@ _EDGE_ROTORS = 2.0
 smaller than this threshold plus the penetration depth."""
 _FIELD_SHARE = 0.08
 """Error of the arc length along the orbit, relative to the persistent residuals near the wall [1].
-Without this error, the errors near waves exceed the stated standard deviations by 2 %."""
+If this error is neglected, actual errors near waves exceed the stated standard deviations by 2 %.
+"""
 _LEAST_PROBABILITY = 0.9
-"""Threshold of a probability [1]: the chain is acquired only if the probability that one of the
-candidates of a frame is correct reaches this threshold."""
+"""Threshold of the probability that one of the candidates of a frame is correct [1]: the chain is
+acquired only if the probability reaches this threshold."""
 
 
 class OrbitFilter:

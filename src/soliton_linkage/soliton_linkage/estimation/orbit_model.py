@@ -326,7 +326,7 @@ class ComplianceCorrection:
         return math.sqrt((1 + square * self.mu(before)) / (1 + square * self.mu(arc)))
 
     def unpredicted_change(self, rate: float) -> float:
-        """Return the standard deviation of the unpredicted change of a rate, relative to it [1].
+        """Return the relative standard deviation of the unpredicted change of a rate [1].
 
         `rate_ratio` does not predict this change while a wall moves by one site. The change
         depends on the ratio of two frequencies: the rate at which the wall passes sites, and the

@@ -40,8 +40,10 @@ class _Part:
 class NoiseSettings(_Part):
     """Settings for the separation of noise from persistent residuals."""
 
-    memory: float = quantity(4000, 'number of frames in the average of the noise of angles')
-    recent_frames: float = quantity(60, 'number of frames in the average of the recent misfit')
+    memory: float = quantity(4000, 'number of frames over which the noise of angles is averaged')
+    recent_frames: float = quantity(
+        60, 'number of recent frames over which the misfit is averaged'
+    )
     least_noise: float = quantity(1e-5, 'lower limit of the estimated noise of angles', 'rad')
     significance: float = quantity(
         4.0, 'number of standard deviations above which residuals count as persistent'
@@ -56,7 +58,7 @@ class LikelihoodSettings(_Part):
         2.5, 'number of standard deviations above which a difference has less weight'
     )
     wrong: float = quantity(0.01, 'prior probability of a reading without information')
-    false_alarms: float = quantity(1e-3, 'rate of false alarms of a test')
+    false_alarms: float = quantity(1e-3, 'probability of a false alarm in a test')
     gross_share: float = quantity(
         0.3, 'least size of a gross error, relative to the swing of a rotor'
     )
@@ -67,14 +69,14 @@ class LikelihoodSettings(_Part):
     )
     field_share: float = quantity(
         0.15,
-        'largest standard deviation of a rotor from the orbit without noise, relative to the '
-        'swing of a rotor',
+        'largest standard deviation of the difference between a rotor and the orbit without '
+        'noise, relative to the swing of a rotor',
     )
     largest_noise: float = quantity(
         0.25, 'largest possible standard deviation of the noise of an angle', 'rad'
     )
     informative_share: float = quantity(
-        0.7, 'least share of its information that an informative frame has without its outliers'
+        0.7, 'least share of the information of a frame that must remain without its outliers'
     )
 
 
@@ -148,7 +150,7 @@ class TrackingSettings(_Part):
         3, 'number of successive frames that confirm a new wall or the loss of a wall'
     )
     clock_limit: float = quantity(
-        1.0, 'largest delay of a late frame; an even earlier stamp restarts the clock', 's'
+        1.0, 'largest delay of a late frame; a larger delay restarts the clock', 's'
     )
     settled: float = quantity(
         10.0, 'number of frames after which the deformation of a wall is known'
@@ -157,7 +159,7 @@ class TrackingSettings(_Part):
         0.1, 'time without an accepted frame after which the wall is lost', 's'
     )
     wave_weight: float = quantity(
-        12.0, 'weight of waves relative to the motion of the wall in the limit of the steady model'
+        12.0, 'factor of the mean square of waves where waves limit the weight of the steady model'
     )
     scan_rate: float = quantity(
         20.0, 'largest mean rate of searches of the orbit in recorded time', '1/s'
@@ -189,8 +191,8 @@ class WidthSettings(_Part):
 
     span: float = quantity(
         6,
-        'range of the fit on either side of the wall, relative to the larger of penetration depth '
-        'and rotor spacing',
+        'range of the fit on either side of the wall, divided by the penetration depth or the '
+        'rotor spacing, whichever is larger',
     )
     memory: float = quantity(
         5, 'number of passages over which weights in the mean decay by a factor e'

@@ -36,8 +36,8 @@ from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linkage.chain import Array, Motion, staggered
 
 _TAILS = 1.5
-"""Threshold of the distance between two walls, relative to the reach of a `WallTable` [1]: above
-it, neither wall turns the rotors near the other wall by more than 1e-4 rad."""
+"""Threshold of the distance between two walls, relative to the reach of a `WallTable` [1]: at a
+larger distance, neither wall turns the rotors near the other wall by more than 1e-4 rad."""
 _SCAN_BESIDE = 1.5
 """Range of the scan on either side of a domain border [rotor spacings]."""
 _CORE = 2.5

@@ -2,8 +2,8 @@
 """Compiled loops over springs and rotors that compute energies and topology of a state.
 
 A spring table has shape (3, springs). Its rows are the extensions of the springs [m] and the
-levers A and B of the springs [m/rad]. The lever A (B) is the derivative of the extension by the
-angle of the left (right) rotor.
+levers A and B of the springs [m/rad]. The lever A is the derivative of the extension by the
+angle of the left rotor. The lever B is the derivative by the angle of the right rotor.
 """
 
 from __future__ import annotations
@@ -118,11 +118,11 @@ def elastic(
 
     The mean contribution of noise is subtracted from the energies.
 
-    `half` are half the stiffnesses of the springs [N/m], shape (springs,). `lefts` (`rights`) are
-    the same, but 0 for springs whose left (right) rotor has no noise. `walls` are the
-    ascending sites of the walls [rotor spacings], with one more site at each end of the list,
-    shape (W + 2,). The wake contains the springs beyond the reach of all walls. Spring n is at
-    site n + 1/2.
+    `half` are half the stiffnesses of the springs [N/m], shape (springs,). `lefts` are the same,
+    but 0 for springs whose left rotor has no noise. `rights` are the same, but 0 for springs whose
+    right rotor has no noise. `walls` are the ascending sites of the walls [rotor spacings], with
+    one more site at each end of the list, shape (W + 2,). The wake contains the springs beyond the
+    reach of all walls. Spring n is at site n + 1/2.
 
     For angles with noise sigma, the variance of the energy is sigma^2 |tau|^2 + sigma^4 |H|^2 / 2
     with the torques tau and H = R^T k_e R. Noise increases the measured |tau|^2 by sigma^2 |H|^2.

@@ -264,7 +264,7 @@ class StateReporter:
         )
 
     def _bonds_beside(self, walls: list[float]) -> tuple[int, int]:
-        """Return the entries `before` and `beyond` of `state_loops.SCOPE` for sites of walls."""
+        """Return `before` and `beyond` of `state_loops.SCOPE` for the sites of walls."""
         bonds = self.chain.number_of_springs
         first, last = (walls[0], walls[-1]) if walls else (math.inf, -math.inf)
         before = math.floor(min(max(first - 0.5, 0.0), bonds - 1)) + 1

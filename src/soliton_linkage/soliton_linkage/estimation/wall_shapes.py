@@ -337,7 +337,7 @@ class WallShapes:
     def anti_kinks(self) -> tuple[WallShape, ...]:
         """Shapes of anti-kinks.
 
-        They are computed at the first use, because this computation is slower than that of kinks.
+        The shapes are computed at the first use, because the computation is slow.
         """
         try:
             path = anti_kink_path(self._window, float(self._sites[0]))

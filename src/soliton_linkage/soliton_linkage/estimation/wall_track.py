@@ -134,7 +134,7 @@ class WallFrame:
         """Return the sense, +1 or -1, in which the rotors of a spinner turn over in a wall.
 
         The wall is the left one of two walls at the sites `left` and `right`. The result is 0 for
-        flippers, and if the angles are unknown. The relative angle of two neighbouring rotors must
+        flippers and for unknown angles. The relative angle of two neighbouring rotors must
         differ from that in a uniform state by less than half a turn.
         """
         chain, line, angles = self._chain, self._line, self._angles
@@ -213,8 +213,8 @@ class WallTrack:
         """Identifier of the wall, 1 or more; 0 until the wall is confirmed."""
         self.rotor = self.rate = self.deviation = self.rate_deviation = math.nan
         self.frames = self.missed = 0
-        """Number of frames that have shown this wall, and number of frames that have not shown it
-        since the last frame that has."""
+        """`frames` is the number of frames that have shown this wall. `missed` is the number of
+        frames since the last frame that has shown this wall."""
         self.last_seen = math.nan
         """Time of the last frame that has shown this wall [s]."""
         self.width = math.nan, math.nan
@@ -250,9 +250,9 @@ class WallTrack:
             return self._line.wrap(self.rotor + rate * elapsed), spread**2 + self._variance
         self._motion.predict(elapsed, self._line.edge_distance(self.rotor) < self._line.near)
         if self._pinning:
-            # The force of the barrier is constant while a fast wall moves by a quarter of a rotor
-            # spacing, or for a quarter of the period of a slow wall in a potential well. In a well
-            # the force is proportional to the speed.
+            # A fast wall feels a constant force over a quarter of a rotor spacing. A slow wall in
+            # a potential well feels a constant force for a quarter of its period. In a well the
+            # force is proportional to the speed.
             speed = math.hypot(self.rate, self.rate_deviation)
             force = min(speed, self._pinning) ** 2 * self._pinning**2
             added = _FORCE * force / max(speed, self._pinning) * elapsed * self._arc**2

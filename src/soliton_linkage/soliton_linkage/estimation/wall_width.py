@@ -26,8 +26,8 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.solitons.continuum import wall_theory
 
 _CLEAR = 2
-"""Least distance of a fitted wall from an edge, relative to its width and to the penetration depth
-[1]."""
+"""Least distance of a fitted wall from an edge, relative to the width of the wall and to the
+penetration depth [1]."""
 _CLOSE, _CLOSEST = 0.02, 1e-5
 """Thresholds of the last step of ln(gamma) [1]: a fit has converged if the step is shorter than
 `_CLOSE` standard deviations of ln(gamma) or shorter than `_CLOSEST`."""
@@ -194,7 +194,7 @@ class ContractionMean:
 
 
 def passage_scatter(values: Array, variances: Array) -> float:
-    """Return the scatter of the passages: the variance of their values minus that of their noise.
+    """Return the scatter of passages, which is the variance of their values without their noise.
 
     `values` are the values of ln(gamma) and `variances` the variances of their noise [1], shape
     (M,) each. The result is 0 if the scatter is not significant.
@@ -239,8 +239,8 @@ class TheoryWidth:
     def __call__(self, velocity: float) -> float:
         """Return the width [m] of a wall that moves at a velocity v [m/s].
 
-        The width is that at rest times sqrt(1 - v^2 / c^2) with the speed of sound c. If |v| is
-        not below c, the width is NaN.
+        The width is the width at rest times sqrt(1 - v^2 / c^2) with the speed of sound c. If |v|
+        is not below c, the width is NaN.
         """
         if velocity == 0:
             return self._at_rest

@@ -223,7 +223,7 @@ def wobble(
 
     `at_rest` are the angles of the wall at rest [rad], starting at rotor `first`. The first tuple
     is the overshoot, its standard deviation, and the overshoot of the wall at rest [m each]. The
-    overshoot is that on the side on which the wall at rest has the larger overshoot. It is NaN for
+    overshoot refers to the side on which the wall at rest has the larger overshoot. It is NaN for
     spinners, and if no rotor is beside the wall. The second tuple is tail ratio [1], decay length
     [m] and wavelength [m]. Each of these is followed by its standard deviation, and NaN if
     unknown.
@@ -272,10 +272,10 @@ def wobble(
 class Wobble(NamedTuple):
     """Wobble beside a wall, where rotors deviate from the uniform states; NaN if unknown.
 
-    amplitude: overshoot of one rotor, by which its |u| exceeds the displacement ub of the uniform
-        state [m]. For d > 1 this is the rotor that has the largest lean in a wall at rest. For
-        d <= 1 (no wobble) this is the rotor nearest to the wall that is at rest within the noise.
-        The rotor is on the side on which a wall at rest has the larger overshoot.
+    amplitude: overshoot of one rotor [m], which is its |u| minus the displacement ub of the
+        uniform state. For d > 1 this rotor is the one with the largest lean in a wall at rest. For
+        d <= 1 (no wobble) this rotor is the nearest one that is at rest within the noise. The
+        rotor is on the side on which a wall at rest has the larger overshoot.
     amplitude_deviation: standard deviation of the amplitude [m].
     rest_amplitude: overshoot of the same rotor for a wall at rest [m].
     tail_ratio: deviation of a rotor in the tails, relative to that of its inner neighbour [1].
@@ -337,7 +337,7 @@ class WobbleReporter:
         at e = 0. The wavelength follows from a straight line through the zeros of the tails.
         `noise` is the standard deviation of the angles [rad]. `persistent` is the root mean square
         of the persistent differences from the orbit [rad]. The standard deviations of the results
-        include both.
+        include the effects of `noise` and `persistent`.
         """
         overshoot, lengths = wobble(
             self._bars,
