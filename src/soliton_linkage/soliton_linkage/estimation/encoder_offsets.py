@@ -152,8 +152,8 @@ class FarFieldResiduals:
         self._uneven, self._first = False, True
         self.disorder = 0.0
         """Standard deviation of the angles of far rotors due to unmodelled deviations from the
-        uniform chain [rad]. Until the first accepted block ends, this value includes all
-        persistent residuals."""
+        uniform chain [rad]. During the first block, this value includes all persistent
+        residuals. If the first block is ignored, the same is true for the second block."""
         self.stuck = np.zeros(rotors, dtype=np.bool_)
         self.doubtful = np.zeros(rotors, dtype=np.bool_)
         self._outlying: Flags | None = None

@@ -279,7 +279,7 @@ class RateNoise:
     contributes (1 + (1 + q)^2 + q^2) sigma^2 to the variance of this difference. At equal
     intervals dt, a phonon of angular frequency w contributes only (w dt)^4 / 2 times its squared
     amplitude. The estimate uses the median over the rotors, so that the rotors in a wall have no
-    effect; the median has a relative bias of 1 / (3 N). Frames are not used if a time difference
+    effect. The median has a relative bias of 1 / (3 N). Frames are not used if a time difference
     exceeds 0.5 / w for the fastest phonon, because noise and phonons cannot be separated then.
     """
 

@@ -123,7 +123,7 @@ def set_residuals(
     """Set the residuals of staggered angles [rad], shape (n,), from the shape of a wall.
 
     The angles start at rotor `first`. The wall is at a site [rotor spacings]. The width of the
-    wall is that of the table times `stretch` [1].
+    wall is the width in the table times `stretch` [1].
     """
     for k in range(theta.size):
         n = first + k
@@ -395,9 +395,9 @@ class WallShapes:
     def _sampled(self, walls: ArrayLike) -> WallShape:
         """Return the shape of a wall from samples of static walls.
 
-        Each row of `walls` holds the angles of all rotors [rad] for one site of the wall. All even
-        rotors have the same angle as a function of the distance from the wall, and so have all odd
-        rotors. Therefore sites within two rotor spacings suffice.
+        Each row of `walls` holds the angles of all rotors [rad] for one site of the wall. The
+        angle as a function of the distance from the wall is the same for all even rotors, and the
+        same for all odd rotors. Therefore sites within two rotor spacings suffice.
         """
         theta = staggered(np.asarray(walls))[:, 1:-1]
         rotors = np.arange(1, theta.shape[1] + 1)

@@ -250,9 +250,9 @@ class WallTrack:
             return self._line.wrap(self.rotor + rate * elapsed), spread**2 + self._variance
         self._motion.predict(elapsed, self._line.edge_distance(self.rotor) < self._line.near)
         if self._pinning:
-            # A fast wall feels a constant force over a quarter of a rotor spacing. A slow wall in
-            # a potential well feels a constant force for a quarter of its period. In a well the
-            # force is proportional to the speed.
+            # The force on a fast wall is correlated over a quarter of a rotor spacing. The force
+            # on a slow wall in a potential well is correlated over a quarter of its period, and is
+            # proportional to the speed.
             speed = math.hypot(self.rate, self.rate_deviation)
             force = min(speed, self._pinning) ** 2 * self._pinning**2
             added = _FORCE * force / max(speed, self._pinning) * elapsed * self._arc**2
