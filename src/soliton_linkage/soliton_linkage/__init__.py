@@ -22,16 +22,16 @@ orbit          the zero-energy orbit: the closed curve of all zero-energy config
 dynamics       simulations of springs and of rigid bars, integrators, energy balance
 actuation      commands, soft actuators, torques and impulses
 estimation     the analyser: positions of walls from noisy angles
-identification parameters of a chain from recorded angles
+identification estimation of the parameters of a chain from recorded angles
 steering       controlled motion of a soliton
 ============== ==============================================================================
 
-A *wall* is a domain wall, at which the chain changes from leaning right to leaning left. A
-*soliton* is a moving wall. The *orbit* is the closed curve of all zero-energy configurations, and
-a *cycle* is one passage of the whole orbit.
+A *wall* is a domain wall: the rotors on its two sides lean in opposite directions. A *soliton* is
+a moving wall. The *orbit* is the closed curve of all zero-energy configurations. In one *cycle*
+the chain moves once along the whole orbit.
 
-Angles are the angles phi [rad] unless a name contains `staggered`. The rotor index is the last
-axis. The symbols of the equations are:
+Angles are the angles phi [rad] unless a name contains `staggered`. The last axis of an array
+contains the rotors. The symbols of the equations are:
 
 ========== ======================= ==========================================================
 symbol     name                    meaning
@@ -51,13 +51,13 @@ d          lean_ratio              2 r sin(theta_bar) / a
 d_c        critical_lean_ratio     2 / sin(theta_bar), beyond which rotors spin
 ub         lean                    r sin(theta_bar) [m]
 q+, q-     couplings               derivatives of a spring length by its two angles [m/rad]
-ell        penetration_depth       of the zero mode from its edge [m]
+ell        penetration_depth       decay length of the zero mode from its edge [m]
 t          zero mode               unit vector with R t = 0
-R          rigidity matrix         change of the springs' lengths with the angles [m/rad]
+R          rigidity matrix         derivatives of the spring lengths by the angles [m/rad]
 N_0, N_ss  zero modes, self-stress of a configuration: N_0 - N_ss = N - springs
 omega, k   frequency, wave number  of a phonon [rad/s], [rad/m]; gap omega_0
 c          speed_of_sound          c in omega^2 = omega_0^2 + c^2 k^2 near the gap [m/s]
-Lambda     site_arc                arc of the orbit per rotor spacing of the wall [rad]
+Lambda     site_arc                arc length of the orbit per rotor spacing [rad]
 gamma      lorentz_factor          1 / sqrt(1 - v^2 / c^2) of a wall of velocity v
 E_s        energy_scale            half of the energy of an anti-kink at rest [J]
 Q          charge                  +1: kink, right-leaning before the wall; -1: anti-kink

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Colours of all pictures: the palette of Okabe and Ito, which suits colour-blind readers."""
+"""Colours of all pictures: the palette of Okabe and Ito, suitable for colour-blind readers."""
 
 from __future__ import annotations
 
@@ -17,6 +17,6 @@ WHITE = '#ffffff'
 
 
 def shares(colour: str) -> tuple[float, float, float]:
-    """Return red, green and blue of a colour such as '#d55e00', each from 0 to 1."""
+    """Return the red, green and blue components of a colour such as '#d55e00', from 0 to 1."""
     red, green, blue = (int(colour[place : place + 2], 16) / 255 for place in (1, 3, 5))
     return red, green, blue

@@ -2,10 +2,10 @@
 """Command `soliton-linkage` with sub-commands of the studies and of other packages.
 
 A package adds a sub-command by an entry point in the group `soliton_linkage.commands`. The entry
-point has the name of the sub-command and refers to a function. The function receives the remaining
-arguments and returns the exit code: 0, 1 after an error, 2 after Ctrl-C or for an invalid command
-line. The first line of the module's docstring is the help text. The module is imported only when
-its sub-command runs.
+point has the name of the sub-command and refers to a function. The function receives the arguments
+after this name and returns the exit code: 0 after success, 1 after an error, 2 after Ctrl-C or for
+an invalid command line. The help text of the sub-command is the first line of the docstring of the
+function's module. This module is imported only when the sub-command runs.
 """
 
 from __future__ import annotations
@@ -33,7 +33,10 @@ _FAILURES = (ArithmeticError, LookupError, OSError, RuntimeError, ValueError)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the sub-command of the first argument, or print the available ones."""
+    """Run the sub-command that the first argument names; without arguments, list all of them.
+
+    Return the exit code.
+    """
     given = sys.argv[1:] if arguments is None else list(arguments)
     words = words_before() or given
     commands = {found.name: found for found in sorted(entry_points(group=_GROUP))}
@@ -97,7 +100,7 @@ def _parser(commands: Mapping[str, EntryPoint]) -> PlainParser:
 
 
 def _summary(command: EntryPoint) -> str:
-    """Return the first line of the docstring of a command's module, without importing it."""
+    """Return the first line of the docstring of a command's module; do not import the module."""
     if command.dist is None:
         return ''
     path = Path(str(command.dist.locate_file(command.module.replace('.', '/') + '.py')))

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Command lines with one-line error messages and completion of words by the shell.
 
-Completion needs the package argcomplete. To activate it in bash: eval
-"$(register-python-argcomplete soliton-linkage)"
+Completion needs the package argcomplete. To activate completion in bash, run
+
+    eval "$(register-python-argcomplete soliton-linkage)"
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 _ASKED = '_ARGCOMPLETE'
-"""Environment variable during completion: number of words on the line that name the program."""
+"""Environment variable that the shell sets during completion. Its value is the number of words on
+the command line that name the program."""
 _ROS_FLAGS = ('-r', '--remap', '-p', '--param', '--params-file', '--log-level')
 _NEGATIVE = re.compile(r'-(\d|\.\d|inf|nan)')
 
@@ -24,13 +26,14 @@ class PlainParser(argparse.ArgumentParser):
     """Argument parser that reports an error in one line and exits with code 2."""
 
     def error(self, message: str) -> NoReturn:
-        """End the program."""
+        """Print the error message and exit with code 2."""
         self.exit(2, f'{self.prog}: {message}; see {self.prog} --help\n')
 
     def parse(self, arguments: Sequence[str] | None = None) -> argparse.Namespace:
-        """Return the options in the arguments, by default from the command line."""
+        """Return the parsed options; by default, parse the arguments of the program."""
         given = sys.argv[1:] if arguments is None else arguments
-        # argparse recognises only plain decimals as negative numbers and -1e-3 as an option.
+        # argparse regards -1e-3 as an option, because it recognises only plain decimals as
+        # negative numbers. A leading space prevents this.
         spaced = [f' {each}' if _NEGATIVE.match(each) else each for each in given]
         options, unknown = self.parse_known_args(spaced)
         if any(each in _ROS_FLAGS or ':=' in each for each in unknown):
@@ -41,7 +44,10 @@ class PlainParser(argparse.ArgumentParser):
 
 
 def words_before() -> list[str]:
-    """Return the words between the program and the word that the shell completes, if any."""
+    """Return the words between the program and the word that the shell completes.
+
+    Without a completion request, return an empty list.
+    """
     if _ASKED not in os.environ:
         return []
     return os.environ['COMP_LINE'][: int(os.environ['COMP_POINT'])].split(' ')[1:-1]

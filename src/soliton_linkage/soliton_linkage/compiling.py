@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compilation of loops by numba.
 
-If argument types are given, a loop is compiled at import, so that no compilation delays a frame.
-Later processes load the compiled code from the cache. With NUMBA_DISABLE_JIT=1 loops run as plain
-Python: slowly, and with the same results except for rounding.
+A loop with given argument types is compiled when its module is imported, so that no compilation
+delays a frame. Later processes load the compiled code from the cache. If NUMBA_DISABLE_JIT=1 is
+set, loops run as plain Python: slowly, and with the same results up to rounding errors.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ COMPILES = _compiled_or_not is not _nothing
 
 
 FASTMATH_FLAGS = frozenset({'contract', 'nsz'})
-"""Compiler flags: fused multiply-add is allowed, reordering of sums is not."""
+"""Compiler flags: they allow fused multiply-add, but no reordering of sums."""
 
 f8, i8, b1 = types.float64, types.int64, types.boolean
 const_f8_1d = types.Array(types.float64, 1, 'C', readonly=True)
@@ -53,16 +53,20 @@ const_f4_2d = types.Array(types.float32, 2, 'C', readonly=True)
 
 
 unrolled = numba.literal_unroll
-"""Loop over field names. Each iteration is compiled separately, because types may differ."""
+"""Function that marks a loop over field names. Each iteration is compiled separately, because the
+types of the fields may differ."""
 
 
 def records(dtype: np.dtype[np.void], writable: bool = False) -> Any:
-    """Return the numba type of a 1-D structured array; loops read `row[n]['field']`."""
+    """Return the numba type of a 1-D structured array, whose fields are `array[n]['field']`."""
     return types.Array(numba.from_dtype(dtype), 1, 'C', readonly=not writable)
 
 
 def named_tuple(row: type[tuple[Any, ...]], *fields: Any) -> Any:
-    """Return the numba type of a named tuple, given one type per field or one for all fields."""
+    """Return the numba type of a named tuple.
+
+    `fields` are the types of its fields, or a single type that all fields have.
+    """
     untyped = cast(Any, types)
     if len(fields) == 1:
         fields *= len(cast(Any, row)._fields)
@@ -72,7 +76,7 @@ def named_tuple(row: type[tuple[Any, ...]], *fields: Any) -> Any:
 
 
 def compiled(*arguments: Any) -> Callable[[Kernel], Kernel]:
-    """Return a decorator that compiles a function for arguments of these types."""
+    """Return a decorator that compiles a function for arguments of given types."""
 
     def compile_for(function: Kernel) -> Kernel:
         return compile_loop(function, arguments)
@@ -86,9 +90,10 @@ def compile_loop(
     fastmath: frozenset[str] = FASTMATH_FLAGS,
     inlined: bool = False,
 ) -> Kernel:
-    """Compile a function for arguments of these types, or for the types of its first call.
+    """Return a compiled function.
 
-    With `inlined`, the function is compiled into its callers.
+    `arguments` are the types of its arguments; if they are None, the types of each call are used.
+    If `inlined` is true, the function is compiled into its callers.
     """
     options: dict[str, Any] = {
         'fastmath': set(fastmath),
@@ -113,7 +118,7 @@ def compile_loop(
 
 
 def inlined(function: Kernel) -> Kernel:
-    """Compile a function into its callers."""
+    """Return a function that is compiled into its callers."""
     return compile_loop(function, inlined=True)
 
 
@@ -125,14 +130,16 @@ def _hint(intrinsic_function: Callable[[Any], Any]) -> Callable[[], None]:
 
 
 def _wide(_typing: Any) -> Any:
-    """Use the full vector width in the calling function, because LLVM would use only 256 bits.
+    """Make the compiler use vectors of 512 bits in the calling function.
 
-    Sensitivity, with AVX-512: without this hint `SymplecticNystrom` takes 0.74 ms instead of
-    0.56 ms for 5 s of 40 rotors, and 3.5 ms instead of 2.3 ms for 1 s of 1000 rotors.
+    Without this hint LLVM uses only 256 bits. On a processor with AVX-512, `SymplecticNystrom`
+    then takes 0.74 ms instead of 0.56 ms to simulate 5 s of 40 rotors, and 3.5 ms instead of
+    2.3 ms to simulate 1 s of 1000 rotors.
     """
 
     def generate(context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
-        # The method `add` of these attributes rejects unknown names.
+        # `set.add` is called directly, because the method `add` of llvmlite's attributes rejects
+        # names that it does not know.
         set.add(builder.function.attributes, '"prefer-vector-width"="512"')
         return context.get_dummy_value()
 

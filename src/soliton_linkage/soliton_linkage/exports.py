@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lazy import of the public names of a package (Scientific Python, SPEC 1).
 
-The stub file `__init__.pyi` of the package lists these names, which type checkers read too.
-Programs start faster because unused modules are not imported.
+The stub file `__init__.pyi` of the package lists the public names and their modules; type checkers
+read the same file. A module is imported when one of its names is used for the first time.
+Therefore programs start faster.
 """
 
 from __future__ import annotations
@@ -17,7 +18,10 @@ Exports = tuple[Callable[[str], object], Callable[[], list[str]], list[str]]
 
 
 def public_names(package: str, file: str) -> Exports:
-    """Return `__getattr__`, `__dir__` and `__all__` of a package, given its `__file__`."""
+    """Return `__getattr__`, `__dir__` and `__all__` for a package.
+
+    `package` is its `__name__` and `file` its `__file__`.
+    """
     stub = ast.parse(Path(file).with_suffix('.pyi').read_text(encoding='utf-8'))
     homes = {
         alias.name: statement.module

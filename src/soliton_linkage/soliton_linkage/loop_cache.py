@@ -2,10 +2,13 @@
 """Cache of compiled loops: one checked file for each loop, signature and processor.
 
 The cache of numba has three faults. An empty or truncated index file raises an error at import.
-Two processes can write two loops to one file. After a change of a called function in another
-module, the old code stays in use. Here a loop is compiled again only if its code, a loop that it
-calls or a constant of either changes; comments, docstrings and line numbers do not matter. This
-module uses private members of numba, because numba has no public way to replace its cache.
+Two processes can write two loops to one file. If a loop calls a function of another module and
+this function changes, numba continues to use the old code.
+
+With this cache, a loop is compiled again if its code changes, or the code of a loop that it calls,
+or a constant that one of them uses. Changes of comments, docstrings and line numbers have no
+effect. This module uses private members of numba, because numba has no public way to replace its
+cache.
 """
 
 from __future__ import annotations
@@ -28,29 +31,33 @@ from numba.core.caching import FunctionCache
 from numba.core.serialize import dumps
 
 _CHECKSUM = hashlib.sha256().digest_size
-"""Number of bytes of a checksum."""
+"""Size of a checksum [bytes]."""
 _CONSTANTS = (bool, int, float, str, tuple, frozenset)
-"""Types of global values that are compiled into a loop."""
+"""Types of global values that numba compiles into a loop as constants."""
 
 
 class LoopCache(FunctionCache):  # type: ignore[misc]
-    """Cache of one loop; an unusable file is ignored and replaced."""
+    """Cache of one loop; a damaged or outdated file is ignored and replaced."""
 
     def __init__(self, function: Callable[..., Any], options: object) -> None:
-        """Choose a folder; raises RuntimeError if none can be written."""
+        """Choose the folder of the cache; raise RuntimeError if no folder is writable."""
         super().__init__(function)
         self._options = repr(options)
         name = re.sub(r'-\d+(?=\.py)', '', self._impl.filename_base)  # without the line number
         self._cache_file = _LoopFiles(Path(self.cache_path), name)
 
     def _index_key(self, sig: Any, codegen: Any) -> tuple[str, str]:
-        """Return the file name of a loop, and a text with all that its content depends on."""
+        """Return the key of a loop for given argument types: two texts.
+
+        The first text determines the file name. The second text contains everything on which the
+        compiled code depends.
+        """
         target = repr((sig, codegen.magic_tuple()))
         versions = f'numba {numba.__version__} llvmlite {version("llvmlite")}'
         return target, f'{target} {versions} {self._options} {_code_digest(self._py_func)}'
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Save a compiled loop; if the folder cannot be written, log this once."""
+        """Save a compiled loop; if the folder is not writable, log one warning."""
         try:
             super().save_overload(sig, data)
         except OSError as error:
@@ -58,7 +65,11 @@ class LoopCache(FunctionCache):  # type: ignore[misc]
 
 
 class _LoopFiles:
-    """Files of a loop; each has a checksum, a checksum of the key, and the data of numba."""
+    """Files of one loop.
+
+    Each file contains a checksum of the rest of the file, a checksum of the key, and the data from
+    numba.
+    """
 
     def __init__(self, folder: Path, name: str) -> None:
         self._folder = folder
@@ -98,7 +109,7 @@ class _LoopFiles:
 
 @functools.cache
 def report_once(text: str) -> None:
-    """Log a warning, unless this process has already logged one about the cache."""
+    """Log a warning about the cache, but only the first one in each process."""
     if report_once.cache_info().currsize == 0:
         logging.getLogger(__name__).warning(text)
 
@@ -126,7 +137,7 @@ def _code_digest(function: Any) -> str:
 
 
 def _instructions(function: Any) -> list[Any]:
-    """Return the contents of the code objects of a function, except docstring and line numbers."""
+    """Return the contents of the code objects of a function without docstring and line numbers."""
     return [
         (
             code.co_code.hex(),
@@ -144,7 +155,7 @@ def _instructions(function: Any) -> list[Any]:
 
 
 def _used(function: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the global and enclosed variables that a function may read."""
+    """Yield name and value of each global and enclosed variable that a function may read."""
     for code in _codes(function.__code__):
         for name in code.co_names:
             if name in function.__globals__:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Progress of a long computation, as one line on stderr.
+"""Display of the progress of a long computation as one line on stderr.
 
-The package tqdm is not used, because it writes carriage returns into log files and cannot shorten
-the title when a remark needs the space.
+The package tqdm is not used for two reasons: it writes carriage returns into log files, and it
+cannot shorten the title if a remark needs the space.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ import time
 _BAR_WIDTH = 30
 """Width of the bar [characters]."""
 _MINIMUM_BAR_WIDTH = 10
-"""Width of the bar on a short line [characters]."""
+"""Smallest width of the bar if the line is short [characters]."""
 _TERMINAL_INTERVAL = 0.1
-"""Shortest time between updates of a terminal [s]; faster updates flicker."""
+"""Shortest time between two updates of the line in a terminal [s]; faster updates flicker."""
 _LOG_INTERVAL = 2.0
-"""Shortest time between lines in a file [s]."""
+"""Shortest time between two lines in a log file [s]."""
 _DEFAULT_COLUMNS = 80
-"""Line width if stderr is not a terminal or reports no width [characters]."""
+"""Line width if stderr is not a terminal, or if the terminal reports no width [characters]."""
 
 
 def line_width() -> int:
@@ -29,15 +29,15 @@ def line_width() -> int:
         columns = os.get_terminal_size(sys.stderr.fileno()).columns
     except (OSError, ValueError):
         columns = 0
-    # The cursor needs one column. Some terminals report a width of 0.
+    # One column is left for the cursor. Some terminals report a width of 0.
     return columns - 1 if columns > 1 else _DEFAULT_COLUMNS
 
 
 class ProgressLine:
-    """Progress display: one updated line in a terminal, separate lines in a file."""
+    """Progress display: one line that is updated in a terminal, separate lines in a log file."""
 
     def __init__(self, title: str, total: float) -> None:
-        """Prepare to show the progress towards a total; a total of 0 shows no bar."""
+        """Prepare to show the progress from 0 to `total`; if `total` is 0, no bar is shown."""
         self.total = total
         self._title = title
         self._terminal = sys.stderr.isatty()
@@ -46,11 +46,11 @@ class ProgressLine:
 
     @property
     def due(self) -> bool:
-        """Whether the update interval has elapsed."""
+        """Whether the interval since the last update is long enough for another update."""
         return time.monotonic() - self._shown_at >= self._interval
 
     def show(self, done: float, remark: str = '') -> None:
-        """Show the progress if an update is due. If space is short, the title is cut."""
+        """Show the progress if an update is due; cut the title if the line is too short."""
         if not self.total:
             self.show_text(f'{self._title}: {remark}' if remark else self._title)
             return
@@ -65,7 +65,7 @@ class ProgressLine:
         self.show_text(f'{title}{"#" * filled}{"." * (width - filled)}{tail}')
 
     def show_text(self, text: str) -> None:
-        """Show a text instead of a bar if an update is due, cut to the width of the line."""
+        """Show a text instead of a bar if an update is due; cut it to the width of the line."""
         if self.due:
             self._shown_at = time.monotonic()
             self._write(text[: line_width()] if self._terminal else text)

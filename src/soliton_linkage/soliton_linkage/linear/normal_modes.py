@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Normal modes of small vibrations about any configuration with relaxed springs.
 
-With I = M r^2 and the rigidity matrix R of the configuration, the modes are the right singular
-vectors of B = k_e^(1/2) R I^(-1/2), and the angular frequencies are its singular values. Rounding
-errors of the singular values are 1e-16 of the largest value. Frequencies from the eigenvalues of
-the dynamical matrix B^T B would have errors of 1e-8 of the largest.
+Let R be the rigidity matrix of the configuration, I = M r^2, and B = k_e^(1/2) R I^(-1/2). The
+right singular vectors of B are the modes, and its singular values are the angular frequencies.
+The rounding errors of these frequencies are 1e-16 times the largest frequency. If the frequencies
+were computed from the eigenvalues of the dynamical matrix B^T B, the errors would be 1e-8 times
+the largest frequency.
 """
 
 from __future__ import annotations
@@ -21,17 +22,18 @@ from soliton_linkage.linear.statics import unstretched
 from soliton_linkage.linkage.chain import Array, Chain
 
 _MOST_STRETCH = 1e-6
-"""Largest relative extension of a relaxed spring [1]; frequencies have at most this error."""
+"""Threshold of the relative extension of a spring [1]: the spring counts as relaxed if its
+extension is smaller. The relative errors of frequencies are then at most this value."""
 
 
 @dataclass(frozen=True)
 class NormalModes:
-    """Frequencies and shapes of the normal modes of a chain of N rotors, slowest first.
+    """Frequencies and shapes of the normal modes of a chain of N rotors.
 
-    frequencies: angular frequencies [rad/s], shape (N,), ascending.
-    shapes: changes of the angles, one mode per column [rad / (kg^(1/2) m)], shape (N, N). They
-        satisfy shapes^T diag(I) shapes = 1. The signs of the shapes are arbitrary.
-    moments_of_inertia: I of each rotor about its pivot [kg m^2], shape (N,).
+    frequencies: angular frequencies in ascending order [rad/s], shape (N,).
+    shapes: changes of the angles, one mode per column [rad / (kg^(1/2) m)], shape (N, N). They are
+        normalised by shapes^T diag(I) shapes = 1. The sign of each column is arbitrary.
+    moments_of_inertia: moment of inertia I of each rotor about its pivot [kg m^2], shape (N,).
     """
 
     frequencies: Array
@@ -40,10 +42,10 @@ class NormalModes:
 
 
 def normal_modes(chain: Chain, angles: ArrayLike) -> NormalModes:
-    """Return the normal modes about a configuration with relaxed springs.
+    """Return the normal modes about a configuration with relaxed springs [rad], shape (N,).
 
-    With free ends the slowest mode is the zero mode with frequency 0. The algorithm is dense, with
-    time O(N^3) and memory O(N^2). Raises ValueError for angles [rad] at which a spring is
+    If the ends are free, the first mode is the zero mode with frequency 0. The algorithm uses
+    dense matrices; it takes a time O(N^3) and a memory O(N^2). Raises ValueError if a spring is
     stretched.
     """
     matrix = _weighted_rigidity_matrix(chain, _relaxed(chain, angles))
@@ -55,11 +57,12 @@ def normal_modes(chain: Chain, angles: ArrayLike) -> NormalModes:
 
 
 def mode_frequencies(chain: Chain, angles: ArrayLike) -> Array:
-    """Return only the angular frequencies of the normal modes [rad/s], shape (N,), ascending.
+    """Return the angular frequencies of `normal_modes` in ascending order [rad/s], shape (N,).
 
-    With free ends they are the upper half of the eigenvalues of [[0, B^T], [B, 0]]. If rotors and
-    springs alternate, this matrix is tridiagonal, and the time is O(N^2). With periodic ends the
-    algorithm is dense, O(N^3). Raises ValueError for angles [rad] at which a spring is stretched.
+    If the ends are free, the frequencies are the non-negative eigenvalues of [[0, B^T], [B, 0]].
+    With rotors and springs in alternating order this matrix is tridiagonal, so that the
+    computation takes a time O(N^2). For periodic ends the algorithm uses dense matrices and takes
+    a time O(N^3). Raises ValueError if a spring is stretched.
     """
     relaxed = _relaxed(chain, angles)
     if chain.periodic:
@@ -75,11 +78,12 @@ def mode_frequencies(chain: Chain, angles: ArrayLike) -> Array:
 
 
 def mode_density(frequencies: ArrayLike, edges: ArrayLike) -> Array:
-    """Return a histogram of the modes [modes / rotor / (rad/s)], shape (bins,).
+    """Return a histogram of the mode frequencies [modes / rotor / (rad/s)], shape (bins,).
 
-    A bin contains the fraction of the modes between two edges [rad/s], divided by the width of the
-    bin. For a long uniform chain it is the mean of `density_of_states` over the bin. Raises
-    ValueError for frequencies that are negative or not finite, and for edges that do not ascend.
+    The value of a bin is the fraction of the modes with frequencies between two of the `edges`
+    [rad/s], divided by the width of the bin. For a long uniform chain, this value is the mean of
+    `density_of_states` over the bin. Raises ValueError for frequencies that are negative or not
+    finite, and for edges that are not in ascending order.
     """
     counted, bounds = np.atleast_1d(np.asarray(frequencies, float)), np.asarray(edges, float)
     check_frequencies(counted)
@@ -97,9 +101,9 @@ def mode_density(frequencies: ArrayLike, edges: ArrayLike) -> Array:
 def mode_energies(modes: NormalModes, displacements: ArrayLike, rates: ArrayLike) -> Array:
     """Return the energy of each mode [J], E_j = (eta_j_dot^2 + omega_j^2 eta_j^2) / 2, (..., N).
 
-    The coordinates are eta = shapes^T diag(I) dphi. The displacements dphi from the configuration
-    of the modes [rad] and the rates [rad/s] have the shape (..., N). Raises ValueError if they
-    have another number of rotors.
+    The mode coordinates are eta = shapes^T diag(I) dphi, where dphi are the displacements of the
+    angles from the configuration of the modes. `displacements` [rad] and `rates` [rad/s] have the
+    shape (..., N). Raises ValueError if their number of rotors is not that of the modes.
     """
     coordinates = _coordinates(modes, displacements, 'displacements')
     speeds = _coordinates(modes, rates, 'rates')
@@ -109,11 +113,12 @@ def mode_energies(modes: NormalModes, displacements: ArrayLike, rates: ArrayLike
 def phonon_energies(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> tuple[Array, Array]:
     """Return frequencies [rad/s] and energies [J] of the modes of a moving state, shape (N,) each.
 
-    The modes belong to the nearest configuration with relaxed springs, see `unstretched`. The sum
-    of their energies equals the total energy up to third order in the distance from this
-    configuration. With free ends the first energy belongs to the zero mode: the kinetic energy of
-    a wall in a chain of rigid bars. Raises ValueError for angles and rates that do not fit the
-    chain, and if no relaxed configuration is near.
+    The modes are those about the nearest configuration with relaxed springs, see `unstretched`.
+    The sum of the energies differs from the total energy only by terms of third order in the
+    distance from this configuration. If the ends are free, the first energy is that of the zero
+    mode: the kinetic energy that a wall would have in a chain of rigid bars. Raises ValueError for
+    angles [rad] and rates [rad/s] that do not fit the chain, and if no relaxed configuration is
+    near.
     """
     relaxed, displacement = _departure(chain, angles)
     modes = normal_modes(chain, relaxed)
@@ -124,13 +129,13 @@ def phonon_energies(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> tuple[
 def phonon_energy(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> float:
     """Return the energy of a moving state outside the zero mode [J].
 
-    E = sum_n (k_e / 2) (R dphi)_n^2 + T(phi_dot - t (t . I phi_dot) / (t . I t)) is the sum of
-    `phonon_energies` without the first. It is computed without modes, in O(N). It includes
-    everything except the motion of rigid bars, not only phonons. For example, it includes the
-    strain of the springs in a moving wall, which is a fraction of the energy of the wall that
-    grows as the square of its speed. For several walls it excludes only their common motion along
-    the zero mode. With periodic ends it includes all energy, because there is no zero mode. Raises
-    ValueError in the cases of `phonon_energies`.
+    The energy is E = sum_n (k_e / 2) (R dphi)_n^2 + T(phi_dot - t (t . I phi_dot) / (t . I t)). It
+    equals the sum of `phonon_energies` without the first, but is computed without modes in a time
+    O(N). E includes not only phonons, but all energy except that of the motion of rigid bars. For
+    example, E includes the elastic energy of a moving wall. As a fraction of the energy of the
+    wall, this elastic energy grows as the square of the speed. If the chain has several walls, E
+    excludes only their common motion along the zero mode. If the ends are periodic, E is the total
+    energy, because no zero mode exists. Raises the errors of `phonon_energies`.
     """
     relaxed, displacement = _departure(chain, angles)
     left = chain.check_angles(rates, 'rate')
@@ -143,7 +148,7 @@ def phonon_energy(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> float:
 
 
 def _departure(chain: Chain, angles: ArrayLike) -> tuple[Array, Array]:
-    """Return the nearest configuration with relaxed springs and the displacement from it [rad]."""
+    """Return the nearest relaxed configuration, and the displacement from it [rad]."""
     given = chain.check_angles(angles)
     relaxed = unstretched(chain, given)
     return relaxed, given - relaxed

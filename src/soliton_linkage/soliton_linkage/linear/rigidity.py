@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rigidity matrix of any configuration, its zero modes, and the mode at an edge."""
+"""Rigidity matrix of any configuration, its zero modes, and the zero mode at an edge."""
 
 from __future__ import annotations
 
@@ -11,17 +11,20 @@ from numpy.typing import NDArray
 
 from soliton_linkage.linkage.chain import Array, Chain, Motion, uprightness
 
-# scipy is imported where it is needed, because its import takes 1 s and 50 MB, and actuators need
-# only edges and zero modes.
+# Functions that use scipy import it themselves, because the import takes 1 s and 50 MB. Actuators
+# need only functions without scipy.
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 VANISHING = 1e-280
-"""Replacement for a vanishing lever [m^2/rad], far below the rounding error of other levers."""
+"""Value that replaces a vanishing lever [m^2/rad]. It is far below the rounding errors of other
+levers."""
 _BLOCK = 500
-"""Number of factors between 1/2 and 1 whose product does not underflow, 2^-1022 [1]."""
+"""Number of factors that are multiplied without rescaling [1]. Each factor is between 1/2 and 1,
+so that the product does not fall below 2^-1022, the smallest double."""
 _FAR_FROM_OVERFLOW = 1e100
-"""Largest number x for which the squares of x and 1 / x do not overflow or underflow [1]."""
+"""Limit for the components of a mode [1]. If they and their inverses are below it, their squares
+neither overflow nor underflow."""
 
 
 class Edge(enum.Enum):
@@ -32,12 +35,15 @@ class Edge(enum.Enum):
     LAST = 'last'
 
     def resolved(self, chain: Chain, angles: Array) -> Edge:
-        """Return FIRST or LAST; a configuration decides which edge is NEAREST."""
+        """Return FIRST or LAST; replace NEAREST by the nearest edge in a configuration [rad]."""
         return self if self is not Edge.NEAREST else _nearest(zero_mode(chain, angles))
 
 
 def rigidity_bands(chain: Chain, angles: Array) -> tuple[Array, Array]:
-    """Return A_n = dl_n/dphi_n and B_n = dl_n/dphi_{n+1} [m/rad], each of (..., springs)."""
+    """Return the levers A_n = dl_n/dphi_n and B_n = dl_n/dphi_{n+1} [m/rad].
+
+    Both have the shape (..., springs).
+    """
     _, first, second = chain.springs(angles)
     return first, second
 
@@ -57,8 +63,8 @@ def rigidity_matrix(chain: Chain, angles: Array) -> csr_array:
 def dynamical_matrix(chain: Chain, angles: Array) -> csr_array:
     """Return the dynamical matrix D = I^(-1/2) R^T k_e R I^(-1/2) [rad^2/s^2], sparse, (N, N).
 
-    It acts on the variables sqrt(I_n) dphi_n with I = M r^2. Its eigenvalues are the squared
-    frequencies of small motions about a configuration with relaxed springs.
+    The matrix D acts on the variables sqrt(I_n) dphi_n with I = M r^2. Its eigenvalues are the
+    squared angular frequencies of small motions about a configuration with relaxed springs.
     """
     matrix = rigidity_matrix(chain, angles)
     scaled = matrix.multiply(1 / np.sqrt(chain.moments_of_inertia)).tocsr()
@@ -67,17 +73,21 @@ def dynamical_matrix(chain: Chain, angles: Array) -> csr_array:
 
 
 def zero_modes(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
-    """Return orthonormal motions [1] that stretch no spring to first order, R t = 0, (N, N_0).
+    """Return the orthonormal zero modes t [1], the solutions of R t = 0, shape (N, N_0).
 
-    The numbers of zero modes and states of self-stress satisfy N_0 - N_ss = N - springs (paper,
-    section 1). A singular value is regarded as 0 if it is below the tolerance times the largest
-    one. The algorithm is dense, O(N^3).
+    A zero mode is a motion that stretches no spring to first order. The numbers of zero modes and
+    of states of self-stress satisfy N_0 - N_ss = N - springs (paper, section 1). A singular value
+    of R counts as 0 if it is below `tolerance` times the largest one. The algorithm uses dense
+    matrices and takes a time O(N^3).
     """
     return _null_space(rigidity_matrix(chain, angles).toarray(), tolerance)
 
 
 def states_of_self_stress(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
-    """Return orthonormal tensions [1] without torque, R^T s = 0, shape (springs, N_ss)."""
+    """Return the orthonormal states of self-stress s [1], shape (springs, N_ss).
+
+    They are spring tensions that exert no torque on any rotor, R^T s = 0.
+    """
     return _null_space(rigidity_matrix(chain, angles).toarray().T, tolerance)
 
 
@@ -88,13 +98,14 @@ def _null_space(matrix: Array, tolerance: float) -> Array:
 
 
 def zero_mode(chain: Chain, angles: Array) -> Array:
-    """Return the unit vector t [1] with R t = 0 at a configuration, shape (N,); exact in O(N).
+    """Return the zero mode at a configuration: the unit vector t [1] with R t = 0, shape (N,).
 
-    The recurrence t_{n+1} = -(A_n / B_n) t_n has no cancellation, so that the ratio of neighbours
-    is exact to rounding. Numbers with a separate exponent prevent underflow between distant walls.
-    The sign follows the maximal minors of R, t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2}, so that
-    t changes continuously along a motion of the linkage. Raises ValueError for periodic ends,
-    which have no zero mode in general.
+    The recurrence t_{n+1} = -(A_n / B_n) t_n has no cancellation, so that the ratio of
+    neighbouring components is exact up to rounding errors. It takes a time O(N). Exponents are
+    stored separately if the components would underflow between distant walls. The sign of t is
+    that of the maximal minors of R, t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2}. Therefore t
+    changes continuously along a motion of the linkage. Raises ValueError for periodic ends,
+    because a chain with periodic ends has in general no zero mode.
 
     >>> chain = Chain(number_of_rotors=10)
     >>> leaning_left = chain.uniform_state(-1)
@@ -109,19 +120,20 @@ def zero_mode(chain: Chain, angles: Array) -> Array:
 
 
 def mode_centre(mode: Array) -> float:
-    """Return the centre of a normalised mode [rotor spacings], sum_n n t_n^2."""
+    """Return the centre of a normalised mode, sum_n n t_n^2 [rotor spacings]."""
     return float(np.add.reduce(np.arange(len(mode)) * mode * mode))
 
 
 def mode_towards_last(chain: Chain, angles: Array) -> Array:
     """Return the zero mode with the sign that moves the wall towards the last rotor [1], (N,).
 
-    When an edge rotor of a flipper swings past the line from its pivot to its neighbour's mass,
-    its lever A_0 or B_{N-2} changes sign. The direction in which the zero mode moves the wall is
-    then reversed. The reference is the left-leaning state with d < 1. In this state all A_n and
-    B_n have the sign (-1)^(n+1), and the wall moves towards the last rotor if all theta_n grow. In
-    an upside-down chain these signs are reversed. The edge rotor of a spinner does not pass such a
-    line; the wall of a spinner moves towards the last rotor if sum_n h_n grows.
+    The wall of a spinner moves towards the last rotor if sum_n h_n grows. For a flipper the sign
+    is determined from the levers of the edge rotors. When an edge rotor swings past the line from
+    its pivot to the mass of its neighbour, its lever, A_0 or B_{N-2}, changes its sign. The zero
+    mode of constant sign then moves the wall in the opposite direction. The reference is the
+    left-leaning state with d < 1. In this state all A_n and B_n have the sign (-1)^(n+1), and the
+    wall moves towards the last rotor if all theta_n grow. In a chain that was assembled upside
+    down these signs are reversed.
     """
     first, second = _levers_of_free_chain(chain, angles)
     mode = _zero_mode_of(first, second)
@@ -135,7 +147,8 @@ def mode_towards_last(chain: Chain, angles: Array) -> Array:
 def edge_mode(chain: Chain, angles: Array, edge: Edge, anywhere: bool = False) -> Array:
     """Return the normalised zero mode that moves the wall away from an edge [1], shape (N,).
 
-    Raises ValueError if the mode is nearer to the other edge, unless `anywhere` is true.
+    Raises ValueError if the centre of the mode is nearer to the other edge and `anywhere` is
+    false.
     """
     return resolved_edge_mode(chain, angles, edge, anywhere)[1]
 
@@ -143,7 +156,7 @@ def edge_mode(chain: Chain, angles: Array, edge: Edge, anywhere: bool = False) -
 def resolved_edge_mode(
     chain: Chain, angles: Array, edge: Edge, anywhere: bool = False
 ) -> tuple[Edge, Array]:
-    """Return the resolved edge, FIRST or LAST, and the `edge_mode` of this edge."""
+    """Return FIRST or LAST for the given edge, and the result of `edge_mode`."""
     mode = mode_towards_last(chain, angles)
     nearest = _nearest(mode)
     end = nearest if edge is Edge.NEAREST else edge
@@ -157,7 +170,11 @@ def resolved_edge_mode(
 
 
 def _levers_of_free_chain(chain: Chain, angles: Array) -> tuple[Array, Array]:
-    """Return A_n l_n and B_n l_n [m^2/rad], see `Chain.springs`; l_n cancels in their ratio."""
+    """Return A_n l_n and B_n l_n [m^2/rad] with the levers of `Chain.springs`.
+
+    Only the ratio of the two is used, in which the spring length l_n cancels. Raises ValueError
+    for periodic ends.
+    """
     if chain.periodic:
         raise ValueError(
             'a chain with periodic ends has as many springs as rotors and in general no zero '
@@ -181,16 +198,17 @@ def _zero_mode_of(first: Array, second: Array) -> Array:
         mantissas, exponents = _cumulative_product(-first / second)
         mode = np.ldexp(mantissas, np.maximum(exponents - exponents.max(), -1100))
     mirrored = np.add.reduce(second < 0) % 2
-    # norm would call BLAS, which starts threads in long chains; this takes longer than the sum.
+    # np.linalg.norm would call BLAS. In long chains BLAS starts threads, which takes longer than
+    # the sum.
     length = np.sqrt(np.add.reduce(mode * mode))
     return np.asarray(mode / (-length if mirrored else length))
 
 
 def _cumulative_product(factors: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Return products of the first 0, 1, ... factors as mantissas and exponents of 2, (n + 1,).
+    """Return the products of the first 0, 1, ..., n of n factors as mantissas and exponents of 2.
 
-    The factors are multiplied in blocks whose product of mantissas is at least 2^-500. Each block
-    is then scaled back into the range of doubles.
+    Both have the shape (n + 1,). The mantissas are multiplied in blocks with products of at least
+    2^-500. After each block the product is split into mantissa and exponent again.
     """
     mantissas, exponents = np.frexp(np.concatenate([[1.0], factors]))
     powers = np.cumsum(exponents, dtype=np.int64)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Description of a chain: parameters, deviations, gravity, encoders, and recorded motion."""
+"""Description of a chain: its parameters and deviations, gravity, encoders, and recordings."""
 
 from soliton_linkage.exports import public_names
 

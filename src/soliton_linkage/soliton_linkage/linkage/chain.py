@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Geometry, energy and torques of the chain of rotors.
 
-Springs join neighbouring masses. The squared length of spring n minus its squared rest length is
+Springs join neighbouring masses. Relative to its pivot, mass n is at h_n = r sin(phi_n) and v_n =
+r cos(phi_n). The difference between the squared length and the squared rest length of spring n is
 
     e_n = l_n^2 - lbar^2 = c + 2 a (h_{n+1} - h_n) - 2 (h_n h_{n+1} + v_n v_{n+1}),
-    c = a^2 + 2 r^2 - lbar^2 = -2 r^2 cos(2 theta_bar),
+    c = a^2 + 2 r^2 - lbar^2 = -2 r^2 cos(2 theta_bar).
 
-with h = r sin(phi), v = r cos(phi). Extensions are computed as e_n / (l_n + lbar). This form
-avoids the cancellation of lengths, so that the extension of a relaxed spring is 0 to rounding. In
-chains with deviations, a, r, lbar, M and k_e depend on the rotor or spring.
+Extensions are computed as e_n / (l_n + lbar). This form does not subtract nearly equal lengths, so
+that the extension of a relaxed spring is 0 up to rounding errors. In chains with deviations, each
+rotor has its own r and M, and each spring its own a, lbar and k_e.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ Array = NDArray[np.float64]
 
 
 class Motion(enum.Enum):
-    """Class of motion of the rotors in a moving wall (paper, 'Topology of the unit cell')."""
+    """Class of the motion of rotors when a wall passes (paper, 'Topology of the unit cell')."""
 
     FLIPPER = 'flipper'
     WOBBLING_FLIPPER = 'wobbling flipper'
@@ -41,9 +42,10 @@ class Motion(enum.Enum):
 class Chain:
     """Parameters of a chain. Raises ValueError for invalid values.
 
-    The ends are free or periodic. In a periodic chain one more spring joins the last rotor to an
-    image of the first rotor. The parameters apply to all rotors and springs; `deviations` contains
-    the relative differences of single rotors and springs from these parameters.
+    The ends are free or periodic. In a chain with periodic ends, an additional spring joins the
+    last rotor to a periodic image of the first rotor. The parameters apply to all rotors and
+    springs. `deviations` contains the relative differences between single rotors or springs and
+    these parameters.
     """
 
     number_of_rotors: int = quantity(40, 'number of rotors', '', 2, 100_000)
@@ -168,15 +170,12 @@ class Chain:
 
     @cached_property
     def rest_length(self) -> float:
-        """Rest length of a spring without deviation [m].
-
-        lbar = sqrt(a^2 + 4 r^2 cos(theta_bar)^2).
-        """
+        """Rest length of a spring without deviation, sqrt(a^2 + 4 r^2 cos(theta_bar)^2) [m]."""
         return math.hypot(self.spacing, 2 * self.rotor_length * math.cos(self.rest_angle))
 
     @cached_property
     def moment_of_inertia(self) -> float:
-        """Moment of inertia of a rotor without deviations about its pivot [kg m^2], M r^2."""
+        """Moment of inertia about the pivot, of a rotor without deviations [kg m^2], M r^2."""
         return self.mass * self.rotor_length**2
 
     @cached_property
@@ -186,37 +185,37 @@ class Chain:
 
     @cached_property
     def lean_ratio(self) -> float:
-        """Lean ratio d = 2 r sin(theta_bar) / a; flippers with d > 1 wobble."""
+        """Lean ratio d = 2 r sin(theta_bar) / a [1]. Flippers with d > 1 wobble."""
         return 2 * self.rotor_length * math.sin(self.rest_angle) / self.spacing
 
     @cached_property
     def critical_lean_ratio(self) -> float:
-        """Lean ratio beyond which the rotors spin, d_c = 2 / sin(theta_bar)."""
+        """Critical lean ratio d_c = 2 / sin(theta_bar) [1]. Chains with d > d_c are spinners."""
         return 2 / math.sin(self.rest_angle)
 
     @cached_property
     def motion(self) -> Motion:
-        """Class of motion: flipper d < 1, wobbling flipper 1 < d < d_c, spinner d > d_c."""
+        """Class of motion: flipper if d < 1, spinner if d > d_c, wobbling flipper in between."""
         if self.lean_ratio > self.critical_lean_ratio:
             return Motion.SPINNER
         return Motion.WOBBLING_FLIPPER if self.lean_ratio > 1 else Motion.FLIPPER
 
     @cached_property
     def wall_width(self) -> float:
-        """Width of a slow wall in the continuum [m].
+        """Width w of a slow wall in the continuum theory [m].
 
-        w = a^2 / (2 r sin(theta_bar)) for flippers (phi^4 theory), r sin(theta_bar) for
-        spinners (sine-Gordon theory).
+        For flippers w = a^2 / (2 r sin(theta_bar)), from the phi^4 theory. For spinners w =
+        r sin(theta_bar), from the sine-Gordon theory.
         """
         lean = self.rotor_length * math.sin(self.rest_angle)
         return lean if self.motion is Motion.SPINNER else self.spacing**2 / (2 * lean)
 
     @cached_property
     def signs(self) -> Array:
-        """Sign s of the angle in the coordinate of each rotor, shape (N,).
+        """Sign s = dq/dphi of the coordinate q of each rotor [1], shape (N,).
 
-        The coordinate q is phi for a spinner and the staggered angle theta for a flipper, so that
-        s is -1 for odd rotors of a flipper.
+        The coordinate q of a rotor is its angle phi in a spinner, and its staggered angle theta in
+        a flipper. Therefore s is -1 for the odd rotors of a flipper, and 1 for all other rotors.
         """
         signs = np.ones(self.number_of_rotors)
         if self.motion is not Motion.SPINNER:
@@ -224,15 +223,19 @@ class Chain:
         return signs
 
     def uniform_state(self, lean: int) -> Array:
-        """Return the angles of the right-leaning (+1) or left-leaning (-1) state [rad], (N,)."""
+        """Return the angles of the right-leaning (+1) or left-leaning (-1) state [rad], (N,).
+
+        Raises ValueError for any other `lean`.
+        """
         if lean not in (-1, 1):
             raise ValueError(f'lean = {lean!r} must be +1 (right) or -1 (left)')
         return staggered(np.full(self.number_of_rotors, lean * self.rest_angle))
 
     def check_angles(self, angles: ArrayLike, what: str = 'angle') -> Array:
-        """Return finite values of shape (N,) as an array; raise ValueError for other values.
+        """Return one value per rotor as an array of shape (N,).
 
-        `what` is the name of the quantity in the error message.
+        Raises ValueError for another shape and for values that are not finite. `what` is the name
+        of the quantity in the error message.
         """
         checked = np.asarray(angles, dtype=np.float64)
         check_shape(checked, self.number_of_rotors, what)
@@ -242,13 +245,14 @@ class Chain:
         return checked
 
     def positions(self, angles: Array) -> tuple[Array, Array]:
-        """Return h and v, the positions of the masses from their pivots [m], each (..., N)."""
+        """Return h and v of the masses relative to their pivots [m], shape (..., N) each."""
         return self.rotor_lengths * np.sin(angles), self.rotor_lengths * np.cos(angles)
 
     def springs(self, angles: Array) -> tuple[Array, Array, Array]:
-        """Return extensions [m] and levers A and B [m/rad] of the springs, each (..., springs).
+        """Return extensions [m] and levers A and B [m/rad] of all springs, (..., springs) each.
 
-        A_n = dl_n/dphi_n and B_n = dl_n/dphi_{n+1}; see `springs.spring_between`.
+        The levers are the derivatives A_n = dl_n/dphi_n and B_n = dl_n/dphi_{n+1} of the spring
+        lengths; see `springs.spring_between`.
         """
         horizontal, vertical = self.positions(angles)
         h_left, h_right = self._joined(horizontal)
@@ -279,7 +283,11 @@ class Chain:
         return self.gathered(pull * first, pull * second)
 
     def gathered(self, lefts: Array, rights: Array) -> Array:
-        """Add the contributions of all springs to their left and right rotors, (..., N)."""
+        """Return the sum of the contributions of the springs to each rotor, shape (..., N).
+
+        Each spring contributes an element of `lefts` to its left rotor and of `rights` to its
+        right rotor.
+        """
         if self.periodic:
             return np.asarray(lefts + np.roll(rights, 1, axis=-1))
         sums = np.zeros((*np.shape(lefts)[:-1], self.number_of_rotors))
@@ -289,7 +297,7 @@ class Chain:
 
     @cached_property
     def offsets(self) -> Array:
-        """Offset c of each spring, see above [m^2], shape (springs,)."""
+        """Offset c of each spring, defined in the module docstring [m^2], shape (springs,)."""
         uniform = -2 * self.rotor_length**2 * math.cos(2 * self.rest_angle)
         r_left, r_right = self._joined(self.rotor_lengths)
         deviating = (self.spacings**2 - self.spacing**2) + (r_left**2 - self.rotor_length**2)
@@ -298,9 +306,9 @@ class Chain:
 
     @cached_property
     def spring_parameters(self) -> Array:
-        """Rows r of each rotor and a, c, lbar of each spring [m, m, m^2, m], shape (4, N).
+        """Four rows of N values: r of each rotor [m], and a [m], c [m^2], lbar [m] of each spring.
 
-        With free ends the entries of the missing last spring are 0.
+        With free ends, the values of the missing last spring are 0.
         """
         rows = np.zeros((4, self.number_of_rotors))
         rows[0] = self.rotor_lengths
@@ -320,29 +328,32 @@ class Chain:
 
 
 def staggered(angles: ArrayLike) -> Array:
-    """Convert angles to staggered angles or back: phi_n (n even), pi - phi_n (odd), (..., N)."""
+    """Convert angles phi to staggered angles theta or back [rad], shape (..., N).
+
+    theta_n = phi_n for even n, and theta_n = pi - phi_n for odd n.
+    """
     converted = np.array(angles, dtype=np.float64)
     converted[..., 1::2] = np.pi - converted[..., 1::2]
     return converted
 
 
 def displacement(chain: Chain, angles: ArrayLike) -> Array:
-    """Return the displacement of each rotor, u = r sin(theta) = r sin(phi) [m], (..., N)."""
+    """Return the displacement of each mass, u = r sin(theta) = r sin(phi) [m], (..., N)."""
     return chain.positions(np.asarray(angles, dtype=np.float64))[0]
 
 
 def uprightness(angles: ArrayLike) -> int:
     """Return +1 if the even inner rotors point up on average, -1 if they point down.
 
-    For a flipper this sign is constant, because its inner rotors pass only the top, or only the
-    bottom if the chain was assembled upside down.
+    In a flipper this sign never changes. Its even inner rotors swing only through the upright
+    position, or, if the chain was assembled upside down, only through the hanging position.
     """
     vertical = np.cos(angles)
     return -1 if vertical[2:-1:2].sum() < vertical[1:-1:2].sum() else 1
 
 
 def check_shape(values: ArrayLike, rotors: int, what: str = 'angle') -> None:
-    """Raise ValueError unless the values form one row with one value per rotor."""
+    """Raise ValueError unless the values have the shape (rotors,)."""
     shape = values.shape if isinstance(values, np.ndarray) else np.shape(values)
     if shape != (rotors,):
         raise ValueError(

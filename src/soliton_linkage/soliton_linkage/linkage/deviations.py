@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Relative deviations of single rotors and springs from the parameters of their chain."""
+"""Relative deviations of single rotors and springs from the parameters of the chain."""
 
 from __future__ import annotations
 
@@ -18,14 +18,15 @@ from soliton_linkage.linkage.quantities import (
 )
 
 _LARGEST_FRACTION = 1e3
-"""Largest relative deviation of a rotor or spring [1]; products of larger values overflow."""
+"""Largest allowed relative deviation of a rotor or spring [1]. Products of larger values could
+overflow."""
 _LOWEST_FRACTIONS = {
     'dry_friction': -1.0,
     'quadratic_damping': -1.0,
     'non_reciprocity': -_LARGEST_FRACTION,
     'on_site_torque': -_LARGEST_FRACTION,
 }
-"""Lowest relative deviation [1] of quantities that may be 0 or negative."""
+"""Lowest allowed relative deviation [1] of the quantities that may become 0 or negative."""
 
 
 @document_fields
@@ -33,10 +34,10 @@ _LOWEST_FRACTIONS = {
 class Deviations:
     """Relative deviations of single rotors and springs from the parameters of the chain.
 
-    For example, the length of a rotor with the fraction 0.02 is 1.02 times the parameter
-    rotor_length of the chain. An empty tuple means no deviations. Raises ValueError for fractions
-    of -1 or less. Frictions may be -1, and non-reciprocities and on-site torques may be any
-    number.
+    For example, a rotor with the value 0.02 in `rotor_length` is 1.02 times as long as the
+    parameter rotor_length of the chain. An empty tuple means that all rotors or springs have the
+    deviation 0. Raises ValueError for deviations of -1 or less, with two exceptions: deviations of
+    frictions may be -1, and those of non-reciprocities and on-site torques may be lower.
     """
 
     spacing: tuple[float, ...] = quantity(
@@ -67,7 +68,7 @@ class Deviations:
     )
 
     def __post_init__(self) -> None:
-        """Raise ValueError for fractions that are not finite or out of range."""
+        """Raise ValueError for deviations that are not finite or out of range."""
         for name in _NAMES:
             for place, fraction in enumerate(getattr(self, name)):
                 lowest = _LOWEST_FRACTIONS.get(name, -1.0)
@@ -81,7 +82,7 @@ class Deviations:
                     )
 
     def check_fit(self, number_of_rotors: int, number_of_springs: int) -> None:
-        """Raise ValueError if a tuple is neither empty nor has one value per rotor or spring."""
+        """Raise ValueError unless each tuple is empty or has one value per rotor or spring."""
         for name in _NAMES:
             of_springs = name in _OF_SPRINGS
             wanted = number_of_springs if of_springs else number_of_rotors
@@ -93,7 +94,10 @@ class Deviations:
                 )
 
     def joined(self, others: Deviations) -> Deviations:
-        """Combine two sets of deviations; raise ValueError if both contain the same quantity."""
+        """Return the combination of two sets of deviations.
+
+        Raises ValueError if both sets contain deviations of the same quantity.
+        """
         for name in _NAMES:
             if getattr(self, name) and getattr(others, name):
                 raise ValueError(
@@ -109,7 +113,8 @@ _NAMES = tuple(f.name for f in fields(Deviations))
 _OF_SPRINGS = ('spacing', 'stiffness', 'rest_length', 'non_reciprocity')
 NO_DEVIATIONS = Deviations()
 _LARGEST_SPREAD = 0.5
-"""Largest standard deviation [1]; at this value one parameter in forty would be negative."""
+"""Largest allowed relative standard deviation [1]. With this value, one random parameter in forty
+would be negative."""
 
 
 def _spread(of: str) -> Any:
@@ -120,7 +125,7 @@ def _spread(of: str) -> Any:
 @document_fields
 @dataclass(frozen=True)
 class Disorder:
-    """Relative standard deviations of the parameters of rotors and springs, and a random seed.
+    """Disorder of a chain: relative standard deviations of its rotors and springs, and a seed.
 
     Raises ValueError for values out of range.
     """
@@ -142,7 +147,7 @@ class Disorder:
         check_quantities(self)
 
     def drawn(self, number_of_rotors: int, periodic: bool = False) -> Deviations:
-        """Draw random deviations; quantities with the standard deviation 0 have none."""
+        """Return random deviations; quantities with the standard deviation 0 do not deviate."""
         fractions = {name: getattr(self, name) for name in _NAMES if getattr(self, name)}
         return drawn_deviations(number_of_rotors, self.seed, periodic, **fractions)
 
@@ -150,12 +155,12 @@ class Disorder:
 def drawn_deviations(
     number_of_rotors: int, seed: int, periodic: bool = False, **fractions: float
 ) -> Deviations:
-    """Draw independent normal deviations, given the standard deviation of each by name.
+    """Return random deviations: independent normal numbers of given standard deviations.
 
-    The values of one quantity do not depend on the other quantities. For a given seed they are
-    proportional to the standard deviation. Raises ValueError for fewer than 2 rotors, a seed that
-    is not a whole number of 0 or more, an unknown name, a negative standard deviation, and a drawn
-    deviation of -1 or less.
+    `fractions` are the relative standard deviations by the name of the quantity. The deviations of
+    one quantity depend only on the seed and are proportional to the standard deviation. Raises
+    ValueError for fewer than 2 rotors, a seed that is not a whole number of 0 or more, an unknown
+    name, a negative standard deviation, and a random deviation that `Deviations` does not allow.
     """
     _check_whole('number_of_rotors', number_of_rotors, 2)
     _check_whole('seed', seed, 0)

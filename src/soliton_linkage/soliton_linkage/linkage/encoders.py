@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Encoder readings of the rotors, with noise, resolution and offsets."""
+"""Simulated encoder readings with noise, finite resolution and offsets."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ class EncoderErrors:
         0.0, 'standard deviation of each reading', 'rad', 0.0, 10.0, adjustable=True
     )
     quantisation: float = quantity(
-        0.0, 'resolution of the readings; 0 for exact readings', 'rad', 0.0, 10.0, adjustable=True
+        0.0, 'resolution of the readings; 0 means no rounding', 'rad', 0.0, 10.0, adjustable=True
     )
     offsets: tuple[float, ...] = quantity(
-        (), 'constant offset of each reading, one per rotor [rad]; empty for none'
+        (), 'constant offset of each encoder, one per rotor [rad]; an empty list means 0 for all'
     )
     seed: int = quantity(0, 'seed of the noise', '', 0, LARGEST_SEED)
 
@@ -41,7 +41,7 @@ class EncoderErrors:
 
     @property
     def none(self) -> bool:
-        """Whether the readings equal the angles."""
+        """Whether all errors are 0, so that the readings equal the angles."""
         return not (self.noise or self.quantisation or any(self.offsets))
 
 
@@ -50,12 +50,14 @@ class EncoderErrors:
 class KnownEncoders:
     """Known properties of the encoders of a chain. Raises ValueError for values out of range.
 
-    Subtract the offsets from readings to get angles. Recordings contain readings.
+    The angle of a rotor is the reading of its encoder minus the offset. Recordings contain
+    readings.
     """
 
     offsets: tuple[float, ...] = quantity(
         (),
-        'known offset of each encoder (position minus angle), one per rotor [rad]; empty for none',
+        'known offset (reading minus angle) of each encoder, one per rotor [rad]; an empty list '
+        'means 0 for all',
     )
 
     def __post_init__(self) -> None:
@@ -66,17 +68,20 @@ class KnownEncoders:
 class Encoders:
     """Simulated encoders, which convert the angles of a chain to readings frame by frame.
 
-    With normal noise n of unit variance and the quantisation q,
+    With the resolution q and a normal random number n of unit variance,
 
         reading = q round((phi + offset + noise n) / q),
-                rate = (reading - previous reading) / period.
+        rate = (reading - previous reading) / period.
 
-    Real encoders measure no rates either. The rate of the first frame is 0. The noise depends only
-    on the seed and the frame number.
+    Rates are differences of readings, because encoders do not measure rates. The rate is 0 in a
+    frame without a previous frame. The noise depends only on the seed and on the frame number.
     """
 
     def __init__(self, number_of_rotors: int, period: float, errors: EncoderErrors) -> None:
-        """Prepare readings of a number of rotors with the given frame period [s]."""
+        """Prepare encoders for a number of rotors; frames have the given period [s].
+
+        Raises ValueError if the number of offsets does not fit.
+        """
         check_one_each(errors.offsets, number_of_rotors)
         self.errors = errors
         self._rotors = number_of_rotors
@@ -88,7 +93,10 @@ class Encoders:
         self._before = None
 
     def read(self, frame: int, angles: Array) -> tuple[Array, Array]:
-        """Return readings [rad] and rates [rad/s] for the angles [rad] of a frame, (N,) each."""
+        """Return readings [rad] and rates [rad/s], shape (N,) each.
+
+        `frame` is the frame number and `angles` are its angles [rad], shape (N,).
+        """
         errors = self.errors
         reading = angles + (errors.offsets or 0.0) + self._noise(frame, errors)
         step = errors.quantisation
@@ -110,7 +118,7 @@ class Encoders:
 
 
 def check_one_each(offsets: Sequence[float], number_of_rotors: int) -> None:
-    """Raise ValueError unless there is one offset per rotor, or none."""
+    """Raise ValueError unless `offsets` is empty or contains one offset per rotor."""
     if len(offsets) not in (0, number_of_rotors):
         raise ValueError(
             f'{len(offsets)} offsets of encoders do not fit a chain of {number_of_rotors} rotors; '

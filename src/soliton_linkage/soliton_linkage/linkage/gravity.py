@@ -14,7 +14,7 @@ from soliton_linkage.linkage.quantities import check_quantities, document_fields
 @document_fields
 @dataclass(frozen=True)
 class Gravity:
-    """Uniform gravity along -z for tilt 0, rotated towards +x for positive tilt.
+    """Uniform gravity. It acts along -z if the tilt is 0; a positive tilt rotates it towards +x.
 
     Raises ValueError for values out of their range.
     """
@@ -36,9 +36,10 @@ class Gravity:
         check_quantities(self)
 
     def energy(self, chain: Chain, angles: Array) -> Array:
-        """Return the potential energy relative to masses at their pivots [J], shape (...).
+        """Return the potential energy U [J], shape (...).
 
-        U = -g sum_n M (h_n sin(tilt) - v_n cos(tilt)) = g sum_n M r cos(phi_n + tilt).
+        U = -g sum_n M (h_n sin(tilt) - v_n cos(tilt)) = g sum_n M r cos(phi_n + tilt). It would be
+        0 if the masses were at their pivots.
         """
         heights = np.cos(angles + self.tilt)
         return np.asarray(np.sum(self._weights(chain) * heights, axis=-1))
@@ -48,7 +49,7 @@ class Gravity:
         return np.asarray(self._weights(chain) * np.sin(angles + self.tilt))
 
     def scale(self, chain: Chain) -> float:
-        """Return the energy scale g sum_n M r [J]."""
+        """Return the typical size of the potential energy, g sum_n M r [J]."""
         return float(self._weights(chain).sum())
 
     def _weights(self, chain: Chain) -> Array:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Dataclass fields with unit, meaning and range, and validation of their values."""
+"""Definition of dataclass fields with unit, meaning and range, and validation of their values."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar
 
 LARGEST_SEED = 10**9
-"""Largest random seed: the largest value of an integer node parameter (64 bits)."""
+"""Largest allowed random seed; it fits into an integer node parameter of 64 bits."""
 
 LARGEST_ANGLE = 1e9
-"""Largest unwrapped angle [rad]; a double resolves it to 1e-7 rad, finer than encoders."""
+"""Largest allowed unwrapped angle [rad]. A double of this size has a resolution of 1e-7 rad, which
+is finer than the resolution of encoders."""
 
 Described = TypeVar('Described')
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """Meaning, unit and range of a parameter; the range includes its bounds."""
+    """Meaning, unit and range of a parameter. `minimum` and `maximum` are allowed values."""
 
     description: str
     unit: str = ''
@@ -30,7 +31,7 @@ class Quantity:
     adjustable: bool = False
 
     def complaint(self, value: object) -> str | None:
-        """Return what is wrong with a value, or None if it is allowed."""
+        """Return the condition that a value violates, or None if the value is allowed."""
         if self.choices and value not in self.choices:
             return f'must be one of {", ".join(map(repr, self.choices))}'
         if isinstance(value, numbers.Real) and not isinstance(value, bool):
@@ -61,13 +62,13 @@ def quantity(
     choices: Collection[str] = (),
     adjustable: bool = False,
 ) -> Any:
-    """Define a dataclass field with a default and a `Quantity` as its metadata."""
+    """Return a dataclass field with a default value and a `Quantity` as its metadata."""
     described = Quantity(description, unit, minimum, maximum, choices, adjustable)
     return field(default=default, metadata={'quantity': described})
 
 
 def document_fields(dataclass_type: type[Described]) -> type[Described]:
-    """Add the meaning of each quantity to the docstring of a dataclass, which `help` shows."""
+    """Add the meaning of each field to the docstring of a dataclass, so that `help` shows it."""
     lines = [
         f'    {name}: {one.description}{f" [{one.unit}]" if one.unit else ""}'
         for name, one in described_fields(dataclass_type).items()
@@ -77,16 +78,19 @@ def document_fields(dataclass_type: type[Described]) -> type[Described]:
 
 
 def described_fields(dataclass_type: Any) -> dict[str, Quantity]:
-    """Return the quantity of each described field of a dataclass, by name."""
+    """Return the `Quantity` of each field of a dataclass that was defined by `quantity`.
+
+    The keys are the names of the fields.
+    """
     described = [f for f in fields(dataclass_type) if 'quantity' in f.metadata]
     return {f.name: f.metadata['quantity'] for f in described}
 
 
 def check_quantities(instance: Any) -> None:
-    """Raise ValueError for the first field with an invalid value.
+    """Raise ValueError if a field has an invalid value.
 
-    If the default is a number, the value must be a number; if the default is a whole number, the
-    value must be a whole number.
+    A value must be in the range of its `Quantity`. A field with a number as default must be a
+    number, and a field with a whole number as default must be a whole number.
     """
     for name, described in described_fields(instance).items():
         value = getattr(instance, name)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recorded angles of a chain, from a simulation, a bag or a live stream."""
+"""Recorded angles and rates of a chain, from a simulation, a bag or a live stream."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Geometry of one spring, or of an array of springs, between two neighbouring masses."""
+"""Geometry of a spring between two neighbouring masses, for one spring or arrays of springs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 TINY = float(np.finfo(np.float64).tiny)
-"""Length below which the direction of a spring is undefined [m]."""
+"""Threshold of the length of a spring [m]: the direction of a shorter spring is undefined."""
 
 
 def spring_between(
@@ -22,13 +22,14 @@ def spring_between(
 ) -> tuple[Any, Any, Any]:
     """Return the extension [m] of a spring and its levers A and B [m/rad].
 
-    The masses are at (h, v) [m] from their pivots. The distance between the pivots is `spacing`
-    [m]; `offset` [m^2] is an element of `Chain.offsets`. With (dh, dv) = (a + h_right - h_left,
-    v_right - v_left) the length is l = hypot(dh, dv). Its derivatives are A = (h_left dv - v_left
-    dh) / l by the angle of the left rotor and B = (v_right dh - h_right dv) / l by the angle of
-    the right rotor. Both are set to 0 if the masses coincide.
+    The masses are at the positions (h_left, v_left) and (h_right, v_right) [m] relative to their
+    pivots. The distance between the pivots is `spacing`, a [m]; `offset` [m^2] is an element of
+    `Chain.offsets`. With (dh, dv) = (a + h_right - h_left, v_right - v_left), the length of the
+    spring is l = hypot(dh, dv). The levers are the derivatives of l: A = (h_left dv - v_left dh) /
+    l by the angle of the left rotor, and B = (v_right dh - h_right dv) / l by the angle of the
+    right rotor. If the masses coincide, both levers are 0.
 
-    Arguments are numbers or arrays that broadcast. Compiled loops inline this function:
+    Arguments are numbers, or arrays that broadcast. Compiled loops can inline this function:
 
         spring = compile_loop(spring_between, inlined=True)
     """

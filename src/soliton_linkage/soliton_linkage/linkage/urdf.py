@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Chain in the Unified Robot Description Format (URDF) of ROS, Gazebo and MuJoCo.
+"""Description of a chain in the Unified Robot Description Format (URDF).
 
-A URDF describes a tree of rigid bodies, without springs. The position of each joint is the angle
-phi in `joint_states`, for even and odd rotors.
+ROS, Gazebo and MuJoCo read this format. A URDF describes a tree of rigid bodies, without springs.
+The position of each joint, also of odd rotors, is the angle phi as in `joint_states`.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.quantities import check_quantities, document_fields, quantity
 
 BASE = 'linkage'
-"""Name of the fixed link, whose x axis contains the pivots."""
+"""Name of the fixed link; the pivots are on its x axis."""
 _THICKNESS = 1 / 12
-"""Diameter of a rod, relative to the smaller of rotor length and spacing [1]."""
+"""Diameter of a rod, relative to the rotor length or to the spacing, whichever is smaller [1]."""
 _POINT = 1e-6
-"""Moment of inertia of a mass about its centre, relative to that about the pivot [1]. The masses
-are points, but many programs reject a moment of inertia of 0."""
+"""Moment of inertia of a mass about its own centre, relative to that about the pivot [1]. The
+masses are points, but many programs reject a moment of inertia of 0."""
 
 
 @document_fields
 @dataclass(frozen=True)
 class JointLimits:
-    """Limits of torque and rate of a rotor. The angle is unlimited."""
+    """Limits of the torque and of the rate of each rotor. The angle has no limits."""
 
     torque: float = quantity(0.1, 'largest torque on a rotor', 'N m', 0.0, 1e6)
     speed: float = quantity(100.0, 'largest rate of a rotor', 'rad/s', 0.0, 1e6)
@@ -40,10 +40,11 @@ class JointLimits:
 def robot_description(
     chain: Chain, joint_names: Sequence[str] = (), limits: JointLimits | None = None
 ) -> str:
-    """Return the URDF of a chain with one continuous joint about +y per rotor.
+    """Return the URDF of a chain, with one continuous joint about the +y axis for each rotor.
 
-    Joints have the given names, by default `rotor_n`. Joint J moves the link `J_link`, whose mass
-    is at (0, 0, r). Raises ValueError unless there is one distinct name per rotor.
+    The joints have the names `joint_names`, by default `rotor_0`, `rotor_1` and so on. A joint
+    with the name J moves the link `J_link`, in which the mass is at (0, 0, r). Raises ValueError
+    unless there is one distinct name per rotor.
     """
     rotors = chain.number_of_rotors
     names = list(joint_names) or [f'rotor_{rotor}' for rotor in range(rotors)]
@@ -53,7 +54,7 @@ def robot_description(
             'give one per rotor'
         )
     robot = Xml.Element('robot', name='soliton_linkage')
-    # MuJoCo shows visual elements only with this tag; other programs ignore it.
+    # MuJoCo shows visual elements only if this tag is present. Other programs ignore the tag.
     Xml.SubElement(Xml.SubElement(robot, 'mujoco'), 'compiler', discardvisual='false')
     for name, colour in (('rod', DARK), ('odd_rod', GREY), ('mass', BLUE), ('base', PALE)):
         material = Xml.SubElement(robot, 'material', name=name)
@@ -70,7 +71,7 @@ def robot_description(
 
 
 def link_name(joint: str) -> str:
-    """Return the name of the link that a joint moves, which is also the name of its frame."""
+    """Return the name of the link that a joint moves; the frame of the link has the same name."""
     return f'{joint}_link'
 
 
@@ -121,5 +122,5 @@ def _row(*values: float) -> str:
 
 
 def _number(value: float) -> str:
-    """Return a number as text that converts back to the same number."""
+    """Return a number as text, with enough digits to restore the same number."""
     return repr(float(value))

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Orbit of a chain of any length without deviations, composed from the orbit of a short chain.
 
-Far from the edges a wall has the same shape at every second rotor. A short chain suffices if a
-wall in its middle is not affected by the edges. The orbit of a longer chain has the same
-reflections at the edges; in each leg the motion past the two middle rotors is repeated, shifted by
-an even number of rotors. Time and memory do not depend on N.
+Far from the edges a wall has the same shape at every second rotor. Therefore the orbit is computed
+only for a short chain, in which the edges do not affect a wall in the middle. The wall of a longer
+chain has the same reflections at the edges. Between the reflections, the motion past the two
+middle rotors is repeated, shifted by an even number of rotors. Time and memory do not depend on N.
 
-The wall is known exactly in the middle of each leg. The orbit is integrated from one middle to the
-next through the reflection at the last rotor; the reflection at the first rotor is the mirror
-image.
+In the middle of each leg, the angles of the wall are known exactly. The orbit is integrated from
+the middle of one leg to the middle of the next, through the reflection at the last rotor. The
+reflection at the first rotor is the mirror image of this result.
 
-The site coordinate is the argument `site` of `static_wall`. It is proportional to the arc except
-near an edge, where the arc does not include the motion of rotors that the finite chain does not
-have.
+The site coordinate is the argument `site` of `static_wall`. Far from the edges it is proportional
+to the arc length along the orbit. Near an edge it is not, because the finite chain lacks the
+rotors beyond the edge that would move in an infinite chain.
 """
 
 from __future__ import annotations
@@ -37,26 +37,33 @@ from soliton_linkage.orbit.orbit import Orbit, OrbitSegment, PiecewiseCubic
 from soliton_linkage.solitons.static_wall import follow_zero_mode, site_arc, static_wall
 
 _DEPTHS_BESIDE = 15
-"""Rotors beside the wall of a short chain in penetration depths [1]: e^-15 is below 1e-6 rad."""
+"""Distance from a wall in the middle of the short chain to its edges, in penetration depths [1].
+At this distance the deviation of the angles from a uniform state is below 1e-6 rad."""
 _ROTORS_BESIDE = 6
-"""Additional rotors [1], for the width of a wall whose penetration depth is close to 0."""
+"""Number of rotors added to this distance [1]. They are necessary for walls with a penetration
+depth close to 0, because such walls still extend over a few rotors."""
 _TOLERANCE = 1e-9
-"""Tolerance of a step for the whole chain [rad]: the sum of all errors stays below 1e-6 rad."""
+"""Tolerance of a solver step, as a norm over all rotors [rad]. With this value, the accumulated
+error along the orbit is below 1e-6 rad."""
 _SAMPLES_A_STEP = 3
-"""Points of the spline in a step of the solver [1]: interpolation errors are below step errors."""
+"""Number of spline points per solver step [1]. With it, interpolation errors are smaller than the
+errors of the solver."""
 _DEPTHS_OF_EDGE = 8.0
-"""Range of an edge beyond its two rotors [penetration depths]. Further away, arc and site are
-proportional with a relative error of e^-16."""
+"""Distance from an edge, in addition to two rotor spacings, beyond which the site is regarded as
+proportional to the arc length [penetration depths]. The relative error is then e^-16."""
 _SAMPLES_A_SITE = 16
-"""Samples of the site near an edge per spacing or penetration depth [1]: errors are 1e-6."""
+"""Number of samples near an edge per rotor spacing, or per penetration depth if that is larger
+[1]. The interpolated sites have errors of 1e-6."""
 _STEP = 1e-5
-"""Step of the site in the numerical derivative of a wall at rest [rotor spacings]."""
+"""Step of the site for the numerical derivative of the angles of a wall [rotor spacings]."""
 _SHORT = 0.3
-"""Ratio of the last step to the step before, below which the two steps are merged [1]."""
+"""Threshold of the ratio of the last step to the step before it [1]. If the ratio is smaller, the
+two steps are merged."""
 _EXACT = 1e-12
-"""Step below which the search of an arc has converged [rad, rotor spacings]."""
+"""Threshold of a Newton step [rad]. If the step is smaller, the search for the arc length at a
+site has converged."""
 _STEPS = 20
-"""Largest number of Newton steps from a site to its arc [1]; three suffice from a near start."""
+"""Largest number of Newton steps in this search [1]; usually three are enough."""
 _DEGREE = 7
 """Degree of the spline [1], one less than the order of the solver."""
 
@@ -64,9 +71,10 @@ _DEGREE = 7
 class UniformOrbit(Orbit):
     """Orbit of a chain without deviations; deviations of the given chain are ignored.
 
-    Angles are accurate to 1e-6 rad. The computation takes less than a second, except for wobbling
-    flippers close to d_c and for walls that extend over 1000 rotors. Raises ValueError for a chain
-    of two rotors or with periodic ends, and the errors of `site_arc`.
+    The angles have errors below 1e-6 rad. The computation takes less than a second, except for
+    wobbling flippers with d close to d_c, and for walls that extend over 1000 rotors or more.
+    Raises ValueError for a chain of two rotors or with periodic ends, and the errors of
+    `site_arc`.
     """
 
     def __init__(self, chain: Chain) -> None:
@@ -95,19 +103,22 @@ class UniformOrbit(Orbit):
 
     @property
     def wall_extent(self) -> float:
-        """Arc length [rad] of the motion of the wall past all rotors that it affects."""
+        """Arc length of the part of the orbit in which one rotor moves as a wall passes it [rad].
+
+        The value is an upper bound; it includes the swing of an edge rotor at a reflection.
+        """
         swing = self._starts[1] - (self.chain.number_of_rotors - 1) * self.site_arc
         return self._short.number_of_rotors * self.site_arc + swing
 
     def site(self, arc: float) -> float:
-        """Return the site coordinate of the wall [rotor spacings], clipped to 0 ... N - 1."""
+        """Return the site coordinate of the wall [rotor spacings], limited to 0 ... N - 1."""
         site = self._site(arc % self._starts[-1], self.leg(arc))[0]
         return 0.0 if site < 0 else min(site, self._last)
 
     def arc_at(self, site: float, leg: int) -> float:
-        """Return the arc length at which the wall is at a site coordinate in a leg [rad].
+        """Return the arc length [rad] in a leg at which the wall is at a site coordinate.
 
-        It is linear in the site outside 0 ... N - 1.
+        For sites outside 0 ... N - 1, the arc length is extrapolated linearly.
         """
         way = 1 if leg % 2 == 0 else -1
         arc = self._halfway[leg] + way * (site - self.middle) * self.site_arc
@@ -120,11 +131,14 @@ class UniformOrbit(Orbit):
         return arc
 
     def site_arc_at(self, arc: float) -> float:
-        """Return the local arc length per rotor spacing [rad], ds / dsite."""
+        """Return the arc length per rotor spacing at an arc length [rad]: ds / d(site)."""
         return abs(1 / self._site(arc % self._starts[-1], self.leg(arc))[1])
 
     def _site(self, arc: float, leg: int) -> tuple[float, float]:
-        """Return the site coordinate in a leg, also outside 0 ... N - 1, and its slope [1/rad]."""
+        """Return the site coordinate in a leg and its derivative by the arc length [1/rad].
+
+        The site coordinate is not limited to 0 ... N - 1.
+        """
         forward = leg % 2 == 0
         way = (1 if forward else -1) / self.site_arc
         site = self.middle + way * (arc - self._halfway[leg])
@@ -135,7 +149,10 @@ class UniformOrbit(Orbit):
         return distance if at_first else self._last - distance, way * slope
 
     def segment(self, arc: float) -> OrbitSegment:
-        """Return the rotors near the wall; `background` has the angles of all others."""
+        """Return angles and tangent of the rotors near the wall at an arc length [rad].
+
+        `background` returns the angles of the other rotors.
+        """
         short = self._orbit
         rotors = self._short.number_of_rotors
         values = np.empty(2 * rotors)
@@ -152,9 +169,10 @@ class UniformOrbit(Orbit):
         return OrbitSegment(first, values[low:high], values[rotors + low : rotors + high])
 
     def background(self, arc: float) -> tuple[Array, Array]:
-        """Return the uniform angles left and right of the wall [rad], (N,) each.
+        """Return the angles far from the wall [rad]: for rotors on its left, and on its right.
 
-        The leg determines which edge rotors of flippers have toggled.
+        Both arrays have the shape (N,) and contain a uniform state. In flippers, the leg
+        determines which edge rotors have toggled.
         """
         left, right = self.chain.uniform_state(1), self.chain.uniform_state(-1)
         if self.chain.motion is Motion.SPINNER:
@@ -168,18 +186,19 @@ class _HalfLegs(NamedTuple):
     """Samples of the orbit from the middle of one leg to the middle of the next."""
 
     arcs: Array
-    """Arc lengths from the start [rad], shape (K,)."""
+    """Arc length of each of the K samples from the first sample [rad], shape (K,)."""
     angles: Array
-    """Actual angles [rad], without jumps, shape (K, N)."""
+    """Actual (not staggered) angles [rad], without jumps of 2 pi, shape (K, N)."""
     tangents: Array
     """Derivative of the angles by the arc length [1], shape (K, N)."""
 
     def mirrored(self, chain: Chain) -> _HalfLegs:
-        """Return the mirror image, n -> N - 1 - n and phi -> -phi, in reverse order.
+        """Return the mirror image of the samples, n -> N - 1 - n and phi -> -phi.
 
-        For an even number of rotors of a flipper or an odd number of a spinner, this is the orbit
-        of the chain assembled upside down; therefore pi is added to phi. In a spinner this
-        exchanges the legs, so that the order is not reversed.
+        The order of the samples is reversed, except in spinners with an odd number of rotors. The
+        mirror image of a flipper with an even number of rotors, or of a spinner with an odd
+        number, is a chain that was assembled upside down. Therefore pi is added to phi in these
+        two cases. In spinners the addition of pi also exchanges the legs.
         """
         spinner, odd = chain.motion is Motion.SPINNER, chain.number_of_rotors % 2 == 1
         angles, tangents = self.angles[:, ::-1], self.tangents[:, ::-1]
@@ -192,7 +211,7 @@ class _HalfLegs(NamedTuple):
 
 
 class _ShortOrbit:
-    """Orbit of a short chain as a spline, from the middle of leg 0 through all legs."""
+    """Orbit of a short chain as a spline in the arc length, starting in the middle of leg 0."""
 
     def __init__(self, chain: Chain, legs: int) -> None:
         self._chain = chain
@@ -216,11 +235,12 @@ class _ShortOrbit:
             for leg in range(legs)
         ]
         self.edges = [[self._edge(leg, first) for first in (False, True)] for leg in range(legs)]
-        """Distance of the wall from the last and from the first rotor in each leg, as a function
-        of the distance that the arc alone gives [rotor spacings]."""
+        """Functions for each leg that return the distance of the wall from the last rotor, and
+        from the first rotor [rotor spacings]. The argument is this distance as computed from the
+        arc length alone, without the effect of the edge [rotor spacings]."""
 
     def _edge(self, leg: int, at_first: bool) -> PiecewiseCubic:
-        """Return the distance of the wall from an edge as a function of the distance by arc."""
+        """Return the function in `edges` for one leg and one edge."""
         chain, last = self._chain, self._chain.number_of_rotors - 1
         depth = penetration_depth(chain) / chain.spacing
         reach = min(last / 2, 2 + _DEPTHS_OF_EDGE * depth)
@@ -243,10 +263,10 @@ class _ShortOrbit:
         return PiecewiseCubic(CubicSpline(without[first:], distances[first:], bc_type=ends))
 
     def _tangent(self, angles: Array) -> Array:
-        """Return the unit zero mode in the direction of the orbit [1], (N,).
+        """Return the unit zero mode in the direction of the orbit [1], shape (N,).
 
-        The formula t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2} is faster than `zero_mode`. In
-        units of the larger coupling, no product overflows in a short chain.
+        The formula t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2} is faster than `zero_mode`. The
+        levers are divided by the larger coupling, so that products rarely overflow.
         """
         first, second = rigidity_bands(self._chain, angles)
         mode = self._signs.copy()
@@ -259,7 +279,7 @@ class _ShortOrbit:
         return np.asarray(mode / math.sqrt(square))
 
     def _logarithmic_tangent(self, first: Array, second: Array) -> Array:
-        """Return the result of `_tangent` by logarithms, for products that overflow."""
+        """Return the result of `_tangent`, computed by logarithms because products overflow."""
         signs, logarithms = self._signs.copy(), np.zeros(len(self._signs))
         with np.errstate(divide='ignore'):
             logarithms[1:] += np.cumsum(np.log(np.abs(first)))
@@ -270,10 +290,11 @@ class _ShortOrbit:
         return np.asarray(mode / math.sqrt(mode @ mode))
 
     def _pieces(self) -> list[_HalfLegs]:
-        """Return all pieces in the order of the orbit; those at the first rotor are mirrored.
+        """Return all pieces in the order of the orbit.
 
-        For d > 1, leg 2 of flippers is the mirror image of leg 0; for d < 1, leg 3 is that of leg
-        1, because `toggled_edges` counts from the left-leaning state.
+        The pieces with the reflections at the first rotor are mirror images of those at the last.
+        In flippers with d > 1, leg 2 is the mirror image of leg 0. In flippers with d < 1, leg 3
+        is the mirror image of leg 1, because `toggled_edges` counts from the left-leaning state.
         """
         legs = len(self.walls)
         last = [self._followed(leg) for leg in range(0, legs, 2)]
@@ -283,7 +304,7 @@ class _ShortOrbit:
         return [piece for both in zip(last, first, strict=True) for piece in both]
 
     def _followed(self, leg: int) -> _HalfLegs:
-        """Follow the zero mode from the middle of one leg to the middle of the next."""
+        """Return samples of the orbit from the middle of one leg to the middle of the next."""
         start, goal = self.walls[leg], self.walls[(leg + 1) % len(self.walls)]
         tolerances = _TOLERANCE / 1e3, _TOLERANCE / math.sqrt(len(start))
         begins, ends, pieces = zip(
@@ -303,8 +324,8 @@ class _ShortOrbit:
     def _rate(self, arc: float, leg: int) -> float:
         """Return a quantity that changes its sign when the wall is reflected at the end of a leg.
 
-        At a reflection the edge rotor of a flipper is in line with its bar; in a spinner the rate
-        of the sum of the horizontal positions reverses.
+        At a reflection in a flipper, the edge rotor is in line with its bar, so that its lever
+        vanishes. At a reflection in a spinner, the derivative of sum_n sin(phi_n) vanishes.
         """
         angles, tangent = np.split(np.asarray(self._spline(arc)), 2)
         if self._chain.motion is Motion.SPINNER:
@@ -314,12 +335,12 @@ class _ShortOrbit:
 
 
 _short_orbit = lru_cache(maxsize=4)(_ShortOrbit)
-"""Cache of orbits of short chains. The analyser and the steering share it, and so do chains that
-differ only in length or deviations."""
+"""Orbit of a short chain, from a cache. The cache is shared by analyser and steering, and by
+chains that differ only in length or deviations."""
 
 
 def _short_chain(chain: Chain) -> Chain:
-    """Return the shortest chain whose wall in the middle is independent of the edges."""
+    """Return the shortest chain in which the edges do not affect a wall in the middle."""
     depth = penetration_depth(chain) / chain.spacing
     beside = math.ceil(_DEPTHS_BESIDE * depth) + _ROTORS_BESIDE
     fewest = 2 * beside + chain.number_of_rotors % 2
@@ -327,9 +348,10 @@ def _short_chain(chain: Chain) -> Chain:
 
 
 def _closed_spline(pieces: list[_HalfLegs], middles: list[float]) -> BSpline:
-    """Return a spline of angles and tangents, shape (2 N,), over one cycle.
+    """Return the spline of angles and tangents, shape (2 N,), over the whole orbit.
 
-    It extends into the previous and the next cycle, so that it is smooth where the cycle closes.
+    The spline extends beyond both ends of the orbit by a few samples, so that it is smooth where
+    the orbit closes.
     """
     arcs, rows, end = [], [], pieces[0].angles[0]
     for piece, middle in zip(pieces, middles[:-1], strict=True):
@@ -351,9 +373,10 @@ def _closed_spline(pieces: list[_HalfLegs], middles: list[float]) -> BSpline:
 
 @compiled(const_f8_1d, const_f8_2d, f8, f8_1d)
 def spline(knots: Array, coefficients: Array, at: float, values: Array) -> None:
-    """Set the values of B-splines with common knots, shape (M,); coefficients are (K, M).
+    """Set `values`, shape (M,), to the values of M B-splines at the position `at`.
 
-    The recursion of Cox and de Boor is ten times as fast as scipy's splines at one position.
+    The splines have common knots and coefficients of shape (K, M). The recursion of Cox and de
+    Boor is ten times as fast as scipy's splines for a single position.
     """
     high = coefficients.shape[0]
     low = degree = knots.size - high - 1
@@ -391,14 +414,16 @@ def set_near_wall(
     coefficients: Array,
     values: Array,
 ) -> tuple[int, int, int]:
-    """Set the angles [rad], up to whole turns, and tangents [1] of a short chain, shape (2 n,).
+    """Set the angles and tangents of the rotors of a short chain for a wall in a long chain.
 
-    `arc` [rad] belongs to a long chain with 2 `repeats` more rotors than the short one. `legs`,
-    shape (3, legs), has these rows [rad]: start of each leg in the long chain, the same in the
-    short chain, and arc from there to the middle of the short leg. `length` is the length of the
-    orbit of the short chain [rad]; `knots` and `coefficients` are its spline. Returns the index of
-    a rotor of the long chain, and the range of rotors of the short chain that begins with this
-    rotor.
+    The first n elements of `values` are the angles [rad], up to whole turns, and the last n the
+    tangents [1]. `arc` is an arc length on the orbit of the long chain [rad], which has 2
+    `repeats` more rotors. The rows of `legs` are arc lengths for each leg [rad]: its start in the
+    long chain, its start in the short chain, and the distance from this start to its middle.
+    `length` is the length of the orbit of the short chain [rad]; `knots` and `coefficients`
+    define its spline. Return three indices. The first is that of a rotor of the long chain. The
+    other two are the range of rotors of the short chain that corresponds to this rotor and the
+    following ones.
     """
     leg = legs.shape[1] - 1
     while leg > 0 and arc < legs[0, leg]:
@@ -409,7 +434,7 @@ def set_near_wall(
     offset = 2 * (passed if leg % 2 == 0 else repeats - passed)
     within = (legs[1, leg] + beyond - 2 * passed * site_arc) % length
     spline(knots, coefficients, within, values)
-    # An edge rotor of the short chain has no counterpart inside the long chain.
+    # An edge rotor of the short chain corresponds only to an edge rotor of the long chain.
     low = 0 if offset == 0 else 1
     end = values.size // 2
     high = end if offset == 2 * repeats else end - 1

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Domain walls, or *walls*: shapes at rest, continuum theories, and detection in angles.
+"""Domain walls, called *walls*: their angles at rest, continuum theories, and their detection.
 
-`static_wall` computes walls at rest, `continuum` contains the theories, and `passage` finds bonds
-that stop walls. A moving wall is a *soliton*. `tanh_fit` detects solitons in a frame, and `track`
-follows a soliton through a recording. The tails of walls are in `linear.bands`.
+`static_wall` computes walls at rest, and `anti_kink` the anti-kinks. `continuum` contains the
+continuum theories. `passage` finds bonds that stop walls. A moving wall is a *soliton*: `tanh_fit`
+detects the solitons in a frame, and `track` follows a soliton through a recording. The module
+`linear.bands` contains the tails of walls.
 """
 
 from soliton_linkage.exports import public_names

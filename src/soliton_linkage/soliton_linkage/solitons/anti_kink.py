@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Anti-kinks at rest: the states of least elastic energy at each site coordinate.
 
-A kink has zero energy at any site. An anti-kink has elastic energy, and a constraint holds it at a
-site x. Its path consists of the states of least energy with a given sum of a field F over the
-rotors, `constraint_field`,
+A kink has zero energy at every site, but an anti-kink has an elastic energy that depends on its
+site. Therefore a constraint must hold it at a site x. `constraint_field` defines a field F_n for
+each rotor n, and the constraint is the sum of this field. The state of least energy V then solves
 
-    grad V(phi) = p grad F(phi),    sum_n F_n(phi) = N - 1 - 2 x,
+    grad V(phi) = p grad sum_n F_n(phi),    sum_n F_n(phi) = N - 1 - 2 x,
 
-with the Lagrange multiplier p. Newton's method follows the path along x. If a state on the path is
-unstable, the anti-kink is pinned and jumps from one site to another, so that no path exists.
+with the Lagrange multiplier p. The path of the anti-kink is the set of these states for all x.
+Newton's method follows the path along x. If a state on the path is unstable, the anti-kink is
+pinned: it would jump from one site to another, so that no continuous path exists.
 """
 
 from __future__ import annotations
@@ -24,25 +25,27 @@ from soliton_linkage.linear.statics import stiffness_matrix
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 
 _SAMPLES = 65
-"""Samples of a path of two spacings [1]: splines through them are accurate to 1e-6."""
+"""Number of samples of a path of two rotor spacings [1]. Splines through the samples have errors
+of 1e-6."""
 _NEWTON_STEPS = 30
 """Largest number of Newton steps [1]; about five are needed."""
 _CONVERGED = 1e-7
-"""Newton step below which the state has converged [rad]."""
+"""Threshold of a Newton step [rad]: the state has converged if no angle changes by more."""
 _LONGEST = 0.3
-"""Largest Newton step [rad]."""
+"""Largest change of an angle in a Newton step [rad]."""
 _BUCKLING = 1e-6
-"""Smallest curvature that is not rounding, relative to the largest [1]."""
+"""Threshold of a negative curvature, relative to the largest diagonal element of the matrix [1]. A
+smaller one counts as a rounding error."""
 
 
 @lru_cache(maxsize=8)
 def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
-    """Return sites of an anti-kink [rotor spacings], shape (K,), and its states [rad], (K, N).
+    """Return the path of an anti-kink: K sites [rotor spacings] and the angles [rad], (K, N).
 
-    The path begins at the given site and covers two spacings. Beyond this range the states repeat,
-    shifted by two rotors. Site coordinates are proportional to the arc of the path, as for kinks.
-    The chain must be so long that its ends are at rest. Raises ArithmeticError if the anti-kink is
-    pinned.
+    The path starts at the site `begin` and covers two rotor spacings. Beyond this range the states
+    repeat, shifted by two rotors. As for kinks, site coordinates are proportional to the arc
+    length of the path. The chain must be so long that the anti-kink does not move its edge rotors.
+    Raises ArithmeticError if the anti-kink is pinned.
     """
     angles, multiplier = continuum_anti_kink(chain, begin), 0.0
     found = []
@@ -61,9 +64,9 @@ def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
 def resting_anti_kink(chain: Chain, near: float) -> tuple[float, Array]:
     """Return site [rotor spacings] and angles [rad], (N,), of an anti-kink in equilibrium.
 
-    The anti-kink is close to a given site, and the ends of the chain are fixed. Its site follows
-    from the sum of the constraint field. In flippers both a site on a rotor and a site between two
-    rotors are equilibria; this function returns the one with less energy.
+    The equilibrium is the one near the site `near`, with fixed edge rotors. The returned site is
+    computed from the sum of the constraint field. A flipper has two such equilibria, one with the
+    anti-kink on a rotor and one between two rotors; the function returns the one with less energy.
     """
     starts = (near,) if chain.motion is Motion.SPINNER else (near, near + 0.5)
     found = [_minimum(chain, continuum_anti_kink(chain, start)) for start in starts]
@@ -73,7 +76,10 @@ def resting_anti_kink(chain: Chain, near: float) -> tuple[float, Array]:
 
 
 def continuum_anti_kink(chain: Chain, site: float) -> Array:
-    """Return the anti-kink of the continuum theory with its ends at rest, shape (N,) [rad]."""
+    """Return the angles of an anti-kink in the continuum theory [rad], shape (N,).
+
+    The two edge rotors have the angles of the uniform states.
+    """
     rotors, rest = np.arange(chain.number_of_rotors), chain.rest_angle
     field = np.tanh((rotors - site) * chain.spacing / chain.wall_width)
     field[0], field[-1] = -1.0, 1.0
@@ -84,11 +90,11 @@ def continuum_anti_kink(chain: Chain, site: float) -> Array:
 
 
 def constraint_field(chain: Chain, angles: Array) -> tuple[Array, Array, Array]:
-    """Return the field F of each rotor [1] and its derivatives by its angle, (N,) each.
+    """Return the field F_n of each rotor and its first two derivatives by the angle, (N,) each.
 
-    For flippers F = (3 m - m^3) / 2 with the order field m = u / ub of `tanh_fit.order_field`.
-    Both this field and the field of spinners are stationary in the domains. Therefore the
-    constraint exerts no force there.
+    For flippers F = (3 m - m^3) / 2 with the order field m of `tanh_fit.order_field`; for spinners
+    F = cos(theta - theta_bar). Both fields are stationary in the uniform states on the two sides
+    of an anti-kink. Therefore the constraint exerts no force there.
     """
     theta, sense = staggered(angles), np.where(np.arange(len(angles)) % 2, -1.0, 1.0)
     if chain.motion is Motion.SPINNER:
@@ -102,7 +108,7 @@ def constraint_field(chain: Chain, angles: Array) -> tuple[Array, Array, Array]:
 
 
 def _minimum(chain: Chain, start: Array) -> Array:
-    """Return the state of least energy near another, shape (N,) [rad]; the ends are fixed."""
+    """Return the state of least energy near `start` [rad], shape (N,), with fixed edge rotors."""
     scale = chain.stiffness * chain.spacing**2
 
     def cost(inner: Array) -> tuple[float, Array]:
@@ -118,7 +124,11 @@ def _minimum(chain: Chain, start: Array) -> Array:
 def _constrained_minimum(
     chain: Chain, angles: Array, multiplier: float, field_sum: float
 ) -> tuple[Array, float]:
-    """Return the state of least energy with a sum of the field, and its Lagrange multiplier."""
+    """Return the state of least energy for a sum of the field, and the Lagrange multiplier.
+
+    `angles` [rad] and `multiplier` are the start of the search. Raises ArithmeticError if the
+    anti-kink is pinned.
+    """
     angles = angles.copy()
     for _ in range(_NEWTON_STEPS):
         field, first, second = constraint_field(chain, angles)
@@ -143,10 +153,10 @@ def _constrained_minimum(
 
 
 def _is_stable(diagonal: Array, beside: Array, along: Array) -> bool:
-    """Return whether a tridiagonal matrix H is positive definite orthogonally to a vector b.
+    """Return whether x . H x > 0 for all x orthogonal to a vector b, with a tridiagonal matrix H.
 
-    This is so if the matrix H bordered by b has exactly one negative eigenvalue. By Haynsworth's
-    theorem, it has as many negative eigenvalues as H, plus one if b . H^-1 b > 0.
+    This is true if the matrix H bordered by b has exactly one negative eigenvalue. By Haynsworth's
+    theorem, the bordered matrix has as many negative eigenvalues as H, plus one if b . H^-1 b > 0.
     """
     limit = -_BUCKLING * float(np.abs(diagonal).max())
     negative = eigvalsh_tridiagonal(diagonal, beside, select='v', select_range=(-np.inf, limit))

@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Continuum theories of the wall: phi^4 for flippers with d << 1, sine-Gordon for d >> d_c.
+"""Continuum theories of walls: phi^4 for flippers (d << 1), sine-Gordon for spinners (d >> d_c).
 
-In both the energy density is a perfect square. Therefore the wall of charge Q = +1 (right-leaning
-before the wall, left-leaning after it) has zero energy at rest; a wall of charge Q = -1 has the
-energy 2 E_s. Both theories are invariant under Lorentz boosts with the speed of sound c,
+In both theories the elastic energy density is a square. It vanishes everywhere in a wall of charge
+Q = +1 at rest, which has the right-leaning state on the side of rotor 0 and the left-leaning state
+on the other side. A wall of charge Q = -1 at rest has the energy 2 E_s. Both theories are
+invariant under Lorentz boosts with the speed of sound c. A wall of velocity v has the width w and
+the energy E,
 
     w = w_0 / gamma,    gamma = 1 / sqrt(1 - v^2 / c^2),
     E = (gamma - 1) M_eff c^2 + (1 - Q) E_s,    E_s = M_eff c^2.
 
-Signs and factors agree with the chain. Some signs and factors in the paper are different (eqs.
-flip_discrete, width, lagrangian2, sg and related equations); the docstrings list them.
+The signs and factors here agree with those of the chain. Some of them differ from the paper (eqs.
+flip_discrete, width, lagrangian2, sg and related equations); the docstrings list the differences.
 """
 
 from __future__ import annotations
@@ -25,17 +27,19 @@ from soliton_linkage.linear.bands import speed_of_sound
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 
 _HARDEST_KICK = 1e9
-"""Kick in units of Lambda c [1] above which 1 - v / c is below 2 / kick^4."""
+"""Kick in units of Lambda c [1], beyond which the speed v of the wall equals c up to rounding. For
+a large kick K in these units, 1 - v / c is about 2 / K^4."""
 
 
 @dataclass(frozen=True)
 class WallTheory(ABC):
-    """A relativistic wall of a uniform chain.
+    """Theory of relativistic walls in a uniform chain.
 
-    By default c is the exact speed of sound, a sqrt|q+ q-| / r in units of sqrt(k_e / M), because
-    simulated walls agree better with it than with the speed in the limit of the theory. Only in
-    this limit are the equations exact, with E_s = M_eff c^2. Speeds are in [m/s]. Methods raise
-    ValueError unless speeds are finite and below c and charges are +1 or -1.
+    Each theory is exact in a limit of d. By default c is not the speed of sound in this limit, but
+    the exact speed of sound, c = a sqrt|q+ q-| / r sqrt(k_e / M), because it agrees better with
+    simulated walls. E_s = M_eff c^2 holds only in the limit. Velocities are in [m/s]. Methods
+    raise ValueError for a velocity that is not finite or not below c, and for a charge other than
+    +1 or -1.
     """
 
     chain: Chain
@@ -58,14 +62,17 @@ class WallTheory(ABC):
 
     @property
     def speed_of_sound(self) -> float:
-        """Speed c of the boosts [m/s], exact or limiting."""
+        """Speed of sound c of the boosts [m/s]; `exact_sound` selects the exact one."""
         if not self.exact_sound:
             return self.limiting_speed_of_sound
         return speed_of_sound(self.chain)
 
     @property
     def arc_per_site(self) -> float:
-        """Path length of all masses per displacement of the wall [1]; M_eff = M Lambda^2."""
+        """Path length of all masses divided by the displacement of the wall, Lambda [1].
+
+        The effective mass is M_eff = M Lambda^2.
+        """
         return math.sqrt(self.effective_mass / self.chain.mass)
 
     def lorentz_factor(self, velocity: float) -> float:
@@ -74,7 +81,7 @@ class WallTheory(ABC):
         return 1 / math.sqrt((1 - ratio) * (1 + ratio))
 
     def width(self, velocity: float = 0.0) -> float:
-        """Return the width w of tanh(x / w) [m], contracted by the Lorentz factor."""
+        """Return the width w in tanh(x / w) [m]: the width at rest, divided by gamma."""
         return self.chain.wall_width / self.lorentz_factor(velocity)
 
     def kinetic_energy(self, velocity: float) -> float:
@@ -84,7 +91,7 @@ class WallTheory(ABC):
     def elastic_energy(self, velocity: float, charge: int = 1) -> float:
         """Return the energy of the springs [J], (gamma - 1)^2 / (2 gamma) M_eff c^2 + (1 - Q) E_s.
 
-        For Q = +1 it is (gamma - 1) / (gamma + 1) times the kinetic energy.
+        For Q = +1 this energy is (gamma - 1) / (gamma + 1) times the kinetic energy.
         """
         gamma, excess = self.lorentz_factor(velocity), self._excess(velocity)
         moving = self.effective_mass * (self.speed_of_sound * excess) ** 2 / (2 * gamma)
@@ -98,20 +105,21 @@ class WallTheory(ABC):
     def speed_after_kick(self, kick: float, arc_per_site: float | None = None) -> float:
         """Return the speed of a wall after a kick along the zero mode [m/s].
 
-        The kick v_0 = r |phi_dot| [m/s] is the speed of the masses (norm over the rotors). It has
-        the energy M v_0^2 / 2 = (gamma - 1) M Lambda^2 c^2, so that
+        `kick` is v_0 = r |phi_dot| [m/s], the norm of the velocities of all masses after the kick.
+        The kick has the energy M v_0^2 / 2 = (gamma - 1) M Lambda^2 c^2, so that
 
-            v = c sqrt(1 - 1 / (1 + v_0^2 / (2 Lambda^2 c^2))^2),
+            v = c sqrt(1 - 1 / (1 + v_0^2 / (2 Lambda^2 c^2))^2).
 
-        which tends to v_0 / Lambda for slow walls and rigid bars. The exact Lambda [1] may be
-        given; the default is `arc_per_site`.
+        For slow walls and for rigid bars, v tends to v_0 / Lambda. The argument `arc_per_site`
+        can be the exact Lambda [1]; by default it is the property `arc_per_site`.
         """
         arc = self.arc_per_site if arc_per_site is None else arc_per_site
         if not math.isfinite(kick):
             raise ValueError(f'kick = {kick} m/s must be a finite number')
         if not (math.isfinite(arc) and arc > 0):
             raise ValueError(f'arc per site = {arc} must be a finite number above 0')
-        # In this branch v equals c to rounding. At d = 1 every kick leads here, because c is 0.
+        # For so hard a kick, v equals c up to rounding. At d = 1 this is true for every kick,
+        # because c is 0.
         if abs(kick) >= _HARDEST_KICK * arc * self.speed_of_sound:
             return math.copysign(self.speed_of_sound, kick)
         gained = (kick / (arc * self.speed_of_sound)) ** 2 / 2
@@ -119,7 +127,7 @@ class WallTheory(ABC):
         return math.copysign(speed, kick)
 
     def _ratio(self, velocity: float) -> float:
-        """Return v / c; it is 0 for walls at rest even at d = 1, where c is 0."""
+        """Return v / c; for a wall at rest the result is 0, also at d = 1, where c is 0."""
         if velocity == 0:
             return 0.0
         speed_of_sound = self.speed_of_sound
@@ -136,12 +144,12 @@ class WallTheory(ABC):
         return (gamma * self._ratio(velocity)) ** 2 / (gamma + 1)
 
     def _misfit(self, velocity: float, charge: int) -> float:
-        """Return Q gamma - 1, the relative excess over the slope at rest [1]."""
+        """Return Q gamma - 1 [1]: the relative difference from the slope of a kink at rest."""
         excess = self._excess(velocity)
         return excess if _checked_sign('charge', charge) > 0 else -2 - excess
 
     def _scaled(self, x: ArrayLike, position: float, velocity: float) -> Array:
-        """Return the distances of positions x from the wall in its widths [1]."""
+        """Return (x - X) / w, the distance of positions x [m] from a wall in wall widths [1]."""
         given = np.asarray(x, dtype=np.float64)
         scaled: Array = (given - position) / self.width(velocity)
         return scaled
@@ -152,11 +160,15 @@ class WallTheory(ABC):
 
 @dataclass(frozen=True)
 class FlipperTheory(WallTheory):
-    """phi^4 theory of a flipper's wall in the displacement u = r sin(theta) [m], for d << 1.
+    """phi^4 theory of the walls of a flipper with d << 1.
 
-    L = (1 / a) integral dx {(M / 2) u_t^2 - (K / 2) [(ub^2 - u^2) + (a^2 / 2) u_x]^2} with ub = r
-    sin(theta_bar) and K = 4 k_e / lbar^2. In the paper (eq. lagrangian2) the cross term is half as
-    large and the factor 1 / a is missing. Raises ValueError for a spinner.
+    The field is the displacement u = r sin(theta) [m]. With ub = r sin(theta_bar) and K = 4 k_e /
+    lbar^2, the Lagrangian is
+
+        L = (1 / a) integral dx {(M / 2) u_t^2 - (K / 2) [(ub^2 - u^2) + (a^2 / 2) u_x]^2}.
+
+    In the paper (eq. lagrangian2) the cross term is half as large and the factor 1 / a is missing.
+    Raises ValueError for a spinner.
     """
 
     def __post_init__(self) -> None:
@@ -193,13 +205,17 @@ class FlipperTheory(WallTheory):
     ) -> Array:
         """Return the field u = -Q ub tanh((x - X) / w) [m] at positions x [m], shape (...).
 
-        The paper (eqs. width and Kink2) prints the field of Q = -1.
+        `position` is X, the position of the wall [m]. The paper (eqs. width and Kink2) contains
+        the field of a wall of charge Q = -1.
         """
         scaled = self._scaled(x, position, velocity)
         return np.asarray(-_checked_sign('charge', charge) * self.lean * np.tanh(scaled))
 
     def static_slope(self, displacements: ArrayLike) -> Array:
-        """Return the slope at rest, u' = (2 / a^2) (u^2 - ub^2) [1] (paper, eq. phi4_1)."""
+        """Return the slope u' = (2 / a^2) (u^2 - ub^2) [1] in a kink at rest (paper, eq. phi4_1).
+
+        `displacements` are the values of u [m].
+        """
         squares = np.square(np.asarray(displacements, dtype=np.float64))
         return np.asarray(2 / self.chain.spacing**2 * (squares - self.lean**2))
 
@@ -219,8 +235,8 @@ class FlipperTheory(WallTheory):
     ) -> Array:
         """Return the extensions of springs at x [m], -(2 / lbar) (Q gamma - 1) (ub^2 - u^2) [m].
 
-        A moving wall of charge +1 compresses the springs. A wall of charge -1 stretches them, even
-        at rest.
+        A moving wall of charge +1 compresses the springs. A wall of charge -1 stretches the
+        springs, even at rest.
         """
         squares = self.lean**2 * _sech_squared(self._scaled(x, position, velocity))
         factor = -2 / self.chain.rest_length * self._misfit(velocity, charge)
@@ -229,9 +245,10 @@ class FlipperTheory(WallTheory):
     def state(
         self, position: float, velocity: float = 0.0, charge: int = 1
     ) -> tuple[Array, Array]:
-        """Return angles [rad] and rates [rad/s] of a chain with a wall at X [m], each (N,).
+        """Return angles [rad] and rates [rad/s] of a chain with a wall at a position [m].
 
-        sin(theta) = u / r with the even rotors up, and u_t = -v u'.
+        Both have the shape (N,). The angles solve sin(theta) = u / r with the even rotors pointing
+        up. The rates follow from u_t = -v u'.
         """
         chain, pivots = self.chain, self._pivots()
         displacements = self.displacements(pivots, position, velocity, charge)
@@ -244,19 +261,20 @@ class FlipperTheory(WallTheory):
 
 @dataclass(frozen=True)
 class SpinnerTheory(WallTheory):
-    """Sine-Gordon theory of a spinner's wall in the angle psi [rad] by which rotors turn.
+    """Sine-Gordon theory of the walls of a spinner.
 
-    Across a wall psi increases from 0 to pi. The angle phi increases (turn +1) or decreases (turn
-    -1). The staggered angles are theta_bar + turn psi on rotors 0, 2, ... (the odd sites of the
-    paper) and theta_bar - turn psi on the others. With I = M r^2, ub = r sin(theta_bar) and K =
-    k_e r^4 a^2 sin(2 theta_bar)^2 / lbar^2,
+    The field is the angle psi [rad] by which the rotors have turned. Across a wall psi increases
+    from 0 to pi. The angle phi increases with psi (turn +1) or decreases (turn -1). The staggered
+    angles are theta_bar + turn psi on rotors 0, 2, ... (the odd sites of the paper) and theta_bar
+    - turn psi on the others. With I = M r^2, ub = r sin(theta_bar) and K = k_e r^4 a^2
+    sin(2 theta_bar)^2 / lbar^2, the Lagrangian is
 
-        L = (1 / a) integral dx {(I / 2) psi_t^2 - (K / 2) [psi_x - sin(psi) / ub]^2}
+        L = (1 / a) integral dx {(I / 2) psi_t^2 - (K / 2) [psi_x - sin(psi) / ub]^2}.
 
-    (paper, supporting information, without its factor a in the last term). A spinner can be
-    assembled in two ways. In the family +1 rotors turn from theta_bar to the left-leaning state pi
-    + theta_bar. In the family -1 rotors turn from -theta_bar - pi to -theta_bar, so that psi - pi
-    and -theta_bar replace psi and theta_bar. Raises ValueError for a flipper.
+    The last term in the paper (supporting information) has another factor a. A spinner can be
+    assembled in two ways. In the family +1, rotors turn from theta_bar to the left-leaning state
+    pi + theta_bar. In the family -1, they turn from -theta_bar - pi to -theta_bar, so that psi -
+    pi replaces psi, and -theta_bar replaces theta_bar. Raises ValueError for a flipper.
     """
 
     family: int = 1
@@ -296,7 +314,10 @@ class SpinnerTheory(WallTheory):
     def rotation(
         self, x: ArrayLike, position: float = 0.0, velocity: float = 0.0, charge: int = 1
     ) -> Array:
-        """Return psi from 0 to pi at positions x [m], cos(psi) = -Q tanh((x - X) / w), (...)."""
+        """Return the field psi [rad] at positions x [m], shape (...).
+
+        psi solves cos(psi) = -Q tanh((x - X) / w) and is between 0 and pi. `position` is X [m].
+        """
         scaled = _checked_sign('charge', charge) * self._scaled(x, position, velocity)
         return np.asarray(np.pi / 2 + 2 * np.arctan(np.tanh(scaled / 2)))
 
@@ -309,11 +330,13 @@ class SpinnerTheory(WallTheory):
         charge: int = 1,
         turn: int = 1,
     ) -> Array:
-        """Return theta [rad] of rotors 0, 2, ... (sublattice 0) or 1, 3, ... (1) at x [m].
+        """Return the staggered angles theta [rad] of one sublattice at positions x [m].
 
-        On both sublattices cos(theta - theta_bar) = -Q tanh((x - X) / w). At rest theta' = Q
-        sin(theta - theta_bar) / (r sin(theta_bar)) (paper, eq. sgd, and eq. sg with the opposite
-        sign). For the family -1, replace theta_bar by -theta_bar and change the sign.
+        Sublattice 0 consists of the rotors 0, 2, ..., and sublattice 1 of the rotors 1, 3, .... On
+        both sublattices cos(theta - theta_bar) = -Q tanh((x - X) / w). In a wall at rest theta' =
+        Q sin(theta - theta_bar) / (r sin(theta_bar)) (paper, eq. sgd; eq. sg has the opposite
+        sign). For the family -1, -theta_bar replaces theta_bar, and the right-hand sides of both
+        equations have the opposite sign.
         """
         if sublattice not in (0, 1):
             raise ValueError(f'sublattice = {sublattice!r} must be 0 (even rotors) or 1 (odd)')
@@ -322,7 +345,10 @@ class SpinnerTheory(WallTheory):
         return np.asarray(self.family * self.chain.rest_angle + sign * rotation)
 
     def static_slope(self, rotation: ArrayLike) -> Array:
-        """Return the slope of a wall at rest, psi' = sin(psi) / (r sin(theta_bar)) [rad/m]."""
+        """Return the slope psi' = sin(psi) / (r sin(theta_bar)) in a kink at rest [rad/m].
+
+        `rotation` contains the values of psi [rad].
+        """
         return np.asarray(np.sin(rotation) / self.chain.wall_width)
 
     def elastic_density(self, rotation: ArrayLike, slopes: ArrayLike) -> Array:
@@ -343,10 +369,11 @@ class SpinnerTheory(WallTheory):
         charge: int = 1,
         turn: int = 1,
     ) -> Array:
-        """Return the extensions of the springs right of even rotors at x [m], shape (...) [m].
+        """Return the extension [m] of springs at positions x [m], shape (...).
 
-        The extension is turn (r^2 a sin(2 theta_bar) / lbar) (Q gamma - 1) sin(psi) / ub. It has
-        the opposite sign for springs right of odd rotors, and for the family -1.
+        For a spring on the right of an even rotor, the extension is turn (r^2 a sin(2 theta_bar) /
+        lbar) (Q gamma - 1) sin(psi) / ub. For the family -1 its sign is opposite. Springs on the
+        right of odd rotors have the opposite extension.
         """
         sign = _checked_sign('turn', turn) * self.family
         factor = sign * self._lever * self._misfit(velocity, charge)
@@ -356,9 +383,10 @@ class SpinnerTheory(WallTheory):
     def state(
         self, position: float, velocity: float = 0.0, charge: int = 1, turn: int = 1
     ) -> tuple[Array, Array]:
-        """Return angles [rad] and rates [rad/s] of a chain with a wall at X [m], each (N,).
+        """Return angles [rad] and rates [rad/s] of a chain with a wall at a position [m].
 
-        phi = phi_uniform + turn psi on all rotors, and psi_t = -v psi'.
+        Both have the shape (N,). The angles of all rotors are phi = phi_uniform + turn psi. The
+        rates follow from psi_t = -v psi'.
         """
         pivots = self._pivots()
         rotation = self.rotation(pivots, position, velocity, charge)
@@ -369,19 +397,19 @@ class SpinnerTheory(WallTheory):
 
     @property
     def _assembled(self) -> float:
-        """Angle from +-theta_bar at psi = 0 [rad]."""
+        """Angle that is added to psi [rad]: 0 for the family +1, -pi for the family -1."""
         return 0.0 if self.family > 0 else -math.pi
 
     @property
     def _lever(self) -> float:
-        """Spring extension per difference of slopes, r^2 a sin(2 theta_bar) / lbar [m^2]."""
+        """Ratio of spring extension to slope difference, r^2 a sin(2 theta_bar) / lbar [m^2]."""
         chain = self.chain
         across = chain.rotor_length**2 * math.sin(2 * chain.rest_angle)
         return across * chain.spacing / chain.rest_length
 
 
 def wall_theory(chain: Chain) -> WallTheory:
-    """Return the theory of the walls of a chain, by its class of motion."""
+    """Return the theory for the class of motion of a chain: `SpinnerTheory` or `FlipperTheory`."""
     return SpinnerTheory(chain) if chain.motion is Motion.SPINNER else FlipperTheory(chain)
 
 

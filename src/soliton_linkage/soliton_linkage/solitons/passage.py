@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bonds that stop a wall in a chain with deviations of rotors and springs.
 
-Two neighbouring rotors, the line between their pivots and their spring form a four-bar linkage. If
-all bonds belong to one class of linkages, a wall passes. At a bond of another class the rotors
-reach the end of their range of motion before the wall has passed.
+Each bond is a four-bar linkage, formed by two neighbouring rotors, the line between their pivots,
+and their spring. A wall passes through the chain if all bonds belong to the same class of four-bar
+linkages. At a bond of another class, the rotors reach the limit of their range of motion before
+the wall has passed.
 """
 
 from __future__ import annotations
@@ -17,35 +18,35 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 
 
 class Obstacle(NamedTuple):
-    """A bond that may stop a wall, with its lengths [m]."""
+    """Bond that may stop a wall, with the lengths of its four bars [m]."""
 
     bond: int
-    """Number of the spring, which joins the rotors bond and bond + 1."""
+    """Index of the spring, which joins the rotors `bond` and `bond` + 1."""
     spacing: float
     rotor_lengths: tuple[float, float]
     rest_length: float
     reason: str
-    """Violated condition, with its limit."""
+    """Condition that the rest length violates, with the limit [m]."""
 
 
 def length_excesses(chain: Chain) -> Array:
-    """Return r_n + r_{n+1} - lbar_n of each bond [m], shape (springs,).
+    """Return the excess r_n + r_{n+1} - lbar_n of each bond [m], shape (springs,).
 
-    Without deviations it is negative for flippers (d < 1) and larger than a for spinners (d >
-    d_c), because 4 r^2 - lbar^2 = a^2 (d^2 - 1).
+    In a chain without deviations 4 r^2 - lbar^2 = a^2 (d^2 - 1). Therefore the excess is negative
+    for flippers (d < 1). It is larger than a for spinners (d > d_c).
     """
     first, second = _rotor_lengths(chain)
     return np.asarray(first + second - chain.rest_lengths)
 
 
 def blocked_bonds(chain: Chain) -> NDArray[np.bool_]:
-    """Return which bonds may stop a wall, shape (springs,).
+    """Return for each bond whether it may stop a wall, shape (springs,).
 
-    A wall passes in both directions if two conditions hold. On every bond lbar_n > a_n + |r_n -
-    r_{n+1}|, and r_n + r_{n+1} - a_n - lbar_n has the same sign on all bonds. If it is negative,
-    each bond is a triple rocker, as in flippers. If it is positive, each bond is a double crank,
-    as in spinners (Grashof). The required sign is the sign of most bonds. The conditions are
-    sufficient, not necessary.
+    A wall passes in both directions if two conditions hold. First, lbar_n > a_n + |r_n - r_{n+1}|
+    on every bond. Second, r_n + r_{n+1} - a_n - lbar_n has the same sign on all bonds. According
+    to Grashof, a bond with the negative sign is a triple rocker, as in flippers; with the positive
+    sign it is a double crank, as in spinners. The function regards the sign of most bonds as the
+    required one. The two conditions are sufficient but not necessary.
     """
     excess = length_excesses(chain) - chain.spacings
     other_class = ~(excess > 0) if _spinning(chain) else ~(excess < 0)
@@ -53,7 +54,7 @@ def blocked_bonds(chain: Chain) -> NDArray[np.bool_]:
 
 
 def find_obstacles(chain: Chain) -> tuple[Obstacle, ...]:
-    """Return the blocked bonds with their lengths and the reason, in their order.
+    """Return the bonds that may stop a wall, with lengths and reason, in the order of the chain.
 
     >>> import soliton_linkage as sl
     >>> shorter = sl.Deviations(rotor_length=(0.0, 0.0, -0.9, 0.0, 0.0))
@@ -77,10 +78,11 @@ def find_obstacles(chain: Chain) -> tuple[Obstacle, ...]:
 
 
 def motion_of_bonds(chain: Chain) -> Motion | None:
-    """Return the class of motion of a chain with its deviations, None if a bond may stop a wall.
+    """Return the class of motion of a chain with its deviations, or None.
 
-    The chain is a spinner if r_n + r_{n+1} - lbar_n > a_n on every bond. It is a flipper if this
-    difference is negative on every bond, and otherwise a wobbling flipper.
+    The result is None if a bond may stop a wall. The chain is a spinner if r_n + r_{n+1} - lbar_n
+    > a_n on every bond, a flipper if r_n + r_{n+1} - lbar_n < 0 on every bond, and otherwise a
+    wobbling flipper.
     """
     if blocked_bonds(chain).any():
         return None
@@ -102,6 +104,6 @@ def _shortest(chain: Chain) -> Array:
 
 
 def _spinning(chain: Chain) -> bool:
-    """Whether most bonds are double cranks."""
+    """Return whether most bonds are double cranks."""
     excess = length_excesses(chain) - chain.spacings
     return 2 * int(np.count_nonzero(excess > 0)) > len(excess)

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Walls at rest, and the arc of the orbit per rotor spacing of the wall.
+"""Walls at rest, and the arc length of the orbit per rotor spacing of the motion of a wall.
 
-The angles of a wall at rest are computed rotor by rotor. Given the angle of one rotor, a bar of
-fixed length allows two angles of the next rotor, called branches. The sign of the lever of the
-next rotor selects the branch: B_n to the right and A_n to the left. The computation starts at the
-wall and proceeds outwards. Errors then decay as the zero mode does, because |A_n| < |B_n| on the
-right of the wall and |A_n| > |B_n| on its left. From an end of the chain, errors would grow.
+The angles of a wall at rest are computed rotor by rotor. If the angle of one rotor is known, a bar
+of fixed length allows two angles of the next rotor, called branches. The sign of the lever of the
+next rotor selects the branch. This lever is B_n if the computation proceeds to the right, and A_n
+if it proceeds to the left. The computation starts at the wall and proceeds outwards. Errors then
+decay in the same way as the zero mode, because |A_n| < |B_n| on the right of the wall and |A_n| >
+|B_n| on its left. If the computation started at an end of the chain, errors would grow.
 """
 
 from __future__ import annotations
@@ -25,32 +26,39 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 
 _DEPTHS_BESIDE = 19
-"""Distance from a wall in penetration depths [1] beyond which rotors do not change its norm: the
-square of e^-19 is the rounding error."""
+"""Distance from a wall in penetration depths [1]. Rotors beyond it do not change the norm of the
+zero mode, because the square of e^-19 is the rounding error."""
 _MOST_BESIDE = 49_000
 """Largest number of rotors on each side of a wall [1], limited by the longest `Chain`."""
 _MOST_STEPS = 100_000
-"""Largest number of steps along an orbit [1]: near d_c it takes one or two thousand."""
+"""Largest number of solver steps along an orbit [1]. For d near d_c, one or two thousand steps are
+needed."""
 _TRANSITION = 1e-9
-"""Relative distance of d from d_c [1] below which rounding determines the sense of rotation."""
+"""Threshold of |d - d_c| / d_c [1]. Closer to d_c, rounding errors would determine the sense of
+rotation."""
 _TOLERANCE = 1e-13
-"""Relative and absolute [rad] tolerance of a step; the arcs then have an error of 1e-11."""
+"""Relative [1] and absolute [rad] tolerance of a solver step. With it, arc lengths have errors of
+1e-11 rad."""
 _ARRIVED = 1e-4
-"""Largest distance between configurations that are regarded as equal [rad]."""
+"""Threshold of the difference of two angles [rad]: two configurations count as equal if all their
+angles differ by less."""
 
 
 def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False) -> Array:
     """Return the angles of a chain at rest with its wall at a site coordinate [rad], shape (N,).
 
-    The site coordinate [rotor spacings] defines the position of a wall in the whole suite. In an
-    infinite chain it is proportional to the arc of the zero-energy orbit, and it is n + 1/2 if the
-    wall is symmetric about the middle between rotors n and n + 1. In a finite chain the rotors
-    have the same angles as in the infinite chain, except for edge rotors that have toggled.
-    `Orbit` defines the legs. The toggled edge rotors of flippers are: none on leg 0, the last on
-    leg 1, both on leg 2, the first on leg 3. Legs 0 and 1 of spinners differ by the side on which
-    the rotors in the wall turn over. `inverted` selects the image phi -> pi - phi, a chain that
-    was assembled upside down. In a chain with deviations, the rotor nearest to the wall has the
-    same angle as without deviations, and the other angles follow from the lengths of the bars.
+    The site coordinate [rotor spacings] defines the position of a wall in all packages. In an
+    infinite chain it is proportional to the arc length along the zero-energy orbit. It is n + 1/2
+    if the wall is symmetric about the middle between rotors n and n + 1. In a finite chain the
+    rotors have the same angles as in the infinite chain, except for edge rotors that have toggled,
+    which means swung from one of their two rest angles to the other.
+
+    `leg` is the leg of the orbit, see `Orbit`. In flippers, no edge rotor has toggled on leg 0.
+    The last rotor has toggled on leg 1, both edge rotors on leg 2, and the first rotor on leg 3.
+    In spinners, legs 0 and 1 differ by the side on which the rotors in the wall turn over.
+    `inverted` selects the mirror image phi -> pi - phi, a chain that was assembled upside down. In
+    a chain with deviations, the rotor nearest to the wall has the same angle as without
+    deviations. The other angles follow from the lengths of the bars.
 
     Raises ValueError for a chain of two rotors or with periodic ends, a site outside 0 ... N - 1,
     an unknown leg, and bars that are too short or too long. It also raises the errors of
@@ -83,13 +91,13 @@ def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False)
 
 
 def site_arc(chain: Chain) -> float:
-    """Return the arc length Lambda of the zero-energy orbit per rotor spacing of the wall [rad].
+    """Return Lambda, the arc length of the zero-energy orbit per rotor spacing [rad].
 
-    It is the integral of sqrt(sum_n dphi_n^2) while a wall moves by one spacing in a chain without
-    deviations. A slow wall has the speed v = a |phi_dot| / Lambda and the mass M_eff = M r^2
-    Lambda^2 / a^2. Raises ValueError if d differs from d_c by less than 1e-9 d_c, because the
-    orbits of flippers and spinners meet at d_c. Also raises ValueError for d below 2e-4, because
-    the wall is then too wide.
+    Lambda is the integral of sqrt(sum_n dphi_n^2) while a wall moves by one rotor spacing in a
+    chain without deviations. A slow wall has the speed v = a |phi_dot| / Lambda and the mass M_eff
+    = M r^2 Lambda^2 / a^2. Raises ValueError if d differs from d_c by less than 1e-9 d_c, because
+    the orbits of flippers and spinners meet at d_c. Also raises ValueError for d below 2e-4,
+    because the wall is then too wide.
 
     >>> chain = Chain(rest_angle=0.97)
     >>> round(site_arc(chain) * chain.rotor_length / chain.spacing, 6)
@@ -99,7 +107,7 @@ def site_arc(chain: Chain) -> float:
 
 
 def check_transition(chain: Chain) -> None:
-    """Raise ValueError for d within 1e-9 d_c of d_c, where flippers become spinners."""
+    """Raise ValueError if d differs by less than 1e-9 d_c from d_c, where spinners begin."""
     d, critical = chain.lean_ratio, chain.critical_lean_ratio
     if abs(d - critical) < _TRANSITION * critical:
         raise ValueError(
@@ -109,18 +117,22 @@ def check_transition(chain: Chain) -> None:
 
 
 def effective_mass(chain: Chain) -> float:
-    """Return the mass of a slow wall [kg], M_eff = M r^2 Lambda^2 / a^2: T = M_eff v^2 / 2."""
+    """Return the effective mass of a slow wall [kg], M_eff = M r^2 Lambda^2 / a^2.
+
+    A slow wall has the kinetic energy T = M_eff v^2 / 2.
+    """
     return chain.moment_of_inertia * (site_arc(chain) / chain.spacing) ** 2
 
 
 def angles_from_seed(
     chain: Chain, seed: int, angle: float, left_branches: Array, right_branches: Array
 ) -> Array:
-    """Return the angles of the chain in which one rotor has a given angle [rad], shape (N,).
+    """Return the angles of a chain of bars in which the rotor `seed` has an angle [rad], (N,).
 
-    sign(A_n) = left_branches[n] for rotors on the left of this rotor, and sign(B_n) =
-    right_branches[n] for rotors on its right. Both arrays have the shape (springs,). Raises
-    ValueError if a bar is too short or too long.
+    The signs of the levers select one of two possible angles of each other rotor: A_n has the sign
+    left_branches[n] on bars on the left of the seed, and B_n has the sign right_branches[n] on
+    bars on its right. Both arrays have the shape (springs,). Raises ValueError if a bar is too
+    short or too long.
     """
     if seed not in range(chain.number_of_rotors):
         raise ValueError(f'seed = {seed} must be a rotor from 0 to {chain.number_of_rotors - 1}')
@@ -140,12 +152,13 @@ def angles_from_seed(
 def neighbour_angle(
     chain: Chain, bar: int, rotor: int, known_angle: float, offset: float, branch: float
 ) -> float:
-    """Return the angle of a rotor [rad] on a bar to a rotor of known angle [rad].
+    """Return the angle of `rotor` [rad] if a bar joins it to a neighbour of known angle [rad].
 
-    The offset [m] leads from the pivot of the rotor to the pivot of the known rotor. D is the
-    distance from the pivot of the rotor to the mass of the known rotor, and beta the angle between
-    this direction and the rotor. Then lbar^2 = D^2 + r^2 - 2 D r cos(beta). tan(beta / 2) is
-    computed from differences of lengths, without cancellation.
+    `offset` [m] is the position of the neighbour's pivot minus that of the rotor's pivot. Let D be
+    the distance from the pivot of the rotor to the mass of the neighbour, and beta the angle
+    between this direction and the rotor. Then lbar^2 = D^2 + r^2 - 2 D r cos(beta). The sign of
+    beta is `branch`. tan(beta / 2) is computed from differences of lengths, without cancellation.
+    Raises ValueError if the bar is too short or too long.
     """
     known = bar if rotor > bar else bar + 1
     r, length = float(chain.rotor_lengths[rotor]), float(chain.rest_lengths[bar])
@@ -164,10 +177,10 @@ def neighbour_angle(
 
 
 def bar_branches(chain: Chain, leg: int, inverted: bool) -> tuple[Array, Array]:
-    """Return the signs of A_n left of a wall and of B_n right of it, (springs,) each.
+    """Return the signs of A_n on the left of a wall and of B_n on its right, (springs,) each.
 
-    They are the signs in the right-leaning state and in the left-leaning state. The sign is
-    opposite for the edge rotors in `toggled_edges`.
+    The signs of A_n are those in the right-leaning state, and the signs of B_n are those in the
+    left-leaning state. The sign of an edge rotor is reversed if `toggled_edges` returns True.
     """
     first, _ = rigidity_bands(chain, _uniform_state(chain, 1, inverted))
     _, second = rigidity_bands(chain, _uniform_state(chain, -1, inverted))
@@ -179,7 +192,10 @@ def bar_branches(chain: Chain, leg: int, inverted: bool) -> tuple[Array, Array]:
 
 
 def toggled_edges(chain: Chain, leg: int) -> tuple[bool, bool]:
-    """Return whether the first and the last rotor differ from those of an infinite chain."""
+    """Return whether the first rotor, and whether the last, differs from an infinite chain.
+
+    Such an edge rotor has the other one of the two angles that its bar allows.
+    """
     if chain.motion is Motion.SPINNER:
         return False, False
     return (leg in (2, 3)) == (chain.lean_ratio <= 1), leg in (1, 2)
@@ -192,11 +208,13 @@ def follow_zero_mode(
     goal: Array,
     tolerances: tuple[float, float],
 ) -> Iterator[tuple[float, float, DenseOutput]]:
-    """Yield the steps along an orbit from one configuration to another, as (begin, end, angles).
+    """Yield the solver steps along an orbit from `start` to `goal`, as (begin, end, angles).
 
-    `begin` and `end` are arc lengths [rad]. Configurations have the shape (N,) [rad]. The tangent
-    of an orbit is its zero mode. A step has a relative and an absolute tolerance [rad].
-    Raises ArithmeticError if the orbit does not reach the second configuration.
+    `start` and `goal` are configurations [rad], shape (N,). `tangent` returns the tangent of the
+    orbit, the zero mode, at a configuration. `tolerances` are the relative tolerance [1] and the
+    absolute tolerance [rad] of a step. In the result, `begin` and `end` are arc lengths from
+    `start` [rad], and `angles` is the interpolation between them. Raises ArithmeticError if the
+    orbit does not reach `goal`.
     """
     relative, absolute = tolerances
     solver = DOP853(
@@ -219,7 +237,10 @@ def follow_zero_mode(
 
 
 def _arrival(dense: DenseOutput, goal: Array, tangent: Array) -> float | None:
-    """Return the arc [rad] at which a step reaches the goal up to whole turns, or None."""
+    """Return the arc length at which a step reaches the goal [rad], or None if it does not.
+
+    Whole turns of the angles are ignored.
+    """
 
     def to_go(arc: float) -> float:
         return float(np.sin(goal - dense(arc)) @ tangent)
@@ -232,7 +253,7 @@ def _arrival(dense: DenseOutput, goal: Array, tangent: Array) -> float | None:
 
 
 def _uniform_state(chain: Chain, lean: int, inverted: bool) -> Array:
-    """Return the uniform state of this orbit that leans right or left [rad], shape (N,)."""
+    """Return the right-leaning (+1) or left-leaning (-1) state on the orbit [rad], shape (N,)."""
     theta = lean * chain.rest_angle
     if chain.motion is Motion.SPINNER and lean < 0:
         theta = chain.rest_angle + math.pi
@@ -240,9 +261,9 @@ def _uniform_state(chain: Chain, lean: int, inverted: bool) -> Array:
 
 
 def _seed_angle(chain: Chain, seed: int, beyond: float, leg: int, inverted: bool) -> float:
-    """Return the angle of a rotor near a wall that is `beyond` spacings past it [rad].
+    """Return the angle of a rotor if a wall is `beyond` rotor spacings past it [rad].
 
-    The image phi -> pi - phi of a flipper is on the same leg. The image of a spinner is on the
+    The mirror image phi -> pi - phi of a flipper is on the same leg, that of a spinner on the
     other leg.
     """
     if chain.motion is not Motion.SPINNER:
@@ -256,12 +277,13 @@ def _seed_angle(chain: Chain, seed: int, beyond: float, leg: int, inverted: bool
 
 
 def _symmetric_wall(chain: Chain, rotor: int, leg: int) -> Array:
-    """Return the angles of a wall in the middle between a rotor and the next [rad], shape (N,).
+    """Return the angles of a wall in the middle between `rotor` and the next rotor [rad], (N,).
 
-    The wall is its own image under n -> 2 rotor + 1 - n, with phi -> phi + pi for flippers and phi
-    -> -phi for spinners. Therefore h = r^2 sin(theta_bar)^2 / a for flippers. For spinners h = (a
-    + lbar) / 2 if the masses have crossed, and h = (a - lbar) / 2 if not; the two cases alternate
-    from rotor to rotor.
+    The wall does not change under the reflection n -> 2 rotor + 1 - n, combined with phi -> phi +
+    pi for flippers and with phi -> -phi for spinners. This symmetry determines the position h =
+    r sin(phi) of the mass of `rotor`. For flippers h = r^2 sin(theta_bar)^2 / a. For spinners h =
+    (a + lbar) / 2 if the two masses have crossed, and h = (a - lbar) / 2 if not. The two cases
+    alternate from rotor to rotor.
     """
     spinner, crossed = chain.motion is Motion.SPINNER, False
     if spinner:
@@ -280,7 +302,7 @@ def _without_deviations(chain: Chain) -> Chain:
 
 
 def _rotors_beside(chain: Chain) -> int:
-    """Return the number of rotors on each side of a wall that contribute to its norm."""
+    """Return how many rotors on each side of a wall contribute to the norm of the zero mode."""
     check_transition(chain)
     beside = math.ceil(_DEPTHS_BESIDE * penetration_depth(chain) / chain.spacing) + 10
     if beside > _MOST_BESIDE:
@@ -292,9 +314,9 @@ def _rotors_beside(chain: Chain) -> int:
 
 
 class _SitePassage:
-    """Motion of a wall past one rotor, from half a spacing before it to half a spacing past it.
+    """Motion of a wall past one rotor, from half a rotor spacing before it to half a spacing past.
 
-    Attribute: the arc length of this motion [rad].
+    The attribute `arc` is the arc length of this motion [rad].
     """
 
     def __init__(self, chain: Chain, leg: int, odd: bool) -> None:
@@ -319,12 +341,14 @@ class _SitePassage:
         self._solution = OdeSolution([0.0, *ends], list(pieces))
 
     def angle(self, beyond: float, other: int = 0) -> float:
-        """Return the angle of the rotor [rad] if the wall is -0.5 to 0.5 spacings past it.
+        """Return the angle of a rotor if the wall is `beyond` spacings past the passed one [rad].
 
-        Another rotor is given by its number relative to this one.
+        `beyond` is from -0.5 to 0.5. `other` is the index of the rotor minus that of the passed
+        rotor.
         """
         return float(self._solution((beyond + 0.5) * self.arc)[self._rotor + other])
 
 
 _passage = lru_cache(maxsize=16)(_SitePassage)
-"""Number of cached passages [1]; one chain has four, for both legs and parities."""
+"""Motion of a wall past one rotor, from a cache. One chain has up to four entries, for two legs
+and for even and odd rotors."""

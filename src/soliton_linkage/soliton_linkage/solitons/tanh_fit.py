@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Solitons in one frame of angles: their positions, velocities, widths and charges.
 
-A wall is detected by topology: the polarisation of the bonds changes its sign. The polarisation of
-a bond is the direction in which the zero mode grows across the bond. The position of the wall is
-then estimated by a fit of m = -Q tanh((n - X) / w), with the width w of a slow wall. The order
-field m is +1 where the chain leans right and -1 where it leans left. The bias of the fit depends
-on the position between two rotors. It is below 0.002 rotor spacings for d < 0.9 and d > 2.5 d_c,
-and below 0.1 for d < 2 and d > 1.4 d_c. Between these ranges it is up to two spacings, because the
-profile of a wall is not a tanh there.
+The polarisation of a bond is the direction in which the zero mode grows across the bond. A wall is
+detected where the polarisation changes its sign. Its position X is then estimated by a fit of
+
+    m_n = -Q tanh((n - X) / w)
+
+to the order field m_n of the rotors, with the width w of a slow wall. The order field is +1 where
+the chain leans right and -1 where it leans left. The estimate of X has a bias that depends on X
+between two rotors. The bias is below 0.002 rotor spacings for d < 0.9 and d > 2.5 d_c, and below
+0.1 rotor spacings for d < 2 and d > 1.4 d_c. For d from 2 to 1.4 d_c the bias is up to two rotor
+spacings, because the profile of a wall is not a tanh.
 """
 
 from __future__ import annotations
@@ -25,23 +28,25 @@ from soliton_linkage.linear.rigidity import rigidity_bands
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 
 DOMAIN = 0.5
-"""Polarisation above which a bond belongs to a domain [1]; a uniform state has 1."""
+"""Threshold of |polarisation| [1]: a bond belongs to a domain if the value is larger. In a uniform
+state the value is 1."""
 _FIT_ITERATIONS = 12
 """Number of Newton steps of a fit [1]; usually half of them suffice."""
 _FIT_REACH = 4.0
-"""Half width of the fit in units of the wall width [1]; beyond it, 1 - tanh is below 7e-4."""
+"""Distance from the wall within which rotors are fitted, in units of the wall width [1]. At larger
+distances 1 - |tanh| is below 7e-4."""
 _WIDEST_LEAN_RATIO_WITH_A_WIDTH = 2.0
-"""Value of d above which the walls of a flipper have no tanh profile [1]."""
+"""Threshold of d [1]: for larger d, the walls of a flipper have no tanh profile and no width."""
 
 
 @dataclass(frozen=True)
 class Soliton:
-    """One domain wall; a quantity that the frame does not determine is NaN.
+    """Domain wall in one frame; a quantity that the frame does not determine is NaN.
 
-    rotor: site coordinate of the centre in rotor spacings from rotor 0.
-    position: centre [m] from the pivot of rotor 0.
+    rotor: site coordinate of the centre [rotor spacings]; rotor 0 has the coordinate 0.
+    position: distance of the centre from the pivot of rotor 0 [m].
     velocity: velocity of the centre [m/s], positive towards the last rotor.
-    width: width w of tanh(x / w) [m].
+    width: width w in tanh(x / w) [m].
     charge: +1 if the chain leans right on the side of rotor 0 and left on the other side, else -1.
     position_deviation: standard deviation of the position [m].
     velocity_deviation: standard deviation of the velocity [m/s].
@@ -59,11 +64,12 @@ class Soliton:
 
 
 def polarisation(chain: Chain, angles: Array) -> Array:
-    """Return the direction in which the zero mode grows across each bond, shape (..., springs).
+    """Return the polarisation of each bond [1], shape (..., springs).
 
-    It is (A^2 - B^2) / (A^2 + B^2), divided by its value in the uniform right-leaning state. It is
-    +1 in this state and -1 in the left-leaning state, and does not depend on whole turns of the
-    rotors.
+    The polarisation states in which direction the zero mode grows across the bond. It is (A^2 -
+    B^2) / (A^2 + B^2), divided by the value of this expression in the uniform right-leaning state.
+    Therefore it is +1 in the right-leaning state and -1 in the left-leaning state. It does not
+    depend on whole turns of the rotors.
     """
     first, second = rigidity_bands(chain, angles)
     plus, minus = couplings(chain)
@@ -73,11 +79,12 @@ def polarisation(chain: Chain, angles: Array) -> Array:
 
 
 def order_field(chain: Chain, angles: Array) -> tuple[Array, Array]:
-    """Return the order field m [1] and its slope dm/dphi [1/rad], each of shape (N,).
+    """Return the order field m [1] and its derivative dm/dphi [1/rad], each of shape (N,).
 
-    For flippers m = sin(theta) / sin(theta_bar). The rotors of a spinner turn by pi, from
-    +theta_bar to theta_bar +- pi or from -theta_bar to -theta_bar +- pi, depending on its
-    assembly. For spinners m = +-cos(theta -+ theta_bar).
+    For flippers m = sin(theta) / sin(theta_bar). A spinner can be assembled in two ways. In one of
+    them a wall turns the rotors from theta_bar to theta_bar +- pi, and m = cos(theta - theta_bar).
+    In the other one a wall turns them between -theta_bar and -theta_bar +- pi, and m =
+    -cos(theta + theta_bar).
     """
     theta = staggered(angles)
     turn = np.where(np.arange(theta.shape[-1]) % 2, -1.0, 1.0)
@@ -92,8 +99,8 @@ def order_field(chain: Chain, angles: Array) -> tuple[Array, Array]:
 def find_solitons(chain: Chain, angles: Array, rates: Array | None = None) -> tuple[Soliton, ...]:
     """Return the walls in a frame, in the order of their sites.
 
-    Angles [rad] and, if known, rates [rad/s] have the shape (N,). On a ring sites run from 0 to N.
-    A domain consists of neighbouring bonds that are polarised.
+    Angles [rad] have the shape (N,). Rates [rad/s] have the same shape or are None; the velocities
+    are NaN without rates. In a chain with periodic ends, the sites are from 0 to N.
     """
     checked = chain.check_angles(angles)
     moving = None if rates is None else chain.check_angles(rates, 'rate')
@@ -128,7 +135,10 @@ def _walls_of_ring(
     slope: Array,
     rates: Array | None,
 ) -> tuple[Soliton, ...]:
-    """Return the walls of a ring, after cutting it at a spring in the middle of a domain."""
+    """Return the walls of a chain with periodic ends.
+
+    The function cuts the chain at a spring far from all walls and fits the open chain.
+    """
     rotors = chain.number_of_rotors
     reach = math.ceil(_FIT_REACH * chain.wall_width / chain.spacing) + 2
     clear = minimum_filter1d(np.abs(polarised), min(2 * reach + 1, rotors), mode='wrap')
@@ -143,7 +153,7 @@ def _walls_of_ring(
 
 
 class _TanhFit:
-    """Least-squares fit of m = -Q tanh((n - X) / w) to the order field around a crossing."""
+    """Least-squares fit of m_n = -Q tanh((n - X) / w) to the order field near a change of sign."""
 
     def __init__(
         self,
@@ -170,7 +180,7 @@ class _TanhFit:
         self._centre = self._fit_centre(crossing, bounds)
 
     def soliton(self, rates: Array | None) -> Soliton:
-        """Return the wall, given the rates of all rotors [rad/s]."""
+        """Return the fitted wall; `rates` are those of all rotors [rad/s], shape (N,), or None."""
         gradient, _ = self._gradient_and_curvature(self._centre)
         residual = self._field - self._model(self._centre)
         deviation = _deviation(residual, 1, float(gradient @ gradient))
@@ -191,7 +201,8 @@ class _TanhFit:
     def _velocity(self, rates: Array | None) -> tuple[float, float]:
         """Return the rate of the centre and its standard deviation [rotor spacings / s].
 
-        The centre solves sum_n (m_n - f_n) df_n/dX = 0; the time derivative gives dX/dt.
+        The centre X solves sum_n (m_n - f_n) df_n/dX = 0 with the fitted function f_n. The time
+        derivative of this equation gives dX/dt.
         """
         if rates is None or len(self._rotors) < 2:
             return math.nan, math.nan
@@ -208,7 +219,10 @@ class _TanhFit:
         return velocity, _deviation(residual, 1, float(gradient @ gradient))
 
     def _fit_width(self) -> tuple[float, float]:
-        """Fit X and w; return the width and its standard deviation [rotor spacings]."""
+        """Return the width w and its standard deviation [rotor spacings], from a fit of X and w.
+
+        Both are NaN if the frame does not determine the width, for example for a wall at an edge.
+        """
         chain = self._chain
         edge = min(self._centre, chain.number_of_rotors - 1 - self._centre)
         wobbling = chain.motion is not Motion.SPINNER
@@ -233,7 +247,10 @@ class _TanhFit:
         return (width, deviation) if deviation < width / 2 else (math.nan, math.nan)
 
     def _fit_centre(self, crossing: float, bounds: tuple[float, float]) -> float:
-        """Fit X by Newton steps, or Gauss-Newton steps if the curvature is too small."""
+        """Return the fitted centre X [rotor spacings], limited to `bounds`.
+
+        The fit uses Newton steps, with a lower limit of the curvature.
+        """
         centre = crossing
         for _ in range(_FIT_ITERATIONS if len(self._rotors) > 1 else 0):
             gradient, curvature = self._gradient_and_curvature(centre)
@@ -263,7 +280,10 @@ def _sech_squared(argument: ArrayLike) -> Array:
 
 
 def _deviation(residual: Array, parameters: int, information: float) -> float:
-    """Return the standard deviation of a fitted parameter from the residual and J^T J."""
+    """Return the standard deviation of a fitted parameter, NaN if the fit does not determine it.
+
+    `information` is the element of J^T J for this parameter, with the Jacobian J.
+    """
     freedom = len(residual) - parameters
     if freedom < 1 or information <= 0:
         return math.nan
@@ -271,10 +291,11 @@ def _deviation(residual: Array, parameters: int, information: float) -> float:
 
 
 def _spinner_lean(chain: Chain, angles: Array) -> int:
-    """Return the assembly of a spinner: +1 for states around theta_bar, -1 around -theta_bar.
+    """Return in which of two ways a spinner is assembled: +1 or -1.
 
-    (-1)^n A_n and (-1)^n B_n never change their signs while the wall moves. They are negative and
-    positive for +1, positive and negative for -1.
+    The uniform states are theta_bar and theta_bar + pi for +1, and -theta_bar and pi - theta_bar
+    for -1. The signs of (-1)^n A_n and (-1)^n B_n never change while a wall moves. For +1,
+    (-1)^n A_n is negative and (-1)^n B_n is positive; for -1 the signs are opposite.
     """
     first, second = rigidity_bands(chain, angles)
     levers = second - first
@@ -282,7 +303,10 @@ def _spinner_lean(chain: Chain, angles: Array) -> int:
 
 
 def _polarisation_crossings(polarised: Array) -> list[tuple[float, int]]:
-    """Return the sites between domains of opposite polarisation [rotor spacings], and charges."""
+    """Return the site [rotor spacings] and the charge of each change of sign of the polarisation.
+
+    Only bonds that belong to a domain are used.
+    """
     bonds = np.flatnonzero(np.abs(polarised) > DOMAIN)
     signs = np.sign(polarised[bonds])
     crossings = []
@@ -294,10 +318,11 @@ def _polarisation_crossings(polarised: Array) -> list[tuple[float, int]]:
 
 
 def charge_of_field(displacements: ArrayLike, lean: float) -> float:
-    """Return the topological charge of a field u(x) [m], (K,): Q = [u(-inf) - u(+inf)] / (2 ub).
+    """Return the topological charge of a field u(x), Q = [u(-inf) - u(+inf)] / (2 ub) [1].
 
-    The sign is opposite to the paper (eq. soliton_charge), so that the wall with zero energy has
-    Q = +1. Raises ValueError for a lean ub [m] that is not positive.
+    `displacements` are K values of u along the chain [m], and `lean` is ub [m]. The sign is
+    opposite to that in the paper (eq. soliton_charge), so that the wall with zero energy has the
+    charge +1. Raises ValueError for a lean that is not positive.
     """
     if not (math.isfinite(lean) and lean > 0):
         raise ValueError(f'lean = {lean} m must be a finite number above 0')
@@ -306,10 +331,10 @@ def charge_of_field(displacements: ArrayLike, lean: float) -> float:
 
 
 def topological_charge(chain: Chain, angles: ArrayLike) -> int:
-    """Return the number of walls of charge +1 minus the number of charge -1: 1, 0 or -1.
+    """Return the number of walls of charge +1 minus the number of walls of charge -1.
 
-    It is (P_first - P_last) / 2 with the polarisations P of the first and the last domain, and 0
-    for a chain with periodic ends.
+    The result is 1, 0 or -1: (P_first - P_last) / 2 with the polarisations P = +1 or -1 of the
+    first and of the last domain. It is 0 for a chain with periodic ends.
     """
     if chain.periodic:
         chain.check_angles(angles)
@@ -320,11 +345,12 @@ def topological_charge(chain: Chain, angles: ArrayLike) -> int:
 
 
 def half_turns(chain: Chain, angles: ArrayLike) -> int:
-    """Return the half turns by which the last rotor of a spinner is ahead of the first rotor.
+    """Return the number of half turns by which the last rotor of a spinner is ahead of the first.
 
-    A wall of charge Q contributes Q if it turns its rotors forwards, and -Q if backwards. Whole
-    turns between neighbours are ignored, because the difference of neighbours stays within half a
-    turn of its value in a uniform state. Raises ValueError for a flipper.
+    A wall of charge Q contributes Q if it turns its rotors forwards, and -Q if it turns them
+    backwards. Whole turns between neighbours are ignored, because the difference between the
+    angles of neighbours differs by at most half a turn from the value in a uniform state. Raises
+    ValueError for a flipper.
     """
     if chain.motion is not Motion.SPINNER:
         raise ValueError(f'a {chain.motion.value} does not turn; count the turns of a spinner')

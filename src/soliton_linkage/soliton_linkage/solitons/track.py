@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Track of a soliton along the chain, and its crossings of the chain."""
+"""Track of a soliton (its site as a function of time) and the crossings of the chain in it."""
 
 from __future__ import annotations
 
@@ -15,46 +15,47 @@ from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.tanh_fit import find_solitons
 
 _EDGE_PART = 0.2
-"""Fraction of the chain at each end that a crossing excludes [1], because walls are reflected
-there."""
+"""Fraction of the chain at each end that is not part of a crossing [1]. Walls are reflected in
+this part."""
 
 
 @dataclass(frozen=True)
 class Track:
-    """Site and rate of the first soliton of each frame; NaN without a soliton."""
+    """Site and rate of the first soliton in each frame; NaN in frames without a soliton."""
 
     times: Array
-    """Times of the frames [s], shape (T,)."""
+    """Times of the T frames [s], shape (T,)."""
     sites: Array
-    """Centre of the soliton [rotor spacings], shape (T,)."""
+    """Site coordinate of the centre of the soliton [rotor spacings], shape (T,)."""
     site_rates: Array
-    """Rate of the centre [rotor spacings / s], shape (T,)."""
+    """Rate of the site coordinate [rotor spacings / s], shape (T,)."""
     site_deviations: Array = field(default_factory=lambda: np.empty(0))
-    """Standard deviation of the centre [rotor spacings], shape (T,), or empty if unknown."""
+    """Standard deviation of the site [rotor spacings], shape (T,), or (0,) if it is unknown."""
     site_rate_deviations: Array = field(default_factory=lambda: np.empty(0))
-    """Standard deviation of the rate [rotor spacings / s], shape (T,), or empty if unknown."""
+    """Standard deviation of the rate [rotor spacings / s], shape (T,), or (0,) if it is
+    unknown."""
 
 
 @dataclass(frozen=True)
 class Crossing:
-    """One passage of a soliton from one outer fifth of the chain to the other."""
+    """Passage of a soliton from the outer fifth of the chain at one end to that at the other."""
 
     start: float
-    """Time at which the soliton left the first fifth [s]."""
+    """Time at which the soliton left the outer fifth at one end [s]."""
     end: float
-    """Time at which the soliton reached the opposite fifth [s]."""
+    """Time at which the soliton entered the outer fifth at the other end [s]."""
     direction: int
     """+1 towards the last rotor, -1 towards rotor 0."""
     site_rate: float
-    """Speed [rotor spacings / s]: absolute slope of a line fitted to the passage."""
+    """Speed of the soliton [rotor spacings / s], from a line fitted to the sites."""
 
 
 class MeasuredWall(Protocol):
-    """A wall with standard deviations."""
+    """Interface of an estimated wall with standard deviations."""
 
     @property
     def rotor(self) -> float:
-        """Centre [rotor spacings]."""
+        """Site coordinate of the centre [rotor spacings]."""
 
     @property
     def velocity(self) -> float:
@@ -62,7 +63,7 @@ class MeasuredWall(Protocol):
 
     @property
     def position_deviation(self) -> float:
-        """Standard deviation of the centre [m]."""
+        """Standard deviation of the position of the centre [m]."""
 
     @property
     def velocity_deviation(self) -> float:
@@ -70,7 +71,10 @@ class MeasuredWall(Protocol):
 
 
 def measured_track(chain: Chain, times: Array, walls: Sequence[Sequence[MeasuredWall]]) -> Track:
-    """Return the track of the first wall of each frame, at given times [s], shape (T,)."""
+    """Return the track of the first wall in each frame.
+
+    `times` are the times of the T frames [s], shape (T,), and `walls` the walls of each frame.
+    """
     rows = np.full((len(walls), 4), np.nan)
     for row, found in zip(rows, walls, strict=True):
         if found:
@@ -92,7 +96,7 @@ def follow(chain: Chain, recording: Recording) -> Track:
 
 
 def find_crossings(chain: Chain, track: Track) -> tuple[Crossing, ...]:
-    """Return the passages from one outer fifth of the chain to the other, in order of time."""
+    """Return the passages between the outer fifths of the chain, in order of time."""
     last = chain.number_of_rotors - 1
     side = np.zeros(len(track.times), dtype=np.int8)
     side[track.sites <= _EDGE_PART * last] = -1
