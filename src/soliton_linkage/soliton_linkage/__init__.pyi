@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# The public names of the package: what type checkers read, and `__init__` imports when asked.
+# Public names of the package. Type checkers read this file; `__init__` imports a name at first use.
 
 from soliton_linkage.actuation.actuators import PneumaticActuator as PneumaticActuator
 from soliton_linkage.actuation.torque_drive import EdgeDrive as EdgeDrive

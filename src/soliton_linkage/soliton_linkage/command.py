@@ -64,7 +64,7 @@ def _run(command: EntryPoint, arguments: list[str]) -> int:
     except KeyboardInterrupt:
         return int(signal.SIGINT)
     except BrokenPipeError:
-        # Otherwise Python would write to the closed pipe again when it exits.
+        # Redirect stdout, because Python would write to the closed pipe again when it exits.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except ModuleNotFoundError as error:

@@ -43,7 +43,7 @@ class LoopCache(FunctionCache):  # type: ignore[misc]
         """Choose the folder of the cache; raise RuntimeError if no folder is writable."""
         super().__init__(function)
         self._options = repr(options)
-        name = re.sub(r'-\d+(?=\.py)', '', self._impl.filename_base)  # without the line number
+        name = re.sub(r'-\d+(?=\.py)', '', self._impl.filename_base)  # omit the line number
         self._cache_file = _LoopFiles(Path(self.cache_path), name)
 
     def _index_key(self, sig: Any, codegen: Any) -> tuple[str, str]:

@@ -43,7 +43,7 @@ class KickReport:
     """Report of one kick, or of one episode: an interval in which torques act without a pause."""
 
     stamp: int
-    """Stamp of the first frame [ns]."""
+    """Stamp of the frame at which the kick or the torques started [ns]."""
     source: str
     """Topics of the commands, separated by commas."""
     command: EdgeCommand | None

@@ -35,7 +35,7 @@ class Segment:
 class Profile:
     """Piecewise linear function of time, 0 before the first point and constant after the last.
 
-    Two points with the same instant form a jump. Raises ValueError for instants in decreasing
+    Two points at the same instant define a jump. Raises ValueError for instants in decreasing
     order, for numbers that are not finite, and if the numbers of instants and values differ.
     """
 

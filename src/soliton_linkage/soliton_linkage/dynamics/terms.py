@@ -234,7 +234,7 @@ class AppliedFunction(Term):
         self._function = function
 
     def add(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
-        """Add the torques that the function returns; return their negative power [W]."""
+        """Add the torques that the function returns; return the power that they dissipate [W]."""
         applied = self._function(time, angles, rates)
         torques += applied
         return -float(applied @ rates)
@@ -258,7 +258,7 @@ def term_table(terms: Sequence[CompiledTerm], rotors: int) -> TermTable:
         kinds[index] = term.kind, first
         parameters[first:end, :rotors] = term.rows
         if term.kind == SPRINGS:
-            parameters[first, rotors:] = 1.0  # no spring of the padding has zero length
+            parameters[first, rotors:] = 1.0  # the length of padding springs must not be 0
         first = end
     return TermTable(kinds, parameters)
 

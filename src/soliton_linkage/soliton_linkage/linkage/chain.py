@@ -297,7 +297,7 @@ class Chain:
 
     @cached_property
     def offsets(self) -> Array:
-        """Offset c of each spring, defined in the module docstring [m^2], shape (springs,)."""
+        """Offset c of each spring [m^2], shape (springs,); the module docstring defines c."""
         uniform = -2 * self.rotor_length**2 * math.cos(2 * self.rest_angle)
         r_left, r_right = self._joined(self.rotor_lengths)
         deviating = (self.spacings**2 - self.spacing**2) + (r_left**2 - self.rotor_length**2)

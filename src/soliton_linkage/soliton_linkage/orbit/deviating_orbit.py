@@ -99,7 +99,7 @@ class DeviatingOrbit(Orbit):
         return self._uniform_arc.inverse(within) + (uniform_arc - within)
 
     def site_arc_at(self, arc: float) -> float:
-        """Return the arc length per rotor spacing at an arc length [rad]: ds / d(site)."""
+        """Return ds / d(site), the arc length per rotor spacing, at an arc length s [rad]."""
         uniform_arc, slope = self._uniform_arc.at(arc % self.length)
         return self._uniform.site_arc_at(uniform_arc) / slope
 

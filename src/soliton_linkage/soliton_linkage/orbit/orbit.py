@@ -111,7 +111,7 @@ class Orbit(ABC):
 
     @abstractmethod
     def site_arc_at(self, arc: float) -> float:
-        """Return the arc length per rotor spacing at an arc length [rad]: ds / d(site)."""
+        """Return ds / d(site), the arc length per rotor spacing, at an arc length s [rad]."""
 
     @abstractmethod
     def segment(self, arc: float) -> OrbitSegment:

@@ -131,7 +131,10 @@ def _pieces(chain: Chain, beside: int) -> list[OrbitPiece]:
 
 
 def _is_cut(piece: OrbitPiece, beside: int, last: int) -> bool:
-    """Return whether the window around the seed is too narrow, because its outer rotors move."""
+    """Return whether the window around the seed is too narrow.
+
+    It is too narrow if one of its outer rotors moves and is not an edge rotor of the chain.
+    """
     low, high = piece.seed - beside, piece.seed + beside
     return 0 < low == piece.first or last > high == piece.first + piece.rotors - 1
 

@@ -131,7 +131,7 @@ class UniformOrbit(Orbit):
         return arc
 
     def site_arc_at(self, arc: float) -> float:
-        """Return the arc length per rotor spacing at an arc length [rad]: ds / d(site)."""
+        """Return ds / d(site), the arc length per rotor spacing, at an arc length s [rad]."""
         return abs(1 / self._site(arc % self._starts[-1], self.leg(arc))[1])
 
     def _site(self, arc: float, leg: int) -> tuple[float, float]:
@@ -417,8 +417,8 @@ def set_near_wall(
     """Set the angles and tangents of the rotors of a short chain for a wall in a long chain.
 
     The first n elements of `values` are the angles [rad], up to whole turns, and the last n the
-    tangents [1]. `arc` is an arc length on the orbit of the long chain [rad], which has 2
-    `repeats` more rotors. The rows of `legs` are arc lengths for each leg [rad]: its start in the
+    tangents [1]. `arc` is an arc length on the orbit of the long chain [rad], which has 2 *
+    `repeats` rotors more than the short chain. The rows of `legs` are arc lengths for each leg [rad]: its start in the
     long chain, its start in the short chain, and the distance from this start to its middle.
     `length` is the length of the orbit of the short chain [rad]; `knots` and `coefficients`
     define its spline. Return three indices. The first is that of a rotor of the long chain. The

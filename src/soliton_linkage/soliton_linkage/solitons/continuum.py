@@ -191,12 +191,12 @@ class FlipperTheory(WallTheory):
 
     @property
     def effective_mass(self) -> float:
-        """M_eff = (8 / 3) M (ub / a)^3 [kg]."""
+        """Effective mass M_eff = (8 / 3) M (ub / a)^3 [kg]."""
         return 8 / 3 * self.chain.mass * (self.lean / self.chain.spacing) ** 3
 
     @property
     def energy_scale(self) -> float:
-        """E_s = (8 / 3) k_e a ub^3 / lbar^2 [J]."""
+        """Energy E_s = (8 / 3) k_e a ub^3 / lbar^2 [J]."""
         chain = self.chain
         return 8 / 3 * chain.stiffness * chain.spacing * self.lean**3 / chain.rest_length**2
 
@@ -298,17 +298,17 @@ class SpinnerTheory(WallTheory):
 
     @property
     def effective_mass(self) -> float:
-        """M_eff = 2 I / (a ub) [kg]."""
+        """Effective mass M_eff = 2 I / (a ub) [kg]."""
         return 2 * self.chain.moment_of_inertia / (self.chain.spacing * self.chain.wall_width)
 
     @property
     def energy_scale(self) -> float:
-        """E_s = 2 K / (a ub) [J]."""
+        """Energy E_s = 2 K / (a ub) [J]."""
         return 2 * self.effective_stiffness / (self.chain.spacing * self.chain.wall_width)
 
     @property
     def effective_stiffness(self) -> float:
-        """K = k_e r^4 a^2 sin(2 theta_bar)^2 / lbar^2 [N m^3]."""
+        """Effective stiffness K = k_e r^4 a^2 sin(2 theta_bar)^2 / lbar^2 [N m^3]."""
         return self.chain.stiffness * self._lever**2
 
     def rotation(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Track of a soliton (its site as a function of time) and the crossings of the chain in it."""
+"""Track of a soliton, which is its site as a function of time, and its crossings of the chain."""
 
 from __future__ import annotations
 

@@ -52,8 +52,8 @@ class SteeringSettings:
     bandwidth_share: float = quantity(
         0.125, 'ratio of the bandwidth of the feedback to the phonon gap', '', 1e-3, 1.0
     )
-    """Sensitivity: at 0.5x, errors in disordered chains are four times larger and some walls are
-    lost. At 2x, noise causes six times the torques and 15 to 170 times the phonon energy."""
+    """Sensitivity: at 0.5x, errors in disordered chains are four times as large, and some walls
+    are lost. At 2x, noise causes six times the torques and 15 to 170 times the phonon energy."""
 
     bandwidth_step: float = quantity(
         0.1, 'largest bandwidth of the feedback times the frame period', '', 1e-3, 1.0

@@ -134,8 +134,8 @@ class TorqueAllocation:
     def reach(self, arc: float, force: float) -> Reach:
         """Return the range of sites to which the actuators can move a wall with a force [N m].
 
-        The wall starts at the arc length `arc` [rad] and stays on its leg of the orbit, which is
-        one passage through the chain.
+        The wall starts at the arc length `arc` [rad] and stays on its leg, which is the part of
+        the orbit between two reflections of the wall.
         """
         orbit = self.orbit
         here, leg = orbit.site(arc), orbit.leg(arc)

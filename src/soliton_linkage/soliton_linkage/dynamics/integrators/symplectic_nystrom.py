@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fast solver for chains of springs, with the interface of scipy's solvers.
 
-motion = EquationOfMotion(chain)
-solve_ivp(motion, (0, 100), motion.state(angles, rates), method=SymplecticNystrom)
+Example of its use:
+
+    motion = EquationOfMotion(chain)
+    solve_ivp(motion, (0, 100), motion.state(angles, rates), method=SymplecticNystrom)
 """
 
 from __future__ import annotations
