@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# Public names of the package. Type checkers read this file; `__init__` imports a name at first use.
+# Public names of the package for type checkers; `__init__` imports each name at its first use.
 
 from soliton_linkage.actuation.actuators import PneumaticActuator as PneumaticActuator
 from soliton_linkage.actuation.torque_drive import EdgeDrive as EdgeDrive

@@ -418,8 +418,9 @@ def set_near_wall(
 
     The first n elements of `values` are the angles [rad], up to whole turns, and the last n the
     tangents [1]. `arc` is an arc length on the orbit of the long chain [rad], which has 2 *
-    `repeats` rotors more than the short chain. The rows of `legs` are arc lengths for each leg [rad]: its start in the
-    long chain, its start in the short chain, and the distance from this start to its middle.
+    `repeats` rotors more than the short chain. The rows of `legs` are arc lengths for each leg
+    [rad]: its start in the long chain, its start in the short chain, and the distance from this
+    start to its middle.
     `length` is the length of the orbit of the short chain [rad]; `knots` and `coefficients`
     define its spline. Return three indices. The first is that of a rotor of the long chain. The
     other two are the range of rotors of the short chain that corresponds to this rotor and the
