@@ -137,7 +137,7 @@ def test_an_invalid_transition_is_rejected_and_the_node_continues(
     assert not change(graph, node, CONFIGURE)
     assert not change(graph, node, 250)
     assert state(graph, node) == State.PRIMARY_STATE_ACTIVE
-    assert f'rejected transition {CONFIGURE}: state active' in said()
+    assert f'rejected transition {CONFIGURE}, which state active' in said()
 
 
 class Fragile(ManagedNode):

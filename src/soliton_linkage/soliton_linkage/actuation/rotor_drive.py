@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from soliton_linkage.actuation.profile import RESOLUTION, Profile
 from soliton_linkage.actuation.waveform import DrivenQuantity
@@ -93,6 +92,8 @@ class _AngleServo:
     """Torques that impose an angle on a rotor; see `RotorDrive`."""
 
     def __init__(self, profile: Profile, inertia: float) -> None:
+        from scipy.interpolate import CubicSpline  # few commands need scipy, which starts slowly
+
         # The profile ends with a jump to 0, which its last two points represent. The servo omits
         # the last point.
         self._reference = CubicSpline(profile.times[:-1], profile.values[:-1])

@@ -57,7 +57,7 @@ def test_a_bag_is_played_beside_the_chain_with_seek_rate_and_loop(
     visit: Visit, view: View
 ) -> None:
     visit.tab('Bags')
-    visit.click('bags-look')
+    visit.click('bags-list')
     bag = visit.page.locator('.live-bag:has-text("flipper_0")')
     bag.get_by_text('joint_states').wait_for()
     bag.get_by_role('button').click()
