@@ -98,7 +98,7 @@ class EdgeCommand:
 
     @property
     def held(self) -> bool:
-        """Whether the command is held until the next command: a pressure with duration 0."""
+        """Whether the command acts until the next command, as a pressure with duration 0 does."""
         return self.kind is CommandKind.PRESSURE and not self.duration
 
     @property

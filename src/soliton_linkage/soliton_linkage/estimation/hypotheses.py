@@ -95,8 +95,8 @@ class Hypotheses:
     def add_toggled(self) -> None:
         """Add a hypothesis for each edge rotor that contradicts the leading hypothesis.
 
-        The new hypothesis assumes that this edge rotor of a flipper has toggled. Therefore the
-        chain is in another leg of the orbit in this hypothesis.
+        Such a hypothesis assumes that the edge rotor of a flipper has toggled (has turned to the
+        opposite edge state), so that the chain is in another leg of the orbit.
         """
         orbit, leader = self._orbit, self.leader
         view = leader.view

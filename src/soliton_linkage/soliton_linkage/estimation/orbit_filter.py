@@ -277,7 +277,7 @@ class OrbitFilter:
 
         If the prediction is wrong, for example after an unmodelled impulse, the frame is measured
         again with the uncertainty of a new wall. The second measurement replaces the first one if
-        most of the information of the frame remains without its outliers.
+        the angles that are no outliers contain most of the information of the frame.
         """
         variance = self._linearise(seen, 0.0)
         if not self._gate.is_strained(self._hypotheses.leader.view):

@@ -208,8 +208,8 @@ class Pivots:
         self.positions = np.column_stack([chain.pivots, np.zeros(chain.number_of_rotors)])
         """Positions of the pivots [m], shape (N, 2).
 
-        They are configured positions until the pivots are numbered. Then they are measured
-        positions, or positions interpolated between measured ones.
+        These are the configured positions until each visible pivot has been assigned its rotor
+        number. Then they are measured positions, or positions interpolated between measured ones.
         """
         self.candidates = 0
         """Number of dots that are possibly pivots."""

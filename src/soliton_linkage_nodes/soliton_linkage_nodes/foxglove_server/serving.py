@@ -92,7 +92,7 @@ class OutgoingTopics:
     """Channels of all topics of the ROS graph."""
 
     def __init__(self, node: Node, context: Context, reject: Callable[[str, str], None]) -> None:
-        """Offer topics in a context of the SDK.
+        """Offer the topics to clients of Foxglove, in a context of its SDK.
 
         `reject` is called with the name of a rejected topic and with the reason.
         """

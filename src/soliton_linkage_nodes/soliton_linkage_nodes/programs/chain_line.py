@@ -33,7 +33,10 @@ _FEWEST = 10
 
 
 class ChainLine:
-    """Drawing of the chain on the topics `chain` and `joint_states`. Rotor 0 is on the left."""
+    """Drawing of a chain in one line of text, from the topics `chain` and `joint_states`.
+
+    Rotor 0 is on the left.
+    """
 
     def __init__(self, node: Node, joint_names: tuple[str, ...] = ()) -> None:
         """Subscribe with a node, also to best-effort publishers.

@@ -101,7 +101,8 @@ _FEWER = 0.01
 """Threshold of the decrease of the fraction of lost walls [1]: errors are not compared if the
 decrease is larger.
 
-Otherwise the new errors would include walls that were lost in the earlier table.
+Otherwise the new errors would include walls without errors in the earlier table, which had
+lost them.
 """
 _FAILURES = ('lost', 'false', 'wrong_leg')
 _ERRORS = ('position_rms', 'position_rms_error', 'rate_rms', 'rate_rms_error', 'error_rms')

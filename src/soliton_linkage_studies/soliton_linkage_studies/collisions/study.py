@@ -50,8 +50,8 @@ class WindowEdge:
     def __call__(self) -> tuple[float, CollisionRun]:
         """Return the speed at the edge, and the simulated collision in the window nearest to it.
 
-        Raises ValueError unless the walls escape after `collisions` overlaps at the speed
-        `inside`, but not at the speed `outside`.
+        Raises ValueError if the walls do not escape after `collisions` overlaps at the speed
+        `inside`, or if they also do so at the speed `outside`.
         """
         inside, outside = self.inside, self.outside
         run = self._made(inside)

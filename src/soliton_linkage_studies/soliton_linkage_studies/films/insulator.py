@@ -69,7 +69,7 @@ class InsulatorScene(Scene):
     """
 
     def __init__(self, title: str, motion: Insulation, shape: Format) -> None:
-        """Solve the linear motions and draw the first frame."""
+        """Compute the motions by linear theory and draw the first frame."""
         chain = motion.chain
         super().__init__(title, description(chain), shape, motion.duration, chain.time_unit)
         mode = zero_mode(chain, chain.uniform_state(1))

@@ -204,7 +204,8 @@ class ProfilePanel:
     def show(self, angles: Array) -> None:
         """Show a configuration [rad], shape (N,).
 
-        If the chain has exactly one wall, also show the theory of a wall at this position.
+        If the chain has exactly one wall, also show the theoretical angles of a wall at the
+        same position.
         """
         lean = displacement(self._chain, angles)
         for parity, markers in enumerate(self.rotors):

@@ -82,7 +82,7 @@ def test_messages_on_a_full_disk_can_be_read(small_disk: Path, largest: int) -> 
     failed = str(thread.failure)
     assert f"bag '{bag}_0' cannot be written: " in failed
     assert 'full' in failed or 'No space left' in failed
-    assert failed.endswith(f'; choose another output; the {len(held)} messages before are kept')
+    assert failed.endswith(f'; choose another output; the {len(held)} earlier messages are kept')
 
 
 @pytest.mark.parametrize(('room', 'kept'), [(1000, 10), (10_000, 100)])

@@ -152,7 +152,8 @@ class ReceivingThread:
         """Start the thread. With `real_time`, it has priority over ordinary threads.
 
         The thread calls `announce` when the discovery has ended and the bag is synchronised to
-        disk. The argument of `announce` lists the topics with publishers that were not matched.
+        disk. The argument of `announce` lists the topics that have publishers to which the
+        recorder is not connected yet.
         """
         self.failure: Exception | None = None
         self._finder = finder

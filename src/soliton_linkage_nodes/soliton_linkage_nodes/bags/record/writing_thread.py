@@ -199,9 +199,9 @@ class WritingThread:
         except Exception:
             self.failure = error
             raise
-        kept = f'the {self._writer.messages} messages before are kept'
+        kept = f'the {self._writer.messages} earlier messages are kept'
         if not self._writer.finished:
-            kept = f'recover the messages before with: recover_bag {self._writer.path}'
+            kept = f'recover the earlier messages with: recover_bag {self._writer.path}'
         with self._changed:
             self.failure = OSError(f'{error}; {kept}') if isinstance(error, OSError) else error
             self._waiting.clear()
