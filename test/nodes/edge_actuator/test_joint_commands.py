@@ -181,7 +181,7 @@ WRONG: list[tuple[interfaces.Topic, Any, str]] = [
     (JOINTS, efforts(rotor_1=1e-3, rotor_2=-0.11), 'rotor_2 = -0.11 N m must lie in the'),
     (JOINTS, JointState(name=['rotor_1'] * 2, effort=[1e-3] * 2), "'rotor_1' twice"),
     (JOINTS, JointState(name=['rotor_1'], effort=[]), 'has 0 efforts for 1 joints'),
-    (JOINTS, JointState(effort=[1e-3]), 'names no joint'),
+    (JOINTS, JointState(effort=[1e-3]), 'has an empty field name'),
     (JOINTS, JointState(name=['rotor_1'], position=[0.5], effort=[1e-3]), 'only effort'),
     (
         JOINTS,

@@ -173,8 +173,9 @@ def at_rest(view: View, visit: Visit, stage: Stage) -> Visit:
     stage.call(Trigger, 'soliton_steering/release')
     assert stage.call(Reset, 'simulator/reset').success
     model, reports = view.chains['/'].model, view.finder.reports
+    # The zero mode depends on the angles of one frame only, the position also on earlier frames.
     until(
-        lambda: abs(model.numbers.get('rotor', math.nan) - PLACE) < 0.1,
+        lambda: abs(model.numbers.get('zero_mode_rotor', math.nan) - PLACE) < 0.1,
         'the reset',
         lambda: _seen(view),
     )
