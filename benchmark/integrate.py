@@ -9,8 +9,8 @@ settings. All methods run in each round, and ratios are computed within a round.
 compilation are listed separately.
 
 MuJoCo has a constant step. Therefore its time in long runs is extrapolated from a part of the
-duration. Its errors in chains of more than 150 rotors are those of 150 rotors, because the wall
-does not move further.
+duration. In chains of more than 150 rotors, the errors of 150 rotors are shown, because the
+wall does not move further.
 """
 
 from __future__ import annotations

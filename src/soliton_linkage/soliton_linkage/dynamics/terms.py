@@ -209,7 +209,7 @@ class NonReciprocal(CompiledTerm):
     """Torques of motors that break reciprocity: the same torque on both rotors of a bond.
 
     The motors of the bond between rotors n and n + 1 apply the torque kappa (q_n - q_{n+1}) to
-    q_n, and the same torque to q_{n+1}. The coordinates q are those of `OnSitePotential`. The
+    q_n, and the same torque to q_{n+1}. `OnSitePotential` defines the coordinates q. The
     difference is wrapped to the interval from -pi to pi. In terms of the angles, let D = phi_n +
     sigma phi_{n+1} - (1 + sigma) pi / 2 with sigma = 1 for flippers and -1 for spinners. Then the
     torque is kappa D on rotor n and -sigma kappa D on rotor n + 1.

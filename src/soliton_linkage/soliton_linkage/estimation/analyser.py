@@ -175,7 +175,7 @@ class Analyser:
 
     @property
     def late(self) -> int:
-        """Number of rejected frames, whose stamp was not later than that of the last frame."""
+        """Number of rejected frames, whose stamp was not later than the last stamp."""
         return self._clock.late
 
     @property
@@ -192,7 +192,7 @@ class Analyser:
     ) -> Analysis | None:
         """Analyse a frame that was measured at the time `stamp` [ns].
 
-        Returns None for a late frame, whose stamp is not later than that of the last frame. If a
+        Returns None for a late frame, whose stamp is not later than the last stamp. If a
         stamp is earlier than the last one by more than the clock limit of the settings, the
         analyser starts a new record.
 

@@ -119,7 +119,7 @@ class FrameAnalyser(Protocol):
 
     @property
     def late(self) -> int:
-        """Number of rejected frames, whose stamp was not later than that of the last frame."""
+        """Number of rejected frames, whose stamp was not later than the last stamp."""
 
     @property
     def late_impulses(self) -> int:
@@ -154,7 +154,7 @@ class FrameAnalyser(Protocol):
     ) -> Analysis | None:
         """Analyse a frame that was measured at the time `stamp` [ns].
 
-        Returns None for a late frame, whose stamp is not later than that of the last frame.
+        Returns None for a late frame, whose stamp is not later than the last stamp.
         """
 
 
@@ -181,7 +181,7 @@ class UnknownChainAnalyser:
 
     @property
     def late(self) -> int:
-        """Number of rejected frames, whose stamp was not later than that of the last frame."""
+        """Number of rejected frames, whose stamp was not later than the last stamp."""
         return self._clock.late
 
     def analyse(

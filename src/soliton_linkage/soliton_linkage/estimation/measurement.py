@@ -237,7 +237,7 @@ class FrameLikelihood:
 
 
 class ReadingScales:
-    """Standard deviations of the readings of a frame, relative to that of a typical reading."""
+    """Standard deviations of the readings of a frame, relative to a typical reading."""
 
     def __init__(self, usual: float | None = None) -> None:
         """Start with the standard deviation of a typical reading [rad], None if unknown.
@@ -268,7 +268,7 @@ class ReadingScales:
     def of_frame(self, noise: float, variance: float) -> Array | None:
         """Return the scale of each reading [1], shape (N,), or None if all scales are 1.
 
-        The scale is the standard deviation of a rotor relative to that of a typical rotor.
+        The scale is the standard deviation of a rotor relative to a typical rotor.
         `variance` is the variance of a typical rotor [rad^2]. `noise` is the part of this
         variance that is due to noise [rad^2]; only this part differs from reading to reading.
         """

@@ -32,7 +32,7 @@ _LARGEST_CHANGE = 12.0
 """Upper limit of the squared second difference of arc lengths, relative to its expected value [1].
 """
 _EDGE_RATIO = 4.0
-"""Variance of the deformation of a wall at an edge, relative to that of a wall inside the chain
+"""Variance of the deformation of a wall at an edge, relative to a wall inside the chain
 [1]."""
 _FIELD_RATIO = 3.0
 """Largest squared residual near a wall, relative to the mean square [1]. The ratio exceeds 1,

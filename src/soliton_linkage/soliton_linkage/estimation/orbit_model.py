@@ -262,7 +262,7 @@ _SECOND_ORDER = 0.5
 [1]. The error was measured with d = 0.7 d_c, at the speed of this wall and at half of this speed.
 """
 _LONGEST_RESOLVED = 4 / 3
-"""Threshold of the speed of a wall, relative to that of the fastest slow wall [1]: a faster wall
+"""Threshold of the speed of a wall, relative to the fastest slow wall [1]: a faster wall
 passes at least one rotor in three phonon periods. Then the forces of the springs average out."""
 
 

@@ -129,7 +129,7 @@ class ArcRate(NamedTuple):
 
 
 _DOMAIN = 0.5
-"""Least polarisation of a bond in a domain, relative to that of the uniform state [1]."""
+"""Least polarisation of a bond in a domain, relative to the uniform state [1]."""
 EXACT = FrameErrors()
 _NO_TURNS = (math.nan, math.nan)
 
@@ -212,8 +212,9 @@ class StateReporter:
         Without walls, all energy belongs to the wake. The standard deviations include all energy
         that unseen rotors may have.
 
-        The winding number on a side of the walls is that of the uniform state with the same sign
-        of the mean polarisation. If a side has no bonds, the bond nearest to that edge is used.
+        The winding number on a side of the walls equals the winding number of the uniform state
+        whose polarisation has the sign of the mean polarisation on this side.
+        If a side has no bonds, the bond nearest to that edge is used.
         Raises ValueError for arrays of another shape and for angles or rates that are not finite.
         """
         chain, walls = self.chain, _finite(sites)

@@ -142,7 +142,7 @@ class ContractionMean:
     def update(self, angles: Array, site: float, leg: int, noise: float) -> Contraction:
         """Add a frame, and return the mean contraction.
 
-        The arguments are those of `WallFamily.fit`. The mean restarts if the leg of the orbit
+        `WallFamily.fit` describes the arguments. The mean restarts if the leg of the orbit
         changes, or if a passage contradicts the earlier passages. If the frame does not determine
         a contraction, the result is unknown.
         """
@@ -216,7 +216,7 @@ class WidthReporter:
     def update(self, angles: Array, site: float, leg: int, noise: float) -> tuple[float, float]:
         """Add a frame, and return the mean width [m] and its standard deviation [m].
 
-        The arguments are those of `WallFamily.fit`. An unknown width is NaN.
+        `WallFamily.fit` describes the arguments. An unknown width is NaN.
         """
         found = self._mean.update(angles, site, leg, noise)
         width = self._at_rest / found.factor

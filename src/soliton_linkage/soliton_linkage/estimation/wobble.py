@@ -278,7 +278,7 @@ class Wobble(NamedTuple):
         rotor is on the side on which a wall at rest has the larger overshoot.
     amplitude_deviation: standard deviation of the amplitude [m].
     rest_amplitude: overshoot of the same rotor for a wall at rest [m].
-    tail_ratio: deviation of a rotor in the tails, relative to that of its inner neighbour [1].
+    tail_ratio: deviation of a rotor in the tails, relative to its inner neighbour [1].
     tail_ratio_deviation: standard deviation of the tail ratio [1].
     decay_length: distance over which the tails decrease by a factor e [m].
     decay_length_deviation: standard deviation of the decay length [m].

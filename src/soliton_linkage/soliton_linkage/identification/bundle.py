@@ -38,7 +38,7 @@ from soliton_linkage.linkage.springs import spring_between
 _BATCH = 256
 """Number of frames in a batch [1], so that the arrays of a batch fit into the cache."""
 _MISSING_VARIANCE = 1e4
-"""Variance of a missing reading, relative to that of a typical reading [1]."""
+"""Variance of a missing reading, relative to a typical reading [1]."""
 _CLOSINGS = 8
 """Largest number of corrections of the angles after a step [1]; usually 2 or 3 are needed."""
 _CLOSED = 1e-4

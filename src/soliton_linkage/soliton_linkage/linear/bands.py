@@ -146,8 +146,8 @@ def tail_ratio(chain: Chain) -> float:
     """Return the ratio by which the tail of a wall decays from one rotor to the next [1].
 
     The tail is the small difference of the angles phi from a uniform state in a chain with relaxed
-    springs. This difference, divided by that of the neighbour nearer to the wall, is q- / q+ =
-    (d - 1) / (d + 1).
+    springs. The ratio of the differences of two neighbours, with the rotor farther from the wall
+    in the numerator, is q- / q+ = (d - 1) / (d + 1).
     """
     plus, minus = couplings(chain)
     return minus / plus

@@ -78,7 +78,7 @@ class DeviatingOrbit(Orbit):
     def wall_extent(self) -> float:
         """Arc length of the part of the orbit in which one rotor moves as a wall passes it [rad].
 
-        The value is that of the uniform orbit, multiplied by the ratio of the arc lengths per
+        The value of the uniform orbit is multiplied by the ratio of the arc lengths per
         site.
         """
         return self._uniform.wall_extent * self.site_arc / self._uniform.site_arc

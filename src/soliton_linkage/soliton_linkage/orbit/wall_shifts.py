@@ -43,7 +43,7 @@ _SAMPLES = 4
 
 
 class Shifts(NamedTuple):
-    """Standard deviations of the errors of a wall, relative to that of a rotor far from the wall.
+    """Standard deviations of the errors of a wall, relative to a rotor far from the wall.
 
     `WallShifts` defines the standard deviation of a far rotor [rad].
     """

@@ -48,7 +48,7 @@ class PlacingErrors:
         self._parameters = np.linalg.lstsq(fields, moved, rcond=None)[0]
 
     def deviations(self, pivots: Array, arms: Array) -> Array:
-        """Return the standard deviation of each angle, relative to that of markers [rad/m], (N,).
+        """Return the standard deviation of each angle, divided by that of markers [rad/m], (N,).
 
         The positions of the markers have independent errors with equal standard deviations [m].
         Pivots and arms of the rotors [m] have the shape (N, 2).

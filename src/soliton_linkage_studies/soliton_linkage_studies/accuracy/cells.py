@@ -191,7 +191,7 @@ def _between(ends: tuple[float, float], random: np.random.Generator) -> float:
 _LEANS = {'flipper': (33, 0.9, 0.7), 'wobbler': (33, 0.8, 1.6), 'spinner': (33, 1.1, 3.4)}
 """Number of rotors, rest angle [rad] and lean ratio d of one chain per motion class."""
 _OTHER = 1.3
-"""Lean ratio of the wrong configured chain, relative to that of the true chain [1]."""
+"""Lean ratio of the wrong configured chain, relative to the true chain [1]."""
 _DISORDERS = (0.01, 0.03, 0.05, 0.1)
 """Relative standard deviations of rotor lengths, spacings, stiffnesses and masses in the cells
 with disorder [1]."""
