@@ -22,15 +22,11 @@ NAMED = {path.stem: path for path in sorted(EXAMPLES.glob('*.yaml'))}
 BAGS = ('each', 'one')
 SUITE = ('simulator', 'edge_actuator', 'soliton_analyser', 'soliton_steering')
 RESPAWN = {'respawn': True, 'respawn_delay': 1.0, 'respawn_max_retries': 100}
-"""Settings to restart an ended process after 1 s. The limit on restarts ends the attempts for a
-process that cannot start."""
+"""Restart of an ended process after 1 s. The limit ends the attempts if it cannot start."""
 
 
 def chains_of(path):
-    """Return the namespaces in a parameter file, in the order of the file.
-
-    Raises ValueError if the file has no namespace.
-    """
+    """Return the namespaces in a parameter file. Raises ValueError if it has none."""
     sections = yaml.safe_load(path.read_text(encoding='utf-8'))
     firsts = [section.strip('/').split('/')[0] for section in sections]
     chains = [name for name in dict.fromkeys(firsts) if not name.startswith('*')]
@@ -53,10 +49,7 @@ def recorder(record, chains, path):
 
 
 def suite(chains, record, path):
-    """Return one process with the nodes of these chains.
-
-    If `record` is set, the process also has a recorder for each chain.
-    """
+    """Return one process with the nodes of these chains, and their recorders if `record`."""
     nodes = [*SUITE, *(['bag_recorder'] if record else [])]
     rules = [
         f'{chain}/bag_recorder:{rule}'
@@ -78,10 +71,7 @@ def suite(chains, record, path):
 
 
 def shared(chains, processes):
-    """Distribute the chains over processes; return a list of chains for each process.
-
-    Raises ValueError if the number of processes is invalid.
-    """
+    """Return the chains of each process. Raises ValueError if their number is invalid."""
     if not (processes.isdecimal() and int(processes)):
         raise ValueError(f'processes:={processes} must be a whole number above 0')
     return [chains[first :: int(processes)] for first in range(min(int(processes), len(chains)))]

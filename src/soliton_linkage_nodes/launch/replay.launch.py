@@ -4,12 +4,7 @@
 from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
-from launch.actions import (
-    DeclareLaunchArgument,
-    EmitEvent,
-    OpaqueFunction,
-    RegisterEventHandler,
-)
+from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
@@ -28,10 +23,7 @@ NAMED = {path.name: path for path in sorted(BAGS.iterdir()) if path.is_dir()}
 
 
 def analysed_topics(bag):
-    """Return the topics of a bag that the analyser needs.
-
-    The topics with impulses and with standard deviations are included if the bag has them.
-    """
+    """Return the topics of a bag that the analyser needs, with the optional ones it has."""
     with open_bag(bag) as reader:
         found = [full_name(reader, name) for name in OPTIONAL]
         return ['chain', 'joint_states', *filter(None, found)]
@@ -49,9 +41,7 @@ def nodes(context):
         package=PACKAGE,
         executable='bag_player',
         output='screen',
-        parameters=[
-            {'bag': str(bag), 'rate': float(rate), 'topics': analysed_topics(bag)},
-        ],
+        parameters=[{'bag': str(bag), 'rate': float(rate), 'topics': analysed_topics(bag)}],
     )
     return [
         Node(package=PACKAGE, executable='soliton_analyser', output='screen'),
@@ -72,9 +62,7 @@ def generate_launch_description():
                 description=f'bag to play: {", ".join(NAMED)}, or the path of a bag',
             ),
             DeclareLaunchArgument(
-                'rate',
-                default_value='1.0',
-                description='playback rate relative to the recording',
+                'rate', default_value='1.0', description='playback rate relative to the recording'
             ),
             OpaqueFunction(function=nodes),
         ]

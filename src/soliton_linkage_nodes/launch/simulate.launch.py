@@ -24,18 +24,13 @@ PACKAGE = 'soliton_linkage_nodes'
 CONFIGURATIONS = Path(get_package_share_directory(PACKAGE), 'config')
 NAMED = {path.stem: path for path in sorted(CONFIGURATIONS.glob('*.yaml'))}
 IN_ORDER = ('bag_recorder', 'soliton_analyser', 'soliton_steering', 'edge_actuator')
-"""Nodes that subscribe, in the order of their start. The publisher of joint states starts after
-them."""
+"""Nodes that subscribe, in the order of their start, before the publisher of joint states."""
 RESPAWN = {'respawn': True, 'respawn_delay': 1.0, 'respawn_max_retries': 100}
-"""Settings to restart an ended process after 1 s. The limit on restarts ends the attempts for a
-process that cannot start."""
+"""Restart of an ended process after 1 s. The limit ends the attempts if it cannot start."""
 
 
 def nodes(context):
-    """Return the first node and the event handlers that launch the other nodes.
-
-    The first start of each node launches the next node.
-    """
+    """Return the first node, and handlers with which the first start of each launches the next."""
     config, namespace, record, port = (
         context.perform_substitution(LaunchConfiguration(name))
         for name in ('config', 'namespace', 'record', 'port')
@@ -68,10 +63,7 @@ def nodes(context):
 
 
 def generate_launch_description():
-    """Return the launch arguments and the nodes.
-
-    All nodes have the same namespace and parameter file.
-    """
+    """Return the launch arguments and the nodes, in one namespace."""
     return LaunchDescription(
         [
             DeclareLaunchArgument(

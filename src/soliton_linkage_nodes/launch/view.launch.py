@@ -62,10 +62,7 @@ def layout_in(namespace, view):
 
 
 def frames(namespace, config):
-    """Return the publisher of the link frames.
-
-    The list is empty if robot_state_publisher is not installed.
-    """
+    """Return the publisher of the link frames, if robot_state_publisher is installed."""
     if not installed('robot_state_publisher'):
         return []
     return [
@@ -153,10 +150,7 @@ VIEWERS = {'rviz': rviz, 'foxglove': foxglove, 'plotjuggler': plotjuggler, 'rqt'
 
 
 def view_of(context):
-    """Return the visualisation, the frame publisher and the viewer.
-
-    Raises ValueError if the parameter file is invalid.
-    """
+    """Return the visualisation, the frame publisher and the viewer."""
     config, namespace, view = (
         context.perform_substitution(LaunchConfiguration(name))
         for name in ('config', 'namespace', 'view')
@@ -186,10 +180,7 @@ def generate_launch_description():
                 'namespace', default_value='', description='namespace of the chain'
             ),
             DeclareLaunchArgument(
-                'view',
-                default_value='none',
-                choices=list(LAYOUTS),
-                description='viewer to open',
+                'view', default_value='none', choices=list(LAYOUTS), description='viewer to open'
             ),
             OpaqueFunction(function=view_of),
         ]

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Entry points of all nodes and programs.
 
-The import of a program takes seconds on a busy machine. During this time a signal ends the
-process immediately, because a KeyboardInterrupt would print a traceback or be suppressed by a
-library.
+During the import of a program, which takes seconds on a busy machine, a signal ends the process at
+once. A KeyboardInterrupt would print a traceback or be suppressed by a library.
 """
 
 from __future__ import annotations
@@ -15,14 +14,12 @@ from functools import partial
 from importlib import import_module
 
 INTERRUPTED = 130
-"""Exit code after Ctrl-C. As in shells, the code is 128 plus the number of the signal SIGINT."""
+"""Exit code after Ctrl-C, as in shells: 128 + SIGINT."""
 CLOSED_PIPE = 141
-"""Exit code if the reader of the standard output has closed the pipe. As in shells, the code is
-128 plus the number of the signal SIGPIPE."""
+"""Exit code if the reader of the standard output has gone, as in shells: 128 + SIGPIPE."""
 
 
 def _start(program: str) -> None:
-    """Import a program and run it."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
         try:

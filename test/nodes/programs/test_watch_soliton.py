@@ -114,5 +114,5 @@ def test_parameters_describe_the_chain_and_its_joints_in_two_messages(
 
     graph.user.create_timer(0.1, publish)
     graph.until(drawn, 'the chain of the parameters', lambda: text)
-    with pytest.raises(ValueError, match='joint_names has 1 names for a chain of 8 rotors'):
+    with pytest.raises(ValueError, match='joint_names has 1 names for 8 rotors'):
         graph.start(WatchSoliton, {**own, 'chain_from': 'parameters', 'joint_names': ['a']})

@@ -41,16 +41,15 @@ _READERS: dict[str, type[IndexedMcap | StoredSqlite]] = {
 }
 _MODES = ('', 'none', 'file', 'message', 'storage')
 _MOST_FILES = 10_000
-"""Largest number of files of a bag [1]. If each file holds ten seconds, one day has 8640 files."""
+"""Largest number of files of a bag [1]: ten seconds in each file make 8640 files a day."""
 
 
 class BagFiles(LimitedReader):
-    """Reader of a bag directory or of one file of a bag.
+    """Reader of a bag directory or of one file of a bag, with messages sorted by receive time.
 
-    Messages are sorted by receive time. The topics are read from the files, not from
-    metadata.yaml. Channels with the same topic name, type and encoding count as one topic. If
-    older files lack some fields of a topic, these fields are taken from metadata.yaml. Methods
-    raise ValueError if the bag is damaged or exceeds the limits.
+    Channels with the same topic name, type and encoding count as one topic. metadata.yaml supplies
+    only the fields of a topic that older files lack. Methods raise ValueError if the bag is
+    damaged or exceeds the limits.
     """
 
     def __init__(self, path: Path) -> None:
@@ -78,7 +77,7 @@ class BagFiles(LimitedReader):
             reader.open()
             self._stack.callback(reader.close)
             self._readers.append(reader)
-        self._merge_topics(_topics_in(information))
+        self._merge_topics(topics_in(information))
         filled = [each.metadata for each in self._readers if each.metadata.message_count]
         span = None
         if filled:
@@ -102,10 +101,7 @@ class BagFiles(LimitedReader):
         start: int | None = None,
         stop: int | None = None,
     ) -> Generator[tuple[Connection, int, bytes], None, None]:
-        """Yield the topic, the receive time [ns] and the bytes of each message of some topics.
-
-        Only messages with receive times in the interval [start, stop) are yielded.
-        """
+        """Yield topic, receive time [ns] and bytes of messages of some topics in [start, stop)."""
         wanted = {topic_key(each): each for each in connections}
         together: list[ReaderProtocol] = []
         end = 0
@@ -125,7 +121,6 @@ class BagFiles(LimitedReader):
         start: int | None,
         stop: int | None,
     ) -> Iterator[tuple[Connection, int, bytes]]:
-        """Yield the messages of files that overlap in time, sorted by receive time."""
         sources = []
         for reader in readers:
             in_file = [each for each in reader.connections if topic_key(each) in wanted]
@@ -147,7 +142,6 @@ class BagFiles(LimitedReader):
             yield plain
 
     def _merge_topics(self, listed: Mapping[tuple[str, str], Mapping[str, Any]]) -> None:
-        """Add each topic to `connections` once, even if several files contain the topic."""
         found: dict[tuple[str, str, str], Connection] = {}
         for each in (each for reader in self._readers for each in reader.connections):
             key = topic_key(each)
@@ -184,7 +178,7 @@ def _file_in(folder: Path, name: str) -> Path:
 def _completed(
     owner: ReaderProtocol, number: int, each: Connection, listed: Mapping[str, Any]
 ) -> Connection:
-    """Return a topic of a file. Fields that the file lacks are taken from metadata.yaml."""
+    """Return a topic of a file; metadata.yaml supplies the fields that the file lacks."""
     profiles = listed.get('offered_qos_profiles', [])
     listed_profiles = parse_profiles(profiles if isinstance(profiles, (str, list)) else [])
     own_profiles = getattr(each.ext, 'offered_qos_profiles', [])
@@ -194,10 +188,7 @@ def _completed(
 
 
 def _checked_metadata(path: Path) -> tuple[Mapping[str, Any], list[str], str]:
-    """Return the content of metadata.yaml, the names of the files and the compression mode.
-
-    Raises ValueError if the content is invalid or not supported.
-    """
+    """Return the content of metadata.yaml, the names of the files and the compression mode."""
     try:
         information = load_metadata(path)
     except ValueError as error:
@@ -219,11 +210,12 @@ def _checked_metadata(path: Path) -> tuple[Mapping[str, Any], list[str], str]:
     return information, list(dict.fromkeys(names)), mode
 
 
-def _topics_in(information: Mapping[str, Any]) -> dict[tuple[str, str], Mapping[str, Any]]:
+def topics_in(information: Mapping[str, Any]) -> dict[tuple[str, str], Mapping[str, Any]]:
+    """Return the metadata of each topic by name and type from metadata.yaml."""
     entries = information.get('topics_with_message_count')
     topics: dict[tuple[str, str], Mapping[str, Any]] = {}
     for entry in entries if isinstance(entries, list) else []:
         about = entry.get('topic_metadata') if isinstance(entry, dict) else None
-        if isinstance(about, dict):
-            topics[str(about.get('name')), str(about.get('type'))] = about
+        if isinstance(about, dict) and {'name', 'type'} <= about.keys():
+            topics[str(about['name']), str(about['type'])] = about
     return topics

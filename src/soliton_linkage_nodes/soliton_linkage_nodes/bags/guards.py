@@ -22,16 +22,12 @@ from soliton_linkage.linkage.quantities import quantity
 _MEBIBYTE = 2**20
 """Size of 1 MiB [B]."""
 _LARGEST_RATIO = 25
-"""Largest ratio of decompressed to compressed size for a large file [1]. For joint states of a
-chain at rest, the ratio is 10."""
+"""Largest ratio of decompressed to compressed size of a large file [1]. A chain at rest has 10."""
 
 
 @dataclass(frozen=True)
 class BagLimits:
-    """Limits for the size of the data in a bag.
-
-    If data exceed a limit, readers reject the bag, but recovery only omits these data.
-    """
+    """Size limits of a bag. Readers reject larger bags; recovery omits the data above a limit."""
 
     max_unpacked: int = quantity(
         64 * _MEBIBYTE,
@@ -58,10 +54,7 @@ PACKED = '.zstd'
 
 
 def decompress_file(packed: BinaryIO, plain: Path, limits: BagLimits) -> str | None:
-    """Decompress a zstd file up to the first damage or limit.
-
-    Returns a description of the damage, or None if the file is intact.
-    """
+    """Decompress a zstd file up to the first damage or limit; return the damage, if any."""
     size = packed.seek(0, 2)
     most = limits.for_file(size)
     if not size:
@@ -83,8 +76,7 @@ def decompress_file(packed: BinaryIO, plain: Path, limits: BagLimits) -> str | N
 
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 _BLOCK_IN = 4096
-"""Size of the input of one call of a decompressor [B]. If the data are damaged, at most the output
-of one call before the damage is lost."""
+"""Input of one call of a decompressor [B]. Damaged data lose at most the output of one call."""
 _BLOCK_OUT = 2**20
 """Largest output of one call of a decompressor [B]."""
 
@@ -132,10 +124,9 @@ def decompress_prefix(packed: bytes | bytearray | memoryview, codec: str, most: 
 
 
 def decompressed_message(data: bytes, most: int) -> bytes:
-    """Return a message; decompress it if it is compressed.
+    """Return a message, decompressed if necessary.
 
-    Raises ValueError if the compressed data is damaged or if the decompressed message is larger
-    than `most` [B].
+    Raises ValueError if the data is damaged or the message is larger than `most` [B].
     """
     if not data.startswith(ZSTD_MAGIC):
         return data
@@ -152,10 +143,10 @@ def _decompressor(codec: str) -> Any:
 
 
 def regular_file(path: Path, folder: Path | None = None) -> Path:
-    """Return the path of a regular file after all links are resolved.
+    """Return the path of a regular file with all links resolved.
 
-    Raises ValueError if the path is not a regular file or lies outside `folder`. Raises OSError if
-    the file is missing.
+    Raises ValueError if the path is not a regular file or lies outside `folder`, OSError if it is
+    missing.
     """
     resolved = path.resolve(strict=True)
     if folder is not None and not resolved.is_relative_to(folder.resolve()):
@@ -184,10 +175,7 @@ def open_file(path: Path, folder: Path | None = None) -> BinaryIO:
 
 
 def read_file(path: Path, folder: Path | None, most: int) -> bytes:
-    """Return the content of a regular file.
-
-    Raises ValueError if the file is larger than `most` [B].
-    """
+    """Return the content of a regular file. Raises ValueError if it is larger than `most` [B]."""
     with open_file(path, folder) as file:
         content = file.read(most + 1)
     if len(content) > most:
@@ -196,7 +184,7 @@ def read_file(path: Path, folder: Path | None, most: int) -> bytes:
 
 
 def map_file(path: Path) -> memoryview:
-    """Map a regular file into memory. The system reads a page of the file when it is accessed."""
+    """Map a regular file into memory."""
     with open_file(path) as file:
         if not file.seek(0, 2):
             return memoryview(b'')
@@ -204,34 +192,30 @@ def map_file(path: Path) -> memoryview:
 
 
 def release_pages(data: memoryview | mmap.mmap) -> None:
-    """Release the memory of a mapped file.
-
-    The system reads a page of the file again when it is accessed.
-    """
+    """Release the memory of a mapped file. The system reads a page again when it is accessed."""
     whole = data.obj if isinstance(data, memoryview) else data
     if isinstance(whole, mmap.mmap):
         whole.madvise(mmap.MADV_DONTNEED)
 
 
 MAX_TEXT_SIZE = 4 * 2**20
-"""Length of the longest text that is parsed [characters]. A metadata.yaml with a thousand topics
-has 1 MiB. A parser needs 100 times as much memory as the text."""
+"""Longest text that is parsed [characters]. A thousand topics need 1 MiB of metadata.yaml, and a
+parser needs 100 times as much memory as the text."""
 _DEEPEST = 30
 """Largest nesting depth of lists and mappings [1]. Files of rosbag2 have 6 levels."""
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 _OPENING = (yaml.SequenceStartEvent, yaml.MappingStartEvent)
 _CLOSING = (yaml.SequenceEndEvent, yaml.MappingEndEvent)
 _LONG_NUMBER = re.compile(r'[-+]?\d[\d_:.]{99,}')
-"""Pattern of a number with at least 100 characters. The conversion of such a number may take too
-long."""
+"""Number with at least 100 characters, whose conversion may take too long."""
 _JSON_TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[\[{]|[\]}]', re.DOTALL)
 
 
 def load_yaml(text: str) -> Any:
     """Return the value that a YAML text describes.
 
-    Raises ValueError if the text is invalid, too long or nested too deeply. Aliases are rejected,
-    because a few lines with aliases can expand to gigabytes. Python tags are rejected too.
+    Raises ValueError if the text is invalid, too long, nested too deeply, or contains Python tags
+    or aliases. A few lines with aliases can expand to gigabytes.
     """
     _check_size(text)
     try:
@@ -250,10 +234,7 @@ def load_yaml(text: str) -> Any:
 
 
 def load_json(text: str) -> Any:
-    """Return the value that a JSON text describes.
-
-    Raises ValueError if the text is invalid, too long or nested too deeply.
-    """
+    """Return the value of a JSON text. Raises ValueError if it is invalid, too long or deep."""
     _check_size(text)
     depth = 0
     for token in _JSON_TOKEN.finditer(text):
@@ -263,10 +244,7 @@ def load_json(text: str) -> Any:
 
 
 def parse_count(value: object) -> int:
-    """Return a count from a text or number.
-
-    Returns 0 if the value is negative, no integer, or 2^63 or more.
-    """
+    """Return a count from a text or number; 0 if it is negative, no integer, or 2^63 or more."""
     number = int(value) if isinstance(value, str) and re.fullmatch(r'\d{1,18}', value) else value
     valid = isinstance(number, int) and not isinstance(number, bool) and 0 <= number < 2**63
     return number if valid and isinstance(number, int) else 0

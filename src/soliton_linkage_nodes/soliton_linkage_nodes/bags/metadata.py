@@ -26,15 +26,14 @@ from soliton_linkage_nodes.bags.stored_topic import StoredTopic, profiles_in
 
 MCAP: Final = 'mcap'
 SUFFIXES: Final = {MCAP: '.mcap', 'sqlite3': '.db3'}
-"""Suffix of the files of each storage. The keys are the storage names of rosbag2."""
+"""Suffix of the files of each storage of rosbag2."""
 METADATA_VERSION: Final = 9
 """Version of metadata.yaml that the rosbag2 of Jazzy writes. Older versions have fewer fields."""
 METADATA_FILE: Final = 'metadata.yaml'
 _KEY: Final = 'rosbag2_bagfile_information'
 _TOPICS: Final = 'topics_with_message_count'
 GAPS: Final = 'gaps'
-"""Key of the custom data for the intervals without recording. The value is a list with the start
-and the end of each interval [ns]."""
+"""Custom data with the start and the end [ns] of each interval without recording."""
 _DUMPER: Any = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
 
 
@@ -49,19 +48,13 @@ class StoredFile:
 
 
 def storage_of(path: Path) -> str | None:
-    """Return the storage name of a file, which may be compressed.
-
-    Returns None if the suffix of the file is unknown.
-    """
+    """Return the storage name of a file, perhaps compressed, or None if its suffix is unknown."""
     plain = Path(path.stem) if path.suffix == PACKED else path
     return next((name for name, suffix in SUFFIXES.items() if suffix == plain.suffix), None)
 
 
 def explain_no_bag(path: Path) -> str:
-    """Return the reason why a path is no bag, as an error message.
-
-    If the path may be a bag, the text is empty.
-    """
+    """Return an error message if a path cannot be a bag, otherwise an empty text."""
     bag = f'bag {str(path)!r}'
     if not path.exists():
         return f'{bag} does not exist; give the path of a bag directory'
@@ -86,14 +79,9 @@ def suite_version() -> str:
 
 
 def bag_information(
-    topics: Mapping[StoredTopic, int],
-    files: Sequence[StoredFile],
-    custom_data: Mapping[str, str],
+    topics: Mapping[StoredTopic, int], files: Sequence[StoredFile], custom_data: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return the metadata of an MCAP bag.
-
-    `topics` holds the number of messages of each topic.
-    """
+    """Return the metadata of an MCAP bag with the number of messages of each topic in `topics`."""
     filled = [file for file in files if file.messages] or list(files)
     start = min(file.start for file in filled)
     listed: dict[tuple[str, str, str], tuple[StoredTopic, int]] = {}
@@ -140,10 +128,7 @@ def write_metadata(folder: Path, information: Mapping[str, Any]) -> None:
 
 
 def load_metadata(folder: Path) -> dict[str, Any]:
-    """Return the content of metadata.yaml.
-
-    Raises ValueError if the content is invalid, and OSError if the file cannot be read.
-    """
+    """Return the content of metadata.yaml. Raises ValueError if it is invalid."""
     content = read_file(folder / METADATA_FILE, folder, MAX_TEXT_SIZE)
     loaded = load_yaml(content.decode())
     information = loaded.get(_KEY) if isinstance(loaded, dict) else None
@@ -161,10 +146,7 @@ def read_metadata(folder: Path) -> dict[str, Any] | None:
 
 
 def custom_data_of(metadata: str) -> dict[str, str]:
-    """Return the custom data in a metadata text.
-
-    If the text is invalid, the result is empty.
-    """
+    """Return the custom data in a metadata text; nothing if the text is invalid."""
     try:
         return custom_data_in(load_yaml(metadata))
     except ValueError:
@@ -179,10 +161,7 @@ def custom_data_in(information: object) -> dict[str, str]:
 
 
 def gaps_in(custom_data: Mapping[str, str]) -> list[tuple[int, int]]:
-    """Return the start and the end of each interval without recording [ns].
-
-    If the custom data are invalid, the list is empty.
-    """
+    """Return start and end of each interval without recording [ns]; nothing if invalid."""
     try:
         gaps = load_json(custom_data.get(GAPS, '[]'))
         return [(parse_count(start), parse_count(end)) for start, end in gaps]
@@ -197,10 +176,7 @@ def time_in_gaps(gaps: Sequence[tuple[int, int]], start: int, end: int) -> int:
 
 
 def _pieces(information: Mapping[str, Any], margin: str) -> Iterator[str]:
-    """Yield metadata in YAML block style.
-
-    Topics are formatted without the YAML library, because the library is slow for many topics.
-    """
+    """Yield metadata in YAML block style; the YAML library would be slow for many topics."""
     for key, value in information.items():
         if key == _TOPICS:
             yield f'{margin}{key}:\n' if value else f'{margin}{key}: []\n'

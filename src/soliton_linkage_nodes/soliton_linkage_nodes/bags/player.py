@@ -75,20 +75,17 @@ class BagPlayerParameters:
 class BagPlayer(ManagedNode):
     """Node that publishes the messages of a bag at the intervals of their receive times.
 
-    First, the node publishes the last latched messages from before the start. Then it waits, for
-    at most `subscriber_timeout`, until the topics in `wait_for` have subscribers. In lockstep, the
-    node does not play recorded soliton states, because it waits for new states from an analyser.
-    Without lockstep, the node omits recorded states while an analyser runs, unless the parameter
-    `topics` contains them. The node ends at the end of the bag, unless it is paused or `stay` is
-    set. After `~/stop`, the node waits for a call of `~/play`, which plays the whole bag or a
-    part. During a pause, `~/burst` plays several messages without delays. The node skips times in
-    which the recorder was paused.
+    The node first publishes the last latched messages from before the start. Then it waits for
+    subscribers of the topics in `wait_for`. In lockstep, an analyser answers each frame and
+    recorded soliton states are not played. Without lockstep, the node omits recorded states while
+    an analyser runs, unless `topics` contains them. The node ends at the end of the bag, unless it
+    is paused or `stay` is set. It skips times in which the recorder was paused.
 
     Publishes the topics of the bag, `/diagnostics` and, if `publish_clock` is set, `/clock`.
     Serves `~/pause`, `~/resume`, `~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/burst`,
-    `~/seek`, `~/play`, `~/stop`, `~/set_rate` and `~/get_rate`. The types of these services are in
-    rosbag2_interfaces. If that package is not installed, types in soliton_linkage_msgs or std_srvs
-    are used.
+    `~/seek`, `~/play`, `~/stop`, `~/set_rate` and `~/get_rate`, with the types of
+    rosbag2_interfaces. If that package is not installed, the types are in soliton_linkage_msgs or
+    std_srvs.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -181,10 +178,6 @@ class BagPlayer(ManagedNode):
         return [frames] if frames else []
 
     def _without_clock(self, connections: list[Connection]) -> list[Connection]:
-        """Return the topics to play.
-
-        If the player publishes its own clock, the recorded /clock is removed.
-        """
         others = [each for each in connections if each.topic != interfaces.CLOCK.name]
         if not self._settings.publish_clock or len(others) == len(connections):
             return connections
@@ -207,11 +200,7 @@ class BagPlayer(ManagedNode):
                 self._replay.suppress_beside_analyser(states)
 
     def _prepare(self, latched_topics: bool) -> None:
-        """Wait for subscribers.
-
-        If `latched_topics` is set, wait for the subscribers of latched topics. Otherwise wait for
-        the subscribers of all other topics, and in lockstep for the analyser.
-        """
+        """Wait for subscribers of latched topics, or of the others and for the analyser."""
         awaited = [each for each in self._awaited if (each in self._latched) is latched_topics]
         limit = self._settings.subscriber_timeout
         self._replay.wait_for_subscribers(awaited, limit)

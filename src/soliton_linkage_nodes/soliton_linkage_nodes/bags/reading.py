@@ -13,11 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from rclpy.serialization import deserialize_message
-from rosbags.interfaces import (
-    Connection,
-    MessageDefinitionFormat,
-    QosDurability,
-)
+from rosbags.interfaces import Connection, MessageDefinitionFormat, QosDurability
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -31,8 +27,6 @@ if TYPE_CHECKING:
 
 
 class _AnyBag(Reader):
-    """A bag directory or one file of a bag, which is read within limits."""
-
     STORAGE_PLUGINS: Mapping[str, type[ReaderProtocol]] = dict.fromkeys(
         ('dir', PACKED, *SUFFIXES.values()), BagFiles
     )
@@ -70,10 +64,9 @@ def read_messages(
     start: int | None = None,
     stop: int | None = None,
 ) -> Iterator[tuple[Connection, int, bytes]]:
-    """Yield the topic, the receive time [ns] and the bytes of each message of some topics.
+    """Yield topic, receive time [ns] and bytes of each message of some topics in [start, stop).
 
-    Only messages with receive times in the interval [start, stop) are yielded. Raises ValueError
-    if the bag is damaged.
+    Raises ValueError if the bag is damaged.
     """
     # If the list is empty, rosbags would read all topics.
     if not connections:
@@ -103,12 +96,10 @@ _RECORD = 'record it with bag_recorder'
 
 
 def find_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Connection:
-    """Return the topic with the full name `name`.
+    """Return the topic with the full name `name`, else with the same last part in any namespace.
 
-    If no topic has this full name, return the topic whose name in any namespace is the last part
-    of `name`. Raises ValueError if no topic or several topics match, if the topic has several
-    types, or if the encoding of the messages is not CDR. The error ends with `remedy`, an
-    instruction for the user.
+    Raises ValueError if no topic or several topics match, if the topic has several types, or if
+    its encoding is not CDR. The error ends with `remedy`.
     """
     found = types_of_topic(reader, name, remedy)
     bag = f'bag {str(reader.path)!r}'
@@ -124,10 +115,7 @@ def find_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Connection:
 
 
 def types_of_topic(reader: Reader, name: str, remedy: str = _RECORD) -> list[Connection]:
-    """Return one entry for each type and encoding of a topic.
-
-    The topic is found as in `find_topic`.
-    """
+    """Return one entry for each type and encoding of a topic, found as in `find_topic`."""
     wanted = name.rpartition('/')[2]
     found = [c for c in reader.connections if c.topic == name] or [
         c for c in reader.connections if c.topic.rpartition('/')[2] == wanted
@@ -147,10 +135,7 @@ def types_of_topic(reader: Reader, name: str, remedy: str = _RECORD) -> list[Con
 
 
 def read_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Iterator[tuple[int, Any]]:
-    """Yield the receive time [ns] and the content of each message of a topic.
-
-    The topic is found as in `find_topic`.
-    """
+    """Yield the receive time [ns] and the content of each message of a topic; see `find_topic`."""
     connection = find_topic(reader, name, remedy)
     decode = decoder(connection)
     for _, stamp, serialized in read_messages(reader, [connection]):
@@ -160,9 +145,9 @@ def read_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Iterator[tup
 def decoder(connection: Connection) -> Callable[[bytes], Any]:
     """Return a function that deserializes messages of a topic to the installed type.
 
-    If the recorded definition of the type differs from the installed definition, the function
-    copies the fields with equal names. Raises ValueError if the type is not installed or the
-    encoding is not CDR. The returned function raises ValueError if a message is damaged.
+    If the recorded definition differs from the installed one, fields with equal names are copied.
+    Raises ValueError if the type is not installed or the encoding is not CDR, and the returned
+    function raises ValueError if a message is damaged.
     """
     message_type = class_of(connection)
     if is_older(connection):
@@ -180,10 +165,7 @@ def decoder(connection: Connection) -> Callable[[bytes], Any]:
 
 
 def class_of(connection: Connection) -> Any:
-    """Return the class of the messages of a topic.
-
-    Raises ValueError if the messages cannot be decoded.
-    """
+    """Return the message class of a topic. Raises ValueError if its messages cannot be decoded."""
     if encoding_of(connection) != CDR:
         raise ValueError(_other_encoding(connection))
     return message_class(connection.msgtype)
@@ -194,15 +176,14 @@ def _other_encoding(connection: Connection) -> str:
 
 
 _KINDS = ('msg', 'srv', 'action')
-"""Second parts of type names. `srv` stands for events of services, and `action` for goals, results
-and feedback of actions."""
+"""Kinds of types: messages, events of services; goals, results and feedback of actions."""
 
 
 def message_class(type_name: str) -> Any:
     """Return the class of a type such as 'sensor_msgs/msg/JointState'.
 
-    The events of a service have a type such as 'std_srvs/srv/Trigger_Event'. Raises ValueError if
-    the class is not found.
+    Service events have types such as 'std_srvs/srv/Trigger_Event'. Raises ValueError if the class
+    is not found.
     """
     try:
         package, kind, name = type_name.split('/')
@@ -224,10 +205,7 @@ def message_class(type_name: str) -> Any:
 
 
 def _has_types(package: str, kind: str) -> bool:
-    """Return whether a package defines interface types of a kind such as 'msg'.
-
-    The package is not imported, because a bag may contain the name of any Python package.
-    """
+    """Return whether a package defines types. A bag may name any package, so do not import it."""
     if f'{package}.{kind}' in sys.modules:
         return True
     found = PathFinder.find_spec(package) if package.isidentifier() else None
@@ -241,7 +219,8 @@ def type_name(message_type: Any) -> str:
 
 
 _UNKNOWN_DEPTH = 10
-"""Assumed queue depth of a latched topic if the depth was not recorded [messages]."""
+"""Assumed queue depth of a latched topic whose depth was not recorded, as in rosbag2 [messages].
+"""
 
 
 def latched(connection: Connection) -> bool:
@@ -250,11 +229,7 @@ def latched(connection: Connection) -> bool:
 
 
 def latched_depth(connection: Connection) -> int:
-    """Return how many messages the recorded publisher kept for late subscribers.
-
-    Returns 0 if the topic is not latched. If the recorded depth is 0, the middleware did not
-    report the depth. In this case the function returns 10, as rosbag2 does.
-    """
+    """Return how many messages the publisher kept for late subscribers; 0: not latched."""
     profiles = getattr(connection.ext, 'offered_qos_profiles', [])
     kept = [p.depth for p in profiles if p.durability is QosDurability.TRANSIENT_LOCAL]
     return max(depth if depth > 0 else _UNKNOWN_DEPTH for depth in kept) if kept else 0
@@ -265,12 +240,10 @@ def _one_line(error: Exception) -> str:
 
 
 _LONGER, _MARGIN = 4, 4096
-"""Factor [1] and margin [characters] for the length of a recorded definition. The longest accepted
-length is the factor times the length of the installed definition, plus the margin. A limit is
-necessary because parsing 40,000 characters takes a second."""
+"""Longest accepted definition: `_LONGER` times the installed one plus `_MARGIN` [characters].
+Parsing 40,000 characters takes a second."""
 _LONGEST_REASON = 200
-"""Length at which the quoted error of a parser is cut [characters]. Such an error may contain the
-whole input."""
+"""Length at which the error of a parser, which may quote the whole input, is cut [characters]."""
 
 
 def is_older(connection: Connection) -> bool:
@@ -284,10 +257,6 @@ def is_older(connection: Connection) -> bool:
 
 
 def _older_decoder(connection: Connection, message_type: Any) -> Callable[[bytes], Any]:
-    """Return a decoder that uses the definition in the bag.
-
-    Fields that the recorded definition lacks keep their defaults.
-    """
     name, text = connection.msgtype, connection.msgdef.data
     store = get_typestore(Stores.EMPTY)
     try:

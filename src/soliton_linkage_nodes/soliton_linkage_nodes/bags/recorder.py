@@ -56,8 +56,7 @@ class BagRecorderParameters:
         3600.0,
     )
     append: bool = quantity(
-        False,
-        'continue the last bag of this output in a new file, if its recorder was killed',
+        False, 'continue the last bag of this output in a new file, if its recorder was killed'
     )
     start_paused: bool = quantity(False, 'begin paused, until ~/resume is called')
 
@@ -66,11 +65,9 @@ class BagRecorder(ManagedNode):
     """Node that records serialized messages with their receive times.
 
     Subscribes to the recorded topics. Publishes `/diagnostics`. Serves `~/pause`, `~/resume`,
-    `~/is_paused`, `~/split_bagfile` and `~/snapshot`. The types of these services are in
-    rosbag2_interfaces. If that package is not installed, the type is std_srvs/Trigger.
-
-    One thread takes the messages from the subscriptions of a hidden node. A second thread writes
-    the bag.
+    `~/is_paused`, `~/split_bagfile` and `~/snapshot`, with the types of rosbag2_interfaces, or
+    with std_srvs/Trigger if that package is not installed. One thread takes the messages from the
+    subscriptions of a hidden node, and a second thread writes the bag.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {BagRecorderParameters: '', ManagedParameters: ''}
@@ -135,11 +132,7 @@ class BagRecorder(ManagedNode):
         return self._receiving.failure or self._bag.failure
 
     def cleanup(self) -> None:
-        """Write the remaining messages and finish the bag.
-
-        Raises the error that ended the recording, for example OSError if the bag cannot be
-        written.
-        """
+        """Write the remaining messages and finish the bag. Raises the error of the recording."""
         self._bag.close(self._receiving.stop())
         self._inbox.destroy_node()
         path = self._bag.writer.path
@@ -171,7 +164,6 @@ class BagRecorder(ManagedNode):
             raise
 
     def _announce(self, missing: Sequence[str]) -> None:
-        """Log that the recording has begun. From then on, the recorder misses no messages."""
         writer = self._bag.writer
         without = f', but a publisher of {", ".join(missing)} did not respond' if missing else ''
         self.get_logger().info(f'recording to {writer.path}{writer.gap_description}{without}')

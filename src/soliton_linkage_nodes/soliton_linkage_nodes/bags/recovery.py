@@ -12,6 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from soliton_linkage_nodes.bags.bag_files import topics_in
 from soliton_linkage_nodes.bags.guards import (
     DEFAULT_LIMITS,
     PACKED,
@@ -39,18 +40,14 @@ from soliton_linkage_nodes.bags.storages.storage import RecoveredFile
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic, completed
 
 _SHOW_EVERY = 1000
-"""Number of messages from one call of `show` to the next [1]."""
+"""Messages between two calls of `show` [1]."""
 
 Show = Callable[[int, int], None]
-"""Function that shows the number of messages so far and the expected number of messages. The
-expected number is 0 if it is unknown."""
+"""Function of the number of messages so far and the expected number, 0 if unknown."""
 
 
 def recovered_file(path: Path, storage: str, doubtful: bool, limits: BagLimits) -> RecoveredFile:
-    """Open a file for recovery.
-
-    With `doubtful`, messages with wrong checksums are also recovered.
-    """
+    """Open a file for recovery, with `doubtful` also of messages with wrong checksums."""
     kind = RecoveredMcap if storage == MCAP else RecoveredSqlite
     return kind(path, doubtful, limits)
 
@@ -59,10 +56,10 @@ def recovered_file(path: Path, storage: str, doubtful: bool, limits: BagLimits) 
 class BagReport:
     """Content and damage of a bag.
 
-    `counts` holds the number of messages of each topic. `start` and `end` are the first and the
-    last receive time [ns]. `damage` has one line for each damaged part of the bag. `notes` has one
-    line for each irregularity that is no damage. `lost` is the number of messages that cannot be
-    read. `unverified` is the number of messages that were read without a checksum.
+    `counts` holds the number of messages of each topic; `start` and `end` are the first and the
+    last receive time [ns]. `damage` and `notes` have one line for each damaged part and for each
+    irregularity that is no damage. `lost` messages cannot be read, `unverified` ones have no
+    checksum.
     """
 
     path: Path
@@ -87,10 +84,7 @@ class BagReport:
 def check_bag(
     path: Path, show: Show = lambda done, expected: None, limits: BagLimits = DEFAULT_LIMITS
 ) -> BagReport:
-    """Read a whole bag and return a report about its content and damage.
-
-    Raises ValueError if the path is not a bag.
-    """
+    """Read a whole bag and return its content and damage. Raises ValueError if it is not a bag."""
     return _BagScan(path, None, False, show, limits).report
 
 
@@ -126,11 +120,7 @@ def recover_bag(
 
 
 class _BagScan:
-    """Scan of a whole bag, which optionally writes the messages into a new bag.
-
-    The new bag is created when the first topic or record is found. If the scanned bag has neither,
-    no new bag is created.
-    """
+    """Scan of a whole bag; its first topic or record creates the new bag, if one is wanted."""
 
     def __init__(
         self, path: Path, output: Path | None, doubtful: bool, show: Show, limits: BagLimits
@@ -144,7 +134,7 @@ class _BagScan:
         self._topics: dict[StoredTopic, StoredTopic] = {}
         self._taken = 0
         information, error = _metadata_of(path)
-        types = _types_in(information)
+        types = dict(topics_in(information or {}))
         self._expected = parse_count((information or {}).get('message_count'))
         for file in files:
             with _opened(file, doubtful, limits) as recovered:
@@ -168,10 +158,7 @@ class _BagScan:
         return self.writer
 
     def _known(self, topic: StoredTopic) -> StoredTopic | None:
-        """Return a topic with its number in the new bag.
-
-        Returns None if the type of the topic is unknown.
-        """
+        """Return a topic with its number in the new bag, or None if its type is unknown."""
         key = replace(topic, number=0)
         if not topic.type_is_lost and key not in self._topics:
             self._topics[key] = replace(topic, number=len(self._topics) + 1)
@@ -213,10 +200,7 @@ class _BagScan:
 
 
 def _metadata_of(path: Path) -> tuple[Mapping[str, Any] | None, list[str]]:
-    """Return the content of metadata.yaml and a list of its damage.
-
-    If the file is missing or cannot be read, the content is None.
-    """
+    """Return the content of metadata.yaml, None if it cannot be read, and a list of its damage."""
     if path.is_file():
         return None, []
     if not (path / METADATA_FILE).exists():
@@ -248,12 +232,7 @@ def _compare(report: BagReport, information: Mapping[str, Any] | None) -> None:
 
 
 def _deleted_older(report: BagReport, information: Mapping[str, Any]) -> bool:
-    """Return whether the recorder deleted the oldest files of a bag.
-
-    With circular recording, rosbag2 deletes the oldest files, but the total number of messages in
-    metadata.yaml still includes the messages of these files. The list of files in metadata.yaml
-    contains only the remaining files.
-    """
+    """Return whether circular recording deleted old files but still counts their messages."""
     entries = information.get('files')
     described = [each for each in entries if isinstance(each, dict)] if entries else []
     counts = sum(parse_count(each.get('message_count')) for each in described)
@@ -262,19 +241,9 @@ def _deleted_older(report: BagReport, information: Mapping[str, Any]) -> bool:
 
 
 def _typed(topic: StoredTopic, types: Mapping[str, str]) -> StoredTopic:
-    """Return a topic. If its type is unknown, use the type in metadata.yaml."""
     if not topic.type_is_lost or topic.name not in types:
         return topic
     return completed(replace(topic, type_name=types[topic.name], definition=''))
-
-
-def _types_in(information: Mapping[str, Any] | None) -> dict[str, str]:
-    try:
-        entries = (information or {})['topics_with_message_count']
-        topics = [entry['topic_metadata'] for entry in entries]
-        return {str(topic['name']): str(topic['type']) for topic in topics}
-    except (KeyError, TypeError):
-        return {}
 
 
 def _files_of(path: Path) -> tuple[list[Path], list[str]]:
@@ -317,10 +286,7 @@ def _opened(file: Path, doubtful: bool, limits: BagLimits) -> Iterator[Recovered
 
 
 def unfinished_bag(name: Path) -> Path | None:
-    """Return the last of the bags `<name>_0`, `<name>_1`, ... if this bag is unfinished.
-
-    Returns None if the last bag is finished or if no such bag exists.
-    """
+    """Return the last of the bags `<name>_0`, `<name>_1`, ... if it exists and is unfinished."""
     number = 0
     while (name.parent / f'{name.name}_{number}').exists():
         number += 1
@@ -332,8 +298,8 @@ def unfinished_bag(name: Path) -> Path | None:
 def take_over(bag: Path) -> UnfinishedBag | None:
     """Move the intact messages of a bag into its first file, so that a writer can continue it.
 
-    Returns None if the bag has no intact messages or is not an MCAP bag. Raises OSError if the
-    file cannot be written. In this case the bag stays unchanged.
+    Returns None if the bag has no intact messages or is not an MCAP bag. If an OSError is raised,
+    the bag is unchanged.
     """
     try:
         with TemporaryDirectory(prefix=f'.{bag.name}_', dir=bag.parent) as folder:

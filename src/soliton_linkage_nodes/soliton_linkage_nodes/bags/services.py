@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services as in the recorder and the player of rosbag2.
-
-If the service types of rosbag2 are installed, these types are used.
-"""
+"""Services as in the recorder and the player of rosbag2, with its types if they are installed."""
 
 from __future__ import annotations
 
@@ -31,9 +28,8 @@ class Reply:
 def serve(node: Node, name: str, type_name: str, act: Callable[[Any], Reply]) -> None:
     """Offer the service `~/<name>`, which calls `act` with the request and logs the result.
 
-    The request is rejected if `act` raises ValueError, or if the node is a managed node that is
-    not active. The response reports the outcome in fields such as `success` and `message`, if its
-    type has them.
+    The request is rejected if `act` raises ValueError or a managed node is not active. The fields
+    `success`, `message` etc. of the response report the outcome, if its type has them.
     """
 
     def respond(request: Any, response: Any) -> Any:
@@ -53,10 +49,7 @@ def serve(node: Node, name: str, type_name: str, act: Callable[[Any], Reply]) ->
 def serve_value(
     node: Node, name: str, type_name: str, field: str, value: Callable[[], Any]
 ) -> None:
-    """Offer the service `~/<name>`, which returns `value()` in the field `field`.
-
-    If the response has no such field, the value is returned in `success`.
-    """
+    """Offer the service `~/<name>`, which returns `value()` in `field`, or else in `success`."""
 
     def respond(_request: Any, response: Any) -> Any:
         setattr(response, field if hasattr(response, field) else 'success', value())
@@ -66,11 +59,7 @@ def serve_value(
 
 
 def service_type(name: str) -> Any:
-    """Return the service type of rosbag2 with this name.
-
-    If rosbag2 is not installed, return a type of the suite with the same fields. If the suite has
-    no such type, return Trigger.
-    """
+    """Return a service type of rosbag2; if it is not installed, one of the suite, else Trigger."""
     try:
         return getattr(importlib.import_module('rosbag2_interfaces.srv'), name)
     except (ImportError, AttributeError):

@@ -29,21 +29,20 @@ CDR = 'cdr'
 _LONGEST_NAME = 255
 """Length of the longest name that ROS and file systems accept [characters]."""
 _UNLIMITED = {'sec': 2147483647, 'nsec': 4294967295}
-"""Infinite duration in the notation of rosbag2, which uses the largest 32-bit numbers."""
+"""Infinite duration in the notation of rosbag2."""
 _TYPE_NAME = re.compile(r'\w+/\w+/\w+')
 _SERVICE_SEPARATOR = re.compile(r'^---[ \t]*$', re.MULTILINE)
 
 
 @dataclass(frozen=True)
 class StoredTopic:
-    """Topic of a bag.
+    """Topic of a bag. An unknown text is empty.
 
-    `number` counts the topics of the bag from 1. `definition` is the definition of the message
-    type in the format `definition_format`, such as 'ros2msg'. `digest` is the RIHS01 hash of the
-    definition. `profiles` holds the offered QoS profiles in the YAML notation of rosbag2. `about`
-    holds other metadata of an MCAP channel. An unknown value is an empty text. If an MCAP channel
-    has no schema, `definition_format` is empty. If a definition has bytes that are not UTF-8, they
-    are stored as surrogates.
+    `number` counts the topics of the bag from 1. `definition` is the message type in the format
+    `definition_format`, such as 'ros2msg'; bytes that are not UTF-8 are surrogates. `digest` is
+    its RIHS01 hash. `profiles` holds the offered QoS profiles in the YAML notation of rosbag2, and
+    `about` other metadata of an MCAP channel. A channel without a schema has an empty
+    `definition_format`.
     """
 
     number: int
@@ -75,10 +74,9 @@ def type_definition(name: str) -> tuple[str, str]:
 
 @lru_cache(maxsize=1024)
 def service_definitions(name: str) -> tuple[str, str]:
-    """Return the definitions of the request and the response of a service type.
+    """Return the definitions of the request and the response of a service type with nested types.
 
-    The definitions include all nested types. Raises ValueError if the package of the type is not
-    installed.
+    Raises ValueError if the package of the type is not installed.
     """
     try:
         package, kind, short = _name_parts(name)
@@ -103,11 +101,7 @@ def _definition_of(name: str, text: str) -> str:
 
 @lru_cache(maxsize=1024)
 def _installed(name: str) -> tuple[str, str, str]:
-    """Return the definition of a type, its hash, and an error text.
-
-    The error text is empty if the type is installed. Errors are cached too, because many topics of
-    a bag may have the same type.
-    """
+    """Return definition, hash and error text of a type; also cache errors for many topics."""
     store = _typestore()
     try:
         _name_parts(name)
@@ -155,10 +149,7 @@ def profiles_text(profiles: Sequence[QoSProfile]) -> str:
 
 @lru_cache(maxsize=1024)
 def profiles_in(text: str) -> list[dict[str, Any]]:
-    """Return the QoS profiles in a text with the YAML notation of rosbag2.
-
-    If the text has another form, the list is empty.
-    """
+    """Return the QoS profiles in a YAML text of rosbag2; nothing if the text is invalid."""
     try:
         loaded = load_yaml(text)
     except ValueError:
@@ -175,7 +166,6 @@ def _typestore() -> Typestore:
 
 
 def _register_installed(store: Typestore, name: str) -> None:
-    """Add an installed type and its nested types to a type store."""
     package, kind, short = name.split('/')
     path = Path(get_package_share_directory(package), kind, f'{short}.msg')
     _register(store, name, path.read_text(encoding='utf-8'))
@@ -192,10 +182,6 @@ def _register(store: Typestore, name: str, text: str) -> None:
 
 
 def _nested_types(field: Any) -> list[str]:
-    """Return the message types in the description of a field.
-
-    The description of an array or a sequence contains the description of its elements.
-    """
     kind, inner = field
     if kind.name == 'NAME':
         return [inner]

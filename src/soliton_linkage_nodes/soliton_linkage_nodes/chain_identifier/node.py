@@ -95,10 +95,7 @@ class ChainIdentifier(ManagedNode):
     drops all frames.
     """
 
-    PARAMETERS: ClassVar[dict[type, str]] = {
-        ChainIdentifierParameters: '',
-        ManagedParameters: '',
-    }
+    PARAMETERS: ClassVar[dict[type, str]] = {ChainIdentifierParameters: '', ManagedParameters: ''}
 
     def __init__(self, **kwargs: Any) -> None:
         """Create the node. Configure and activate it, unless a lifecycle manager does that."""

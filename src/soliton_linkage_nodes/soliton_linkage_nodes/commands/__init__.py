@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sub-commands of `soliton-linkage` with the syntax and exit codes of `ros2`.
+"""Sub-commands of `soliton-linkage` with the syntax and exit codes of `ros2`, for any ROS node.
 
-Each module is one command with the entry point `main(arguments)`, except `visitor`, which contains
-the temporary node of the commands. The commands work with the nodes of any ROS package.
+Each module has the entry point `main(arguments)`; `visitor` contains the node of a command.
 """

@@ -93,8 +93,8 @@ def _send_goal(visitor: Visitor, options: argparse.Namespace) -> int:
 def _note_interrupt() -> threading.Event:
     """Return an event that the next Ctrl-C sets. A second Ctrl-C interrupts the command.
 
-    The first Ctrl-C raises no KeyboardInterrupt, because this exception inside the executor of
-    rclpy can block the callbacks of the node permanently.
+    A KeyboardInterrupt inside the executor of rclpy can block the callbacks of the node
+    permanently.
     """
     interrupted = threading.Event()
 

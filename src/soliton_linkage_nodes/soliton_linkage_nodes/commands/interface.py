@@ -11,7 +11,7 @@ from ament_index_python.packages import PackageNotFoundError, get_package_share_
 from soliton_linkage.command_line import PlainParser, complete
 
 _NESTED = re.compile(r'(?P<package>\w+/)?(?P<name>[A-Z]\w*)(\[[^]]*\])?\s+\w+')
-"""Pattern of a field whose type is a message, such as `std_msgs/Header header`."""
+"""Field whose type is a message, such as `std_msgs/Header header`."""
 
 
 def main(arguments: list[str]) -> int:

@@ -8,12 +8,7 @@ from typing import Any
 
 import yaml
 from rcl_interfaces.msg import Parameter
-from rcl_interfaces.srv import (
-    DescribeParameters,
-    GetParameters,
-    ListParameters,
-    SetParameters,
-)
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.parameter import get_parameter_value, parameter_value_to_python
 
 from soliton_linkage_nodes.commands.visitor import Verbs, Visitor, full_name

@@ -10,7 +10,7 @@ from soliton_linkage.command_line import PlainParser, complete
 from soliton_linkage_nodes import start
 
 PROGRAMS = sorted(name for name, value in vars(start).items() if isinstance(value, partial))
-"""Names of the programs that `ros2 run soliton_linkage_nodes` can run."""
+"""Programs that `ros2 run soliton_linkage_nodes` can run."""
 
 
 def main(arguments: list[str]) -> int:

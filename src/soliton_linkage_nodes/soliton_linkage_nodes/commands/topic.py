@@ -17,9 +17,9 @@ from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 
 _QOS = QoSProfile(depth=1000)
-"""Requested quality of service. If a publisher offers only best effort, best effort is used."""
+"""Requested quality of service, lowered to best effort if a publisher offers no more."""
 _LINGER = 0.1
-"""Time from the last message to the end of the publisher [s]. The message is sent in this time."""
+"""Time from the last message, which is sent meanwhile, to the end of the publisher [s]."""
 
 
 def main(arguments: list[str]) -> int:

@@ -18,18 +18,16 @@ from soliton_linkage.command_line import PlainParser, complete
 from soliton_linkage_nodes.runtime.guarded import SERVICE_QOS
 
 _FOUND_WITHIN = 10.0
-"""Default value of the longest time in which a name must be discovered [s].
-
-Discovery usually takes less than 1 s and sometimes 3 s. On a busy machine it takes longer.
-"""
+"""Default of the longest time in which a name must be discovered [s]. It usually takes less than 1
+s, sometimes 3 s, and longer on a busy machine."""
 _ALL_ANNOUNCED = 3.2
-"""Shortest wait for a complete list of names [s]. Each process announces itself every 3 s."""
+"""Shortest wait for a list of names [s]. Each process announces itself every 3 s."""
 _SETTLED = 1.0
 """Time without a change after which a list of names counts as complete [s]."""
 ANSWER_LIMIT = 10.0
 """Longest wait for the response of a service [s]."""
 _SPIN = 0.05
-"""Interval at which a condition is checked while no messages arrive [s]."""
+"""Interval of checks of a condition while no messages arrive [s]."""
 
 Found = TypeVar('Found')
 NamesAndTypes = Sequence[tuple[str, list[str]]]
@@ -62,11 +60,7 @@ class Visitor:
         self._executor.spin_once(timeout_sec=seconds)
 
     def until(self, condition: Callable[[], Any], seconds: float | None = None) -> bool:
-        """Execute callbacks until a condition is true, and return True.
-
-        If the condition is not true within `seconds` [s], return False. The default of `seconds`
-        is the limit of this node.
-        """
+        """Execute callbacks until a condition is true; return False after `seconds` [s]."""
         deadline = self._clock() + (self.limit if seconds is None else seconds)
         while not condition():
             if self._clock() > deadline:
@@ -109,10 +103,7 @@ class Visitor:
         return found[full][0]
 
     def call(self, service_type: Any, name: str, request: Any) -> Any:
-        """Call a service and return its response.
-
-        Raises RuntimeError if the service does not exist or does not respond.
-        """
+        """Call a service and return its response. Raises RuntimeError if there is none."""
         client = self.node.create_client(service_type, name, qos_profile=SERVICE_QOS)
         if not self.until(client.service_is_ready):
             name = service_type.__name__
@@ -141,7 +132,7 @@ class Visitor:
 
 
 def full_name(node: str) -> str:
-    """Return the name of a node with its namespace. The default namespace is the root, `/`."""
+    """Return the name of a node with its namespace, by default `/`."""
     return node if node.startswith('/') else f'/{node}'
 
 

@@ -32,10 +32,8 @@ from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 _MOST_KICKS_WAITING = 50
-"""Largest number of kicks that wait for the simulator [1].
-
-It is half the queue depth of the topic `rotor_impulses`, so that no accepted kick is lost.
-"""
+"""Largest number of kicks that wait for the simulator [1]: half the queue depth of
+`rotor_impulses`, so that no accepted kick is lost."""
 
 
 @dataclass(frozen=True)
@@ -66,10 +64,7 @@ class Commands:
         self._publishers = publishers
 
     def nudge(self, source: str, message: Float64) -> None:
-        """Apply a kick, or a pressure with the same impulse, at an edge of the chain.
-
-        The parameter `nudge_as` selects a kick or a pressure, and `nudge_edge` selects the edge.
-        """
+        """Apply a kick or a pressure with the same impulse, as `nudge_as`, at `nudge_edge`."""
         kick = EdgeCommand(Edge(self.settings.nudge_edge), CommandKind.KICK, message.data)
         if self.settings.nudge_as == CommandKind.KICK.value:
             self._command(source, kick)
@@ -107,8 +102,7 @@ class Commands:
     def trajectory(self, source: str, message: JointTrajectory) -> None:
         """Apply torques that are interpolated linearly between the points of a trajectory.
 
-        A trajectory without points ends the torques of the joints that it names. If it names no
-        joints either, it ends the torques of all joints.
+        A trajectory without points ends the torques of its joints, without joints those of all.
         """
         chain = self._ready()
         if not message.points:

@@ -77,10 +77,9 @@ PARAMETERS: dict[type, str] = {
 
 
 def declare_torque_limits(node: Node, settings: EdgeActuatorParameters) -> Mapping[str, float]:
-    """Declare a parameter `torque_limits.<joint>` for each joint in `joints`.
+    """Declare a parameter `torque_limits.<joint>` for each joint in `joints`; return them [N m].
 
-    Returns the torque limits [N m] by joint name. Raises ValueError for an invalid or duplicate
-    name.
+    Raises ValueError for an invalid or duplicate name.
     """
     own = settings.torque_limit
     fields = [

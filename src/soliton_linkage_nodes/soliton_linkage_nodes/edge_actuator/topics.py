@@ -28,8 +28,8 @@ class LatestFrames:
     def __init__(self, longest: float, watch: Callable[[int, Array], None]) -> None:
         """Create an object without frames.
 
-        Reading fails if the latest joint states arrived more than `longest` [s] ago. The function
-        `watch` is called once for each frame that is read, with the stamp [ns] and angles [rad].
+        Reading fails if the latest joint states arrived more than `longest` [s] ago. `watch` is
+        called for each frame that is read, with its stamp [ns] and angles [rad].
         """
         self.freshness = Freshness(longest)
         self.taken = 0
@@ -71,19 +71,13 @@ class LatestFrames:
         return None if self._previous is None else self._decoder.stamp(self._previous)
 
     def period(self, stamp: int) -> float | None:
-        """Return the time from the previous frame to `stamp` [ns], in [s].
-
-        Returns None if no earlier frame was received.
-        """
+        """Return the time from the previous frame to `stamp` [ns], in [s], None without one."""
         before = self.stamp_before
         return None if before is None or stamp <= before else (stamp - before) / SECOND
 
 
 class ActuatorPublishers:
-    """Publishers of `rotor_impulses`, `rotor_torques` and `last_kick`.
-
-    Impulses and torques are stamped with the clock time of the node.
-    """
+    """Publishers of `rotor_impulses`, `rotor_torques` and `last_kick`, with stamps of the node."""
 
     def __init__(self, node: Node) -> None:
         """Create the publishers of a node."""
@@ -114,10 +108,7 @@ class ActuatorPublishers:
         return bool(self._node.count_publishers(interfaces.DELIVERY.name))
 
     def check_connected(self, at_once: bool) -> None:
-        """Raise ValueError if no node subscribes to the topic that a command needs.
-
-        This is `rotor_impulses` if `at_once` is true, and `rotor_torques` otherwise.
-        """
+        """Raise ValueError if no node subscribes to `rotor_impulses`, else to `rotor_torques`."""
         publisher = self._impulses if at_once else self._torques
         if not publisher.get_subscription_count():
             name = publisher.topic_name.rsplit('/', 1)[-1]

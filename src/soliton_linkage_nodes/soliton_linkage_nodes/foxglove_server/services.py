@@ -28,17 +28,14 @@ from soliton_linkage_nodes.runtime.serialization import serialize
 Queue = Callable[[Callable[[], None]], None]
 """Function that queues a callback for the executor of the node."""
 Reject = Callable[[str, str], None]
-"""Function that reports a rejection. Its arguments are a name and the reason."""
+"""Function that reports a rejected name and the reason."""
 
 
 class OfferedService:
     """A service of the graph that clients may call."""
 
     def __init__(self, node: Node, name: str, type_: str, queue: Queue, reject: Reject) -> None:
-        """Create the description of the service for clients.
-
-        Raises ValueError if the type of the service is not installed.
-        """
+        """Create the description for clients. Raises ValueError if the type is not installed."""
         self.name, self.type = name, type_
         self.answer_timeout = 10.0
         """Longest time for a response of the service [s]."""
@@ -111,10 +108,7 @@ class OfferedServices:
     """All services of the ROS graph, except those of this node and of actions."""
 
     def __init__(self, node: Node, server: WebSocketServer, queue: Queue, reject: Reject) -> None:
-        """Offer services to the clients of a server.
-
-        `reject` is called with the name of a rejected service and with the reason.
-        """
+        """Offer services to the clients of a server; call `reject` for those without a type."""
         self.services: dict[str, OfferedService] = {}
         self._node, self._server, self._queue, self._reject = node, server, queue, reject
         self._rejected: dict[str, Sequence[str]] = {}
@@ -156,7 +150,6 @@ class OfferedServices:
 
 
 def _set_result(answer: Future[bytes], result: bytes | BaseException) -> None:
-    """Set the result of a call unless the call was cancelled."""
     with suppress(InvalidStateError):
         if isinstance(result, BaseException):
             answer.set_exception(result)

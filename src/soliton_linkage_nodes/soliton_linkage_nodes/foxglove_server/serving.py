@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Websocket server of the Foxglove SDK, and the processing of its clients' requests.
 
-The SDK calls callbacks on its own threads. These callbacks only queue work for the executor of
-the node.
+The SDK calls callbacks on its own threads. They only queue work for the executor of the node.
 """
 
 from __future__ import annotations
@@ -29,14 +28,11 @@ from soliton_linkage_nodes.runtime.interfaces import Topic, command_qos
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 
 _DEPTH = 1000
-"""Queue depth of a subscription [messages]: the messages of 1 s at 1000 Hz."""
+"""Queue depth of a subscription, 1 s at 1000 Hz [messages]."""
 
 
 class OutgoingTopic:
-    """Channel that sends the serialized messages of a topic to clients.
-
-    The channel also contains the definition of the message type.
-    """
+    """Channel that sends the messages of a topic and their definition to clients."""
 
     def __init__(self, node: Node, name: str, type_: str, context: Context) -> None:
         """Offer the topic to clients. Raises ValueError if its type is not installed."""
@@ -58,8 +54,8 @@ class OutgoingTopic:
     def poll(self, new_client: bool, adapt: bool) -> None:
         """Subscribe to the topic if a client subscribes to it, otherwise end the subscription.
 
-        If `new_client` is true, latched messages are requested again. If `adapt` is true, the
-        quality of service is adapted to that of the publishers.
+        For a `new_client`, latched messages are requested again. With `adapt`, the quality of
+        service follows the publishers.
         """
         if not self._channel.has_sinks():
             self._unsubscribe()
@@ -92,10 +88,7 @@ class OutgoingTopics:
     """Channels of all topics of the ROS graph."""
 
     def __init__(self, node: Node, context: Context, reject: Callable[[str, str], None]) -> None:
-        """Offer the topics to clients of Foxglove, in a context of its SDK.
-
-        `reject` is called with the name of a rejected topic and with the reason.
-        """
+        """Offer the topics in a context of the SDK; call `reject` for those without a type."""
         self.topics: dict[str, OutgoingTopic] = {}
         self._sent_by_withdrawn = 0
         self._node, self._context, self._reject = node, context, reject
@@ -181,17 +174,9 @@ class Serving:
     """Server that connects its clients to the topics and services of the graph."""
 
     def __init__(
-        self,
-        node: Node,
-        address: tuple[str, int],
-        read_only: bool,
-        queue: Queue,
-        reject: Reject,
+        self, node: Node, address: tuple[str, int], read_only: bool, queue: Queue, reject: Reject
     ) -> None:
-        """Start the server. `address` consists of the host and the port.
-
-        Raises OSError if the server cannot be started.
-        """
+        """Start the server at a host and a port. Raises OSError if it cannot be started."""
         self.published = 0
         """Number of messages published by clients."""
         self._node, self._reject = node, reject
@@ -218,10 +203,7 @@ class Serving:
         self.services = None if read_only else OfferedServices(node, self._server, queue, reject)
 
     def poll(self, searching: bool) -> None:
-        """Process the subscriptions and the service calls of clients.
-
-        If `searching` is true, also search the ROS graph for new topics and services.
-        """
+        """Process requests of clients; with `searching`, also search for topics and services."""
         if searching:
             self.outgoing.search()
         if self.services is not None:
@@ -268,8 +250,6 @@ class Serving:
 
 
 class _Listener(ServerListener):
-    """Callbacks of the SDK. They queue their work for the executor of the node."""
-
     def __init__(self, serving: Serving, queue: Queue) -> None:
         self._serving, self._queue = serving, queue
 

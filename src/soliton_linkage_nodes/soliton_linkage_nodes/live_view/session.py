@@ -24,10 +24,7 @@ from soliton_linkage_nodes.runtime.process import stop_on_signals
 from soliton_linkage_nodes.start import INTERRUPTED
 
 _IDENTIFIER = 'chain_identifier'
-_NODES = (
-    *('simulator', 'edge_actuator', 'soliton_analyser', 'soliton_steering'),
-    _IDENTIFIER,
-)
+_NODES = (*('simulator', 'edge_actuator', 'soliton_analyser', 'soliton_steering'), _IDENTIFIER)
 _PAGE = 'live_view'
 _RESTART_DELAY = 1.0
 """Time from the end of a node to its restart [s]."""

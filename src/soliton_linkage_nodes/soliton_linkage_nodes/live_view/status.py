@@ -40,10 +40,7 @@ _SERVICES = {
     'step': ('simulator/step', _SIMULATOR),
     'reset': ('simulator/reset', _SIMULATOR),
     'move': ('move_soliton', _STEERING.format('move_soliton')),
-    'identify': (
-        'chain_identifier/identify',
-        'no node serves identify; start chain_identifier',
-    ),
+    'identify': ('chain_identifier/identify', 'no node serves identify; start chain_identifier'),
 }
 """Service or action of each other control, and the reason that is shown if it has no server."""
 CONTROLS = (*_TOPICS, *_SERVICES)

@@ -49,8 +49,7 @@ class CameraReading(NamedTuple):
     """Angles measured in one picture, with their stamp."""
 
     stamp: int
-    """Time at which the angles were measured [ns]: middle of the exposure of the picture row with
-    the pivots."""
+    """Middle of the exposure of the picture row with the pivots [ns]."""
     frame: AngleFrame
 
 
@@ -64,10 +63,7 @@ class CameraMeasurement:
         parameters: CameraParameters,
         camera: Camera | None = None,
     ) -> None:
-        """Prepare the measurement with a calibrated camera.
-
-        If `camera` is None, assume an ideal lens.
-        """
+        """Prepare the measurement with a calibrated camera. If it is None, the lens is ideal."""
         self.gaps = GapCounter()
         """Counter of missing pictures."""
         self.detector: AngleCamera | DarkRotors | None = None
@@ -83,10 +79,10 @@ class CameraMeasurement:
         return self.detector.frame_markers.moves if isinstance(self.detector, AngleCamera) else 0
 
     def measure(self, stamp: int, picture: Picture) -> CameraReading:
-        """Return the angles in a picture. `stamp` is the time at which its exposure began [ns].
+        """Return the angles in a picture whose exposure began at `stamp` [ns].
 
-        Raises ValueError if the picture is not later than the previous picture, or if the sizes of
-        the picture and of the calibration differ.
+        Raises ValueError if the picture is not later than the previous one, or if its size differs
+        from the calibration.
         """
         if stamp <= self._last:
             raise ValueError(
@@ -120,7 +116,7 @@ def angles_to_msg(named: NamedChain, seen: CameraReading) -> JointState:
 
 
 def deviations_to_msg(named: NamedChain, seen: CameraReading) -> JointState:
-    """Return joint states that hold the standard deviations of the angles [rad] as positions."""
+    """Return joint states with the standard deviations of the angles [rad] as positions."""
     return _to_msg(named, seen.stamp, seen.frame.deviations)
 
 
@@ -136,10 +132,7 @@ def describe_reading(measurement: CameraMeasurement, seen: CameraReading) -> str
 
 
 def median_deviation(frame: AngleFrame) -> float:
-    """Return the median standard deviation of the visible angles [rad].
-
-    Returns NaN if no rotor is visible.
-    """
+    """Return the median standard deviation of the visible angles [rad], or NaN."""
     known = frame.deviations[np.isfinite(frame.deviations)]
     return float(np.median(known)) if len(known) else float('nan')
 

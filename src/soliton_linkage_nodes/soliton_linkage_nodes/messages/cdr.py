@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Faster CDR decoding and encoding of messages with a stamp, joint names and arrays of doubles.
 
-The names take most of the time for decoding such a message, although they rarely change. A decoder
-therefore compares the bytes of the names with those of the previous message. If they are equal, it
-decodes only the stamp and the arrays. A buffer overwrites the stamp and the arrays of an encoded
-message in place.
+Decoding the names takes most of the time. If their bytes are as in the previous message, a decoder
+decodes only stamp and arrays. A buffer overwrites stamp and arrays of an encoded message in place.
 """
 
 from __future__ import annotations
@@ -38,7 +36,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 _LITTLE_ENDIAN = b'\x00\x01'
 _STAMP = struct.Struct('<4xiI')
 _SHORTEST = 12
-"""Total size of the encapsulation header and a stamp [B]."""
+"""Size of the encapsulation header and a stamp [B]."""
 _COUNT = struct.Struct('<I')
 _ENCAPSULATION_BYTES = 4
 """Size of the encapsulation header [B]."""
@@ -50,10 +48,9 @@ _EMPTY = np.zeros(0)
 class Layout:
     """Byte layout of messages with a given frame id and given joint names.
 
-    CDR encodes a string as its length, followed by its bytes and a zero byte. It encodes a
-    sequence as the number of elements, followed by the elements. Offsets are counted from the end
-    of the encapsulation header. Lengths and numbers of elements are aligned to 4 bytes, doubles to
-    8 bytes. Padding bytes have arbitrary values.
+    CDR encodes a string as its length, its bytes and a zero byte, and a sequence as the number of
+    elements and the elements. Offsets are counted from the end of the encapsulation header,
+    aligned to 4 bytes for lengths and to 8 bytes for doubles. Padding bytes have arbitrary values.
     """
 
     def __init__(self, frame_id: str, name: tuple[str, ...]) -> None:
@@ -87,10 +84,7 @@ class Layout:
         return seconds, nanoseconds
 
     def arrays(self, serialized: bytes | bytearray, number: int) -> list[Array]:
-        """Return the first `number` arrays of a matching message.
-
-        The arrays are views of the message and may be unaligned.
-        """
+        """Return the first arrays of a matching message, as views that may be unaligned."""
         arrays, end = [], self._end
         for _ in range(number):
             (count,) = _COUNT.unpack_from(serialized, end)
@@ -105,10 +99,7 @@ class Layout:
 
 
 class JointStateDecoder:
-    """Decoder of joint states.
-
-    It is fast if the frame id and the names equal those of the previous message.
-    """
+    """Decoder of joint states, fast for the same frame id and names as in the previous message."""
 
     def __init__(self) -> None:
         self._layout: Layout | None = None
@@ -135,10 +126,7 @@ class JointStateDecoder:
         return self._layout is not None and self._layout.fits(serialized)
 
     def stamp(self, serialized: bytes) -> int:
-        """Return only the stamp of joint states [ns].
-
-        Raises ValueError if the message is damaged.
-        """
+        """Return only the stamp [ns]. Raises ValueError if the message is damaged."""
         layout = self._layout
         if layout is not None and layout.fits(serialized):
             seconds, nanoseconds = layout.stamp(serialized)
@@ -158,32 +146,23 @@ def stamp_of(serialized: bytes) -> int:
 
 
 class _RotorDecoder:
-    """Decoder of messages with one value for each joint name.
-
-    It is fast if the frame id and the names equal those of the previous message.
-    """
+    """Decoder of messages with one value for each joint name, fast for the previous names."""
 
     _type: Any
     _topic: str
     _arrays: int
-    """Position of the array with the values among the arrays of the message, counted from 1."""
+    """Position of the array with the values, counted from 1."""
     _from_msg: Callable[[Mapping[str, int], Any, float], Array]
 
     def __init__(self, rotors: Mapping[str, int], largest: float) -> None:
-        """Accept values with magnitudes up to `largest`.
-
-        The keys of `rotors` are joint names, its values are the numbers of the rotors.
-        """
+        """Accept values up to `largest` for joint names with rotor numbers."""
         self._rotors = rotors
         self._largest = largest
         self._layout: Layout | None = None
         self._order = np.zeros(0, dtype=np.intp)
 
     def decode(self, serialized: bytes) -> Array:
-        """Return the value of each rotor, shape (N,).
-
-        Raises ValueError if any value is rejected.
-        """
+        """Return the value of each rotor, shape (N,). Raises ValueError if one is rejected."""
         layout = self._layout
         try:
             if layout is not None and layout.fits(serialized):
@@ -269,10 +248,7 @@ class TorqueBuffer(_MessageBuffer):
 
 
 def read_stamp(serialized: bytes) -> int:
-    """Return the stamp [ns] of a message that begins with a header.
-
-    Returns 0 if the message is big-endian.
-    """
+    """Return the stamp [ns] of a message that begins with a header, 0 if it is big-endian."""
     if not serialized.startswith(_LITTLE_ENDIAN):
         return 0
     seconds, nanoseconds = _STAMP.unpack_from(serialized)
@@ -280,7 +256,7 @@ def read_stamp(serialized: bytes) -> int:
 
 
 def stamped(serialized: bytes, stamp: int) -> bytes:
-    """Return a copy of a message that begins with a header, and give the copy this stamp [ns]."""
+    """Return a copy of a message that begins with a header, with this stamp [ns]."""
     order = '<' if serialized[1:2] == _LITTLE_ENDIAN[1:] else '>'
     head = serialized[:_ENCAPSULATION_BYTES]
     return head + struct.pack(f'{order}iI', *divmod(stamp, SECOND)) + serialized[_STAMP.size :]

@@ -70,18 +70,12 @@ CHAIN_PARAMETERS: dict[type, str] = {
 
 
 def declare_chain(node: Node) -> NamedChain:
-    """Declare the parameters `chain.*` and return the chain with default joint names.
-
-    Raises ValueError if a parameter is invalid.
-    """
+    """Declare the parameters `chain.*`; return the chain. Raises ValueError if one is invalid."""
     return chain_of(lambda kind: declare(node, kind, CHAIN_PARAMETERS[kind]))
 
 
 def chain_of(read: Callable[[Any], Any]) -> NamedChain:
-    """Return the chain with its deviations from the uniform chain and its encoder offsets.
-
-    The function `read` receives a dataclass and returns an instance of this dataclass.
-    """
+    """Return the chain, its deviations and encoder offsets from dataclasses that `read` fills."""
     chain: Chain = read(Chain)
     given: Deviations = read(Deviations)
     disorder: Disorder = read(Disorder)
@@ -103,10 +97,7 @@ def describe_chain(chain: Chain) -> str:
 
 
 def declare_chain_source(node: Node) -> None:
-    """Declare the parameters of a `ChainSource`.
-
-    Raises ValueError if the parameters describe no chain.
-    """
+    """Declare the parameters of a `ChainSource`. Raises ValueError if they describe no chain."""
     check_names('parameter joint_names', declare(node, ChainSourceParameters).joint_names)
     declare_chain(node)
 
@@ -123,11 +114,11 @@ class ChainSource:
     ) -> None:
         """Read the chain from the parameters, or subscribe to the topic `chain`.
 
-        `on_chain` is called with each chain. A chain from the topic is logged if it differs from
-        the previous chain. Raises ValueError if the parameters describe no chain.
+        `on_chain` is called with each chain. A changed chain from the topic is logged. Raises
+        ValueError if the parameters describe no chain.
         """
         self.named: NamedChain | None = None
-        """Current chain. None until a chain is known."""
+        """Current chain, None until a chain is known."""
         self._subscription: StreamSubscription | None = None
         self._logger = node.get_logger()
         self._topic = node.resolve_topic_name(interfaces.CHAIN.name)
@@ -144,7 +135,7 @@ class ChainSource:
 
     @property
     def description(self) -> str:
-        """Description of the chain. While the chain is unknown, description of its source."""
+        """Description of the chain or, while it is unknown, of its source."""
         if self.named is not None:
             return describe_chain(self.named.chain)
         known = self.parameters.chain_from == 'topic'
@@ -176,26 +167,27 @@ class ChainSource:
         self._callback(self.named)
 
 
-def with_joints(named: NamedChain, joints: tuple[str, ...]) -> NamedChain:
-    """Return the chain with joints renamed to `joints`.
+def with_joints(
+    named: NamedChain, joints: tuple[str, ...], source: str = 'parameter joint_names'
+) -> NamedChain:
+    """Return the chain with joints renamed to `joints`, unless that is empty.
 
-    If `joints` is empty, the names stay the same. Raises ValueError if the number of names differs
-    from the number of rotors.
+    Raises ValueError if the number of names differs from the number of rotors.
     """
     if joints and len(joints) != named.rotors:
         raise ValueError(
-            f'parameter joint_names has {len(joints)} names for a chain of {named.rotors} '
-            'rotors; give one name for each rotor'
+            f'{source} has {len(joints)} names for {named.rotors} rotors; give one name for each '
+            'rotor'
         )
     return replace(named, joint_names=joints or named.joint_names)
 
 
 _LONGEST_VALUE = 40
-"""Length at which a printed value is cut [characters]. Lists may have thousands of values."""
+"""Length at which a printed value, perhaps a list of thousands, is cut [characters]."""
 
 
 class ParameterFile:
-    """Parameter values of a file by name. The sections of all nodes are combined."""
+    """Parameter values of a file by name, from the sections of all nodes."""
 
     def __init__(self, path: Path) -> None:
         """Read a file. Raises ValueError if the file is no parameter file."""
@@ -208,19 +200,13 @@ class ParameterFile:
         self.values = {name: value for held in sections for name, value in held.items()}
 
     def read(self, kind: type[Group], prefix: str) -> Group:
-        """Return an instance of a dataclass with the values whose names begin with a prefix.
-
-        Fields without a value in the file have their default.
-        """
+        """Return a dataclass with the values whose names begin with a prefix, or its defaults."""
         given = {name: self.values.get(prefix + name) for name in described_fields(kind)}
         values = {name: value for name, value in given.items() if value is not None}
         return kind(**{n: tuple(v) if isinstance(v, list) else v for n, v in values.items()})
 
     def check(self, prefix: str, groups: Mapping[type, str]) -> None:
-        """Raise ValueError if a name begins with `prefix` and is a field of no dataclass.
-
-        `groups` holds the prefix of each dataclass.
-        """
+        """Raise ValueError if a name with `prefix` is no field of the dataclasses in `groups`."""
         known = {
             before + name for kind, before in groups.items() for name in described_fields(kind)
         }
@@ -234,21 +220,13 @@ class ParameterFile:
 
 
 def chain_of_file(path: Path) -> NamedChain:
-    """Return the chain of a parameter file with its joint names.
-
-    Raises ValueError if the file or the chain is invalid.
-    """
+    """Return the chain of a parameter file. Raises ValueError if the file or chain is invalid."""
     file = ParameterFile(path)
     file.check('chain.', CHAIN_PARAMETERS)
     named = chain_of(lambda kind: file.read(kind, CHAIN_PARAMETERS[kind]))
-    joints = tuple(file.values.get('joint_names', ())) or named.joint_names
-    check_names(f'{path}: joint_names', joints)
-    if len(joints) != named.rotors:
-        raise ValueError(
-            f'{path}: joint_names has {len(joints)} names for {named.rotors} rotors; '
-            'give one name for each rotor'
-        )
-    return replace(named, joint_names=joints)
+    source, joints = f'{path}: joint_names', tuple(file.values.get('joint_names', ()))
+    check_names(source, joints)
+    return with_joints(named, joints, source)
 
 
 def markers_of_file(path: Path) -> MarkerSettings:

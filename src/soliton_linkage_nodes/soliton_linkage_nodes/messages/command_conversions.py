@@ -34,7 +34,7 @@ _CHOICES: dict[str, dict[int, Any]] = {
 }
 """Choices of each field that a message holds as an integer code."""
 _NUMBERS = ('joint', 'frequency', 'last_frequency', 'cycles', 'seed')
-"""Fields that have the same name in a `Waveform` and in its message."""
+"""Fields with the same name in a `Waveform` and in its message."""
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,9 @@ class JointActuators:
     def checked(self, source: str, names: Sequence[str], torques: Array) -> tuple[Rotors, Array]:
         """Return the rotors of the named joints, and the torques [N m] unchanged.
 
-        The last axis of `torques` has one entry for each name. Raises ValueError if a joint has no
-        actuator or is named twice, or if a torque is missing, not finite or larger than the limit
-        of its joint. The error message names `source`.
+        The last axis of `torques` has one entry for each name. Raises ValueError, which names
+        `source`, if a joint has no actuator or is named twice, or if a torque is missing, not
+        finite or too large.
         """
         check_names(source, names)
         index_of = {name: index for index, name in enumerate(self.names)}
@@ -81,10 +81,9 @@ class JointActuators:
 def joint_actuators(
     named: NamedChain, names: Sequence[str], limit_of: Callable[[str], float]
 ) -> JointActuators:
-    """Return the actuators of the named joints.
+    """Return the actuators of the named joints, by default all, with the torque limits [N m].
 
-    If `names` is empty, all joints have an actuator. `limit_of` returns the torque limit of a
-    joint [N m]. Raises ValueError for an unknown joint.
+    Raises ValueError for an unknown joint.
     """
     chosen = tuple(names) or named.joint_names
     for name in chosen:
@@ -101,10 +100,7 @@ def joint_actuators(
 
 
 def edge_command_from_msg(message: msg.EdgeCommand) -> EdgeCommand:
-    """Return the command to an edge actuator from a message.
-
-    Raises ValueError if a code is unknown or a field is invalid.
-    """
+    """Return the command to an edge actuator. Raises ValueError if a field is invalid."""
     codes: dict[str, dict[int, Any]] = {'edge': _EDGES, 'kind': _KINDS, **_CHOICES}
     for name, known in codes.items():
         code = getattr(message, name)
@@ -156,10 +152,7 @@ def _code(known: dict[int, Any], value: Any) -> int:
 def efforts_from_msg(
     actuators: JointActuators, source: str, message: JointState
 ) -> tuple[Rotors, Array]:
-    """Return the rotors and their torques [N m] from a message of the topic `source`.
-
-    Raises ValueError if a joint or a torque is rejected.
-    """
+    """Return rotors and torques [N m] from a message. Raises ValueError if one is rejected."""
     if message.position or message.velocity:
         raise ValueError(
             f'{source} commands positions or velocities; the actuators accept only effort'
@@ -173,7 +166,7 @@ def efforts_from_msg(
 def efforts_from_array(
     actuators: JointActuators, source: str, message: Float64MultiArray
 ) -> tuple[Rotors, Array]:
-    """Return the rotors with actuators and their torques [N m], which have the same order.
+    """Return the rotors with actuators and their torques [N m] from a message, in its order.
 
     Raises ValueError if a torque is rejected.
     """
@@ -186,8 +179,8 @@ def trajectory_from_msg(
 ) -> tuple[Rotors, Array, Array]:
     """Return the rotors, the times and the torques of a trajectory.
 
-    The times are counted from the start of the trajectory [s], shape (points,). The torques [N m]
-    have the shape (points, rotors). Raises ValueError if a joint, time or torque is rejected.
+    The times from the start [s] have the shape (points,), the torques [N m] (points, rotors).
+    Raises ValueError if a joint, time or torque is rejected.
     """
     if not message.joint_names:
         raise ValueError(f'{source} has points but no joints; fill joint_names')
@@ -237,10 +230,7 @@ def delivery_from_msg(message: msg.Delivery) -> DeliveryTotals:
 
 
 def last_kick_to_msg(named: NamedChain, kick: KickReport) -> msg.LastKick:
-    """Return the message that reports a finished kick.
-
-    The message omits joints that received no impulse.
-    """
+    """Return the message that reports a finished kick, without the joints that had no impulse."""
     acted_on = np.flatnonzero(kick.impulse)
     return msg.LastKick(
         header=Header(stamp=time_to_msg(kick.stamp), frame_id=FRAME),
@@ -259,22 +249,17 @@ def last_kick_to_msg(named: NamedChain, kick: KickReport) -> msg.LastKick:
 
 @dataclass(frozen=True)
 class StampRule:
-    """Limits for the stamps and durations of commands.
+    """Limits for the stamps and durations of commands. A command with the stamp 0 starts now.
 
-    A command with the stamp 0 starts now.
-
-    oldest: largest age of a command [s]. If `oldest` is 0, the limit is `longest`.
-    longest: largest time from now to the end of a command [s].
+    oldest: largest age of a command [s]. If `oldest` is 0, the limit is `longest`. longest:
+    largest time from now to the end of a command [s].
     """
 
     oldest: float
     longest: float
 
     def check_at_once(self, source: str, stamp: int, now: int) -> None:
-        """Raise ValueError if the stamp of an immediate command is too far from now.
-
-        The limit is the same for the past and for the future. `stamp` and `now` are in [ns].
-        """
+        """Raise ValueError if an immediate command's stamp [ns] is too far before or after now."""
         age = self._age(stamp, now)
         limit = self.oldest or self.longest
         if age > limit:
@@ -289,10 +274,9 @@ class StampRule:
             )
 
     def delay(self, source: str, stamp: int, now: int, duration: float) -> float:
-        """Return the time from now to the start of a command [s].
+        """Return the time from `now` [ns] to the start of a command [s], negative if it has begun.
 
-        The time is negative if the command has started. `stamp` and `now` are in [ns], `duration`
-        is in [s]. Raises ValueError if the command has already ended or ends too late.
+        Raises ValueError if the command of `duration` [s] has already ended or ends too late.
         """
         delay = -self._age(stamp, now)
         if delay + duration < 0:
@@ -304,10 +288,7 @@ class StampRule:
         return delay
 
     def check_length(self, source: str, ends: float) -> None:
-        """Raise ValueError if the time from now to the end of a command exceeds `longest`.
-
-        `ends` is the time from now to the end of the command [s].
-        """
+        """Raise ValueError if a command ends more than `longest` from now, in `ends` [s]."""
         if ends > self.longest:
             raise ValueError(
                 f'{source} ends {ends:.3g} s from now, the limit is {self.longest:g} s; send '

@@ -26,8 +26,8 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 FRAME = 'linkage'
 """Name of the coordinate frame whose x axis runs along the pivots."""
 _LARGEST_ANGLE = 1e6
-"""Largest angle of a reset [rad]. At larger angles, rounding errors exceed the changes of the
-angle in one step of a solver."""
+"""Largest angle of a reset [rad]. Above it, rounding errors exceed the change in a solver's step.
+"""
 _LARGEST_RATE = 1e6
 """Largest rate of a reset [rad/s]."""
 _CHAIN_FIELDS = tuple(
@@ -46,8 +46,7 @@ class NamedChain:
     chain: Chain
     joint_names: tuple[str, ...]
     encoder_offsets: tuple[float, ...] = ()
-    """Known encoder offsets, position minus angle [rad], one for each rotor. Empty if the offsets
-    are unknown."""
+    """Known encoder offsets, position minus angle [rad], one for each rotor, or empty."""
 
     def __post_init__(self) -> None:
         check_one_each(KnownEncoders(self.encoder_offsets).offsets, self.rotors)
@@ -65,20 +64,14 @@ class NamedChain:
 
 @dataclass(frozen=True)
 class Frame:
-    """Angles [rad] and rates [rad/s] of all rotors at one time, rotor 0 first.
-
-    `rates` is None if the rates are unknown.
-    """
+    """Angles [rad] and rates [rad/s] of all rotors at one time, rotor 0 first; None if unknown."""
 
     angles: Array
     rates: Array | None
 
 
 class JointStates(NamedTuple):
-    """Fields of a JointState message without the efforts.
-
-    The arrays `position` and `velocity` may be empty.
-    """
+    """Fields of a JointState message without the efforts. The arrays may be empty."""
 
     seconds: int
     nanoseconds: int
@@ -150,9 +143,9 @@ def frame_to_msg(named: NamedChain, frame: Frame, efforts: Array, stamp: Time) -
 def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Frame:
     """Return the angles and rates of all rotors, rotor 0 first.
 
-    The joints in the message may have any order. Known encoder offsets are subtracted. Joints that
-    belong to no rotor are ignored. Raises ValueError if a rotor is missing, if a joint is named
-    twice, if an array has the wrong length, or if a value is not finite.
+    Known encoder offsets are subtracted, other joints ignored. Raises ValueError if a rotor is
+    missing, if a joint is named twice, if an array has the wrong length, or if a value is not
+    finite.
     """
     order = _order(named.joint_names, message.name)
     angles = np.asarray(message.position, dtype=np.float64)
@@ -166,10 +159,7 @@ def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Fram
 
 
 def without_offsets(positions: Array, encoder_offsets: Sequence[float] | Array) -> Array:
-    """Return the angles [rad], shape (N,): encoder positions [rad] minus known offsets [rad].
-
-    If `encoder_offsets` is empty, the positions are returned unchanged.
-    """
+    """Return encoder positions [rad] minus known offsets [rad], shape (N,), if there are any."""
     return positions - encoder_offsets if len(encoder_offsets) else positions
 
 
@@ -196,9 +186,9 @@ def impulses_from_msg(
 def state_from_reset(named: NamedChain, request: Any, now: State) -> State:
     """Return the state of the chain after a `Reset.Request`.
 
-    Joints that the request does not name keep the angle of the state `now`, and their rate becomes
-    0. If the request has no rates, all rates become 0. Raises ValueError if a joint is unknown or
-    named twice, or if an angle or rate is missing, not finite or too large.
+    Other joints keep the angle of the state `now`; their rate, and all rates if the request has
+    none, become 0. Raises ValueError if a joint is unknown or named twice, or if an angle or rate
+    is missing, not finite or too large.
     """
     rotors = named.numbers
     remedy = 'reset to smaller angles and rates'
@@ -224,8 +214,7 @@ def torques_to_msg(named: NamedChain, torques: Array, stamp: Time) -> JointState
 def torques_from_msg(rotors: Mapping[str, int], message: JointState, largest: float) -> Array:
     """Return the torque on each rotor [N m], 0 for rotors that are not named.
 
-    Raises ValueError if a joint is unknown or named twice, or if a torque is missing, not finite
-    or larger in magnitude than `largest`.
+    Raises ValueError as `impulses_from_msg` does.
     """
     return _by_rotor(rotors, 'rotor_torques.effort', message.name, message.effort, largest)
 

@@ -18,9 +18,9 @@ _WIDTH = 100
 
 
 def interface_type(name: str, kind: str) -> Any:
-    """Return the Python class of an interface type, such as 'std_msgs/Float64'.
+    """Return the Python class of an interface type of `kind` 'msg', 'srv' or 'action'.
 
-    `kind` is 'msg', 'srv' or 'action'. Raises ValueError if the type does not exist.
+    Raises ValueError if the type, such as 'std_msgs/Float64', does not exist.
     """
     package, _, rest = name.partition('/')
     middle, _, last = rest.rpartition('/')
@@ -48,10 +48,7 @@ def plain(value: Any) -> Any:
 
 
 def to_yaml(value: Any) -> str:
-    """Return the YAML text of a message or field.
-
-    Each list of plain values is written in one line, as [1, 2, 3].
-    """
+    """Return the YAML text of a message or field, with each list of plain values in one line."""
     text: str = yaml.dump(
         plain(value), Dumper=_Dumper, sort_keys=False, width=_WIDTH, allow_unicode=True
     )
@@ -68,10 +65,7 @@ _Dumper.add_representer(list, _list_in_lines)
 
 
 def read(message_type: Any, text: str) -> Any:
-    """Return the message that a YAML text such as '{data: 0.25}' describes.
-
-    Raises ValueError if the text is invalid.
-    """
+    """Return the message of a YAML text such as '{data: 0.25}'. Raises ValueError if invalid."""
     try:
         values = yaml.safe_load(text or '{}')
     except yaml.YAMLError as error:
@@ -80,9 +74,9 @@ def read(message_type: Any, text: str) -> Any:
 
 
 def built(message_type: Any, values: Any) -> Any:
-    """Return a message whose fields have the values of a mapping.
+    """Return a message whose fields have the values of a mapping, or else their defaults.
 
-    Other fields keep their defaults. Raises ValueError if a field is invalid.
+    Raises ValueError if a field is invalid.
     """
     types = message_type.get_fields_and_field_types()
     name = _name(message_type)
@@ -114,7 +108,6 @@ def built(message_type: Any, values: Any) -> Any:
 
 
 def _converted(present: Any, value: Any) -> Any:
-    """Convert a new value of a field to the type of its present value."""
     if isinstance(present, float):
         return float(value)
     if isinstance(present, bytes):

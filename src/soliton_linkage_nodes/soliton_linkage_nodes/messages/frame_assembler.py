@@ -17,19 +17,17 @@ from soliton_linkage_nodes.messages.conversions import JointStates, check_length
 from soliton_linkage_nodes.runtime.serialization import serialize
 
 _SHORT_FRAMES = 10
-"""Number of consecutive incomplete frames after which frames no longer wait for the missing joints
-[1]. Sensitivity: at 0.5x, one more frame lacks the joints of an encoder board after a pause of
-this board. At 2x, frames are delayed by a period for a longer time after an encoder board has
-failed."""
+"""Consecutive incomplete frames after which frames no longer wait for the missing joints [1].
+Sensitivity: at 0.5x, one more frame lacks the joints of an encoder board after its pause. At 2x,
+frames are delayed by a period for longer after a board has failed."""
 
 
 class FrameAssembler:
     """Assembler of joint states with equal stamps and disjoint joints into frames.
 
-    A frame is complete when it has all joints of the chain, or all joints that earlier assembled
-    frames had. Any other frame ends when a message with another stamp arrives. If this frame
-    consists of one message, each later message is returned as a frame, until two messages have the
-    same stamp.
+    A frame is complete when it has all joints of the chain, or all joints of earlier assembled
+    frames. Otherwise it ends with the next stamp. If such a frame consists of one message, each
+    later message is returned as a frame, until two messages have the same stamp.
     """
 
     def __init__(self, joint_names: Sequence[str] = ()) -> None:
@@ -41,20 +39,19 @@ class FrameAssembler:
         self._short = 0
         self._last: tuple[int, frozenset[str]] | None = None
         self.whole: tuple[str, ...] | None = None
-        """Joint names in the last message that had all joints of the chain. None if no message had
-        all joints."""
+        """Joint names in the last message that had all joints of the chain, None without such a
+        message."""
 
     @property
     def waiting_since(self) -> int | None:
-        """Stamp of the incomplete frame [ns]. None if no frame is incomplete."""
+        """Stamp of the incomplete frame [ns], None if no frame is incomplete."""
         return self._parts[0].stamp if self._parts else None
 
     def add(self, joints: JointStates) -> list[JointStates]:
         """Add a message and return zero, one or two frames that are finished now.
 
         A message without a joint of the chain is returned unchanged. Raises ValueError if a joint
-        is named twice, or if a message with some joints of the chain has arrays and names of
-        different lengths.
+        is named twice, or if a message with some of the joints has arrays of wrong lengths.
         """
         if not self._parts and joints.name is self.whole:
             self._last = joints.stamp, self._rotors
@@ -86,7 +83,7 @@ class FrameAssembler:
         yield from self.flush()
 
     def flush(self) -> list[JointStates]:
-        """Return a list with the incomplete frame. The list is empty if no frame is incomplete."""
+        """Return the incomplete frame in a list, which is empty if no frame is incomplete."""
         if not self._parts:
             return []
         self._short += 1
@@ -145,7 +142,7 @@ class SerializedFrames:
         self._assembler, self._all_alike = FrameAssembler(joint_names), False
 
     def parts(self, serialized: bytes) -> tuple[str, ...]:
-        """Return the joint names in a message. The tuple is empty if the message is damaged."""
+        """Return the joint names in a message, nothing if the message is damaged."""
         with suppress(ValueError):
             return self._decoder.decode(serialized).name
         return ()
@@ -153,7 +150,7 @@ class SerializedFrames:
     def add(self, serialized: bytes) -> list[bytes]:
         """Add a message and return the frames that are finished now.
 
-        A message is returned unchanged if it is invalid, or if `set_joints` has not been called.
+        A message is returned unchanged if it is invalid or before the call of `set_joints`.
         """
         if self._assembler is None:
             return [serialized]

@@ -40,10 +40,9 @@ class FrameReader:
     def read(self, joints: JointStates) -> Frame:
         """Return the angles and rates of all rotors, rotor 0 first.
 
-        Missing and invalid values are NaN. A value is invalid if it is infinite or its magnitude
-        exceeds 1e9. Joints that belong to no rotor are ignored. Raises ValueError if no rotor is
-        named, if a joint is named twice, or if the length of an array differs from the number of
-        names.
+        Missing values and magnitudes above 1e9 are NaN. Other joints are ignored. Raises
+        ValueError if no rotor is named, if a joint is named twice, or if an array has a wrong
+        length.
         """
         _, _, _, name, position, velocity = joints
         check_length('joint_states.position', name, position)
@@ -80,32 +79,25 @@ class FrameReader:
 
 
 _LONGEST_LATENESS = SECOND
-"""Threshold on a decrease of the stamp from one frame to the next [ns]. After a smaller decrease,
-the frame counts as late. A larger decrease means that the clock was reset, for example by a
-replayed bag."""
+"""Decrease of the stamp up to which a frame counts as late [ns]. A larger decrease means that the
+clock was reset, for example by a replayed bag."""
 _UNIT_CHECK_INTERVAL = 100
-"""Number of frames from one check of the angle unit to the next [1]. A check takes 80 us, which is
-too long for every frame."""
+"""Frames between two checks of the angle unit [1]. A check takes 80 us, too long for every frame.
+"""
 
 
 class EncoderMonitor:
     """Monitor that warns of wrong stamps and units of joint states."""
 
     def __init__(self, warn: Callable[[str], object]) -> None:
-        """Call `warn` once for each kind of fault.
-
-        The argument of `warn` describes the fault and the remedy.
-        """
+        """Call `warn` once for each kind of fault, with the fault and the remedy."""
         self._warn = warn
         self._warned: set[str] = set()
         self._last: int | None = None
         self._frames = 0
 
     def check(self, stamp: int, angles: Array | None = None) -> None:
-        """Check the stamp of a frame [ns] and, if `angles` is given, the unit of the angles.
-
-        Missing angles are NaN.
-        """
+        """Check the stamp of a frame [ns] and the unit of the angles, NaN where missing."""
         if stamp == 0:
             self._warn_once(
                 'joint_states have no stamps; stamp each frame with the time of its measurement, '

@@ -18,18 +18,14 @@ from soliton_linkage_nodes.messages.frame_assembler import FrameAssembler
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 
 _MOST_WAITING = 1000
-"""Largest number of stored messages with standard deviations whose frame has not arrived [1]."""
+"""Largest number of standard deviations that wait for their frame [messages]."""
 
 
 class JointStateAnalysis:
     """Analysis of the joint states of a known or unknown chain."""
 
     def __init__(self, noise: float | None = None) -> None:
-        """Wait for `set_chain` or `set_joints`.
-
-        `noise` is the standard deviation of the measured angles [rad]. If it is None, the analyser
-        estimates it.
-        """
+        """Wait for `set_chain` or `set_joints`; the noise of the angles is in [rad]."""
         self._noise = noise
         self._named: NamedChain | None = None
         self._reader: FrameReader | None = None
@@ -38,8 +34,8 @@ class JointStateAnalysis:
         self._deviations: dict[int, Array] = {}
         self.analyser: FrameAnalyser | None = None
         self.assembler = FrameAssembler()
-        """Assembler for frames whose joints arrive in several messages. It prepares the frames for
-        `analyse`."""
+        """Assembler that prepares frames for `analyse` if their joints arrive in several messages.
+        """
         self._unseen: set[int] = set()
         self.latest: Analysis | None = None
         self.frame: Frame | None = None
@@ -61,10 +57,7 @@ class JointStateAnalysis:
         return math.nan if self._named is None else self._named.chain.spacing
 
     def set_chain(self, named: NamedChain) -> None:
-        """Analyse frames of this chain from now on.
-
-        If the chain is the same as before, the analyser keeps its estimates.
-        """
+        """Analyse frames of this chain from now on. For the same chain, the estimates are kept."""
         if named == self._named:
             return
         if self._named is None or named.chain != self._named.chain:
@@ -82,20 +75,19 @@ class JointStateAnalysis:
         self._impulses = self._deviation_reader = None
 
     def add_impulses(self, serialized: bytes) -> None:
-        """Add impulses from the CDR bytes of a message of the topic `delivered_impulses`.
+        """Add the impulses in the CDR bytes of a message of the topic `delivered_impulses`.
 
-        The stamp of the message is the time of the impulses. The impulses are ignored if the chain
-        is unknown. Raises ValueError if an impulse is invalid.
+        They act at the stamp of the message, and are ignored if the chain is unknown. Raises
+        ValueError if an impulse is invalid.
         """
         if isinstance(self.analyser, Analyser) and self._impulses is not None:
             impulses = self._impulses.decode(serialized)
             self.analyser.apply_impulse(read_stamp(serialized) or None, impulses)
 
     def add_deviations(self, deviations: JointStates) -> None:
-        """Add standard deviations of the angles in the frame with the same stamp.
+        """Add standard deviations of the angles in the next frame with the same stamp.
 
-        The standard deviations must arrive before that frame. They are ignored if the chain is
-        unknown. Raises ValueError if a standard deviation is invalid.
+        They are ignored if the chain is unknown. Raises ValueError if one is invalid.
         """
         if self._deviation_reader is None:
             return
@@ -110,8 +102,7 @@ class JointStateAnalysis:
     def analyse(self, joints: JointStates) -> Analysis | None:
         """Analyse a frame; return None if the frame is not later than the previous frame.
 
-        Raises ValueError if the joint states are invalid, or if neither `set_chain` nor
-        `set_joints` was called before.
+        Raises ValueError if the joint states are invalid, or before `set_chain` and `set_joints`.
         """
         if self.analyser is None or self._reader is None:
             raise ValueError(

@@ -34,10 +34,9 @@ class Wall(NamedTuple):
 def lines_to_msg(
     header: Header, name: str, points: Array, colours: Array, width: float, spheres: bool = False
 ) -> Marker:
-    """Return a marker with lines between pairs of points [m].
+    """Return a marker with lines between pairs of points [m], or with `spheres` at the points.
 
-    If `spheres` is set, the marker has a sphere at each point instead. Each point has its own
-    colour. `width` is the width of the lines or the diameter of the spheres [m].
+    Each point has its own colour. `width` is the width of the lines or the diameter [m].
     """
     return Marker(
         header=header,
@@ -59,7 +58,7 @@ def box_to_msg(
     size: Sequence[float],
     colour: Sequence[float],
 ) -> Marker:
-    """Return a marker for a box with this centre [m] and this size [m].
+    """Return a marker for a box with this centre and size [m].
 
     `colour` consists of red, green, blue and opacity, each from 0 to 1.
     """
@@ -87,10 +86,7 @@ def text_to_msg(
     colour: Sequence[float],
     text: str,
 ) -> Marker:
-    """Return a marker for a text at this position [m] with this letter height [m].
-
-    `colour` consists of red, green, blue and opacity, each from 0 to 1.
-    """
+    """Return a marker for a text at this position with this letter height [m]."""
     marker = box_to_msg(header, name, 0, position, (0.0, 0.0, size), colour)
     marker.type, marker.text = Marker.TEXT_VIEW_FACING, text
     return marker
@@ -105,11 +101,7 @@ def walls_from_msg(message: msg.SolitonState) -> list[Wall]:
 
 
 def pose_to_msg(header: Header, position: float, deviation: float) -> PoseWithCovarianceStamped:
-    """Return a pose on the axis of the chain.
-
-    `position` is its coordinate along the chain [m] and `deviation` the standard deviation of this
-    coordinate [m].
-    """
+    """Return a pose on the axis of the chain with its position and standard deviation [m]."""
     pose = _upright()
     pose.position.x = position
     covariance = np.zeros((6, 6))
@@ -132,10 +124,7 @@ def picture_to_msg(header: Header, pixels: NDArray[np.uint8]) -> Image:
 
 
 def kick_from_msg(named: NamedChain, message: msg.LastKick) -> Array:
-    """Return the impulse of a kick on each rotor [N m s], shape (N,).
-
-    Rotors that the message does not name have the impulse 0.
-    """
+    """Return the impulse of a kick on each rotor [N m s], shape (N,), 0 for the others."""
     impulses = np.zeros(named.rotors)
     for name, impulse in zip(message.name, message.impulse, strict=False):
         if name in named.numbers:

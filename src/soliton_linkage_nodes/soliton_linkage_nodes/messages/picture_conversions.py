@@ -17,8 +17,7 @@ from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 _QUALITY = 80
-"""JPEG quality on a scale to 100 [1]. At this quality, text in a picture is sharp, and a picture
-of 1280 x 720 pixels has about 150 kB."""
+"""JPEG quality on a scale to 100 [1]. Text is sharp, and 1280 x 720 pixels have about 150 kB."""
 
 _CHANNELS = {
     'bgr8': (3, [0, 1, 2]),
@@ -29,19 +28,17 @@ _CHANNELS = {
     'mono8': (1, [0]),
     '8UC1': (1, [0]),
 }
-"""For each encoding, the number of bytes of a pixel and the indices of blue, green and red among
-these bytes."""
+"""For each encoding, bytes of a pixel and the indices of blue, green and red."""
 _JPEG_HEADER = b'\xff\xd8\xff'
 _MODELS = {'plumb_bob': 5, 'rational_polynomial': 8}
-"""Number of distortion coefficients of each lens model [1]."""
+"""Distortion coefficients of each lens model [1]."""
 
 
 def picture_from_msg(message: Image) -> Picture:
     """Return the pixels of an image message.
 
-    A colour picture has the shape (height, width, 3) with the order blue, green, red. A grey
-    picture has the shape (height, width). Raises ValueError if the encoding is not supported or if
-    the message has too few bytes for its height and width.
+    The shape is (rows, columns, 3) with blue, green and red, or (rows, columns) of a grey picture.
+    Raises ValueError if the encoding is not supported or the message has too few bytes.
     """
     if message.encoding not in _CHANNELS:
         raise ValueError(
@@ -61,10 +58,7 @@ def picture_from_msg(message: Image) -> Picture:
 
 
 def jpeg_from_msg(message: CompressedImage, most: int) -> bytes:
-    """Return the JPEG bytes of a message.
-
-    Raises ValueError if the data are no JPEG or have more than `most` bytes.
-    """
+    """Return the JPEG bytes of a message, at most `most`. Raises ValueError otherwise."""
     data = bytes(message.data)
     if len(data) > most:
         raise ValueError(
@@ -76,9 +70,9 @@ def jpeg_from_msg(message: CompressedImage, most: int) -> bytes:
 
 
 def picture_from_compressed_msg(message: CompressedImage) -> Picture:
-    """Return the pixels of a compressed picture, shape (height, width, 3).
+    """Return the pixels of a compressed picture, shape (rows, columns, 3): blue, green, red.
 
-    The colours are in the order blue, green, red. Raises ValueError if the data cannot be decoded.
+    Raises ValueError if the data cannot be decoded.
     """
     cv2 = opencv()
     data = np.frombuffer(message.data, dtype=np.uint8)
@@ -91,10 +85,7 @@ def picture_from_compressed_msg(message: CompressedImage) -> Picture:
 
 
 def picture_to_compressed_msg(stamp: int, frame_id: str, picture: Picture) -> CompressedImage:
-    """Return a JPEG message with a stamp [ns].
-
-    `picture` has the shape (height, width, 3) with colours in the order blue, green, red.
-    """
+    """Return a JPEG message from pixels, shape (rows, columns, 3), with a stamp [ns]."""
     cv2 = opencv()
     _, data = cv2.imencode('.jpg', picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     return CompressedImage(
@@ -105,10 +96,7 @@ def picture_to_compressed_msg(stamp: int, frame_id: str, picture: Picture) -> Co
 
 
 def read_camera(path: Path) -> Camera:
-    """Return the camera that a calibration file describes.
-
-    Raises ValueError if the file is invalid and OSError if it cannot be read.
-    """
+    """Return the camera of a calibration file. Raises ValueError if the file is invalid."""
     try:
         content = yaml.safe_load(path.read_text(encoding='utf-8'))
         return _camera(
@@ -155,10 +143,9 @@ def write_camera(path: Path, camera: Camera) -> None:
 
 
 def camera_from_msg(message: CameraInfo) -> Camera | None:
-    """Return the calibrated camera from a message.
+    """Return the calibrated camera from a message, None if it has no calibration.
 
-    Returns None if the message has no calibration. Raises ValueError if the calibration is
-    invalid.
+    Raises ValueError if the calibration is invalid.
     """
     if not message.k[0]:
         return None

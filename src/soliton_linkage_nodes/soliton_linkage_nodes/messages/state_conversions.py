@@ -35,16 +35,12 @@ _STATUSES = {status: getattr(msg.SolitonState, status.name) for status in Tracki
 class NumberFields:
     """Mapping from attributes of a class to two or more numeric fields of a message.
 
-    A field gets its value from the attribute with the same name. If `paths` has an entry for the
-    field, the field gets its value from that attribute path. Raises TypeError if an attribute does
-    not exist.
+    A field gets the attribute with the same name, or with its attribute path in `paths`. Raises
+    TypeError if an attribute does not exist.
     """
 
     def __init__(
-        self,
-        names: Iterable[str],
-        filled_by: type,
-        paths: Mapping[str, str] | None = None,
+        self, names: Iterable[str], filled_by: type, paths: Mapping[str, str] | None = None
     ) -> None:
         """Map attributes of the class `filled_by` to the fields `names`."""
         self.names = tuple(names)
@@ -54,10 +50,7 @@ class NumberFields:
         self._values = attrgetter(*paths.values())
 
     def __call__(self, filled_by: Any) -> tuple[Any, ...]:
-        """Return the values of the fields from an object.
-
-        If the object is None, all values are NaN.
-        """
+        """Return the values of the fields from an object, NaN if the object is None."""
         if filled_by is None:
             return len(self.names) * (math.nan,)
         values: tuple[Any, ...] = self._values(filled_by)
@@ -110,7 +103,7 @@ _REST = NumberFields(
     {'noise': 'estimate.noise', 'misfit': 'estimate.misfit'},
 )
 _NO_SIDES = (0, 0, math.nan, math.nan, 0, math.nan)
-"""Values of the first six fields of a Topology message if the topology is unknown."""
+"""First six fields of a Topology message if the topology is unknown."""
 _NO_EDGES = (False, False, math.nan, math.nan)
 _ROTORS = 'rotor spacings'
 _UNITS = {
@@ -131,8 +124,7 @@ _UNITS = {
     **dict.fromkeys(_ENERGIES.names, 'J'),
     **dict.fromkeys(_WOBBLE.names, 'm'),
 }
-"""Units of the fields of SolitonState and its nested messages. Fields that are not listed have no
-unit."""
+"""Units of the fields of SolitonState and its nested messages, if they have one."""
 
 
 def state_to_msg(analysis: Analysis, joints: JointStates) -> msg.SolitonState:
@@ -157,9 +149,8 @@ def state_to_msg(analysis: Analysis, joints: JointStates) -> msg.SolitonState:
 def columns() -> list[str]:
     """Return the column names of a table of states, one for each field of SolitonState.
 
-    For a field of a nested message, the column name begins with the name of that message. For a
-    field of the first soliton, it begins with `soliton_`. Units are in brackets, for example
-    `soliton_velocity [m/s]`.
+    Those of a nested message begin with its name, those of the first soliton with `soliton_`.
+    Units are in brackets, for example `soliton_velocity [m/s]`.
     """
     names = ['stamp [ns]']
     for name in list(_STATE)[1:]:
@@ -178,10 +169,7 @@ def _column(message: str, field: str) -> str:
 
 
 def row(analysis: Analysis, joints: JointStates) -> tuple[Any, ...]:
-    """Return a state as a row of the table.
-
-    Without a soliton, the cells of the first soliton are NaN.
-    """
+    """Return a state as a row of the table. Without a soliton, its cells are NaN."""
     solitons = analysis.solitons
     return (
         joints.stamp,
@@ -205,7 +193,6 @@ def _leading(analysis: Analysis) -> tuple[int, str, int, float, int]:
 
 
 def _following(analysis: Analysis) -> tuple[Any, ...]:
-    """Return the values of the fields after the solitons, including those of nested messages."""
     return (
         *_CYCLE(analysis),
         *_topology(analysis.topology, analysis.edge_rotors),
@@ -253,16 +240,13 @@ EVENT_COLUMNS = (
     'energy_after [J]',
     'collisions',
 )
-"""Columns of a table of events. A cell with several wall ids separates them by spaces."""
+"""Columns of a table of events. Spaces separate several wall ids in a cell."""
 
 
 def events_to_msgs(
     analysis: Analysis, joints: JointStates, spacing: float
 ) -> list[msg.SolitonEvent]:
-    """Return the SolitonEvent messages for the analysis of a frame.
-
-    `spacing` is the distance between neighbouring pivots [m].
-    """
+    """Return the events of an analysed frame; `spacing` is the distance between pivots [m]."""
     return [
         msg.SolitonEvent(
             header=Header(stamp=time_to_msg(joints.stamp), frame_id=joints.frame_id),
@@ -277,10 +261,7 @@ def events_to_msgs(
 
 
 def event_rows(analysis: Analysis, joints: JointStates, spacing: float) -> list[tuple[Any, ...]]:
-    """Return the events of an analysed frame as rows of the table of events.
-
-    `spacing` is the distance between neighbouring pivots [m].
-    """
+    """Return the events of an analysed frame as table rows; `spacing` as in `events_to_msgs`."""
     rows = []
     for event in analysis.events:
         rotor, *others = (getattr(event, name) for name in _EVENT_FIELDS)

@@ -57,8 +57,7 @@ _TYPES: Mapping[int, tuple[type[bool | int | float | str], str]] = {
     ParameterType.PARAMETER_DOUBLE: (float, 'double_value'),
     ParameterType.PARAMETER_STRING: (str, 'string_value'),
 }
-"""For each type of ROS parameter, the Python type of the value and the message field that holds
-it."""
+"""For each type of ROS parameter, the Python type and the message field of the value."""
 _SOLITON = (
     *('rotor', 'position', 'position_deviation', 'velocity', 'velocity_deviation', 'width'),
 )
@@ -74,8 +73,7 @@ class NodeReport:
     """Latest report of a node on /diagnostics."""
 
     node: str
-    """Full name of the node. If the report has no hardware_id, text before the colon in the name
-    of the report."""
+    """Full name of the node; without a hardware_id, name of the report up to the colon."""
     level: int
     """Level of the report: 0 OK, 1 warning, 2 error, 3 stale."""
     message: str
@@ -96,10 +94,7 @@ class AdjustableParameter:
 
 
 def state_numbers(message: msg.SolitonState) -> Numbers:
-    """Return the numbers of a state and of its first soliton by name.
-
-    Without a soliton, the numbers of the first soliton are NaN.
-    """
+    """Return the numbers of a state and of its first soliton, else NaN, by name."""
     first = message.solitons[0] if message.solitons else None
     cycle, energies = message.cycle, message.energies
     return {
@@ -120,7 +115,7 @@ def state_numbers(message: msg.SolitonState) -> Numbers:
 
 
 def soliton_values(message: msg.SolitonState) -> list[float]:
-    """Return a list with three numbers for each soliton.
+    """Return three numbers for each soliton.
 
     These are its site coordinate [rotor spacings], the standard deviation of its position [m], and
     its charge [1].
@@ -146,7 +141,7 @@ def reports_from_msg(message: DiagnosticArray) -> list[NodeReport]:
 
 
 def figure(figures: Mapping[str, str], name: str) -> float:
-    """Return a reported value as a number. If the value is missing or not finite, return NaN."""
+    """Return a reported value as a number, NaN if it is missing or not finite."""
     try:
         value = float(figures.get(name, 'nan'))
     except ValueError:
@@ -182,15 +177,12 @@ def edge_command_of(
 
 
 def reset_request(
-    state: str,
-    rotor: float,
-    velocity: float,
-    joints: Mapping[str, float] | None = None,
+    state: str, rotor: float, velocity: float, joints: Mapping[str, float] | None = None
 ) -> Reset.Request:
     """Return a request to reset the chain.
 
-    A soliton starts at the site coordinate `rotor` [rotor spacings] with `velocity` [m/s]. The
-    keys of `joints` are joint names, its values are angles [rad].
+    A soliton starts at the site coordinate `rotor` [rotor spacings] with `velocity` [m/s].
+    `joints` maps joint names to angles [rad].
     """
     named = joints or {}
     return Reset.Request(
@@ -275,10 +267,7 @@ def adjustable_parameters(
 
 
 def parameter_value(parameter: AdjustableParameter, value: Any) -> ParameterValue:
-    """Return the message with a new value of a parameter.
-
-    Raises ValueError if the type is wrong or the value is not allowed.
-    """
+    """Return the message with a new value of a parameter. Raises ValueError if not allowed."""
     code, kind, field = next(
         (code, kind, field)
         for code, (kind, field) in _TYPES.items()

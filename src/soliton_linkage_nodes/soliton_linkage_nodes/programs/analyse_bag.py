@@ -86,8 +86,8 @@ class BagBatch:
     bags: tuple[tuple[str, Path], ...]
     folder: Path
     analyse: Callable[[Path, Path, NamedChain | None, float | None], int]
-    """Function that analyses a bag and writes its states. The arguments are the bag, the output
-    folder, the chain and the noise [rad]."""
+    """Function that analyses a bag and writes its states, with the arguments bag, output folder,
+    chain and noise [rad]."""
     chain: Path | None = None
     noise: float | None = None
     name: str = 'bags'
@@ -147,9 +147,8 @@ def summary(states: Iterable[dict[str, str]]) -> list[str]:
 
 
 def named_bags(paths: Sequence[Path]) -> tuple[tuple[str, Path], ...]:
-    """Return a unique name and the path of each bag.
+    """Return a name, unique by the names of folders if necessary, and the path of each bag.
 
-    If several bags have the same name, the unique names contain the names of their folders.
     Raises ValueError if a bag is given twice.
     """
     bags = [path.resolve() for path in paths]
@@ -199,11 +198,11 @@ def _fill(study: BagBatch, table: Table, pool: Pool) -> None:
 
 
 _MOST_DRAWN = 4000
-"""Largest number of frames in a picture [1]. A picture has fewer pixel columns."""
+"""Largest number of frames in a picture, which has fewer pixel columns [1]."""
 
 
 class PictureFrames:
-    """Frames for the pictures, selected at equal intervals to limit the memory use."""
+    """Frames for the pictures, at equal intervals to limit the memory use."""
 
     def __init__(self, named: NamedChain) -> None:
         self._reader = FrameReader(named.joint_names, named.encoder_offsets)
@@ -248,10 +247,9 @@ def analyse(
 ) -> int:
     """Write soliton_state.csv, soliton_events.csv and two pictures; return the number of frames.
 
-    If `html` is true, also write view.html, a page with the frames and a viewer. If `log_time` is
-    true, the receive times replace the stamps. Raises ValueError if the bag has no frames, or if
-    several frames have the stamp 0. Unless `missing_joints` is true, also raises ValueError if a
-    joint of the given chain has no angle in the bag.
+    With `html`, also write view.html with a viewer. With `log_time`, the receive times replace the
+    stamps. Raises ValueError if the bag has no frames, if several have the stamp 0, or, without
+    `missing_joints`, if a joint of the given chain has no angle.
     """
     frames = late = unstamped = 0
     analysed = JointStateAnalysis(noise)

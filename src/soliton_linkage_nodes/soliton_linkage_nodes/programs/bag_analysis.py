@@ -45,9 +45,9 @@ def analyse_frames(
 ) -> Iterator[tuple[JointStates, Analysis | None]]:
     """Yield each frame of a bag with its analysis, or with None if the frame is late.
 
-    If `given` is not None, it replaces the chain of the bag. If `log_time` is true, the receive
-    times of the messages replace their stamps. Rejected messages are skipped, and the first few
-    are reported on stderr. Raises ValueError if the bag has no frames or no chain.
+    A `given` chain replaces that of the bag, and with `log_time` receive times replace the stamps.
+    Rejected messages are skipped, the first few reported on stderr. Raises ValueError if the bag
+    has no frames or no chain.
     """
     analysis = analysis or JointStateAnalysis()
     joints = find_topic(reader, interfaces.JOINT_STATES.name)
@@ -106,10 +106,7 @@ def _decoder(connection: Connection) -> Callable[[bytes], JointStates]:
 
 
 def read_chain(reader: Reader, remedy: str = _RECORD_CHAIN) -> NamedChain:
-    """Return the last chain in a bag.
-
-    Raises ValueError if the bag has no chain. The error message ends with `remedy`.
-    """
+    """Return the last chain in a bag. Raises ValueError, which ends with `remedy`, without any."""
     chains = [message for _, message in read_topic(reader, 'chain', remedy)]
     if not chains:
         raise ValueError(f'bag {str(reader.path)!r} has no message on the topic chain; {remedy}')
@@ -117,10 +114,7 @@ def read_chain(reader: Reader, remedy: str = _RECORD_CHAIN) -> NamedChain:
 
 
 def read_recording(reader: Reader) -> tuple[NamedChain, Recording]:
-    """Return the chain of a bag and the recording of its joint states.
-
-    Time 0 of the recording is the time of the first frame.
-    """
+    """Return the chain of a bag and its joint states, with time 0 at the first frame."""
     named = read_chain(reader)
     messages = [message for _, message in read_topic(reader, 'joint_states')]
     if not messages:

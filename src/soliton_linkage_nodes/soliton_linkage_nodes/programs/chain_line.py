@@ -24,19 +24,15 @@ from soliton_linkage_nodes.runtime import interfaces
 
 LEGEND = '/ leans right, \\ leans left, | is upright, ? is missing, O is a soliton'
 _UPRIGHT = 1 / 3
-"""Threshold for upright rotors [1]: a rotor is drawn upright if its lean is smaller than this
-fraction of the lean in the uniform state."""
+"""Lean below which a rotor is drawn upright, relative to the uniform state [1]."""
 _DEPTH = 10
-"""Depth of the queue of joint_states [1]. A frame may consist of up to ten messages."""
+"""Queue depth of joint_states: a frame may consist of ten messages [1]."""
 _FEWEST = 10
-"""Smallest number of marks in the line [1]. It also applies if the remark is long."""
+"""Smallest number of marks in the line, also beside a long remark [1]."""
 
 
 class ChainLine:
-    """Drawing of a chain in one line of text, from the topics `chain` and `joint_states`.
-
-    Rotor 0 is on the left.
-    """
+    """Drawing of a chain, rotor 0 left, from the topics `chain` and `joint_states` as one line."""
 
     def __init__(self, node: Node, joint_names: tuple[str, ...] = ()) -> None:
         """Subscribe with a node, also to best-effort publishers.
@@ -116,10 +112,7 @@ class ChainLine:
             self._line.note(f'rejected chain: {error}')
 
     def use(self, named: NamedChain) -> None:
-        """Set the chain that is drawn.
-
-        Raises ValueError if the number of rotors differs from the number of joint names.
-        """
+        """Set the chain that is drawn. Raises ValueError if the joint names do not fit it."""
         named = with_joints(named, self._joint_names)
         self._chain = (named, FrameReader(named.joint_names, named.encoder_offsets))
         self._frames.set_joints(named.joint_names)
@@ -131,10 +124,10 @@ class ChainLine:
 
 
 def drawn(leans: Array, solitons: Sequence[float], room: int) -> str:
-    """Return one mark per rotor, or one mark per group of rotors if the line is too short.
+    """Return one mark per rotor, or per group of rotors if the line is too short.
 
-    `leans` has shape (N,). Each lean is the sine of the angle divided by the sine of the rest
-    angle, or NaN for a missing rotor. `solitons` are site coordinates [rotor spacings].
+    `leans`, shape (N,), holds sin(angle) / sin(rest angle), NaN for a missing rotor; `solitons`
+    are site coordinates [rotor spacings].
     """
     shares = np.array_split(leans, min(room, len(leans)))
     marks = [_mark(share) for share in shares]

@@ -28,15 +28,13 @@ from soliton_linkage_nodes.programs.command_line import (
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _DAMAGE = 'damage'
-"""Key in the custom data of a recovered bag. The value describes the damage of the original
-bag."""
+"""Key in the custom data of a recovered bag for the damage of the original."""
 _LABEL_WIDTH = 19
-"""Width of the labels [characters], the same as in `ros2 bag info`."""
+"""Width of the labels, as in `ros2 bag info` [characters]."""
 _EVENTS = 'soliton_linkage_msgs/msg/SolitonEvent'
 _SERVICE_EVENT, _SERVICE_SUFFIX = '_Event', '/_service_event'
 _TopicRow = tuple[tuple[str, str, str], int, int]
-"""One topic: its name, type and encoding, its number of messages, and its number of lost
-messages."""
+"""Name, type and encoding of a topic, its number of messages and of lost messages."""
 
 
 def main() -> None:
@@ -138,7 +136,7 @@ def _topics(report: BagReport) -> tuple[list[_TopicRow], list[_TopicRow]]:
 
 
 def _as_json(report: BagReport) -> dict[str, Any]:
-    """Return the report as JSON values. Times are in nanoseconds, and sizes are in bytes."""
+    """Return the report as JSON values, with times in nanoseconds and sizes in bytes."""
     topics, services = _topics(report)
     keys = ('name', 'type', 'serialization_format', 'count', 'lost_when_recorded')
     known = 'lost_messages' in report.custom_data
@@ -176,14 +174,12 @@ def _seconds(nanoseconds: int) -> str:
 
 
 def _moment(stamp: int) -> str:
-    """Return a stamp [ns] as a text with the local time and the seconds since the epoch."""
     moment = time.localtime(stamp // SECOND)
     date = time.strftime('%b %e %Y %H:%M:%S', moment)
     return f'{date}.{stamp % SECOND:09d} ({_seconds(stamp)})'
 
 
 def _size(number: float) -> str:
-    """Return a size [B] as a text in the units of `ros2 bag info`."""
     units = ['B', 'KiB', 'MiB', 'GiB', 'TiB']
     power = 0
     while number >= 1024 and power < len(units) - 1:
@@ -192,7 +188,7 @@ def _size(number: float) -> str:
 
 
 def _chains(text: str) -> list[str]:
-    """Describe the chain of each topic. `text` is the JSON text in the custom data."""
+    """Describe the chain of each topic in the JSON text of the custom data."""
     try:
         chains = load_json(text)
         return [
@@ -205,7 +201,6 @@ def _chains(text: str) -> list[str]:
 
 
 def _losses(report: BagReport) -> str:
-    """Describe the messages that were lost during recording or by damage."""
     known = 'lost_messages' in report.custom_data
     count = sum(_lost_when_recorded(report).values())
     recorded = f'{count or "nothing"} when recorded' if known else 'unknown when recorded'

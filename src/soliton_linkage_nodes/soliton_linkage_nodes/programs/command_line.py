@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Helpers for the command lines of programs.
-
-After an error, a program exits with one line of text instead of a traceback.
-"""
+"""Helpers for the command lines of programs, which exit with one line after an error."""
 
 from __future__ import annotations
 
@@ -61,7 +58,7 @@ def number(described: Quantity, kind: type[float] = float) -> Callable[[str], fl
 
 
 def reason(error: Exception) -> str:
-    """Return the text of an error. The texts of file errors and ROS errors become one line."""
+    """Return the text of an error, in one line for file errors and ROS errors."""
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         return f'{error.filename}: {error.strerror}'
     return _SOURCE_LOCATION.sub('', str(error))
@@ -100,10 +97,7 @@ def ros_client(program: str) -> Iterator[threading.Event]:
 
 
 def message_progress(title: str) -> tuple[ProgressLine, Callable[[int, int], None]]:
-    """Return a progress line, and a function that updates the line.
-
-    The function receives the number of processed messages and the number of expected messages.
-    """
+    """Return a progress line, and its update from processed and expected messages."""
     progress, begun = ProgressLine(title, 0), time.monotonic()
 
     def show(done: int, expected: int) -> None:

@@ -43,16 +43,16 @@ from soliton_linkage_studies.program import installed_settings
 from soliton_linkage_studies.settings import load_settings
 
 _RATE = 250.0
-"""Frame rate of a recording [Hz]. It gives about 1500 frames for each wall."""
+"""Frame rate of a recording, about 1500 frames for each wall [Hz]."""
 _SECONDS = 6.0
 """Duration of a recording [s]."""
 _WAY = 0.8
-"""Duration of a recording relative to the duration in the study [1]. It is below 1, so that the
-wall does not reach the far edge."""
+"""Duration of a recording relative to the study [1], so that the wall does not reach the far edge.
+"""
 _POLL_INTERVAL = 0.1
-"""Poll interval while the program waits for the end of the nudge [s]."""
+"""Poll interval for the end of the nudge [s]."""
 _UNLIMITED = 1e6
-"""Limit of kicks [rad/s] and of impulses [N m s]. It is high enough for walls of any speed."""
+"""Limit of kicks [rad/s] and impulses [N m s], enough for any speed."""
 
 
 def record(
@@ -60,9 +60,8 @@ def record(
 ) -> Path:
     """Record a bag with one moving wall and return the path of the bag.
 
-    `walls` is an index of `study.walls`, and `kick` is an index of the kicks of these walls. The
-    stiffness of the chain is scaled so that the wall has passed the middle after 6 s. Raises
-    RuntimeError if a node fails.
+    `walls` and `kick` are indices of `study.walls` and of its kicks. The stiffness is scaled so
+    that the wall has passed the middle after 6 s. Raises RuntimeError if a node fails.
     """
     chain, speed = study.walls[walls].chain, study.walls[walls].kicks[kick]
     unit = _SECONDS / (_WAY * study.duration(walls, kick))
@@ -141,10 +140,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _measured(
     study: ContractionStudy, folder: Path, stopping: threading.Event
 ) -> list[ContractedWall]:
-    """Record and measure all walls.
-
-    If a recording fails, it is repeated once, because a busy machine can cause a failure.
-    """
+    """Record and measure all walls, after a failure once more, because the machine may be busy."""
 
     def measured(walls: int, kick: int) -> ContractedWall:
         bag = record(study, walls, kick, folder, stopping)

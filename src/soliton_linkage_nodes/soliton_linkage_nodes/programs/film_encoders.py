@@ -56,7 +56,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 from soliton_linkage_nodes.start import INTERRUPTED
 
 _OVERLAY_QUALITY = 23
-"""Constant rate factor of the H.264 encoder [1], the default of x264."""
+"""Constant rate factor of the H.264 encoder, the default of x264 [1]."""
 
 
 class FilmSummary(NamedTuple):
@@ -72,8 +72,7 @@ class FilmSummary(NamedTuple):
     last: str
     """Description of the last picture and of the problems so far."""
     ended_by: str
-    """Reason why the measurement ended early, or '' after a complete film. The bag also contains
-    this reason."""
+    """Reason of an early end, also in the bag; empty after a complete film."""
 
 
 def film_to_bag(
@@ -84,10 +83,9 @@ def film_to_bag(
     overlay: Path | None = None,
     stopping: threading.Event | None = None,
 ) -> FilmSummary:
-    """Write the angles in a film to a bag.
+    """Write the angles in a film to a bag, and the film with the detected markers to `overlay`.
 
-    If `overlay` is a path, the film with the detected markers is also written to this path. If
-    the film is damaged or `stopping` is set, the bag contains the angles up to this time. Raises
+    If the film is damaged or `stopping` is set, the bag contains the angles so far. Raises
     ValueError if no angle was measured.
     """
     bag = _AngleBag(output, named)
@@ -133,7 +131,6 @@ def film_to_bag(
 def _drawn(
     measured: Iterable[tuple[TimedPicture, CameraReading]], named: NamedChain
 ) -> Iterator[TimedPicture]:
-    """Yield the pictures, in which the detected markers and the estimated walls are drawn."""
     analyser = Analyser(named.chain)
     for taken, seen in measured:
         walls = []
@@ -147,7 +144,7 @@ def _drawn(
 
 
 class _AngleBag:
-    """Bag with a chain and its angles. The bag is created when the first angles are written."""
+    """Bag with a chain and its angles, created when the first angles are written."""
 
     def __init__(self, output: Path, named: NamedChain) -> None:
         self.path = output
@@ -156,7 +153,6 @@ class _AngleBag:
         self._topics: dict[str, StoredTopic] = {}
 
     def write(self, seen: CameraReading) -> None:
-        """Write the angles of a picture. The chain is written before the first angles."""
         if self._writer is None:
             self._writer = BagWriter(self.path)
             self.path = self._writer.path
@@ -167,7 +163,6 @@ class _AngleBag:
         self._put(interfaces.JOINT_STATES, seen.stamp, angles_to_msg(self._named, seen))
 
     def close(self, ended_by: str) -> None:
-        """Finish the bag, and store the reason of a premature end."""
         if self._writer is not None:
             self._writer.close({'ended_by': ended_by} if ended_by else {})
 

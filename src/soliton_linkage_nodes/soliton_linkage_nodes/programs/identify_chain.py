@@ -54,17 +54,15 @@ class IdentificationOptions:
     """Options of the identification: information that the angles do not contain."""
 
     spacing: float | None = None
-    """Mean distance between neighbouring pivots [m]. None means the spacing of the given chain."""
+    """Mean distance between neighbouring pivots [m]. None: the spacing of the given chain."""
     tolerance: float | None = None
-    """Relative standard deviation of the lengths of one kind [1]. None means that the
-    identification estimates it."""
+    """Relative standard deviation of the lengths of one kind [1]. None: estimate it."""
     span: tuple[float, float] = (0.0, math.inf)
-    """Times of the first and last used frame, relative to the first frame of the bag [s]."""
+    """Times of the first and last used frame, from the first frame of the bag [s]."""
     gravity: float = 0.0
     """Gravitational acceleration in the plane of the chain [m/s^2]."""
     tilts: tuple[float, ...] = ()
-    """Tilt of the chain at the start of each bag [rad]. An empty tuple means a tilt of 0 in every
-    bag."""
+    """Tilt of the chain at the start of each bag [rad]. Empty: 0 in every bag."""
 
 
 def identify_bags(
@@ -76,8 +74,8 @@ def identify_bags(
 ) -> Identification:
     """Identify a chain from bags, and write the results into a folder.
 
-    The results are chain.yaml, lengths.csv, identification.png and identification.pdf. If `given`
-    is not None, it replaces the chain that is recorded in the bags.
+    The results are chain.yaml, lengths.csv, identification.png and identification.pdf. A `given`
+    chain replaces that of the bags.
     """
     spacing = assumptions.spacing
     recordings = []
@@ -169,7 +167,6 @@ def _parser() -> PlainParser:
 
 
 def _add_assumptions(parser: PlainParser) -> None:
-    """Add options that provide information that the angles do not contain."""
     parser.add_argument(
         '--spacing',
         type=number(described_fields(Chain)['spacing']),
@@ -203,7 +200,6 @@ def _add_assumptions(parser: PlainParser) -> None:
 
 
 def _add_span(parser: PlainParser) -> None:
-    """Add options that select the time span of the used frames."""
     time = Quantity('time', 's', 0.0)
     parser.add_argument(
         '--begin',
@@ -222,10 +218,10 @@ def _add_span(parser: PlainParser) -> None:
 
 
 _FEWEST_FRAMES = 50
-"""Smallest number of frames for an identification [1]. During this number of frames, a wall passes
-one or two rotors."""
+"""Smallest number of frames for an identification, in which a wall passes one or two rotors [1].
+"""
 _MOST_FRAMES = 8000
-"""Largest number of frames in a fit [1]. A fit of 40 rotors with rigid bars takes about 10 s."""
+"""Largest number of frames in a fit [1]. For 40 rotors with rigid bars it takes about 10 s."""
 
 
 def read_joints(
@@ -236,9 +232,9 @@ def read_joints(
 ) -> JointRecord:
     """Read angles, standard deviations, impulses and tilts from a bag.
 
-    If the chain `known` is not None, the joints have the order of this chain. `span` contains the
-    first and last time of the used frames, relative to the first frame [s]. If the recording has
-    more than `most_frames` frames, the most informative frames are used.
+    The joints have the order of the chain `known`, if it is given. `span` holds the first and last
+    time of the used frames from the first frame [s]. Of more than `most_frames` frames, the most
+    informative ones are used.
     """
     record = JointRecord(known.joint_names if known else (), most_frames)
     adders: dict[str, Callable[[Any, int], None]] = {
@@ -292,7 +288,7 @@ def _name(connection: Connection) -> str:
 
 
 _WORST = 3
-"""Number of noisiest bonds that the summary lists [1]."""
+"""Noisiest bonds that the summary lists [1]."""
 
 
 def write_lengths(found: Identification, path: Path) -> None:

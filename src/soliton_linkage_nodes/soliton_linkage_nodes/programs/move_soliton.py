@@ -22,29 +22,23 @@ from soliton_linkage.command_line import PlainParser
 from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_nodes.programs.chain_line import LEGEND, ChainLine
-from soliton_linkage_nodes.programs.command_line import (
-    number,
-    parse_own_arguments,
-    ros_client,
-)
+from soliton_linkage_nodes.programs.command_line import number, parse_own_arguments, ros_client
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import ACTION_QOS
 from soliton_linkage_nodes.runtime.process import WaitingNode
 
 _ROTOR = Quantity('destination, counted from rotor 0', 'rotor spacings')
 _SPEED = Quantity('largest speed of the move', 'rotor spacings/s', minimum=0.0)
-"""Largest speed of the move. If the speed is 0, soliton_steering selects it."""
+"""Largest speed of the move; 0: soliton_steering selects it."""
 _WAIT = Quantity('longest wait for soliton_steering to be ready', 's', 0.0, 3600.0)
-"""Longest wait for the steering node. It is at most one hour."""
+"""Longest wait for the steering node, at most one hour."""
 _LONGEST_WAIT = 5.0
-"""Default of the longest wait for a ready steering node [s]. It is also the longest wait for the
-answer to the goal."""
+"""Default wait for a ready steering node, and longest wait for its answer to the goal [s]."""
 _LONGEST_SILENCE = 3.0
-"""Threshold for the time without feedback [s]: after a longer time the steering node is assumed to
-have stopped. A steering node sends ten feedback messages per second."""
+"""Time without feedback, which comes ten times a second, after which the steering node is lost
+[s]."""
 _CANCEL_TIME = 0.3
-"""Longest wait for the end of a cancelled move [s]. The wait is short, because the user has
-pressed Ctrl-C."""
+"""Longest wait for the end of a move that the user has cancelled with Ctrl-C [s]."""
 
 
 class MoveClient(WaitingNode):
@@ -63,8 +57,8 @@ class MoveClient(WaitingNode):
         """Move the soliton to `rotor` [rotor spacings] and return the result.
 
         The client waits at most `wait` [s] for the steering node. `speed` is the largest speed
-        [rotor spacings/s]. Raises ValueError if the action server is missing or disappears.
-        Raises KeyboardInterrupt if Ctrl-C interrupts the move and the move does not end soon.
+        [rotor spacings/s]. Raises ValueError if the action server is missing or disappears, and
+        KeyboardInterrupt if Ctrl-C interrupts the move and it does not end soon.
         """
         deadline = time.monotonic() + wait
         self._until(
@@ -119,7 +113,6 @@ class MoveClient(WaitingNode):
         self._line.show([on_the_way.rotor], progress_of(on_the_way))
 
     def _ready(self) -> bool:
-        """Return whether the steering node reports a soliton that it can move."""
         return bool(self._steering.name) and self._steering.level == DiagnosticStatus.OK
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
@@ -138,7 +131,7 @@ class MoveClient(WaitingNode):
 
 
 def progress_of(on_the_way: MoveSoliton.Feedback) -> str:
-    """Return a text with position and speed of the wall, and the phonon energy if it is known."""
+    """Return a text with position and speed of the wall, and the phonon energy if known."""
     text = f'rotor {on_the_way.rotor:5.1f}  {on_the_way.speed:+6.2f} rotors/s'
     phonons = on_the_way.phonon_energy
     return f'{text}  {phonons:.1e} J in phonons' if math.isfinite(phonons) else text

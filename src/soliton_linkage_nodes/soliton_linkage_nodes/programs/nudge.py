@@ -18,11 +18,7 @@ from soliton_linkage.command_line import PlainParser
 from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage_msgs.msg import LastKick
 from soliton_linkage_nodes.messages.view_conversions import describe_kick
-from soliton_linkage_nodes.programs.command_line import (
-    number,
-    parse_own_arguments,
-    ros_client,
-)
+from soliton_linkage_nodes.programs.command_line import number, parse_own_arguments, ros_client
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import WaitingNode
 
@@ -30,14 +26,13 @@ _SPEED = Quantity('speed of the kick along the zero mode, positive away from the
 _TIMEOUT = Quantity(
     'longest wait for the actuator, and afterwards for its answer', 's', 0.0, 3600.0
 )
-"""Longest wait for the actuator, and longest wait for its answer. Each is at most one hour."""
+"""Longest wait for the actuator, and then for its answer, each at most one hour."""
 _SUBSCRIBERS = Quantity('number of subscribers to wait for', minimum=1)
-"""Number of subscribers of the topic nudge. The edge actuator is one of them."""
+"""Subscribers of the topic nudge, with the edge actuator."""
 _LONGEST_WAIT = 5.0
-"""Default of the longest wait for the actuator and of the longest wait for its answer [s]."""
+"""Default of the longest wait for the actuator, and then for its answer [s]."""
 _DISCOVERY_TIME = 1.0
-"""Wait after an actuator is found [s]. During this time other subscribers are discovered, and the
-latched message on `last_kick` arrives."""
+"""Wait after an actuator is found for other subscribers and the latched `last_kick` [s]."""
 
 
 class NudgeClient(WaitingNode):
@@ -58,9 +53,8 @@ class NudgeClient(WaitingNode):
     def nudge(self, speed: float, subscribers: int, timeout: float) -> LastKick | None:
         """Nudge with `speed` [rad/s]; return the answer of the actuator, or None if interrupted.
 
-        The client first waits at most `timeout` [s] for a ready actuator and for the number of
-        subscribers. Raises ValueError if no actuator is found, or if the actuator rejects the
-        nudge or does not answer.
+        The client waits at most `timeout` [s] for a ready actuator and the subscribers. Raises
+        ValueError if no actuator is found, or if it rejects the nudge or does not answer.
         """
         deadline = time.monotonic() + timeout
         self.wait(self._actuators, timeout)

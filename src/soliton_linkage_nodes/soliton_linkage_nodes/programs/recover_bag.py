@@ -41,13 +41,7 @@ def main() -> None:
     interrupt_on_signals()
     with exit_on_failure('recover_bag'):
         try:
-            report, new = recover_bag(
-                bag,
-                output,
-                options.doubtful,
-                show,
-                limits_of(options),
-            )
+            report, new = recover_bag(bag, output, options.doubtful, show, limits_of(options))
         except KeyboardInterrupt:
             print(f'\nrecover_bag: stopped; {output}_* is incomplete', file=sys.stderr)
             raise

@@ -32,24 +32,23 @@ from soliton_linkage_nodes.programs.command_line import exit_on_failure, number
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 _RATE = Quantity('frames per second', 'Hz', 1.0, 1000.0)
-"""Frame rate. At 1000 Hz, a chain of 40 rotors needs a serial port with 1.8 Mbaud."""
+"""Frame rate. At 1000 Hz, 40 rotors need a serial port with 1.8 Mbaud."""
 _COUNTS = Quantity('counts of an encoder per turn', '', 2, 65536)
-"""Resolution of an encoder. An encoder has at most 16 bits."""
+"""Resolution of an encoder, which has at most 16 bits."""
 
 _TOLERANCE = 1e-6
-"""Tolerance of the solver per step [rad]. It is a hundredth of one count of a 16-bit encoder."""
+"""Tolerance of the solver per step, a hundredth of one count of a 16-bit encoder [rad]."""
 _REPORTED_DELAY = 1.0
-"""Threshold of the delay behind the clock [s]: the program warns that the machine is too slow if
-the delay is longer."""
+"""Delay behind the clock above which the program warns that the machine is too slow [s]."""
 _MOST_BYTES = 2**16
-"""Largest number of bytes per read [1]. It exceeds the size of the system's buffer."""
+"""Bytes per read, more than the system's buffer has [1]."""
 
 
 class PseudoTerminal:
     """Pseudo-terminal. A client opens one end as a serial port; this program uses the other."""
 
     def __init__(self, link: Path | None = None) -> None:
-        """Open the terminal. `link` is the path of a symbolic link that is created."""
+        """Open the terminal, and create a symbolic link at the path `link`."""
         self._here, self._there = pty.openpty()
         tty.setraw(self._there)
         os.set_blocking(self._here, False)
@@ -143,7 +142,6 @@ def encoders_of(named: NamedChain, counts_per_turn: float) -> RotaryEncoders:
 
 
 def _run_in_real_time(played: RealTimeChain) -> None:
-    """Run the simulation in real time, and warn once if the machine is too slow."""
     begun, reported = time.monotonic(), False
     while True:
         early = begun + played.time - time.monotonic()
@@ -163,10 +161,7 @@ def _parser() -> PlainParser:
     parser = PlainParser(prog='simulated_controller', description=__doc__)
     parser.add_argument('chain', type=Path, help='parameter file, such as config/flipper.yaml')
     parser.add_argument(
-        '--protocol',
-        choices=('binary', 'text'),
-        default='binary',
-        help='serial protocol (binary)',
+        '--protocol', choices=('binary', 'text'), default='binary', help='serial protocol (binary)'
     )
     parser.add_argument(
         '--rate', type=number(_RATE), default=250.0, help=f'{_RATE.description} [Hz] (250)'

@@ -36,10 +36,10 @@ NODES = {
 }
 """Module and class of each node. Only the modules of requested nodes are imported."""
 _SERIAL = 'serial_encoders'
-"""Name of the node that replaces the simulator if a serial port is given."""
+"""Node that replaces the simulator if a serial port is given."""
 _PARAMETER_OPTIONS = ('-p', '--param')
 _CHAIN_SOURCE = ('-p', f'{_SERIAL}:chain_from:=parameters')
-"""Default argument that makes serial_encoders publish the chain. Later arguments override it."""
+"""Default argument that makes serial_encoders publish the chain."""
 _EXPONENT = re.compile(r'[-+]?\d+(\.\d*)?[eE][-+]?\d+')
 _NAMESPACE_RULE = '__ns:='
 _JOINT_PREFIX = 'torque_limits.'
@@ -93,10 +93,7 @@ def main() -> None:
 
 
 def of_one_chain(arguments: Sequence[str]) -> list[str]:
-    """Return the names of all nodes of one chain.
-
-    If the arguments specify a serial port, serial_encoders replaces the simulator.
-    """
+    """Return all nodes of one chain. With a serial port, serial_encoders replaces simulator."""
     port = re.compile(rf'({_SERIAL}:)?port:=.+')
     rules = [rule for each, rule in pairwise(arguments) if each in _PARAMETER_OPTIONS]
     unused = 'simulator' if any(map(port.fullmatch, rules)) else _SERIAL
@@ -108,8 +105,8 @@ def addressed(
 ) -> tuple[list[str], dict[str, list[Parameter]]]:
     """Split the arguments of ROS into general arguments and the parameters of each node.
 
-    ROS itself can apply a parameter to all nodes, or to one node if the node has no namespace. A
-    parameter that no node has remains in the general arguments and is rejected later.
+    ROS itself cannot apply a parameter to one node in a namespace. A parameter that no node has
+    remains in the general arguments and is rejected later.
     """
     rest: list[str] = []
     given: dict[str, list[Parameter]] = {name: [] for name in classes}
@@ -131,10 +128,7 @@ def addressed(
 
 
 def _known_to_ros(arguments: Sequence[str]) -> list[str]:
-    """Return the arguments without the parameters of nodes in namespaces.
-
-    ROS would reject these parameters.
-    """
+    """Return the arguments without parameters of nodes in namespaces, which ROS would reject."""
     known: list[str] = []
     for argument in arguments:
         if known and known[-1] in _PARAMETER_OPTIONS and '/' in argument.partition(':=')[0]:
@@ -172,7 +166,6 @@ def _kind(name: str) -> str:
 
 
 def _namespace_of(name: str) -> dict[str, str]:
-    """Return the namespace in a node name as an argument, or {} if the name has none."""
     namespace = name.rpartition('/')[0].strip('/')
     return {'namespace': f'/{namespace}'} if namespace else {}
 

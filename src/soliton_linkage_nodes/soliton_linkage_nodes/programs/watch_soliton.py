@@ -30,8 +30,7 @@ from soliton_linkage_nodes.start import INTERRUPTED
 _PERIOD = 0.1
 """Time between two drawings [s]."""
 _LONGEST_SILENCE = 1.0
-"""Threshold for the time without messages [s]: a topic is reported as stopped after a longer
-time."""
+"""Time without messages after which a topic is reported as stopped [s]."""
 _STARTED_BY = {
     interfaces.CHAIN.name: 'simulator',
     interfaces.JOINT_STATES.name: 'simulator',
@@ -94,9 +93,7 @@ class WatchSoliton(Node):
 def main() -> None:
     """Show the soliton until Ctrl-C."""
     parser = PlainParser(
-        prog='watch_soliton',
-        description=__doc__,
-        epilog=f'Marks: {LEGEND}. Stop with Ctrl-C.',
+        prog='watch_soliton', description=__doc__, epilog=f'Marks: {LEGEND}. Stop with Ctrl-C.'
     )
     parse_own_arguments(parser)
     try:

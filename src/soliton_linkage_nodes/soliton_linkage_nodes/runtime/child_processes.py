@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Child processes that run nodes and end when the parent process ends, and private ROS domains."""
+"""Child processes that run nodes and end with the parent process, and private ROS domains."""
 
 from __future__ import annotations
 
@@ -25,23 +25,18 @@ _PACKAGE = 'soliton_linkage_nodes'
 START_LIMIT = 60.0
 """Longest time that nodes need to start and discover each other on a busy machine [s]."""
 _PARENT_DEATH_SIGNAL = 1
-"""Option PR_SET_PDEATHSIG of prctl(2). With this option, the system sends a signal to a node when
-the parent process is killed."""
+"""Option PR_SET_PDEATHSIG of prctl(2): the system signals a node when its parent is killed."""
 _STOP_LIMIT = 10.0
-"""Longest time from SIGTERM to the end of a node [s]. A node that runs longer is killed. A
-recorder may need this time to write to a slow disk."""
+"""Longest time from SIGTERM to SIGKILL [s]. A recorder may need it to write to a slow disk."""
 _LOG_TAIL = 5
-"""Number of log lines in the error message about a node that has ended [1]."""
+"""Log lines in the error message about a node that has ended [1]."""
 _DOMAINS = 100
 """Largest number of a private ROS domain [1]."""
 _C_LIBRARY = ctypes.CDLL(None)
 
 
 class ChildProcesses:
-    """Processes that run nodes of the suite.
-
-    Each process writes its output to its own log file.
-    """
+    """Processes that run nodes of the suite. Each process writes its output to a log file."""
 
     def __init__(self, log_folder: Path) -> None:
         self._log_folder = log_folder
@@ -50,11 +45,7 @@ class ChildProcesses:
         self._starts: dict[str, tuple[float, list[str], dict[str, str]]] = {}
 
     def start(
-        self,
-        node: str,
-        arguments: list[str],
-        environment: dict[str, str],
-        own: Sequence[str] = (),
+        self, node: str, arguments: list[str], environment: dict[str, str], own: Sequence[str] = ()
     ) -> None:
         """Start a node with the arguments `own`, followed by the ROS arguments `arguments`."""
         executable = Path(get_package_prefix(_PACKAGE), 'lib', _PACKAGE, node)
@@ -115,10 +106,7 @@ class ChildProcesses:
         return True
 
     def stop(self, nodes: Sequence[str] | None = None) -> dict[str, int]:
-        """Terminate the named processes, by default all; return their exit codes.
-
-        A process that is still running after 10 s is killed.
-        """
+        """Terminate the named processes, by default all, or kill them; return their exit codes."""
         named = nodes or tuple(self._running)
         chosen = {node: self._running.pop(node) for node in named if node in self._running}
         for process in chosen.values():
@@ -139,10 +127,7 @@ class ChildProcesses:
 
 
 def page_address(output: str) -> str | None:
-    """Return the address of the page of live_view from the output of live_view.
-
-    Returns None if the output does not contain the address yet.
-    """
+    """Return the address of the page of live_view from its output, None if it is not there yet."""
     found = re.search(r'open (http://\S+)', output)
     return found[1] if found else None
 
@@ -156,9 +141,8 @@ def has_display() -> bool:
 def private_domain() -> Iterator[None]:
     """Put this process and its children into a free ROS domain of this machine.
 
-    The domain is drawn at random, because nodes of an earlier run may still be running in the
-    domain of that run. The block must not raise OSError, because the coordinator would then try
-    another domain.
+    The domain is random, because nodes of an earlier run may still use theirs. The block must not
+    raise OSError, because the coordinator would then try another domain.
     """
     with domain_coordinator.domain_id(lambda: random.randint(1, _DOMAINS)) as domain:
         os.environ['ROS_DOMAIN_ID'] = str(domain)
@@ -171,9 +155,9 @@ def private_domain() -> Iterator[None]:
 def restrict_to_loopback() -> None:
     """Make this process and its children unreachable from other machines.
 
-    The discovery range LOCALHOST does not suffice, because Fast DDS then still opens its sockets
-    on all network interfaces. With this range, Fast DDS also uses shared memory. If a process is
-    killed while it starts, its shared memory segment remains and blocks all other processes.
+    With the discovery range LOCALHOST, Fast DDS still opens its sockets on all network interfaces.
+    It also uses shared memory, and if a process is killed while it starts, its segment blocks all
+    others.
     """
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     try:

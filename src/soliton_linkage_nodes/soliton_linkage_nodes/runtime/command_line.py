@@ -25,22 +25,19 @@ from soliton_linkage_nodes.runtime.parameters import (
 )
 
 NodeClass = Callable[[], Node]
-"""Class of a node. Its constructor needs no arguments."""
+"""Class of a node whose constructor needs no arguments."""
 USAGE = 2
 """Exit code of a program with wrong arguments, as in argparse."""
 _WIDTH = 96
-"""Largest length of a line of the help text [characters]."""
+"""Longest line of the help text [characters]."""
 _ROS_OPTIONS = ('--params-file', '-p', '--param', '-r', '--remap', '--log-level')
 _EXAMPLES = ('-p NAME:=VALUE', '--params-file FILE', '-r NAME:=OTHER_NAME')
 _PATHS = ('bag', 'output')
-"""Parameters that the error message proposes if an argument has no parameter name."""
+"""Parameters to propose for an argument without a parameter name."""
 
 
 def check_arguments(node: NodeClass, arguments: Sequence[str]) -> None:
-    """Print the help of a node and exit, or reject unknown arguments with exit code 2.
-
-    ROS checks the arguments after `--ros-args`.
-    """
+    """Print the help of a node and exit, or reject arguments that neither it nor ROS knows."""
     if {'-h', '--help'} & set(arguments):
         try:
             print(help_text(node), flush=True)
@@ -64,7 +61,7 @@ def check_arguments(node: NodeClass, arguments: Sequence[str]) -> None:
 
 
 def executable_name(node: NodeClass) -> str:
-    """Return the name of a node's executable. The default name of the node is the same."""
+    """Return the name of a node's executable, which is also its default node name."""
     return re.sub(r'(?<!^)(?=[A-Z])', '_', node.__name__).lower()
 
 
@@ -78,7 +75,7 @@ def parameter_names(node: NodeClass) -> set[str]:
 
 
 def help_text(node: NodeClass) -> str:
-    """Return the help text of a node, which consists of its docstring and its parameters."""
+    """Return the help text of a node: its docstring and its parameters."""
     parameters = [
         line for group, prefix in _groups(node).items() for line in _describe(group, prefix)
     ]
@@ -93,7 +90,6 @@ def help_text(node: NodeClass) -> str:
 
 
 def _groups(node: NodeClass) -> dict[type, str]:
-    """Return the parameter dataclasses of a node, each with the prefix of its parameters."""
     groups: dict[type, str] = getattr(node, 'PARAMETERS', {})
     return groups
 

@@ -25,14 +25,13 @@ _NUMBERS = re.compile(r'[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b|\bnan\b)')
 
 
 class LogThrottle:
-    """Filter that logs each kind of message at most once per period.
+    """Filter that logs each kind of message at most once per period [s].
 
-    The next logged line of the same kind reports how many messages were dropped. Messages that
-    differ only in their numbers are of the same kind.
+    Messages that differ only in their numbers are of one kind. The next line of a kind reports how
+    many messages were dropped.
     """
 
     def __init__(self, log: Callable[[str], object], period: float) -> None:
-        """Pass the lines to `log`. `period` is in [s]."""
         self._log = log
         self._period = period
         self._start = -period
@@ -44,7 +43,7 @@ class LogThrottle:
         return len(self._suppressed)
 
     def log(self, message: str) -> None:
-        """Log a message unless a message of the same kind was logged in the current period."""
+        """Log a message unless one of the same kind was logged in the current period."""
         now = time.monotonic()
         if now - self._start >= self._period:
             self._start = now
@@ -77,10 +76,9 @@ class Report:
 
 
 class Diagnostics:
-    """Publisher of a node's report, and counter of rejected inputs and of failures.
+    """Publisher of a node's report once a second, and counter of rejected inputs and of failures.
 
-    The report is published once a second. Each function in `monitors` returns a warning text and
-    values by name, which are added to the report. An empty text means no warning.
+    Each function in `monitors` adds a warning text, empty for no warning, and values by name.
     """
 
     def __init__(self, node: Node, task: str, report: Callable[[], Report]) -> None:
@@ -117,8 +115,8 @@ class Diagnostics:
     def guarded(self, source: str, take: Callable[..., Any]) -> Callable[..., Any]:
         """Return a callback that calls `take` and rejects the message if `take` raises an error.
 
-        ValueError and ArithmeticError count as rejected input. Other errors count as failures of
-        the node. MemoryError is not caught.
+        ValueError and ArithmeticError count as rejected input, other errors as failures of the
+        node. MemoryError is not caught.
         """
 
         @wraps(take)

@@ -18,8 +18,8 @@ from rclpy.subscription import Subscription
 
 SERVICE_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 """Quality of service of services and clients. Each client receives the responses to all clients of
-the same service. The default queue of ROS has ten entries, so that a client of a busy service
-loses responses."""
+a service. With the ten entries of the default queue, a client of a busy service loses responses.
+"""
 ACTION_QOS = {f'{call}_service_qos_profile': SERVICE_QOS for call in ('goal', 'result', 'cancel')}
 
 
@@ -38,10 +38,7 @@ def unknown_parameter(node: Node, name: str, known: Iterable[str]) -> str:
 
 
 class GuardedNode(Node):
-    """Node that continues if a callback raises an exception other than MemoryError.
-
-    The node logs the exception and drops the message that caused it.
-    """
+    """Node that logs an exception of a callback, except MemoryError, and drops the message."""
 
     _undispatched: frozenset[Subscription] = frozenset()
     _finalisers: Mapping[Subscription, Callable[[], None]] = {}
@@ -52,10 +49,10 @@ class GuardedNode(Node):
         return (each for each in super().subscriptions if each not in self._undispatched)
 
     def dispatch(self, subscription: Subscription, dispatched: bool) -> None:
-        """Set whether executors take the messages of a subscription.
+        """Set whether executors take the messages of a subscription, or the node itself does.
 
-        If `dispatched` is False, the messages wait until the node itself takes them. At 1000
-        messages per second, an executor needs more time to wake up than to read the messages.
+        At 1000 messages per second, an executor needs more time to wake up than to read the
+        messages.
         """
         this = frozenset([subscription])
         self._undispatched = self._undispatched - this if dispatched else self._undispatched | this
@@ -99,10 +96,7 @@ class GuardedNode(Node):
     def create_service(
         self, srv_type: Any, srv_name: str, callback: Callable[[Any, Any], Any], **kwargs: Any
     ) -> Any:
-        """Create a service with a queue of 1000 calls.
-
-        An exception of the callback is logged, and the response rejects the request.
-        """
+        """Create a service with a queue of 1000 calls. An exception rejects the request."""
 
         def answer(request: Any, response: Any) -> Any:
             try:
@@ -117,7 +111,7 @@ class GuardedNode(Node):
         )
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Set all parameters, or none if one is rejected. Undeclared parameters are rejected."""
+        """Set all parameters, or none if one is rejected, for example because it is unknown."""
         for parameter in parameter_list:
             if not self.has_parameter(parameter.name):
                 known = self.get_parameters_by_prefix('')
@@ -148,7 +142,6 @@ class GuardedNode(Node):
 
 
 def _reject(request: Any, response: Any, reason: str) -> Any:
-    """Write a rejection and its reason into those fields of a response that its type has."""
     if hasattr(response, 'success'):
         response.success = False
     for text in ('message', 'reason'):

@@ -32,22 +32,18 @@ from soliton_linkage_msgs.msg import (
 )
 
 _DEEPEST_QUEUE = 1000
-"""Largest queue depth of a stream [messages]. At 1000 Hz, a queue of this depth holds one
-second."""
+"""Largest queue depth of a stream [messages], one second at 1000 Hz."""
 _QUEUE_BYTES = 64 * 2**20
-"""Memory limit for the queue of a stream [B]. It applies to the publisher and to each
-subscriber."""
+"""Memory limit for the queue of a stream, in the publisher and in each subscriber [B]."""
 _LONGEST_RECORD = 100_000
-"""Queue depth for a whole recording [messages]. At 1000 Hz, a queue of this depth holds 100 s.
-Unused entries take no memory."""
+"""Queue depth for a whole recording [messages], 100 s at 1000 Hz. Unused entries take no memory.
+"""
 ACKNOWLEDGEMENT_LIMIT = 0.5
-"""Longest wait for acknowledgements when a node ends [s]. This time suffices even on a busy
-machine."""
+"""Longest wait for acknowledgements when a node ends, enough on a busy machine [s]."""
 _POLL_INTERVAL = 0.02
 """Poll interval while waiting for subscribers [s]."""
 _DISCOVERY_TIME = 1.0
-"""Threshold for the time without a new subscriber [s]. After a longer time, discovery counts as
-complete."""
+"""Time without a new subscriber after which discovery counts as complete [s]."""
 
 
 def reliable_qos(depth: int) -> QoSProfile:
@@ -58,8 +54,7 @@ def reliable_qos(depth: int) -> QoSProfile:
 def stream_qos(message_size: int = 0) -> QoSProfile:
     """Return a reliable quality of service for messages of `message_size` [B].
 
-    The queue depth is 1000 for small messages. For large messages it is smaller, but at least 10,
-    so that a full queue takes at most 64 MiB if possible.
+    The queue depth is 1000, for large messages less, but at least 10, to take at most 64 MiB.
     """
     affordable = _QUEUE_BYTES // max(message_size, 1)
     return reliable_qos(int(min(_DEEPEST_QUEUE, max(10, affordable))))
@@ -84,10 +79,7 @@ def image_qos() -> QoSProfile:
 
 
 def latched_qos(depth: int = 1) -> QoSProfile:
-    """Return a transient-local quality of service.
-
-    A late subscriber receives the last `depth` messages.
-    """
+    """Return a transient-local quality of service. Late subscribers get `depth` messages."""
     return QoSProfile(
         depth=depth,
         reliability=ReliabilityPolicy.RELIABLE,
@@ -153,9 +145,9 @@ SUITE_TOPICS = (
     *(DELIVERED_IMPULSES, ROTOR_IMPULSES, ROTOR_TORQUES, TILT, SOLITON_STATE, SOLITON_EVENTS),
     DIAGNOSTICS,
 )
-"""Topics of the nodes. A recorder stores them by default."""
+"""Topics of the nodes, which a recorder stores by default."""
 DISPLAY_TOPICS = (ROBOT_DESCRIPTION, MARKERS, SOLITON_POSE, KYMOGRAPH)
-"""Topics for viewers. Their messages are computed from messages of `SUITE_TOPICS`."""
+"""Topics for viewers, computed from `SUITE_TOPICS`."""
 CAMERA_TOPICS = (IMAGE, COMPRESSED_IMAGE, CAMERA_INFO, CAMERA_OVERLAY)
 """Topics of a camera that measures the joint states in place of encoders."""
 
@@ -166,16 +158,11 @@ def wait_for_acknowledgements(publisher: Publisher) -> None:
 
 
 def wait_for_subscriber(
-    publisher: Publisher,
-    seconds: float,
-    stopping: threading.Event | None = None,
-    fewest: int = 1,
+    publisher: Publisher, seconds: float, stopping: threading.Event | None = None, fewest: int = 1
 ) -> bool:
-    """Wait until a topic has at least `fewest` subscribers, then until discovery is complete.
+    """Wait for `fewest` subscribers, then until their number is constant for a second.
 
-    Discovery counts as complete if the number of subscribers is constant for a second. Returns
-    False if fewer subscribers are found within `seconds`, or if `stopping` is set. Otherwise
-    returns True.
+    Returns False if fewer are found within `seconds` or if `stopping` is set, otherwise True.
     """
     stopped = stopping or threading.Event()
     deadline = time.monotonic() + seconds

@@ -34,18 +34,16 @@ class ManagedParameters:
 class ManagedNode(GuardedNode, LifecycleNode):
     """Node with the lifecycle of ROS: unconfigured, inactive, active.
 
-    A subclass lists its parameters in `PARAMETERS` and overrides four methods. `configure` creates
-    the topics and performs slow preparations. `activate` starts the work. `deactivate` stops the
-    work immediately. `cleanup` closes files and other resources. After `cleanup`, this class
-    destroys the topics, timers and services that `configure` created. If `configure` or `activate`
-    raises an error, the node logs the error and its state stays the same. During an autostart, the
-    constructor raises the error instead.
+    A subclass lists its parameters in `PARAMETERS` and overrides `configure`, `activate`,
+    `deactivate` and `cleanup`. After `cleanup`, this class destroys the topics, timers and
+    services that `configure` created. If `configure` or `activate` raises an error, the node logs
+    it and keeps its state. During an autostart, the constructor raises the error instead.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {}
 
     def __init__(self, name: str, **kwargs: Any) -> None:
-        """Declare the parameters. If the parameter `autostart` is set, also activate the node."""
+        """Declare the parameters. With the parameter `autostart`, also activate the node."""
         super().__init__(name, **kwargs)
         self.active = False
         self.configured = False
@@ -80,7 +78,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
         """Start the work of the node."""
 
     def deactivate(self) -> None:
-        """Stop the work immediately. When this method is called, `active` is already False."""
+        """Stop the work immediately. `active` is already False."""
 
     def cleanup(self) -> None:
         """Close the resources that `configure` opened, except topics, timers and services."""
@@ -184,9 +182,8 @@ class ManagedNode(GuardedNode, LifecycleNode):
     def _reject_impossible_transitions(self) -> None:
         """Reject a transition that is impossible in the current state.
 
-        Without this check, rclpy raises RCLError in the executor, and the process ends. In Jazzy,
-        one call of the service `change_state` with the id 250 suffices for this. The handler of
-        rclpy is private and cannot be overridden. Therefore the callback of the service is
+        In Jazzy, rclpy would raise RCLError in the executor, for example for the id 250, and the
+        process would end. Its handler is private, therefore the callback of the service is
         replaced.
         """
         service = self._service_change_state
@@ -215,4 +212,4 @@ _DESTROYERS: dict[str, Callable[[Any, Any], Any]] = {
     'clients': Node.destroy_client,
     'publishers': Node.destroy_publisher,
 }
-"""Destructors for each kind of entity of a node. Entities with callbacks are destroyed first."""
+"""Destructors for each kind of entity of a node, those with callbacks first."""

@@ -15,21 +15,19 @@ from typing import NamedTuple
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _LOWEST_PRIORITY = 1
-"""Lowest priority of SCHED_FIFO [1]. It is above the priority of all ordinary threads."""
+"""Lowest priority of SCHED_FIFO, which is above all ordinary threads [1]."""
 _INTERVAL = 0.05
-"""Shortest interval between two measurements of the processor share [s]. It must be short, because
-the kernel stops real-time threads after 0.95 s without sleep."""
+"""Shortest interval between two measurements of the processor share [s]. The kernel stops
+real-time threads after 0.95 s without sleep."""
 _LARGEST_SHARE = 0.8
-"""Threshold for the processor share of a process [cores]. If the share is smaller, the process has
-priority."""
+"""Processor share of a process above which it loses its priority [cores]."""
 
 
 def raise_priority(raised: bool, threads: Sequence[int] = (0,)) -> None:
-    """Give real-time priority to threads if `raised`, otherwise remove their priority.
+    """Give threads the lowest priority of SCHED_FIFO if `raised`, otherwise remove it.
 
-    `threads` holds system thread numbers. The number 0 stands for the calling thread. The priority
-    is the lowest of SCHED_FIFO. New threads inherit the priority of the thread that starts them.
-    If the limit rtprio of the system does not permit the priority, nothing changes.
+    `threads` holds system thread numbers, 0 for the calling thread. New threads inherit the
+    priority. If the limit rtprio of the system does not permit it, nothing changes.
     """
     priority = _LOWEST_PRIORITY if raised else 0
     policy = os.SCHED_FIFO if raised else os.SCHED_OTHER
@@ -39,20 +37,19 @@ def raise_priority(raised: bool, threads: Sequence[int] = (0,)) -> None:
 
 
 def yield_core() -> None:
-    """Yield the core to other real-time threads. In an ordinary thread, this does nothing.
+    """Yield the core to other real-time threads; do nothing in an ordinary thread.
 
-    If all other cores are busy, threads that a SCHED_FIFO thread has woken would otherwise wait
-    until the SCHED_FIFO thread sleeps.
+    Otherwise, if all cores are busy, threads that a SCHED_FIFO thread has woken would wait until
+    it sleeps.
     """
     if os.sched_getscheduler(0) == os.SCHED_FIFO:
         os.sched_yield()
 
 
 class IdlePriority:
-    """Real-time priority for the threads of a process while the process is mostly idle.
+    """Real-time priority for threads of a process, by default this and those of the middleware.
 
-    An overloaded process loses the priority, so that it does not delay other processes. By
-    default, the calling thread and the threads of the middleware get the priority.
+    An overloaded process loses the priority, so that it does not delay other processes.
     """
 
     def __init__(self, real_time: bool, threads: Sequence[int] | None = None) -> None:
@@ -84,16 +81,13 @@ def _middleware_threads() -> list[int]:
 
 
 _LONGEST_LAG = 10**8
-"""Threshold for the lateness of a call [ns]. If a call is later, all later deadlines are
-postponed."""
+"""Lateness of a call above which all later deadlines are postponed [ns]."""
 _LONGEST_SLEEP = 0.1
-"""Longest sleep [s]. After each sleep, the loop checks whether it must stop or its rate has
-changed."""
+"""Longest sleep before the loop checks for a stop or another rate [s]."""
 _IDLE = 0.005
-"""Duration of the sleep after a call without work at an infinite rate [s]."""
+"""Sleep after a call without work at an infinite rate [s]."""
 _PRIORITY_LIMIT = 10**7
-"""Threshold for the lateness of a call [ns]. If a call is later, the loop loses its priority. At
-1000 Hz, the threshold is ten periods."""
+"""Lateness of a call above which the loop loses its priority [ns], ten periods at 1000 Hz."""
 
 
 class Punctuality(NamedTuple):
@@ -112,12 +106,11 @@ class Punctuality(NamedTuple):
 class PacedLoop:
     """Thread that calls a function at the times t0 + k / rate, with k = 0, 1, ...
 
-    After a late call, the next deadlines stay the same. However, if a call is more than 0.1 s
-    late, all later deadlines are postponed by this lateness. Otherwise the thread would make up
-    for the missed calls in a burst. When the rate changes, t0 becomes the time of the change. At
-    an infinite rate, the function is called without pauses. If the function then returns False, it
-    had no work, and the thread sleeps for 5 ms. With `real_time`, the thread has real-time
-    priority while it is less than 10 ms late. A stopped loop can be started again.
+    After a late call, the next deadlines stay the same. Only if a call is more than 0.1 s late,
+    all later deadlines are postponed, because the missed calls would follow in a burst. A change
+    of the rate sets t0. At an infinite rate, the calls follow without pauses, except 5 ms after a
+    call that returns False. With `real_time`, the thread has real-time priority while it is less
+    than 10 ms late. A stopped loop can be started again.
     """
 
     def __init__(self, rate: float, act: Callable[[], object], real_time: bool = False) -> None:
@@ -179,7 +172,7 @@ class PacedLoop:
             self._count(late, late > period, postponed)
 
     def _sleep_until(self, due: int, rate: float) -> bool:
-        """Sleep until the time `due` [ns]. Return False if the loop stops or its rate changes."""
+        """Sleep until the time `due` [ns]; return False if the loop stops or its rate changes."""
         while not self._stopping.is_set() and self.rate == rate:
             early = (due - time.monotonic_ns()) / SECOND
             if early <= 0:

@@ -26,10 +26,9 @@ class Notice(NamedTuple):
 
 
 def resolve_path(argument: str, value: str, known: Mapping[str, Path]) -> Path:
-    """Return the path that a launch argument specifies.
+    """Return the path of a launch argument, whose value is a path or a name in `known`.
 
-    The value of the argument is a path or a name in `known`. Raises ValueError if the path does
-    not exist.
+    Raises ValueError if the path does not exist.
     """
     path = known.get(value, Path(value))
     if not path.exists():
@@ -50,11 +49,9 @@ def check_files(arguments: Sequence[str]) -> None:
 
 
 def read_sections(path: Path) -> dict[str, dict[str, Any]]:
-    """Return the sections of a parameter file.
+    """Return the parameter values by name in each section of a file, by node pattern.
 
-    The keys are the node patterns of the sections. The values are mappings from parameter names to
-    parameter values. Raises OSError if the file cannot be read, and ValueError if it is no
-    parameter file.
+    Raises OSError if the file cannot be read, and ValueError if it is no parameter file.
     """
     try:
         sections = dict(_sections(yaml.safe_load(path.read_text(encoding='utf-8')), ''))
@@ -76,9 +73,8 @@ def matches(pattern: str, node: str) -> bool:
 def notices(node: Node, arguments: Sequence[str], others: Sequence[Node] = ()) -> Iterator[Notice]:
     """Yield notices about the parameter files and the `-p` arguments of a node.
 
-    `others` are the nodes that were started with the same arguments. If a parameter file has
-    parameters for none of these nodes, a notice reports this. If a file and a `-p` argument set a
-    parameter of `node` to different values, a notice reports which value is used.
+    A notice reports a file without parameters for `node` or for `others`, the nodes with the same
+    arguments. Another one reports which value `node` uses if a file and `-p` differ.
     """
     name = node.get_fully_qualified_name()
     started = [name, *(other.get_fully_qualified_name() for other in others)]
@@ -99,10 +95,7 @@ def notices(node: Node, arguments: Sequence[str], others: Sequence[Node] = ()) -
 
 
 def _conflict(node: Node, name: str, filed: Any, rule: str, path: Path) -> Iterator[Notice]:
-    """Yield a notice if the value in a file and the value of a `-p` argument differ.
-
-    The notice states which of the two values the node uses.
-    """
+    """Yield a notice which value is used if a file and a `-p` argument differ."""
     if name not in overrides(node):
         return
     used, typed = overrides(node)[name].value, rule.partition(':=')[2]
@@ -135,7 +128,6 @@ def _flattened(values: Mapping[str, Any], above: str) -> Iterator[tuple[str, Any
 
 
 def _rules(arguments: Sequence[str], node: str) -> Iterator[tuple[str, str]]:
-    """Yield the parameter name and the text of each `-p` argument that applies to `node`."""
     for rule in [*_values_of(arguments, '-p'), *_values_of(arguments, '--param')]:
         target, _, name = rule.partition(':=')[0].rpartition(':')
         if target in ('', node):
@@ -147,10 +139,7 @@ def _values_of(arguments: Sequence[str], option: str) -> list[str]:
 
 
 def _number(value: Any) -> Any:
-    """Convert a value to a number if possible, so that it can be compared.
-
-    YAML 1.1 reads 1e-3 as a text. This function converts such texts too.
-    """
+    """Convert a value to a number if possible; YAML 1.1 would read 1e-3 as a text."""
     try:
         read = yaml.safe_load(value) if isinstance(value, str) else value
         return float(read) if isinstance(read, (str, int, float)) else read

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Declaration of ROS parameters from the fields of dataclasses.
-
-Each parameter has a description, a unit, a range and a read-only flag.
-"""
+"""Declaration of ROS parameters from the fields of dataclasses, with unit and range."""
 
 from __future__ import annotations
 
@@ -46,17 +43,16 @@ _EXAMPLES = {
 }
 _SHARED = 'chain.'
 _CONVERTING: WeakSet[Node] = WeakSet()
-"""Nodes that have a callback to convert the types of parameters that are changed at run time."""
+"""Nodes with a callback that converts the types of parameters changed at run time."""
 _LARGEST_INTEGER = 2**63 - 1
-"""Largest value of an integer parameter, which ROS stores as int64."""
+"""Largest integer parameter, which ROS stores as int64."""
 
 
 def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Parameters:
     """Declare parameters for the fields of a dataclass; return an instance with their values.
 
-    Only fields with a description become parameters. The other fields keep their defaults.
-    Parameters that are already declared keep their values. Raises ValueError if a value is not
-    allowed.
+    Fields without a description keep their defaults, declared parameters their values. Raises
+    ValueError if a value is not allowed.
     """
     quantities = described_fields(parameters)
     if quantities and all(node.has_parameter(prefix + name) for name in quantities):
@@ -97,8 +93,7 @@ def make_adjustable(node: Node, name: str) -> None:
 def reject_unknown(node: Node) -> None:
     """Raise ValueError if the user has set a parameter that a node has not declared.
 
-    A node that declares no parameter `chain.*` accepts all parameters `chain.*`, because several
-    nodes often share one parameter file.
+    A node without parameters `chain.*` accepts them, because nodes share parameter files.
     """
     declared = set(node.get_parameters_by_prefix(''))
     knows_chain = any(name.startswith(_SHARED) for name in declared)
@@ -108,10 +103,7 @@ def reject_unknown(node: Node) -> None:
 
 
 def overrides(node: Node) -> Mapping[str, Parameter]:
-    """Return the parameters that the user has set for a node.
-
-    They are in a private field of rclpy.
-    """
+    """Return the parameters that the user has set for a node, from a private field of rclpy."""
     given: dict[str, Parameter] = node._parameter_overrides
     return given
 
@@ -127,7 +119,7 @@ def description_with_unit(described: Quantity) -> str:
 
 
 def describe_range(described: Quantity) -> str:
-    """Describe the allowed values of a parameter. The text is empty if all values are allowed."""
+    """Describe the allowed values of a parameter; empty if all values are allowed."""
     low, high = described.minimum, described.maximum
     if described.choices:
         return f'one of {", ".join(described.choices)}'
@@ -149,11 +141,7 @@ def _check(
 
 
 def _convert_changes(node: Node) -> None:
-    """Add a callback that converts values that are set at run time to the declared types.
-
-    The conversion is the same as for values in parameter files. A node gets the callback only
-    once.
-    """
+    """Once, add a callback that converts values set at run time to the declared types."""
     # Only one such callback is possible, because rclpy concatenates the results of several.
     if node not in _CONVERTING:
         _CONVERTING.add(node)
@@ -171,11 +159,7 @@ def _convert_change(node: Node, change: Parameter) -> Parameter:
 
 
 def _convert(kind: Parameter.Type, value: Any) -> Any:
-    """Convert a value to the declared type of a parameter.
-
-    An integer becomes a float if the parameter is a float. An empty list becomes an empty list of
-    the declared type, because ROS assigns no type or a wrong type to an empty list.
-    """
+    """Convert integers to a declared float, and empty lists, whose type in ROS may be wrong."""
     if kind in _LISTS and isinstance(value, (NoneType, list, tuple, array)):
         elements = list(value or ())
         whole = all(type(element) is int for element in elements)

@@ -32,11 +32,10 @@ _SPIN = 0.02
 """Longest time between two checks of a condition while no message arrives [s]."""
 _SHARE_OF_PERIOD = 0.1
 """Switch interval of the Python interpreter divided by the frame period [1]. At 1000 Hz, the
-default switch interval of 5 ms delays frames by five periods. Sensitivity: at 0.5x, waiting
-threads wake twice as often. At 2x, frames are delayed by another tenth of a period."""
+default of 5 ms delays frames by five periods. Sensitivity: at 0.5x, waiting threads wake twice as
+often. At 2x, frames are delayed by another tenth of a period."""
 _SHORTEST_INTERVAL = 1e-4
-"""Shortest switch interval of the Python interpreter [s]. One switch between threads takes a few
-microseconds."""
+"""Shortest switch interval of the Python interpreter [s]. One switch takes a few microseconds."""
 _MIXED = 'Sequence should be of same type'
 """Text in the error of rcl for a list of mixed types, such as [1, 0.5]."""
 _LONGEST_WAIT = 0.1
@@ -51,7 +50,7 @@ def spin_until(
 ) -> bool:
     """Spin until `condition` returns True.
 
-    Returns False if the condition does not hold after `seconds`, or if `give_up` returns True.
+    Returns False if it does not hold after `seconds`, or if `give_up` returns True.
     """
     deadline = time.monotonic() + seconds
     while not condition():
@@ -62,10 +61,7 @@ def spin_until(
 
 
 class WaitingNode(Node):
-    """Node of a program that spins only while the program waits.
-
-    The node has no parameters.
-    """
+    """Node without parameters of a program that spins only while the program waits."""
 
     def __init__(self, name: str, stopping: threading.Event, **kwargs: Any) -> None:
         """Create the node. `wait` returns when `stopping` is set."""
@@ -76,21 +72,15 @@ class WaitingNode(Node):
         self._waiting.add_node(self)
 
     def wait(self, condition: Callable[[], Any], seconds: float) -> bool:
-        """Spin until `condition` returns True.
-
-        Returns False if the condition does not hold after `seconds`, or if `stopping` is set.
-        """
+        """Spin until `condition` returns True; return False after `seconds` or if stopping."""
         return spin_until(self._waiting, condition, seconds, self.stopping.is_set)
 
     def wait_uninterrupted(self, condition: Callable[[], Any], seconds: float) -> bool:
-        """Spin until `condition` returns True, even if `stopping` is set.
-
-        Returns False if the condition does not hold after `seconds`.
-        """
+        """Spin until `condition` returns True, even if stopping; return False after `seconds`."""
         return spin_until(self._waiting, condition, seconds)
 
     def destroy_node(self) -> None:
-        """Destroy the node and its executor, because the executor keeps the node in the graph."""
+        """Destroy the node and its executor, which would keep the node in the graph."""
         self._waiting.shutdown()
         super().destroy_node()
 
@@ -98,8 +88,7 @@ class WaitingNode(Node):
 def stop_on_signals() -> threading.Event:
     """Return an event that is set when the process receives SIGINT or SIGTERM.
 
-    The signal handlers of rclpy are not used, because they shut the context down immediately, so
-    that queued messages are lost.
+    The handlers of rclpy would shut the context down at once, so that queued messages are lost.
     """
     stopping = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -115,10 +104,7 @@ def interrupt_on_signals() -> None:
 
 @contextmanager
 def interruptible(stopping: threading.Event) -> Iterator[None]:
-    """Make SIGINT and SIGTERM raise KeyboardInterrupt in a block.
-
-    If `stopping` is already set, KeyboardInterrupt is raised immediately.
-    """
+    """Make SIGINT, SIGTERM and a set `stopping` raise KeyboardInterrupt in a block."""
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     interrupt_on_signals()
     try:
@@ -131,10 +117,7 @@ def interruptible(stopping: threading.Event) -> Iterator[None]:
 
 
 def initialise(arguments: list[str] | None = None) -> None:
-    """Initialise ROS from arguments, by default from the command line.
-
-    Raises ValueError if an argument is wrong.
-    """
+    """Initialise ROS from arguments, by default the command line. Raises ValueError if wrong."""
     check_files(sys.argv if arguments is None else arguments)
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
@@ -145,12 +128,12 @@ def initialise(arguments: list[str] | None = None) -> None:
 
 
 def run(create_node: Callable[[], Node], finished: Callable[[Any], bool] | None = None) -> None:
-    """Create a node, spin it until it finishes or a signal arrives, and end the process.
+    """Create a node, spin it until it finishes or SIGINT or SIGTERM arrives, and end the process.
 
-    The signals are SIGINT and SIGTERM. `finished` returns whether the node has finished, or raises
-    the error that stopped the node. The node must not raise this error in a callback, because
-    executors then print a traceback. The exit code is 0 after a normal end, 1 if the node could
-    not start or continue, and 2 if an argument is unknown. An error is printed in one line.
+    `finished` returns whether the node has finished, or raises the error that stopped the node. A
+    callback must not raise this error, because executors then print a traceback. The exit code is
+    0 after a normal end, 1 if the node could not start or continue, with an error in one line, and
+    2 if an argument is unknown.
     """
     check_arguments(create_node, sys.argv[1:])
     run_together([Component(create_node, finished)], sys.argv)
@@ -164,10 +147,7 @@ class Component(NamedTuple):
 
 
 def run_together(components: Sequence[Component], arguments: list[str]) -> None:
-    """Spin several nodes in one process, as `run` does with one node.
-
-    When one node finishes or a signal arrives, all nodes are destroyed.
-    """
+    """Spin several nodes in one process, as `run` does with one node, until one finishes."""
     stopping = stop_on_signals()
     code = 0
     try:
@@ -208,8 +188,7 @@ def run_together(components: Sequence[Component], arguments: list[str]) -> None:
 def end_process(code: int) -> None:
     """Exit immediately, even if a thread with a long computation is running.
 
-    Otherwise the exit handlers of Python and of libraries could wait forever for a lock that such
-    a thread holds.
+    Exit handlers of Python and of libraries could wait forever for a lock of such a thread.
     """
     if any(thread.daemon for thread in threading.enumerate() if thread.is_alive()):
         sys.stdout.flush()
@@ -226,7 +205,6 @@ def _log_warning(
     file: TextIO | None = None,
     line: str | None = None,
 ) -> None:
-    """Log a warning of a library in one line."""
     text = ' '.join(str(message).split())
     get_logger('soliton_linkage').warning(
         f'{category.__name__}: {text} ({Path(filename).name}:{lineno})'
@@ -250,9 +228,8 @@ def _spin(
 class SpinSlices:
     """Thread that ends each slice of spinning after 0.1 s.
 
-    One slice for each callback would be slower, because each slice executes ten lines of Python.
-    The time limit of the executor does not suffice, because the executor checks it only while no
-    message is waiting.
+    One slice for each callback would be slower. The time limit of the executor does not suffice,
+    because the executor checks it only while no message is waiting.
     """
 
     def __init__(self) -> None:

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Detection of lost messages, several publishers and lag.
-
-It uses the sequence numbers and the source times of the messages.
-"""
+"""Detection of lost messages, several publishers and lag by sequence numbers and source times."""
 
 from __future__ import annotations
 
@@ -15,32 +12,31 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _SILENCE = 0.5
 """Time without messages after which another publisher replaces the selected publisher [s]. The ROS
-graph cannot be used for this, because it lists a killed publisher for another 20 s."""
+graph lists a killed publisher for another 20 s."""
 _SILENT_PERIODS = 5
-"""Number of message periods after which a slow publisher without new messages is replaced [1]."""
+"""Message periods after which a slow publisher without new messages is replaced [1]."""
 _MEMORY = 20
-"""Number of messages over which the period of a publisher is averaged [1]."""
+"""Messages over which the period of a publisher is averaged [1]."""
 _GAP_RATIO = 3.0
-"""Threshold for a ratio [1]: the time since the last message of a publisher, divided by the time
-that its period predicts. If this ratio or its inverse exceeds the threshold, the new message
-probably comes from another publisher."""
+"""Threshold for the time since the last message of a publisher, divided by the time that its
+period predicts, or the inverse [1]. Above it, the message probably comes from another publisher.
+"""
 _NANOSECOND = 1e-9
 """One nanosecond [s]."""
 _OFFSET_WINDOW = 10.0
-"""Time over which the offset between two clocks is estimated [s]. During a longer time, the clocks
-would drift."""
+"""Time over which the offset between two clocks is estimated [s]. In a longer time, clocks drift.
+"""
 
 
 class SequenceGaps:
     """Counter of the messages of a topic that were published and never received.
 
-    Each publisher numbers its messages 1, 2, 3, ... A message does not identify its publisher.
-    Message n is assigned to the publisher whose last message had the number n - 1. If no publisher
-    has this number and not all publishers are known, the message is assigned to a new publisher.
-    If all publishers are known, the message is assigned to the publisher whose last message had
-    the largest number below n. If the last numbers of all known publishers are n or larger, a new
-    publisher replaces the publisher that has been silent for longest. Messages before the first
-    received message of a publisher are not counted.
+    Each publisher numbers its messages 1, 2, 3, ..., but a message does not identify its
+    publisher. Message n belongs to the publisher whose last message had the number n - 1. If there
+    is none, it belongs to a new publisher, unless all publishers are known. Then it belongs to the
+    publisher with the largest last number below n, or a new publisher replaces the one that has
+    been silent for longest. Messages before the first received message of a publisher are not
+    counted.
     """
 
     def __init__(self) -> None:
@@ -48,10 +44,9 @@ class SequenceGaps:
         self._last: list[int] = []
 
     def take(self, number: int, publishers: int) -> bool:
-        """Process the next message, and count the messages that are missing before it.
+        """Count the messages that are missing before message `number` of `publishers` publishers.
 
-        `number` is the sequence number of the message. `publishers` is the number of publishers of
-        the topic. Returns whether this is the first message of a publisher.
+        Returns whether this is the first message of a publisher.
         """
         if self._last == [number - 1]:
             self._last[0] = number
@@ -71,11 +66,10 @@ class SequenceGaps:
 
 @dataclass
 class _Newcomer:
-    """First received message of a publisher.
+    """First received message of a publisher: sequence number and source time `sent` [ns].
 
-    `number` is the sequence number of this message and `sent` its source time [ns]. `elapsed` is
-    the time from the start of the subscription to this message [ns]. `period` is the estimated
-    message period of the publisher [ns].
+    `elapsed` is the time from the start of the subscription to it, `period` the estimated period
+    [ns].
     """
 
     number: int
@@ -87,9 +81,9 @@ class _Newcomer:
 class MissedStarts:
     """Counter of messages that publishers sent before they were matched with a subscription.
 
-    If n is the sequence number of the first received message, n - 1 messages were missed. The
-    missed messages are counted only if the publisher started after the subscription. The start
-    time of the publisher is estimated from n and from the period of the publisher.
+    If n is the number of the first received message, n - 1 messages were missed. They count only
+    if the publisher started after the subscription, according to n and the period of the
+    publisher.
     """
 
     def __init__(self) -> None:
@@ -105,16 +99,15 @@ class MissedStarts:
         )
 
     def add(self, number: int, sent: int, elapsed: int) -> None:
-        """Add the first received message of a publisher.
+        """Add the first message of a publisher with its source time `sent` [ns].
 
-        `number` is the sequence number of the message and `sent` its source time [ns]. `elapsed`
-        is the time from the start of the subscription to the message [ns].
+        `elapsed` is the time from the start of the subscription to the message [ns].
         """
         if number > 1:
             self._newcomers.append(_Newcomer(number, sent, elapsed))
 
     def take(self, number: int, sent: int) -> None:
-        """Use the sequence number and source time [ns] of a later message to estimate periods."""
+        """Use number and source time [ns] of a later message to estimate periods."""
         for each in self._newcomers:
             if each.number < number <= each.number + _MEMORY:
                 each.period = (sent - each.sent) / (number - each.number)
@@ -122,11 +115,7 @@ class MissedStarts:
 
 @dataclass
 class _Publisher:
-    """Last message of a publisher, and its message period.
-
-    `number` is the sequence number of the message and `sent` its source time [ns]. `period` is the
-    mean period [ns], NaN before the second message.
-    """
+    """Number and source time [ns] of a publisher's last message; its mean period [ns] or NaN."""
 
     number: int
     sent: int
@@ -152,9 +141,8 @@ class _Publisher:
     def time_mismatch(self, number: int, sent: int) -> float:
         """Return how badly a message fits the period of this publisher [1].
 
-        The result is the magnitude of the logarithm of a ratio: the time since the last message,
-        divided by the time that the period predicts. The result is 0 if the message is on time,
-        and infinite if the number is not larger than the last number.
+        The result is |log(time since the last message / predicted time)|, or infinite if the
+        number is not larger than the last number.
         """
         count, took = number - self.number, sent - self.sent
         if count <= 0:
@@ -168,12 +156,10 @@ class _Publisher:
 class PublisherArbitration:
     """Filter that keeps only the messages of one selected publisher of a topic.
 
-    The first received message selects its publisher. If this publisher becomes silent, another
-    publisher replaces it. Each publisher numbers its messages 1, 2, 3, ... A message does not
-    identify its publisher. Message n is assigned to the publisher whose last message had the
-    number n - 1. If no publisher has this number, some messages were lost. In this case, message n
-    is assigned to the publisher whose period best predicts the time of the message. Lost messages
-    of the selected publisher are counted.
+    The first received message selects its publisher. Another publisher replaces it when it becomes
+    silent. Message n belongs to the publisher whose last message had the number n - 1. If messages
+    were lost, so that there is none, it belongs to the publisher whose period best predicts its
+    time. Lost messages of the selected publisher are counted.
     """
 
     def __init__(self) -> None:
@@ -188,10 +174,9 @@ class PublisherArbitration:
         self._others_since: float | None = None
 
     def take(self, number: int, sent: int, publishers: Callable[[], int]) -> bool:
-        """Return whether to keep a message with sequence `number` and source time `sent` [ns].
+        """Return whether to keep a message with its source time `sent` [ns]; count the others.
 
-        Messages that are not kept are counted. `publishers` returns the number of publishers. It
-        is called only if necessary.
+        `publishers`, called only if necessary, returns the number of publishers.
         """
         selected = self._selected
         if selected is None:
@@ -229,10 +214,7 @@ class PublisherArbitration:
     def _owner(
         self, selected: _Publisher, number: int, sent: int, publishers: int
     ) -> _Publisher | None:
-        """Return the known publisher that a message fits best.
-
-        Returns None if the message comes from a new publisher.
-        """
+        """Return the known publisher that a message fits best, None for a new publisher."""
         alone = publishers < 2 and not self._others
         if (
             alone
@@ -251,10 +233,7 @@ class PublisherArbitration:
 
 @dataclass
 class _Share:
-    """Publishers that publish the same joints or other parts of a stream.
-
-    `taken_at` is the time of their last message that was kept [s].
-    """
+    """Publishers of the same parts of a stream, and the time of their last kept message [s]."""
 
     arbitration: PublisherArbitration
     parts: set[str]
@@ -268,13 +247,12 @@ _ABSENCE = 5.0
 class StreamArbitration:
     """Arbitration of publishers that may each publish a part of a stream, such as some joints.
 
-    If messages have a part in common, only messages of one of their publishers are kept. One
-    `PublisherArbitration` selects this publisher. Messages without a common part do not affect
-    each other.
+    Of messages with a common part, only those of one publisher are kept, which one
+    `PublisherArbitration` selects. Messages without a common part do not affect each other.
     """
 
     def __init__(self, lost: int = 0, foreign: int = 0) -> None:
-        """Start with counts of `lost` messages and of `foreign` messages from other publishers."""
+        """Start with these numbers of lost messages and of messages from other publishers."""
         self._counts = [lost, foreign, 0]
         self._shares = [_Share(PublisherArbitration(), set(), 0.0)]
         self._latest: Callable[[], Collection[str]] = tuple
@@ -301,9 +279,8 @@ class StreamArbitration:
         publishers: Callable[[], int],
         parts: Callable[[], Collection[str]] | None = None,
     ) -> bool:
-        """Return whether to keep a message with sequence `number` and source time `sent` [ns].
+        """Return whether to keep a message with its source time `sent` [ns]; count the others.
 
-        Messages that are not kept are counted. `publishers` returns the number of publishers.
         `parts` returns the parts of the stream in the message, such as joint names.
         """
         first = self._shares[0]
@@ -326,10 +303,7 @@ class StreamArbitration:
         return kept
 
     def _share_of(self, parts: Collection[str], count: int, now: float) -> _Share:
-        """Return the group of publishers that publish any of these parts.
-
-        If no group does so, a new group is created, unless there are as many groups as publishers.
-        """
+        """Return the publishers of any of these parts, else a new group or, if all exist, one."""
         for share in self._shares:
             if not share.parts or not share.parts.isdisjoint(parts):
                 return share
@@ -348,11 +322,11 @@ class Lag:
     """Monitor of the time by which a node lags behind the messages that it receives.
 
     The offset between the clocks of publisher and subscriber is unknown. Therefore the smallest
-    delay of a message in the last 10 to 20 s counts as zero lag.
+    delay in the last 10 to 20 s counts as zero lag.
     """
 
     def __init__(self, longest: float) -> None:
-        """Set the limit `longest` [s] for the lag. If `longest` is 0, the lag has no limit."""
+        """Set the limit `longest` for the lag [s]; 0 means no limit."""
         self._longest = longest or math.inf
         self._least: list[int] = []
         self._since = 0.0
@@ -361,7 +335,7 @@ class Lag:
     def too_long(self, sent: int) -> bool:
         """Add a message with source time `sent` [ns]; return whether the lag is too long.
 
-        The lag is too long if it has been larger than `longest` for at least the time `longest`.
+        This is the case if it has been larger than `longest` for at least the time `longest`.
         """
         now = time.monotonic()
         apart = time.time_ns() - sent

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Serialization of messages to CDR without the extra bytes that rclpy appends.
 
-`rclpy.serialization.serialize_message` returns the whole buffer of the middleware. This buffer has
-up to eight unused bytes for each empty array. Strict readers such as rosbags reject messages with
-bytes after their end.
+rclpy returns the whole buffer of the middleware, with up to eight unused bytes for each empty
+array. Strict readers such as rosbags reject such messages.
 """
 
 from __future__ import annotations
@@ -37,11 +36,7 @@ def serialize(message: Any) -> bytes:
 
 
 def _end(message: Any, begin: int) -> int:
-    """Return the offset at which a message ends [B].
-
-    Offsets are counted from the end of the encapsulation header. The message starts at the offset
-    `begin`.
-    """
+    """Return the offset at which a message that starts at `begin` ends, after the header [B]."""
     for name, kind in message.get_fields_and_field_types().items():
         begin = _end_of_field(getattr(message, name), kind, begin)
     return begin

@@ -25,20 +25,16 @@ def time_from_msg(stamp: Time) -> int:
 
 
 def nanoseconds_of(clock: Clock) -> int:
-    """Return the time of a clock [ns].
-
-    This is faster than `Clock.now`, because it creates no objects.
-    """
+    """Return the time of a clock [ns] without the objects that `Clock.now` creates."""
     handle = clock.handle
     with handle:
         return int(handle.get_now().nanoseconds)
 
 
 class Freshness:
-    """Age of the last message, with a limit."""
+    """Age of the last message, with the limit `longest` [s]."""
 
     def __init__(self, longest: float) -> None:
-        """Set the largest age `longest` of the last message [s]."""
         self._longest = longest
         self._arrival = -math.inf
 
@@ -48,12 +44,12 @@ class Freshness:
 
     @property
     def age(self) -> float:
-        """Age of the last message [s]. It is infinite if no message has arrived."""
+        """Age of the last message [s], infinite if none has arrived."""
         return time.monotonic() - self._arrival
 
     @property
     def stale(self) -> bool:
-        """Whether the last message is too old. Also True if no message has arrived."""
+        """Whether the last message is too old or none has arrived."""
         return self.age > self._longest
 
     def __str__(self) -> str:
@@ -62,16 +58,15 @@ class Freshness:
 
 
 _DRIFT_TIME = 10.0
-"""Shortest time after which the drift between two clocks is estimated [s]. Transport times vary by
-1 ms. Over this time, they therefore cause an error of 100 ppm in the drift, as large as the
-typical drift of a cheap quartz."""
+"""Shortest time over which the drift between two clocks is estimated [s]. Transport times vary by
+1 ms, which makes an error of 100 ppm, the drift of a cheap quartz."""
 
 
 class ClockMonitor:
     """Monitor of the offset between message stamps and the clock, for diagnostics only.
 
-    The offset is the smallest difference between the arrival time and the stamp of a message. The
-    offset is also nonzero after a pause of the simulation, or if the stamps come from a bag.
+    The offset is the smallest difference between arrival time and stamp. A pause of the simulation
+    and stamps from a bag also cause an offset.
     """
 
     def __init__(self) -> None:
@@ -86,10 +81,7 @@ class ClockMonitor:
             self._least, self._latest = behind, now
 
     def figures(self) -> dict[str, float]:
-        """Return the offset and the drift from the messages since the last call.
-
-        Without such messages, the result is empty.
-        """
+        """Return offset and drift from the messages since the last call, nothing without any."""
         if self._least is None:
             return {}
         least, at, self._least = self._least, self._latest, None

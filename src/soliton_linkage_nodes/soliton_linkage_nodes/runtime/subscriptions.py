@@ -21,12 +21,11 @@ from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.sequences import Lag, SequenceGaps, StreamArbitration
 
 LONGEST_LAG = 0.5
-"""Default threshold for the lag of a node [s]. If the lag is larger, the node skips waiting
-messages."""
+"""Default lag of a node above which it skips waiting messages [s]."""
 _POLL_PERIOD = 0.5
 """Time between two checks for new publishers [s]."""
 _NAMELESS = '_NODE_NAME_UNKNOWN_'
-"""Node name that the ROS graph lists until a process has announced its nodes."""
+"""Node name in the ROS graph until a process has announced its nodes."""
 _PUBLISHERS_CHANGE = (
     QoSSubscriptionEventType.RCL_SUBSCRIPTION_MATCHED,
     QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS,
@@ -41,10 +40,9 @@ def _ignore(_message: Any) -> None:
 
 
 def _with_info(take: Callable[[Any, Info], None]) -> Callable[..., None]:
-    """Return a callback that passes a message and the information about it to `take`.
+    """Return a callback that passes a message and its `Info` to `take`.
 
-    Most executors call the callback with two arguments. The EventsExecutor passes them as one
-    pair.
+    Most executors call it with two arguments, the EventsExecutor with one pair.
     """
 
     @wraps(take)
@@ -57,22 +55,16 @@ def _with_info(take: Callable[[Any, Info], None]) -> Callable[..., None]:
 class AdaptiveSubscription:
     """Subscription whose quality of service is compatible with every publisher of a topic.
 
-    If publishers with another quality of service have appeared, `adapt` replaces the subscription.
-    Messages that are waiting in the old subscription are lost unless the argument `before` of
-    `adapt` takes them.
+    `adapt` replaces the subscription if publishers with another quality of service have appeared.
+    Messages waiting in the old one are lost unless the argument `before` of `adapt` takes them.
     """
 
     def __init__(
-        self,
-        node: Node,
-        topic: Topic,
-        take: Callable[..., None] = _ignore,
-        raw: bool = False,
+        self, node: Node, topic: Topic, take: Callable[..., None] = _ignore, raw: bool = False
     ) -> None:
         """Subscribe to a topic; pass each message, or its CDR bytes if `raw`, to `take`.
 
-        Without `take`, messages wait until `waiting` or `newest` is called. In this case, no
-        executor may spin the node.
+        Without `take`, messages wait for `waiting` or `newest`, and no executor may spin the node.
         """
         self.topic = topic
         self.sequence: int | None = None
@@ -96,10 +88,9 @@ class AdaptiveSubscription:
 
     @property
     def changed(self) -> bool:
-        """Whether publishers appeared or disappeared since the last call.
+        """Whether publishers of a GuardedNode's topic changed since the last call.
 
-        This is at least 100 times faster than a query of the graph. If the node is no GuardedNode,
-        the value is always False.
+        This takes at most 1 % of the time of a query of the graph.
         """
         changed = False
         for event in self._events:
@@ -118,10 +109,10 @@ class AdaptiveSubscription:
                 yield taken
 
     def newest(self) -> Any:
-        """Return the next waiting message, or None if no message is waiting.
+        """Return the next waiting message, with the queue depth 1 the newest, or None.
 
-        If the queue depth is 1, this is the newest message. A display that needs only 60 of 1000
-        messages per second takes 90 % less processor time with this method than with callbacks.
+        For a display of 60 of 1000 messages per second, callbacks take ten times as much processor
+        time.
         """
         message, info = next(self.waiting(), (None, None))
         if info is not None:
@@ -190,7 +181,7 @@ class AdaptiveSubscription:
 
 
 def qos_for_all(profiles: Sequence[QoSProfile], depth: int) -> QoSProfile:
-    """Return a quality of service with this depth that is compatible with all offered profiles."""
+    """Return a quality of service that is compatible with all offered profiles."""
     reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
     latched = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
     return QoSProfile(
@@ -217,11 +208,10 @@ def subscribe_newest(
 class StreamSubscription:
     """Subscription of a node to a stream of messages from one publisher at a time.
 
-    If several nodes publish the same joints or other parts of the stream, only messages of the
-    publisher that was received first are used. When this publisher becomes silent or ends, another
-    publisher replaces it. Messages of publishers that publish different parts are all used. Logs
-    and diagnostics report several publishers and lost messages. If the node lags by more than
-    `longest_lag` [s] for longer than this time, it skips all waiting messages except the newest.
+    If several nodes publish the same parts of the stream, such as joints, only the publisher that
+    was received first is used, until it becomes silent or ends. Logs and diagnostics report
+    several publishers and lost messages. If the node lags by more than `longest_lag` [s] for
+    longer than this time, it skips all waiting messages except the newest.
     """
 
     def __init__(
@@ -240,11 +230,10 @@ class StreamSubscription:
     ) -> None:
         """Pass each message of a topic, or its CDR bytes if `raw`, to `take`.
 
-        With `latest`, only the newest waiting message is passed, and no warning reports the older
-        messages as skipped. `on_takeover` is called when another publisher replaces the selected
-        one. If a publisher may publish only a part of the stream, `parts` returns the parts in a
-        message, such as joint names. `assemble` is called with each received message. It returns a
-        list of the assembled messages to pass to `take`, for example frames with all joints.
+        With `latest`, only the newest waiting message is passed, without a warning. `on_takeover`
+        is called when another publisher replaces the selected one. `parts` returns the parts of
+        the stream in a message, such as joint names. `assemble` receives each message and returns
+        the assembled messages for `take`, such as frames with all joints.
         """
         self.skipped = 0
         """Number of received messages that were not passed to `take`."""
@@ -277,10 +266,7 @@ class StreamSubscription:
         self._restore_dispatch()
 
     def dispatch(self, dispatched: bool) -> None:
-        """Set whether the executor takes each arriving message.
-
-        Otherwise the messages wait until `take_waiting` is called.
-        """
+        """Set whether the executor takes each message; otherwise `take_waiting` must take them."""
         if dispatched is not self.dispatched:
             self.dispatched = dispatched
             self._node.dispatch(self._adaptive.subscription, dispatched)
@@ -316,7 +302,6 @@ class StreamSubscription:
         return True
 
     def _poll(self) -> None:
-        """Adapt the subscription if publishers have changed or if some are not matched."""
         if not (self._adaptive.changed or self._unsettled):
             return
         if self._adaptive.adapt():
@@ -340,7 +325,6 @@ class StreamSubscription:
 
     @property
     def _several(self) -> bool:
-        """Whether several publishers publish the same part of the stream."""
         shared = self._parts is not None and not self._arbitration.foreign
         return len(self._publishers) > 1 and not shared
 
@@ -385,10 +369,7 @@ class StreamSubscription:
 
 
 class CountedSubscription:
-    """Subscription to commands from any number of publishers.
-
-    Diagnostics report lost messages.
-    """
+    """Subscription to commands from any publishers. Diagnostics report lost messages."""
 
     def __init__(
         self,

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Control of a simulation by several threads.
-
-One thread advances the simulation, and other threads send commands to it.
-"""
+"""Control of a simulation: one thread advances it, and other threads send commands to it."""
 
 from __future__ import annotations
 
@@ -20,12 +17,9 @@ from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage_nodes.runtime.guarded import describe_error
 
 _LEAST_PROGRESS = 1e-3
-"""Smallest fraction of a frame that must be computed within the time limit of a trial [1]."""
+"""Smallest fraction of a frame that must be computed in a trial [1]."""
 _MOST_KICKS = 10_000
-"""Largest number of kicks that wait for the next frame [1].
-
-This is the number of messages that the fastest topic can carry in 1 s.
-"""
+"""Largest number of kicks that wait for the next frame [1], as many as a topic carries in 1 s."""
 
 
 @dataclass(frozen=True)
@@ -38,20 +32,17 @@ class SimulationStatus:
     """Number of commands that wait for the next frame."""
     paused: bool
     failure: str | None
-    """Error that stopped the simulation until a reset, or None without an error."""
+    """Error that stopped the simulation until a reset, or None."""
     energy: float
     """Energy of the current frame [J]."""
     energy_drift: float
-    """Energy that the solver gains or loses by integration errors, divided by the largest energy
-    so far [1]."""
+    """Energy error of the solver, divided by the largest energy so far [1]."""
     dissipated: float
     """Energy dissipated by the damping since the last reset [J]."""
 
 
 @dataclass
 class _Pending:
-    """Commands that wait for the next frame."""
-
     kicks: list[Array] = field(default_factory=list)
     torques: Array | None = None
     count: int = 0
@@ -60,11 +51,10 @@ class _Pending:
 class SimulationControl:
     """Simulation that publishes its frames one by one and applies commands between them.
 
-    All waiting kicks, the latest torques and the latest gravity are applied at the time of the
-    next published frame. The rates in this frame are those immediately after the kicks. Torques
-    end after `command_timeout` [s] of simulated time. A timeout of 0 means that they never end. If
-    the next frame cannot be computed, the simulation is paused until a reset. The computation of a
-    frame may take seconds. Of the methods that other threads call, only `step` waits for it.
+    All waiting kicks, the latest torques and the latest gravity act at the time of the next
+    published frame, whose rates are those after the kicks. If the next frame cannot be computed,
+    the simulation is paused until a reset. The computation of a frame may take seconds. Of the
+    methods that other threads call, only `step` waits for it.
     """
 
     def __init__(
@@ -79,16 +69,11 @@ class SimulationControl:
     ) -> None:
         """Create a simulation that starts in a state.
 
-        Args:
-            begin: Function that creates a simulation from a state and the gravity.
-            state: Initial state.
-            gravity: Initial gravity.
-            command_timeout: Simulated time after which torques end [s], or 0 for never.
-            publish: Function that is called with the number of each frame and the simulation.
-            announce: Function that is called before `publish` if impulses act at a frame, with the
-                frame number and the sum of the impulses [N m s].
-            longest_trial: Processor time for a trial of the first frame after a reset [s]. A reset
-                is rejected if less than a thousandth of the frame is computed in this time.
+        `begin` creates a simulation from a state and the gravity. `command_timeout` is the
+        simulated time after which torques end [s], 0 for never. `publish` is called with the
+        number of each frame and the simulation, and before it `announce` with the number and the
+        sum of the impulses [N m s] that act at this frame. A reset is rejected if less than a
+        thousandth of its first frame is computed in `longest_trial` [s] of processor time.
         """
         self._begin = begin
         self._gravity = gravity
@@ -150,10 +135,7 @@ class SimulationControl:
             return True
 
     def kick(self, impulses: Array) -> str | None:
-        """Apply angular impulses [N m s], shape (N,), at the next frame.
-
-        Returns the reason if the command is rejected, and None otherwise.
-        """
+        """Apply impulses [N m s], shape (N,), at the next frame; return why not, or None."""
         with self._lock:
             if len(self._commands.kicks) >= _MOST_KICKS:
                 return f'{_MOST_KICKS} kicks already wait for the next frame; wait for a frame'
@@ -178,10 +160,7 @@ class SimulationControl:
             self._non_reciprocity = value
 
     def pause(self, paused: bool) -> str | None:
-        """Pause the simulation immediately, or let it continue.
-
-        Returns the reason if the command is rejected, and None otherwise.
-        """
+        """Pause the simulation immediately, or let it continue; return why not, or None."""
         with self._lock:
             if not paused and self._failure is not None:
                 return self._failure
@@ -189,10 +168,7 @@ class SimulationControl:
             return None
 
     def step(self, periods: int) -> str | None:
-        """Publish a number of frames of the paused simulation.
-
-        Returns the reason if the command is rejected or the simulation fails, and None otherwise.
-        """
+        """Publish some frames of the paused simulation; return why this fails, or None."""
         if self._stopping:
             return 'the simulation is stopped; activate the simulator first'
         if not self._paused:
@@ -209,8 +185,8 @@ class SimulationControl:
     def reset(self, state: State) -> None:
         """Drop all waiting commands and put the chain into a state. The time is not reset.
 
-        Raises ValueError if the mechanics do not allow the state, or if no frame can be computed
-        from the state. In this case nothing changes.
+        If the mechanics do not allow the state or no frame can be computed from it, ValueError is
+        raised and nothing changes.
         """
         simulation = self._begin(state, self._gravity)
         simulation.set_non_reciprocity(self._non_reciprocity)
@@ -223,7 +199,7 @@ class SimulationControl:
                 self._failure, self._paused = None, False
 
     def stop(self) -> None:
-        """Interrupt the computation of a frame, and publish no frame before `resume` is called."""
+        """Interrupt the computation of a frame, and publish no frame before `resume`."""
         self._stopping = True
 
     def resume(self) -> None:
@@ -285,10 +261,7 @@ class SimulationControl:
 
 
 def _try(simulation: Simulation, limit: float) -> None:
-    """Compute the first frame of a simulation for at most `limit` [s] of processor time.
-
-    Raises ValueError if less than a thousandth of the frame is computed in this time.
-    """
+    """Compute the first frame for at most `limit` [s] of processor time, as in `reset`."""
     deadline = time.thread_time() + limit
     try:
         while not simulation.ready and time.thread_time() < deadline:

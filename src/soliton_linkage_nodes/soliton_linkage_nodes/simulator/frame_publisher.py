@@ -24,19 +24,16 @@ from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
 
 
 class SensedJoints:
-    """Serialized joint states, as simulated encoders measure them.
+    """Serialized joint states without missing joints, as simulated encoders measure them.
 
-    Angles contain the known offsets and the errors of the encoders. Rates contain the errors of
-    the encoders. Torques are exact. The messages do not contain the missing joints.
+    Angles contain the known offsets, angles and rates the errors of the encoders. Torques are
+    exact.
     """
 
     def __init__(
         self, named: NamedChain, period: float, errors: EncoderErrors, missing: Collection[int]
     ) -> None:
-        """Create the message.
-
-        `period` is the frame period [s]. `missing` contains the numbers of the missing joints.
-        """
+        """Create the message for the frame period [s], without the `missing` joint numbers."""
         shown = [rotor for rotor in range(named.rotors) if rotor not in missing]
         names = tuple(named.joint_names[rotor] for rotor in shown)
         self._shown = np.array(shown, dtype=np.intp) if missing else None
@@ -58,11 +55,10 @@ class SensedJoints:
         self._encoders.errors = errors
 
     def fill(self, stamp: int, frame: int, simulation: Simulation) -> bytearray:
-        """Return the message of the simulation's current frame.
+        """Return the message of the simulation's current frame with its `stamp` [ns] and number.
 
-        `stamp` [ns] and `frame` are the stamp and the number of this frame. The next call
-        overwrites the message. If the simulation is new, for example after a reset, the encoders
-        restart their estimates of the rates.
+        The next call overwrites the message. After a reset, the encoders restart their rate
+        estimates.
         """
         angles, rates = simulation.angles, simulation.rates
         if not self._encoders.errors.none:
@@ -80,8 +76,7 @@ class DeliveryPublisher:
     """Publisher of `delivery`, the total impulses and work that have acted on the chain.
 
     It publishes at each frame before which impulses or torques acted. Torques are constant over a
-    frame period, so that torque times angle is their exact work. A reset of the simulation does
-    not reset the totals.
+    frame period, so that torque times angle is their exact work. A reset keeps the totals.
     """
 
     def __init__(self, node: Node, number_of_rotors: int, stamp: int) -> None:
@@ -95,10 +90,7 @@ class DeliveryPublisher:
         self._publisher.publish(delivery_to_msg(self._delivered))
 
     def add(self, stamp: int, simulation: Simulation) -> None:
-        """Add the effects in the frame period that ends at `stamp` [ns].
-
-        Impulses that act at `stamp` itself are added at the next frame.
-        """
+        """Add the effects in the frame period before `stamp` [ns], not the impulses at its end."""
         if simulation is not self._simulation:
             self._simulation = simulation
             self._angles, self._torques = simulation.angles, 0 * self._torques
@@ -155,10 +147,7 @@ class FramePublisher:
         return int(self._joint_states.qos_profile.depth)
 
     def begin(self) -> None:
-        """Publish the chain, and set the stamp of the first frame to the current time.
-
-        Further calls have no effect.
-        """
+        """Once, publish the chain, and set the stamp of the first frame to the current time."""
         if self.epoch is not None:
             return
         self.epoch = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds

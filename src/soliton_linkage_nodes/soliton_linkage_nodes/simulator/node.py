@@ -36,7 +36,7 @@ from soliton_linkage_nodes.simulator.parameters import PARAMETERS, SimulatorPara
 from soliton_linkage_nodes.simulator.services import SimulationServices, serve_standard
 
 _SLOWEST = 1e-6
-"""Smallest real-time factor [1]. At a frame rate of 300 Hz it is one frame per hour."""
+"""Smallest real-time factor, at 300 Hz one frame per hour [1]."""
 _NON_RECIPROCITY = 'chain.non_reciprocity'
 _POLL_INTERVAL = 0.02
 """Poll interval while waiting for subscribers [s]."""
@@ -104,10 +104,7 @@ class Simulator(ManagedNode):
         self._start_timer.cancel()
 
     def activate(self) -> None:
-        """Publish the chain, and start or continue the simulation loop.
-
-        The loop starts when the required number of nodes subscribes to the frames.
-        """
+        """Publish the chain, and start or continue the loop when there are enough subscribers."""
         self.control.resume()
         self._start_timer.reset()
         self._begin()
@@ -122,7 +119,7 @@ class Simulator(ManagedNode):
 
     @property
     def frame_rate(self) -> float:
-        """Rate at which frames are due [Hz]. It is infinite if no pace is specified."""
+        """Rate at which frames are due [Hz], infinite without a pace."""
         return self.loop.rate if self.configured else math.inf
 
     @property
@@ -162,10 +159,7 @@ class Simulator(ManagedNode):
         self.control.hold(torques)
 
     def _check_stamp(self, source: str, stamp: int) -> None:
-        """Raise ValueError if a stamp [ns] is far from the clock time and from the last frame.
-
-        A stamp near either of the two is accepted.
-        """
+        """Raise ValueError if a stamp [ns] is far from both the clock and the last frame."""
         limit = self.settings.stamp_tolerance
         if not (stamp and limit):
             return
@@ -190,10 +184,7 @@ class Simulator(ManagedNode):
             )
 
     def follow_parameters(self) -> None:
-        """Apply the parameters that can change while the node runs.
-
-        They belong to the gravity, the motors, the encoders and the real-time factor.
-        """
+        """Apply the parameters of gravity, motors, encoders and real-time factor."""
         motors = self.get_parameter(_NON_RECIPROCITY).value
         if motors != self.named.chain.non_reciprocity:
             self.named = replace(
@@ -206,10 +197,7 @@ class Simulator(ManagedNode):
         self.loop.rate = self._pace(self.get_parameter('real_time_factor').value)
 
     def _pace(self, real_time_factor: float) -> float:
-        """Return the number of frames per second of clock time [Hz].
-
-        It is infinite for a real-time factor of 0.
-        """
+        """Return the number of frames per second of clock time [Hz], infinite for the factor 0."""
         if real_time_factor == 0:
             return math.inf
         return max(real_time_factor, _SLOWEST) * self.settings.publish_rate
@@ -244,11 +232,8 @@ def main() -> None:
 
 
 _FRAMES_OVERDUE = 3
-"""Threshold of the number of frames that are due between two reports [1].
-
-If more frames are due and none was published, the report warns. One frame at each end of the time
-between the reports and one late frame are normal.
-"""
+"""Due frames between two reports above which a report without frames warns [1]. One frame at each
+end of the time and one late frame are normal."""
 
 
 class SimulationReport:
@@ -302,10 +287,7 @@ class SimulationReport:
         )
 
     def _message(self, status: SimulationStatus, late: int, slow: bool) -> tuple[str, str]:
-        """Return the message of the report and the fault to log.
-
-        An empty fault means that the simulation has no fault.
-        """
+        """Return the message of the report and the fault to log, empty without a fault."""
         if status.failure:
             return (f'paused, {status.failure}',) * 2
         if slow:

@@ -32,11 +32,7 @@ class SimulatorParameters(WorldParameters):
         (), 'joints left out of joint_states, by name or number; empty for none'
     )
     command_timeout: float = quantity(
-        0.5,
-        'time without a new message after which torques end, 0 for never',
-        's',
-        0.0,
-        86_400.0,
+        0.5, 'time without a new message after which torques end, 0 for never', 's', 0.0, 86_400.0
     )
     stamp_tolerance: float = quantity(
         10.0,

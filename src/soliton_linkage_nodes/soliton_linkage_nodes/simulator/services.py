@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services that pause, step and reset a simulation.
-
-This includes the services of the package simulation_interfaces.
-"""
+"""Services that pause, step and reset a simulation, also those of simulation_interfaces."""
 
 from __future__ import annotations
 
@@ -32,8 +29,7 @@ _STANDARD_FEATURES = (
 class SimulationServices:
     """Services `~/pause`, `~/step` and `~/reset` of a simulation.
 
-    `step` and `reset` return the reason if the request is rejected, and None otherwise. A rejected
-    request has no effect.
+    `step` and `reset` return the reason if the request is rejected without any effect, or None.
     """
 
     def __init__(
@@ -45,10 +41,7 @@ class SimulationServices:
         period: float,
         most_periods: int,
     ) -> None:
-        """Create the services.
-
-        `period` is the frame period [s]. `most_periods` is the largest number of frames in a step.
-        """
+        """Create the services for the frame period [s] and at most `most_periods` in a step."""
         self.control = control
         self._named = named
         self._world = world
@@ -116,10 +109,7 @@ def _answer(response: Any, complaint: str | None, message: str) -> Any:
 
 
 def serve_standard(node: Node, services: SimulationServices) -> StandardServices | None:
-    """Create the services of the package simulation_interfaces and return them.
-
-    Returns None if this package is not installed.
-    """
+    """Create the services of simulation_interfaces, if that package is installed."""
     try:
         messages = importlib.import_module('simulation_interfaces.msg')
         types = importlib.import_module('simulation_interfaces.srv')
@@ -140,8 +130,7 @@ def serve_standard(node: Node, services: SimulationServices) -> StandardServices
 class StandardServices:
     """Services of simulation_interfaces, which pause, step and reset the simulation.
 
-    A request to stop pauses the simulation and resets it. From then on its state is "stopped",
-    until the simulation publishes the next frame.
+    A request to stop pauses and resets the simulation, which is "stopped" until the next frame.
     """
 
     def __init__(self, services: SimulationServices, messages: Any, types: Any) -> None:

@@ -42,12 +42,9 @@ from soliton_linkage_nodes.runtime.subscriptions import (
 )
 
 _LONGEST_ASSEMBLY = 1.0
-"""Longest time for which an incomplete frame waits for its missing joints [s].
-
-The wait also ends when the next frame begins.
-"""
+"""Longest wait of an incomplete frame for its missing joints, if no next frame begins [s]."""
 _FRAMES_BEFORE_REPORT = 100
-"""Number of frames after which the node warns of joints that have not had any angle [1]."""
+"""Frames after which the node warns of joints without any angle [1]."""
 
 
 @dataclass(frozen=True)
@@ -178,10 +175,7 @@ class SolitonAnalyser(ManagedNode):
         self._act_or_wait(self._analyse, serialized)
 
     def _act_or_wait(self, act: Callable[[bytes], None], serialized: bytes) -> None:
-        """Process a message, or store it until the chain is known.
-
-        Stored messages are processed in the order of their arrival.
-        """
+        """Process a message, or store it, in the order of arrival, until the chain is known."""
         chain_may_come = self._source.parameters.chain_from != 'nowhere'
         if self._analysis.analyser is None and chain_may_come:
             self.waiting.append((act, serialized))
@@ -223,10 +217,7 @@ class SolitonAnalyser(ManagedNode):
         self._frames += 1
 
     def _end_assembly(self) -> None:
-        """Analyse an incomplete frame that has waited for its missing joints long enough.
-
-        Also warn once of joints that have not had any angle so far.
-        """
+        """Analyse an incomplete frame that has waited enough; warn of joints without angles."""
         if not self.active:
             return
         assembler, before = self._analysis.assembler, self._waiting_since
@@ -278,19 +269,17 @@ def main() -> None:
 
 
 _MISFIT_OVER_NOISE = 3.0
-"""Threshold of the ratio misfit / noise of the angles [1]: a smaller ratio causes no warning."""
+"""Ratio of misfit and noise of the angles below which the node does not warn [1]."""
 _CONTRADICTION_CONFIDENCE = 0.999
-"""Threshold of the confidence in the motion class that the angles show [1].
-
-The node warns if this class differs from that of the parameters and its confidence is larger.
+"""Confidence in another motion class than that of the parameters above which the node warns [1].
 """
 
 
 def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bool]:
     """Return a description of the state of the analysis, and whether it is a warning.
 
-    The description warns of a misfit of the angles if it exceeds `misfit_limit` [rad] and cannot
-    be explained by noise or phonons.
+    It warns of a misfit of the angles above `misfit_limit` [rad] that neither noise nor phonons
+    explain.
     """
     analyser, latest = analysis.analyser, analysis.latest
     if analyser is None or latest is None:
@@ -323,10 +312,10 @@ def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bo
 
 
 def _likely_error(analyser: FrameAnalyser) -> str:
-    """Return a text with the parameter whose error is the likeliest cause of a misfit.
+    """Describe the likeliest cause of a misfit.
 
-    Rotors far from the wall have the rest angle, so that they reveal an error of this parameter.
-    Errors of the other parameters change only the shape of the wall.
+    Rotors far from the wall have the rest angle and reveal an error of this parameter. Errors of
+    the other parameters change only the shape of the wall.
     """
     error = analyser.rest_angle_error
     if error:
@@ -335,10 +324,7 @@ def _likely_error(analyser: FrameAnalyser) -> str:
 
 
 def _disagreement(latest: Analysis) -> str:
-    """Return a warning if the motion class of the angles differs from that of the parameters.
-
-    Otherwise return ''.
-    """
+    """Return a warning, or '', if the motion class of the angles differs from the parameters."""
     specified, measured = latest.motion, latest.measured_motion
     certain = measured.confidence > _CONTRADICTION_CONFIDENCE
     shown = measured.motion
@@ -352,10 +338,10 @@ def _disagreement(latest: Analysis) -> str:
 
 
 def _swing(analysis: JointStateAnalysis) -> float:
-    """Return the largest RMS angle of phonons [rad] that is consistent with the rates.
+    """Return the largest RMS angle of phonons that is consistent with the rates [rad].
 
-    It is w / omega_0. Here w is the RMS of the rates [rad/s], and omega_0 is the angular frequency
-    of the band gap, which is the lowest angular frequency of phonons.
+    It is w / omega_0 with the RMS rate w [rad/s] and the lowest angular frequency omega_0 of
+    phonons, the band gap.
     """
     frame, analyser = analysis.frame, analysis.analyser
     if frame is None or frame.rates is None or not isinstance(analyser, Analyser):

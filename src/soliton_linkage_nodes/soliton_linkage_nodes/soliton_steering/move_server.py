@@ -17,7 +17,7 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import ACTION_QOS, GuardedNode
 
 _FEEDBACK_PERIOD = 0.1
-"""Shortest time between two feedback messages [s]. A display needs no more of them."""
+"""Shortest time between two feedback messages, enough for a display [s]."""
 
 
 class MoveServer(ActionServer):
@@ -29,10 +29,7 @@ class MoveServer(ActionServer):
         take: Callable[[ServerGoalHandle], None],
         cancel: Callable[[ServerGoalHandle], CancelResponse],
     ) -> None:
-        """Create the server.
-
-        It calls `take` with each accepted goal, and `cancel` with each goal that a client cancels.
-        """
+        """Create the server. It calls `take` with accepted goals, `cancel` with cancelled ones."""
         super().__init__(
             node,
             MoveSoliton,
@@ -44,13 +41,13 @@ class MoveServer(ActionServer):
         )
         self._on_goal = take
         self.goal: ServerGoalHandle | None = None
-        """Active goal. None means that no goal is active."""
+        """Active goal, or None."""
         self.begun = 0
         """Number of started goals."""
         self.start = math.nan
         """Position of the soliton at the start of the last goal [rotor spacings]."""
         self.ended: MoveResult | None = None
-        """Result of the last goal that was active and has ended, or None before such a goal."""
+        """Result of the last goal that was active and has ended, or None."""
         self._node_of_server = node
         self._feedback_time = -math.inf
 
@@ -67,7 +64,7 @@ class MoveServer(ActionServer):
             self.end(handle, MoveResult(Outcome.NOT_HELD, failure, math.nan))
 
     def begin(self, handle: ServerGoalHandle, position: float) -> None:
-        """Set the active goal. `position` is the position of the soliton [rotor spacings]."""
+        """Set the active goal, with the position of the soliton [rotor spacings]."""
         self.goal, self.start = handle, position
         self.begun += 1
 

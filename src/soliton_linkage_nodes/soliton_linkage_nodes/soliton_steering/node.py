@@ -29,11 +29,7 @@ from soliton_linkage_nodes.messages.chain_source import (
     ChainSource,
     ChainSourceParameters,
 )
-from soliton_linkage_nodes.messages.conversions import (
-    Frame,
-    NamedChain,
-    frame_from_msg,
-)
+from soliton_linkage_nodes.messages.conversions import Frame, NamedChain, frame_from_msg
 from soliton_linkage_nodes.messages.frame_assembler import SerializedFrames
 from soliton_linkage_nodes.messages.frame_reader import EncoderMonitor
 from soliton_linkage_nodes.runtime import interfaces
@@ -90,7 +86,7 @@ class SteeredChain:
         self.named = named
         rotors = _rotors(named, settings.actuated_joints)
         self.limitation = ''
-        """Reason why the deviations from the uniform chain are ignored, or '' if they are used."""
+        """Reason why the deviations from the uniform chain are ignored, or ''."""
         try:
             orbit = orbit_of(named.chain)
         except (ValueError, ArithmeticError) as error:
@@ -103,12 +99,12 @@ class SteeredChain:
 
     @property
     def wall(self) -> WallState | None:
-        """State of the soliton. None means that no soliton is detected."""
+        """State of the soliton, None if no soliton is detected."""
         return self.steering.wall
 
     @property
     def site(self) -> float:
-        """Position of the soliton [rotor spacings]. NaN means that no soliton is detected."""
+        """Position of the soliton [rotor spacings], NaN if no soliton is detected."""
         return math.nan if self.wall is None else self.wall.site
 
     @property
@@ -150,20 +146,11 @@ def _rotors(named: NamedChain, joints: tuple[str, ...]) -> tuple[int, ...]:
 
 
 _POLL_INTERVAL = 0.02
-"""Interval at which the age of the joint states is checked [s].
-
-It is short compared with `state_timeout`.
-"""
+"""Interval of checks of the age of the joint states, short beside `state_timeout` [s]."""
 _OBSERVER_FRAMES = 200
-"""Number of frames before a move from which the observer is initialised [1].
-
-At 1000 Hz they cover the time that the observer remembers.
-"""
+"""Frames before a move that initialise the observer [1]. At 1000 Hz they cover its memory."""
 _REPORT_FRAMES = 8
-"""Number of frames from which the report on a free wall is computed [1].
-
-The position of the wall needs one frame, the phonon energy needs four frames.
-"""
+"""Frames for the report on a free wall [1]: one for its position, four for the phonon energy."""
 
 
 class SolitonSteering(ManagedNode):
@@ -224,7 +211,7 @@ class SolitonSteering(ManagedNode):
 
     @property
     def site(self) -> float:
-        """Position of the soliton [rotor spacings]. NaN means that no soliton is detected."""
+        """Position of the soliton [rotor spacings], NaN if no soliton is detected."""
         return math.nan if self.chain is None else self.chain.site
 
     def deactivate(self) -> None:
@@ -270,18 +257,12 @@ class SolitonSteering(ManagedNode):
         self._joint_states.dispatch(self.holding)
 
     def _read(self, chain: SteeredChain, serialized: bytes) -> tuple[int, Frame]:
-        """Return the stamp [ns] and the frame in a serialized message of joint states.
-
-        Raises ValueError if the joint states do not fit the chain.
-        """
+        """Return stamp [ns] and frame of joint states. Raises ValueError if they do not fit."""
         joints = self._decoder.decode(serialized)
         return joints.stamp, frame_from_msg(chain.named, joints)
 
     def _keep(self, frames: list[bytes]) -> None:
-        """Store frames for the start of a later move, and check the newest frame.
-
-        The node calls this method while no soliton is held.
-        """
+        """Store frames for a later move while no soliton is held, and check the newest frame."""
         if not (frames and self.active):
             return
         self._recent.extend(frames)
@@ -291,7 +272,7 @@ class SolitonSteering(ManagedNode):
             self.freshness.renew()
 
     def _observe_recent(self, frames: int) -> None:
-        """Estimate the position and the velocity of a free wall from the last `frames` frames."""
+        """Estimate position and velocity of a free wall from the last `frames` frames."""
         if self.chain is None or self.holding:
             return
         self._keep_frames(self._joint_states.take_waiting())
@@ -357,11 +338,7 @@ class SolitonSteering(ManagedNode):
         return response
 
     def _on_watch(self) -> None:
-        """Process the waiting frames.
-
-        Store them if no soliton is held. If a soliton is held and the joint states have stopped,
-        release it.
-        """
+        """Process the waiting frames; release a held soliton if the joint states have stopped."""
         waiting = self._joint_states.take_waiting()
         if not self.holding:
             self._keep_frames(waiting)
@@ -401,10 +378,7 @@ def main() -> None:
 
 
 def report(chain: SteeredChain | None, silent: bool, server: MoveServer) -> Report:
-    """Return the report on a chain and its moves.
-
-    `silent` is true if the joint states have stopped.
-    """
+    """Return the report on a chain and its moves; `silent`: the joint states have stopped."""
     goal, ended = server.goal, server.ended
     wall = None if chain is None or silent else chain.wall
     message = (

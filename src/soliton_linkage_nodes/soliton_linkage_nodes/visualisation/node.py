@@ -32,15 +32,9 @@ from soliton_linkage_nodes.visualisation.publishers import (
 )
 
 _MOST_BUSY = 0.5
-"""Largest fraction of the time that the node spends on drawing [1].
-
-Therefore very long chains are drawn less often.
-"""
+"""Largest fraction of the time for drawing [1]. Very long chains are drawn less often."""
 _LONGEST_REST = 1.0
-"""Longest pause after a slow picture [s].
-
-The first picture is always slow, because matplotlib is imported for it.
-"""
+"""Longest pause after a slow picture, such as the first, which imports matplotlib [s]."""
 _SEARCH_PERIOD = 0.5
 """Poll interval for new publishers [s]."""
 

@@ -14,11 +14,7 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.messages.conversions import FRAME, NamedChain
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
-from soliton_linkage_nodes.messages.marker_conversions import (
-    Wall,
-    kick_from_msg,
-    walls_from_msg,
-)
+from soliton_linkage_nodes.messages.marker_conversions import Wall, kick_from_msg, walls_from_msg
 from soliton_linkage_nodes.messages.newest_frame import NewestFrame
 from soliton_linkage_nodes.messages.view_conversions import (
     NodeReport,
@@ -31,17 +27,11 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, subscribe_newest
 
 _FRESH = 1.0
-"""Threshold of the difference between the stamps of the solitons and of the angles [s].
-
-Solitons are displayed if the difference is smaller.
-"""
+"""Difference between the stamps of solitons and angles above which solitons are hidden [s]."""
 _SILENT = 3.0
-"""Age at which the report of a node is no longer displayed [s]. Nodes report once per second."""
+"""Age at which a report is hidden [s]. Nodes report once per second."""
 _MOST_REPORTS = 100
-"""Largest number of messages of `/diagnostics` that are read at once [1].
-
-Even many nodes publish fewer messages in 1 s.
-"""
+"""Messages of `/diagnostics` read at once, more than many nodes publish in 1 s [1]."""
 _LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
 
 
@@ -49,20 +39,14 @@ class ObservedChain:
     """Newest angles, solitons, last kick and node reports of a chain."""
 
     def __init__(self, inbox: Node, owner: Node) -> None:
-        """Subscribe with the node `inbox`, which must not be spun by any executor.
-
-        The topic names are resolved in the node `owner`.
-        """
+        """Subscribe with `inbox`, which no executor spins, to topics as resolved in `owner`."""
         self.named: NamedChain | None = None
         self.angles: Array = np.zeros(0)
-        """Angles [rad], shape (N,). Angles of missing joints are NaN.
-
-        The array is empty before the first frame.
-        """
+        """Angles [rad], shape (N,), NaN for missing joints; empty before the first frame."""
         self.stamp = Time()
         """Stamp of the angles."""
         self.frame = FRAME
-        """Name of the coordinate frame in the message with the angles."""
+        """Coordinate frame of the message with the angles."""
         self.frames = 0
         """Number of received frames."""
         self.states = 0
@@ -96,11 +80,7 @@ class ObservedChain:
 
     @property
     def walls(self) -> list[Wall]:
-        """Solitons of the latest soliton state.
-
-        The list is empty if the stamp of this state differs from that of the angles by 1 s or
-        more.
-        """
+        """Solitons of the latest state, none if its stamp differs by 1 s from the angles."""
         apart = self.seconds - time_from_msg(self.state_stamp) / SECOND
         return self._walls if abs(apart) < _FRESH else []
 
@@ -136,10 +116,7 @@ class ObservedChain:
             self.frames += 1
 
     def describe(self) -> str:
-        """Return a text with the orbit phase, the energies and the reports of the nodes.
-
-        Quantities that are not known are omitted.
-        """
+        """Describe the orbit phase, the energies and the reports of the nodes, as far as known."""
         numbers, lines = self.numbers, []
         if math.isfinite(numbers.get('phase', math.nan)):
             lines.append(
@@ -162,10 +139,10 @@ class ObservedChain:
         return '\n'.join(lines)
 
     def kick(self, shown: float) -> Array | None:
-        """Return the impulses of the last kick [N m s], shape (N,), or None without such a kick.
+        """Return the impulses of the last kick [N m s], shape (N,), or None.
 
-        Returns None also if the kick ended more than `shown` [s] ago. If `shown` is 0, the
-        impulses are returned until the next kick.
+        Impulses are shown for `shown` [s] after the end of the kick, or until the next kick if it
+        is 0.
         """
         if self._kick is None or self.named is None:
             return None

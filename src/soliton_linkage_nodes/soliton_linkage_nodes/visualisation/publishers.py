@@ -31,38 +31,27 @@ from soliton_linkage_nodes.visualisation.scene import ChainScene
 Pixels = NDArray[np.uint8]
 
 _COLUMN_RATE = 30.0
-"""Number of picture columns per second [Hz]. It equals the usual refresh rate of viewers."""
+"""Picture columns per second, as the usual refresh rate of viewers [Hz]."""
 _HEIGHT = 400
-"""Smallest number of rows of a picture [1].
-
-Viewers would enlarge and blur a picture with fewer rows, for example that of a short chain.
-"""
+"""Smallest number of rows of a picture, because viewers would enlarge and blur fewer rows [1]."""
 _MOST_ROWS = 1000
-"""Largest number of rotors in a picture [1], about the number of pixel rows of a screen.
-
-In longer chains only every second rotor is displayed, or every third one, and so on.
-"""
+"""Largest number of rotors in a picture, about the rows of a screen [1]. In longer chains only
+every second rotor is displayed, or every third one, and so on."""
 _LEVELS = 2048
-"""Number of colours [1]. It is large because the colour varies strongly near the rest state."""
+"""Number of colours, large because the colour varies strongly near the rest state [1]."""
 _BLANK, _TRACK, _BORDER = 217, 0, 255
-"""Grey levels of missing data, of the track of a wall and of the border of this track [1].
-
-They differ from all colours of displacements.
+"""Grey levels of missing data, of a wall's track and of its border, unlike all displacements [1].
 """
 _HALF_BORDER, _HALF_TRACK = 2, 1
 """Half widths of the border and of the track [rows]."""
 _JUMP = 0.25
-"""Threshold of the step of a wall between two columns [chain lengths].
-
-A shorter step is drawn as a motion. A longer step counts as a reset and is not connected.
-"""
+"""Step of a wall between two columns above which it counts as a reset [chain lengths]."""
 
 
 class Kymograph:
-    """Buffer of recent displacements, and picture of these displacements over time.
+    """Buffer of recent displacements, and their picture: time to the right, rotor 0 at the bottom.
 
-    The horizontal axis of the picture is time. The vertical axis is the rotor number, with rotor 0
-    at the bottom. Rotors that lean right are purple, rotors that lean left are orange.
+    Rotors that lean right are purple, rotors that lean left are orange.
     """
 
     def __init__(self, chain: Chain, length: float) -> None:
@@ -76,7 +65,7 @@ class Kymograph:
         self._table: Pixels | None = None
 
     def add(self, stamp: float, angles: Array, walls: Sequence[float]) -> None:
-        """Add angles [rad], shape (N,), and wall positions [rotor spacings] with a stamp [s].
+        """Add angles [rad], shape (N,), and walls [rotor spacings] at `stamp` [s].
 
         If the stamp is earlier than the previous one, the buffer is emptied first.
         """
@@ -116,10 +105,7 @@ class Kymograph:
         return picture
 
     def _draw_track(self, picture: Pixels, shown: NDArray[np.intp], rows: float) -> None:
-        """Draw the walls of each column.
-
-        The walls of two successive columns are connected if both have the same number of walls.
-        """
+        """Draw the walls, connected between columns with the same number of walls."""
         xs, ys = [np.zeros(0, dtype=np.intp)], [np.zeros(0)]
         columns = [
             (x, self._walls[column]) for x, column in enumerate(shown.tolist()) if column >= 0
@@ -141,7 +127,7 @@ class Kymograph:
 
 _WALLS = 'solitons'
 _OPACITY = 0.4
-"""Opacity of the box around a soliton [1]. The rotors in the box remain visible."""
+"""Opacity of the box around a soliton, in which rotors remain visible [1]."""
 
 
 class DrawingPublisher:
@@ -157,17 +143,13 @@ class DrawingPublisher:
         self._drawn = -1
 
     def count_since(self) -> int:
-        """Return the number of messages published since the previous call of this method."""
+        """Return the number of messages published since the previous call."""
         fresh = self._published - self._counted
         self._counted = self._published
         return fresh
 
     def _wanted(self, number: int) -> bool:
-        """Return whether a drawing with this number must be published.
-
-        It must if the topic has a subscriber, and the drawing was not published yet or a new node
-        has subscribed.
-        """
+        """Return whether a drawing is new to a subscriber of the topic."""
         subscribers = self.publisher.get_subscription_count()
         more, self._subscribers = subscribers > self._subscribers, subscribers
         if not subscribers or (number == self._drawn and not more):

@@ -14,39 +14,24 @@ from soliton_linkage.linear.rigidity import Edge, resolved_edge_mode
 from soliton_linkage.linkage.chain import Array, Chain
 
 _LONGEST = 1.2
-"""Length of the longest arrow, divided by the larger of rotor length and spacing [1]."""
+"""Longest arrow, divided by the larger of rotor length and spacing [1]."""
 _SHORTEST_ARROW = 0.02
-"""Threshold of the length of an arrow, divided by the length of the longest arrow [1].
-
-Shorter arrows are not drawn.
-"""
+"""Length below which arrows are not drawn, divided by the longest arrow [1]."""
 _HEAD = (0.3, 0.15)
 """Length and half width of an arrow head, divided by the length of the arrow [1]."""
 _WALL_HEIGHT = 2.5
-"""Height of the box around a wall, divided by the length of the longest rotor [1].
-
-At values above 2 the box extends beyond the rotors.
-"""
+"""Height of the box around a wall, divided by the longest rotor [1]. Above 2 it exceeds the
+rotors."""
 _LETTERS = 40
-"""Length of a chain, divided by the height of letters [1]. A line of text is half as long as the
-chain."""
+"""Length of a chain, divided by the height of letters [1]: a line of text is half as long."""
 _AT_REST = 1e-4
-"""Smallest upper limit of the colour scale, as relative extension of a spring [1].
-
-Smaller extensions are therefore almost grey.
-"""
+"""Smallest upper limit of the colour scale, as relative extension of a spring [1]."""
 _DECAY = 0.98
-"""Factor by which the upper limit of the colour scale decreases from picture to picture [1].
-
-At 30 Hz the time constant is about 1 s. The limit is never smaller than the present extensions.
-"""
+"""Factor of the upper limit of the colour scale from picture to picture, 1 s at 30 Hz [1]."""
 
 
 class Shape(NamedTuple):
-    """Set of lines or set of spheres.
-
-    Lines join point 0 with point 1, point 2 with point 3, and so on. Spheres are at the points.
-    """
+    """Lines between points 0 and 1, 2 and 3, and so on, or spheres at the points."""
 
     name: str
     points: Array
@@ -64,12 +49,9 @@ class WallBox(NamedTuple):
     position: float
     """Position of the wall along the chain [m]."""
     length: float
-    """Size of the box along the chain [m].
-
-    It is four standard deviations of the wall position, but at least the width of a rod.
-    """
+    """Size along the chain [m]: four standard deviations, but at least the width of a rod."""
     height: float
-    """Size of the box in the vertical direction [m]."""
+    """Vertical size [m]."""
 
 
 class ChainScene:
@@ -98,10 +80,7 @@ class ChainScene:
         return np.array([self.chain.pivots + horizontal, np.zeros_like(vertical), vertical]).T
 
     def shapes(self, angles: Array) -> list[Shape]:
-        """Return the shapes of the chain at angles [rad], shape (N,).
-
-        Rotors, masses and springs are omitted if they depend on an angle that is NaN.
-        """
+        """Return the shapes of the chain at angles [rad], shape (N,), except those of NaN."""
         masses = self.masses(angles)
         known = np.isfinite(angles)
         return [
@@ -116,11 +95,7 @@ class ChainScene:
         return self._arrows('last_kick', self.masses(angles), angles, impulses, PURPLE)
 
     def boxes(self, walls: Sequence[tuple[float, float]]) -> list[WallBox]:
-        """Return the box of each wall.
-
-        A wall is a pair of its position and the standard deviation of this position [m]. Walls
-        with NaN are omitted.
-        """
+        """Return the boxes of walls, given by position and standard deviation [m], without NaN."""
         height = _WALL_HEIGHT * float(self.chain.rotor_lengths.max())
         return [
             WallBox(position, max(4 * deviation, self.width), height)
@@ -137,10 +112,7 @@ class ChainScene:
         return Shape('rotors', ends, np.repeat(colours[known], 2, axis=0), self.width)
 
     def _springs(self, masses: Array, angles: Array) -> Shape:
-        """Return the springs as lines.
-
-        Extended springs are red, compressed springs are blue, springs at rest length are grey.
-        """
+        """Return the springs: extended red, compressed blue, at rest length grey."""
         extensions = self.chain.spring_extensions(angles)
         known = np.isfinite(extensions)
         largest = float(np.abs(extensions[known]).max(initial=0.0))
@@ -161,10 +133,7 @@ class ChainScene:
         return self._arrows('zero_mode', masses, angles, mode, GREEN)
 
     def _arrows(self, name: str, masses: Array, angles: Array, sizes: Array, colour: str) -> Shape:
-        """Return arrows that point in the direction in which the masses move.
-
-        Their lengths are proportional to `sizes`, shape (N,). The longest one has a fixed length.
-        """
+        """Return arrows along the motion of the masses, with lengths in proportion to `sizes`."""
         largest = float(np.abs(sizes).max(initial=0.0))
         shown = np.isfinite(angles) & (np.abs(sizes) > _SHORTEST_ARROW * largest)
         ahead = np.array([np.cos(angles), np.zeros_like(angles), -np.sin(angles)]).T[shown]

@@ -21,8 +21,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 _POLL_INTERVAL = 0.1
 """Longest wait for a key before the thread checks whether it must stop [s]."""
 _MOST_READ = 64
-"""Largest number of bytes per read of the terminal [B]. A user types fewer bytes in one poll
-interval."""
+"""Bytes per read of the terminal [B], more than a user types in one poll interval."""
 SPACE = ' '
 UP, DOWN, RIGHT = '\x1b[A', '\x1b[B', '\x1b[C'
 
@@ -71,7 +70,6 @@ class Keyboard:
 
 
 def _keys(pressed: str) -> list[str]:
-    """Split input into keys. An arrow key consists of three characters."""
     keys = []
     while pressed:
         size = 3 if pressed.startswith('\x1b[') else 1
@@ -89,13 +87,8 @@ class PlayerControls:
     """Services and keys that control a player."""
 
     def __init__(
-        self,
-        node: ManagedNode,
-        clock: PlaybackClock,
-        playing: PlaybackThread,
-        part: PlaybackRange,
+        self, node: ManagedNode, clock: PlaybackClock, playing: PlaybackThread, part: PlaybackRange
     ) -> None:
-        """Offer the services. A request of ~/play without a range plays the range `part`."""
         self._clock = clock
         self._playing = playing
         self._range = part
@@ -160,10 +153,7 @@ class PlayerControls:
         return 'the playback is not paused; call ~/pause first'
 
     def _seek(self, stamp: int) -> Reply:
-        """Continue at the time `stamp` [ns].
-
-        If `stamp` is less than the start time of the bag, it counts from the start of the bag.
-        """
+        """Continue at `stamp` [ns]; a time before the bag counts from its start."""
         first, last = self._range.origin, self._range.end
         if not self._playing.playing:
             raise ValueError('nothing is playing; call ~/play')

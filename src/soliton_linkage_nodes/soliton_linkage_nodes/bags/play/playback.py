@@ -31,11 +31,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 
 @dataclass(frozen=True)
 class PlaybackRange:
-    """Time range of a bag that is played [ns].
-
-    `start` and `end` are the limits of the range. `origin` and `last` are the start and the end of
-    the whole bag.
-    """
+    """Time range of a bag from `start` to `end`. The whole bag is from `origin` to `last` [ns]."""
 
     start: int
     end: int
@@ -50,9 +46,9 @@ class PlaybackRange:
     def part(self, offset: int, duration: int, until: int) -> PlaybackRange:
         """Return the range from `offset` after the start of the bag to the end of the playback.
 
-        The playback ends after `duration` [ns] or at the time `until` [ns], whichever is later.
-        Values of 0 or less are ignored. A message at the end is included. rosbag2 has the same
-        rules. Raises ValueError if the range is empty.
+        As in rosbag2, the playback ends after `duration` [ns] or at the time `until` [ns],
+        whichever is later; values of 0 or less are ignored, and a message at the end is included.
+        Raises ValueError if the range is empty.
         """
         start = self.origin + max(offset, 0)
         ends = [start + duration + 1] if duration > 0 else []
@@ -67,10 +63,9 @@ class PlaybackRange:
 
 
 def playback_range(reader: Reader, start_offset: float, playback_until: float) -> PlaybackRange:
-    """Return the range between two times, which are counted from the start of the bag [s].
+    """Return the range between two times from the start of the bag [s]; 0 as end: the whole rest.
 
-    If `playback_until` is 0, the range ends at the end of the bag. Raises ValueError if the range
-    is empty.
+    Raises ValueError if the range is empty.
     """
     empty = not reader.message_count
     origin, last = (0, 0) if empty else (reader.start_time, reader.end_time)
@@ -85,10 +80,7 @@ def playback_range(reader: Reader, start_offset: float, playback_until: float) -
 
 
 def find_topics(reader: Reader, names: Sequence[str]) -> list[Connection]:
-    """Return the named topics, by default all topics of the bag.
-
-    Raises ValueError if a named topic is missing.
-    """
+    """Return the named topics, by default all. Raises ValueError if a named topic is missing."""
     if not names:
         return list(reader.connections)
     found = (each for name in names for each in types_of_topic(reader, name))
@@ -96,10 +88,7 @@ def find_topics(reader: Reader, names: Sequence[str]) -> list[Connection]:
 
 
 def full_name(reader: Reader, name: str) -> str:
-    """Return the full name of the topic `name`, which may be in any namespace.
-
-    Returns an empty text if the bag does not have the topic.
-    """
+    """Return the full name of a topic in any namespace; empty if the bag lacks the topic."""
     ends = (c.topic.rpartition('/')[2] for c in reader.connections)
     return types_of_topic(reader, name)[0].topic if name in ends else ''
 
@@ -107,11 +96,10 @@ def full_name(reader: Reader, name: str) -> str:
 class PlaybackThread:
     """Thread that publishes each message of a bag when it is due.
 
-    The thread first calls `prepare(True)`. Then it publishes the last latched messages from before
-    the start of the range, and calls `prepare(False)`. Before each message, it calls
-    `publish_clock` with the receive time [ns]. `finished` is set at the end of the bag, but not
-    after a stop. `rounds` counts how often the playback started at the start of the range. `jumps`
-    counts the seeks.
+    The thread calls `prepare(True)`, publishes the last latched messages from before the range,
+    and calls `prepare(False)`. Before each message, it calls `publish_clock` with the receive time
+    [ns]. `finished` is set at the end of the bag, but not after a stop. `rounds` counts the starts
+    of the range, `jumps` the seeks.
     """
 
     def __init__(
@@ -125,11 +113,7 @@ class PlaybackThread:
         longest_gap: float = 0.0,
         limits: BagLimits = DEFAULT_LIMITS,
     ) -> None:
-        """Prepare the playback.
-
-        A gap between messages that is longer than `longest_gap` [s] is skipped. If `longest_gap`
-        is 0, no gap is skipped because of its length.
-        """
+        """Prepare the playback. Gaps longer than `longest_gap` [s] are skipped, unless it is 0."""
         self.failure: Exception | None = None
         self.finished = False
         self.playing = False
@@ -146,10 +130,7 @@ class PlaybackThread:
         self._thread: threading.Thread | None = None
 
     def play(self, part: PlaybackRange) -> None:
-        """Start to play a range of the bag.
-
-        Raises ValueError if the bag is already being played.
-        """
+        """Start to play a range of the bag. Raises ValueError if it is already being played."""
         if self.playing:
             raise ValueError('the bag is already playing; call ~/stop first, or ~/seek')
         self.stop()
@@ -209,11 +190,7 @@ class PlaybackThread:
         self._progress.end(f'played {self.summary(f" of {self._path}")}')
 
     def _play_from(self, reader: Reader, start: int, ahead: dict[str, int]) -> NextAction:
-        """Play the messages from the time `start` [ns] on.
-
-        `ahead` holds the receive time [ns] of one message for each of some topics. These messages
-        are omitted, because they were published ahead of time.
-        """
+        """Play from `start` [ns], except the messages at `ahead`, which were published before."""
         self._clock.start(start)
         connections = self._publishers.of(reader.connections)
         messages = read_messages(reader, connections, start, self._range.end)
@@ -235,7 +212,6 @@ class PlaybackThread:
         return self._clock.wait_at_end()
 
     def _skip_gap(self, before: int, stamp: int) -> None:
-        """Skip the time without recording between two messages, or a gap that is too long."""
         skipped = time_in_gaps(self._gaps, before, stamp)
         limit = round(self._longest_gap * SECOND)
         if limit and stamp - before - skipped > limit:
@@ -245,11 +221,9 @@ class PlaybackThread:
             self._clock.start(before + skipped)
 
     def _publish_latched(self, reader: Reader, start: int) -> dict[str, int]:
-        """Publish the last messages of latched topics from before the time `start` [ns].
+        """Publish the latched messages before `start` [ns], or else the first one after `start`.
 
-        If a latched topic has no earlier message, its first message after `start` is published
-        ahead of time. Returns the receive times [ns] of the messages that were published ahead of
-        time, by topic.
+        Returns the receive times [ns] of the messages that were published ahead of time, by topic.
         """
         ahead = {}
         for connection in filter(latched, self._publishers.of(reader.connections)):

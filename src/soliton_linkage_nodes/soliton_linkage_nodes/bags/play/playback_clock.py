@@ -24,11 +24,11 @@ class NextAction(Enum):
 
 
 class PlaybackClock:
-    """Clock of the playback. Other threads can pause, seek, step and stop it.
+    """Clock of the playback.
 
     The playback time [ns] is `p = p0 + rate (t - t0)`, where t is the current time. Each pause,
-    each seek and each change of the rate sets new values of t0 and p0. If `paced` is False, every
-    message is due immediately, unless the playback is paused. `stopping` is set after a stop.
+    seek and change of the rate sets t0 and p0. Unless `paced`, every message is due immediately
+    except during a pause. `stopping` is set after a stop.
     """
 
     def __init__(
@@ -43,39 +43,23 @@ class PlaybackClock:
     ) -> None:
         """Create a clock. `start` sets its first playback time.
 
-        `play_next` waits at most `longest_step` [s] for its message, and `burst` at most
-        `longest_burst` [s] for its messages. These waits are limited because they block all other
-        services of the node. All waits use the condition `changed`.
+        `longest_step` and `longest_burst` [s] limit the waits of `play_next` and `burst`, which
+        block all other services of the node. All waits use the condition `changed`.
         """
         self.stopping = threading.Event()
         self._longest_step = longest_step
         self._longest_burst = longest_burst
         self._changed = changed or threading.Condition()
         self._clock = clock
-        self._paced = paced
-        self._rate = rate
-        self._paused = paused
+        self.paced = paced
+        self.rate = rate
+        self.paused = paused
         self._position = 0.0
         self._since = clock()
         self._steps = 0
         self._passed = 0
         self._at_end = False
         self._sought: int | None = None
-
-    @property
-    def rate(self) -> float:
-        """Playback rate relative to the recording [1]."""
-        return self._rate
-
-    @property
-    def paced(self) -> bool:
-        """Whether messages are published at the recorded intervals divided by the rate."""
-        return self._paced
-
-    @property
-    def paused(self) -> bool:
-        """Whether the playback is paused."""
-        return self._paused
 
     @property
     def stepping(self) -> bool:
@@ -92,20 +76,20 @@ class PlaybackClock:
         """Pause the playback."""
         with self._changed:
             self._move()
-            self._paused = True
+            self.paused = True
             self._changed.notify_all()
 
     def resume(self) -> None:
         """End a pause."""
         with self._changed:
             self._move()
-            self._paused = False
+            self.paused = False
             self._steps = 0
             self._changed.notify_all()
 
     def toggle(self) -> None:
         """Pause or resume."""
-        if self._paused:
+        if self.paused:
             self.resume()
         else:
             self.pause()
@@ -114,32 +98,25 @@ class PlaybackClock:
         """Change the rate."""
         with self._changed:
             self._move()
-            self._rate = rate
+            self.rate = rate
             self._changed.notify_all()
 
     def play_next(self) -> bool:
-        """Play one message of a paused playback.
-
-        Returns False if no message was played within the time limit.
-        """
+        """Play one message of a paused playback; return whether it was played in time."""
         with self._changed:
             return bool(self._step(1, self._longest_step))
 
     def burst(self, number: int) -> int:
-        """Play `number` messages of a paused playback without delays.
+        """Play `number` messages of a paused playback without delays; 0 means all messages.
 
-        If `number` is 0, all messages are played. Returns the number of messages that were played
-        within the time limit. If at least one message was played, the player then continues with
-        the remaining messages.
+        Returns the number of messages played within the time limit. If it is not 0, the rest
+        follows.
         """
         with self._changed:
             return self._step(number or sys.maxsize, self._longest_burst)
 
     def seek(self, stamp: int) -> None:
-        """Continue from the playback time `stamp` [ns].
-
-        The seek takes effect when the player next waits for a message.
-        """
+        """Continue from the time `stamp` [ns] when the player next waits for a message."""
         with self._changed:
             self._sought = stamp
             self._changed.notify_all()
@@ -158,10 +135,7 @@ class PlaybackClock:
             self._changed.notify_all()
 
     def take_sought(self) -> int:
-        """Return the playback time of a requested seek [ns], and discard the request.
-
-        Raises ValueError if no seek was requested.
-        """
+        """Return the time of a requested seek [ns], once. Raises ValueError if there is none."""
         with self._changed:
             sought, self._sought = self._sought, None
         if sought is None:
@@ -169,10 +143,7 @@ class PlaybackClock:
         return sought
 
     def wait_for(self, stamp: int, meanwhile: Callable[[], None] = lambda: None) -> NextAction:
-        """Wait until a message with the receive time `stamp` [ns] is due.
-
-        During the wait, `meanwhile` is called ten times a second.
-        """
+        """Wait until a message is due at `stamp` [ns]; call `meanwhile` ten times a second."""
         while True:
             with self._changed:
                 early = self._early(stamp)
@@ -181,7 +152,7 @@ class PlaybackClock:
                 if self._sought is not None:
                     return NextAction.SEEK
                 if early <= 0.0:
-                    if self._paused:
+                    if self.paused:
                         self._pass_one(stamp)
                     return NextAction.PLAY
                 self._changed.wait(min(early, _LONGEST_WAIT))
@@ -193,7 +164,7 @@ class PlaybackClock:
             self._at_end, self._steps = True, 0
             self._changed.notify_all()
             self._changed.wait_for(
-                lambda: not self._paused or self.stopping.is_set() or self._sought is not None
+                lambda: not self.paused or self.stopping.is_set() or self._sought is not None
             )
             self._at_end = False
             if self.stopping.is_set():
@@ -201,7 +172,7 @@ class PlaybackClock:
             return NextAction.PLAY if self._sought is None else NextAction.SEEK
 
     def _step(self, number: int, limit: float) -> int:
-        if not self._paused or self._at_end or self.stopping.is_set():
+        if not self.paused or self._at_end or self.stopping.is_set():
             return 0
         before = self._passed
         self._steps += number
@@ -213,12 +184,11 @@ class PlaybackClock:
         return passed
 
     def _early(self, stamp: int) -> float:
-        """Return the time until a message with the receive time `stamp` [ns] is due [s]."""
-        if self._paused:
+        if self.paused:
             return 0.0 if self._steps else _LONGEST_WAIT
-        if not self._paced:
+        if not self.paced:
             return 0.0
-        return self._since + (stamp - self._position) * 1e-9 / self._rate - self._clock()
+        return self._since + (stamp - self._position) * 1e-9 / self.rate - self._clock()
 
     def _pass_one(self, stamp: int) -> None:
         self._steps -= 1
@@ -228,6 +198,6 @@ class PlaybackClock:
 
     def _move(self) -> None:
         now = self._clock()
-        if not self._paused:
-            self._position += (now - self._since) * 1e9 * self._rate
+        if not self.paused:
+            self._position += (now - self._since) * 1e9 * self.rate
         self._since = now

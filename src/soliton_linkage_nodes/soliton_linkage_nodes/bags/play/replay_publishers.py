@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Publishers of a replay, which can run in lockstep with an analyser.
-
-While an analyser publishes soliton states, recorded soliton states are omitted.
-"""
+"""Publishers of a replay. They can run in lockstep with an analyser, or omit recorded states."""
 
 from __future__ import annotations
 
@@ -35,17 +32,15 @@ _ANSWER_POLL_INTERVAL = 0.05
 class Lockstep:
     """Flow control of a replay: frames wait until the analyser has answered earlier frames.
 
-    Messages with the same stamp count as one frame. A `soliton_state` message with the stamp of a
-    frame is the answer to this frame. It also counts as the answer to all earlier frames, because
-    the analyser does not answer frames that it rejects.
+    Messages with the same stamp count as one frame. A `soliton_state` with this stamp answers the
+    frame and all earlier frames, because the analyser does not answer frames that it rejects.
     """
 
     def __init__(self, node: Node, frames: str, window: int, limit: float) -> None:
         """Subscribe to `soliton_state` in the namespace of the topic `frames`.
 
-        At most `window` frames are unanswered at any time. If no answer arrives for a time of
-        `limit` [s], the player no longer waits for answers to the frames sent so far. `given_up`
-        counts these frames.
+        At most `window` frames are unanswered. After `limit` [s] without an answer, the player no
+        longer waits for the frames sent so far; `given_up` counts them.
         """
         self.given_up = 0
         self.frames = frames
@@ -64,10 +59,7 @@ class Lockstep:
         )
 
     def wait_for_the_analyser(self, limit: float, stopping: threading.Event) -> None:
-        """Wait for a publisher of `soliton_state`.
-
-        Raises ValueError if no publisher appears within `limit` [s].
-        """
+        """Wait for a publisher of `soliton_state`. Raises ValueError after `limit` [s]."""
         deadline = time.monotonic() + limit
         while not self._subscription.get_publisher_count():
             if stopping.wait(_ANSWER_POLL_INTERVAL):
@@ -81,8 +73,8 @@ class Lockstep:
     def wait_for_turn(self, topic: str, message: bytes, stopped: Callable[[], bool]) -> None:
         """Wait until a message may be published.
 
-        A frame waits until fewer than `window` frames are unanswered. A message on any other topic
-        waits until all frames are answered.
+        A frame waits until fewer than `window` frames are unanswered, any other message until none
+        is.
         """
         if topic != self.frames:
             self.settle(stopped)
@@ -126,7 +118,6 @@ class Lockstep:
 
 
 def _stamp(message: bytes) -> bytes:
-    """Return the eight bytes of the header stamp of a serialized message, little-endian."""
     order = '<' if message[1] & 1 else '>'
     return struct.pack('<iI', *struct.unpack_from(f'{order}iI', message, 4))
 
@@ -134,32 +125,27 @@ def _stamp(message: bytes) -> bytes:
 _POLL_INTERVAL = Duration(seconds=0.02)
 """Poll interval of the stop request during a wait for acknowledgements."""
 _MOST_REASONS = 3
-"""Largest number of topics that the error about topics that cannot be played describes [1]."""
+"""Largest number of rejected topics in an error [1]."""
 _MOST_TOPICS = 1000
-"""Largest number of topics that are played [1]. Each publisher needs 100 kB of memory, and its
-creation takes 1 ms."""
+"""Largest number of topics that are played [1]. Each publisher takes 100 kB and 1 ms."""
 _LONGEST_DELIVERY = 10.0
 """Longest wait for a subscriber to acknowledge the last messages [s]."""
 _REJECTED = (ValueError, NameValidationException, rclpy_implementation.RCLError)
-"""Errors that occur if a type is not installed, or if ROS does not accept a name or a type."""
+"""Errors of types that are not installed, and of names and types that ROS does not accept."""
 
 
 class ReplayPublishers:
     """Publishers of the messages of a bag.
 
-    Messages are published as recorded. If the definition of a type has changed since the
-    recording, its messages are converted to the installed definition. If a topic was recorded with
-    several types, only messages of the first installed type are published. Waits for subscribers
-    end when `stopping` is set.
+    Messages of a type whose definition has changed since the recording are converted. If a topic
+    was recorded with several types, only the first installed type is published. Waits for
+    subscribers end when `stopping` is set.
     """
 
     def __init__(
         self, node: Node, connections: Sequence[Connection], stopping: threading.Event
     ) -> None:
-        """Create a publisher for each topic; log the topics that cannot be published.
-
-        Raises ValueError if no topic can be published.
-        """
+        """Create the publishers and log topics without one. Raises ValueError if none is left."""
         if len(connections) > _MOST_TOPICS:
             raise ValueError(
                 f'the bag has {len(connections)} topics, and at most {_MOST_TOPICS} are played; '
@@ -204,7 +190,7 @@ class ReplayPublishers:
         self._states[states.topic] = states
 
     def report_gap(self, stamp: int, gap: float) -> None:
-        """Log that a gap of `gap` [s] before the message at the time `stamp` [ns] was skipped."""
+        """Log that a gap of `gap` [s] before the message at `stamp` [ns] was skipped."""
         self._node.get_logger().info(
             f'skipped {gap:.0f} s without a message before {stamp} ns: the recorder was paused, '
             'or the gap exceeds parameter longest_gap'
@@ -223,10 +209,7 @@ class ReplayPublishers:
         return [each for each in connections if topic_key(each) in played]
 
     def leaves_out(self, connection: Connection) -> bool:
-        """Return whether a message is a recorded state that must be omitted.
-
-        Omitted messages are counted.
-        """
+        """Return whether a message is a recorded state to be omitted, and count such messages."""
         states = self._states.get(connection.topic)
         left_out = states is not None and states.suppressed()
         self.left_out += left_out
@@ -261,18 +244,12 @@ class ReplayPublishers:
                 )
 
     def wait_for_the_analyser(self, limit: float) -> None:
-        """In lockstep, wait for the analyser.
-
-        Raises ValueError if no analyser appears within `limit` [s].
-        """
+        """In lockstep, wait for the analyser. Raises ValueError after `limit` [s]."""
         if self._lockstep is not None:
             self._lockstep.wait_for_the_analyser(limit, self._stopping)
 
     def deliver(self) -> None:
-        """Wait until all subscribers have received all messages.
-
-        In lockstep, also wait until the last frame is answered.
-        """
+        """Wait until all subscribers have all messages, and in lockstep for the last answer."""
         self._wait_for_acknowledgements(*self._publishers)
         if self._lockstep is not None:
             self._lockstep.settle(self._stopping.is_set)
@@ -293,10 +270,7 @@ class ReplayPublishers:
         self._publishers[connection.topic] = publisher
 
     def _wait_for_acknowledgements(self, *topics: str) -> None:
-        """Wait until the subscribers have acknowledged all messages on some topics.
-
-        Without this wait, a full queue would drop its oldest message.
-        """
+        """Wait for all acknowledgements, because a full queue would drop messages."""
         deadline = time.monotonic() + _LONGEST_DELIVERY
         for topic in topics:
             patience = Duration() if topic in self._silent else _POLL_INTERVAL
@@ -320,22 +294,17 @@ class ReplayPublishers:
 
 
 _QUERY_INTERVAL = 0.25
-"""Time between two searches for an analyser in the ROS graph [s]. One search takes a
-millisecond."""
+"""Time between two searches for an analyser in the ROS graph [s]. One search takes 1 ms."""
 
 
 class RecordedStates:
     """Suppression of a recorded topic with soliton states or events while an analyser runs.
 
-    Another node counts as an analyser if it subscribes to `joint_states` and publishes the topic
-    that was recorded.
+    Another node that subscribes to `joint_states` and publishes the topic counts as an analyser.
     """
 
     def __init__(self, node: Node, topic: str, chosen: bool) -> None:
-        """Search for an analyser that publishes `topic`.
-
-        If `chosen` is set, the recorded topic is always played.
-        """
+        """Search for an analyser that publishes `topic`. If `chosen`, always play the topic."""
         self.topic = topic
         self._node = node
         self._states = node.resolve_topic_name(topic)

@@ -32,20 +32,16 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 
 COMPRESSIONS = ('none', 'zstd')
 _CUSTOM_DATA_INTERVAL = 1.0
-"""Shortest time between two writes of changed custom data [s]. Each write appends a new version to
-the file."""
+"""Shortest time between two writes of changed custom data, each of which appends to the file [s].
+"""
 _RESERVE = 'space_for_the_index'
 _RESERVE_BYTES = 2**20
-"""Size of the file that reserves disk space for the index [B]. The index of one day fits into this
-space, because each chunk needs about 100 bytes."""
+"""Disk space reserved for the index [B]. One day fits, because a chunk needs about 100 bytes."""
 
 
 @dataclass(frozen=True)
 class UnfinishedBag:
-    """Content of a bag that another process began and did not finish.
-
-    `counts` holds the number of messages of each topic.
-    """
+    """Bag that another process did not finish, with the number of messages of each topic."""
 
     path: Path
     file: StoredFile
@@ -56,12 +52,10 @@ class UnfinishedBag:
 class BagWriter:
     """Writer of a bag in a directory named `<name>_<first free number>`.
 
-    The files are named `<directory>_0`, `<directory>_1`, ... Every `flush_interval` [s], the
-    writer passes pending messages to the operating system, so that they survive if the process is
-    killed. Every `sync_interval` [s], the writer synchronises the file to disk. After a power
-    failure, at most the messages since the last synchronisation are lost. If `sync_interval` is 0,
-    the file is never synchronised. If the disk is full, the writer deletes a reserved file of 1
-    MiB to make space for the index.
+    The files are named `<directory>_0`, `<directory>_1`, ... Every `flush_interval` [s], pending
+    messages go to the operating system, so that they survive if the process is killed. Every
+    `sync_interval` [s], unless it is 0, the file is synchronised to disk, which limits the loss in
+    a power failure. A reserved file of 1 MiB makes space for the index if the disk is full.
 
     The writer is not thread-safe. Methods raise OSError if the bag cannot be written.
     """
@@ -78,8 +72,8 @@ class BagWriter:
     ) -> None:
         """Create the directory, or continue the unfinished bag `begun` in a new file.
 
-        If a file reaches the size `largest_file` [B] or the duration `longest_file` [s], the
-        writer begins a new file. A value of 0 means no limit.
+        A new file begins at the size `largest_file` [B] or the duration `longest_file` [s]; 0: no
+        limit.
         """
         if compression not in COMPRESSIONS:
             known = ' or '.join(COMPRESSIONS)
@@ -90,7 +84,7 @@ class BagWriter:
         self.finished = False
         self._is_continued = begun is not None
         self.gap_description = ''
-        """Log text about the missing time in a continued bag. It is empty for a new bag."""
+        """Log text about the missing time in a continued bag, empty for a new bag."""
         self._is_open = False
         self._begun: int | None = None
         self._codec = '' if compression == 'none' else compression
@@ -159,11 +153,7 @@ class BagWriter:
         published: int | None = None,
         sequence: int = 0,
     ) -> None:
-        """Store a serialized message.
-
-        `stamp` is the receive time [ns], `published` the publish time [ns], and `sequence` the
-        sequence number.
-        """
+        """Store a serialized message with its receive time `stamp` and its publish time [ns]."""
         with self._naming_the_bag():
             self._split_if_full(stamp)
             self._file.write(topic.number, stamp, serialized, published, sequence)
@@ -200,10 +190,7 @@ class BagWriter:
             self._file.flush()
 
     def checkpoint(self) -> None:
-        """Flush messages and custom data.
-
-        The file is also synchronised to disk, unless `sync_interval` is 0.
-        """
+        """Flush messages and custom data, and synchronise the file unless `sync_interval` is 0."""
         with self._naming_the_bag():
             self._file.flush()
             self._write_custom_data()
@@ -213,16 +200,12 @@ class BagWriter:
     def set_custom_data(self, custom_data: Mapping[str, str]) -> None:
         """Set texts for the metadata of the bag.
 
-        They are also written to the file at most once a second, so that they survive if the bag is
-        never closed.
+        The file gets them at most once a second, so that they survive if the bag is never closed.
         """
         self._custom_data.update(custom_data)
 
     def add_gap(self, start: int, end: int) -> None:
-        """Add an interval without recording, such as a pause, to the custom data.
-
-        `start` and `end` are the limits of the interval [ns].
-        """
+        """Add an interval without recording, from `start` to `end` [ns], to the custom data."""
         gaps = [*gaps_in(self._custom_data), (start, end)]
         self._custom_data[GAPS] = json.dumps(gaps)
 
@@ -308,7 +291,6 @@ class BagWriter:
         _sync(self.path / self._file_name())
 
     def _sync_folder(self) -> None:
-        """Synchronise the directory entries of the files to disk."""
         for folder in (self.path, self.path.parent) if self._sync_interval else ():
             _sync(folder)
 
@@ -354,7 +336,6 @@ class BagWriter:
 
 
 def _sync(path: Path) -> None:
-    """Synchronise a file or directory to disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fdatasync(descriptor)

@@ -28,8 +28,7 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.pacing import IdlePriority
 
 _LONGEST_TEXT = 1000
-"""Length of the longest value in the custom data [characters]. Longer lists of rotor values are
-omitted."""
+"""Longest value in the custom data [characters]. Longer lists of rotor values are omitted."""
 _CHAIN_TYPE = type_name(interfaces.CHAIN.type)
 
 
@@ -46,10 +45,7 @@ class RecordingMetadata:
                 self._chains[source.name] = _parameters_of(serialized)
 
     def texts(self, losses: Mapping[str, int], missed: Mapping[str, int]) -> dict[str, str]:
-        """Return the custom data.
-
-        `losses` and `missed` hold the numbers of lost and missed messages of each topic.
-        """
+        """Return the custom data, with the numbers of lost and missed messages of each topic."""
         return {
             'lost_messages': json.dumps(losses),
             'missed_messages': json.dumps(missed),
@@ -60,7 +56,6 @@ class RecordingMetadata:
 
 
 def _parameters_of(serialized: bytes) -> dict[str, Any]:
-    """Return the parameters of a chain from a message, except long lists."""
     message = deserialize_message(serialized, interfaces.CHAIN.type)
     parameters: dict[str, Any] = {'number_of_rotors': len(message.joint_names)}
     for name in message.get_fields_and_field_types():
@@ -76,32 +71,28 @@ def _parameters_of(serialized: bytes) -> dict[str, Any]:
 class DiscoveryTimes:
     """Times that determine when the discovery of publishers counts as complete [s].
 
-    Each process announces itself every 3 s. On an idle machine most publishers are discovered
-    immediately. On a busy machine one publisher in three takes longer than a second.
+    Each process announces itself every 3 s. On a busy machine, the discovery of one publisher in
+    three takes longer than a second.
     """
 
     announcement: float = 3.2
-    """Shortest duration of the discovery [s]. In this time, every process announces itself at
-    least once."""
+    """Shortest duration of the discovery, in which every process announces itself at least once
+    [s]."""
     quiet: float = 1.0
-    """Threshold for the time without a change of the publishers [s]. After a longer time, all
-    publishers count as known."""
+    """Time without a change of the publishers after which all publishers count as known [s]."""
     longest: float = 10.0
-    """Longest wait for a publisher that is not matched [s]. Such a publisher may have been
-    killed."""
+    """Longest wait for a publisher that is not matched and may have been killed [s]."""
 
 
 class DiscoveryWait:
     """Monitor of whether all publishers of the recorded topics are discovered and matched."""
 
     def __init__(
-        self,
-        times: DiscoveryTimes = DiscoveryTimes(),
-        clock: Callable[[], float] = time.monotonic,
+        self, times: DiscoveryTimes = DiscoveryTimes(), clock: Callable[[], float] = time.monotonic
     ) -> None:
         """Start the time measurement. The recorder must have subscribed to the topics before."""
         self.missing: list[str] = []
-        """Names of topics with publishers that were not matched yet at the last call of `done`."""
+        """Topics that had an unmatched publisher at the last call of `done`."""
         self._times = times
         self._clock = clock
         self._begun = self._since = clock()
@@ -120,14 +111,12 @@ class DiscoveryWait:
 
 
 _POLL_INTERVAL = 0.05
-"""Time between two rounds in which messages are taken from the middleware [s]."""
+"""Time between two rounds of taking messages from the middleware [s]."""
 _DISCOVERY_INTERVAL = 0.01
-"""Time between two queries for awaited topics [s]. This time is short because the recorder misses
-messages that are published before it subscribes. Queries are necessary because rclpy does not
-report new topics. A query takes at most 0.1 ms."""
+"""Time between two queries for awaited topics [s]. rclpy does not report new topics, and the
+recorder misses the messages before its subscription. A query takes at most 0.1 ms."""
 _LONGEST_ROUND = 5.0
-"""Longest wait until the thread has taken all waiting messages [s]. Usually the wait takes 0.01
-s."""
+"""Longest wait until the thread has taken all waiting messages, usually 0.01 s [s]."""
 _SEARCH_INTERVAL = 0.25
 """Time between two searches for new publishers of subscribed topics in the ROS graph [s]."""
 
@@ -135,9 +124,8 @@ _SEARCH_INTERVAL = 0.25
 class ReceivingThread:
     """Thread that takes waiting messages and queues them for writing, in receive order.
 
-    The subscriptions belong to a node without an executor, because the callback of an executor
-    cannot receive both the raw message and its sequence number. An executor would also take ten
-    times as much processor time.
+    The subscriptions belong to a node without an executor, because a callback cannot receive both
+    the raw message and its sequence number, and takes ten times as much processor time.
     """
 
     def __init__(
@@ -151,9 +139,8 @@ class ReceivingThread:
     ) -> None:
         """Start the thread. With `real_time`, it has priority over ordinary threads.
 
-        The thread calls `announce` when the discovery has ended and the bag is synchronised to
-        disk. The argument of `announce` lists the topics that have publishers to which the
-        recorder is not connected yet.
+        When the discovery has ended and the bag is synchronised to disk, the thread calls
+        `announce` with the topics of publishers that are not matched yet.
         """
         self.failure: Exception | None = None
         self._finder = finder
@@ -187,10 +174,7 @@ class ReceivingThread:
 
     @property
     def missed(self) -> dict[str, int]:
-        """For each topic, number of messages that were sent before their publisher was matched.
-
-        Topics without such messages are omitted.
-        """
+        """For each topic concerned, number of messages sent before the publisher was matched."""
         missed = {each.source.name: each.starts.missed for each in self._subscriptions}
         return {name: number for name, number in missed.items() if number}
 
@@ -208,10 +192,7 @@ class ReceivingThread:
             self._rounds_changed.wait_for(lambda: self._rounds >= after, _LONGEST_ROUND)
 
     def resume(self) -> int:
-        """End a pause.
-
-        The last latched messages of the pause are recorded first. Returns their number.
-        """
+        """End a pause; record its last latched messages and return their number."""
         if self._buffer.paused:
             self._bag.add_gap(self._paused_at, time.time_ns())
         return self._record(self._buffer.resume)
@@ -258,10 +239,7 @@ class ReceivingThread:
             self._end_round(sys.maxsize)
 
     def _wait(self) -> bool:
-        """Wait until the next round is due or a new topic appears.
-
-        Returns whether the thread must stop.
-        """
+        """Wait until the next round is due or a new topic appears; return whether to stop."""
         round_at = time.monotonic() + _POLL_INTERVAL
         while not self._stopping.wait(_DISCOVERY_INTERVAL):
             if time.monotonic() >= round_at or self._finder.appeared:

@@ -32,8 +32,8 @@ class RecordedSubscription:
     ) -> None:
         """Subscribe with a QoS profile that is compatible with all offered profiles.
 
-        `wanted_since` is the start of the recording [ns]. If a publisher starts later, the
-        messages that it sends before it is matched with this subscription count as missed.
+        Messages that a publisher sends before it is matched count as missed if it starts after
+        `wanted_since`, the start of the recording [ns].
         """
         self.source = source
         self.gaps = SequenceGaps()
@@ -48,11 +48,7 @@ class RecordedSubscription:
         """Number of matched publishers at the last check."""
 
     def drain(self) -> list[ReceivedMessage]:
-        """Take and return all waiting messages.
-
-        If latched messages were published before the subscription, only the last of them is
-        returned.
-        """
+        """Take the waiting messages; of latched ones before the subscription, only the last."""
         taken: list[ReceivedMessage] = []
         is_history = False
         for serialized, info in self._subscription.waiting():
@@ -82,8 +78,8 @@ class RecordedSubscription:
     def adapt(self, query: bool) -> list[ReceivedMessage]:
         """Subscribe again if publishers offer a lower QoS; return the messages that were waiting.
 
-        The ROS graph is queried only if publishers appeared or disappeared, if a publisher is not
-        matched or offers a lower QoS, or if `query` is set.
+        The ROS graph is queried only if publishers changed, are not matched or offer a lower QoS,
+        or if `query` is set.
         """
         unsettled = not self._subscription.as_requested or self.connected != self.publishers
         if not (self._subscription.changed or unsettled or query):
@@ -102,8 +98,7 @@ class TopicFinder:
     def __init__(self, node: GuardedNode, names: Sequence[str], regex: str, exclude: str) -> None:
         """Select the topics in `names`, by default all topics of the suite.
 
-        `regex` adds the topics whose full names contain a match of `regex`. `exclude` removes the
-        topics whose full names contain a match of `exclude`.
+        The patterns `regex` and `exclude` add and remove topics by their full names.
         """
         self._node = node
         self._regex = _compiled('regex', regex)
@@ -119,10 +114,7 @@ class TopicFinder:
         self._searched: set[str] = set()
 
     def of_suite(self) -> list[RecordedSubscription]:
-        """Subscribe to the selected topics of the suite.
-
-        The types of these topics are known even if nothing publishes them.
-        """
+        """Subscribe to the selected topics of the suite, even if nothing publishes them yet."""
         named = {self._node.resolve_topic_name(topic.name): topic for topic in self._suite}
         chosen = {name: topic for name, topic in named.items() if self._wanted(name)}
         self._open.update(chosen)
@@ -206,18 +198,14 @@ _MOST_KEPT = 512 * 2**20
 class RecordingBuffer:
     """Buffer of messages for snapshots and pauses.
 
-    If snapshots are disabled and the recorder is not paused, `take` returns all messages for
-    immediate recording. The last message of each latched topic is never discarded, because it is
-    still valid when later messages are recorded.
+    Without snapshots and pause, `take` returns all messages for immediate recording. The last
+    message of each latched topic is never discarded, because it is valid for later messages.
     """
 
     def __init__(
         self, snapshot: float = 0.0, paused: bool = False, most_kept: int = _MOST_KEPT
     ) -> None:
-        """Create a buffer for snapshots with the duration `snapshot` [s].
-
-        If `snapshot` is 0, snapshots are disabled.
-        """
+        """Create a buffer for snapshots with the duration `snapshot` [s]; 0: no snapshots."""
         self.paused = paused
         self._most_kept = most_kept
         self._window = round(snapshot * SECOND)
@@ -254,11 +242,7 @@ class RecordingBuffer:
         return [] if self._window else self._take_latched()
 
     def snapshot(self) -> list[ReceivedMessage]:
-        """Remove and return the messages of the snapshot.
-
-        The list begins with the last latched messages from before the snapshot. The messages from
-        the duration of the snapshot follow.
-        """
+        """Remove and return the last latched messages before the snapshot, and its messages."""
         # On a busy machine, messages of different topics may arrive here out of order.
         recent = [message for message in self._kept if not self._is_old(message)]
         self._keep_latched(filter(self._is_old, self._kept))

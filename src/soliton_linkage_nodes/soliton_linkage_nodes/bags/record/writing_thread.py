@@ -18,11 +18,9 @@ from soliton_linkage_nodes.runtime.pacing import IdlePriority
 _FLUSH_INTERVAL = 0.1
 """Time between two flushes while no messages arrive [s]."""
 _LONGEST_FLUSH = 5.0
-"""Longest time that `flush` waits for the disk [s]. After this time, the thread continues to
-write."""
+"""Longest time that `flush` waits for the disk [s]."""
 _MOST_WAITING = 512 * 2**20
-"""Largest total size of the messages that wait to be written [B]. It suffices for ten seconds of
-frames of a thousand rotors at 1000 Hz."""
+"""Largest total size of waiting messages [B]: ten seconds of a thousand rotors at 1000 Hz."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,9 +44,8 @@ class ReceivedMessage(NamedTuple):
 class WritingThread:
     """Thread that writes messages in the order of the calls of `put`.
 
-    Up to 512 MiB of messages wait in memory for a slow disk. Further messages are dropped and
-    counted. If a write fails, the thread finishes the bag if possible and stores the error in
-    `failure`.
+    While a disk is slow, up to 512 MiB of messages wait, and further ones are dropped and counted.
+    If a write fails, the thread finishes the bag if possible and stores the error in `failure`.
     """
 
     def __init__(
@@ -57,17 +54,17 @@ class WritingThread:
         most_waiting: int = _MOST_WAITING,
         real_time: bool = False,
     ) -> None:
-        """Create the bag and start the thread.
+        """Create the bag and start the thread. With `real_time`, it has priority over others.
 
-        With `real_time`, the thread has priority over ordinary threads. Raises the errors of
-        `create_writer`.
+        Raises the errors of `create_writer`.
         """
         self.dropped: Counter[str] = Counter()
         self.failure: Exception | None = None
         self.rejected: dict[str, str] = {}
         self._most_waiting = most_waiting
-        self._waiting: deque[Callable[[], object]] = deque()
-        self._bytes = 0
+        self._actions: deque[Callable[[], object]] = deque()
+        self.waiting = 0
+        """Total size of the messages that wait to be written [B]."""
         self._changed = threading.Condition()
         self._ending = False
         self._real_time = real_time
@@ -83,27 +80,17 @@ class WritingThread:
             self._thread.join()
             raise self.failure
 
-    @property
-    def writer(self) -> BagWriter:
-        """The bag writer. Any thread may read its properties."""
-        return self._writer
-
-    @property
-    def waiting(self) -> int:
-        """Total size of the messages that wait to be written [B]."""
-        return self._bytes
-
     def put(self, messages: Sequence[ReceivedMessage]) -> None:
         """Queue messages for writing."""
         if not messages:
             return
         size = sum(len(message.serialized) for message in messages)
         with self._changed:
-            if self.failure is not None or self._bytes + size > self._most_waiting:
+            if self.failure is not None or self.waiting + size > self._most_waiting:
                 self.dropped.update(message.source.name for message in messages)
                 return
-            self._bytes += size
-            self._waiting.append(lambda: self._write(messages, size))
+            self.waiting += size
+            self._actions.append(lambda: self._write(messages, size))
             self._changed.notify()
 
     def add_topic(self, topic: RecordedTopic) -> None:
@@ -112,25 +99,22 @@ class WritingThread:
 
     def set_custom_data(self, texts: Mapping[str, str]) -> None:
         """Set custom data of the bag."""
-        self._post(lambda: self._writer.set_custom_data(texts))
+        self._post(lambda: self.writer.set_custom_data(texts))
 
     def add_gap(self, start: int, end: int) -> None:
-        """Add an interval without recording to the custom data of the bag.
-
-        `start` and `end` are the limits of the interval [ns].
-        """
-        self._post(lambda: self._writer.add_gap(start, end))
+        """Add an interval without recording, from `start` to `end` [ns], to the custom data."""
+        self._post(lambda: self.writer.add_gap(start, end))
 
     def split(self) -> None:
         """Continue the bag in a new file."""
-        self._post(self._writer.split)
+        self._post(self.writer.split)
 
     def flush(self) -> None:
         """Wait up to 5 s until all queued messages are passed to the operating system."""
         written = threading.Event()
 
         def write() -> None:
-            self._writer.flush()
+            self.writer.flush()
             written.set()
 
         if self.failure is None:
@@ -141,16 +125,13 @@ class WritingThread:
         """Call `act` when all messages in the present queue are synchronised to disk."""
 
         def keep() -> None:
-            self._writer.checkpoint()
+            self.writer.checkpoint()
             act()
 
         self._post(keep)
 
     def close(self, custom_data: Mapping[str, str]) -> None:
-        """Write all queued messages and finish the bag.
-
-        If this fails, `failure` holds the error.
-        """
+        """Write all queued messages and finish the bag. `failure` holds an error."""
         with self._changed:
             self._final = custom_data
             self._ending = True
@@ -160,16 +141,16 @@ class WritingThread:
     def abandon(self) -> None:
         """Close the bag, and remove it if it has no messages."""
         self.close({})
-        self._writer.remove_if_empty()
+        self.writer.remove_if_empty()
 
     def _post(self, action: Callable[[], object]) -> None:
         with self._changed:
-            self._waiting.append(action)
+            self._actions.append(action)
             self._changed.notify()
 
     def _run(self, create_writer: Callable[[], BagWriter]) -> None:
         try:
-            self._writer = create_writer()
+            self.writer = create_writer()
         except Exception as error:
             self.failure = error
             return
@@ -180,37 +161,36 @@ class WritingThread:
             while (action := self._next()) is not None:
                 action()
                 priority.update()
-            self._writer.close(self._final)
+            self.writer.close(self._final)
         except Exception as error:
             self._fail(error)
 
     def _next(self) -> Callable[[], object] | None:
-        """Return the next action. Return None if the thread must end."""
         with self._changed:
-            if not self._waiting and not self._ending:
+            if not self._actions and not self._ending:
                 self._changed.wait(_FLUSH_INTERVAL)
-            if self._waiting:
-                return self._waiting.popleft()
-            return None if self._ending else self._writer.flush_if_due
+            if self._actions:
+                return self._actions.popleft()
+            return None if self._ending else self.writer.flush_if_due
 
     def _fail(self, error: Exception) -> None:
         try:
-            self._writer.finish_after_error()
+            self.writer.finish_after_error()
         except Exception:
             self.failure = error
             raise
-        kept = f'the {self._writer.messages} earlier messages are kept'
-        if not self._writer.finished:
-            kept = f'recover the earlier messages with: recover_bag {self._writer.path}'
+        kept = f'the {self.writer.messages} earlier messages are kept'
+        if not self.writer.finished:
+            kept = f'recover the earlier messages with: recover_bag {self.writer.path}'
         with self._changed:
             self.failure = OSError(f'{error}; {kept}') if isinstance(error, OSError) else error
-            self._waiting.clear()
-            self._bytes = 0
+            self._actions.clear()
+            self.waiting = 0
 
     def _stored(self, topic: RecordedTopic) -> StoredTopic | None:
         if topic not in self._topics:
             try:
-                self._topics[topic] = self._writer.add_topic(
+                self._topics[topic] = self.writer.add_topic(
                     topic.name, topic.type_name, *topic.profiles
                 )
             except ValueError as error:
@@ -224,6 +204,6 @@ class WritingThread:
             for source, stamp, serialized in messages
             if (topic := self._stored(source)) is not None
         ]
-        self._writer.write_all(stored)
+        self.writer.write_all(stored)
         with self._changed:
-            self._bytes -= size
+            self.waiting -= size

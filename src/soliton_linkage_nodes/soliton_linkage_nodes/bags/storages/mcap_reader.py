@@ -15,12 +15,7 @@ from rosbags.interfaces import Connection
 
 from soliton_linkage_nodes.bags.guards import map_file
 from soliton_linkage_nodes.bags.storages import mcap_records as mcap
-from soliton_linkage_nodes.bags.storages.mcap_records import (
-    Bytes,
-    Channel,
-    Opcode,
-    Schema,
-)
+from soliton_linkage_nodes.bags.storages.mcap_records import Bytes, Channel, Opcode, Schema
 from soliton_linkage_nodes.bags.storages.storage import (
     LAST_STAMP,
     LimitedReader,
@@ -30,26 +25,21 @@ from soliton_linkage_nodes.bags.storages.storage import (
 )
 
 _FOOTER_SIZE = 20
-"""Size of the fields of the footer, which are two offsets and a checksum [B]."""
+"""Size of the footer: two offsets and a checksum [B]."""
 _TAIL = mcap.RECORD_HEADER.size + _FOOTER_SIZE + len(mcap.MAGIC)
-"""Size of the footer record and the final magic bytes of a finished file [B]."""
+"""Size of the footer record and the final magic bytes [B]."""
 _MESSAGE_COST = 250
 """Approximate memory that a waiting message needs in addition to its data [B]."""
 _MOST_WAITING = 4
 """Memory limit for messages of chunks that overlap in time, divided by `max_unpacked` [1]."""
 _LONGEST_RUN = 2**20
-"""Size at which a new run of messages outside chunks begins [B]. The messages of a run are read
-together, like those of a chunk."""
+"""Size of a run of messages outside chunks [B]. The messages of a run are read together."""
 _CHUNK_INDEX = struct.Struct('<QQQQ')
 _stamp = attrgetter('stamp')
 
 
 class _Stretch(NamedTuple):
-    """A chunk, or a run of consecutive messages outside chunks.
-
-    `start` and `end` are the first and the last receive time [ns]. `offset` is the position of the
-    first byte in the file [B], and `size` the number of bytes [B].
-    """
+    """Chunk, or run of messages outside chunks: first and last receive time [ns], bytes [B]."""
 
     start: int
     end: int
@@ -60,8 +50,8 @@ class _Stretch(NamedTuple):
 class IndexedMcap(LimitedReader):
     """Reader of the messages of an MCAP file in the order of their receive times.
 
-    If the index lacks statistics or definitions, `open` scans the whole file. Messages outside of
-    chunks are also read. Methods raise ValueError if the file is damaged or exceeds the limits.
+    If the index lacks statistics or definitions, `open` scans the whole file. Methods raise
+    ValueError if the file is damaged or exceeds the limits.
     """
 
     def __init__(self, path: Path) -> None:
@@ -119,10 +109,7 @@ class IndexedMcap(LimitedReader):
         start: int | None = None,
         stop: int | None = None,
     ) -> Generator[tuple[Connection, int, bytes], None, None]:
-        """Yield the topic, the receive time [ns] and the bytes of each message of some topics.
-
-        Only messages with receive times in the interval [start, stop) are yielded.
-        """
+        """Yield topic, receive time [ns] and bytes of messages of some topics in [start, stop)."""
         wanted = {each.id: each for each in connections}
         first = 0 if start is None else start
         last = LAST_STAMP if stop is None else stop - 1
@@ -131,7 +118,6 @@ class IndexedMcap(LimitedReader):
                 yield wanted[message.topic], message.stamp, message.data
 
     def _is_defined(self, counts: Collection[int]) -> bool:
-        """Return whether all channels in `counts` and the schemas of all channels are known."""
         schemas = {channel.schema for channel in self._channels.values()} - {0}
         return set(counts) <= self._channels.keys() and schemas <= self._schemas.keys()
 
@@ -157,10 +143,7 @@ class IndexedMcap(LimitedReader):
             self._span = span if any(self._counts.values()) else None
 
     def _scan(self) -> Counter[int]:
-        """Read the messages and definitions that the index does not list.
-
-        Returns the number of these messages in each channel.
-        """
+        """Read what the index does not list; return the number of messages in each channel."""
         counts: Counter[int] = Counter()
         budget = self.limits.for_file(len(self._data))
         offset = len(mcap.MAGIC)
@@ -209,7 +192,6 @@ class IndexedMcap(LimitedReader):
             self._parts.append(part)
 
     def _in_order(self, first: int, last: int) -> Iterator[Message]:
-        """Yield the messages from `first` to `last` [ns], sorted by receive time."""
         waiting: list[tuple[int, int, Message]] = []
         number = cost = 0
         most = _MOST_WAITING * self.limits.max_unpacked

@@ -27,7 +27,7 @@ PROFILE: Final = 'ros2'
 _PROFILES: Final = 'offered_qos_profiles'
 _DIGEST: Final = 'topic_type_hash'
 CUSTOM_DATA: Final = 'soliton_linkage'
-"""Name of the MCAP metadata records that hold the custom data of an unfinished bag."""
+"""Name of the MCAP metadata records with the custom data of an unfinished bag."""
 
 
 class Opcode(IntEnum):
@@ -101,10 +101,7 @@ def channel_record(channel: Channel) -> bytes:
 
 
 def topic_of(channel: Channel, schemas: Mapping[int, Schema]) -> StoredTopic:
-    """Return the topic of a channel.
-
-    If the schema of the channel is missing, the type of the topic is unknown.
-    """
+    """Return the topic of a channel. Without the schema of the channel, its type is unknown."""
     schema = schemas.get(channel.schema) or Schema(0, '', 'ros2msg' if channel.schema else '', b'')
     texts = dict(channel.metadata)
     digest, profiles = texts.pop(_DIGEST, ''), texts.pop(_PROFILES, '')
@@ -124,8 +121,7 @@ def topic_of(channel: Channel, schemas: Mapping[int, Schema]) -> StoredTopic:
 def channel_of(topic: StoredTopic, schema: int) -> Channel:
     """Return the channel of a topic with the schema number `schema`.
 
-    The metadata of a channel with CDR messages always contain QoS profiles and a type hash,
-    because rosbag2 requires these entries.
+    With CDR messages, rosbag2 requires the entries for QoS profiles and type hash.
     """
     own = {_PROFILES: topic.profiles, _DIGEST: topic.digest}
     if topic.serialization != CDR:
@@ -148,8 +144,7 @@ def message_head(
 ) -> bytes:
     """Return the head of a message record, to which a message of `size` bytes is appended.
 
-    `stamp` is the receive time [ns] and `published` the publish time [ns]. If the publish time is
-    None, the receive time is stored in its field.
+    `stamp` is the receive time [ns] and, by default, also the publish time [ns].
     """
     length = MESSAGE_HEADER.size + size
     published = stamp if published is None else published
@@ -159,11 +154,7 @@ def message_head(
 def chunk_record(
     records: bytes | memoryview, start: int, end: int, codec: str
 ) -> tuple[bytes, bytes | memoryview]:
-    """Return the head and the content of a chunk record.
-
-    The content is compressed if `codec` is 'zstd'. `start` and `end` are the first and the last
-    receive time [ns].
-    """
+    """Return head and content of a chunk record from the first and last receive time [ns]."""
     packed = zstd.compress(records) if codec == 'zstd' else records
     fields = CHUNK_HEADER.pack(start, end, len(records), crc32(records))
     fields += text(codec) + struct.pack('<Q', len(packed))
@@ -171,21 +162,16 @@ def chunk_record(
 
 
 def message_index_record(channel: int, entries: Sequence[int]) -> bytes:
-    """Return the message index record of one channel in a chunk.
+    """Return the message index of a channel in a chunk.
 
-    `entries` holds two numbers for each message: its receive time [ns] and its offset in the chunk
-    [B].
+    `entries` holds the receive time [ns] and the offset [B] of each message in turn.
     """
     packed = struct.pack(f'<{len(entries)}Q', *entries)
     return record(Opcode.MESSAGE_INDEX, struct.pack('<H', channel), sized(packed))
 
 
 def attachment_index_record(body: Bytes, offset: int, length: int) -> bytes:
-    """Return the index record of an attachment.
-
-    `body` is the content of the attachment record. `offset` is the position of the record in the
-    file [B], and `length` its size [B].
-    """
+    """Return the index of an attachment with the content `body` at `offset`, `length` [B] long."""
     fields = Fields(body)
     times, name, media_type = bytes(fields.take(16)), fields.sized(), fields.sized()
     size = struct.pack('<Q', fields.number(8))
@@ -195,11 +181,7 @@ def attachment_index_record(body: Bytes, offset: int, length: int) -> bytes:
 
 
 def data_is_intact(data: Bytes, end: int) -> bool:
-    """Return whether the checksum of the data section is correct or missing.
-
-    `end` is the offset of the record `DATA_END` [B]. This record holds the checksum of all earlier
-    bytes.
-    """
+    """Return whether the checksum of the data before the record at `end` is right or missing."""
     begin = end + RECORD_HEADER.size
     checksum = int.from_bytes(data[begin : begin + 4], 'little')
     return not checksum or crc32(data[:end]) == checksum
@@ -213,10 +195,7 @@ def attachment_is_intact(body: Bytes) -> bool:
 
 
 class Fields:
-    """Parser that reads the fields of a record one after another.
-
-    Methods raise ValueError if a field extends beyond the end of the record.
-    """
+    """Parser of the fields of a record. Raises ValueError if a field exceeds the record."""
 
     def __init__(self, body: Bytes) -> None:
         self._body = body
@@ -281,10 +260,7 @@ def parse_message(body: Bytes) -> Message:
 
 
 def parse_metadata(body: Bytes) -> tuple[str, dict[str, str]]:
-    """Return the name and the texts in a metadata record.
-
-    Raises ValueError if the record is invalid.
-    """
+    """Return the name and the texts in a metadata record. Raises ValueError if it is invalid."""
     fields = Fields(body)
     return fields.text(), fields.text_map()
 
@@ -305,19 +281,14 @@ _LAYOUTS: dict[int, tuple[int, tuple[int, ...], int]] = {
     Opcode.SUMMARY_OFFSET: (17, (), 0),
     Opcode.DATA_END: (4, (), 0),
 }
-"""Layout of the records of each opcode except chunks and messages.
-
-A record begins with numbers, whose total size is the first entry [B]. Texts or data follow, each
-after a length field. The second entry holds the sizes of these length fields [B]. The record ends
-with numbers, whose total size is the third entry [B]. A chunk index has further fields after them.
-"""
+"""Layout of the records of each opcode except chunks and messages: total size of the first numbers
+[B], sizes of the length fields of the texts or data [B], total size of the last numbers [B]."""
 
 
 def extra_bytes(opcode: int, body: Bytes) -> int:
     """Return the number of bytes after the known fields of a record.
 
-    Readers ignore these bytes, because a later version of the format may define more fields.
-    Raises ValueError if a known field is missing.
+    Readers ignore these fields of a later format. Raises ValueError if a known field is missing.
     """
     head, lengths, tail = _LAYOUTS[opcode]
     fields = Fields(body)
@@ -333,10 +304,9 @@ def extra_bytes(opcode: int, body: Bytes) -> int:
 
 @dataclass(frozen=True)
 class ChunkHead:
-    """Fields of a chunk record before the packed records.
+    """Fields of a chunk record before the packed records, which begin at `begin` [B].
 
     `uncompressed` and `packed` are the sizes of the records before and after the compression [B].
-    `begin` is the offset of the packed records in the body of the chunk record [B].
     """
 
     uncompressed: int
@@ -366,7 +336,7 @@ def parse_chunk_head(body: Bytes) -> ChunkHead:
 def unpack(head: ChunkHead, packed: Bytes, most: int) -> tuple[Bytes, bool]:
     """Return the records of a chunk up to the first damage, and whether the chunk is intact.
 
-    If the decompressed size according to `head` exceeds `most` [B], no records are returned.
+    If its decompressed size exceeds `most` [B], no records are returned.
     """
     if head.uncompressed > most:
         return b'', False
@@ -378,10 +348,7 @@ def unpack(head: ChunkHead, packed: Bytes, most: int) -> tuple[Bytes, bool]:
 
 
 def records_in(data: Bytes) -> Iterator[tuple[int, int, Bytes]]:
-    """Yield the offset, the opcode and the body of each record.
-
-    The iteration stops at the first truncated or invalid record.
-    """
+    """Yield offset, opcode and body of each record up to the first truncated or invalid record."""
     data, offset = memoryview(data), 0
     while offset + RECORD_HEADER.size <= len(data):
         opcode, size = RECORD_HEADER.unpack_from(data, offset)
@@ -393,10 +360,7 @@ def records_in(data: Bytes) -> Iterator[tuple[int, int, Bytes]]:
 
 
 def messages_in(records: Bytes, strict: bool = True) -> Iterator[Message]:
-    """Yield the messages in a sequence of records.
-
-    With `strict`, an invalid message causes a ValueError. Otherwise invalid messages are skipped.
-    """
+    """Yield the messages in some records. Without `strict`, invalid messages are skipped."""
     for _, opcode, body in records_in(records):
         if opcode == Opcode.MESSAGE and (strict or len(body) >= MESSAGE_HEADER.size):
             yield parse_message(body)

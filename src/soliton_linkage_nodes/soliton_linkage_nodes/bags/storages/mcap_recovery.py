@@ -27,11 +27,9 @@ from soliton_linkage_nodes.bags.stored_topic import completed
 
 
 class _Chunk(NamedTuple):
-    """Chunk in the file.
+    """Chunk record at `offset` with its body at `begin` [B], perhaps cut by the end of the file.
 
-    `offset` is the position of the chunk record in the file [B], and `begin` that of its body [B].
-    `cut` is set if the file ends within the chunk. `rejected` is the reason why the chunk is not
-    read, empty if it is read.
+    `rejected` is the reason why the chunk is not read, empty if it is read.
     """
 
     offset: int
@@ -42,10 +40,7 @@ class _Chunk(NamedTuple):
 
 
 class _Run(NamedTuple):
-    """Consecutive messages outside of chunks, from the offset `begin` to the offset `end` [B].
-
-    `doubtful` is set if the messages follow directly after damage.
-    """
+    """Messages outside of chunks in the bytes [begin, end), doubtful directly after damage."""
 
     begin: int
     end: int
@@ -55,12 +50,10 @@ class _Run(NamedTuple):
 class RecoveredMcap(RecoveredFile):
     """Recovery of the intact messages and the topics of an MCAP file.
 
-    After a damaged record, the file is searched for the next plausible record head. The messages
-    of a chunk are recovered if the checksum of the chunk is correct. If the file is truncated
-    within a chunk, the complete messages of this chunk are recovered. Messages count as doubtful
-    if their chunk has a wrong checksum. In a file with chunks, messages directly after damage also
-    count as doubtful, because they may belong to a damaged chunk. Doubtful messages are recovered
-    only if `doubtful` is set.
+    After a damaged record, the next plausible record head is searched. A truncated chunk yields
+    its complete messages. Messages are doubtful if their chunk has a wrong checksum, or if they
+    directly follow damage in a file with chunks, because they may belong to a damaged chunk.
+    Doubtful messages are recovered only if `doubtful` is set.
     """
 
     def _scan(self, path: Path) -> None:
@@ -142,10 +135,7 @@ class RecoveredMcap(RecoveredFile):
             self.report_damage('it does not end like an MCAP file')
 
     def _take(self, offset: int) -> int | None:
-        """Process the record at an offset.
-
-        Returns the offset of the next record [B], or None if the record is invalid.
-        """
+        """Process a record; return the next offset [B], or None if the record is invalid."""
         if len(self._data) - offset < mcap.RECORD_HEADER.size:
             return None
         opcode, size = mcap.RECORD_HEADER.unpack_from(self._data, offset)
@@ -203,7 +193,7 @@ class RecoveredMcap(RecoveredFile):
         return int(begin + size)
 
     def _rejection(self, head: ChunkHead) -> str:
-        """Describe the limit that a chunk exceeds. The text is empty if there is no such limit."""
+        """Describe the limit that a chunk exceeds; empty if there is none."""
         limits = self._limits
         if head.uncompressed > limits.max_unpacked:
             return f'exceeds max_unpacked = {limits.max_unpacked} bytes decompressed: left out'
@@ -213,10 +203,7 @@ class RecoveredMcap(RecoveredFile):
         return ''
 
     def _unpack(self, chunk: _Chunk) -> tuple[Bytes, bool]:
-        """Decompress a chunk, unless the decompressed size of all chunks has reached the limit.
-
-        Returns the records, and whether the chunk is intact.
-        """
+        """Return the records of a chunk, unless all reach the limit, and if it is intact."""
         if self._budget <= 0:
             return b'', False
         records, whole = mcap.unpack(chunk.head, self._packed(chunk), self._limits.max_unpacked)
@@ -224,7 +211,6 @@ class RecoveredMcap(RecoveredFile):
         return records, whole
 
     def _add_chunk(self, chunk: _Chunk, records: Bytes) -> None:
-        """Store a chunk and the definitions of schemas and channels in it."""
         self._found.append(chunk)
         self._after_damage = False
         for _, opcode, body in mcap.records_in(records):
@@ -257,7 +243,6 @@ class RecoveredMcap(RecoveredFile):
         return end
 
     def _is_changed(self, opcode: int, body: Bytes) -> bool:
-        """Return whether a record is a chunk or message whose opcode has a wrong bit."""
         flipped = [opcode ^ 1 << bit for bit in range(8)]
         with suppress(ValueError):
             if Opcode.CHUNK in flipped:
@@ -313,22 +298,17 @@ KINDS: Final = range(Opcode.HEADER, Opcode.DATA_END + 1)
 """Opcodes that the format defines. Readers skip records with other opcodes."""
 _IN_CHUNKS: Final = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 LARGEST_CHUNK_HEAD: Final = 64
-"""Largest size of the head of a chunk [B]. The head consists of 40 bytes of numbers and of the
-name of the codec."""
+"""Largest size of the head of a chunk [B]: 40 bytes of numbers and the name of the codec."""
 _HEAD = re.compile(rb'[\x01-\x0f](?=.{5}\x00\x00\x00)', re.DOTALL)
-"""Pattern of the head of a record, which is an opcode followed by a length below 2^40 bytes."""
+"""Head of a record: an opcode and a length below 2^40 bytes."""
 _SHORTEST, _LONGEST = 4, 2**40
 """Smallest and largest plausible size of the content of a record [B]."""
 _WINDOW = 2**26
-"""Number of bytes of the file that are searched before their memory is released [B]."""
+"""Bytes of the file that are searched before their memory is released [B]."""
 
 
 def _may_follow(data: Bytes, offset: int) -> bool:
-    """Return whether a record may begin at an offset, or the file ends there.
-
-    A record may begin there if its opcode and length are plausible. The magic bytes at the end of
-    a file also count as a record.
-    """
+    """Return whether a plausible record, the magic bytes or the end is at an offset."""
     rest = data[offset : offset + mcap.RECORD_HEADER.size]
     if len(rest) < mcap.RECORD_HEADER.size:
         return not rest or bool(rest[0])
@@ -338,10 +318,7 @@ def _may_follow(data: Bytes, offset: int) -> bool:
 
 
 def next_record(data: memoryview, begin: int) -> int:
-    """Return the offset of the next plausible record.
-
-    If no plausible record follows, return the size of the file.
-    """
+    """Return the offset of the next plausible record, or the size of the file if none follows."""
     for start in range(begin, len(data), _WINDOW):
         end = min(start + _WINDOW, len(data))
         window = data[start : end + mcap.RECORD_HEADER.size]
@@ -355,10 +332,7 @@ def next_record(data: memoryview, begin: int) -> int:
 
 
 def _is_record(data: Bytes, offset: int) -> bool:
-    """Return whether a valid record begins at an offset.
-
-    Unless this record is a chunk, another record or the end of the file must follow it.
-    """
+    """Return whether a chunk, or another valid record with a successor, is at an offset."""
     opcode, size = mcap.RECORD_HEADER.unpack_from(data, offset)
     begin = offset + mcap.RECORD_HEADER.size
     end = begin + size

@@ -18,19 +18,17 @@ from soliton_linkage_nodes.bags.storages.mcap_records import Channel, Opcode, Sc
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 
 _LARGEST_CHUNK = 2**20
-"""Size at which a chunk is written to the file [B]. In larger chunks, one damaged byte destroys
-more messages. Smaller chunks have more overhead. The official MCAP writers use 768 KiB to 4
-MiB."""
+"""Size at which a chunk is written [B]. Larger chunks lose more messages by one damaged byte,
+smaller ones have more overhead. Other MCAP writers use 768 KiB to 4 MiB."""
 
 
 class McapWriter:
     """Writer of an MCAP file that consists of chunks with checksums.
 
-    The definitions of topics and types are repeated every ten seconds, so that messages stay
-    readable if other parts of the file are lost. Every chunk contains at least one message,
-    because MCAP C++ before 2.0.1 ignores the index if the first chunk has no message. Therefore a
-    new definition is written in the chunk of the next message. If no message follows before a
-    flush, the definition is written outside of the chunks too. If a write fails, the file is
+    The definitions of topics and types are repeated, so that messages stay readable if other parts
+    of the file are lost. Every chunk contains a message, because MCAP C++ before 2.0.1 ignores the
+    index if the first chunk has none. A new definition therefore waits for the chunk of the next
+    message, or for a flush, which writes it outside of the chunks. If a write fails, the file is
     truncated to its last complete chunk.
 
     `counts` holds the number of messages for each topic number. `span` holds the first and the
@@ -38,11 +36,7 @@ class McapWriter:
     """
 
     def __init__(self, path: Path, codec: str = '', definitions_interval: float = 10.0) -> None:
-        """Create the file.
-
-        `codec` is 'zstd', or empty for chunks without compression. `definitions_interval` is the
-        time after which the definitions are repeated [s].
-        """
+        """Create the file. Definitions are repeated after `definitions_interval` [s]."""
         self.counts: Counter[int] = Counter()
         self.span: tuple[int, int] | None = None
         self._end = 0
@@ -90,11 +84,7 @@ class McapWriter:
         published: int | None = None,
         sequence: int = 0,
     ) -> None:
-        """Add a message of the topic with this number.
-
-        `stamp` is the receive time [ns], `published` the publish time [ns], and `sequence` the
-        sequence number.
-        """
+        """Add a message of a topic with its receive time `stamp` and its publish time [ns]."""
         self._entries[number] += (stamp, self._chunk.tell())
         self._chunk.write(mcap.message_head(number, stamp, len(serialized), published, sequence))
         self._chunk.write(serialized)
@@ -103,10 +93,7 @@ class McapWriter:
             self.flush()
 
     def flush(self) -> None:
-        """Pass all pending messages to the operating system.
-
-        The messages then survive if the process is killed.
-        """
+        """Pass pending messages to the operating system, so that they survive a killed process."""
         if not self._entries:
             if self._pending_definitions:
                 self._append(self._pending_definitions)
@@ -188,7 +175,6 @@ class McapWriter:
         self._metadata.append((self._end - len(record), len(record), name))
 
     def _summary(self) -> bytes:
-        """Return the summary section (definitions, indexes, statistics) and the footer."""
         groups = {
             Opcode.SCHEMA: b''.join(map(mcap.schema_record, self._schemas.values())),
             Opcode.CHANNEL: b''.join(map(mcap.channel_record, self._channels.values())),

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reader of the sqlite3 files of rosbag2, and recovery of damaged sqlite3 files.
-
-Both read whole tables row by row.
-"""
+"""Reader of the sqlite3 files of rosbag2, and recovery of damaged files, both row by row."""
 
 from __future__ import annotations
 
@@ -29,24 +26,19 @@ from soliton_linkage_nodes.bags.storages.storage import (
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic, completed
 
 _LEAST_ROW = 4
-"""Size of the shortest row of a table [B]. A file of n bytes therefore has at most n / 4 rows."""
+"""Size of the shortest row of a table [B]. A file of n bytes has at most n / 4 rows."""
 _PATIENCE = 4.0
-"""Part of the time limit for finding a row [s]. The time for reading the whole file is added."""
+"""Time limit for finding a row, beside the time for reading the whole file [s]."""
 _SLOWEST_DISK = 20e6
 """Assumed read rate of the slowest disk [B/s]."""
 _CHECK_EVERY = 20_000
-"""Number of steps of the virtual machine of SQLite between two checks of the time limit [1]. These
-steps take less than 1 ms."""
+"""Steps of the virtual machine of SQLite, less than 1 ms, between checks of the time limit [1]."""
 _LONGEST_SQL = 20_000
-"""Length of the longest accepted definition of a table [characters]. The definitions in bags have
-200 characters."""
+"""Longest accepted definition of a table [characters]. Those in bags have 200 characters."""
 
 
 class Tables:
-    """Tables of a sqlite3 file, which is only read.
-
-    Methods raise sqlite3.Error if the file is damaged.
-    """
+    """Tables of a sqlite3 file, only read. Raises sqlite3.Error if the file is damaged."""
 
     def __init__(self, path: Path, largest_value: int, damaged: bool = False) -> None:
         """Open a file. Values larger than `largest_value` [B] are returned as None.
@@ -84,10 +76,7 @@ class Tables:
         return self._database.execute(f'PRAGMA {text}').fetchall()
 
     def columns(self, table: str) -> list[str]:
-        """Return the names of the columns of a table.
-
-        If `table` is not an ordinary table, the list is empty.
-        """
+        """Return the names of the columns of a table; nothing if it is not an ordinary table."""
         self._restart_time_limit()
         query = 'SELECT type, rootpage FROM sqlite_master WHERE name = ? LIMIT 2'
         found = self._database.execute(query, (table,)).fetchall()
@@ -102,9 +91,8 @@ class Tables:
     ) -> Iterator[tuple[Any, ...]]:
         """Yield the values in some columns of each row of a table.
 
-        `rest` is appended to the SELECT statement. `values` are the values of its placeholders.
-        Raises sqlite3.Error if `table` is not an ordinary table or has more rows than the file can
-        hold.
+        `rest` is appended to the SELECT statement; `values` are for its placeholders. Raises
+        sqlite3.Error if `table` is not an ordinary table or has more rows than the file can hold.
         """
         self._check(table, columns)
         quoted = ['"{}"'.format(name.replace('"', '""')) for name in columns]
@@ -127,10 +115,7 @@ class Tables:
         return dict(self._database.execute(query))
 
     def extremes(self, table: str, column: str) -> tuple[Any, Any]:
-        """Return the smallest and the largest value in a column.
-
-        If the table has no rows, both are None.
-        """
+        """Return the smallest and the largest value in a column; None if the table has no rows."""
         self._check(table, [column])
         found = [
             self._database.execute(f'SELECT {which}({column}) FROM {table}').fetchone()[0]
@@ -139,11 +124,10 @@ class Tables:
         return found[0], found[1]
 
     def topics(self) -> Iterator[tuple[Any, ...]]:
-        """Yield the fields of each topic.
+        """Yield the fields of each topic; a missing field is an empty text.
 
-        The fields are the number, name, type, serialization, QoS profiles and type hash of the
-        topic, and the encoding and the text of its type definition. If the file lacks a field, the
-        value is an empty text.
+        The fields are number, name, type, serialization, QoS profiles and type hash, then the
+        encoding and the text of the type definition.
         """
         definitions: dict[Any, tuple[Any, Any]] = {}
         if self.columns('message_definitions'):
@@ -156,10 +140,7 @@ class Tables:
             yield *(*row, '', '')[:6], *definitions.get(row[2], ('', ''))
 
     def _check(self, table: str, columns: Sequence[str]) -> None:
-        """Raise sqlite3.Error unless `table` is an ordinary table with these columns.
-
-        The time limit is restarted.
-        """
+        """Raise sqlite3.Error unless a table has these columns, and restart the time limit."""
         held = self.columns(table)
         if missing := [name for name in columns if name not in held]:
             raise sqlite3.DatabaseError(f'{table} is not a table with {", ".join(missing)}')
@@ -170,8 +151,7 @@ class Tables:
 
 
 _MOST_SELECTED = 500
-"""Largest number of topics in an SQL condition [1]. If more topics are wanted, all rows are
-read."""
+"""Largest number of topics in an SQL condition [1]. For more topics, all rows are read."""
 _TOPIC = ('id', 'name', 'type', 'serialization_format')
 _MESSAGE = ('topic_id', 'timestamp', 'data')
 
@@ -210,10 +190,7 @@ class StoredSqlite(LimitedReader):
         start: int | None = None,
         stop: int | None = None,
     ) -> Generator[tuple[Connection, int, bytes], None, None]:
-        """Yield the topic, the receive time [ns] and the bytes of each message of some topics.
-
-        Only messages with receive times in the interval [start, stop) are yielded.
-        """
+        """Yield topic, receive time [ns] and bytes of messages of some topics in [start, stop)."""
         if self._tables is None:
             raise sqlite3.ProgrammingError('the file is not open')
         wanted = {each.id: each for each in connections}
@@ -256,9 +233,7 @@ class StoredSqlite(LimitedReader):
 class RecoveredSqlite(RecoveredFile):
     """Recovery of the messages of a sqlite3 file, row by row until SQLite reports an error.
 
-    If the file has an interrupted transaction, a copy of the file is opened, because SQLite
-    modifies a file to complete the transaction. Every message counts as unverified, because
-    rosbag2 stores no checksums in these files.
+    Every message counts as unverified, because rosbag2 stores no checksums in these files.
     """
 
     def _scan(self, path: Path) -> None:
@@ -300,11 +275,6 @@ class RecoveredSqlite(RecoveredFile):
             self.report_damage(line)
 
     def _readable(self, path: Path) -> Path:
-        """Return a file that SQLite can read without modifying the original file.
-
-        If the file has a journal or an incomplete last page, this is a copy. In the copy, the
-        journal is applied and the incomplete page is removed.
-        """
         excess = _bytes_after_last_page(path)
         if excess:
             # SQLite would read the missing bytes of a truncated page as zeros.
@@ -335,11 +305,10 @@ class RecoveredSqlite(RecoveredFile):
 
 
 def _with_journal(path: Path, folder: Path, excess: int = 0) -> Path:
-    """Return a file, or a copy of the file in a folder if SQLite would modify the file.
+    """Return a file, or a copy without the last `excess` bytes or with its journal applied.
 
-    SQLite modifies a file with a journal, to complete an interrupted transaction or to add the
-    messages of the write-ahead log. If `excess` is not 0, a copy without the last `excess` bytes
-    is returned.
+    SQLite would modify a file with a journal, to complete an interrupted transaction or to add the
+    messages of the write-ahead log.
     """
     journals = [Path(f'{path}{end}') for end in ('-journal', '-wal')]
     present = [each for each in journals if each.is_file() and each.stat().st_size]
@@ -371,7 +340,6 @@ def _bytes_after_last_page(path: Path) -> int:
 
 
 def _find_error(path: Path) -> str | None:
-    """Return the first error that SQLite finds in a file of a bag, or None if it finds none."""
     size = path.stat().st_size
     try:
         with closing(Tables(path, size)) as tables:

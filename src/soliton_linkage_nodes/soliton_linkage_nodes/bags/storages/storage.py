@@ -29,16 +29,11 @@ _FORMATS = {
     'omgidl': MessageDefinitionFormat.IDL,
 }
 LAST_STAMP = 2**63 - 1
-"""Largest stamp that fits into a signed 64-bit integer [ns since 1970]. This is a time in the year
-2262."""
+"""Largest signed 64-bit stamp [ns since 1970], in the year 2262."""
 
 
 class Message(NamedTuple):
-    """Message of a bag.
-
-    `topic` is the number of the topic, `sequence` the sequence number, `stamp` the receive time
-    [ns], and `published` the publish time [ns].
-    """
+    """Message of a bag: number of the topic, sequence number, receive and publish time [ns]."""
 
     topic: int
     sequence: int
@@ -48,10 +43,7 @@ class Message(NamedTuple):
 
 
 class LimitedReader:
-    """Base class of readers with the interface of rosbags.
-
-    `limits` must be set before the reader is opened.
-    """
+    """Base class of readers with the interface of rosbags. Set `limits` before `open`."""
 
     def __init__(self) -> None:
         self.limits = DEFAULT_LIMITS
@@ -59,11 +51,7 @@ class LimitedReader:
         self.metadata = summary_of((), None)
 
 
-def connection(
-    owner: ReaderProtocol,
-    topic: StoredTopic,
-    count: int,
-) -> Connection:
+def connection(owner: ReaderProtocol, topic: StoredTopic, count: int) -> Connection:
     """Return a `Connection` of rosbags for a topic with `count` messages."""
     kind = _FORMATS.get(topic.definition_format, MessageDefinitionFormat.NONE)
     known = kind is not MessageDefinitionFormat.NONE
@@ -82,10 +70,7 @@ def connection(
 
 
 def parse_profiles(profiles: str | Sequence[Any]) -> list[Qos]:
-    """Return QoS profiles from a YAML text or a parsed list.
-
-    If the profiles are invalid, the list is empty.
-    """
+    """Return QoS profiles from a YAML text or a parsed list; nothing if they are invalid."""
     try:
         values: Any = profiles_in(profiles) if isinstance(profiles, str) else list(profiles)
         return parse_qos(values)
@@ -100,10 +85,7 @@ def summary_of(
     distribution: str | None = None,
     custom: dict[str, str] | None = None,
 ) -> ReaderMetadata:
-    """Return the metadata of a bag.
-
-    `span` holds the first and the last receive time [ns], None for a bag without messages.
-    """
+    """Return the metadata of a bag with the first and the last receive time [ns] in `span`."""
     start, end = span or (LAST_STAMP, LAST_STAMP)
     count = sum(each.msgcount for each in connections)
     return ReaderMetadata(
@@ -120,23 +102,17 @@ def summary_of(
 class RecoveredFile(ABC):
     """Recovery of all intact messages of a bag file, which may be damaged.
 
-    The keys of `topics` are the numbers of the topics in the file. `damage` has one line for each
-    damaged part of the file. `lost` is the number of messages in the file that cannot be read.
-    `unverified` is the number of messages that were read without a checksum. These results are
-    complete when `messages` has yielded the last message.
-
-    `stated` is the number of messages according to the statistics of the file, 0 if unknown.
-    `records` holds the opcodes and contents of MCAP records that must be copied unchanged.
+    `topics` maps the numbers in the file to topics. `damage` has one line for each damaged part,
+    `lost` messages cannot be read, and `unverified` messages have no checksum. These results are
+    complete when `messages` has yielded the last message. `stated` is the number of messages in
+    the statistics of the file, 0 if unknown. `records` holds opcodes and contents of MCAP records
+    to copy.
     """
 
     def __init__(
         self, path: Path, doubtful: bool = False, limits: BagLimits = DEFAULT_LIMITS
     ) -> None:
-        """Scan the file.
-
-        With `doubtful`, messages with wrong checksums are also recovered. Data that exceeds the
-        limits is omitted and reported as damage.
-        """
+        """Scan the file. With `doubtful`, messages with wrong checksums are also recovered."""
         self.topics: dict[int, StoredTopic] = {}
         self.custom_data: dict[str, str] = {}
         self.damage: list[str] = []
@@ -165,8 +141,7 @@ class RecoveredFile(ABC):
             self.report_damage(f'{nameless} messages have topics whose names are lost', nameless)
         if timeless:
             self.report_damage(
-                f'{timeless} messages have stamps before 1970 or after 2262, unlike MCAP',
-                timeless,
+                f'{timeless} messages have stamps before 1970 or after 2262, unlike MCAP', timeless
             )
         self._conclude()
 

@@ -21,11 +21,7 @@ from soliton_linkage_nodes.live_view.controls.drive_controls import (
 )
 from soliton_linkage_nodes.live_view.status import reports_of
 from soliton_linkage_nodes.live_view.view import View
-from soliton_linkage_nodes.messages.view_conversions import (
-    AdjustableParameter,
-    NodeReport,
-    figure,
-)
+from soliton_linkage_nodes.messages.view_conversions import AdjustableParameter, NodeReport, figure
 from soliton_linkage_nodes.runtime.parameters import describe_range
 
 _HINT = (

@@ -37,8 +37,7 @@ _REPORT = 'soliton_linkage_nodes.programs.experiment.report'
 _NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
 _PAGE = 'live_view'
 _ALL_FRAMES = ['-p', 'longest_lag:=0.0']
-"""Argument that makes the analysers process every frame, so that live and replayed results
-agree."""
+"""Argument with which analysers process every frame, so that live and replayed results agree."""
 _UNUSED = (
     interfaces.IDENTIFIED_CHAIN,
     interfaces.JOINT_STATE_DEVIATIONS,
@@ -51,7 +50,7 @@ _UNUSED = (
 )
 _RECORDED_TOPICS = {f'/{topic.name}' for topic in interfaces.SUITE_TOPICS if topic not in _UNUSED}
 _REPORT_LIMIT = 6.2
-"""Longest wait for the report of a node [s]. Nodes report once per second."""
+"""Longest wait for the report of a node, which comes once per second [s]."""
 _QUIET = 0.5
 """Time without a new state after which no more states are expected [s]."""
 
@@ -121,10 +120,7 @@ class Experiment:
         self._report = import_module(_REPORT)
 
     def _serve_page(self) -> bool:
-        """Print the address of the page, and return whether the page is available.
-
-        Without a page the experiment continues.
-        """
+        """Print the address of the page; return whether it is available, else continue without."""
         deadline = time.monotonic() + START_LIMIT
         try:
             while not self._processes.wait(_PAGE, _QUIET) and time.monotonic() < deadline:
@@ -221,7 +217,6 @@ class Experiment:
         return pacing
 
     def _start_replay(self) -> None:
-        """Start a second analyser and a paused player."""
         _print(f'Replaying {self.bag} into a second analyser, and drawing the motion.')
         self._observer.forget()
         self._start('soliton_analyser', _ALL_FRAMES)
@@ -239,7 +234,6 @@ class Experiment:
         )
 
     def _draw(self) -> Any:
-        """Read the bag, draw kymograph.png and track.png, and return the recorded run."""
         with interruptible(self._stopping):
             recorded = self._report.read_run(self.bag)
             self._report.draw(recorded, self._output)
@@ -290,7 +284,6 @@ class Experiment:
     def _summary(
         self, recorded: Any, replayed: dict[int, tuple[float, ...]], pacing: dict[str, str]
     ) -> dict[str, Any]:
-        """Write and return the content of summary.json."""
         difference = self._report.largest_difference(recorded.states, replayed)
         summary = {
             'scenario': self._settings.scenario,

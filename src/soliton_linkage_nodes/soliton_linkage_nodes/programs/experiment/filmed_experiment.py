@@ -36,8 +36,7 @@ from soliton_linkage_studies.camera.runs import CAMERA
 
 _DEVIATIONS = interfaces.JOINT_STATE_DEVIATIONS.name
 _FROM_EDGES = 4.0
-"""Smallest distance from an edge [rotor spacings]. Positions closer to an edge are not
-compared."""
+"""Distance from an edge below which positions are not compared [rotor spacings]."""
 
 
 @dataclass(frozen=True)
@@ -45,30 +44,26 @@ class PositionErrors:
     """Errors of the angles and of the soliton position in a film, without positions near edges."""
 
     angle_noise: float
-    """Standard deviation of the angle errors [rad] after subtraction of the mean error of each
-    rotor."""
+    """Standard deviation of the angle errors, without the mean error of each rotor [rad]."""
     stated_angle_noise: float
     """Median of the stated standard deviations of the angles [rad]."""
     frames: int
-    """Number of frames whose soliton positions were compared."""
+    """Number of compared soliton positions."""
     error: float
     """Root mean square error of the position with the identified chain [rotor spacings]."""
     stated: float
     """Root mean square of the stated standard deviation of the position [rotor spacings]."""
     allowed: float
-    """Cramer-Rao bound of the position error [rotor spacings]. The bound for one frame is the
-    angle noise divided by the arc length of the orbit per site. This value is the root mean square
-    of the bound over the frames."""
+    """Root mean square Cramer-Rao bound of the position [rotor spacings]: for one frame the angle
+    noise divided by the arc length of the orbit per site."""
     with_true_chain: float
-    """Root mean square error of the position from an analyser with the true chain [rotor
-    spacings]."""
+    """Root mean square position error of an analyser with the true chain [rotor spacings]."""
     hidden: float
     """Fraction of the angles that were hidden in the compared frames [1]."""
     by_hidden: float
-    """Root mean square error of the position from an analyser with the true chain and the exact
-    angles of the visible rotors [rotor spacings]. This error is caused by hidden rotors. Strained
-    springs move the chain away from its orbit. The point of the orbit that is nearest to the
-    visible rotors then differs from the point that is nearest to all rotors."""
+    """Root mean square position error of an analyser with the true chain and the exact angles of
+    the visible rotors [rotor spacings]. Strained springs move the chain away from its orbit, where
+    the points nearest to the visible and to all rotors differ."""
 
 
 @dataclass(frozen=True)
@@ -81,8 +76,7 @@ class FilmedExperimentParameters(BenchParameters):
 def run(configuration: Path, given: Mapping[str, Any], folder: Path) -> str:
     """Run the experiment of a configuration file, and return its result as text.
 
-    `given` contains the parameters of the experiment. Raises ValueError if a parameter is unknown
-    or out of range.
+    Raises ValueError if a parameter in `given` is unknown or out of range.
     """
     known = described_fields(FilmedExperimentParameters)
     for name, value in given.items():
@@ -157,7 +151,6 @@ class FilmedExperiment:
         return film_to_bag(read_video(film), named, measurement, self._folder / name, overlay)
 
     def _errors(self, bag: Path, identified: NamedChain) -> PositionErrors:
-        """Compare the positions from a bag with the true positions in the filmed chain."""
         with open_bag(bag) as reader:
             deviations = np.array(
                 [message.position for _, message in read_topic(reader, _DEVIATIONS)]
@@ -214,11 +207,7 @@ def describe_errors(errors: PositionErrors, spread: float) -> str:
 
 
 def _positions(chain: Chain, times: Array, angles: Array) -> Array:
-    """Return the position and standard deviation of the soliton in each frame.
-
-    The result has shape (T, 2). Positions are in rotor spacings, and standard deviations are in
-    m.
-    """
+    """Return the soliton's position [rotor spacings] and standard deviation [m], shape (T, 2)."""
     analyser = Analyser(chain)
     return np.array(
         [
@@ -229,10 +218,7 @@ def _positions(chain: Chain, times: Array, angles: Array) -> Array:
 
 
 def _position(analysis: Analysis | None) -> tuple[float, float]:
-    """Return the position [rotor spacings] of the only soliton and its standard deviation [m].
-
-    Both are NaN if the frame has no soliton or several solitons.
-    """
+    """Return position [rotor spacings] and deviation [m] of the only soliton, else NaN."""
     if analysis is None or len(analysis.solitons) != 1:
         return math.nan, math.nan
     (soliton,) = analysis.solitons
@@ -284,7 +270,7 @@ _FIGURES = (
 
 
 def write_film_page(folder: Path, text: str) -> None:
-    """Write the page index.html into the folder that contains the films and pictures."""
+    """Write index.html into the folder that contains the films and pictures."""
     figures = ''.join(_figure(name, caption) for name, caption in _FIGURES)
     page = _PAGE.format(text=html.escape(text), figures=figures)
     (folder / 'index.html').write_text(page, encoding='utf-8')

@@ -19,8 +19,7 @@ from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 _NEAR_EDGE = 2.0
-"""Threshold for reaching an edge [rotor spacings]: the soliton has reached an edge if its distance
-from the edge is at most this value."""
+"""Distance from an edge at which a soliton has reached it [rotor spacings]."""
 
 
 @dataclass(frozen=True)

@@ -31,16 +31,12 @@ from soliton_linkage_nodes.programs.experiment.experiment import Experiment
 from soliton_linkage_nodes.programs.experiment.observer import Observer
 from soliton_linkage_nodes.runtime.child_processes import has_display, private_domain
 from soliton_linkage_nodes.runtime.parameter_files import read_sections
-from soliton_linkage_nodes.runtime.process import (
-    initialise,
-    interrupt_on_signals,
-    stop_on_signals,
-)
+from soliton_linkage_nodes.runtime.process import initialise, interrupt_on_signals, stop_on_signals
 from soliton_linkage_nodes.start import INTERRUPTED
 
 _FILMED = 'filmed_experiment'
 _WRITTEN = '.written'
-"""Name of the file that lists the results of an experiment. The file is next to the results."""
+"""File that lists the results of an experiment, next to the results."""
 
 
 def main() -> None:
@@ -60,10 +56,7 @@ def main() -> None:
 
 @contextmanager
 def _plain_end(left: Callable[[], str] = lambda: '') -> Iterator[None]:
-    """Print one line and exit with 130 after Ctrl-C, or with 1 after a failure.
-
-    After Ctrl-C the line ends with the result of `left()`, a text about the remaining results.
-    """
+    """Print one line, with `left()` about the results, and exit with 130 after Ctrl-C, else 1."""
     try:
         yield
     except KeyboardInterrupt:
@@ -112,11 +105,9 @@ def _run_filmed(options: argparse.Namespace, given: dict[str, Any]) -> None:
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[Path]:
-    """Yield a folder that no other experiment uses.
+    """Yield a folder that no other experiment uses, without the results of an earlier one.
 
-    The result is `folder`, or the first free folder with the suffix _1, _2, ... if another
-    experiment uses `folder`. Results of an earlier experiment in the chosen folder are removed
-    first.
+    The result is `folder`, or else the first free one with the suffix _1, _2, ...
     """
     candidates = (folder.with_name(f'{folder.name}_{n}') if n else folder for n in count())
     claims = ((each, _claim(each)) for each in candidates)
@@ -136,7 +127,6 @@ def claimed(folder: Path) -> Iterator[Path]:
 
 
 def _remove_written(folder: Path) -> None:
-    """Remove the files and folders that the last experiment wrote into a folder."""
     record = folder / _WRITTEN
     if not record.is_file():
         return
@@ -150,10 +140,7 @@ def _remove_written(folder: Path) -> None:
 
 
 def _claim(folder: Path) -> int | None:
-    """Create, open and lock a folder, and return its descriptor.
-
-    Return None if another experiment has locked the folder.
-    """
+    """Create, open and lock a folder; return its descriptor, None if another one has locked it."""
     folder.mkdir(parents=True, exist_ok=True)
     claim = os.open(folder, os.O_RDONLY)
     try:
@@ -203,7 +190,6 @@ def _agreement(summary: dict[str, Any]) -> str:
 
 
 def _suggestions(configuration: Path) -> list[str]:
-    """Return lines that suggest further commands."""
     made = 'MAKELEVEL' in os.environ
     others = [
         f'make demo SCENARIO={path.stem}' if made else f'experiment {path}'

@@ -28,7 +28,7 @@ from soliton_linkage_nodes.runtime.stamps import time_from_msg
 from soliton_linkage_studies.pictures import save_run
 
 _BEFORE_NUDGE = 0.5
-"""Duration of the motion before the nudge that the pictures show [s]."""
+"""Duration of the motion before the nudge in the pictures [s]."""
 
 
 @dataclass(frozen=True)
@@ -40,14 +40,13 @@ class RecordedRun:
     track: Track
     crossings: tuple[Crossing, ...]
     states: Mapping[int, tuple[float, ...]]
-    """Site coordinates [rotor spacings] of the solitons that the live analyser found, by the stamp
-    of the frame [ns]."""
+    """Site coordinates of the solitons of the live analyser [rotor spacings], by stamp [ns]."""
     events: tuple[str, ...]
     """Kinds of the events, for example 'reflection'."""
     messages: int
     lost: int
     publish_rate: float
-    """Rate of joint_states [Hz], computed from the arrival times after the nudge."""
+    """Rate of joint_states from the arrival times after the nudge [Hz]."""
 
 
 def read_run(bag: Path) -> RecordedRun:
@@ -86,8 +85,7 @@ def largest_difference(
 ) -> float:
     """Return the largest difference between live and replayed sites [rotor spacings].
 
-    The result is infinite if the two analyses found different numbers of solitons in a frame.
-    Frames that only one analysis contains are ignored.
+    It is infinite if the two analyses found different numbers of solitons in a common frame.
     """
     largest = 0.0
     for stamp in live.keys() & replayed.keys():
