@@ -32,10 +32,12 @@ HERE = Path(__file__).parent / 'pictures'
 CONFIGURATION = HERE.parents[1] / 'config' / 'flipper.yaml'
 BROWSERS = ('chromium', 'chromium-browser', 'google-chrome')
 SIZE = {'width': 1400, 'height': 1010}
-FROM, TO, SPEED = 8.5, 28.0, 5.0
+LEFT, RIGHT, SPEED = 8.5, 28.0, 5.0
 RATE, LENGTH, WIDTH = 3, 6.0, 640
-COLOURS = 32
+SPAN = 20.0
+COLOURS = 96
 START_LIMIT = 60.0
+NICENESS = 10
 
 
 def main() -> None:
@@ -47,17 +49,21 @@ def main() -> None:
         private_domain(),
         tempfile.TemporaryDirectory() as folder,
         served(Path(folder)) as address,
-        sync_playwright() as playwright,
     ):
-        browser = playwright.chromium.launch(executable_path=browser_path, args=['--no-sandbox'])
-        page = browser.new_page(viewport=SIZE)
-        page.goto(address)
-        page.wait_for_function('() => window.live && live.drawn > 10')
-        # The picture shows the whole page.
-        height = page.evaluate('document.documentElement.scrollHeight')
-        page.set_viewport_size({**SIZE, 'height': height})
-        film(page, Path(folder))
-        browser.close()
+        # The browser has a lower priority than the nodes, because a screenshot would delay frames.
+        os.nice(NICENESS)
+        with sync_playwright() as playwright:
+            browser = playwright.chromium.launch(
+                executable_path=browser_path, args=['--no-sandbox']
+            )
+            page = browser.new_page(viewport=SIZE)
+            page.goto(address)
+            page.wait_for_function('() => window.live && live.drawn > 10')
+            # The picture shows the whole page.
+            height = page.evaluate('document.documentElement.scrollHeight')
+            page.set_viewport_size({**SIZE, 'height': height})
+            film(page, Path(folder))
+            browser.close()
     sys.stdout.write(f'{HERE / "live.png"}\n{HERE / "live.gif"}\n')
 
 
@@ -83,17 +89,21 @@ def served(folder: Path) -> Iterator[str]:
 
 
 def film(page: Any, folder: Path) -> None:
-    """Record a move of a soliton along the chain."""
+    """Record a move of a soliton back along the chain, after a first move."""
     page.get_by_role('tab', name='Run').click()
     page.locator('label.q-select:visible:has-text("state")').click()
     page.get_by_role('option', name='soliton', exact=True).click()
-    page.locator('.q-tab-panel:visible').get_by_label('position', exact=True).fill(str(FROM))
+    page.locator('.q-tab-panel:visible').get_by_label('position', exact=True).fill(str(LEFT))
     page.click('#live-reset')
     page.get_by_role('tab', name='Drive').click()
-    page.wait_for_function(f'() => Math.abs(live.shown.rotor - {FROM}) < 0.1')
+    page.wait_for_function(f'() => Math.abs(live.shown.rotor - {LEFT}) < 0.1')
+    reset = time.monotonic()
+    page.wait_for_timeout(3000)
+    page.evaluate(f'live.act("move", {{rotor: {RIGHT}, speed: {SPEED}}})')
+    page.wait_for_function('() => document.getElementById("live-move").textContent[0] === "r"')
     # Wait until the reset has left the plotted history.
-    page.wait_for_timeout(6000)
-    page.evaluate(f'live.act("move", {{rotor: {TO}, speed: {SPEED}}})')
+    page.wait_for_timeout(1e3 * (reset + SPAN - LENGTH / 2 - time.monotonic()))
+    page.evaluate(f'live.act("move", {{rotor: {LEFT}, speed: {SPEED}}})')
     begun = time.monotonic()
     number = 0
     while (elapsed := time.monotonic() - begun) < LENGTH:

@@ -51,13 +51,13 @@ class Chains:
 
     def __init__(self) -> None:
         self.status = '{"status": {}}'
-        self.models = {'/': ChainModel(), '/other/': ChainModel()}
+        self.second = 0
+        self.models = {name: ChainModel(lambda: self.second) for name in ('/', '/other/')}
         self.chains: Any = {
             name: SimpleNamespace(namespace=name, model=model, camera=Camera())
             for name, model in self.models.items()
         }
         self._fresh = asyncio.Event()
-        self.second = 0
         self.moves: list[tuple[float, float]] = []
 
     async def wait(self) -> None:
@@ -149,7 +149,11 @@ def test_a_browser_that_stops_drawing_receives_two_frames_and_later_the_newest()
         await session.chains.tick()
         assert session.stamps[waiting:] == [1001.0]
 
-    assert len(run_session(play).socket.frames) < 10
+    frames = run_session(play).socket.frames
+    assert len(frames) < 10
+    # The browser receives the skipped columns of the history before the newest frame.
+    assert [kind_of(frame) for frame in frames[-2:]] == ['history', 'frame']
+    assert struct.unpack_from('<3d', frames[-2], 8)[1] == 600
 
 
 def test_a_browser_receives_the_chains_and_rotors_that_it_requests() -> None:

@@ -11,6 +11,7 @@ import json
 import math
 import time
 from collections.abc import Mapping
+from itertools import takewhile
 from typing import TYPE_CHECKING, Any
 
 from soliton_linkage_nodes.bags.guards import load_json
@@ -22,6 +23,7 @@ from soliton_linkage_nodes.live_view.frame_layout import (
     ENERGIES,
     FIELDS,
     KINDS,
+    Column,
     pack_history,
 )
 from soliton_linkage_nodes.live_view.pulling import Pull
@@ -36,6 +38,9 @@ one of them while the other is in transit."""
 _HEARTBEAT = 0.2
 """Time after which the same frame is sent again if no new frame has arrived [s]. The repeated
 frame contains its present age."""
+_MOST_SKIPPED = 10
+"""Largest number of columns of the history that a slow browser skips [1]. The browser receives the
+columns of a longer gap, which spans 0.3 s, before the next frame."""
 _MOST_TILE_ANGLES = 200
 """Largest number of rotors for which a chain is drawn rotor by rotor if several chains are shown
 side by side [1]."""
@@ -91,6 +96,7 @@ class BrowserStream:
         self._source = source
         self._window = (0, MOST_ANGLES)
         self._latest: dict[str, tuple[int, float]] = {}
+        self._sent_stamps: dict[str, float] = {}
         self._camera_pending = False
         self._camera_latest = 0
         self._sent_status: tuple[str, list[int]] = ('', [])
@@ -118,6 +124,7 @@ class BrowserStream:
             if self._history_wanted:
                 self._history_wanted = False
                 for index, chain in shown:
+                    self._sent_stamps[chain.namespace] = chain.model.stamp
                     await self._socket.send_bytes(pack_history(index, chain.model.history))
             if self.pending < _MOST_PENDING * max(len(shown), 1):
                 for index, chain in shown:
@@ -138,7 +145,19 @@ class BrowserStream:
             first, last = (0, chain.model.rotors - 1 if few else MOST_ANGLES + 1)
         self.pending += 1
         self.sent += 1
-        await self._socket.send_bytes(self._source.packed(index, chain, first, last))
+        packed = self._source.packed(index, chain, first, last)
+        if skipped := self._skipped(chain):
+            await self._socket.send_bytes(pack_history(index, skipped))
+        await self._socket.send_bytes(packed)
+
+    def _skipped(self, chain: ChainTopics) -> list[Column]:
+        """Return the columns of the history since the last frame if the browser skipped many."""
+        last = self._sent_stamps.get(chain.namespace, math.inf)
+        self._sent_stamps[chain.namespace] = chain.model.stamp
+        skipped = list(
+            takewhile(lambda each: each.numbers[0] > last, reversed(chain.model.history))
+        )
+        return skipped[::-1] if len(skipped) > _MOST_SKIPPED else []
 
     async def _send_camera(self, index: int, chain: ChainTopics) -> None:
         if chain.camera.pictures in (0, self._camera_latest):

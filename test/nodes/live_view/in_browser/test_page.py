@@ -164,6 +164,26 @@ def test_a_late_state_is_drawn_at_its_own_stamp(visit: Visit) -> None:
     assert energy == pytest.approx(5.91, abs=0.05)
 
 
+def test_the_columns_that_a_slow_browser_skipped_fill_the_track(visit: Visit) -> None:
+    before, between, after = visit.page.evaluate(
+        """async () => { const { Track } = await import('/live/frames.js');
+        const track = new Track(['kinetic']);
+        const times = Array.from({ length: 60 }, (_, n) => 5.01 + n / 30);
+        const load = (shift) => track.load({ columns: times.length, height: 2, count: 4,
+          numbers: new Float64Array(times.flatMap((t) => Array(4).fill(t + shift))),
+          data: new Float32Array(times.flatMap((t) => [0, t])) });
+        const at = (t) => track.positions[track.at(Math.floor(30 * t))];
+        load(0);
+        load(2);
+        const kept = [at(5.51), at(7.51)];
+        load(-4);
+        return [...kept, at(7.51)]; }"""
+    )
+    assert before == pytest.approx(5.51, abs=0.05)
+    assert between == pytest.approx(7.51, abs=0.05)
+    assert math.isnan(after)
+
+
 def test_the_view_and_the_last_minute_are_saved(visit: Visit, stage: Stage) -> None:
     with visit.page.expect_download() as saved:
         visit.page.get_by_label('save the view as a picture').click()
@@ -192,6 +212,10 @@ def test_the_first_steps_go_on_with_each_success(at_rest: Visit) -> None:
     visit.has_text('guide', 'Click on the chain to move the soliton there.')
     visit.load()
     visit.has_text('guide', 'Click on the chain to move the soliton there.')
+    # A later step completes all steps before it.
+    visit.js('live.guide.done.clear()')
+    visit.js("live.act('move', {rotor: 7})")
+    visit.has_text('guide', 'Drag a rotor')
     visit.page.get_by_label('hide the first steps').click()
     visit.wait('document.getElementById("live-guide").hidden')
 

@@ -127,8 +127,8 @@ export class Track {
     this.written.push(number);
   }
 
+  // Adds the columns of a history. Columns before the newest column replace the track.
   load({ columns, height, count, numbers, data }) {
-    this.reset(height);
     for (let n = 0; n < columns; n += 1) {
       const [stamp, stateStamp, position, ...energies] = numbers.subarray(n * count, (n + 1) * count);
       this.addAngles(stamp, data.subarray(n * height, (n + 1) * height));

@@ -23,9 +23,11 @@ export class Guide {
     this.close.addEventListener('click', () => STEPS.forEach(([name]) => this.finish(name)));
   }
 
-  get step() { return STEPS.find(([name]) => !this.done.has(name)); }
+  // Returns the step after the last completed step.
+  get step() { return STEPS[STEPS.findLastIndex(([name]) => this.done.has(name)) + 1]; }
 
   finish(name) {
+    if (this.done.has(name)) return;
     this.done.add(name);
     try { localStorage.setItem(KEY, JSON.stringify([...this.done])); } catch { /* not remembered */ }
   }
@@ -34,8 +36,11 @@ export class Guide {
     try { return JSON.parse(localStorage.getItem(KEY)) || []; } catch { return []; }
   }
 
-  // Shows the current step if the chain can be driven.
-  refresh(able) {
+  // Shows the current step if the chain can be driven. A soliton that moves, and a move that any
+  // program requested, complete their steps too.
+  refresh(able, { moves, carried }) {
+    if (moves) this.finish('Nudge');
+    if (carried) this.finish('Move');
     const { step } = this;
     this.element.hidden = !step || !able;
     if (this.element.hidden) return;

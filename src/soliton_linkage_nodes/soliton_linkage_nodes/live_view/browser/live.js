@@ -13,6 +13,7 @@ import { Dial, EnergyPlot, Kymograph, LeanPlot, TimeLine, TopologyPlot } from '.
 const SILENCE = 1; // seconds without a message after which the page warns
 const ALL = '*';
 const LATE = 0.05; // share of missed deadlines above which the header is amber
+const MOVES = 0.5; // speed of a soliton above which it is not at rest [rotor spacings/s]
 const element = (id) => document.getElementById(`live-${id}`);
 
 class Live {
@@ -100,6 +101,8 @@ class Live {
     const kind = this.layout.kind(buffer);
     if (kind === 'history') {
       const history = readHistory(buffer);
+      // A frame that is not drawn yet is older than this history.
+      this.pending.delete(history.chain);
       this.track(history.chain).load(history);
     } else if (kind === 'camera') {
       this.camera.show(readCamera(buffer));
@@ -245,7 +248,10 @@ class Live {
       if (plot.title) setText(element(`${name}-title`), plot.title(chain));
     });
     this.refreshMove(chain);
-    this.guide.refresh(chain.able && !chain.status.replay);
+    this.guide.refresh(chain.able && !chain.status.replay, {
+      moves: Math.abs(frame.velocity) > MOVES * (chain.spacing || 1),
+      carried: Boolean(chain.status.move && chain.status.move.state),
+    });
     this.refreshReplay(chain, frame);
   }
 
