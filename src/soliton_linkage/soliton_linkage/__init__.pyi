@@ -60,6 +60,7 @@ from soliton_linkage.linkage.chain import (
     staggered as staggered,
 )
 from soliton_linkage.linkage.deviations import Deviations as Deviations
+from soliton_linkage.linkage.feedback import Feedback as Feedback
 from soliton_linkage.linkage.gravity import Gravity as Gravity
 from soliton_linkage.linkage.recording import Recording as Recording
 from soliton_linkage.orbit.deviating_orbit import orbit_of as orbit_of

@@ -16,6 +16,7 @@ from sensor_msgs.msg import JointState
 from soliton_linkage.dynamics.initial_states import State
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.deviations import Deviations
+from soliton_linkage.linkage.feedback import Feedback
 from soliton_linkage_msgs.msg import RotorImpulses
 from soliton_linkage_msgs.srv import Reset
 from soliton_linkage_nodes.messages import conversions
@@ -47,7 +48,8 @@ def test_the_ends_of_a_chain_come_back() -> None:
 
 def test_a_chain_and_its_names_come_back() -> None:
     deviations = Deviations((0.1, 0.2), (), (0.3, -0.4, 0.5), (), (0.0, -0.9), (1.0, 2.0, 3.0))
-    chain = Chain(3, 0.11, 0.07, 1.2, 0.03, 77.0, damping=1e-3, deviations=deviations)
+    law = Feedback(0.1, 0.2, 0.3, -0.4, 0.5, -0.6, reference=0.7, delay=8, limit=0.9)
+    chain = Chain(3, 0.11, 0.07, 1.2, 0.03, 77.0, 1e-3, deviations=deviations, feedback=law)
     named = NamedChain(chain, ('left', 'middle', 'right'), (0.1, 0.0, -0.2))
     message = conversions.chain_to_msg(named, STAMP)
     assert conversions.chain_from_msg(message) == named

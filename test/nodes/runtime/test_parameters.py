@@ -24,6 +24,7 @@ from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.deviations import Deviations, Disorder
 from soliton_linkage.linkage.encoders import EncoderErrors, KnownEncoders
+from soliton_linkage.linkage.feedback import Feedback
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.linkage.urdf import JointLimits
@@ -61,6 +62,7 @@ CONFIG = Path(__file__).parents[3] / 'config'
 OF_NODE = {
     '/**': {
         'chain.': Chain,
+        'chain.feedback.': Feedback,
         'chain.deviations.': Deviations,
         'chain.disorder.': Disorder,
         'chain.encoders.': KnownEncoders,

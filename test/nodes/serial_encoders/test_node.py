@@ -16,6 +16,9 @@ import pytest
 from graphs import Graph, values
 from sensor_msgs.msg import JointState
 
+from soliton_linkage.dynamics.motor_controllers import MotorControllers
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.linkage.feedback import Feedback
 from soliton_linkage.microcontroller.frames import Protocol
 from soliton_linkage.microcontroller.simulated_controller import (
     ControllerSettings,
@@ -198,6 +201,24 @@ def test_torques_act_on_the_valves_until_the_command_timeout(
     assert delivered[0].header == received[-1].header
 
 
+def test_feedback_is_sent_after_each_frame_and_is_no_impulse(
+    graph: Graph, plugged: Callable[..., Controller]
+) -> None:
+    controller = plugged()
+    gains = {'chain.feedback.left_angle': 0.01, 'chain.feedback.right_angle': -0.02}
+    _, received = begin(graph, controller, **gains)
+    delivered = graph.hear(interfaces.DELIVERED_IMPULSES)
+    law = Feedback(left_angle=0.01, right_angle=-0.02)
+    motors = MotorControllers(Chain(number_of_rotors=ROTORS, feedback=law))
+    expected = [motors.torques(time, ANGLES) for time in (0.0, 1.0)][1]
+    assert np.count_nonzero(expected) == 2
+    controller.send(received, 2)
+    graph.until(lambda: any(controller.torques()), 'the torques of the feedback')
+    np.testing.assert_allclose(controller.torques(), expected, atol=0.04 * COUNT)
+    controller.send(received, 1)
+    assert not delivered
+
+
 def test_a_node_that_is_deactivated_closes_the_valves(
     graph: Graph, plugged: Callable[..., Controller]
 ) -> None:
@@ -240,6 +261,10 @@ def test_an_invalid_parameter_is_reported_in_one_line_at_the_start(graph: Graph)
         ({'port': '/dev/no_such_port'}, r"'/dev/no_such_port' cannot be opened: No such file"),
         ({'port': 'x', 'encoders.signs': [1.0]}, 'signs has 1 values for a chain of 4 rotors'),
         ({'port': 'x', 'valves.hold': 0.001}, r'hold = 0.001 s is shorter'),
+        (
+            {'port': 'x', 'chain.feedback.angle': 1.0, 'valves.torque_limit': 0.01},
+            r'feedback.limit = 0.1 N m of the chain exceeds valves.torque_limit = 0.01 N m',
+        ),
     ]
     for parameters, reason in wrong:
         with pytest.raises(ValueError, match=reason) as raised:

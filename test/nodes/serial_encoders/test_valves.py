@@ -20,6 +20,17 @@ def test_delivered_impulses_add_up_to_torque_times_time() -> None:
         assert not valves.delivered(9.0).any()
 
 
+def test_feedback_is_added_to_commanded_torques_and_ends_with_the_hold_time() -> None:
+    valves = Valves(ValveParameters(command_timeout=0.2, hold=0.1), 2)
+    valves.hold(TORQUES, 1.0)
+    valves.feed_back(2 * TORQUES, 1.0)
+    for instant, torques in [(1.0, 3 * TORQUES), (1.15, TORQUES), (1.25, 0 * TORQUES)]:
+        np.testing.assert_allclose(valves.command(instant).values, torques)
+        assert valves.closed is not torques.any()
+        valves.record_sent(instant)
+    np.testing.assert_allclose(valves.delivered(9.0), 0.2 * TORQUES)
+
+
 def test_commands_that_were_not_sent_deliver_nothing() -> None:
     valves = Valves(ValveParameters(), 2)
     valves.hold(TORQUES, 1.0)

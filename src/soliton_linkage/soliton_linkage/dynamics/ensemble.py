@@ -107,8 +107,8 @@ def simulate_many(
     threads of this process use all cores. Specify `executor` to use another pool, for example
     `client.get_executor()` of a Dask client. The error of each step, as a norm over the rotors of
     a chain, is at most `tolerance` [rad]. Raises ArithmeticError if a motion cannot be
-    integrated, and ValueError for chains with periodic ends or with different force terms in one
-    batch.
+    integrated, and ValueError for chains with feedback, and for chains with periodic ends or with
+    different force terms in one batch.
 
     >>> import numpy as np
     >>> import soliton_linkage as sl
@@ -164,6 +164,11 @@ def _move(
     tolerance: float,
 ) -> list[Any]:
     chains = [chain for chain, _ in batch]
+    if any(chain.feedback.acts for chain in chains):
+        raise ValueError(
+            'simulate_many has no frames at which motors could measure; simulate chains with '
+            'feedback by ElasticSimulation'
+        )
     motion, times = EquationOfMotion(joined(chains)), np.linspace(0.0, duration, frames + 1)
     angles, rates = ([getattr(s, name) for _, s in batch] for name in ('angles', 'rates'))
     state = np.concatenate([*angles, *rates, [0.0] * motion.damped])

@@ -40,6 +40,8 @@ class EquationOfMotion:
 
     The state includes the dissipated energy W [J] only if a term is dissipative or active. The
     terms are springs, commanded torques, gravity, the terms that `of_chain` returns, and `forces`.
+    `Chain.feedback` is not a term, because its torques are constant between frames: `Simulation`
+    includes them in `torques`.
     Raises ValueError for torques of the wrong shape and for fixed rotors that are not in the
     chain.
     """

@@ -205,7 +205,8 @@ class RigidSimulation(Simulation):
     def _excess_energy(self, angles: Array, speed: float, dissipated: float) -> float:
         potential = self.motion.external_energy(angles)
         work = self._work + work_of_torques(self.torques, angles - self._held_from)
-        return speed**2 / 2 + potential - work + self._dissipated_before + dissipated
+        lost = self._dissipated_before + self._dissipated_at(angles, dissipated)
+        return speed**2 / 2 + potential - work + lost
 
     def _stuck(self, complaint: str) -> ArithmeticError:
         """Return the error of a failed step; its message reports jammed bars.
@@ -224,7 +225,8 @@ class RigidSimulation(Simulation):
         torques over one radian.
         """
         moving = float(self.chain.kinetic_energy(self.rates))
-        return moving + self.motion.external_scale + float(np.abs(self.torques).sum())
+        held = np.abs(self.torques) + np.abs(self.feedback_torques)
+        return moving + self.motion.external_scale + float(held.sum())
 
     def _mode(self, angles: Array) -> Array:
         """Return the zero mode with sum_n I_n t_n^2 = 1 [kg^(-1/2) m^(-1)], shape (N,)."""

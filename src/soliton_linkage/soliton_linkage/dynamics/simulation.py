@@ -12,6 +12,7 @@ import numpy as np
 from scipy.integrate import OdeSolver
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion, checked_rotors
+from soliton_linkage.dynamics.motor_controllers import MotorControllers
 from soliton_linkage.dynamics.terms import Term, TorqueFunction
 from soliton_linkage.dynamics.work import work_of_kick, work_of_torques
 from soliton_linkage.linkage.chain import Array, Chain
@@ -40,6 +41,8 @@ DEFAULTS = SimulationSettings()
 
 class Simulation(ABC):
     """Simulation of a chain with gravity, applied torques, kicks and the chain's own force terms.
+
+    The torques of `Chain.feedback` are computed at each frame and are constant until the next.
 
     Frame k is the state at the time k * period [s] after the start. The state is interpolated with
     the dense output of the solver. Kicks, torques and changes of gravity act at the time of the
@@ -83,10 +86,12 @@ class Simulation(ABC):
         given = chain.check_angles(angles).copy()
         moving = np.zeros_like(given) if rates is None else chain.check_angles(rates, 'rate')
         self.torques = np.zeros_like(given)
+        self._controllers = MotorControllers(chain) if chain.feedback.acts else None
         self.kicks = 0
         self.kick_work = 0.0
         self.angles, self.rates = self._allowed(given, moving.copy())
-        self._held_from = self.angles
+        self.feedback_torques = self._feedback()
+        self._held_from = self._feedback_from = self.angles
         self._dissipated = 0.0
         self._dissipated_before = 0.0
         self._work = self._finite_energy()
@@ -113,10 +118,14 @@ class Simulation(ABC):
 
     @property
     def motion(self) -> EquationOfMotion:
-        """Equation of motion since the last kick or change of torques or gravity."""
+        """Equation of motion since the last kick or change of torques or gravity.
+
+        Its torques include those of the feedback.
+        """
         if self._equation is None:
+            torques = self.torques + self.feedback_torques
             self._equation = EquationOfMotion(
-                self.chain, self.torques, self.gravity, self.fixed, self.forces, self.time
+                self.chain, torques, self.gravity, self.fixed, self.forces, self.time
             )
         return self._equation
 
@@ -126,7 +135,7 @@ class Simulation(ABC):
 
         The value is negative if motors have added more energy than damping has dissipated.
         """
-        return self._dissipated_before + self._dissipated
+        return self._dissipated_before + self._dissipated_at(self.angles, self._dissipated)
 
     @property
     def energy_drift(self) -> float:
@@ -241,6 +250,9 @@ class Simulation(ABC):
         self._ahead += 1
         self.frame += 1
         self.angles, self.rates, self._dissipated = self._unpacked(state)
+        if self._controllers is not None:
+            self._restart()
+            self.feedback_torques = self._feedback()
 
     def record(self, duration: float) -> Recording:
         """Record all frames for `duration` [s], from the current frame to the last, inclusive."""
@@ -302,6 +314,20 @@ class Simulation(ABC):
         """Return the work of the current torques since they were set [J]."""
         return work_of_torques(self.torques, self.angles - self._held_from)
 
+    def _dissipated_at(self, angles: Array, dissipated: float) -> float:
+        """Return the energy dissipated since the last restart of the solver [J].
+
+        `angles` [rad] are those of the current time. `dissipated` is the part of the energy that
+        the solver has integrated [J]. The other part is the negative work of the feedback.
+        """
+        return dissipated - work_of_torques(self.feedback_torques, angles - self._feedback_from)
+
+    def _feedback(self) -> Array:
+        """Return the torques of the motor controllers for the current frame [N m], shape (N,)."""
+        if self._controllers is None:
+            return np.zeros_like(self.angles)
+        return self._controllers.torques(self.time, self.angles)
+
     def _stuck(self, complaint: str) -> ArithmeticError:
         fastest = int(np.argmax(np.abs(self.rates)))
         return ArithmeticError(
@@ -327,8 +353,8 @@ class Simulation(ABC):
         self._first_frame = self.frame
         self._steps = 0
         self._ahead = 0
-        self._dissipated_before += self._dissipated
-        self._dissipated = 0.0
+        self._dissipated_before += self._dissipated_at(self.angles, self._dissipated)
+        self._dissipated, self._feedback_from = 0.0, self.angles
         self._batch = np.empty((0, 0))
         self._stale = True
 

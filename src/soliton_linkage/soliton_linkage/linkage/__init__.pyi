@@ -9,6 +9,7 @@ from soliton_linkage.linkage.chain import wrapped as wrapped
 from soliton_linkage.linkage.deviations import Deviations as Deviations
 from soliton_linkage.linkage.encoders import EncoderErrors as EncoderErrors
 from soliton_linkage.linkage.encoders import Encoders as Encoders
+from soliton_linkage.linkage.feedback import Feedback as Feedback
 from soliton_linkage.linkage.gravity import Gravity as Gravity
 from soliton_linkage.linkage.recording import Recording as Recording
 from soliton_linkage.linkage.urdf import JointLimits as JointLimits

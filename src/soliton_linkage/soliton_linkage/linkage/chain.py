@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS, Deviations
+from soliton_linkage.linkage.feedback import NO_FEEDBACK, Feedback
 from soliton_linkage.linkage.quantities import check_quantities, document_fields, quantity
 from soliton_linkage.linkage.springs import spring_between
 
@@ -45,7 +46,7 @@ class Chain:
     The ends are free or periodic. In a chain with periodic ends, an additional spring joins the
     last rotor to a periodic image of the first rotor. The parameters apply to all rotors and
     springs. `deviations` contains the relative differences between single rotors or springs and
-    these parameters.
+    these parameters. `feedback` contains the gains of motors with controllers.
     """
 
     number_of_rotors: int = quantity(40, 'number of rotors', '', 2, 100_000)
@@ -85,6 +86,7 @@ class Chain:
         0.0, 'coordinate of a well of the on-site potential', 'rad', -10.0, 10.0
     )
     deviations: Deviations = NO_DEVIATIONS
+    feedback: Feedback = NO_FEEDBACK
 
     def __post_init__(self) -> None:
         """Raise ValueError for parameters out of their range."""
@@ -162,6 +164,11 @@ class Chain:
         """Largest torque of the on-site potential of each rotor [N m], shape (N,)."""
         deviations = self.deviations.on_site_torque
         return self._deviating(self.on_site_torque, deviations, self.number_of_rotors)
+
+    @cached_property
+    def feedback_strengths(self) -> Array:
+        """Factor of the feedback gains of each motor [1], shape (N,)."""
+        return self._deviating(1.0, self.deviations.feedback, self.number_of_rotors)
 
     @cached_property
     def moments_of_inertia(self) -> Array:

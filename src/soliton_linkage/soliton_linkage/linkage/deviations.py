@@ -25,6 +25,7 @@ _LOWEST_FRACTIONS = {
     'quadratic_damping': -1.0,
     'non_reciprocity': -_LARGEST_FRACTION,
     'on_site_torque': -_LARGEST_FRACTION,
+    'feedback': -_LARGEST_FRACTION,
 }
 """Lowest allowed relative deviation [1] of the quantities that may become 0 or negative."""
 
@@ -37,7 +38,8 @@ class Deviations:
     For example, a rotor with the value 0.02 in `rotor_length` is 1.02 times as long as the
     parameter rotor_length of the chain. An empty tuple means that all rotors or springs have the
     deviation 0. Raises ValueError for deviations of -1 or less, with two exceptions: deviations of
-    frictions may be -1, and those of non-reciprocities and on-site torques may be lower.
+    frictions may be -1, and those of non-reciprocities, on-site torques and feedback gains may be
+    lower.
     """
 
     spacing: tuple[float, ...] = quantity(
@@ -65,6 +67,9 @@ class Deviations:
     )
     on_site_torque: tuple[float, ...] = quantity(
         (), 'relative deviations of the on-site torques, one per rotor'
+    )
+    feedback: tuple[float, ...] = quantity(
+        (), 'relative deviations of the feedback gains, one per rotor'
     )
 
     def __post_init__(self) -> None:
@@ -140,6 +145,7 @@ class Disorder:
     quadratic_damping: float = _spread('quadratic dampings')
     non_reciprocity: float = _spread('non-reciprocities')
     on_site_torque: float = _spread('on-site torques')
+    feedback: float = _spread('feedback gains')
     seed: int = quantity(0, 'seed of the random deviations', '', 0, LARGEST_SEED)
 
     def __post_init__(self) -> None:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import textwrap
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
@@ -15,6 +14,7 @@ from rclpy.node import Node
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS, Deviations, Disorder
 from soliton_linkage.linkage.encoders import KnownEncoders
+from soliton_linkage.linkage.feedback import Feedback
 from soliton_linkage.linkage.quantities import described_fields, quantity
 from soliton_linkage.vision.layout import MarkerLayout, MarkerSettings
 from soliton_linkage_msgs import msg
@@ -62,6 +62,7 @@ class OptionalChainSourceParameters(ChainSourceParameters):
 
 CHAIN_PARAMETERS: dict[type, str] = {
     Chain: 'chain.',
+    Feedback: 'chain.feedback.',
     Deviations: 'chain.deviations.',
     Disorder: 'chain.disorder.',
     KnownEncoders: 'chain.encoders.',
@@ -81,7 +82,7 @@ def chain_of(read: Callable[[Any], Any]) -> NamedChain:
     disorder: Disorder = read(Disorder)
     encoders: KnownEncoders = read(KnownEncoders)
     drawn = disorder.drawn(chain.number_of_rotors, chain.periodic)
-    chain = dataclasses.replace(chain, deviations=given.joined(drawn))
+    chain = replace(chain, deviations=given.joined(drawn), feedback=read(Feedback))
     return NamedChain(chain, default_joint_names(chain.number_of_rotors), encoders.offsets)
 
 

@@ -19,6 +19,7 @@ from soliton_linkage.dynamics.initial_states import State
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import Deviations
 from soliton_linkage.linkage.encoders import KnownEncoders, check_one_each
+from soliton_linkage.linkage.feedback import Feedback
 from soliton_linkage.linkage.quantities import LARGEST_ANGLE
 from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.runtime.stamps import SECOND
@@ -31,8 +32,9 @@ _LARGEST_ANGLE = 1e6
 _LARGEST_RATE = 1e6
 """Largest rate of a reset [rad/s]."""
 _CHAIN_FIELDS = tuple(
-    f.name for f in fields(Chain) if f.name not in ('number_of_rotors', 'deviations')
+    f.name for f in fields(Chain) if f.name not in ('number_of_rotors', 'deviations', 'feedback')
 )
+_FEEDBACK = tuple(f.name for f in fields(Feedback))
 _DEVIATIONS = tuple(f.name for f in fields(Deviations))
 
 
@@ -99,6 +101,7 @@ def chain_to_msg(named: NamedChain, stamp: Time) -> msg.Chain:
         header=Header(stamp=stamp, frame_id=FRAME),
         joint_names=list(named.joint_names),
         **{name: getattr(chain, name) for name in _CHAIN_FIELDS},
+        **{f'feedback_{name}': getattr(chain.feedback, name) for name in _FEEDBACK},
         **deviations,
         encoder_offsets=named.encoder_offsets,
     )
@@ -112,7 +115,8 @@ def chain_from_msg(message: msg.Chain) -> NamedChain:
     deviations = Deviations(
         **{name: tuple(getattr(message, f'{name}_deviations')) for name in _DEVIATIONS}
     )
-    chain = Chain(number_of_rotors=len(names), deviations=deviations, **parameters)
+    feedback = Feedback(**{name: getattr(message, f'feedback_{name}') for name in _FEEDBACK})
+    chain = Chain(len(names), deviations=deviations, feedback=feedback, **parameters)
     return NamedChain(chain, names, tuple(message.encoder_offsets))
 
 

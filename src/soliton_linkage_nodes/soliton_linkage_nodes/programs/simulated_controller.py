@@ -15,10 +15,12 @@ import sys
 import time
 import tty
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage.dynamics.world import World, WorldParameters
+from soliton_linkage.linkage.feedback import NO_FEEDBACK
 from soliton_linkage.linkage.gravity import NO_GRAVITY
 from soliton_linkage.linkage.quantities import Quantity, described_fields
 from soliton_linkage.microcontroller.rotary_encoders import RotaryEncoders
@@ -92,10 +94,12 @@ class RealTimeChain:
         terminal: PseudoTerminal,
         rate: float,
     ) -> None:
-        """Start with the chain at rest. `rate` is the frame rate [Hz]."""
-        world = World(
-            named.chain, named.joint_names, WorldParameters(tolerance=_TOLERANCE), 1 / rate
-        )
+        """Start with the chain at rest. `rate` is the frame rate [Hz].
+
+        The feedback of the chain is left to serial_encoders.
+        """
+        chain = replace(named.chain, feedback=NO_FEEDBACK)
+        world = World(chain, named.joint_names, WorldParameters(tolerance=_TOLERANCE), 1 / rate)
         self._simulation = world.begin(world.initial_state(), NO_GRAVITY)
         self._controller, self._terminal = controller, terminal
         self._terminal.write(controller.start(0.0))

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
@@ -12,6 +13,7 @@ from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
+from soliton_linkage.dynamics.motor_controllers import MotorControllers
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.microcontroller.frames import FrameDecoder, SerialFrame, encode
 from soliton_linkage.microcontroller.rotary_encoders import (
@@ -104,8 +106,10 @@ class SerialEncoders(ManagedNode):
     `joint_states`, the node publishes the impulses of the valves since the previous message on
     `delivered_impulses` [N m s], unless all of them are 0.
 
-    The node subscribes to `rotor_torques` [N m]. If parameters describe the chain, the node
-    publishes `chain` (latched). Otherwise it subscribes to `chain`.
+    The node subscribes to `rotor_torques` [N m]. If the chain has feedback, the node sends the
+    torques of the feedback after each frame, in addition to those of `rotor_torques`. If
+    parameters describe the chain, the node publishes `chain` (latched). Otherwise it subscribes to
+    `chain`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -130,6 +134,8 @@ class SerialEncoders(ManagedNode):
         self.decoder = FrameDecoder()
         self.stream: AngleStream | None = None
         self.valves: Valves | None = None
+        self._motors: MotorControllers | None = None
+        self._sending = threading.Lock()
         self._named: NamedChain | None = None
         self._port: ReopenedPort | None = None
         self._bytes, self._stamp = 0, 0
@@ -187,7 +193,15 @@ class SerialEncoders(ManagedNode):
         if named == self._named:
             return
         reader = AngleReader(current(self, RotaryEncoders, 'encoders.'), named.rotors)
-        valves = Valves(current(self, ValveParameters, 'valves.'), named.rotors)
+        given, feedback = current(self, ValveParameters, 'valves.'), named.chain.feedback
+        if feedback.acts and feedback.limit > given.torque_limit:
+            raise ValueError(
+                f'feedback.limit = {feedback.limit:g} N m of the chain exceeds '
+                f'valves.torque_limit = {given.torque_limit:g} N m; lower the first or raise the '
+                'second'
+            )
+        valves = Valves(given, named.rotors)
+        self._motors = MotorControllers(named.chain) if feedback.acts else None
         self._named, self.stream, self.valves = named, AngleStream(reader), valves
 
     def _on_port(self, reason: str) -> None:
@@ -229,6 +243,12 @@ class SerialEncoders(ManagedNode):
         measured = read.stamp - round(self.settings.least_delay * SECOND)
         self._stamp = max(measured + self._clock_offset(), self._stamp + 1)
         stamp = time_to_msg(self._stamp)
+        if (clock.restarts, clock.jumps) != (restarts, jumps) and self._motors is not None:
+            self._motors = MotorControllers(self._named.chain)
+        if self._motors is not None and self.active:
+            torques = self._motors.torques(self._stamp / SECOND, read.angles)
+            self.valves.feed_back(torques, time.monotonic())
+            self._send_command()
         impulses = self.valves.delivered(measured / SECOND)
         if impulses.any():
             self._impulses.publish(impulses_to_msg(self._named, impulses, stamp))
@@ -280,16 +300,21 @@ class SerialEncoders(ManagedNode):
             self._command_timer.cancel()
 
     def _send_command(self) -> None:
-        if self.valves is None or self._port is None or self.decoder.protocol is None:
-            return
-        now = time.monotonic()
-        command = self.valves.command(now)
-        try:
-            self._port.write(encode(command, self.decoder.protocol))
-            if self._port.is_open:
-                self.valves.record_sent(now)
-        except OSError as error:
-            self.diagnostics.fail(f'could not send a command to the valves: {error}')
+        """Send the present torques.
+
+        The thread of the port and the thread of the node call this method.
+        """
+        with self._sending:
+            if self.valves is None or self._port is None or self.decoder.protocol is None:
+                return
+            now = time.monotonic()
+            command = self.valves.command(now)
+            try:
+                self._port.write(encode(command, self.decoder.protocol))
+                if self._port.is_open:
+                    self.valves.record_sent(now)
+            except OSError as error:
+                self.diagnostics.fail(f'could not send a command to the valves: {error}')
 
     def _report(self) -> Report:
         if self.stream is None or self.valves is None:

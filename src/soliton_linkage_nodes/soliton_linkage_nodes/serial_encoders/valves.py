@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands to the valves of a microcontroller, and the impulses that the valves deliver."""
+"""Commands to the valves or motors of a microcontroller, and the impulses that they deliver."""
 
 from __future__ import annotations
 
@@ -87,8 +87,8 @@ class Valves:
         self.closed = True
         """Whether all torques of the last command were 0."""
         self._parameters = parameters
-        self._torques = np.zeros(rotors)
-        self._until = 0.0
+        self._torques = self._feedback = self._sent = np.zeros(rotors)
+        self._until = self._feedback_until = 0.0
         self._acting: deque[tuple[float, float, Array]] = deque(maxlen=_MOST_COMMANDS)
         """Start time [s], end time [s] and torques [N m] of each command.
 
@@ -99,16 +99,24 @@ class Valves:
         """Set torques [N m], shape (N,), that end `command_timeout` after the time `now` [s]."""
         self._torques, self._until = torques, now + self._parameters.command_timeout
 
+    def feed_back(self, torques: Array, now: float) -> None:
+        """Set the torques of the feedback [N m], shape (N,).
+
+        They act in addition to the torques of `hold`. They end with the hold time of a command
+        after the time `now` [s].
+        """
+        self._feedback, self._feedback_until = torques, now + self._parameters.hold
+
     def release(self) -> None:
         """Set all torques to 0."""
-        self._torques = np.zeros_like(self._torques)
+        self._torques = self._feedback = np.zeros_like(self._torques)
 
     def command(self, now: float) -> SerialFrame:
         """Return the next command to the controller, for the time `now` [s]."""
-        if now >= self._until:
-            self.release()
-        self.closed = not self._torques.any()
-        kind, values = FrameKind.TORQUES, self._torques
+        self._sent = self._torques if now < self._until else np.zeros_like(self._torques)
+        values = self._sent + self._feedback * (now < self._feedback_until)
+        self.closed = not values.any()
+        kind = FrameKind.TORQUES
         if self._parameters.torque_per_pressure:
             kind = FrameKind.PRESSURES
             values = values / np.asarray(self._parameters.torque_per_pressure)
@@ -119,14 +127,14 @@ class Valves:
 
     def record_sent(self, now: float) -> None:
         """Record that the last command was sent at the time `now` [s]."""
-        torques = np.zeros_like(self._torques) if self.closed else self._torques
-        self._acting.append((now, now + self._parameters.hold, torques))
+        self._acting.append((now, now + self._parameters.hold, self._sent))
 
     def delivered(self, until: float) -> Array:
         """Return the angular impulses [N m s], shape (N,), that the valves have delivered.
 
-        They are the torques integrated over time, from the time of the previous call to the time
-        `until` [s]. A command acts until the next command, but no longer than its hold time.
+        They are the torques of `hold` integrated over time, from the time of the previous call to
+        the time `until` [s]. A command acts until the next command, but no longer than its hold
+        time. The feedback is not included, because it is a term of the chain.
         """
         impulses = np.zeros_like(self._torques)
         while self._acting and self._acting[0][0] < until:

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Feedback law of motors: torques from measured angles, constant between two frames.
+
+Let q_n be the coordinates of `Chain.signs` at the frame `delay` frames ago, and v_n the difference
+between q_n and its value one frame earlier, divided by the time between the two frames. The torque
+on the coordinate of rotor n is
+
+    -K (q_n - q_0) - D v_n + K_l (q_{n-1} - q_n) + K_r (q_{n+1} - q_n)
+    + D_l (v_{n-1} - v_n) + D_r (v_{n+1} - v_n),
+
+with the gains of `Feedback`: K and D of the own rotor, K_l and D_l of the left neighbour, K_r and
+D_r of the right neighbour. Differences of coordinates are wrapped to the interval from -pi to pi.
+At a free end the terms of the missing neighbour are 0. All gains of a motor are multiplied by one
+plus its relative deviation. The torque is limited to `Feedback.limit`.
+
+`Simulation` and the node `serial_encoders` compute the same law, so that a chain with motors can
+be simulated and built with the same parameters.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from soliton_linkage.linkage.chain import Array, Chain, wrapped
+
+
+class MotorControllers:
+    """Controllers of the motors of a chain, which know only the angles of received frames."""
+
+    def __init__(self, chain: Chain) -> None:
+        self._chain = chain
+        self._law = chain.feedback
+        self._strengths = chain.signs * chain.feedback_strengths
+        self._frames: deque[tuple[float, Array]] = deque(maxlen=self._law.delay + 2)
+
+    def torques(self, time: float, angles: Array) -> Array:
+        """Return the torque of each motor [N m], shape (N,), from this frame to the next.
+
+        `angles` [rad], shape (N,), are measured at `time` [s]. A missing angle is NaN; the motors
+        of this rotor and of its neighbours then have no torque. All torques are 0 until `delay` +
+        2 frames are known.
+        """
+        self._frames.append((time, angles))
+        if len(self._frames) < self._law.delay + 2:
+            return np.zeros_like(angles)
+        (before, then), (now, measured) = self._frames[0], self._frames[1]
+        signs, law = self._chain.signs, self._law
+        coordinates = signs * measured + (1 - signs) * (np.pi / 2)
+        rates = signs * (measured - then) / (now - before)
+        torques = -law.angle * wrapped(coordinates - law.reference) - law.rate * rates
+        bonds = self._chain.number_of_springs
+        bends = wrapped(np.roll(coordinates, -1) - coordinates)[:bonds]
+        shears = (np.roll(rates, -1) - rates)[:bonds]
+        torques = torques + self._chain.gathered(
+            law.right_angle * bends + law.right_rate * shears,
+            -law.left_angle * bends - law.left_rate * shears,
+        )
+        limited = np.clip(self._strengths * torques, -law.limit, law.limit)
+        return np.nan_to_num(limited)
