@@ -87,9 +87,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument('--kills', type=int, default=50, help='(%(default)s)')
     parser.add_argument('--load', type=int, default=0, help='busy processes (%(default)s)')
     parser.add_argument(
-        '--real-time',
-        action='store_true',
-        help='request real-time priority for the recorder',
+        '--real-time', action='store_true', help='request real-time priority for the recorder'
     )
     parser.add_argument('--seed', type=int, default=1, help='(%(default)s)')
     parser.add_argument('--output', type=Path, default=Path('out/benchmark/killing'))

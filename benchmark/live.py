@@ -115,11 +115,7 @@ class Scene:
     """Simulator with all nodes and the page, on a separate domain."""
 
     def __init__(
-        self,
-        stack: ExitStack,
-        settings: Mapping[str, Any],
-        rate: float,
-        nodes: Sequence[str],
+        self, stack: ExitStack, settings: Mapping[str, Any], rate: float, nodes: Sequence[str]
     ) -> None:
         """Start all processes and wait for the page."""
         stack.enter_context(own_domain())

@@ -22,12 +22,7 @@ from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.bags.guards import BagLimits, load_json, load_yaml
 from soliton_linkage_nodes.bags.metadata import METADATA_FILE
-from soliton_linkage_nodes.bags.reading import (
-    decoder,
-    open_bag,
-    read_messages,
-    type_name,
-)
+from soliton_linkage_nodes.bags.reading import decoder, open_bag, read_messages, type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.bags.recovery import check_bag, recover_bag
 from soliton_linkage_nodes.bags.storages import mcap_records as mcap

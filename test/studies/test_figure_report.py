@@ -115,9 +115,7 @@ def test_a_row_prints_the_formula_of_its_number(tmp_path: Path) -> None:
     )
 
 
-def test_rows_of_figures_that_are_not_redrawn_are_kept_in_figure_order(
-    tmp_path: Path,
-) -> None:
+def test_rows_of_figures_that_are_not_redrawn_are_kept_in_figure_order(tmp_path: Path) -> None:
     order, path = ('b', 'a', 'd', 'c'), tmp_path / 'table.md'
     first = {name: [Comparison(f'{name}{n}', '|r|', 'q', n) for n in range(3)] for name in 'ab'}
     write_table(first, path, order)

@@ -210,8 +210,7 @@ def perimeter(chain: Chain) -> float:
 
 
 @pytest.mark.parametrize(
-    ('example', 'sense'),
-    [*((example, 1) for example in EXAMPLES), (FLIPPER, -1), (SPINNER, -1)],
+    ('example', 'sense'), [*((example, 1) for example in EXAMPLES), (FLIPPER, -1), (SPINNER, -1)]
 )
 def test_two_rotors_on_a_rigid_bar_run_along_the_curve(
     example: tuple[float, float], sense: int

@@ -41,10 +41,8 @@ from soliton_linkage_studies.palette import (
 )
 
 _OUTSIDE = matplotlib.__version_info__ >= (3, 7)
-"""Whether this version of matplotlib can put a legend outside the panels.
-
-In older versions the legend covers the panels.
-"""
+"""Whether this version of matplotlib can put a legend outside the panels. In older versions the
+legend covers the panels."""
 LEGEND_ABOVE: Literal['outside upper center', 'upper center'] = (
     'outside upper center' if _OUTSIDE else 'upper center'
 )
@@ -232,13 +230,7 @@ def add_legend(figure: Figure) -> None:
         Line2D([], [], color=colour, marker=marker, linestyle=line, label=name, markersize=8)
         for name, colour, marker, line in styles
     ]
-    figure.legend(
-        handles=handles,
-        loc=LEGEND_BELOW,
-        ncols=len(handles),
-        fontsize=8,
-        frameon=False,
-    )
+    figure.legend(handles=handles, loc=LEGEND_BELOW, ncols=len(handles), fontsize=8, frameon=False)
 
 
 def mode_quiver(

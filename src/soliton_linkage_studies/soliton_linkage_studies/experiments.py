@@ -16,30 +16,23 @@ from soliton_linkage.solitons.static_wall import site_arc, static_wall
 from soliton_linkage.solitons.tanh_fit import order_field
 
 MIDDLE = 0.3
-"""Fraction of a chain in which a wall is measured, around the middle and far from both edges
-[1]."""
+"""Fraction of a chain in which a wall is measured, around the middle and far from both edges [1]."""
 SNAPSHOTS = 10
-"""Number of frames that are combined to the profile of a wall [1].
-
-The wall is at ten positions per rotor spacing, as in the paper.
-"""
+"""Number of frames that are combined to the profile of a wall [1]. The wall is at ten positions
+per rotor spacing, as in the paper."""
 DISTANCE_LABEL = 'n - X [rotor spacings]'
 """Axis label of the distance of a rotor from a wall."""
 
 _ARCTANH_REACH = 0.9
-"""Threshold of |m|: rotors are fitted if their order field m has a smaller magnitude [1].
-
-Above this threshold, arctanh(m) would amplify rounding errors and phonons behind the wall.
-"""
+"""Threshold of |m|: rotors are fitted if their order field m has a smaller magnitude [1]. Above
+this threshold, arctanh(m) would amplify rounding errors and phonons behind the wall."""
 _FRAMES = 600
 """Number of frames in a recording of a crossing."""
 _SLACK = 1.1
 """Recording time divided by the theoretical crossing time of a slow wall [1]."""
 _TRANSIENT = 1.5
-"""Shortest recording time, divided by the time that sound needs from edge to edge [1].
-
-The fastest walls cross the chain in this recording time.
-"""
+"""Shortest recording time, divided by the time that sound needs from edge to edge [1]. The fastest
+walls cross the chain in this recording time."""
 
 
 def kick_rates(

@@ -26,10 +26,8 @@ _LINE = 95
 """Largest number of characters in a line of a caption."""
 _FUNCTIONS = ('sin', 'cos', 'ln', 'min', 'max')
 _ROUNDING = 1e-11
-"""Threshold of the relative error: a table shows 0 if the error is smaller [1].
-
-It is about the rounding error of a sum of 1000 terms.
-"""
+"""Threshold of the relative error: a table shows 0 if the error is smaller [1]. It is about the
+rounding error of a sum of 1000 terms."""
 
 
 @dataclass(frozen=True)

@@ -45,10 +45,8 @@ class Leg:
     furthest: float
     """Wall position at the largest distance from the edge where the leg began [rotor spacings]."""
     arc: float
-    """Arc length of the leg in configuration space [rad].
-
-    The length element is the Euclidean norm of the angle changes of all rotors.
-    """
+    """Arc length of the leg in configuration space [rad]. The length element is the Euclidean norm
+    of the angle changes of all rotors."""
 
 
 def follow_wall(chain: Chain, edge: Edge = Edge.FIRST, legs: int = 2) -> tuple[Leg, ...]:
@@ -187,16 +185,11 @@ _PIECE = 20
 """Interval between two checks for the return of the wall [time units]."""
 _WALL_REACH = 4
 """Half-width of the region that belongs to the wall, divided by the larger of wall width and
-penetration depth [1].
-
-At most 2 % of the wall energy is outside this region.
-"""
+penetration depth [1]. At most 2 % of the wall energy is outside this region."""
 _JUMP = 5
-"""Threshold of the displacement between two frames [rotor spacings].
-
-The track counts as having changed to another wall if the displacement is larger. The fastest walls
-move by 2 rotor spacings between two frames.
-"""
+"""Threshold of the displacement between two frames [rotor spacings]. The track counts as having
+changed to another wall if the displacement is larger. The fastest walls move by 2 rotor spacings
+between two frames."""
 
 Value = float | int | str
 

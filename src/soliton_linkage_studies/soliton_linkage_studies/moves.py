@@ -36,19 +36,15 @@ MoveKey = tuple[str, str]
 """Names of a chain and of a condition."""
 
 _TOLERANCE = 1e-8
-"""Integration error of an angle per time unit [rad].
-
-It is far smaller than the encoder noise and than the position errors of the moves.
-"""
+"""Integration error of an angle per time unit [rad]. It is far smaller than the encoder noise and
+than the position errors of the moves."""
 _OBSERVATION_TIME = 0.2
 """Time from the first frame to the goal command [s]. The wall is at rest during this time."""
 _TIME_LIMIT = 120.0
 """Time limit of a move [s]. A move that has not ended by then has the outcome NOT_HELD."""
 _SAMPLE_EVERY = 20
-"""Number of frames from one sample to the next [1].
-
-At 250 Hz this is 80 ms, about the time that a pixel of the picture represents.
-"""
+"""Number of frames from one sample to the next [1]. At 250 Hz this is 80 ms, about the time that a
+pixel of the picture represents."""
 _DRAWS = 100
 """Largest number of attempts to draw a disorder through which a wall can pass [1]."""
 
@@ -100,17 +96,13 @@ class MoveRun:
     positions: Array
     """Wall position [rotor spacings], shape (T,)."""
     references: Array
-    """Reference position of the wall [rotor spacings], shape (T,).
-
-    It is NaN at times at which the steering has no trajectory.
-    """
+    """Reference position of the wall [rotor spacings], shape (T,). It is NaN at times at which the
+    steering has no trajectory."""
     phonon_energies: Array
     """Energy of the phonons [J], shape (T,)."""
     error: float
-    """Largest distance from the goal after the arrival [rotor spacings].
-
-    It is NaN if the wall has not reached the goal.
-    """
+    """Largest distance from the goal after the arrival [rotor spacings]. It is NaN if the wall has
+    not reached the goal."""
     energy_left: float
     """Energy of the phonons at the end [J]."""
     peak_energy: float

@@ -55,15 +55,11 @@ LEAN_COLOURS = 'PuOr'
 """Colour map of the displacement u: orange if a rotor leans left, purple if it leans right."""
 _REST = 0.30
 """Position of a uniform rest state on the colour map, as distance from the middle of the map [1].
-
-Displacements beyond the rest state are darker.
-"""
+Displacements beyond the rest state are darker."""
 _NEAR_REST = ((0.95, 0.24), (1.0, _REST), (1.02, 0.36), (1.05, 0.41), (1.2, 0.46))
-"""Nodes of the colour scale [1].
-
-Each node is a pair (displacement / rest displacement, distance from the middle of the map).
-They stretch the scale near the rest state, so that oscillations of a few per cent are visible.
-"""
+"""Nodes of the colour scale [1]. Each node is a pair (displacement / rest displacement, distance
+from the middle of the map). They stretch the scale near the rest state, so that oscillations of a
+few per cent are visible."""
 LEANS_RIGHT, LEANS_LEFT = (to_hex(colormaps[LEAN_COLOURS](0.5 + side * _REST)) for side in (1, -1))
 """Colours of the uniform states that lean right and left."""
 

@@ -174,11 +174,7 @@ def track_figure(chain: Chain, track: Track, crossings: tuple[Crossing, ...]) ->
 
 
 def save_run(
-    chain: Chain,
-    recording: Recording,
-    track: Track,
-    crossings: tuple[Crossing, ...],
-    folder: Path,
+    chain: Chain, recording: Recording, track: Track, crossings: tuple[Crossing, ...], folder: Path
 ) -> None:
     """Write kymograph.png and track.png into a folder, each with its caption as a .txt file."""
     for name, figure, caption in (

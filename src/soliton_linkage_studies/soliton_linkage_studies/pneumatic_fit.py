@@ -12,16 +12,11 @@ from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage.linkage.chain import Array
 
 _FEWEST_READINGS = 4
-"""Smallest number of readings [1].
-
-It is one more than the number of unknowns: two time constants and the initial pressure.
-"""
+"""Smallest number of readings [1]. It is one more than the number of unknowns: two time constants
+and the initial pressure."""
 _SHORTEST_STEP = 0.05
-"""Threshold of |command - pressure|, divided by its largest value [1].
-
-The initial guess uses an interval only if its value exceeds this threshold. The fit itself uses
-all readings.
-"""
+"""Threshold of |command - pressure|, divided by its largest value [1]. The initial guess uses an
+interval only if its value exceeds this threshold. The fit itself uses all readings."""
 
 
 @dataclass(frozen=True)

@@ -35,10 +35,8 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 Integers = NDArray[np.int64]
 
 _ARC_TOLERANCE = 1e-12
-"""Relative and absolute [rad] tolerance of the integration along a curve.
-
-For chains near d_c it is close to the rounding error.
-"""
+"""Relative and absolute [rad] tolerance of the integration along a curve. For chains near d_c it
+is close to the rounding error."""
 _CLOSED = 1e-6
 """Threshold of the distance between both ends of a curve: a curve counts as closed if its ends are
 nearer [turns]."""

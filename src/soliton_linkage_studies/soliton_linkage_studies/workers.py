@@ -28,16 +28,11 @@ _MAXIMUM_COUNT = 1000
 """Largest number of processes [1]. A larger number is rejected as a typing error."""
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 _CHUNK_DURATION = 1.0
-"""Duration of a chunk [s].
-
-A chunk is the set of rows that a worker measures in one task. If the study is interrupted, each
-worker loses the results of one chunk.
-"""
+"""Duration of a chunk [s]. A chunk is the set of rows that a worker measures in one task. If the
+study is interrupted, each worker loses the results of one chunk."""
 _CHUNK_GROWTH = 4
-"""Largest ratio of the sizes of two successive chunks [1].
-
-The ratio is limited because the first rows may be unusually fast.
-"""
+"""Largest ratio of the sizes of two successive chunks [1]. The ratio is limited because the first
+rows may be unusually fast."""
 _CHUNKS_PER_WORKER = 2
 """Number of submitted chunks per worker [1]: one is measured while the next one waits."""
 

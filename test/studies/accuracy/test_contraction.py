@@ -30,9 +30,7 @@ def speed_over_sound(chain: Chain) -> float:
 
 
 @pytest.mark.parametrize('example', [FLIPPER, SPINNER])
-def test_a_wall_at_constant_velocity_has_its_speed_and_width(
-    example: tuple[float, float],
-) -> None:
+def test_a_wall_at_constant_velocity_has_its_speed_and_width(example: tuple[float, float]) -> None:
     # At a constant arc rate the site rate is constant to 1e-6 only far from the edges.
     chain = chain_of(example, 32)
     times, angles = steady(chain)

@@ -42,9 +42,7 @@ def test_a_wall_without_phonons_moves_at_the_requested_constant_speed(
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_a_nudged_wall_moves_away_from_its_edge(
-    example: tuple[float, float],
-) -> None:
+def test_a_nudged_wall_moves_away_from_its_edge(example: tuple[float, float]) -> None:
     scene = scene_of(cell_of(example, 12, nudged=True), FRAMES, np.random.default_rng(3))
     assert np.abs(np.diff(scene.instants[:, 0])).max() < 0.3
     for frame in np.flatnonzero(scene.scored[:, 0])[::20]:

@@ -152,10 +152,7 @@ def test_a_film_has_the_requested_number_of_frames(tmp_path: Path) -> None:
     write_film(scene_of(resized(film_of('S6'), 322, 182, frames)), 25, path, kind)
     assert frames_of(path, kind.ffmpeg, 322, 182) == frames
     shown = subprocess.run(
-        [kind.ffmpeg, '-hide_banner', '-i', str(path)],
-        capture_output=True,
-        text=True,
-        check=False,
+        [kind.ffmpeg, '-hide_banner', '-i', str(path)], capture_output=True, text=True, check=False
     ).stderr
     assert re.search(r'Video: h264.*yuv420p.*322x182', shown)
     assert '25 fps' in shown

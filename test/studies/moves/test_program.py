@@ -31,9 +31,7 @@ SETTINGS = {
     'held': 0.2,
     'torque_limit': 0.1,
     'conditions': {'noisy': {'noise': 0.01, 'decay': 2.5, 'disorder': 0.05}},
-    'chains': {
-        'flipper': {'number_of_rotors': 8, 'rotor_length_ratio': 0.5, 'rest_angle': 0.97},
-    },
+    'chains': {'flipper': {'number_of_rotors': 8, 'rotor_length_ratio': 0.5, 'rest_angle': 0.97}},
 }
 
 

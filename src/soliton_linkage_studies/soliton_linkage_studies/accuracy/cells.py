@@ -41,10 +41,7 @@ _LONGEST = 4.0
 """Largest ratio of the rotor length r to the rotor spacing a, as in the paper [1]."""
 _APART = 1.6
 """Smallest number of rotors per wall in a chain with several walls, relative to the number that a
-single wall requires [1].
-
-Several walls need this additional space to move.
-"""
+single wall requires [1]. Several walls need this additional space to move."""
 _SEVERAL = (1, 1, 1, 2, 4)
 """Possible numbers of walls [1]. A random cell draws each entry with equal probability."""
 
@@ -55,10 +52,8 @@ class AccuracyCell:
 
     name: str
     chain: Chain
-    """True chain, without the random deviations of `disorder`.
-
-    The analyser is configured with `analysed_chain`.
-    """
+    """True chain, without the random deviations of `disorder`. The analyser is configured with
+    `analysed_chain`."""
     noise: float
     """Standard deviation of the noise of each angle [rad]."""
     speed: float
@@ -95,8 +90,7 @@ class AccuracyCell:
     degrees: bool = False
     """Whether the analyser receives degrees instead of radians."""
     start: float = math.nan
-    """Position of a wall at rest [rotor spacings]; NaN means a moving wall at a random position.
-    """
+    """Position of a wall at rest [rotor spacings]; NaN means a moving wall at a random position."""
     jitter: float = 0.0
     """Standard deviation of the error of a time stamp, relative to the frame period [1]."""
     offsets: float = 0.0
@@ -322,11 +316,8 @@ _CELL_VALUES: dict[str, Callable[[AccuracyCell], object]] = {
     'walls': lambda cell: cell.walls,
 }
 CELL_COLUMNS = tuple(_CELL_VALUES)
-"""Columns of the table that describe a cell.
-
-Units: noise [rad], speed relative to the speed of sound [1], period [time units], run [frames per
-record], phonons [rad / time unit].
-"""
+"""Columns of the table that describe a cell. Units: noise [rad], speed relative to the speed of
+sound [1], period [time units], run [frames per record], phonons [rad / time unit]."""
 
 
 def cell_values(cell: AccuracyCell) -> list[str]:

@@ -22,12 +22,7 @@ from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons
 from soliton_linkage_studies.captions import class_and_shape
 from soliton_linkage_studies.experiments import MIDDLE, crossing_duration, record_kick
-from soliton_linkage_studies.figure_report import (
-    Comparison,
-    FigureReport,
-    Formula,
-    write_table,
-)
+from soliton_linkage_studies.figure_report import Comparison, FigureReport, Formula, write_table
 from soliton_linkage_studies.palette import BLACK, MEASURED, PAPER
 from soliton_linkage_studies.settings import Section, chain_from
 
@@ -74,11 +69,9 @@ class Walls:
     chain: Chain
     kicks: tuple[float, ...]
     reference: Mapping[float, tuple[float, float]]
-    """Known speed [a sqrt(k_e / M)] and relative width [1] of walls without noise, by kick.
-
-    An independent integrator simulated these walls. Their width is from a tanh fit. It is divided
-    by the width of a slow wall in the continuum.
-    """
+    """Known speed [a sqrt(k_e / M)] and relative width [1] of walls without noise, by kick. An
+    independent integrator simulated these walls. Their width is from a tanh fit. It is divided by
+    the width of a slow wall in the continuum."""
 
 
 @dataclass(frozen=True)

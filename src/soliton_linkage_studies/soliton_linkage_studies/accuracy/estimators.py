@@ -105,8 +105,7 @@ def errors(
     """
     orbit = orbit_of(chain)
     lost = max(
-        _LOST_WIDTHS * chain.wall_width / chain.spacing,
-        _LOST_BOUNDS * bound(chain, trial.noise),
+        _LOST_WIDTHS * chain.wall_width / chain.spacing, _LOST_BOUNDS * bound(chain, trial.noise)
     )
     found: dict[str, list[tuple[float, float]]] = {name: [] for name in estimators_of(chain)}
     for frame in range(trial.frames):

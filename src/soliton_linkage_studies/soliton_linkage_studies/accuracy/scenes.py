@@ -47,10 +47,8 @@ _SETTLED = (20, 400)
 """Range of the number of frames between a kick and the start of a scene [1]."""
 # Scenes with one wall:
 _FROM_EDGE = 1.0
-"""Smallest distance between a scored wall and an edge [rotor spacings].
-
-A wall closer to an edge is not scored, because the edge absorbs the wall.
-"""
+"""Smallest distance between a scored wall and an edge [rotor spacings]. A wall closer to an edge
+is not scored, because the edge absorbs the wall."""
 _BEGIN = 2.0
 """Smallest distance between a wall and an edge at the start of a scene [rotor spacings]."""
 _SAMPLES = 200

@@ -45,28 +45,22 @@ COLUMNS = (
     'false',
     'wrong_leg',
 )
-"""Measured columns of a cell.
-
-`speed` is the speed of the fastest wall, relative to the speed of sound [1]. `position` and `rate`
-are normalised errors: errors of the position and of the rate, divided by their stated standard
-deviations. The columns of a normalised error are its root mean square (`rms`) with the standard
-error (`rms_error`), the 99 % quantile (`99`) and the maximum (`max`) of its absolute value, the
-fraction beyond 4 (`beyond_4`) [%], the fractions within 1 and 2 (`coverage`) [%], and the mean
-(`bias`). `instant` is the normalised error with respect to the true position without an average
-over time. `error_rms` is the rms position error, and `deviation_median` is the median of its
-stated standard deviation [rotor spacings]. `shift_max` is the largest shift of a wall by a wrong
-reading, in stated standard deviations. `lost` and `false` count walls, and `wrong_leg` counts
-frames.
-"""
+"""Measured columns of a cell. `speed` is the speed of the fastest wall, relative to the speed of
+sound [1]. `position` and `rate` are normalised errors: errors of the position and of the rate,
+divided by their stated standard deviations. The columns of a normalised error are its root mean
+square (`rms`) with the standard error (`rms_error`), the 99 % quantile (`99`) and the maximum
+(`max`) of its absolute value, the fraction beyond 4 (`beyond_4`) [%], the fractions within 1 and 2
+(`coverage`) [%], and the mean (`bias`). `instant` is the normalised error with respect to the true
+position without an average over time. `error_rms` is the rms position error, and
+`deviation_median` is the median of its stated standard deviation [rotor spacings]. `shift_max` is
+the largest shift of a wall by a wrong reading, in stated standard deviations. `lost` and `false`
+count walls, and `wrong_leg` counts frames."""
 
 WALL_VALUES = ('position', 'instant', 'rate', 'error', 'deviation', 'rate_error')
-"""Values of each found wall.
-
-`position`, `instant` (with respect to the true position without an average over time) and `rate`
-are errors divided by their stated standard deviations [1]. `error` is the position error, and
-`deviation` is its stated standard deviation [rotor spacings]. `rate_error` is the relative error
-of the rate [1].
-"""
+"""Values of each found wall. `position`, `instant` (with respect to the true position without an
+average over time) and `rate` are errors divided by their stated standard deviations [1]. `error`
+is the position error, and `deviation` is its stated standard deviation [rotor spacings].
+`rate_error` is the relative error of the rate [1]."""
 
 _COLUMNS = (
     'class',
@@ -99,11 +93,8 @@ _USEFUL = 2.0
 smaller."""
 _FEWER = 0.01
 """Threshold of the decrease of the fraction of lost walls [1]: errors are not compared if the
-decrease is larger.
-
-Otherwise the new errors would include walls without errors in the earlier table, which had
-lost them.
-"""
+decrease is larger. Otherwise the new errors would include walls without errors in the earlier
+table, which had lost them."""
 _FAILURES = ('lost', 'false', 'wrong_leg')
 _ERRORS = ('position_rms', 'position_rms_error', 'rate_rms', 'rate_rms_error', 'error_rms')
 _COMPARED = (*_ERRORS, *_FAILURES, 'frames', 'failure', 'position_beyond_4', 'walls_looked_for')

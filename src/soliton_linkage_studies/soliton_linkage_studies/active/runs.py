@@ -33,24 +33,18 @@ from soliton_linkage.solitons.anti_kink import anti_kink_path, continuum_anti_ki
 from soliton_linkage.solitons.static_wall import static_wall
 
 _SAMPLES = 65
-"""Number of samples of the orbit over two rotor spacings [1].
-
-Splines through these samples have a relative error of 1e-6.
-"""
+"""Number of samples of the orbit over two rotor spacings [1]. Splines through these samples have a
+relative error of 1e-6."""
 _FROM_END = 8
 """Number of rotors at each end in which the velocity of a wall is not measured [1]."""
 _STARTUP = 4.0
 """Initial time in which the velocity of a wall is not measured, in decay times M r^2 / c [1]."""
 _PIECES = 8
-"""Number of pieces into which a track is divided [1].
-
-The standard error of the velocity is estimated from the slopes of the pieces.
-"""
+"""Number of pieces into which a track is divided [1]. The standard error of the velocity is
+estimated from the slopes of the pieces."""
 _TOLERANCE = 1e-11
-"""Integration error of an angle per step [rad].
-
-With this tolerance the relative error of the energy balance is 1e-6.
-"""
+"""Integration error of an angle per step [rad]. With this tolerance the relative error of the
+energy balance is 1e-6."""
 
 
 @dataclass(frozen=True)
@@ -61,9 +55,7 @@ class WallDrive:
     """Terminal velocity divided by kappa / c [rotor spacings]."""
     pinning: float
     """Threshold of the non-reciprocity [N m/rad]: a resting wall is pinned if kappa is smaller.
-
-    The threshold is 0 for kinks, which are never pinned.
-    """
+    The threshold is 0 for kinks, which are never pinned."""
 
 
 def wall_drive(chain: Chain, charge: int) -> WallDrive:
@@ -137,10 +129,8 @@ class ActiveRun:
     walls: int
     """Number of walls in the last frame."""
     imbalance: float
-    """Error of the energy balance, divided by the largest energy [1].
-
-    The balance includes the work of the motors and the dissipation by damping.
-    """
+    """Error of the energy balance, divided by the largest energy [1]. The balance includes the
+    work of the motors and the dissipation by damping."""
 
 
 @dataclass(frozen=True)
@@ -159,10 +149,8 @@ class ActiveTask:
     charge: int
     """Charge of the tracked wall: +1 for a kink, -1 for an anti-kink."""
     fixed: bool = False
-    """Whether both end rotors are fixed.
-
-    If they are free, a kink may enter the chain at an end that leans away from the wall.
-    """
+    """Whether both end rotors are fixed. If they are free, a kink may enter the chain at an end
+    that leans away from the wall."""
 
     def __call__(self) -> ActiveRun:
         """Run the simulation and track the wall."""

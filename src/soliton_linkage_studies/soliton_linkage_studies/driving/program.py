@@ -42,10 +42,8 @@ from soliton_linkage_studies.program import run_parallel, run_study, study_parse
 from soliton_linkage_studies.settings import load_settings
 
 IMBALANCE_LIMIT = 1e-9
-"""Largest allowed ratio |energy imbalance| / largest energy [1].
-
-It follows from the integration tolerance.
-"""
+"""Largest allowed ratio |energy imbalance| / largest energy [1]. It follows from the integration
+tolerance."""
 
 _CAPTION = """
 Validation of driven chains on one page.

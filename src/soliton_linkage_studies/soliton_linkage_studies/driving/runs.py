@@ -36,10 +36,8 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 _KEYS = ('step', 'work', 'energy_balance', 'stiffness', 'tilt', 'moves')
 _WORK_PERIOD = 0.002
-"""Frame period of a chain with an actuator [s].
-
-It is a small fraction of the actuator's filling time.
-"""
+"""Frame period of a chain with an actuator [s]. It is a small fraction of the actuator's filling
+time."""
 _SHORT = 1.0
 """Duration of the energy balance with the option `--quick` [s], three periods of the events."""
 
@@ -176,37 +174,25 @@ _BALANCE_KEYS = (
 )
 _DISORDERED = ('spacing', 'rotor_length', 'mass', 'stiffness', 'rest_length')
 _PERIOD = 0.01
-"""Frame period of the simulations with energy balance or tilt [s].
-
-It is a fraction of the time unit sqrt(M / k_e) of the chains.
-"""
+"""Frame period of the simulations with energy balance or tilt [s]. It is a fraction of the time
+unit sqrt(M / k_e) of the chains."""
 _BALANCE_TOLERANCE = 1e-12
-"""Integration error of an angle per time unit in the energy balance [rad].
-
-It is a thousandth of the allowed imbalance.
-"""
+"""Integration error of an angle per time unit in the energy balance [rad]. It is a thousandth of
+the allowed imbalance."""
 _TILT_TOLERANCE = 1e-8
-"""Integration error of an angle per time unit in a tilted chain [rad].
-
-It is far smaller than the resolution of wall positions.
-"""
+"""Integration error of an angle per time unit in a tilted chain [rad]. It is far smaller than the
+resolution of wall positions."""
 _EVENT_FRAMES = 30
-"""Number of frames in a span [1].
-
-Each span has one kick and one change of gravity. Torques act in every second span.
-"""
+"""Number of frames in a span [1]. Each span has one kick and one change of gravity. Torques act in
+every second span."""
 _KICK_FRAME = 10
-"""Index of the frame with the kick in a span [1].
-
-It is far from the frames at which torques start or gravity changes.
-"""
+"""Index of the frame with the kick in a span [1]. It is far from the frames at which torques start
+or gravity changes."""
 _TURN_FRAME = 20
 """Index of the frame with the change of gravity in a span [1], far from both nearest kicks."""
 _CROSSING_FRAMES = 200
-"""Number of frames for the comparison of springs and bars [1].
-
-With this number, a wall moves by less than a rotor spacing per frame.
-"""
+"""Number of frames for the comparison of springs and bars [1]. With this number, a wall moves by
+less than a rotor spacing per frame."""
 
 
 @dataclass(frozen=True)
@@ -307,10 +293,8 @@ class StiffnessTask:
     chain: Chain
     """Chain with the stiffness of the springs."""
     rates: tuple[float, ...]
-    """Angular velocities of the rotors after the kick [rad/s].
-
-    Before the kick the chain leans right and is at rest.
-    """
+    """Angular velocities of the rotors after the kick [rad/s]. Before the kick the chain leans
+    right and is at rest."""
     duration: float
     """Time limit for the crossing [s]."""
 

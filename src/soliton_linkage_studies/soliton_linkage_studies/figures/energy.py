@@ -140,12 +140,7 @@ def energy_figure(section: Section, quick: bool) -> FigureReport:
             report.add_points(letter, label, ('v / c [1]', _ENERGIES[letter]), speed, values)
             known = (echo == 0) | (letter != 'c')
             axes.plot(
-                speed[known],
-                values[known],
-                marker + '-',
-                color=colour,
-                label=label,
-                linewidth=0.6,
+                speed[known], values[known], marker + '-', color=colour, label=label, linewidth=0.6
             )
             axes.plot(speed[~known], values[~known], marker, color=colour, fillstyle='none')
         if chain.lean_ratio < _CONTINUUM:

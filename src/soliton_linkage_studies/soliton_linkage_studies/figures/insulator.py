@@ -9,12 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from soliton_linkage.linear.bands import (
-    couplings,
-    dispersion,
-    penetration_depth,
-    winding_number,
-)
+from soliton_linkage.linear.bands import couplings, dispersion, penetration_depth, winding_number
 from soliton_linkage.linear.normal_modes import mode_frequencies
 from soliton_linkage.linear.rigidity import mode_centre, zero_mode
 from soliton_linkage.linkage.chain import Array, Chain

@@ -64,8 +64,7 @@ Angles φ of the rotors in one snapshot of the slowest wall. Far from the wall, 
 blue) and odd rotors (hollow blue) differ by the constant π − 2 θ̄.
 """
 _FAR = 5
-"""Number of rotors at an edge of the chain [1]. A wall in the middle does not affect their angles.
-"""
+"""Number of rotors at an edge of the chain [1]. A wall in the middle does not affect their angles."""
 _PROFILES = 4
 """Number of walls whose profiles are drawn, beginning with the slowest [1]. The profiles of more
 walls would overlap."""
@@ -254,12 +253,7 @@ def _compare_walls(report: FigureReport, chain: Chain, walls: list[WallAtSpeed])
                 ("slope of arctanh, the paper's estimator", wall.width),
                 ('fit of tanh with a free width', wall.fitted_width),
             ):
-                report.add_comparison(
-                    f'w / w₀ {name}, {estimator}',
-                    '√(1 − v²/c²)',
-                    law,
-                    width,
-                )
+                report.add_comparison(f'w / w₀ {name}, {estimator}', '√(1 − v²/c²)', law, width)
     report.add_comparison(
         'w / w₀ of the wall of the chain at rest, slope of arctanh',
         '1',

@@ -12,13 +12,7 @@ from matplotlib.patches import Circle
 from soliton_linkage.linkage.chain import Array, Chain, staggered
 from soliton_linkage_studies.captions import LINKAGE, description
 from soliton_linkage_studies.drawing import ChainPicture, draw_torus, pivot_points, split_at_wraps
-from soliton_linkage_studies.films.scenes import (
-    BOTTOM,
-    TOP,
-    Format,
-    Scene,
-    film_kind,
-)
+from soliton_linkage_studies.films.scenes import BOTTOM, TOP, Format, Scene, film_kind
 from soliton_linkage_studies.palette import BLACK, DARK, GREY, PALE
 from soliton_linkage_studies.settings import Section, chain_from
 from soliton_linkage_studies.unit_cell import configuration_curves

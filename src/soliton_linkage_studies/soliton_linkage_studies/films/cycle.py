@@ -38,10 +38,8 @@ from soliton_linkage_studies.palette import BLACK, BLUE, GREY, RED, WHITE
 from soliton_linkage_studies.settings import Section, chain_from
 
 _AZIMUTH = math.radians(-75)
-"""Initial azimuth of the camera [rad].
-
-The camera is 15 degrees beside the front, so that no rotor hides the bar that is attached to it.
-"""
+"""Initial azimuth of the camera [rad]. The camera is 15 degrees beside the front, so that no rotor
+hides the bar that is attached to it."""
 _ELEVATION = math.radians(22)
 """Elevation of the camera above the axles [rad]."""
 _ZOOM = 1.9

@@ -14,15 +14,7 @@ from soliton_linkage.linear.statics import stiffness_matrix
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage_studies.captions import LINKAGE, MODE, description
 from soliton_linkage_studies.drawing import ChainPicture, limits, pivot_points
-from soliton_linkage_studies.films.scenes import (
-    BOTTOM,
-    LEFT,
-    TOP,
-    WIDTH,
-    Format,
-    Scene,
-    film_kind,
-)
+from soliton_linkage_studies.films.scenes import BOTTOM, LEFT, TOP, WIDTH, Format, Scene, film_kind
 from soliton_linkage_studies.palette import BLUE, GREEN, RED
 from soliton_linkage_studies.settings import Section, chain_from
 

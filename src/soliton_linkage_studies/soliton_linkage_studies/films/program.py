@@ -87,10 +87,8 @@ def scene_of(film: Film) -> Scene:
 _CODEC = 'libx264'
 _QUALITY = ('-crf', '20', '-preset', 'veryfast', '-movflags', '+faststart')
 SHRINKING = 2
-"""Factor by which the width and the height of a GIF are smaller [1].
-
-The size is reduced because all frames of a GIF stay in memory until the film is finished.
-"""
+"""Factor by which the width and the height of a GIF are smaller [1]. The size is reduced because
+all frames of a GIF stay in memory until the film is finished."""
 
 
 @dataclass(frozen=True)
@@ -137,10 +135,7 @@ def write_film(scene: Scene, frame_rate: float, path: Path, kind: FileKind) -> N
         _Painter(rate, codec=_CODEC, extra_args=options) if kind.ffmpeg else PillowWriter(rate)
     )
     settings: Any = {'animation.ffmpeg_path': kind.ffmpeg or 'ffmpeg'}
-    with (
-        mpl.rc_context(settings),
-        writer.saving(scene.figure, str(path), scene.figure.get_dpi()),
-    ):
+    with mpl.rc_context(settings), writer.saving(scene.figure, str(path), scene.figure.get_dpi()):
         for frame in range(len(scene.times)):
             if isinstance(writer, _Painter):
                 writer.write(scene.paint(frame))

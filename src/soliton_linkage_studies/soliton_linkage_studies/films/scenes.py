@@ -31,18 +31,14 @@ STYLE: Any = {
     'axes.titlelocation': 'left',
     'text.hinting': 'no_hinting',
 }
-"""Settings of matplotlib for scenes.
-
-Without hinting, the text has the same proportions at every resolution.
-"""
+"""Settings of matplotlib for scenes. Without hinting, the text has the same proportions at every
+resolution."""
 LEFT, WIDTH, BOTTOM, TOP = 0.07, 0.90, 0.085, 0.88
 """Area for the panels below the title, in fractions of the figure width and height [1]."""
 
 TOLERANCE = 1e-9
-"""Integration error of an angle per time unit [rad].
-
-It is so small that the end of a filmed cycle does not visibly differ from its beginning.
-"""
+"""Integration error of an angle per time unit [rad]. It is so small that the end of a filmed cycle
+does not visibly differ from its beginning."""
 
 SPACE_TIME = (
     'The space-time diagram shows the displacement u, with one row for each past frame and one '

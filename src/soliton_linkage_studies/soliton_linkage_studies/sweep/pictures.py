@@ -52,10 +52,8 @@ _CLASS_LABELS = {
 }
 """Labels of the classes whose names need an explanation."""
 _ASIDE = 0.16
-"""Horizontal offset between curves, relative to the smallest distance between two points [1].
-
-The offset prevents overlaps of the error bars.
-"""
+"""Horizontal offset between curves, relative to the smallest distance between two points [1]. The
+offset prevents overlaps of the error bars."""
 _NAMES = {
     'rotor_length_ratio': ('$r/a$', 'rotor length / spacing, $r/a$ [1]'),
     'rotor_length': ('$r$ [m]', 'rotor length $r$ [m]'),
@@ -65,10 +63,7 @@ _NAMES = {
     'mass': ('$M$ [kg]', 'mass $M$ [kg]'),
     'stiffness': ('$k_e$ [N/m]', 'stiffness $k_e$ [N/m]'),
     'damping': ('damping [N m s/rad]', 'damping [N m s/rad]'),
-    'kick': (
-        r'kick [$a\sqrt{k_e/M}$]',
-        r'speed of the kick, $r|\dot\phi|$ [$a\sqrt{k_e/M}$]',
-    ),
+    'kick': (r'kick [$a\sqrt{k_e/M}$]', r'speed of the kick, $r|\dot\phi|$ [$a\sqrt{k_e/M}$]'),
     'deviations.scale': ('scale', 'scale of the deviations [1]'),
 }
 """Short and long name of each parameter, with its unit."""

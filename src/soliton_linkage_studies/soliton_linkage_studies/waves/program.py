@@ -32,10 +32,8 @@ from soliton_linkage_studies.program import run_parallel, run_study, study_parse
 from soliton_linkage_studies.settings import Section, chain_from, load_settings
 
 _FIRST = 3
-"""Index of the first rotor from which the velocity of a packet is measured [1].
-
-It is outside the near field of the driven rotor.
-"""
+"""Index of the first rotor from which the velocity of a packet is measured [1]. It is outside the
+near field of the driven rotor."""
 _TOLERANCE = 1e-8
 """Integration error of an angle per step [rad], far smaller than the amplitudes of bursts."""
 
@@ -125,10 +123,8 @@ class WaveRun:
 
     recording: Recording
     sites: Array
-    """Site of the kink in each frame [rotor spacings], shape (T,).
-
-    It is NaN in a chain without a kink, and after the kink has vanished.
-    """
+    """Site of the kink in each frame [rotor spacings], shape (T,). It is NaN in a chain without a
+    kink, and after the kink has vanished."""
     walls: int
     """Number of walls in the last frame."""
 
@@ -234,15 +230,11 @@ _MOVED = 'displacement of the kink [rotor spacings]'
 _SITE = 'site [rotor spacings]'
 _TIME = 'time [s]'
 _FEW = 10.0
-"""Threshold of the number of rotors that take part in a vibration [1].
-
-A vibration counts as localised if fewer rotors take part. In a wave two thirds of all rotors do.
-"""
+"""Threshold of the number of rotors that take part in a vibration [1]. A vibration counts as
+localised if fewer rotors take part. In a wave two thirds of all rotors do."""
 _PACKET = (10.0, 0.01)
-"""Number of cycles [1] and amplitude [rad] of the packet whose velocity is measured.
-
-The amplitude is so small that the packet is a linear wave.
-"""
+"""Number of cycles [1] and amplitude [rad] of the packet whose velocity is measured. The amplitude
+is so small that the packet is a linear wave."""
 _SITES = 33
 """Number of kink sites, over two rotor spacings, at which the spectrum is computed [1]."""
 
