@@ -57,7 +57,8 @@ class Burst:
     """Messages published at one rate."""
 
     asked: float
-    """Requested rate [1/s]. The seconds in the stamps of its messages are the number of the burst."""
+    """Requested rate [1/s]. The seconds in the stamps of its messages are the number of the
+    burst."""
     sent: int
     sending: float
     """Duration of publishing [s]."""

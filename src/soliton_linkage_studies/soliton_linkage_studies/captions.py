@@ -12,7 +12,7 @@ LINKAGE = (
 )
 """Description of a drawn chain."""
 MODE = 'green arrows are the velocities of the masses in this mode, all drawn to the same scale'
-"""Description of the zero-mode arrows. It is a clause, which captions insert into a sentence."""
+"""Description of the zero-mode arrows, a clause."""
 PROJECTIONS = (
     'Arrows below the pivots are the horizontal displacements u = r sin φ of the masses, in '
     'several rows if they would overlap. Arrows to the right are purple, arrows to the left are '
@@ -22,12 +22,12 @@ PROJECTIONS = (
 
 
 def parameters(chain: Chain) -> str:
-    """Return a text with r/a and the rest angle [rad], which define the shape of a chain."""
+    """Return a text with the shape parameters r/a and rest angle [rad]."""
     return f'r/a = {chain.rotor_length / chain.spacing:g}, θ̄ = {chain.rest_angle:g}'
 
 
 def shape(chain: Chain) -> str:
-    """Return a text with the shape parameters r/a and rest angle [rad], and the lean ratio d."""
+    """Return a text with r/a, the rest angle [rad] and the lean ratio d."""
     return f'{parameters(chain)}, d = {chain.lean_ratio:.2f}'
 
 

@@ -1,10 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of one chain, its zero mode and its configuration space on matplotlib axes.
-
-Pivots are crosses, rotors are black bars and masses are blue dots. Springs are dashed red lines,
-rigid bars are solid red lines. Zero modes are green arrows at the masses (paper, Fig. 1). If
-rotors overlap their neighbours, every other rotor is grey. Each rotor has a white border.
-"""
+"""Pictures of a chain, its zero mode and its configuration space (paper, Fig. 1)."""
 
 from __future__ import annotations
 
@@ -41,16 +36,16 @@ from soliton_linkage_studies.palette import (
 )
 
 _OUTSIDE = matplotlib.__version_info__ >= (3, 7)
-"""Whether this version of matplotlib can put a legend outside the panels. In older versions the
-legend covers the panels."""
+"""Whether this version of matplotlib can put a legend outside the panels. Otherwise the legend
+covers the panels."""
 LEGEND_ABOVE: Literal['outside upper center', 'upper center'] = (
     'outside upper center' if _OUTSIDE else 'upper center'
 )
-"""Location of a figure legend above the panels, or at their top edge in older matplotlib."""
+"""Location of a figure legend above the panels."""
 LEGEND_BELOW: Literal['outside lower center', 'lower center'] = (
     'outside lower center' if _OUTSIDE else 'lower center'
 )
-"""Location of a figure legend below the panels, or at their bottom edge in older matplotlib."""
+"""Location of a figure legend below the panels."""
 _MARGIN = 0.35
 """Margin around the area that the rotors of a chain can reach [rotor spacings]."""
 _ROW = 0.3
@@ -60,10 +55,7 @@ _ARROW = 1.2
 
 
 def displacement(chain: Chain, angles: Array) -> Array:
-    """Return the horizontal displacement u_n = r sin(phi_n) of each mass [m].
-
-    The result has the same shape as `angles` [rad].
-    """
+    """Return the horizontal displacement u_n = r sin(phi_n) of each mass [m]."""
     return chain.positions(angles)[0]
 
 
@@ -82,8 +74,7 @@ def mass_points(chain: Chain, angles: Array) -> Array:
 def mode_arrows(chain: Chain, angles: Array, mode: Array) -> Array:
     """Return the displacement of each mass in a mode t [m], shape (N, 2).
 
-    It is r t_n (cos(phi_n), -sin(phi_n)), which is perpendicular to the rotor. The mode t [rad]
-    has shape (N,).
+    It is r t_n (cos(phi_n), -sin(phi_n)). The mode t [rad] has shape (N,).
     """
     horizontal, vertical = chain.positions(angles)
     return np.column_stack([mode * vertical, -mode * horizontal])
@@ -94,8 +85,8 @@ def limits(
 ) -> tuple[float, float, float, float]:
     """Return the limits left, right, bottom and top [m] of a picture of a chain.
 
-    They enclose all positions of the masses, with a margin. `projections` adds space for the
-    displacement arrows below the rotors, and `lowered` [m] adds space at the bottom.
+    They enclose all positions of the masses. `projections` adds space for the displacement arrows,
+    and `lowered` [m] adds space at the bottom.
     """
     margin = _MARGIN * chain.spacing
     reach = float(chain.rotor_lengths.max()) + margin
@@ -114,7 +105,11 @@ def lean_norm(chain: Chain) -> FuncNorm:
 
 
 class ChainPicture:
-    """Matplotlib artists of one chain. `update` moves them. The axis limits fit the chain."""
+    """Matplotlib artists of one chain, which `update` moves. The axis limits fit the chain.
+
+    Pivots are crosses, rotors black bars and masses blue dots. Springs are dashed red lines, rigid
+    bars solid red lines. If rotors overlap their neighbours, every other rotor is grey.
+    """
 
     def __init__(
         self,
@@ -130,8 +125,8 @@ class ChainPicture:
     ) -> None:
         """Draw a chain at angles [rad] with an optional mode [1], each of shape (N,).
 
-        A mode component of 1 is drawn as an arrow of `arrow_length` [m].
-        Odd rotors are drawn `lowered` [m] below the others, so that rotors do not overlap.
+        A mode component of 1 is drawn as an arrow of `arrow_length` [m]. Odd rotors are drawn
+        `lowered` [m] below the others, so that rotors do not overlap.
         """
         self.chain = chain
         self.axes = axes
@@ -195,7 +190,7 @@ class ChainPicture:
 
 
 def expand_limits(pictures: Sequence[ChainPicture]) -> tuple[float, float]:
-    """Set the same axis limits on all pictures, wide enough for all visible mode arrows.
+    """Set the same limits on all pictures, wide enough for all visible mode arrows.
 
     Returns the width and the height of the area within these limits [m].
     """
@@ -238,19 +233,18 @@ def mode_quiver(
 ) -> Quiver:
     """Draw the arrows of a mode [1], shape (N,), at the masses and return the arrows.
 
-    Each arrow shows the velocity of a mass. The arrow of a mode component 1 has the length
-    `arrow_length` [m]. The default length is 1.2 times the larger of a and r.
+    The arrow of a mode component 1 has the length `arrow_length` [m], by default 1.2 times the
+    larger of a and r.
     """
     vectors = _stretched(chain, angles, mode, arrow_length)
     return _quiver(axes, mass_points(chain, angles), vectors, 0.9 * _thickness(chain), GREEN)
 
 
 def projection_quiver(axes: Axes, chain: Chain, angles: Array, lowered: float = 0.0) -> Quiver:
-    """Draw the displacements u_n = r sin(phi_n) [m] as arrows below the rotors.
+    """Draw the displacements u_n = r sin(phi_n) [m] as arrows; return the arrows.
 
-    Arrows to the right are purple, arrows to the left are orange. If the rotors are longer than
-    the spacing, the arrows alternate between several rows so that they do not overlap. Returns
-    the arrows, which `move_projections` can move.
+    Arrows to the right are purple, arrows to the left orange. Long arrows alternate between
+    several rows so that they do not overlap.
     """
     along = displacement(chain, angles)
     positions = pivot_points(chain) + np.column_stack(
@@ -273,9 +267,8 @@ def move_projections(arrows: Quiver, chain: Chain, angles: Array) -> None:
 def draw_torus(axes: Axes, chain: Chain, curves: Sequence[Array]) -> Axes:
     """Draw the configuration space of a unit cell as curves on a torus (paper, Fig. 4c).
 
-    Each curve contains staggered angles [rad], shape (K, 2). The square is the torus of both
-    angles: opposite sides of the square are the same line. Triangles are the ground states.
-    Purple states lean right, orange states lean left.
+    Each curve contains staggered angles [rad], shape (K, 2). Opposite sides of the square are the
+    same line. Triangles are the ground states; purple states lean right, orange states lean left.
     """
     for number, curve in enumerate(curves):
         colour = CURVE_COLOURS[number % len(CURVE_COLOURS)]
@@ -305,10 +298,7 @@ def draw_torus(axes: Axes, chain: Chain, curves: Sequence[Array]) -> Axes:
 
 
 def split_at_wraps(curve: Array) -> Array:
-    """Wrap a curve of angles to -pi ... pi [rad] and insert a row of NaN at each wrap.
-
-    The curve has shape (K, 2), the result shape (K + number of wraps, 2).
-    """
+    """Wrap a curve, shape (K, 2), to -pi ... pi [rad]; insert a row of NaN at each wrap."""
     wrapped = np.asarray(np.mod(curve + np.pi, 2 * np.pi) - np.pi)
     jumps = np.flatnonzero((np.abs(np.diff(wrapped, axis=0)) > np.pi).any(axis=1)) + 1
     return np.insert(wrapped, jumps, np.nan, axis=0)
@@ -380,10 +370,7 @@ def _thickness(chain: Chain) -> float:
 
 
 def _rows(chain: Chain) -> Array:
-    """Return the height of each displacement arrow [m], shape (N,).
-
-    All heights are lower than the lowest possible position of a mass.
-    """
+    """Return heights of the displacement arrows [m], shape (N,), below all masses."""
     rows = math.ceil(chain.rotor_length / chain.spacing)
     row = np.arange(chain.number_of_rotors) % rows
     reach = float(chain.rotor_lengths.max()) + _MARGIN * chain.spacing
@@ -391,10 +378,7 @@ def _rows(chain: Chain) -> Array:
 
 
 def _turned(tilt: float) -> Array:
-    """Return the rotation matrix for points (x, z) @ matrix, shape (2, 2).
-
-    A positive tilt [rad] lowers points at x > 0.
-    """
+    """Return the matrix for points (x, z) @ matrix; a positive tilt [rad] lowers x > 0."""
     sine, cosine = math.sin(tilt), math.cos(tilt)
     return np.array([[cosine, -sine], [sine, cosine]])
 

@@ -16,23 +16,22 @@ from soliton_linkage.solitons.static_wall import site_arc, static_wall
 from soliton_linkage.solitons.tanh_fit import order_field
 
 MIDDLE = 0.3
-"""Fraction of a chain in which a wall is measured, around the middle and far from both edges [1]."""
+"""Fraction of a chain in which a wall is measured, around the middle [1]."""
 SNAPSHOTS = 10
-"""Number of frames that are combined to the profile of a wall [1]. The wall is at ten positions
-per rotor spacing, as in the paper."""
+"""Number of frames that are combined to the profile of a wall [1], as in the paper."""
 DISTANCE_LABEL = 'n - X [rotor spacings]'
 """Axis label of the distance of a rotor from a wall."""
 
 _ARCTANH_REACH = 0.9
-"""Threshold of |m|: rotors are fitted if their order field m has a smaller magnitude [1]. Above
-this threshold, arctanh(m) would amplify rounding errors and phonons behind the wall."""
+"""Largest |m| of a fitted rotor [1]. Above it, arctanh(m) would amplify rounding errors and
+phonons."""
 _FRAMES = 600
 """Number of frames in a recording of a crossing."""
 _SLACK = 1.1
 """Recording time divided by the theoretical crossing time of a slow wall [1]."""
 _TRANSIENT = 1.5
 """Shortest recording time, divided by the time that sound needs from edge to edge [1]. The fastest
-walls cross the chain in this recording time."""
+walls cross the chain in this time."""
 
 
 def kick_rates(
@@ -40,18 +39,18 @@ def kick_rates(
 ) -> Array:
     """Return the angular velocities that drive the wall away from an edge [rad/s], shape (N,).
 
-    They are phi_dot = (a / r) sqrt(k_e / M) v0 e, where e is the zero mode of norm 1. The kick v0
-    is the norm r |phi_dot| of the mass velocities, in units of a sqrt(k_e / M). Raises ValueError
-    if the wall is nearer to the other edge and `anywhere` is false.
+    They are phi_dot = (a / r) sqrt(k_e / M) v0 e, with the zero mode e of norm 1 and the kick v0,
+    the norm r |phi_dot| in units of a sqrt(k_e / M). Raises ValueError if the wall is nearer to
+    the other edge and `anywhere` is false.
     """
     speed = kick * chain.spacing / (chain.rotor_length * chain.time_unit)
     return speed * edge_mode(chain, angles, edge, anywhere)
 
 
 def record_kick(chain: Chain, kick: float, duration: float, frames: int) -> Recording:
-    """Record the motion of the right-leaning elastic chain after a kick at its last rotor.
+    """Record the right-leaning elastic chain after a kick at its last rotor.
 
-    The duration [time units sqrt(M / k_e)] is divided into `frames` equal periods.
+    The duration [time units sqrt(M / k_e)] is divided into `frames` periods.
     """
     rest = chain.uniform_state(1)
     rates = kick_rates(chain, rest, kick)
@@ -60,16 +59,13 @@ def record_kick(chain: Chain, kick: float, duration: float, frames: int) -> Reco
 
 
 def record_moving_wall(chain: Chain, kick: float) -> tuple[Recording, float]:
-    """Record a kicked chain until the wall has crossed the chain.
-
-    Returns the recording and the wall speed [rotor spacings/s].
-    """
+    """Record a kicked chain until the wall has crossed it; return also the speed [spacings/s]."""
     recording = record_kick(chain, kick, crossing_duration(chain, kick), _FRAMES)
     return recording, snapshots(chain, recording, 2).speed
 
 
 def crossing_duration(chain: Chain, kick: float) -> float:
-    """Return a recording time [time units] that suffices for a kicked wall to cross the chain."""
+    """Return a recording time [time units] in which a kicked wall crosses the chain."""
     fastest = (chain.number_of_rotors - 1) * chain.spacing / speed_of_sound(chain)
     return max(_SLACK * slow_crossing_time(chain, kick), _TRANSIENT * fastest / chain.time_unit)
 
@@ -77,9 +73,8 @@ def crossing_duration(chain: Chain, kick: float) -> float:
 def slow_crossing_time(chain: Chain, kick: float) -> float:
     """Return the crossing time of a wall in a chain of rigid bars [time units].
 
-    The crossing time is (N - 1) Lambda / v0. Lambda is the length of the chain's path in
-    configuration space while the wall moves by one rotor spacing. This length is the norm of the
-    displacements of all masses, divided by the spacing.
+    It is (N - 1) Lambda / v0. Lambda is the norm of the displacements of all masses while the wall
+    moves by one rotor spacing, divided by the spacing.
     """
     way = site_arc(chain) * chain.rotor_length / chain.spacing
     return (chain.number_of_rotors - 1) * way / kick
@@ -103,8 +98,7 @@ def snapshots(chain: Chain, recording: Recording, count: int) -> Snapshots:
     """Return `count` frames of the first passage of the wall through the middle of the chain.
 
     The wall position is the zero of the order field, interpolated linearly between two rotors
-    (paper, Fig. 5). Raises ValueError if the recording has fewer than `count` frames of this
-    passage.
+    (paper, Fig. 5). Raises ValueError if this passage has fewer than `count` frames.
     """
     fields, _ = order_field(chain, recording.angles)
     walls = wall_positions(chain, recording)
@@ -131,9 +125,8 @@ def snapshots(chain: Chain, recording: Recording, count: int) -> Snapshots:
 def static_profile(chain: Chain, middle: float) -> tuple[Array, Array]:
     """Return the profile of static walls at ten positions per rotor spacing.
 
-    The profile consists of the distances of the rotors from the wall [rotor spacings] and of their
-    order field m [1], each of shape (K,). Edge rotors are excluded, because each of them has two
-    rest angles.
+    The profile consists of distances from the wall [rotor spacings] and of the order field m [1],
+    each of shape (K,). Edge rotors are excluded, because each of them has two rest angles.
     """
     positions, fields = [], []
     for beyond in np.arange(SNAPSHOTS) / SNAPSHOTS:
@@ -146,19 +139,15 @@ def static_profile(chain: Chain, middle: float) -> tuple[Array, Array]:
 
 
 def wall_positions(chain: Chain, recording: Recording) -> Array:
-    """Return the wall position of each frame from `zero_crossing` [rotor spacings], shape (T,).
-
-    The position is NaN for a frame without a zero crossing.
-    """
+    """Return the wall position of each frame [rotor spacings], shape (T,), or NaN."""
     fields, _ = order_field(chain, recording.angles)
     return np.array([zero_crossing(field) for field in fields])
 
 
 def zero_crossing(field: Array) -> float:
-    """Return the position of the first zero of an order field of shape (N,) [rotor spacings].
+    """Return the position of the first zero of an order field of shape (N,), or NaN.
 
-    The result is NaN if the field has no zero. Edge rotors are excluded. They have a second rest
-    angle, at which the order field differs although no wall is there.
+    Edge rotors are excluded, because the order field differs at their second rest angle.
     """
     negative = np.signbit(field[1:-1])
     crossings = np.flatnonzero(negative[1:] != negative[:-1])
@@ -171,8 +160,8 @@ def zero_crossing(field: Array) -> float:
 def arctanh_width(positions: Array, fields: Array) -> float:
     """Estimate the width w of a wall m = -tanh(x / w) from the slope of arctanh(m) against x.
 
-    Positions and width have the unit [rotor spacings]. The slope is fitted by linear least
-    squares to all points with |m| < 0.9 (paper, Fig. 5).
+    The line is fitted to all points with |m| < 0.9 (paper, Fig. 5). Positions and width have the
+    unit [rotor spacings].
     """
     near = np.abs(fields) < _ARCTANH_REACH
     slope = np.polyfit(positions[near], -np.arctanh(fields[near]), 1)[0]

@@ -26,8 +26,8 @@ _LINE = 95
 """Largest number of characters in a line of a caption."""
 _FUNCTIONS = ('sin', 'cos', 'ln', 'min', 'max')
 _ROUNDING = 1e-11
-"""Threshold of the relative error: a table shows 0 if the error is smaller [1]. It is about the
-rounding error of a sum of 1000 terms."""
+"""Smallest relative error that a table shows [1], about the rounding error of a sum of 1000
+terms."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,6 @@ class Formula:
     """Note that is printed in parentheses after the formula."""
 
     def __str__(self) -> str:
-        """Return the formula as text, with its value, the values of its symbols and the remark."""
         symbols = ', '.join(f'{name} = {value:.8g}' for name, value in self.symbols.items())
         remark = f' ({self.remark})' if self.remark else ''
         return f'{self.text} = {self.value:.5g}{f" for {symbols}" if symbols else ""}{remark}'
@@ -50,10 +49,7 @@ class Formula:
 def chain_formula(
     text: str, value: float, chain: Chain, remark: str = '', **more: float
 ) -> Formula:
-    """Return a formula whose symbols are parameters of a chain.
-
-    Of the parameters, only those that occur in `text` are kept. `more` defines further symbols.
-    """
+    """Return a formula with those parameters of a chain that occur in `text`, and `more`."""
     plus, minus = couplings(chain)
     symbols = {
         'r': chain.rotor_length,
@@ -92,10 +88,9 @@ class Comparison:
 
     @property
     def error(self) -> str:
-        """Text with the relative difference of the measured value from the theoretical value [%].
+        """Relative difference of the measured value from theory [%] as text, empty without theory.
 
-        The text is empty if no theoretical value exists. If the theoretical value is 0, the text
-        contains the measured value instead.
+        If the theoretical value is 0, the text contains the measured value instead.
         """
         if not math.isfinite(self.expected):
             return ''
@@ -119,10 +114,7 @@ class FigureReport:
     def add_points(
         self, panel: str, series: str, names: tuple[str, str], x: ArrayLike, y: ArrayLike
     ) -> None:
-        """Add points to the data of the figure. The arrays x and y have the same shape (K,).
-
-        `names` contains the names of the quantities x and y, each with its unit.
-        """
+        """Add points to the data; `names` are those of x and y, each with its unit."""
         for across, up in zip(np.ravel(x), np.ravel(y), strict=True):
             self.rows.append((panel, series, float(across), float(up), *names))
 
@@ -152,10 +144,7 @@ class FigureReport:
 
 
 def save_page(report: FigureReport, folder: Path, name: str) -> str:
-    """Write the files of a report and the table of its comparisons.
-
-    Returns a text with the table and the folder of the files.
-    """
+    """Write the files of a report and its table; return a text with the table and the folder."""
     report.save(folder, name)
     write_table({name: report.comparisons}, folder / 'table.md', [name])
     table = (folder / 'table.md').read_text(encoding='utf-8')
@@ -163,10 +152,7 @@ def save_page(report: FigureReport, folder: Path, name: str) -> str:
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure in the format of the path's suffix.
-
-    The file contains no date, so that equal figures give equal files.
-    """
+    """Write a figure in the format of the path's suffix, without a date."""
     metadata = {'CreationDate': None} if path.suffix == '.pdf' else None
     figure.savefig(path, dpi=_RESOLUTION, metadata=metadata)
 
@@ -183,10 +169,9 @@ def save_caption(caption: str, path: Path) -> None:
 def write_table(
     drawn: Mapping[str, Sequence[Comparison]], path: Path, order: Sequence[str]
 ) -> None:
-    """Write the comparisons of figures as a Markdown table, by figure name.
+    """Write the comparisons of figures as a Markdown table, in the given order of figures.
 
-    `order` is the order of the figure names in the table. If the file exists, its rows are kept
-    for figures that are not in `drawn`.
+    Rows of an existing file are kept for figures that are not in `drawn`.
     """
     rows = _rows_by_figure(path)
     for name, comparisons in drawn.items():
@@ -200,7 +185,6 @@ def write_table(
 
 
 def _rows_by_figure(path: Path) -> dict[str, list[str]]:
-    """Return the rows of an existing table, grouped by their first cell."""
     rows: dict[str, list[str]] = {}
     if path.exists():
         for line in path.read_text(encoding='utf-8').splitlines():

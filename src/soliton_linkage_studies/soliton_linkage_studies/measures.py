@@ -24,14 +24,13 @@ from soliton_linkage_studies.experiments import kick_rates
 _TOLERANCE = 1e-8
 """Largest integration error of an angle in one step [rad]."""
 _FRAMES_A_SPACING = 4.0
-"""Approximate number of frames while a wall moves by one rotor spacing, or by the wall width if
-the wall is narrower [1]."""
+"""Approximate number of frames in which a wall moves by the smaller of a rotor spacing and its
+width [1]."""
 _FRAMES_A_SWING = 40.0
-"""Number of frames while an edge rotor swings by the smaller of 1 rad and spacing / rotor length
-[1]."""
+"""Number of frames while an edge rotor swings by the smaller of 1 rad and a / r [1]."""
 _DEPARTED = 1.5
-"""Threshold of the distance from an edge: a wall of a spinner counts as having left the edge if it
-is farther away [rotor spacings]."""
+"""Distance from an edge beyond which the wall of a spinner counts as having left it [rotor
+spacings]."""
 
 
 @dataclass(frozen=True)
@@ -45,22 +44,21 @@ class Leg:
     furthest: float
     """Wall position at the largest distance from the edge where the leg began [rotor spacings]."""
     arc: float
-    """Arc length of the leg in configuration space [rad]. The length element is the Euclidean norm
-    of the angle changes of all rotors."""
+    """Arc length of the leg in configuration space, with the Euclidean norm of the angle changes
+    [rad]."""
 
 
 def follow_wall(chain: Chain, edge: Edge = Edge.FIRST, legs: int = 2) -> tuple[Leg, ...]:
     """Simulate a chain with rigid bars until the wall has crossed the chain `legs` times.
 
-    A leg is the motion of the wall from one edge of the chain towards the other edge. The
-    simulation starts in the left-leaning rest state if `edge` is the first edge, and in the
-    right-leaning rest state if `edge` is the last edge. The wall of a flipper first moves to the
-    nearest edge. This motion does not count as a leg. The simulation ends early if the wall turns
-    back, or if the arc length of a leg exceeds 4 pi [rad] per rotor.
+    The simulation starts in the left-leaning rest state if `edge` is the first edge, otherwise in
+    the right-leaning one. The wall of a flipper first moves to the nearest edge; this motion does
+    not count as a leg. The simulation ends early if the wall turns back, or if the arc length of a
+    leg exceeds 4 pi [rad] per rotor.
 
     The wall position is the centre of the zero mode. The wall of a flipper reaches an edge when
-    the edge rotor passes the straight line from its pivot to the mass of the neighbouring rotor.
-    At this instant the zero mode is localised on the edge rotor. The wall of a spinner reaches an
+    the edge rotor passes the straight line from its pivot to the mass of the neighbouring rotor,
+    because then the zero mode is localised on the edge rotor. The wall of a spinner reaches an
     edge when the edge rotor has the largest component of the zero mode.
 
     Raises:
@@ -86,10 +84,7 @@ def follow_wall(chain: Chain, edge: Edge = Edge.FIRST, legs: int = 2) -> tuple[L
 
 
 def check_passable(chain: Chain) -> None:
-    """Raise ValueError if a wall cannot cross the chain and return.
-
-    The function also raises ValueError for a periodic chain, because it has no edges.
-    """
+    """Raise ValueError if a wall cannot cross the chain and return, or the chain is periodic."""
     _check_ends(chain)
     obstacles = find_obstacles(chain)
     if not obstacles:
@@ -108,8 +103,6 @@ def check_passable(chain: Chain) -> None:
 
 
 class _Walker:
-    """Simulation of a chain of rigid bars that detects when the wall arrives at an edge."""
-
     def __init__(self, simulation: RigidSimulation, edge: int) -> None:
         self._simulation = simulation
         self._last = simulation.chain.number_of_rotors - 1
@@ -118,7 +111,6 @@ class _Walker:
         self._update()
 
     def leg(self) -> Leg:
-        """Simulate from the current wall position until the wall reaches an edge."""
         start, left = self._simulation.frame, self._edge
         direction = -1 if left else 1
         departure = furthest = self._centre
@@ -136,10 +128,7 @@ class _Walker:
         return Leg(direction, arrived == self._last - left, furthest, arc)
 
     def _update(self) -> None:
-        """Update the centre and the peak of the zero mode, and the side of each edge rotor.
-
-        An edge rotor is on one side of the straight line from its pivot to the neighbouring mass.
-        """
+        """Update centre and peak of the zero mode, and the side of each edge rotor."""
         chain, angles = self._simulation.chain, self._simulation.angles
         mode = zero_mode(chain, angles)
         first, second = rigidity_bands(chain, angles)
@@ -148,7 +137,6 @@ class _Walker:
         self._edges = (bool(first[0] > 0), bool(second[-1] > 0))
 
     def _arrived(self, before: tuple[bool, bool], left: int, departed: bool) -> int | None:
-        """Return the edge rotor that the wall reached in the last frame, or None."""
         if self._simulation.chain.motion is not Motion.SPINNER:
             passed = [self._edges[0] != before[0], self._edges[1] != before[1]]
             return 0 if passed[0] else self._last if passed[1] else None
@@ -160,9 +148,8 @@ def _frame_arc(chain: Chain) -> float:
     """Return the arc length in configuration space between two frames [rad].
 
     The frame period [s] has the same value, because the chain moves at 1 rad/s. The rotors of a
-    flipper turn by 2 theta_bar while the wall moves by its own width. A lower limit avoids
-    needlessly many frames: `_FRAMES_A_SWING` frames resolve the swing of an edge rotor at a
-    reflection. This swing is about a / r, but at most 1 rad.
+    flipper turn by 2 theta_bar while the wall moves by its own width. The lower limit resolves the
+    swing of an edge rotor at a reflection, which is about a / r, but at most 1 rad.
     """
     spacings = 1 + chain.wall_width / chain.spacing
     of_wall = chain.rest_angle / (_FRAMES_A_SPACING * math.sqrt(spacings))
@@ -184,12 +171,11 @@ OUTCOMES = ('returns', 'crosses', 'lost')
 _PIECE = 20
 """Interval between two checks for the return of the wall [time units]."""
 _WALL_REACH = 4
-"""Half-width of the region that belongs to the wall, divided by the larger of wall width and
-penetration depth [1]. At most 2 % of the wall energy is outside this region."""
+"""Half-width of the wall's region, divided by the larger of wall width and penetration depth [1].
+At most 2 % of the wall energy is outside."""
 _JUMP = 5
-"""Threshold of the displacement between two frames [rotor spacings]. The track counts as having
-changed to another wall if the displacement is larger. The fastest walls move by 2 rotor spacings
-between two frames."""
+"""Displacement between two frames beyond which the track has changed to another wall [rotor
+spacings]. The fastest walls move by 2 rotor spacings."""
 
 Value = float | int | str
 
@@ -214,7 +200,6 @@ class SweepTrial:
     )
 
     def __post_init__(self) -> None:
-        """Check the parameter ranges."""
         check_quantities(self)
 
 
@@ -233,10 +218,7 @@ class Measure:
 
 
 def measure_motion(chain: Chain, _trial: SweepTrial) -> dict[str, Value]:
-    """Return the motion class of the chain and the number of bonds that may stop a wall.
-
-    Both are derived from the lengths at each bond, without a simulation.
-    """
+    """Return the motion class and the number of bonds that may stop a wall."""
     motion = motion_of_bonds(chain)
     return {
         'motion': motion.value if motion else BLOCKED,
@@ -248,8 +230,8 @@ def measure_speed(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
     """Measure the outcome, the speed and the phonon energy of a wall kicked off the right edge.
 
     `speed` [a sqrt(k_e / M)] is the slope of the wall position over time, between the outer fifths
-    of the chain. `phonons` [1] is the result of `phonon_share`. If the wall does not cross the
-    chain, `speed` and `phonons` are NaN.
+    of the chain. `speed` and `phonons` (`phonon_share`) are NaN if the wall does not cross the
+    chain.
     """
     recording, track, crossings = send_wall(chain, trial)
     return {
@@ -260,10 +242,7 @@ def measure_speed(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
 
 
 def measure_survival(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
-    """Measure whether a wall crosses the chain and returns.
-
-    `trial.mechanics` selects a chain of springs or a chain of rigid bars.
-    """
+    """Measure whether a wall crosses a chain of springs or bars and returns."""
     if trial.mechanics == 'elastic':
         crossed = len(send_wall(chain, trial)[2])
     else:
@@ -272,11 +251,10 @@ def measure_survival(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
 
 
 def send_wall(chain: Chain, trial: SweepTrial) -> tuple[Recording, Track, tuple[Crossing, ...]]:
-    """Kick the wall of an elastic chain off the right edge and simulate until the wall returns.
+    """Kick the wall of an elastic chain off the right edge and simulate until it returns.
 
-    If the wall does not return, the simulation ends at the time limit. The frame period is one
-    time unit. In this time a wall moves by at most two spacings. A jump by five spacings or more
-    therefore means that the track has changed to another wall. Such a crossing is discarded.
+    The frame period is one time unit. A crossing with a jump by five spacings or more is
+    discarded.
     """
     angles = rest_state(chain, 1)
     rates = kick_rates(chain, angles, trial.kick, anywhere=True)
@@ -296,11 +274,10 @@ def send_wall(chain: Chain, trial: SweepTrial) -> tuple[Recording, Track, tuple[
 
 
 def phonon_share(chain: Chain, recording: Recording, track: Track, crossing: Crossing) -> float:
-    """Return the fraction of the energy that is outside the wall in the middle of a crossing [1].
+    """Return the fraction of the energy outside the wall in the middle of a crossing [1].
 
-    A rotor or spring counts as outside the wall if its distance from the wall exceeds both four
-    wall widths and four penetration depths. The function returns NaN if fewer than half of the
-    rotors are outside the wall.
+    A rotor or spring is outside if its distance from the wall exceeds both four wall widths and
+    four penetration depths. The result is NaN if fewer than half of the rotors are outside.
     """
     under_way = (track.times >= crossing.start) & (track.times <= crossing.end)
     half_way = np.abs(track.sites - (chain.number_of_rotors - 1) / 2)
@@ -318,7 +295,6 @@ def phonon_share(chain: Chain, recording: Recording, track: Track, crossing: Cro
 
 
 def _unbroken(track: Track, crossing: Crossing) -> bool:
-    """Return whether the track of a crossing has no jump to another wall."""
     passage = (track.times >= crossing.start) & (track.times <= crossing.end)
     positions = track.sites[passage]
     steps = np.diff(positions[np.isfinite(positions)])
@@ -326,11 +302,7 @@ def _unbroken(track: Track, crossing: Crossing) -> bool:
 
 
 def _joined(first: object, second: object, names: tuple[str, ...]) -> list[Array]:
-    """Concatenate the named arrays of two recordings or tracks.
-
-    The first frame of the second recording is dropped, because it repeats the last frame of the
-    first recording.
-    """
+    """Concatenate arrays of two recordings or tracks; both contain the frame between them."""
     return [np.concatenate([getattr(first, name), getattr(second, name)[1:]]) for name in names]
 
 

@@ -31,20 +31,21 @@ from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.palette import COLOURS, GREY
 from soliton_linkage_studies.program import run_parallel, run_study, study_parser
 from soliton_linkage_studies.settings import Section, chain_from, load_settings
+from soliton_linkage_studies.sweep.table import markdown_table
 
 MoveKey = tuple[str, str]
 """Names of a chain and of a condition."""
 
 _TOLERANCE = 1e-8
-"""Integration error of an angle per time unit [rad]. It is far smaller than the encoder noise and
-than the position errors of the moves."""
+"""Integration error of an angle per time unit [rad], far below the encoder noise."""
 _OBSERVATION_TIME = 0.2
 """Time from the first frame to the goal command [s]. The wall is at rest during this time."""
 _TIME_LIMIT = 120.0
 """Time limit of a move [s]. A move that has not ended by then has the outcome NOT_HELD."""
 _SAMPLE_EVERY = 20
-"""Number of frames from one sample to the next [1]. At 250 Hz this is 80 ms, about the time that a
-pixel of the picture represents."""
+"""Number of frames from one sample to the next [1]. At 250 Hz, 80 ms are about one pixel of the
+picture."""
+DISORDERED = ('spacing', 'rotor_length', 'mass', 'stiffness', 'rest_length')
 _DRAWS = 100
 """Largest number of attempts to draw a disorder through which a wall can pass [1]."""
 
@@ -80,8 +81,47 @@ class MoveTask:
     """Largest torque of an actuator [N m]."""
 
     def __call__(self) -> MoveRun:
-        """Simulate the move."""
-        return simulate_move(self)
+        """Simulate the move. The torques that are computed from a frame act one frame later."""
+        orbit = UniformOrbit(self.chain)
+        chain, start = _started(self, orbit)
+        simulation = ElasticSimulation(
+            chain, start, period=1 / self.frame_rate, tolerance=_TOLERANCE
+        )
+        steering = Steering(orbit, TorqueAllocation(orbit, torque_limit=self.torque_limit))
+        random = np.random.default_rng(self.seed)
+        samples: list[tuple[float, float, float, float]] = []
+        ended: MoveResult | None = None
+        arc, arrival, peak = math.nan, math.nan, 0.0
+        begin = round(_OBSERVATION_TIME * self.frame_rate)
+        torques = np.zeros(chain.number_of_rotors)
+        for frame in range(round(_TIME_LIMIT * self.frame_rate)):
+            noise = self.condition.noise * random.standard_normal(len(torques))
+            ended = steering.observe(simulation.time, simulation.angles + noise) or ended
+            if frame == begin:
+                ended = steering.move(self.goal)
+                arc = fit_anywhere(orbit, simulation.angles).arc
+            since = (frame - begin) / self.frame_rate
+            if ended is not None and math.isnan(arrival):
+                arrival = since
+            if frame >= begin and (frame - begin) % _SAMPLE_EVERY == 0:
+                arc = fit_near(orbit, simulation.angles, arc).arc
+                left = phonon_energy(chain, simulation.angles, simulation.rates)
+                trajectory = steering.trajectory
+                point = orbit.site(trajectory.at(simulation.time).arc) if trajectory else math.nan
+                samples.append((since, orbit.site(arc), point, left))
+            if since > arrival + self.held:
+                break
+            simulation.hold(torques)
+            torques = steering.torques()
+            simulation.advance()
+            peak = max(peak, float(chain.kinetic_energy(simulation.rates)))
+        times, positions, references, energies = np.array(samples).T
+        outcome = Outcome.NOT_HELD if ended is None else ended.outcome
+        error = math.nan
+        if outcome is Outcome.REACHED:
+            error = float(np.abs(positions[times >= arrival] - self.goal).max())
+        left = float(energies[-1])
+        return MoveRun(outcome, arrival, times, positions, references, energies, error, left, peak)
 
 
 @dataclass(frozen=True)
@@ -96,67 +136,22 @@ class MoveRun:
     positions: Array
     """Wall position [rotor spacings], shape (T,)."""
     references: Array
-    """Reference position of the wall [rotor spacings], shape (T,). It is NaN at times at which the
-    steering has no trajectory."""
+    """Reference position of the wall [rotor spacings], shape (T,); NaN without a trajectory."""
     phonon_energies: Array
     """Energy of the phonons [J], shape (T,)."""
     error: float
-    """Largest distance from the goal after the arrival [rotor spacings]. It is NaN if the wall has
-    not reached the goal."""
+    """Largest distance from the goal after the arrival [rotor spacings]; NaN if the goal was not
+    reached."""
     energy_left: float
     """Energy of the phonons at the end [J]."""
     peak_energy: float
     """Largest kinetic energy during the move [J]."""
 
 
-def simulate_move(task: MoveTask) -> MoveRun:
-    """Simulate a move. The torques that are computed from a frame act one frame later."""
-    orbit = UniformOrbit(task.chain)
-    chain, start = _started(task, orbit)
-    simulation = ElasticSimulation(chain, start, period=1 / task.frame_rate, tolerance=_TOLERANCE)
-    steering = Steering(orbit, TorqueAllocation(orbit, torque_limit=task.torque_limit))
-    random = np.random.default_rng(task.seed)
-    samples: list[tuple[float, float, float, float]] = []
-    ended: MoveResult | None = None
-    arc, arrival, peak = math.nan, math.nan, 0.0
-    begin = round(_OBSERVATION_TIME * task.frame_rate)
-    torques = np.zeros(chain.number_of_rotors)
-    for frame in range(round(_TIME_LIMIT * task.frame_rate)):
-        readings = simulation.angles + task.condition.noise * random.standard_normal(len(torques))
-        ended = steering.observe(simulation.time, readings) or ended
-        if frame == begin:
-            ended = steering.move(task.goal)
-            arc = fit_anywhere(orbit, simulation.angles).arc
-        since = (frame - begin) / task.frame_rate
-        if ended is not None and math.isnan(arrival):
-            arrival = since
-        if frame >= begin and (frame - begin) % _SAMPLE_EVERY == 0:
-            arc = fit_near(orbit, simulation.angles, arc).arc
-            left = phonon_energy(chain, simulation.angles, simulation.rates)
-            trajectory = steering.trajectory
-            point = orbit.site(trajectory.at(simulation.time).arc) if trajectory else math.nan
-            samples.append((since, orbit.site(arc), point, left))
-        if since > arrival + task.held:
-            break
-        simulation.hold(torques)
-        torques = steering.torques()
-        simulation.advance()
-        peak = max(peak, float(chain.kinetic_energy(simulation.rates)))
-    times, positions, references, energies = np.array(samples).T
-    reached = ended is not None and ended.outcome is Outcome.REACHED
-    error = float(np.abs(positions[times >= arrival] - task.goal).max()) if reached else math.nan
-    outcome = Outcome.NOT_HELD if ended is None else ended.outcome
-    return MoveRun(
-        outcome, arrival, times, positions, references, energies, error, float(energies[-1]), peak
-    )
-
-
 def _started(task: MoveTask, orbit: UniformOrbit) -> tuple[Chain, Array]:
     """Return the chain of a task with damping and disorder, and its initial angles [rad].
 
-    The initial angles, shape (N,), are a rest state with the wall at the start position. The
-    deviations of the chain are drawn again if they may stop the wall, or if the chain has no such
-    rest state.
+    Deviations are drawn again if they may stop the wall, or if the chain has no such rest state.
     """
     damping = task.condition.decay * task.chain.moment_of_inertia
     chain = replace(task.chain, damping=damping)
@@ -166,15 +161,8 @@ def _started(task: MoveTask, orbit: UniformOrbit) -> tuple[Chain, Array]:
         return chain, wall
     share = task.condition.disorder
     for draw in range(_DRAWS):
-        drawn = drawn_deviations(
-            chain.number_of_rotors,
-            _DRAWS * task.seed + draw,
-            spacing=share,
-            rotor_length=share,
-            mass=share,
-            stiffness=share,
-            rest_length=share,
-        )
+        seed = _DRAWS * task.seed + draw
+        drawn = drawn_deviations(chain.number_of_rotors, seed, **dict.fromkeys(DISORDERED, share))
         disordered = replace(chain, deviations=drawn)
         if blocked_bonds(disordered).any():
             continue
@@ -194,25 +182,8 @@ _QUICK_MOVES = 2
 _KEYS = ('seed', 'frame_rate', 'moves', 'held', 'torque_limit', 'conditions', 'chains')
 
 
-@dataclass(frozen=True)
-class MoveStudy:
-    """Moves that a settings file specifies."""
-
-    tasks: dict[MoveKey, list[MoveTask]]
-    """Tasks by the names of chain and condition."""
-
-    @property
-    def numbered(self) -> dict[tuple[MoveKey, int], MoveTask]:
-        """All moves, each with a unique key."""
-        return {
-            (key, number): task
-            for key, tasks in self.tasks.items()
-            for number, task in enumerate(tasks)
-        }
-
-
-def read_move_study(settings: Section, quick: bool) -> MoveStudy:
-    """Read the settings of a study. Raises ValueError if they are invalid."""
+def read_moves(settings: Section, quick: bool) -> dict[MoveKey, list[MoveTask]]:
+    """Read the tasks of a study. Raises ValueError for invalid settings."""
     settings.check_keys(*_KEYS)
     seed = settings.whole_number('seed', 0, 2**31)
     frame_rate = settings.number('frame_rate', 10.0, 2000.0)
@@ -239,24 +210,33 @@ def read_move_study(settings: Section, quick: bool) -> MoveStudy:
                 )
                 for move, (start, goal) in enumerate(positions.tolist())
             ]
-    return MoveStudy(tasks)
+    return tasks
+
+
+def numbered_tasks(
+    tasks: Mapping[MoveKey, Sequence[MoveTask]],
+) -> dict[tuple[MoveKey, int], MoveTask]:
+    """Return all moves, each with a unique key."""
+    return {(key, number): task for key, each in tasks.items() for number, task in enumerate(each)}
 
 
 def runs_by_key(numbered: Mapping[tuple[MoveKey, int], MoveRun]) -> dict[MoveKey, list[MoveRun]]:
-    """Group the runs of `MoveStudy.numbered` by chain and condition, without a change of order."""
+    """Group the runs of `numbered_tasks` by chain and condition, in the same order."""
     runs: dict[MoveKey, list[MoveRun]] = {}
     for (key, _), run in numbered.items():
         runs.setdefault(key, []).append(run)
     return runs
 
 
-def table_lines(runs: Mapping[MoveKey, Sequence[MoveRun]]) -> list[str]:
-    """Return the lines of the Markdown table."""
-    lines = [
-        '| chain | condition | reached | largest error [spacings] | phonons at the end [J] '
-        '| phonons / peak energy of the wall | time [s] |',
-        '| --- | --- | --- | --- | --- | --- | --- |',
-    ]
+_TITLES = (
+    *('chain', 'condition', 'reached', 'largest error [spacings]', 'phonons at the end [J]'),
+    *('phonons / peak energy of the wall', 'time [s]'),
+)
+
+
+def move_table(runs: Mapping[MoveKey, Sequence[MoveRun]]) -> str:
+    """Return the results as a Markdown table, one row per chain and condition."""
+    rows = []
     for (name, title), moves in runs.items():
         reached = [run for run in moves if run.outcome is Outcome.REACHED]
         cells = [name, title, f'{len(reached)} of {len(moves)}', '', '', '', '']
@@ -270,8 +250,8 @@ def table_lines(runs: Mapping[MoveKey, Sequence[MoveRun]]) -> list[str]:
                 f'{share:.1e}',
                 f'{min(durations):.1f} to {max(durations):.1f}',
             ]
-        lines.append('| ' + ' | '.join(cells) + ' |')
-    return lines
+        rows.append(cells)
+    return markdown_table(_TITLES, rows)
 
 
 def _condition(section: Section) -> Condition:
@@ -302,10 +282,7 @@ _LEAST_SHARE = 1e-16
 def draw_moves(
     tasks: Mapping[MoveKey, Sequence[MoveTask]], runs: Mapping[MoveKey, Sequence[MoveRun]]
 ) -> FigureReport:
-    """Draw a figure with one column per chain.
-
-    The rows show the wall position, the distance from the goal and the phonon energy over time.
-    """
+    """Draw position, distance from the goal and phonon energy over time, one column per chain."""
     chains = list(dict.fromkeys(name for name, _ in tasks))
     conditions = list(dict.fromkeys(title for _, title in tasks))
     figure = Figure(figsize=(max(4.3 * len(chains), 6), 10), layout='constrained')
@@ -351,18 +328,18 @@ def _draw_run(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command `moves` and return its exit status: 1 on failure, 130 after Ctrl-C."""
+    """Run the command `moves` and return its exit status."""
     parser = study_parser('moves', __doc__, 'fewer moves')
     return run_study(parser, arguments, _run, 'no files were written')
 
 
 def _run(options: argparse.Namespace) -> str:
-    study = read_move_study(load_settings(options.config), options.quick)
+    tasks = read_moves(load_settings(options.config), options.quick)
     options.output.mkdir(parents=True, exist_ok=True)
-    runs = runs_by_key(run_parallel('moves', study.numbered, options.workers))
-    table = '\n'.join(table_lines(runs)) + '\n'
+    runs = runs_by_key(run_parallel('moves', numbered_tasks(tasks), options.workers))
+    table = move_table(runs)
     (options.output / 'table.md').write_text(table, encoding='utf-8')
-    draw_moves(study.tasks, runs).save(options.output, 'moves')
+    draw_moves(tasks, runs).save(options.output, 'moves')
     return f'{table}\ntable and picture are in {options.output}'
 
 

@@ -54,12 +54,12 @@ OUTCOME_COLOURS = {'returns': GREEN, 'crosses': SKY, 'lost': DARK}
 LEAN_COLOURS = 'PuOr'
 """Colour map of the displacement u: orange if a rotor leans left, purple if it leans right."""
 _REST = 0.30
-"""Position of a uniform rest state on the colour map, as distance from the middle of the map [1].
-Displacements beyond the rest state are darker."""
+"""Distance of a uniform rest state from the middle of the colour map [1]. Displacements beyond the
+rest state are darker."""
 _NEAR_REST = ((0.95, 0.24), (1.0, _REST), (1.02, 0.36), (1.05, 0.41), (1.2, 0.46))
-"""Nodes of the colour scale [1]. Each node is a pair (displacement / rest displacement, distance
-from the middle of the map). They stretch the scale near the rest state, so that oscillations of a
-few per cent are visible."""
+"""Nodes (displacement / rest displacement, distance from the middle of the map) of the colour
+scale [1]. They stretch the scale near the rest state, so that oscillations of a few per cent are
+visible."""
 LEANS_RIGHT, LEANS_LEFT = (to_hex(colormaps[LEAN_COLOURS](0.5 + side * _REST)) for side in (1, -1))
 """Colours of the uniform states that lean right and left."""
 
@@ -75,8 +75,7 @@ MOTION_COLOURS = {motion: shades[0] for motion, shades in _SHADES.items()}
 def chain_colours(chains: Sequence[Chain]) -> list[str]:
     """Return a colour for each chain: a shade of the colour of its motion class.
 
-    Of the chains in one class, the one with the largest lean ratio d gets the class colour
-    itself. The others get different shades of this colour.
+    The chain with the largest lean ratio d of its class gets the class colour itself.
     """
     order = sorted(range(len(chains)), key=lambda number: -chains[number].lean_ratio)
     found: dict[int, str] = {}
@@ -93,7 +92,7 @@ def scale_colours(count: int) -> list[str]:
 
 
 def tint(colour: str, share: float) -> str:
-    """Mix a colour with white. `share` is the fraction of the colour in the mixture [1]."""
+    """Mix a colour with white. `share` is the fraction of the colour [1]."""
     red, green, blue = (share * part + 1 - share for part in to_rgb(colour))
     return to_hex((red, green, blue))
 
@@ -102,8 +101,7 @@ def lean_colour_scale(chain: Chain) -> tuple[Array, Array]:
     """Return the nodes of the piecewise linear colour scale of a chain.
 
     The nodes are displacements u [m] and positions on the colour map [1], each of shape (K,). A
-    uniform rest state has the same colour in all chains. The scale is stretched near the uniform
-    rest states and extends to the largest rotor length.
+    uniform rest state has the same colour in all chains.
     """
     rest, largest = float(lean_ticks(chain)[3]), float(lean_ticks(chain)[4])
     near = [

@@ -60,10 +60,7 @@ _MOST_COLUMNS = 2000
 
 
 def kymograph(axes: Axes, chain: Chain, recording: Recording, track: Track) -> Axes:
-    """Draw the displacements u_n(t) as an image, with the track of the soliton.
-
-    The horizontal axis is time, the vertical axis the rotor index n.
-    """
+    """Draw the displacements u_n(t) as an image over time, with the soliton's track."""
     every = max(1, len(recording.times) // _MOST_COLUMNS)
     image = axes.imshow(
         displacement(chain, recording.angles[::every]).T,
@@ -99,10 +96,7 @@ def track_positions(axes: Axes, chain: Chain, track: Track) -> Axes:
 
 
 def track_velocities(axes: Axes, track: Track, crossings: tuple[Crossing, ...]) -> Axes:
-    """Draw the soliton velocity over time, and the mean velocity of each crossing.
-
-    A band shows two standard deviations of the velocity, if the track has them.
-    """
+    """Draw the soliton velocity over time with its stated band, and the mean of each crossing."""
     axes.plot(track.times, track.site_rates, color=MEASURED, linewidth=0.8, label='measured')
     _draw_band(axes, track.times, track.site_rates, track.site_rate_deviations)
     for number, crossing in enumerate(crossings):
@@ -159,7 +153,7 @@ def kymograph_figure(chain: Chain, recording: Recording, track: Track) -> Figure
 def track_figure(chain: Chain, track: Track, crossings: tuple[Crossing, ...]) -> Figure:
     """Return a figure of the soliton position and velocity over time.
 
-    If the track has standard deviations, the figure shows them in bands and in a third panel.
+    Standard deviations of the track are shown in bands and in a third panel.
     """
     known = len(track.site_deviations) > 0
     figure = Figure(figsize=(8, 7 if known else 5.5), layout='constrained')
@@ -191,7 +185,7 @@ def _edges(times: Array) -> tuple[float, float]:
 
 
 _WORST = 3
-"""Number of bonds that are labelled, those with the largest residuals [1]."""
+"""Number of bonds with the largest residuals that are labelled [1]."""
 _CAPTION = """
 Top: relative deviations of each rotor length (blue), pivot spacing (green) and spring or bar
 length (red) from their means, with error bars of one standard deviation. Middle: offset of each

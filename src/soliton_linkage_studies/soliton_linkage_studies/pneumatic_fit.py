@@ -12,11 +12,11 @@ from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage.linkage.chain import Array
 
 _FEWEST_READINGS = 4
-"""Smallest number of readings [1]. It is one more than the number of unknowns: two time constants
-and the initial pressure."""
+"""Smallest number of readings [1], one more than the unknowns: two time constants and a
+pressure."""
 _SHORTEST_STEP = 0.05
-"""Threshold of |command - pressure|, divided by its largest value [1]. The initial guess uses an
-interval only if its value exceeds this threshold. The fit itself uses all readings."""
+"""Smallest |command - pressure| of an interval in the initial guess, divided by the largest one
+[1]."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,6 @@ class StepResponse:
     """Measured pressure in the chamber [Pa], shape (readings,)."""
 
     def __post_init__(self) -> None:
-        """Raise ValueError if the arrays have different shapes, too few or invalid readings."""
         columns = (self.times, self.commands, self.pressures)
         if len({column.shape for column in columns}) != 1 or self.times.ndim != 1:
             raise ValueError('times, commands and pressures must have the same shape, (readings,)')
@@ -67,11 +66,9 @@ class PneumaticFit:
 def fit_step_response(response: StepResponse) -> PneumaticFit:
     """Estimate the time constants of filling and venting by least squares.
 
-    The pressure p follows the command u as dp/dt = (u - p) / tau. The initial guess of the filling
-    time is tau = sum (u - p) dt / sum dp. The sums contain the intervals in which the command is
-    above the pressure. For the venting time they contain the intervals in which the command is
-    below the pressure. Raises ValueError if the pressure never rises or never falls towards the
-    command.
+    The pressure p follows the command u as dp/dt = (u - p) / tau. Initial guess: tau = sum (u - p)
+    dt / sum dp over the intervals with u > p (filling) or u < p (venting). Raises ValueError if
+    the pressure never rises or never falls towards the command.
 
     >>> times = np.linspace(0, 1, 201)
     >>> commands = np.where(times < 0.5, 1e5, 0.0)
@@ -105,11 +102,10 @@ def fit_step_response(response: StepResponse) -> PneumaticFit:
 def fit_torque(pressures: Array, torques: Array) -> tuple[float, float]:
     """Estimate the torque per pressure [N m/Pa] and the saturation torque [N m].
 
-    Both arrays contain readings of steady states, shape (readings,). The model clip(k p, -limit,
-    limit) is fitted by least squares. A straight line k p is returned with an infinite limit,
-    unless the limit at least halves the sum of squared residuals. If the limit is infinite, read
-    torques at larger pressures to determine it. Raises ValueError if the arrays have fewer than
-    two readings or if all pressures are 0.
+    Both arrays contain steady readings, shape (readings,). The model clip(k p, -limit, limit) is
+    fitted by least squares. The limit is infinite unless it at least halves the sum of squared
+    residuals of a straight line; then read torques at larger pressures. Raises ValueError for
+    fewer than two readings or if all pressures are 0.
     """
     order = np.argsort(np.abs(pressures))
     pressed, twisted = np.abs(pressures[order]), np.sign(pressures[order]) * torques[order]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Functions that all study programs share: command line, parallel tasks and exit status."""
+"""Command line, parallel tasks and exit status of the study programs."""
 
 from __future__ import annotations
 
@@ -64,8 +64,6 @@ def study_parser(
     """Return the command-line parser of a study.
 
     Args:
-        name: Name of the subcommand and of its default output folder.
-        description: Help text of the study.
         quick: Effect of `--quick`, for the help text.
         output: Description of the default output folder. An empty text means `out/<name>`.
         config: Name of the installed settings file. An empty text means the name of the study.
@@ -110,10 +108,10 @@ def run_study(
     study: Callable[[argparse.Namespace], str],
     left: str,
 ) -> int:
-    """Run a study, print the text that the study returns, and return the exit status.
+    """Run a study, print the text that it returns, and return the exit status.
 
-    The exit status is 0 on success, 1 if the study fails, and 130 after Ctrl-C or SIGTERM. After
-    an interruption the program prints `left`, which describes the files that remain on disk.
+    The status is 0 on success, 1 on failure, and 130 after Ctrl-C or SIGTERM. After an
+    interruption the program prints `left`, which describes the files that remain on disk.
     """
     complete(parser)
     options = parser.parse_args(arguments)
@@ -133,10 +131,7 @@ def run_study(
 
 
 def installed_settings(name: str) -> Path | None:
-    """Return the path of the settings file of this name, or None if no such file exists.
-
-    The file is searched in the installation and in the source tree.
-    """
+    """Return the path of an installed settings file, or None."""
     for folder in Path(__file__).resolve().parents:
         for subfolder in ('share/soliton_linkage_studies/settings', 'config/studies'):
             path = folder / subfolder / f'{name}.yaml'
@@ -146,10 +141,10 @@ def installed_settings(name: str) -> Path | None:
 
 
 def select_names(known: Sequence[str], asked: Sequence[str], option: str = '--only') -> list[str]:
-    """Return the known names that a command-line option selects.
+    """Return the known names that a command-line option selects, or all names if it is empty.
 
-    An empty option selects all names. The option can contain whole names, or only the characters
-    before the first _ of a name. Raises ValueError for an unknown name.
+    The option contains whole names, or the characters before the first _ of a name. Raises
+    ValueError for an unknown name.
     """
     for name in asked:
         if not any(name in _aliases(one) for one in known):
@@ -161,10 +156,9 @@ def select_names(known: Sequence[str], asked: Sequence[str], option: str = '--on
 def run_parallel(
     title: str, tasks: Mapping[Key, Callable[[], Result]], workers: int
 ) -> dict[Key, Result]:
-    """Run tasks in parallel processes and return their results by key.
+    """Run picklable tasks in parallel processes; return the results by key.
 
-    The tasks start in the order of the mapping, and the results have the same order. The tasks
-    must be picklable.
+    Tasks start in the order of the mapping, and the results have the same order.
     """
     progress = ProgressLine(title, len(tasks))
     begin = time.monotonic()

@@ -41,7 +41,7 @@ class Section:
         return ValueError(f'{where}{value} {what}')
 
     def check_keys(self, *keys: str) -> None:
-        """Raise ValueError if the section has a key that is not in `keys`, a typing error."""
+        """Raise ValueError if the section has a key that is not in `keys`."""
         for key in self.values:
             if key not in keys:
                 raise self.error(key, f'is not known; known keys are {", ".join(keys)}')
@@ -54,7 +54,7 @@ class Section:
         return _section(self.file, self._full(key), value)
 
     def sections(self) -> dict[str, Section]:
-        """Return the sections below this section by key. Every value must be a section."""
+        """Return the sections below this section by key."""
         return {key: self.section(key) for key in self.values}
 
     def number(
@@ -88,10 +88,7 @@ class Section:
         return tuple(self._checked(key, value, minimum, maximum, wanted) for value in values)
 
     def text(self, key: str, choices: tuple[str, ...] = (), default: str | None = None) -> str:
-        """Return a text, or the default if the key is absent.
-
-        If `choices` is not empty, the text must be one of them.
-        """
+        """Return a text, one of `choices` if any, or the default if the key is absent."""
         if default is not None and key not in self.values:
             return default
         wanted = f'one of {", ".join(choices)}' if choices else 'a text'
@@ -120,7 +117,7 @@ class Section:
 
 
 def load_settings(path: Path | str) -> Section:
-    """Read a YAML file. Raises ValueError if it cannot be read or contains no mapping of keys."""
+    """Read a YAML file. Raises ValueError if it cannot be read or contains no mapping."""
     try:
         content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
     except (OSError, UnicodeDecodeError) as error:
@@ -139,10 +136,8 @@ def load_settings(path: Path | str) -> Section:
 def chain_from(section: Section) -> Chain:
     """Return the chain that a section of a settings file describes.
 
-    The key `rotor_length_ratio` is the rotor length r divided by the spacing a [1]. The other
-    keys have the names and units of the fields of `Chain`. `rotor_length_ratio`, `rest_angle`
-    [rad] and `number_of_rotors` are required. `spacing` [m], `mass` [kg], `stiffness` [N/m] and
-    `damping` [N m s/rad] are optional.
+    The keys have the names and units of the fields of `Chain`, but `rotor_length_ratio` is r / a
+    [1]. `rotor_length_ratio`, `rest_angle` and `number_of_rotors` are required.
     """
     section.check_keys(*_CHAIN_KEYS)
     limits = {

@@ -10,14 +10,11 @@ In staggered angles the bar has its rest length if
 
     sin(delta) = (r / a) (cos(theta_bar)^2 / cos(s) - cos(s)).
 
-Two symmetries map a solution to another solution. The symmetry s -> -s maps (theta_1, theta_2) to
-(-theta_2, -theta_1). The symmetry delta -> pi - delta maps (theta_1, theta_2) to
-(theta_2 - pi, theta_1 + pi).
-
-For d > d_c no solution has s = 0. The condition d > d_c is equivalent to lbar < 2 r - a and to
-r sin(theta_bar)^2 > a. The solutions with s > 0 and with s < 0 are then two separate components,
-and the cell is a spinner (paper, 'Phase diagram', fig. 4). This module ignores the deviations of
-single rotors and springs from the uniform chain.
+Two symmetries map solutions to solutions: s -> -s, (theta_1, theta_2) -> (-theta_2, -theta_1), and
+delta -> pi - delta, (theta_1, theta_2) -> (theta_2 - pi, theta_1 + pi). For d > d_c, equivalent to
+lbar < 2 r - a and to r sin(theta_bar)^2 > a, no solution has s = 0. The solutions with s > 0 and s
+< 0 are then two separate components, and the cell is a spinner (paper, 'Phase diagram', fig. 4).
+Deviations of single rotors and springs are ignored.
 """
 
 from __future__ import annotations
@@ -35,23 +32,18 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 Integers = NDArray[np.int64]
 
 _ARC_TOLERANCE = 1e-12
-"""Relative and absolute [rad] tolerance of the integration along a curve. For chains near d_c it
-is close to the rounding error."""
+"""Relative and absolute [rad] tolerance of the integration along a curve, close to the rounding
+error for chains near d_c."""
 _CLOSED = 1e-6
-"""Threshold of the distance between both ends of a curve: a curve counts as closed if its ends are
-nearer [turns]."""
+"""Largest distance between both ends of a closed curve [turns]."""
 
 
 def partner_angles(chain: Chain, theta_1: ArrayLike) -> Array:
-    """Return both solutions theta_2 [rad] for each theta_1 [rad], shape (..., 2).
+    """Return both solutions theta_2 [rad] for each theta_1 [rad], shape (..., 2), or NaN.
 
-    Both are NaN where no solution exists. The condition that the bar has its rest length is
-
-        p cos(theta_2) + q sin(theta_2) = g
-
-    with p = r cos(theta_1), q = a - r sin(theta_1) and g = r cos(2 theta_bar) + a sin(theta_1).
-    Its solutions are atan2(q, p) -+ atan2(sqrt(p^2 + q^2 - g^2), g). The radicand is evaluated as
-    the product
+    The bar has its rest length if p cos(theta_2) + q sin(theta_2) = g with p = r cos(theta_1), q =
+    a - r sin(theta_1) and g = r cos(2 theta_bar) + a sin(theta_1). The solutions are atan2(q, p)
+    -+ atan2(sqrt(p^2 + q^2 - g^2), g). The radicand is evaluated as the product
 
         p^2 + q^2 - g^2 = (lbar - 2 r cos(theta_bar)^2 - a sin(theta_1))
                           (lbar + 2 r cos(theta_bar)^2 + a sin(theta_1)).
@@ -66,14 +58,11 @@ def partner_angles(chain: Chain, theta_1: ArrayLike) -> Array:
 def configuration_curves(chain: Chain, points: int = 400) -> tuple[Array, ...]:
     """Return the components of the cell's configuration space as closed curves on the torus.
 
-    Each curve has shape (points + 1, 2). It contains the continuous staggered angles (theta_1,
-    theta_2) [rad] in equal steps of arc length. The last configuration equals the first.
-
-    A flipper has one contractible curve. It begins at s = 0, passes through the right-leaning
-    states and then through the left-leaning states. A spinner has two curves. On the first curve
-    sin(theta_1 + theta_2) is positive, on the second it is negative. Along each curve of a spinner
-    theta_1 increases by a turn and theta_2 decreases by a turn, so that both angles phi increase
-    by a turn.
+    Each curve has shape (points + 1, 2) and contains continuous staggered angles (theta_1,
+    theta_2) [rad] in equal steps of arc length. A flipper has one contractible curve, which begins
+    at s = 0 and passes first through the right-leaning states. A spinner has two curves;
+    sin(theta_1 + theta_2) is positive on the first. Along each of them theta_1 increases and
+    theta_2 decreases by a turn.
     """
     arc = _Arc(chain)
     pieces = 2 if chain.motion is Motion.SPINNER else 4
@@ -89,11 +78,10 @@ def configuration_curves(chain: Chain, points: int = 400) -> tuple[Array, ...]:
 
 
 def windings(curve: ArrayLike) -> tuple[int, int]:
-    """Return the winding numbers of theta_1 and theta_2 along a closed curve.
+    """Return the winding numbers of theta_1 and theta_2 along a closed curve [rad], shape (K, 2).
 
-    The curve contains angles [rad], shape (K, 2). The winding numbers are (0, 0) for the curve of
-    a flipper, which is contractible. They are (1, -1) for both curves of a spinner. Raises
-    ValueError for a curve that is not closed.
+    They are (0, 0) for flippers and (1, -1) for spinners. Raises ValueError if the curve is not
+    closed.
     """
     followed = np.asarray(curve, dtype=np.float64)
     turns = (followed[-1] - followed[0]) / (2 * np.pi)
@@ -107,21 +95,20 @@ def windings(curve: ArrayLike) -> tuple[int, int]:
 
 
 def ground_states(chain: Chain) -> Array:
-    """Return the staggered angles (theta, theta) of the four uniform states [rad], shape (4, 2).
+    """Return the staggered angles (theta, theta) of the uniform states [rad], shape (4, 2).
 
-    The state theta_bar leans right and the state -theta_bar leans left. The states
-    pi - theta_bar and pi + theta_bar are these two states upside down.
+    theta_bar leans right and -theta_bar leans left; pi - theta_bar and pi + theta_bar are these
+    two states upside down.
     """
     angle = chain.rest_angle
     return np.repeat([angle, -angle, math.pi - angle, math.pi + angle], 2).reshape(4, 2)
 
 
 def component_of(chain: Chain, configurations: ArrayLike) -> Integers:
-    """Return the index of the curve in `configuration_curves` on which each configuration lies.
+    """Return the index of each configuration's curve in `configuration_curves`.
 
-    The configurations have shape (..., 2), the indices shape (...). The index is 0 for a flipper.
-    For a spinner the index is 0 if sin(theta_1 + theta_2) is positive, as in the uniform states
-    theta_bar and pi + theta_bar. Otherwise the index is 1.
+    The configurations have shape (..., 2), the indices shape (...). The index of a spinner is 0 if
+    sin(theta_1 + theta_2) is positive, as in the uniform states theta_bar and pi + theta_bar.
     """
     given = np.asarray(configurations, dtype=np.float64)
     if chain.motion is not Motion.SPINNER:
@@ -130,40 +117,27 @@ def component_of(chain: Chain, configurations: ArrayLike) -> Integers:
 
 
 def motion_of(ratios: ArrayLike, rest_angles: ArrayLike) -> Integers:
-    """Return the motion class for length ratios r / a [1] and rest angles theta_bar [rad].
-
-    The two arrays are broadcast together. The class is an index into `tuple(Motion)`: 0 is a
-    flipper, 1 a wobbling flipper and 2 a spinner. It increases with r / a.
-    """
+    """Return the motion class for ratios r / a and rest angles [rad], as index in `Motion`."""
     sine = np.sin(np.asarray(rest_angles))
     lean_ratio = 2 * np.asarray(ratios) * sine
     return np.asarray((lean_ratio > 1).astype(np.int64) + (lean_ratio > 2 / sine))
 
 
 def flipper_limit(rest_angles: ArrayLike) -> Array:
-    """Return the limit of r / a between flippers and wobbling flippers [1].
-
-    It is 1 / (2 sin(theta_bar)), where d = 1. Chains with a larger ratio wobble. The rest angles
-    theta_bar [rad] and the result have the same shape.
-    """
+    """Return 1 / (2 sin(theta_bar)), the ratio r / a above which flippers wobble (d > 1)."""
     return np.asarray(0.5 / np.sin(np.asarray(rest_angles)))
 
 
 def spinner_limit(rest_angles: ArrayLike) -> Array:
-    """Return the limit of r / a between wobbling flippers and spinners [1].
-
-    It is 1 / sin(theta_bar)^2, where d = d_c. Chains with a larger ratio are spinners. The rest
-    angles theta_bar [rad] and the result have the same shape.
-    """
+    """Return 1 / sin(theta_bar)^2, the ratio r / a above which chains are spinners (d > d_c)."""
     return np.asarray(1 / np.sin(np.asarray(rest_angles)) ** 2)
 
 
 class _Arc:
     """Piece of a configuration curve with s >= 0 and |delta| <= pi / 2.
 
-    The other pieces of the curve are mirror images of this piece. On it s and delta increase
-    together, so that |dtheta_1 / dtheta_2| <= 1. Therefore theta_2 is a coordinate without folds
-    at any r / a, even near d_c.
+    The other pieces are its mirror images. On it s and delta increase together, so that
+    dtheta_1 / dtheta_2| <= 1. Therefore theta_2 is a coordinate without folds at any r / a.
     """
 
     def __init__(self, chain: Chain) -> None:
@@ -178,7 +152,6 @@ class _Arc:
         self._ends = (start, widest + math.pi / 2)
 
     def configurations(self, shares: Array) -> Array:
-        """Return the configurations at the given fractions of the arc length, shape (K, 2)."""
         start = self._ends[0]
         lengths = _solved(
             lambda theta_2, arc: 1 / self._rate(np.full_like(arc, theta_2)), self._ends, 0.0
@@ -192,10 +165,7 @@ class _Arc:
         return -_partners(self._chain, -theta_2)[1][..., 0]
 
     def _rate(self, theta_2: Array) -> Array:
-        """Return the derivative of theta_2 with respect to the arc length of the curve [1].
-
-        It is 1 / sqrt(1 + (dtheta_1 / dtheta_2)^2).
-        """
+        """Return dtheta_2 / ds = 1 / sqrt(1 + (dtheta_1 / dtheta_2)^2) with the arc length s."""
         chain = self._chain
         theta_2 = np.clip(theta_2, *self._ends)
         theta_1 = self._theta_1(theta_2)
@@ -220,10 +190,9 @@ def _solved(rate: Callable[..., Array], span: tuple[float, float], start: float)
 
 
 def _partners(chain: Chain, theta_1: Array) -> tuple[Array, Array]:
-    """Return the first factor of the radicand in `partner_angles`, and both solutions theta_2.
+    """Return the first factor of the radicand in `partner_angles` [m], and both solutions.
 
-    The factor [m] has the shape of theta_1 [rad]. The solutions [rad] have shape (..., 2). They
-    are computed with 0 instead of the factor where the factor is negative.
+    Where the factor is negative, the solutions are computed with 0 instead.
     """
     r, a, lbar = chain.rotor_length, chain.spacing, chain.rest_length
     sine, cosine = np.sin(theta_1), np.cos(theta_1)
@@ -237,10 +206,7 @@ def _partners(chain: Chain, theta_1: Array) -> tuple[Array, Array]:
 
 
 def _excess(chain: Chain) -> float:
-    """Return r sin(theta_bar)^2 - a [m]. It is positive for spinners and negative for flippers.
-
-    A rounding error that would give the wrong sign is replaced by 0.
-    """
+    """Return r sin(theta_bar)^2 - a [m]; a rounding error of wrong sign becomes 0."""
     excess = chain.rotor_length * math.sin(chain.rest_angle) ** 2 - chain.spacing
     spinner = chain.motion is Motion.SPINNER
     return max(excess, 0.0) if spinner else min(excess, 0.0)

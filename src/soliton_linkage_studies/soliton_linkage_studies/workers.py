@@ -28,11 +28,11 @@ _MAXIMUM_COUNT = 1000
 """Largest number of processes [1]. A larger number is rejected as a typing error."""
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 _CHUNK_DURATION = 1.0
-"""Duration of a chunk [s]. A chunk is the set of rows that a worker measures in one task. If the
-study is interrupted, each worker loses the results of one chunk."""
+"""Duration of a chunk, the rows that a worker measures in one task [s]. An interruption loses one
+chunk of each worker."""
 _CHUNK_GROWTH = 4
-"""Largest ratio of the sizes of two successive chunks [1]. The ratio is limited because the first
-rows may be unusually fast."""
+"""Largest ratio of the sizes of two successive chunks [1], because the first rows may be unusually
+fast."""
 _CHUNKS_PER_WORKER = 2
 """Number of submitted chunks per worker [1]: one is measured while the next one waits."""
 
@@ -57,22 +57,17 @@ class Pool(Protocol):
         """Queue a task and return the future of its result."""
 
     def finished(self) -> Iterator[Any]:
-        """Yield the future of each task when the task finishes.
-
-        This includes tasks that are submitted during the iteration.
-        """
+        """Yield the future of each task, also of tasks submitted meanwhile."""
 
 
 class Processes:
-    """Worker processes on this machine. The function `local_processes` creates them.
+    """Worker processes on this machine, which `local_processes` creates.
 
-    Each process has its own pipe to the parent process. The processes share no thread and no lock
-    with the parent. Therefore the parent can be interrupted and a process can be killed at any
-    time.
-
-    Alternatives were tested with results of 200 kB. After Ctrl-C, `ProcessPoolExecutor` and loky
-    3.7 did not end within 60 s. `distributed.LocalCluster` 2026.8 ended after 13 s with 5
-    tracebacks. Its start took 3.2 s, whereas the start of this class takes 0.25 s.
+    Each process has its own pipe, and shares no thread and no lock with the parent. Therefore the
+    parent can be interrupted and a process can be killed at any time. Alternatives were tested
+    with results of 200 kB. After Ctrl-C, `ProcessPoolExecutor` and loky 3.7 did not end within 60
+    s. `distributed.LocalCluster` 2026.8 ended after 13 s with 5 tracebacks, and started in 3.2 s
+    instead of 0.25 s.
     """
 
     def __init__(self) -> None:
@@ -109,10 +104,9 @@ class Processes:
         return future
 
     def finished(self) -> Iterator[Future[Any]]:
-        """Yield the future of each task when the task finishes.
+        """Yield the future of each task, also of tasks submitted meanwhile.
 
-        This includes tasks that are submitted during the iteration. Raises ChildProcessError if a
-        process has ended unexpectedly.
+        Raises ChildProcessError if a process has ended unexpectedly.
         """
         while self._busy:
             connection = cast(Connection, wait(list(self._busy))[0])
@@ -176,7 +170,7 @@ def local_processes(count: int) -> Iterator[Processes]:
     """Start single-threaded processes for the duration of a `with` block.
 
     At the end of the block the processes finish all tasks and end. If the block raises or the
-    parent process is killed, the processes end at once. Only the parent receives Ctrl-C.
+    parent is killed, they end at once. Only the parent receives Ctrl-C.
     """
     processes = Processes()
     try:
@@ -195,8 +189,8 @@ def local_processes(count: int) -> Iterator[Processes]:
 def cluster(address: str, timeout: float = 10.0) -> Iterator[Pool]:
     """Connect to the running Dask cluster whose scheduler has the given address.
 
-    Raises ValueError if the package `distributed` is not installed, if the scheduler does not
-    answer within the timeout [s], or if the scheduler has no worker.
+    Raises ValueError without the package `distributed`, without an answer of the scheduler within
+    the timeout [s], or without a worker.
     """
     try:
         distributed: Any = importlib.import_module('distributed')
@@ -235,10 +229,7 @@ class _Cluster:
 
 
 def measure_rows(pool: Pool, table: Rows, rows: Sequence[int]) -> Iterator[list[list[str]]]:
-    """Measure rows of a table in parallel and yield the cells of one chunk of rows at a time.
-
-    A chunk takes about a second. Chunks are yielded in the order in which they are completed.
-    """
+    """Measure rows in parallel and yield the cells of each chunk when it is completed."""
     waiting = deque(rows)
     finished = pool.finished()
     running, size = 0, 1
@@ -275,7 +266,7 @@ def measure_chunk(table: Rows, rows: list[int]) -> Chunk:
 def defer_interrupts() -> Iterator[None]:
     """Defer SIGINT and SIGTERM to the end of a `with` block.
 
-    In processes that start in the block, SIGINT stays blocked permanently.
+    In processes that start in the block, SIGINT stays blocked.
     """
     received: list[int] = []
     # It is not sufficient to block the signals in this thread, because another thread can receive
@@ -296,7 +287,6 @@ def defer_interrupts() -> Iterator[None]:
 
 @contextmanager
 def _environment(values: dict[str, str]) -> Iterator[None]:
-    """Set environment variables for the processes that start in the `with` block."""
     before = dict(os.environ)
     os.environ.update(values)
     try:
@@ -308,14 +298,14 @@ def _environment(values: dict[str, str]) -> Iterator[None]:
 
 
 class _RemoteError(Exception):
-    """Exception that carries the traceback of another process as text."""
+    """Traceback of another process as text."""
 
     def __str__(self) -> str:
         return f'\n{self.args[0]}'
 
 
 def _work(connection: Connection) -> None:
-    """Run tasks until the parent closes the pipe. If the parent process ends, end at once."""
+    """Run tasks until the parent closes the pipe or ends."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     with suppress(EOFError, ConnectionError):
         while True:
@@ -323,7 +313,6 @@ def _work(connection: Connection) -> None:
 
 
 def _run(order: bytes) -> tuple[Any, Exception | None, str]:
-    """Run a pickled task. Return its result, or its error and the traceback as text."""
     try:
         task, arguments = pickle.loads(order)
         return task(*arguments), None, ''

@@ -7,7 +7,7 @@ import math
 from dataclasses import replace
 
 from soliton_linkage_studies.collisions.runs import CollisionRun
-from soliton_linkage_studies.collisions.study import Row, escaped_after, finding_lines, windows
+from soliton_linkage_studies.collisions.study import Row, escaped_after, finding_tables, windows
 
 RUN = CollisionRun(True, 1, 0.3, 0.2, 0.1, math.nan, 0.0, 0, False, 0.01, 1e-12)
 
@@ -49,7 +49,7 @@ def test_tables_count_changes_and_find_the_limit() -> None:
         replace(row(0.2598 - lean**2, 1, 'critical_speeds', 'r'), name=str(lean))
         for lean in (0.05, 0.1)
     ]
-    table = '\n'.join(finding_lines(rows))
+    table = finding_tables(rows)
     assert '| a | 3 of 3 | 1 | 0 | 0.010 |' in table
     assert '| base | 2 of 2 | 0.0e+00 |' in table
     assert '| other | 1 of 2 | 0.0e+00 |' in table

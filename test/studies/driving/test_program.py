@@ -14,7 +14,7 @@ import yaml
 
 from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage_studies.driving import program as driving
-from soliton_linkage_studies.driving.program import Finding, finding_lines
+from soliton_linkage_studies.driving.program import Finding, finding_table
 from soliton_linkage_studies.driving.runs import StiffnessTask, TiltTask, read_driving_study
 from soliton_linkage_studies.settings import load_settings
 
@@ -66,7 +66,7 @@ def test_every_panel_has_data_and_all_findings_hold(
 
 def test_the_table_marks_findings_that_do_not_hold() -> None:
     found = [Finding('a', 'x', 0, 1, measured) for measured in (0.5, 2, 0, -1, math.nan)]
-    said = [line.split('|')[-2].strip() for line in finding_lines(found)[2:]]
+    said = [line.split('|')[-2].strip() for line in finding_table(found).splitlines()[2:]]
     assert said == ['yes', 'no', 'yes', 'no', 'no']
 
 

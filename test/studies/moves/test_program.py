@@ -17,9 +17,8 @@ from soliton_linkage_studies.moves import (
     Condition,
     MoveRun,
     MoveTask,
-    read_move_study,
-    simulate_move,
-    table_lines,
+    move_table,
+    read_moves,
 )
 from soliton_linkage_studies.settings import load_settings
 
@@ -57,7 +56,7 @@ def test_the_command_writes_table_and_picture(
 def test_a_run_covers_the_move_from_its_goal_to_its_end() -> None:
     chain = chain_of(FLIPPER, 8)
     task = MoveTask(chain, Condition(0.0, 0.0, 0.0), 2.0, 5.0, 0, 100.0, 0.5, 0.1)
-    run = simulate_move(task)
+    run = task()
     assert run.outcome is Outcome.REACHED
     assert run.times[0] == 0
     assert run.times[-1] == pytest.approx(run.duration + 0.5, abs=0.25)
@@ -71,7 +70,7 @@ def test_a_run_covers_the_move_from_its_goal_to_its_end() -> None:
 
 def test_a_rejected_goal_is_reported() -> None:
     chain = chain_of(FLIPPER, 8)
-    run = simulate_move(MoveTask(chain, Condition(0.0, 0.0, 0.0), 2.0, 9.0, 0, 100.0, 0.0, 0.1))
+    run = MoveTask(chain, Condition(0.0, 0.0, 0.0), 2.0, 9.0, 0, 100.0, 0.0, 0.1)()
     assert run.outcome is Outcome.OUT_OF_CHAIN
     assert math.isnan(run.error)
     assert run.duration == 0
@@ -88,18 +87,18 @@ def test_the_table_contains_the_worst_of_the_reached_moves() -> None:
         run(Outcome.REACHED, 0.002, 4e-6),
         run(Outcome.SOLITON_LOST, math.nan, 1.0),
     ]
-    *_, line, failed = table_lines({('a', 'b'): runs, ('c', 'd'): runs[2:]})
+    *_, line, failed = move_table({('a', 'b'): runs, ('c', 'd'): runs[2:]}).splitlines()
     assert line == '| a | b | 2 of 3 | 0.0100 | 4.0e-06 | 2.0e-06 | 3.0 to 3.0 |'
     assert failed == '| c | d | 0 of 1 |  |  |  |  |'
 
 
 def test_the_installed_settings_are_valid_and_a_quick_study_has_fewer_moves() -> None:
     settings = load_settings(CONFIG)
-    study, quick = (read_move_study(settings, each) for each in (False, True))
-    assert study.tasks.keys() == quick.tasks.keys()
-    for key, tasks in study.tasks.items():
-        assert quick.tasks[key] == tasks[: len(quick.tasks[key])]
-        assert len(quick.tasks[key]) < len(tasks)
+    study, quick = (read_moves(settings, each) for each in (False, True))
+    assert study.keys() == quick.keys()
+    for key, tasks in study.items():
+        assert quick[key] == tasks[: len(quick[key])]
+        assert len(quick[key]) < len(tasks)
 
 
 def test_wrong_settings_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

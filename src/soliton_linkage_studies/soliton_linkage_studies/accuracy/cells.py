@@ -90,7 +90,8 @@ class AccuracyCell:
     degrees: bool = False
     """Whether the analyser receives degrees instead of radians."""
     start: float = math.nan
-    """Position of a wall at rest [rotor spacings]; NaN means a moving wall at a random position."""
+    """Position of a wall at rest [rotor spacings]; NaN means a moving wall at a random
+    position."""
     jitter: float = 0.0
     """Standard deviation of the error of a time stamp, relative to the frame period [1]."""
     offsets: float = 0.0

@@ -46,7 +46,8 @@ _FALSE_MISFIT = 0.5
 """Threshold of the rms misfit of the rotors near a reported wall [rad]. The wall counts as false
 if the misfit is larger."""
 _CORE = 2.5
-"""Largest distance between a wall and the rotors that contribute to this misfit [rotor spacings]."""
+"""Largest distance between a wall and the rotors that contribute to this misfit [rotor
+spacings]."""
 _SCENES = 8
 """Largest number of scenes per cell [1]. Each record is a random section of a scene."""
 _LONGER = 2

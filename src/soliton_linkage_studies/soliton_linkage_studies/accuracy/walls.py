@@ -70,7 +70,8 @@ class WallPath:
     resting: Array
     """Angles of the window at `rest_position` [rad], shape (M,)."""
     rest_position: float
-    """Wall position of least energy, relative to the first rotor of the window [rotor spacings]."""
+    """Wall position of least energy, relative to the first rotor of the window [rotor
+    spacings]."""
     left: Array
     """Angles of an even and of an odd rotor far to the left [rad], shape (2,)."""
 

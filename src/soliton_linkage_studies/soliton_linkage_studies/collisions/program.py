@@ -30,7 +30,7 @@ from soliton_linkage_studies.collisions.study import (
     PHI4_SPEED,
     Row,
     escaped_after,
-    finding_lines,
+    finding_tables,
     read_collision_study,
     read_row,
     series_of,
@@ -305,7 +305,7 @@ def _collided(options: argparse.Namespace) -> str:
     draw_speeds(rows).save(options.output, 'collisions')
     draw_windows(rows).save(options.output, 'collision_windows')
     draw_pictures(study.pictures).save(options.output, 'collision_pictures')
-    table = '\n'.join(finding_lines(rows)) + '\n'
+    table = finding_tables(rows)
     (options.output / 'table.md').write_text(table, encoding='utf-8')
     failed = sum(bool(row.failure) for row in rows)
     remark = f'; {failed} of {len(rows)} collisions failed' if failed else ''

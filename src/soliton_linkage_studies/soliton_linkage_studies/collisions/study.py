@@ -15,6 +15,7 @@ from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage_studies.collisions.runs import Collision, CollisionRun
 from soliton_linkage_studies.settings import Section
+from soliton_linkage_studies.sweep.table import markdown_table
 
 TURNING = ('back', 'onwards')
 """Directions in which the second wall can turn the rotors of a spinner."""
@@ -347,27 +348,31 @@ def windows(rows: Sequence[Row]) -> list[BounceWindow]:
     return found
 
 
-def finding_lines(rows: Sequence[Row]) -> list[str]:
+_SWEEP_TITLES = (
+    *('ring', 'collisions', 'captured', 'anti-kink broken', 'largest radiated fraction'),
+    *('speed after / speed before', 'largest energy drift'),
+)
+_WINDOW_TITLES = (
+    *('collisions', 'v / c from', 'to', 'speed after / c'),
+    *('time between the first two [2 l / c]', 'in cycles of the shape mode'),
+)
+
+
+def finding_tables(rows: Sequence[Row]) -> str:
     """Return tables of rings, bounce windows, changed settings and critical speeds as Markdown."""
     variations = series_of(rows, 'variations')
     whole = [row for row in next(iter(variations.values()), []) if not row.name]
-    return [
-        *_sweep_lines(series_of(rows, 'sweeps')),
-        '',
-        *_window_lines(windows(whole)),
-        '',
-        *_variation_lines(variations),
-        '',
-        *_critical_lines(series_of(rows, 'critical_speeds')),
-    ]
+    tables = (
+        _sweep_table(series_of(rows, 'sweeps')),
+        _window_table(windows(whole)),
+        _variation_table(variations),
+        _critical_table(series_of(rows, 'critical_speeds')),
+    )
+    return '\n'.join(tables)
 
 
-def _sweep_lines(series: dict[str, list[Row]]) -> list[str]:
-    lines = [
-        '| ring | collisions | captured | anti-kink broken | largest radiated fraction '
-        '| speed after / speed before | largest energy drift |',
-        '| --- | --- | --- | --- | --- | --- | --- |',
-    ]
+def _sweep_table(series: dict[str, list[Row]]) -> str:
+    lines = []
     for name, rows in series.items():
         runs = [row.run for row in rows if row.run]
         if not runs:
@@ -383,32 +388,25 @@ def _sweep_lines(series: dict[str, list[Row]]) -> list[str]:
             f'{min(kept):.3f} to {max(kept):.3f}' if kept else '',
             f'{max(run.drift for run in runs):.1e}',
         ]
-        lines.append(f'| {" | ".join(cells)} |')
-    return lines
+        lines.append(cells)
+    return markdown_table(_SWEEP_TITLES, lines)
 
 
-def _window_lines(found: Sequence[BounceWindow]) -> list[str]:
-    return [
-        '| collisions | v / c from | to | speed after / c | time between the first two [2 l / c] '
-        '| in cycles of the shape mode |',
-        '| --- | --- | --- | --- | --- | --- |',
-        *(
-            f'| {each.collisions} | {each.first:.4f} | {each.last:.4f} '
-            f'| {each.fastest.speed_after:.4f} | {each.fastest.between:.2f} | {each.phase:.2f} |'
-            for each in found
-        ),
-    ]
+def _window_table(found: Sequence[BounceWindow]) -> str:
+    lines = []
+    for each in found:
+        speeds = [f'{one:.4f}' for one in (each.first, each.last, each.fastest.speed_after)]
+        times = [f'{each.fastest.between:.2f}', f'{each.phase:.2f}']
+        lines.append([str(each.collisions), *speeds, *times])
+    return markdown_table(_WINDOW_TITLES, lines)
 
 
-def _variation_lines(series: dict[str, list[Row]]) -> list[str]:
-    """Return the table of changed settings: same outcomes, changes of v', and window edges."""
+def _variation_table(series: dict[str, list[Row]]) -> str:
     base = next(iter(series.values()), [])
     edges = [row.name for row in base if row.name]
-    lines = [
-        '| changed setting | same outcome | largest change of v′ / c for the same outcome '
-        f'| {" | ".join(edges)} |',
-        f'| --- | --- | --- |{" --- |" * len(edges)}',
-    ]
+    change = 'largest change of v′ / c for the same outcome'
+    titles = ['changed setting', 'same outcome', change, *edges]
+    lines = []
     for name, rows in series.items():
         pairs = [
             (one.run, other.run)
@@ -416,27 +414,23 @@ def _variation_lines(series: dict[str, list[Row]]) -> list[str]:
             if one.run and other.run and not one.name
         ]
         same = [pair for pair in pairs if _outcome(pair[0]) == _outcome(pair[1])]
-        change = max((abs(a.speed_after - b.speed_after) for a, b in same), default=math.nan)
+        largest = max((abs(a.speed_after - b.speed_after) for a, b in same), default=math.nan)
         found = [f'{row.speed:.5f}' if row.run else row.failure for row in rows if row.name]
-        share = f'{len(same)} of {len(pairs)}'
-        lines.append(f'| {name} | {share} | {change:.1e} | {" | ".join(found)} |')
-    return lines
+        lines.append([name, f'{len(same)} of {len(pairs)}', f'{largest:.1e}', *found])
+    return markdown_table(titles, lines)
 
 
-def _critical_lines(series: dict[str, list[Row]]) -> list[str]:
-    """Return the table of critical speeds.
-
-    The table contains the limit d -> 0, from a linear extrapolation in d^2.
-    """
-    lines = [f'| rings | d | {CRITICAL_SPEED} |', '| --- | --- | --- |']
+def _critical_table(series: dict[str, list[Row]]) -> str:
+    """Return the critical speeds, and their limit d -> 0 extrapolated linearly in d^2."""
+    lines = []
     for name, rows in series.items():
         found = [(float(row.name), row.speed) for row in rows if row.run]
-        lines += [f'| {name} | {lean:g} | {speed:.4f} |' for lean, speed in found]
+        lines += [[name, f'{lean:g}', f'{speed:.4f}'] for lean, speed in found]
         if len(found) > 1:
             (d1, v1), (d2, v2) = found[:2]
             limit = v1 + (v1 - v2) * d1**2 / (d2**2 - d1**2)
-            lines.append(f'| {name} | to 0, with d² | {limit:.4f} (phi⁴: {PHI4_SPEED:g}) |')
-    return lines
+            lines.append([name, 'to 0, with d²', f'{limit:.4f} (phi⁴: {PHI4_SPEED:g})'])
+    return markdown_table(('rings', 'd', CRITICAL_SPEED), lines)
 
 
 def _outcome(run: CollisionRun) -> tuple[bool, int]:

@@ -29,7 +29,7 @@ from soliton_linkage_studies.driving.runs import (
 from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.figures.actuator import DrivenChain, draw_response, stepped_response
 from soliton_linkage_studies.figures.rigid_limit import convergence_order, draw_convergence
-from soliton_linkage_studies.moves import MoveKey, MoveRun, table_lines
+from soliton_linkage_studies.moves import MoveKey, MoveRun, move_table
 from soliton_linkage_studies.palette import (
     BLACK,
     COLOURS,
@@ -40,6 +40,7 @@ from soliton_linkage_studies.palette import (
 )
 from soliton_linkage_studies.program import run_parallel, run_study, study_parser
 from soliton_linkage_studies.settings import load_settings
+from soliton_linkage_studies.sweep.table import markdown_table
 
 IMBALANCE_LIMIT = 1e-9
 """Largest allowed ratio |energy imbalance| / largest energy [1]. It follows from the integration
@@ -269,17 +270,14 @@ def page(study: DrivingStudy, results: Results) -> tuple[FigureReport, list[Find
     return report, findings
 
 
-def finding_lines(findings: Sequence[Finding]) -> list[str]:
-    """Return the lines of a Markdown table with all findings."""
-    return [
-        '| panel | quantity | measured | allowed range | holds |',
-        '| --- | --- | --- | --- | --- |',
-        *(
-            f'| {found.panel} | {found.quantity} | {found.measured:.3g} '
-            f'| {found.lowest:g} to {found.highest:g} | {"yes" if found.holds else "no"} |'
-            for found in findings
-        ),
-    ]
+def finding_table(findings: Sequence[Finding]) -> str:
+    """Return a Markdown table with all findings."""
+    rows = []
+    for found in findings:
+        allowed = f'{found.lowest:g} to {found.highest:g}'
+        holds = 'yes' if found.holds else 'no'
+        rows.append([found.panel, found.quantity, f'{found.measured:.3g}', allowed, holds])
+    return markdown_table(('panel', 'quantity', 'measured', 'allowed range', 'holds'), rows)
 
 
 def _balance_findings(results: Results) -> list[Finding]:
@@ -341,7 +339,7 @@ def _driven(options: argparse.Namespace) -> str:
     results = Results.of(run_parallel('driving', study.tasks, options.workers))
     report, findings = page(study, results)
     report.save(options.output, 'driving')
-    table = '\n'.join([*finding_lines(findings), '', *table_lines(results.moves)]) + '\n'
+    table = f'{finding_table(findings)}\n{move_table(results.moves)}'
     (options.output / 'table.md').write_text(table, encoding='utf-8')
     return f'{table}\npage and table are in {options.output}'
 

@@ -25,11 +25,12 @@ from soliton_linkage.solitons.track import find_crossings, follow
 from soliton_linkage_studies.experiments import kick_rates
 from soliton_linkage_studies.figures.actuator import DrivenChain, driven_chain
 from soliton_linkage_studies.moves import (
+    DISORDERED,
     MoveKey,
     MoveRun,
-    MoveStudy,
     MoveTask,
-    read_move_study,
+    numbered_tasks,
+    read_moves,
     runs_by_key,
 )
 from soliton_linkage_studies.settings import Section, chain_from
@@ -76,7 +77,7 @@ class DrivingStudy:
         """All tasks, each with a unique key. Tasks with the longest duration come first."""
         stiffest_first = reversed(list(enumerate(self.stiffnesses)))
         return {
-            **{('moves', *key): task for key, task in MoveStudy(self.moves).numbered.items()},
+            **{('moves', *key): task for key, task in numbered_tasks(self.moves).items()},
             **{('apart', number): task for number, task in stiffest_first},
             **{('balances', name): task for name, task in self.balances.items()},
             **{('tilts', name): task for name, task in self.tilts.items()},
@@ -105,14 +106,9 @@ class Results:
         def named(name: str) -> dict[str, Any]:
             return {key: result for (key,), result in part(name).items()}
 
-        apart = sorted(part('apart').items())
-        return Results(
-            named('works'),
-            named('balances'),
-            [distance for _, distance in apart],
-            named('tilts'),
-            runs_by_key(part('moves')),
-        )
+        apart = [distance for _, distance in sorted(part('apart').items())]
+        moves = runs_by_key(part('moves'))
+        return Results(named('works'), named('balances'), apart, named('tilts'), moves)
 
 
 def read_driving_study(settings: Section, quick: bool) -> DrivingStudy:
@@ -121,7 +117,7 @@ def read_driving_study(settings: Section, quick: bool) -> DrivingStudy:
     balances = {
         name: BalanceTask.read(settings.section('energy_balance'), name) for name in MECHANICS
     }
-    moves = read_move_study(settings.section('moves'), quick).tasks
+    moves = read_moves(settings.section('moves'), quick)
     if quick:
         balances = {name: replace(task, duration=_SHORT) for name, task in balances.items()}
         moves = {key: tasks[:1] for key, tasks in moves.items()}
@@ -148,14 +144,13 @@ def _works(section: Section) -> dict[str, WorkTask]:
     duration = section.number('duration', 0.01, 10.0)
     ramp = section.number('ramp', 0.0, 10.0)
     order = EdgeCommand(Edge.FIRST, CommandKind.PRESSURE, pressure, duration, ramp, ramp)
-    saturating = replace(
-        actuator, saturation_torque=section.number('saturation_torque', 1e-9, 1e6)
-    )
-    chain = chain_from(section.section('chain'))
-    return {
-        'below saturation': WorkTask(chain, actuator, order),
-        'saturated': WorkTask(chain, saturating, order),
+    largest = section.number('saturation_torque', 1e-9, 1e6)
+    actuators = {
+        'below saturation': actuator,
+        'saturated': replace(actuator, saturation_torque=largest),
     }
+    chain = chain_from(section.section('chain'))
+    return {name: WorkTask(chain, each, order) for name, each in actuators.items()}
 
 
 MECHANICS: dict[str, type[Simulation]] = {'elastic': ElasticSimulation, 'rigid': RigidSimulation}
@@ -172,7 +167,6 @@ _BALANCE_KEYS = (
     'duration',
     'seed',
 )
-_DISORDERED = ('spacing', 'rotor_length', 'mass', 'stiffness', 'rest_length')
 _PERIOD = 0.01
 """Frame period of the simulations with energy balance or tilt [s]. It is a fraction of the time
 unit sqrt(M / k_e) of the chains."""
@@ -240,8 +234,7 @@ class BalanceTask:
         bare = chain_from(section.section('chain'))
         share = section.number('disorder', 0.0, 0.3)
         seed = section.whole_number('seed', 0, 2**31)
-        shares = dict.fromkeys(_DISORDERED, share)
-        drawn = drawn_deviations(bare.number_of_rotors, seed, periodic=False, **shares)
+        drawn = drawn_deviations(bare.number_of_rotors, seed, **dict.fromkeys(DISORDERED, share))
         return BalanceTask(
             replace(bare, deviations=drawn),
             mechanics,

@@ -64,7 +64,8 @@ Angles φ of the rotors in one snapshot of the slowest wall. Far from the wall, 
 blue) and odd rotors (hollow blue) differ by the constant π − 2 θ̄.
 """
 _FAR = 5
-"""Number of rotors at an edge of the chain [1]. A wall in the middle does not affect their angles."""
+"""Number of rotors at an edge of the chain [1]. A wall in the middle does not affect their
+angles."""
 _PROFILES = 4
 """Number of walls whose profiles are drawn, beginning with the slowest [1]. The profiles of more
 walls would overlap."""
