@@ -23,8 +23,8 @@ _NOISES = (0.001, 0.1)
 _SPEEDS = (0.02, 0.9)
 """Range of the wall speed relative to the speed of sound [1]."""
 _PERIODS = (0.05, 0.5)
-"""Range of the frame period [time units]. For rotors of 0.02 kg and springs of 50 N/m, the limits
-correspond to 1000 Hz and 100 Hz."""
+"""Range of the frame period [time units], 1000 Hz to 100 Hz for rotors of 0.02 kg and springs of
+50 N/m."""
 _RUNS = (50, 400)
 """Range of the number of frames in a record [1]."""
 _PHONONS = (0.001, 0.03)
@@ -40,10 +40,10 @@ _WIDEST = 3.0
 _LONGEST = 4.0
 """Largest ratio of the rotor length r to the rotor spacing a, as in the paper [1]."""
 _APART = 1.6
-"""Smallest number of rotors per wall in a chain with several walls, relative to the number that a
-single wall requires [1]. Several walls need this additional space to move."""
+"""Smallest number of rotors per wall in a chain with several walls, relative to a single wall
+[1]."""
 _SEVERAL = (1, 1, 1, 2, 4)
-"""Possible numbers of walls [1]. A random cell draws each entry with equal probability."""
+"""Numbers of walls from which a random cell draws with equal probability [1]."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,7 @@ class AccuracyCell:
 
     name: str
     chain: Chain
-    """True chain, without the random deviations of `disorder`. The analyser is configured with
-    `analysed_chain`."""
+    """True chain, without the random deviations of `disorder`."""
     noise: float
     """Standard deviation of the noise of each angle [rad]."""
     speed: float
@@ -66,25 +65,24 @@ class AccuracyCell:
     """Root mean square of the rotor rates due to phonons [rad / time unit]."""
     walls: int = 1
     nudged: bool = False
-    """Whether the wall starts with a kick at the first edge. The kick also excites phonons."""
+    """Whether the wall starts with a kick at the first edge, which also excites phonons."""
     outliers: float = 0.0
     """Fraction of readings that are replaced by uniformly random angles [1]."""
     wrong_reading: float = 0.0
-    """Error that one random encoder has in the last frame of a record [rad]; 0 means no wrong
-    reading."""
+    """Error of one random encoder in the last frame of a record [rad]; 0 means none."""
     disorder: float = 0.0
-    """Relative standard deviation of the random rotor lengths, spacings, stiffnesses and masses
-    [1]. The analyser does not know their values."""
+    """Relative standard deviation of rotor lengths, spacings, stiffnesses and masses, unknown to
+    the analyser [1]."""
     impulses: int = 0
     """Number of impulses on the wall, summed over all records [1]."""
     impulses_known: bool = False
     """Whether each impulse is reported to the analyser."""
     unseen: str = ''
-    """Rotors without encoder: none (''), the two edge rotors ('edges'), or all rotors except one
-    or three random ones ('all but one', 'all but three')."""
+    """Rotors without encoder: none (''), 'edges', or all except one or three random ones ('all but
+    one', 'all but three')."""
     kick: float = 0.0
-    """Rotor rate of a kick at the edge, after which no wall exists [rad / time unit]; 0 means no
-    kick."""
+    """Rotor rate of a kick at the edge after which no wall exists [rad / time unit]; 0 means
+    none."""
     noise_only: bool = False
     """Whether all angles are uniformly random, so that no wall exists."""
     degrees: bool = False
@@ -103,16 +101,13 @@ class AccuracyCell:
     length_error: float = 0.0
     """Relative error of the configured rotor length [1]."""
     largest_impulse: float = 0.5
-    """Largest change of the wall speed by one impulse, relative to the wall speed [1]."""
+    """Largest change of the wall speed by one impulse, relative to the speed [1]."""
     configured_chain: Chain | None = None
     """Wrong chain with which the analyser is configured; None means the true chain."""
 
     @property
     def invalid_input(self) -> bool:
-        """Whether the readings do not match the configured chain.
-
-        If they do not match, every reported wall is false.
-        """
+        """Whether no wall can be found in the readings, so that every reported wall is false."""
         return self.noise_only or self.degrees or self.configured_chain is not None
 
     @property
@@ -130,10 +125,7 @@ class AccuracyCell:
 
 
 def random_cells(seed: int, count: int) -> list[AccuracyCell]:
-    """Draw random cells from the ranges of this module.
-
-    Successive cells alternate between the motion classes.
-    """
+    """Draw random cells, alternately of the motion classes, from the ranges of this module."""
     return [_drawn(number, np.random.default_rng([seed, number])) for number in range(count)]
 
 
@@ -156,7 +148,7 @@ def _drawn(number: int, random: np.random.Generator) -> AccuracyCell:
 
 
 def _chain(motion: Motion, walls: int, random: np.random.Generator) -> Chain:
-    """Draw random chains until one is long enough for its walls; return this chain."""
+    """Draw random chains until one is long enough for its walls."""
     while True:
         rotors = round(_between(_ROTORS, random))
         rest_angle = float(random.uniform(*_REST_ANGLES))
@@ -179,7 +171,7 @@ def chain_of(rotors: int, rest_angle: float, lean_ratio: float) -> Chain:
 
 
 def _between(ends: tuple[float, float], random: np.random.Generator) -> float:
-    """Draw a number from a range such that its logarithm is uniformly distributed."""
+    """Draw a number whose logarithm is uniformly distributed in a range."""
     return float(np.exp(random.uniform(*np.log(ends))))
 
 
@@ -188,8 +180,7 @@ _LEANS = {'flipper': (33, 0.9, 0.7), 'wobbler': (33, 0.8, 1.6), 'spinner': (33, 
 _OTHER = 1.3
 """Lean ratio of the wrong configured chain, relative to the true chain [1]."""
 _DISORDERS = (0.01, 0.03, 0.05, 0.1)
-"""Relative standard deviations of rotor lengths, spacings, stiffnesses and masses in the cells
-with disorder [1]."""
+"""Relative standard deviations in the cells with disorder [1]."""
 
 
 def hard_cells() -> list[AccuracyCell]:

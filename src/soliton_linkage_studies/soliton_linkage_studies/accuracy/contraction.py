@@ -43,8 +43,7 @@ _QUICK_EVERY = 4
 _QUICK_FRAMES = 400
 """Largest number of frames per wall in a quick study [1]."""
 _FEWEST_FRAMES = 10
-"""Smallest number of frames for a mean width and its standard deviation [1]. In these frames, the
-wall is in the middle of its chain."""
+"""Smallest number of frames with the wall in the middle, for a mean width [1]."""
 
 
 @dataclass(frozen=True)
@@ -69,9 +68,8 @@ class Walls:
     chain: Chain
     kicks: tuple[float, ...]
     reference: Mapping[float, tuple[float, float]]
-    """Known speed [a sqrt(k_e / M)] and relative width [1] of walls without noise, by kick. An
-    independent integrator simulated these walls. Their width is from a tanh fit. It is divided by
-    the width of a slow wall in the continuum."""
+    """Speed [a sqrt(k_e / M)] and width, relative to a slow wall in the continuum [1], by kick.
+    They are from tanh fits to an independent integrator's walls without noise."""
 
 
 @dataclass(frozen=True)
@@ -82,11 +80,11 @@ class ContractionStudy:
     noise: float
     """Standard deviation of the noise of each angle [rad]."""
     frames: int
-    """Number of frames in which a wall passes from edge to edge [1]."""
+    """Number of frames of a passage from edge to edge [1]."""
     seed: int
 
     def tasks(self) -> list[Callable[[], Any]]:
-        """Return the tasks: first the passages of all walls, then the widths of walls at rest."""
+        """Return the tasks: first the passages of all walls, then the widths at rest."""
         return [
             *(
                 partial(self.passage, number, kick)
@@ -97,10 +95,7 @@ class ContractionStudy:
         ]
 
     def write(self, results: Sequence[Any], folder: Path, name: str = SIMULATED) -> None:
-        """Write the table and the picture of the study into a folder.
-
-        `results` are the results of the tasks in order. `name` is the file name without suffix.
-        """
+        """Write the table and the picture under a file name, from the results of the tasks."""
         figure = Figure(figsize=(6 * len(self.walls), 5), layout='constrained')
         caption = _CAPTION.format(source=_SOURCES[name], noise=self.noise)
         report = FigureReport(figure, caption)
@@ -115,18 +110,12 @@ class ContractionStudy:
         write_table(lines, folder / f'{name}.md', list(lines))
 
     def duration(self, walls: int, kick: int) -> float:
-        """Return for how long a crossing is recorded [time units sqrt(M / k_e)].
-
-        `walls` and `kick` are the indices of the chain and of its kick.
-        """
+        """Return the recording time of a kick [time units], by indices of chain and kick."""
         chain, kicks = self.walls[walls].chain, self.walls[walls].kicks
         return crossing_duration(chain, kicks[kick])
 
     def passage(self, walls: int, kick: int) -> ContractedWall:
-        """Simulate a kick, and measure the speed and the width of its wall.
-
-        `walls` and `kick` are the indices of the chain and of its kick.
-        """
+        """Simulate a kick, by indices of chain and kick; measure speed and width of its wall."""
         chain, kicks = self.walls[walls].chain, self.walls[walls].kicks
         generator = np.random.default_rng([self.seed, walls, kick])
         recording = record_kick(chain, kicks[kick], self.duration(walls, kick), self.frames)
@@ -135,11 +124,10 @@ class ContractionStudy:
 
 
 def measured_passage(chain: Chain, times: Array, angles: Array) -> ContractedWall:
-    """Analyse frames, and measure the speed and the width of their wall.
+    """Analyse frames, and measure the speed and the width of their wall in mid-chain.
 
-    The wall is measured in the middle of the chain. `times` [s] has shape (T,), the noisy `angles`
-    [rad] have shape (T, N). Raises ValueError if the wall is in the middle in fewer than ten
-    frames.
+    `times` [s] has shape (T,), the noisy `angles` [rad] have shape (T, N). Raises ValueError if
+    the wall is in the middle in fewer than ten frames.
     """
     analyser = Analyser(chain)
     stamps = np.rint(1e9 * times).astype(np.int64).tolist()
@@ -157,10 +145,9 @@ def passage_of(
     `times` [s] has shape (T,). `frames` are the walls found at these times; only frames with
     exactly one wall are used. The speed is the slope of a line fitted to the positions. Its
     standard deviation follows from the median standard deviation of a position, applied to the
-    first and the last position. This is justified because a common error of all positions does not
-    change the slope. The width is the mean over the frames. Its standard deviation is the smallest
-    one that a frame states, because the widths of successive frames are correlated. Raises
-    ValueError for fewer than ten frames.
+    first and the last position, because a common error of all positions does not change the slope.
+    The width is the mean over the frames, with the smallest stated standard deviation, because the
+    widths of successive frames are correlated. Raises ValueError for fewer than ten frames.
     """
     middle = (chain.number_of_rotors - 1) / 2
     alone = [
@@ -194,7 +181,7 @@ def passage_of(
 def rest_width(chain: Chain) -> float:
     """Return the width of a static wall from a tanh fit, relative to its continuum width [1].
 
-    The result is the mean over wall positions within one period of the chain, two spacings.
+    It is the mean over wall positions within one period of the chain, two spacings.
     """
     middle = chain.number_of_rotors // 2 - 1
     walls = np.array([static_wall(chain, middle + position) for position in np.arange(0, 2, 0.1)])
@@ -202,7 +189,7 @@ def rest_width(chain: Chain) -> float:
 
 
 def read_contraction_study(section: Section, quick: bool) -> ContractionStudy:
-    """Read the settings; raises ValueError for invalid settings."""
+    """Read the settings. Raises ValueError for invalid settings."""
     section.check_keys('chains', 'noise', 'frames', 'seed')
     frames = section.whole_number('frames', 50, 1_000_000)
     return ContractionStudy(
@@ -235,10 +222,7 @@ def _walls(name: str, section: Section, quick: bool) -> Walls:
 
 
 def _widths(chain: Chain, angles: Array) -> Array:
-    """Return the wall widths from tanh fits, relative to the continuum width w_0 [1].
-
-    Frames with an infinite width, without a wall or with several walls are left out.
-    """
+    """Return widths from tanh fits of the frames with one wall, relative to the continuum [1]."""
     found = [find_solitons(chain, frame) for frame in angles]
     widths = np.array([walls[0].width for walls in found if len(walls) == 1])
     return np.asarray(widths[np.isfinite(widths)] / chain.wall_width)
@@ -286,7 +270,6 @@ def _draw(
 def _comparisons(
     walls: Walls, passages: Sequence[ContractedWall], rest: float
 ) -> list[Comparison]:
-    """Return the table rows: speed and width of each passage, with known reference values."""
     chain = walls.chain
     sound = speed_of_sound(chain) / chain.spacing * chain.time_unit
     lines = []

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimators of the wall position from one noisy frame, and their errors on known walls.
 
-The Cramer-Rao bound of the position is sigma / Lambda [rotor spacings] if every angle has
-independent noise of standard deviation sigma [rad]. Lambda is the arc length of the zero-energy
-orbit per rotor spacing [rad]. Positions are proportional to the arc length along the orbit, as in
-`UniformOrbit`.
+The Cramer-Rao bound of the position is sigma / Lambda [rotor spacings] for independent angle noise
+of standard deviation sigma [rad]. Lambda is the arc length of the zero-energy orbit per rotor
+spacing [rad]. Positions are proportional to the arc length, as in `UniformOrbit`.
 """
 
 from __future__ import annotations
@@ -31,15 +30,15 @@ ORBIT_NEAR = 'nearest point of the orbit'
 ORBIT_COLD = 'the same, without a guess'
 
 _FROM_EDGE = 2.0
-"""Smallest distance between a tested wall and an edge [wall widths]. At this distance, the edge
-changes the wall shape by 2 %."""
+"""Smallest distance between a tested wall and an edge [wall widths], where the edge changes the
+wall shape by 2 %."""
 _LOST_WIDTHS = 2.0
 """Largest position error of a successful estimate [wall widths]."""
 _LOST_BOUNDS = 6.0
-"""Largest position error of a successful estimate, in Cramer-Rao bounds [1]. An estimate fails
-only if its error exceeds both this limit and `_LOST_WIDTHS`."""
+"""Largest position error of a successful estimate [Cramer-Rao bounds]. An estimate fails only
+beyond both limits."""
 _QUANTILE = 0.975
-"""Probability that a value is below the upper limit of a 95 % interval [1]."""
+"""Probability below the upper limit of a 95 % interval [1]."""
 
 
 @dataclass(frozen=True)
@@ -64,13 +63,12 @@ class EstimatorTrial:
     coarse_start: float
     """Largest error of the initial guess that a fit receives [rotor spacings]."""
     cold_every: int
-    """Interval between the frames that test the search without a guess [frames]. This search is
-    too slow to be tested on every frame."""
+    """Interval between the frames that test the slow search without a guess [frames]."""
 
 
 Estimator = Callable[[UniformOrbit, Array, float], Estimate]
-"""Function that estimates a wall from an orbit, angles [rad] of shape (N,) and a guess of the arc
-length along the orbit [rad]."""
+"""Estimator of a wall from an orbit, angles [rad] of shape (N,) and a guess of the arc length
+[rad]."""
 
 
 def bound(chain: Chain, noise: float) -> float:
@@ -100,8 +98,8 @@ def errors(
 
     Each array has shape (tested frames, 2). A margin is half the width of the stated 95 %
     interval. Walls are at random positions within `inner_positions`, on random legs. The error is
-    NaN if the estimator fails. An estimator fails if it finds no wall or several walls, if its leg
-    is wrong, or if its error exceeds both two wall widths and six Cramer-Rao bounds.
+    NaN if the estimator finds no wall or several walls, a wrong leg, or a position whose error
+    exceeds both two wall widths and six Cramer-Rao bounds.
     """
     orbit = orbit_of(chain)
     lost = max(
@@ -128,9 +126,9 @@ def errors(
 def bias_by_position(chain: Chain, points: int) -> tuple[Array, dict[str, Array]]:
     """Return the bias of each estimator without noise, over one period of the chain.
 
-    Returns wall positions relative to an even rotor, and the errors by estimator. All arrays have
-    shape (points,) and the unit [rotor spacings]. The walls are from `static_wall`, a computation
-    that is independent of the orbit.
+    Returns wall positions relative to an even rotor, and the errors by estimator, each of shape
+    (points,) [rotor spacings]. The walls are from `static_wall`, which is independent of the
+    orbit.
     """
     orbit = orbit_of(chain)
     rotor = 2 * (chain.number_of_rotors // 4)
@@ -153,21 +151,18 @@ def orbit_of(chain: Chain) -> UniformOrbit:
 
 
 def _crossing_of_u(_orbit: UniformOrbit, angles: Array, _guess: float) -> Estimate:
-    """Estimate the position from the first zero of u = r sin(theta) (paper, Fig. 5)."""
+    """Return the first zero of u = r sin(theta) (paper, Fig. 5)."""
     return Estimate(zero_crossing(np.sin(staggered(angles))))
 
 
 def _crossing_of_shifted_field(orbit: UniformOrbit, angles: Array, _guess: float) -> Estimate:
-    """Estimate the position from the first zero of cos(theta - theta_bar) (paper, Fig. 6)."""
+    """Return the first zero of cos(theta - theta_bar) (paper, Fig. 6)."""
     field, _ = order_field(orbit.chain, angles)
     return Estimate(zero_crossing(field))
 
 
 def _tanh_fit(orbit: UniformOrbit, angles: Array, _guess: float) -> Estimate:
-    """Estimate the position with `find_solitons`.
-
-    The interval assumes that errors are normally distributed.
-    """
+    """Return the position of `find_solitons`, with an interval for normally distributed errors."""
     walls = find_solitons(orbit.chain, angles)
     if len(walls) != 1:
         return Estimate(math.nan)
@@ -184,10 +179,7 @@ def _orbit_cold(orbit: UniformOrbit, angles: Array, _guess: float) -> Estimate:
 
 
 def _orbit_estimate(orbit: UniformOrbit, fit: NearestPoint) -> Estimate:
-    """Return the estimate that follows from a fit to the orbit.
-
-    The interval is from Student's t distribution, because the noise is estimated from the misfit.
-    """
+    """Return the estimate from a fit to the orbit, with Student's t distribution."""
     freedom = len(orbit.segment(fit.arc).angles) - 1
     deviation = fit.misfit / math.sqrt(fit.information) / orbit.site_arc
     margin = float(stdtrit(freedom, _QUANTILE)) * deviation

@@ -27,8 +27,8 @@ from soliton_linkage_studies.accuracy.statistics import Line, accuracy_of, write
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CHUNK = 250
-"""Number of frames per task [1]. A task takes about one second. Another value changes the random
-frames that belong to a seed."""
+"""Number of frames per task [1], about one second. Another value changes the random frames of a
+seed."""
 _QUICK_FRAMES = 400
 """Largest number of frames per chain and noise in a quick study [1]."""
 _POINTS = 81
@@ -43,14 +43,11 @@ class FrameStudy:
     noises: tuple[float, ...]
     """Tested standard deviations of the noise of each angle [rad]."""
     trial: EstimatorTrial
-    """Parameters of the tested frames, the same for each combination of chain and noise."""
+    """Parameters of the tested frames, the same for each chain and noise."""
     seed: int
 
     def tasks(self) -> list[Callable[[], Any]]:
-        """Return the tasks: first the errors in chunks of frames, then the bias of each chain.
-
-        Each chunk has its own seed.
-        """
+        """Return the tasks: first the errors in chunks of frames, then the bias of each chain."""
         cells = product(range(len(self.chains)), range(len(self.noises)), range(self._chunks))
         return [
             *(partial(self.sample, *numbers) for numbers in cells),
@@ -66,10 +63,9 @@ class FrameStudy:
         draw_bias(biases).save(folder, 'bias_by_position')
 
     def sample(self, chain: int, noise: int, chunk: int) -> dict[str, Array]:
-        """Return error and margin of each tested frame [rotor spacings], by estimator.
+        """Return error and margin of each frame of a chunk [rotor spacings], by estimator.
 
-        `chain`, `noise` and `chunk` are indices. The result depends only on these indices and the
-        seed.
+        The arguments are indices. The result depends only on them and the seed.
         """
         frames = min(_CHUNK, self.trial.frames - chunk * _CHUNK)
         trial = replace(self.trial, frames=frames, noise=self.noises[noise])
@@ -77,10 +73,7 @@ class FrameStudy:
         return errors(self.chains[chain], trial, generator)
 
     def lines(self, samples: Sequence[dict[str, Array]]) -> list[Line]:
-        """Return the table rows.
-
-        `samples` must be ordered by chain, then by noise, then by chunk.
-        """
+        """Return the table rows; samples are ordered by chain, then by noise, then by chunk."""
         lines = []
         cells = list(product(self.chains, self.noises))
         for cell, (chain, noise) in enumerate(cells):
@@ -97,7 +90,7 @@ class FrameStudy:
 
 
 def read_frame_study(section: Section, quick: bool) -> FrameStudy:
-    """Read the settings; raises ValueError for invalid settings."""
+    """Read the settings. Raises ValueError for invalid settings."""
     section.check_keys('chains', 'noises', 'frames', 'cold_every', 'coarse_start', 'seed')
     frames = section.whole_number('frames', 2, 10_000_000)
     trial = EstimatorTrial(
@@ -115,10 +108,7 @@ def read_frame_study(section: Section, quick: bool) -> FrameStudy:
 
 
 def _chain_of(section: Section) -> Chain:
-    """Return the chain of a section of the settings.
-
-    Raises ValueError if the chain is too short for a position two wall widths from both edges.
-    """
+    """Return a chain. Raises ValueError if no position is two wall widths from both edges."""
     chain = chain_from(section)
     low, high = inner_positions(chain)
     if low >= high:

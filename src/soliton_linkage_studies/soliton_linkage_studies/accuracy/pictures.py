@@ -60,19 +60,16 @@ _STYLES = dict(zip(ESTIMATORS, cycle(zip(COLOURS, MARKERS, strict=True)), strict
 _SIZE = 6
 """Marker size [points]."""
 _OFFSET = 0.15
-"""Horizontal offset between the estimators of a chain, relative to the distance between chains
-[1]."""
+"""Horizontal offset between the estimators of a chain, relative to the distance of chains [1]."""
 _SIGNIFICANT = 3.0
-"""Threshold of a significant bias [standard errors]: a bias counts as different from 0 if it
-exceeds this threshold. The false-positive rate is 0.3 %."""
+"""Smallest bias that counts as different from 0 [standard errors], with 0.3 % false positives."""
 _UNBIASED = 0.002
-"""Threshold of the bias [rotor spacings]: an estimator counts as unbiased if its absolute bias is
-smaller. This threshold is far below the Cramer-Rao bounds of the study."""
+"""Absolute bias below which an estimator counts as unbiased [rotor spacings], far below the
+bounds."""
 _LEAST_BIAS = 1e-5
 """Lower limit of the bias axis [rotor spacings]."""
 _ROUNDING = 1e-12
-"""Smallest drawn bias of an estimator without noise [rotor spacings]. Smaller values are drawn at
-this limit."""
+"""Smallest drawn bias of an estimator without noise [rotor spacings]."""
 _BEYOND = 'position beyond an even rotor [rotor spacings]'
 
 
@@ -167,10 +164,7 @@ def _dress(column: Sequence[Axes], noise: float, names: Sequence[str]) -> None:
 
 
 def _dashes(name: str) -> Literal['-', ':']:
-    """Return the line style of an estimator.
-
-    The line of the search without a guess is dotted, so that the line below it remains visible.
-    """
+    """Return a dotted line for the search without a guess, which covers another line."""
     return ':' if name == ORBIT_COLD else '-'
 
 
@@ -194,10 +188,9 @@ three times this duration.
 """
 _COLOURS = {Motion.FLIPPER: BLUE, Motion.WOBBLING_FLIPPER: ORANGE, Motion.SPINNER: GREEN}
 _LIMITS = (0.95, 1.05)
-"""Range of the rms normalised error in which the stated standard deviations count as consistent
-with the errors [1]."""
+"""Range of the rms normalised error in which stated deviations count as consistent [1]."""
 _MOST = 20.0
-"""Largest drawn normalised error [1]. Larger errors are drawn at this limit."""
+"""Largest drawn normalised error [1]."""
 _SHOWN = (
     ('cell', '', ''),
     ('class', '', ''),

@@ -38,7 +38,7 @@ class AccuracyPart(Protocol):
         """Return the measurements as tasks that other processes can run."""
 
     def write(self, results: Sequence[Any], folder: Path) -> None:
-        """Write tables and pictures into a folder; `results` are those of the tasks in order."""
+        """Write tables and pictures; `results` are the results of the tasks in order."""
 
 
 PARTS: dict[str, Callable[[Section, bool], AccuracyPart]] = {
@@ -52,7 +52,7 @@ _LEFT = 'finished cells are kept; the same command with the same --seed continue
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the studies of a settings file; return 1 on failure, 130 after Ctrl-C."""
+    """Run the command `accuracy` and return its exit status."""
     parser = study_parser('accuracy', __doc__, 'fewer frames', selective=True)
     cells = parser.add_argument_group(
         'cells of the analyser (each of these options selects only the cells)'
@@ -92,10 +92,7 @@ def _written(options: argparse.Namespace) -> str:
 def read_parts(
     settings: Section, quick: bool, names: Sequence[str] | None = None
 ) -> list[AccuracyPart]:
-    """Read the parts with the given names from the settings; None means all parts.
-
-    Raises ValueError for invalid settings.
-    """
+    """Read the named parts, or all parts. Raises ValueError for invalid settings."""
     settings.check_keys(*PARTS, CELLS)
     if not settings.values:
         raise ValueError(f'{settings.file}: is empty; give one or more of {", ".join(PARTS)}')
@@ -106,7 +103,7 @@ def read_parts(
 def _measure(parts: Sequence[AccuracyPart], folder: Path, workers: int) -> None:
     """Measure all parts and write their results.
 
-    The order of the tasks is random, so that the estimate of the remaining time is realistic.
+    The tasks have a random order, so that the estimate of the remaining time is realistic.
     """
     tasks = [task for part in parts for task in part.tasks()]
     order = np.random.default_rng(0).permutation(len(tasks)).tolist()
@@ -117,10 +114,7 @@ def _measure(parts: Sequence[AccuracyPart], folder: Path, workers: int) -> None:
 
 
 def _fill_cells(study: CellStudy, folder: Path, workers: int, against: Path | None) -> list[str]:
-    """Measure the cells that are missing in the table of a folder, and draw all cells.
-
-    Returns the lines of a summary.
-    """
+    """Measure the cells that are missing in a folder, and draw all; return a summary."""
     earlier = read_rows(against) if against else []
     if against:
         check_comparable(study.all, study.seed, earlier)
@@ -133,7 +127,7 @@ def _fill_cells(study: CellStudy, folder: Path, workers: int, against: Path | No
 
 
 def _count(text: str) -> int:
-    """Parse a whole number above 0; raises ArgumentTypeError for any other text."""
+    """Parse a whole number above 0. Raises ArgumentTypeError for any other text."""
     if not (text.isdecimal() and text.isascii() and int(text)):
         raise argparse.ArgumentTypeError(f'{text!r} must be a whole number above 0')
     return int(text)

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of the recursive estimator for a wall at constant velocity, against the frame number.
 
-The errors are compared with the Cramer-Rao bounds of a line that is fitted to the positions in n
-frames. The frame period is dt, and each position has the variance s^2 = (sigma / Lambda)^2. The
-bound of the variance is 2 (2 n - 1) / (n (n + 1)) s^2 for the position in the last frame. It is 12
-/ (n (n^2 - 1) dt^2) s^2 for the velocity.
+The bounds are those of a line fitted to positions of variance s^2 = (sigma / Lambda)^2 in n frames
+of period dt. The variance is at least 2 (2 n - 1) / (n (n + 1)) s^2 for the position in the last
+frame, and 12 / (n (n^2 - 1) dt^2) s^2 for the velocity.
 """
 
 from __future__ import annotations
@@ -35,13 +34,12 @@ Relative error of the velocity. Blue lines are root mean squares over {runs} run
 are the standard deviations stated by the estimator. Dotted black lines are the Cramér-Rao bound.
 """
 _CLEAR = 8.0
-"""Smallest distance between the path of a wall and the edges [rotors]. If the chain is too short
-for this distance, the distance is as large as possible."""
+"""Smallest distance between the path of a wall and the edges, if the chain is long enough
+[rotors]."""
 _QUICK_RUNS = 4
 """Largest number of runs per chain in a quick study [1]."""
 _SHOWN = 60
-"""Number of frame counts at which errors are evaluated [1]. Counts that are equal after rounding
-are evaluated once."""
+"""Number of frame counts at which errors are evaluated [1], before equal ones are merged."""
 _FEWEST = 3
 """Smallest frame count at which errors are evaluated [1]. A line through two frames has no
 residuals."""
@@ -96,12 +94,11 @@ class RecordStudy:
         write_table({'record': report.comparisons}, folder / 'record.md', ['record'])
 
     def run(self, chain: int, run: int) -> Array:
-        """Simulate a run; return errors of position and velocity and their stated deviations.
+        """Simulate a run; return errors and stated deviations, shape (4, evaluated frame counts).
 
-        The result has shape (4, evaluated frame counts). Its rows are the position error [rotor
-        spacings], the relative velocity error [1], and the stated standard deviations of both. The
-        wall moves on a random leg of the orbit. Its path keeps as far from both edges as possible,
-        up to eight rotors.
+        The rows are the position error [rotor spacings], the relative velocity error [1], and the
+        stated standard deviations of both. The wall moves on a random leg of the orbit. Its path
+        keeps as far from both edges as possible, up to eight rotors.
         """
         # This import is slow, and the other parts of the command do not need it.
         from soliton_linkage.estimation.orbit_filter import OrbitFilter
@@ -139,10 +136,7 @@ class RecordStudy:
         return orbit.arc_at(ahead if leg % 2 == 0 else last - ahead, leg)
 
     def bounds(self, chain: Chain) -> tuple[Array, Array]:
-        """Return the bounds of the errors of position [rotor spacings] and relative velocity [1].
-
-        Both arrays have one value per evaluated frame count.
-        """
+        """Return the bounds of position [rotor spacings] and relative velocity [1]."""
         n = self.shown.astype(np.float64)
         single = bound(chain, self.noise)
         of_position = single * np.sqrt(2 * (2 * n - 1) / (n * (n + 1)))
@@ -185,7 +179,7 @@ class RecordStudy:
 
 
 def read_record_study(section: Section, quick: bool) -> RecordStudy:
-    """Read the settings; raises ValueError for invalid settings."""
+    """Read the settings. Raises ValueError for invalid settings."""
     section.check_keys('chains', 'noise', 'speed', 'frame_rate', 'frames', 'runs', 'seed')
     runs = section.whole_number('runs', 2, 100_000)
     return RecordStudy(

@@ -34,8 +34,7 @@ _POINTS = 60
 _QUICK_STEPS = 1000
 """Largest number of steps in a quick study [1]."""
 _PERIOD = 0.1
-"""Frame period [time units]. It does not determine the step size of the solver, which follows from
-the tolerance of the solver."""
+"""Frame period [time units]. The step size of the solver follows from its tolerance instead."""
 _QUANTITIES = ('length', 'energy')
 
 
@@ -46,7 +45,7 @@ class RigidSteps:
     chains: tuple[Chain, ...]
     steps: int
     speed: float
-    """Norm of the vector of the initial rotor rates [rad / time unit]."""
+    """Norm of the initial rotor rates [rad / time unit]."""
     gravity: Gravity
 
     def tasks(self) -> list[Callable[[], Any]]:
@@ -85,8 +84,7 @@ class RigidSteps:
     def errors(self, chain: Chain) -> tuple[Array, Array, Array]:
         """Simulate a chain; return step counts, errors of bar lengths and errors of the energy.
 
-        All arrays have the same shape. Each error is the largest one since the previous step
-        count.
+        Each error is the largest one since the previous step count.
         """
         angles = chain.uniform_state(-1)
         rates = self.speed / chain.time_unit * mode_towards_last(chain, angles)
@@ -109,7 +107,7 @@ class RigidSteps:
 
 
 def read_rigid_steps(section: Section, quick: bool) -> RigidSteps:
-    """Read the settings; raises ValueError for invalid settings."""
+    """Read the settings. Raises ValueError for invalid settings."""
     section.check_keys('chains', 'steps', 'speed', 'acceleration', 'tilt')
     steps = section.whole_number('steps', 100, 100_000_000)
     acceleration = section.number('acceleration', 0.0, 1e3)

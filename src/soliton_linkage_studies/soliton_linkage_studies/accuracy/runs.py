@@ -33,28 +33,26 @@ from soliton_linkage_studies.settings import Section
 from soliton_linkage_studies.sweep.table import fingerprint
 
 _LOST_WIDTHS = 2.0
-"""Threshold of a lost wall [wall widths]. A wall counts as lost if its position error exceeds the
-largest of the three thresholds `_LOST_WIDTHS`, `_LOST` and `_LOST_DEVIATIONS`."""
+"""Position error of a lost wall [wall widths]. A wall counts as lost beyond all three
+thresholds."""
 _LOST = 1.0
-"""Threshold of a lost wall [rotor spacings]."""
+"""Position error of a lost wall [rotor spacings]."""
 _LOST_DEVIATIONS = 6.0
-"""Threshold of a lost wall, in stated standard deviations of the position [1]."""
+"""Position error of a lost wall, in stated standard deviations [1]."""
 _LARGEST_DEVIATION = 0.25
-"""Threshold of the stated standard deviation of a position, relative to the chain length [1]. A
-reported wall counts as false if its standard deviation is larger."""
+"""Stated standard deviation beyond which a reported wall is false, relative to the chain length
+[1]."""
 _FALSE_MISFIT = 0.5
-"""Threshold of the rms misfit of the rotors near a reported wall [rad]. The wall counts as false
-if the misfit is larger."""
+"""Rms misfit of the rotors near a reported wall beyond which the wall is false [rad]."""
 _CORE = 2.5
-"""Largest distance between a wall and the rotors that contribute to this misfit [rotor
-spacings]."""
+"""Largest distance between a wall and the rotors of this misfit [rotor spacings]."""
 _SCENES = 8
 """Largest number of scenes per cell [1]. Each record is a random section of a scene."""
 _LONGER = 2
-"""Number of frames of a scene, relative to the number of frames of a record [1]."""
+"""Number of frames of a scene, relative to a record [1]."""
 _NEAR = 3.0
-"""Largest distance between the wall and the wrong reading [rotor spacings]. This limit applies to
-half of the records."""
+"""Largest distance between the wall and the wrong reading in half of the records [rotor
+spacings]."""
 
 
 def records(cell: AccuracyCell, frames: int, random: np.random.Generator) -> Iterator[Scores]:
@@ -83,10 +81,7 @@ def record(
     frames: range,
     random: np.random.Generator,
 ) -> Scores:
-    """Analyse the frames of a record with a copy of `template`; return the scores of the record.
-
-    `template` is an analyser without any data.
-    """
+    """Analyse a record with a copy of `template`, an analyser without data; return its scores."""
     analyser, scores = deepcopy(template), Scores()
     if scene.charges:
         sound = speed_of_sound(cell.chain) / cell.chain.spacing
@@ -139,10 +134,7 @@ def _rotors_with_encoder(
 
 
 def _wrong_rotor(position: float, rotors: int, random: np.random.Generator) -> int:
-    """Draw the rotor with the wrong reading.
-
-    Any rotor of the chain and a rotor near the wall are equally probable choices.
-    """
+    """Draw the rotor with the wrong reading: any one or one near the wall, equally probably."""
     if random.integers(2):
         return int(random.integers(rotors))
     return min(max(round(position + random.uniform(-_NEAR, _NEAR)), 0), rotors - 1)
@@ -245,10 +237,7 @@ _QUICK_CELLS = 15
 
 @dataclass(frozen=True)
 class CellStudy:
-    """Study of random and difficult cells.
-
-    If `only` is not empty, the study contains only the cells with these names.
-    """
+    """Study of random and difficult cells, or only of those that `only` names."""
 
     seed: int
     count: int
@@ -274,10 +263,7 @@ class CellStudy:
         return len(self.all)
 
     def cells(self, row: int) -> list[str]:
-        """Measure the cell of a row, and return its columns as text.
-
-        If the measurement fails, the last column is the error message.
-        """
+        """Measure the cell of a row, and return its columns as text, the last one for an error."""
         cell = self.all[row]
         line: dict[str, float] = {}
         failure = ''
@@ -304,7 +290,7 @@ class CellStudy:
 def read_cell_study(
     section: Section, quick: bool, seed: int, frames: int | None, only: Sequence[str]
 ) -> CellStudy:
-    """Read the settings; raises ValueError for invalid settings."""
+    """Read the settings. Raises ValueError for invalid settings."""
     section.check_keys('count', 'frames')
     count = section.whole_number('count', 0, 10_000)
     wanted = frames or section.whole_number('frames', 1, 10_000_000)

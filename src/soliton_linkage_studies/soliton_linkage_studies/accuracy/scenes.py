@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Noiseless frames of elastic chains, and the true positions of the walls in them.
 
-The position of a wall is that of the static wall nearest to the noiseless frame. This position is
-averaged over one period of the slowest phonon, or over the passage of a rotor if that is shorter,
-so that oscillations due to phonons are removed. The rate is the slope of a line that is fitted to
-the positions over three times this duration. A cubic replaces the line for slow walls, because
-their speed varies between rotors, and for damped rotors. No average extends across an impulse.
+The position of a wall is that of the static wall nearest to the frame, averaged over one period of
+the slowest phonon, or over the passage of a rotor if that is shorter. The rate is the slope of a
+line fitted to the positions over three times this duration. A cubic replaces the line for slow
+walls, whose speed varies between rotors, and for damped rotors. No average extends across an
+impulse.
 """
 
 from __future__ import annotations
@@ -41,21 +41,18 @@ from soliton_linkage_studies.accuracy.walls import (
 )
 
 _SLOW = 0.25
-"""Threshold of a slow wall [rotor spacings]: a wall counts as slow if its displacement in a period
-of the slowest phonon is smaller."""
+"""Displacement in a period of the slowest phonon below which a wall is slow [rotor spacings]."""
 _SETTLED = (20, 400)
 """Range of the number of frames between a kick and the start of a scene [1]."""
 # Scenes with one wall:
 _FROM_EDGE = 1.0
-"""Smallest distance between a scored wall and an edge [rotor spacings]. A wall closer to an edge
-is not scored, because the edge absorbs the wall."""
+"""Smallest distance between a scored wall and an edge, which absorbs the wall [rotor spacings]."""
 _BEGIN = 2.0
 """Smallest distance between a wall and an edge at the start of a scene [rotor spacings]."""
 _SAMPLES = 200
-"""Number of samples of the orbit near the first edge [1], which locate the rest state on it."""
+"""Number of samples of the orbit near the first edge, which locate the rest state on it [1]."""
 _LEGS = 2.0
-"""Longest path of a kicked wall before the scene starts [legs]. A leg is a passage from edge to
-edge."""
+"""Longest path of a kicked wall before the scene starts [legs], passages from edge to edge."""
 _CHAINS = 200
 """Largest number of disordered chains that are drawn until a wall can pass through one [1]."""
 _IMPULSE_REACH = 1.5
@@ -64,15 +61,15 @@ _IMPULSE_REACH = 1.5
 _FEWEST = 20
 """Smallest number of frames of a scene with several walls [1]."""
 _DRAWS = 20
-"""Largest number of scenes that are drawn until the walls of one stay intact and apart for
-`_FEWEST` frames [1]."""
+"""Largest number of drawn scenes until the walls stay intact and apart for `_FEWEST` frames
+[1]."""
 _SLOWER = 0.7
 """Factor by which each further draw reduces the initial speed of anti-kinks [1]."""
 _JITTER = 0.05
 """Largest random shift of an initial wall position, relative to the distance between walls [1]."""
 _CORE = 3.0
-"""Largest distance between a wall and the rotors that are tested to find out whether the wall is
-intact [rotor spacings]."""
+"""Largest distance between a wall and the rotors that show whether it is intact [rotor
+spacings]."""
 
 
 @dataclass(frozen=True)
@@ -91,12 +88,12 @@ class WallScene:
     """Velocities of the walls [rotor spacings / s], shape (T, K)."""
     charges: tuple[int, ...]
     legs: Array
-    """Leg of the orbit (number of the passage from edge to edge), shape (T,). It is -1 unless the
-    scene has exactly one wall."""
+    """Number of the passage from edge to edge, shape (T,); -1 unless the scene has exactly one
+    wall."""
     scored: NDArray[np.bool_]
     """Whether a wall is scored, shape (T, K). Walls near an edge are not scored."""
     impulse_frames: tuple[int, ...] = ()
-    """Number of the first frame after each impulse, from 0 for the first frame of the scene."""
+    """Number of the first frame of the scene after each impulse, from 0."""
     impulses: tuple[Array, ...] = ()
     """Angular impulses on the rotors [N m s], shape (N,) for each impulse."""
 
@@ -132,10 +129,7 @@ def _without_walls(angles: Array, kinetic: Array) -> WallScene:
 
 
 def frames_beside(speed: float, cell: AccuracyCell) -> int:
-    """Return the number of frames on each side that an average contains.
-
-    `speed` is the wall speed [rotor spacings / s].
-    """
+    """Return the number of averaged frames on each side for a wall speed [rotor spacings/s]."""
     time = 1 / max(abs(speed), gap(cell.chain) / (2 * math.pi))
     return max(round(time / (cell.period * cell.chain.time_unit) / 2), 1)
 
@@ -146,7 +140,7 @@ def averages_and_slopes(
     """Return a moving average and a slope for each value.
 
     An average contains `beside` values on either side, a slope three times as many. No window
-    extends across the indices `breaks`. A slope is that of a fitted line, or of a fitted cubic if
+    extends across the indices `breaks`. The slope is that of a fitted line, or of a cubic if
     `cubic` is true.
     """
     means, slopes = np.empty_like(values), np.empty_like(values)
@@ -177,7 +171,7 @@ def _convolved(values: Array, weights: Array) -> Array:
 @dataclass(frozen=True)
 class _Start:
     springs: Springs
-    """Simulation of the chain with its deviations from the uniform chain, at the start."""
+    """Simulation of the chain with its deviations, at the start."""
     orbit: Orbit
     arc: float
     """Approximate arc length of the wall along its orbit [rad]."""
@@ -291,7 +285,7 @@ def _nudged(cell: AccuracyCell, orbit: Orbit, random: np.random.Generator) -> _S
 def _apply_impulse(
     start: _Start, arc: float, largest: float, random: np.random.Generator
 ) -> Array:
-    """Apply a random impulse to the rotors near the wall; return the angular impulses [N m s].
+    """Apply a random impulse near the wall; return the angular impulses [N m s].
 
     `largest` is the largest change of the wall speed, relative to the wall speed [1].
     """
@@ -304,10 +298,9 @@ def _apply_impulse(
 
 
 def _orbit(cell: AccuracyCell, random: np.random.Generator) -> Orbit:
-    """Return the orbit of the true chain.
+    """Return the orbit of the true chain, with disorder through which a wall can pass.
 
-    If the cell has disorder, chains are drawn until a wall can pass through one of them. Raises
-    ArithmeticError if no chain qualifies.
+    Raises ArithmeticError if no drawn chain lets a wall pass.
     """
     if not cell.disorder:
         return _uniform_orbit(cell.chain)

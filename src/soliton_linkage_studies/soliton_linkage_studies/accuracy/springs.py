@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Integrator of elastic chains that is independent of the simulator.
 
-The integrator and the simulator share only the code for the geometry of a spring. The integrator
-is Suzuki's composition of five leapfrog steps, which is symplectic and of fourth order:
+Both share only the geometry of a spring. The integrator is Suzuki's symplectic composition of five
+leapfrog steps, of fourth order:
 
     x += w h v / 2,  v += w h F(x) / I,  x += w h v / 2  for w = p, p, 1 - 4 p, p, p,
 
@@ -23,8 +23,7 @@ from soliton_linkage.linkage.springs import spring_between
 _spring = compile_loop(spring_between, inlined=True)
 
 _STEP = 0.1
-"""Largest step [time units]. With this step, the energy of a wall at v = 0.9 c is constant to
-1e-6."""
+"""Largest step [time units]. The energy of a wall at v = 0.9 c is then constant to 1e-6."""
 _SHARE = 1 / (4 - 4 ** (1 / 3))
 """Weight p of a leapfrog step [1]."""
 _WEIGHTS = np.array([_SHARE, _SHARE, 1 - 4 * _SHARE, _SHARE, _SHARE])
@@ -45,11 +44,7 @@ class Springs:
         self._lengths, self._inertias = chain.rotor_lengths, chain.moments_of_inertia
 
     def advance(self, damping: Array | None = None) -> None:
-        """Advance by one frame period.
-
-        `damping` [1/s], shape (N,), is the rate at which each rotor rate decays; None means no
-        damping.
-        """
+        """Advance by one frame period, with decay rates `damping` [1/s], shape (N,)."""
         step = self.period / self._steps
         kept = np.ones(len(self.angles)) if damping is None else np.exp(-damping * step)
         given = (self._lengths, self._inertias, self._bonds, kept)
@@ -94,10 +89,7 @@ def _advance(
     steps: Array,
     count: int,
 ) -> None:
-    """Advance the rotors by `count` compositions of leapfrog steps.
-
-    `steps` are the durations of the leapfrog steps [s].
-    """
+    """Advance the rotors by `count` compositions of leapfrog steps of durations `steps` [s]."""
     torques = np.empty(len(angles))
     for _ in range(count):
         for step in steps:

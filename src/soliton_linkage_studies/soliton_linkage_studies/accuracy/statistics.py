@@ -45,22 +45,19 @@ COLUMNS = (
     'false',
     'wrong_leg',
 )
-"""Measured columns of a cell. `speed` is the speed of the fastest wall, relative to the speed of
-sound [1]. `position` and `rate` are normalised errors: errors of the position and of the rate,
-divided by their stated standard deviations. The columns of a normalised error are its root mean
-square (`rms`) with the standard error (`rms_error`), the 99 % quantile (`99`) and the maximum
-(`max`) of its absolute value, the fraction beyond 4 (`beyond_4`) [%], the fractions within 1 and 2
-(`coverage`) [%], and the mean (`bias`). `instant` is the normalised error with respect to the true
-position without an average over time. `error_rms` is the rms position error, and
-`deviation_median` is the median of its stated standard deviation [rotor spacings]. `shift_max` is
-the largest shift of a wall by a wrong reading, in stated standard deviations. `lost` and `false`
-count walls, and `wrong_leg` counts frames."""
+"""Measured columns of a cell. `speed` is that of the fastest wall, relative to the speed of sound
+[1]. `position` and `rate` are errors divided by their stated standard deviations, with the root
+mean square (`rms`), its standard error (`rms_error`), the 99 % quantile (`99`) and the maximum
+(`max`) of the absolute value, the fractions beyond 4 (`beyond_4`) and within 1 and 2 (`coverage`)
+[%], and the mean (`bias`). `instant` refers to the true position without an average over time.
+`error_rms` is the rms position error, and `deviation_median` the median of its stated standard
+deviation [rotor spacings]. `shift_max` is the largest shift of a wall by a wrong reading, in
+stated standard deviations. `lost` and `false` count walls, and `wrong_leg` counts frames."""
 
 WALL_VALUES = ('position', 'instant', 'rate', 'error', 'deviation', 'rate_error')
-"""Values of each found wall. `position`, `instant` (with respect to the true position without an
-average over time) and `rate` are errors divided by their stated standard deviations [1]. `error`
-is the position error, and `deviation` is its stated standard deviation [rotor spacings].
-`rate_error` is the relative error of the rate [1]."""
+"""Values of each found wall. `position`, `instant` and `rate` are errors divided by their stated
+standard deviations [1]. `error` is the position error and `deviation` its stated standard
+deviation [rotor spacings]. `rate_error` is the relative error of the rate [1]."""
 
 _COLUMNS = (
     'class',
@@ -78,23 +75,18 @@ _COLUMNS = (
     'failures',
 )
 _CONSISTENT = (0.95, 1.05)
-"""Range of the rms normalised error in which the stated standard deviations count as consistent
-with the errors [1]."""
+"""Range of the rms normalised error in which stated deviations count as consistent [1]."""
 _SIGNIFICANT = 3.0
-"""Threshold of a significant difference [standard errors]: a difference counts as significant if
-it is larger. The false-positive rate is 1 in 400."""
+"""Smallest significant difference [standard errors], with 1 false positive in 400."""
 _SINGLE_RECORD = 0.3
 """Assumed relative standard error of a root mean square from a single record [1]."""
 _LARGER = 1.1
-"""Threshold of the ratio of a new error to an earlier error [1]: the new error counts as larger if
-the ratio exceeds this threshold."""
+"""Ratio beyond which a new error counts as larger than an earlier one [1]."""
 _USEFUL = 2.0
-"""Threshold of the rms normalised error [1]: stated positions count as useful if the rms is
-smaller."""
+"""Rms normalised error below which stated positions count as useful [1]."""
 _FEWER = 0.01
-"""Threshold of the decrease of the fraction of lost walls [1]: errors are not compared if the
-decrease is larger. Otherwise the new errors would include walls without errors in the earlier
-table, which had lost them."""
+"""Decrease of the fraction of lost walls beyond which errors are not compared [1], because they
+would include walls that were lost before."""
 _FAILURES = ('lost', 'false', 'wrong_leg')
 _ERRORS = ('position_rms', 'position_rms_error', 'rate_rms', 'rate_rms_error', 'error_rms')
 _COMPARED = (*_ERRORS, *_FAILURES, 'frames', 'failure', 'position_beyond_4', 'walls_looked_for')
@@ -117,7 +109,7 @@ class Scores:
     """Scores of the frames of one record."""
 
     walls: list[tuple[float, ...]] = field(default_factory=list)
-    """Values of the found walls; each tuple has the order of `WALL_VALUES`."""
+    """Values of the found walls, in the order of `WALL_VALUES`."""
     kinetic: list[float] = field(default_factory=list)
     """Errors of the kinetic energy, divided by their stated standard deviations [1]."""
     shifts: list[float] = field(default_factory=list)
@@ -155,10 +147,10 @@ def line_of(scores: Sequence[Scores]) -> dict[str, float]:
 
 
 def _normalised(name: str, errors: list[Array]) -> dict[str, float]:
-    """Return the columns of errors that are divided by their stated standard deviations.
+    """Return the columns of normalised errors, one array per record.
 
-    `errors` has one array per record. The standard error of the root mean square is from a
-    jackknife over records, because the frames of a record are correlated.
+    The standard error of the root mean square is from a jackknife over records, because the frames
+    of a record are correlated.
     """
     pieces = [_finite(each) for each in errors]
     whole = np.concatenate(pieces)
@@ -200,8 +192,8 @@ def _finite(values: Array) -> Array:
 class Accuracy:
     """Accuracy of an estimator over many frames.
 
-    Bias, standard deviation and coverage are computed from the frames without failure. They are
-    NaN if there are fewer than two such frames.
+    Bias, standard deviation and coverage are those of the frames without failure, or NaN for fewer
+    than two such frames.
     """
 
     frames: int
@@ -215,8 +207,7 @@ class Accuracy:
     bound: float
     """Cramer-Rao bound: smallest standard deviation of any unbiased estimator [rotor spacings]."""
     coverage: float
-    """Fraction of frames whose stated interval contains the position; NaN if the estimator states
-    no intervals."""
+    """Fraction of frames whose stated interval contains the position; NaN without intervals."""
 
     @property
     def ratio(self) -> float:
@@ -236,10 +227,7 @@ class Line:
 
 
 def accuracy_of(samples: Array, bound: float) -> Accuracy:
-    """Return the accuracy of an estimator from errors and margins, shape (frames, 2).
-
-    A NaN error is a failure.
-    """
+    """Return the accuracy from errors and margins, shape (frames, 2); a NaN error is a failure."""
     succeeded = samples[np.isfinite(samples[:, 0])]
     errors, margins = succeeded.T
     known = len(errors) > 1
@@ -350,7 +338,7 @@ def _less_consistent(name: str, row: Row, old: Row, useful: bool) -> list[str]:
 
 
 def _more_failures(name: str, row: Row, old: Row) -> list[str]:
-    """Return a message if failures have increased significantly, otherwise an empty list.
+    """Return a message if failures have increased significantly.
 
     A found wall with an error above four stated standard deviations counts as lost.
     """
@@ -375,7 +363,7 @@ def _large_errors(row: Row) -> float:
 
 
 def _inconsistency(rms: float) -> float:
-    """Return how far a root mean square is outside the range `_CONSISTENT`, as a logarithm [1]."""
+    """Return how far a root mean square is outside `_CONSISTENT`, as a logarithm [1]."""
     if not rms > 0:
         return 0.0
     low, high = _CONSISTENT

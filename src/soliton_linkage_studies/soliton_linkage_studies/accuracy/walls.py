@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """True positions of walls in noiseless frames, from the static wall nearest to each frame.
 
-A kink has zero energy at every position, so its path consists of static walls (`static_wall`). The
-path of an anti-kink consists of the states of least energy, one for each position
-(`anti_kink_path`). A pinned anti-kink has only one equilibrium in two spacings. The position of
-this equilibrium is defined by the sum of the order field (`resting_anti_kink`).
+The path of a kink, which has zero energy at every position, consists of static walls
+(`static_wall`). The path of an anti-kink consists of the states of least energy
+(`anti_kink_path`). A pinned anti-kink has only one equilibrium in two spacings
+(`resting_anti_kink`).
 """
 
 from __future__ import annotations
@@ -29,15 +29,14 @@ from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage_studies.accuracy.springs import Springs
 
 _SAMPLES = 65
-"""Number of static walls between which a spline interpolates the angles of a path [1]. They cover
-the period of two spacings. The interpolation error is below 1e-6 rad."""
+"""Number of static walls over two spacings, between which a spline interpolates with an error
+below 1e-6 rad [1]."""
 _LONGEST = 0.3
 """Largest Gauss-Newton step towards the nearest point, as a change of the angles [rad]."""
 _GAUSS_STEPS = 6
-"""Largest number of Gauss-Newton steps [1]. Two steps suffice if the search starts at the nearest
-point of the previous frame."""
+"""Largest number of Gauss-Newton steps [1]. From the point of the previous frame, two suffice."""
 _CLOSE = 1e-6
-"""Threshold of convergence [rad]: the search ends if a Gauss-Newton step is smaller."""
+"""Gauss-Newton step below which the search ends [rad]."""
 
 
 def reach(chain: Chain) -> float:
@@ -57,21 +56,19 @@ def extent(chain: Chain) -> int:
 class WallPath:
     """Static walls of one charge in an infinite chain, at all allowed positions.
 
-    A wall is stored as the angles of a window, M successive rotors around the wall.
+    A wall is stored as the angles of a window, M successive rotors around the wall. Positions are
+    relative to the first rotor of the window [rotor spacings].
     """
 
     charge: int
     base: int
-    """Lowest wall position of the spline, relative to the first rotor of the window [rotor
-    spacings]. The spline covers two spacings from this position."""
+    """Lowest wall position of the spline, which covers two spacings."""
     spline: CubicSpline | None
-    """Angles of the window [rad], shape (M,), as a function of the wall position [rotor spacings];
-    None for a pinned wall."""
+    """Angles of the window [rad], shape (M,), at a wall position; None for a pinned wall."""
     resting: Array
     """Angles of the window at `rest_position` [rad], shape (M,)."""
     rest_position: float
-    """Wall position of least energy, relative to the first rotor of the window [rotor
-    spacings]."""
+    """Wall position of least energy."""
     left: Array
     """Angles of an even and of an odd rotor far to the left [rad], shape (2,)."""
 
@@ -81,10 +78,10 @@ class WallPath:
         return self.spline is None
 
     def window(self, position: float) -> tuple[int, Array, Array]:
-        """Return the window of a wall at a position: first rotor, angles and their derivatives.
+        """Return the window of a wall: first rotor, angles and their derivatives.
 
-        The first rotor is a rotor number. The angles [rad] and their derivatives with respect to
-        the wall position [rad/spacing] have shape (M,).
+        The angles [rad] and their derivatives with respect to the wall position [rad/spacing] have
+        shape (M,).
         """
         if self.spline is None:
             shift = 2 * round((position - self.rest_position) / 2)
@@ -115,10 +112,7 @@ class WallPath:
         return added
 
     def derivative(self, rotors: int, position: float) -> Array:
-        """Return the derivatives of the angles [rad/spacing], shape (rotors,).
-
-        They are the derivatives with respect to the wall position.
-        """
+        """Return the derivatives of the angles [rad/spacing], shape (rotors,)."""
         first, _, slope = self.window(position)
         moving = np.zeros(rotors)
         numbers = np.arange(first, first + len(slope))
@@ -129,8 +123,8 @@ class WallPath:
     def nearest(self, angles: Array, position: float, within: float) -> float:
         """Return the position of the static wall nearest to the angles [rotor spacings].
 
-        The search starts at `position`. It uses the rotors whose distance from the wall is less
-        than `within` [rotor spacings]. A pinned wall has only its allowed positions.
+        The search starts at `position` and uses the rotors within the distance `within` [rotor
+        spacings] from the wall. A pinned wall has only its allowed positions.
         """
         if self.pinned:
             return self.nearest_allowed(position)
@@ -150,9 +144,9 @@ class WallPath:
         return position
 
     def misfit(self, angles: Array, position: float, within: float) -> float:
-        """Return the rms difference between the angles and those of a static wall [rad].
+        """Return the rms angle difference from a static wall [rad].
 
-        Only rotors whose distance from the wall is less than `within` [rotor spacings] contribute.
+        Only rotors closer to the wall than `within` [rotor spacings] contribute.
         """
         first, wall, _ = self.window(position)
         low, high = max(first, 0), min(first + len(wall), len(angles))
@@ -165,10 +159,7 @@ class WallPath:
 
 
 def nearest_arc(orbit: Orbit, angles: Array, arc: float) -> float:
-    """Return the arc length along the orbit of the configuration nearest to the angles [rad].
-
-    The search starts at the arc length `arc` [rad].
-    """
+    """Return the arc length along the orbit nearest to the angles [rad], from the guess `arc`."""
     for _ in range(_GAUSS_STEPS):
         segment = orbit.segment(arc)
         residual = wrapped(
@@ -186,8 +177,8 @@ def nearest_arc(orbit: Orbit, angles: Array, arc: float) -> float:
 def wall_path(chain: Chain, charge: int, leg: int = 0) -> WallPath:
     """Return the path of a wall far from the edges.
 
-    Kinks of spinners have a different path on each leg (passage from edge to edge). All other
-    walls have a single path.
+    Kinks of spinners have a path for each leg (passage from edge to edge); other walls have one
+    path.
     """
     beside = extent(chain)
     window = replace(chain, number_of_rotors=2 * beside + 3, deviations=NO_DEVIATIONS)
@@ -214,14 +205,13 @@ _SETTLING = (60.0, 400.0)
 _ABSORPTION = 0.5
 """Damping that absorbs phonons at the rotors outside a settling wall [1 / time unit]."""
 _BROKEN = 0.15
-"""Threshold of the misfit of a wall, relative to the swing of a rotor [1]. A wall counts as
-destroyed if its misfit is larger."""
+"""Misfit beyond which a wall counts as destroyed, relative to the swing of a rotor [1]."""
 _STEP = 0.5
 """Interval between position measurements of a settling wall [time units]."""
 _SLOWER = 0.8
 """Factor by which the initial speed is reduced if the wall is destroyed [1]."""
 _TRIES = 25
-"""Largest number of initial speeds that are tried [1]. The last speed is 1 / 200 of the first."""
+"""Largest number of initial speeds that are tried [1]. The last is 1 / 200 of the first."""
 
 
 @dataclass(frozen=True)
@@ -241,10 +231,9 @@ class SteadyWall:
 
 
 def launch_speed(chain: Chain, share: float) -> float:
-    """Return the initial speed of a wall that later moves at a fraction of the sound speed.
+    """Return the initial speed, with the shape of a static wall, of a wall [rotor spacings/s].
 
-    The wall starts with the shape of a static wall. `share` is the fraction [1], and the result
-    has the unit [rotor spacings / s].
+    The wall later moves at the fraction `share` of the speed of sound [1].
     """
     sound = speed_of_sound(chain) / chain.spacing
     return sound * math.sqrt(2 * (1 / math.sqrt(1 - share**2) - 1))
@@ -301,10 +290,7 @@ def _launched(chain: Chain, path: WallPath, position: float, speed: float) -> Sp
 def _positions(
     springs: Springs, path: WallPath, position: float, near: float, frames: int
 ) -> list[float] | None:
-    """Return the positions of a wall while its phonons are absorbed.
-
-    Returns None if the wall is destroyed.
-    """
+    """Return the positions of a wall while its phonons are absorbed; None if it is destroyed."""
     chain = springs.chain
     rotors = np.arange(chain.number_of_rotors)
     track = [position]
@@ -320,10 +306,9 @@ def _positions(
 
 
 def add_motion(wall: SteadyWall, shift: int, angles: Array, rates: Array, sense: int) -> None:
-    """Add the motion of a wall to the angles and rates of a static wall, in place.
+    """Add the motion of a wall, moved by `shift` rotors, to angles and rates of a static wall.
 
-    `shift` moves the wall by a number of rotors. `sense` is 1 for motion to the right, otherwise
-    -1.
+    `sense` is 1 for motion to the right, otherwise -1.
     """
     numbers = np.arange(len(wall.offsets)) + wall.first + shift
     inside = (numbers >= 0) & (numbers < len(angles))
@@ -341,9 +326,6 @@ def left_of(chain: Chain, charge: int) -> Array:
 
 
 def is_broken(path: WallPath, chain: Chain, angles: Array, position: float, within: float) -> bool:
-    """Return whether the rotors near a position do not have the shape of a wall.
-
-    Only rotors closer to the position than `within` [rotor spacings] are tested.
-    """
+    """Return whether rotors closer to a position than `within` [spacings] form no wall."""
     swing = math.pi if chain.motion is Motion.SPINNER else 2 * chain.rest_angle
     return path.misfit(angles, position, within) > _BROKEN * swing

@@ -172,7 +172,7 @@ def _draw_critical(report: FigureReport, axes: Axes, series: dict[str, list[Row]
 
 
 def _outcome(row: Row) -> int | None:
-    """Return the number of overlaps before the walls separate; 4 means four or more.
+    """Return the number of overlaps before the walls separate, at most 4.
 
     Returns None for a captured pair, and -1 if the anti-kink is broken.
     """
@@ -264,11 +264,7 @@ def _draw(report: FigureReport, axes: Axes, name: str, collision: Collision) -> 
 
 
 def _recorded(collision: Collision) -> tuple[Array, Array]:
-    """Simulate a collision, and return the times and the angles to be drawn.
-
-    The times have shape (T,) and are in units of `Collision.unit`. The angles [rad] have shape (T,
-    N).
-    """
+    """Simulate a collision; return times [`Collision.unit`] and angles [rad] to be drawn."""
     duration = (INITIAL_DISTANCE / 2 / collision.speed + _AFTERWARDS) * collision.unit
     times, angles = [], []
     for instants, frame, _ in simulate_frames(collision):
@@ -292,7 +288,7 @@ def _label_turns(axes: Axes, collision: Collision, times: Array, angles: Array) 
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Simulate the collisions of a settings file; return 1 on failure, 130 on Ctrl-C."""
+    """Run the command `collisions` and return its exit status."""
     parser = study_parser('collisions', __doc__, 'few speeds')
     return run_study(parser, arguments, _collided, RESUMES)
 

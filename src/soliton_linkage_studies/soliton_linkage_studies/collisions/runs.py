@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Collision of a kink and an anti-kink on a ring, and its outcome.
 
-The kink has charge +1 and zero energy at rest; it comes from the left. The anti-kink has charge -1
-and a positive rest energy; it comes from the right at the same speed. The ring leans left between
-the walls, and right elsewhere. The walls overlap while no rotor leans left. Each overlap counts as
-a collision. Because charges alternate along a ring, the kink is always on the left. Therefore,
-only the turns of the rotors between the walls show whether the walls have passed through each
-other. Lengths are in units of the reach of a wall (`Collision.reach`).
+The kink (charge +1, zero energy at rest) comes from the left, the anti-kink (charge -1, positive
+rest energy) from the right at the same speed. The ring leans left between the walls, and right
+elsewhere. The walls overlap while no rotor leans left; each overlap counts as a collision. Because
+charges alternate along a ring, the kink is always on the left. Only the turns of the rotors
+between the walls show whether the walls have passed through each other. Lengths are in reaches of
+a wall (`Collision.reach`).
 """
 
 from __future__ import annotations
@@ -27,30 +27,25 @@ from soliton_linkage.solitons.continuum import wall_theory
 from soliton_linkage_studies.collisions.travelling_wall import travelling_wall
 
 INITIAL_DISTANCE = 12.0
-"""Initial distance between the walls, in reaches [1]. At this distance, the attraction is e^(-24)
-of the wall mass."""
+"""Initial distance between the walls [reaches], with an attraction of e^(-24) of the wall mass."""
 ESCAPED = 8.0
-"""Threshold of the distance between the walls, in reaches [1]: walls count as escaped if their
-distance is larger. At this distance, only walls slower than 0.001 c can return."""
+"""Distance beyond which walls count as escaped [reaches]. Only walls slower than 0.001 c can
+return."""
 _NEAR = 7.0
-"""Smallest distance between the walls at which the speed before a collision is measured, in
-reaches [1]."""
+"""Smallest distance at which the speed before a collision is measured [reaches]."""
 _LEAVING = 5.0
-"""Smallest distance between the walls at which the speed after a collision is measured, in reaches
-[1]."""
+"""Smallest distance at which the speed after a collision is measured [reaches]."""
 _FRAMES = 10
-"""Number of frames in the time in which sound crosses a reach [1]. With this number, each overlap
-lasts for ten frames or more."""
+"""Number of frames in the time in which sound crosses a reach [1]. Each overlap lasts for ten or
+more."""
 _CORE = 4.0
-"""Half width of a wall in reaches [1]. Only e^(-16) of the energy of a wall is outside."""
+"""Half width of a wall [reaches], with all but e^(-16) of its energy."""
 _LUMP = 8.0
-"""Half width of a captured pair in reaches [1]. The amplitude of the walls of a captured pair is
-half of this width."""
+"""Half width of a captured pair [reaches], twice the amplitude of its walls."""
 _FEWEST = 5
 """Smallest number of frames for a speed estimate [1]. Escaped walls have 30 frames or more."""
 _TOLERANCE = 1e-10
-"""Angle tolerance of adaptive integrators [rad]. With this tolerance, the relative energy error is
-1e-9."""
+"""Angle tolerance of adaptive integrators [rad], with a relative energy error of 1e-9."""
 
 
 @dataclass(frozen=True)
@@ -61,16 +56,16 @@ class Collision:
     speed: float
     """Speed of each wall in units of the speed of sound [1]."""
     onwards: bool = False
-    """Whether the second wall turns the rotors of a spinner in the same direction as the first
-    wall; otherwise the second wall turns them back."""
+    """Whether the second wall turns the rotors of a spinner onwards; otherwise it turns them
+    back."""
     step: float = 1.0
     """Longest integration step, multiplied by the largest phonon frequency [1]."""
     integrator: str = 'symplectic'
     shift: float = 0.0
     """Shift of both walls along the ring [rotor spacings]."""
     patience: float = 120.0
-    """Time limit for an escape, in units of reach / speed of sound [1]. The time in which the
-    walls cover their path at half of their speed is added to this limit."""
+    """Time limit for an escape [reach / speed of sound], besides the time to cover the path at
+    half speed."""
 
     def __call__(self) -> CollisionRun:
         """Simulate the collision."""
@@ -78,10 +73,9 @@ class Collision:
 
     @property
     def reach(self) -> float:
-        """Reach of a wall: twice the penetration depth l [rotor spacings].
+        """Reach of a wall: twice the penetration depth l [rotor spacings], with tails e^(-x / l).
 
-        The tails of a wall decay as e^(-x / l). For d << 1, the reach of a flipper's wall equals
-        its width w, and the reach of a spinner's wall equals 2 w.
+        For d << 1, it is the width w of a flipper's wall, and 2 w for a spinner.
         """
         return 2 * penetration_depth(self.ring) / self.ring.spacing
 
@@ -98,10 +92,7 @@ class Collision:
 
 @dataclass(frozen=True)
 class CollisionRun:
-    """Outcome of a collision.
-
-    Speeds are relative to the speed of sound [1], lengths are in reaches [1].
-    """
+    """Outcome of a collision. Units are the speed of sound and the reach of a wall."""
 
     escaped: bool
     """Whether both walls escaped."""
@@ -114,16 +105,15 @@ class CollisionRun:
     anti_kink_speed: float
     """Speed of the anti-kink after the collision, away from the kink; 0 for a captured pair."""
     between: float
-    """Time between the first two overlaps, in units of reach / c [1]; NaN if there are fewer than
-    two overlaps."""
+    """Time between the first two overlaps [reach / c]; NaN for fewer than two overlaps."""
     closest: float
     """Smallest distance between the walls; 0 if they overlapped."""
     turns: int
-    """Number of full turns of the rotors between the walls since the start of the collision."""
+    """Number of full turns of the rotors between the walls since the start."""
     broken: bool
-    """Whether the anti-kink was destroyed. `_broken` defines this condition."""
+    """Whether the anti-kink was destroyed (`_broken`)."""
     radiated: float
-    """Fraction of the final energy that is outside the walls or outside the captured pair [1]."""
+    """Fraction of the final energy outside the walls or the captured pair [1]."""
     drift: float
     """Range of the energy during the simulation, relative to its initial value [1]."""
 
@@ -135,10 +125,7 @@ class CollisionRun:
 
 @dataclass(frozen=True)
 class WallPaths:
-    """Paths of both walls, from the outermost sign changes of the order field.
-
-    In a frame without sign changes, both positions are NaN.
-    """
+    """Paths of both walls, from the outermost sign changes of the order field, or NaN without."""
 
     times: Array
     """Times of the frames [s], shape (T,)."""
@@ -165,10 +152,7 @@ class WallPaths:
         )
 
     def speeds(self) -> Array:
-        """Return the fitted speeds of kink and anti-kink [rotor spacings / s], shape (2,).
-
-        The speeds are NaN if there are too few frames.
-        """
+        """Return the fitted speeds of both walls [rotor spacings / s], shape (2,), or NaN."""
         if len(self.times) < _FEWEST:
             return np.full(2, np.nan)
         both = np.stack([self.kinks, self.anti_kinks], axis=1)
@@ -244,10 +228,7 @@ def initial_state(task: Collision) -> State:
 
 
 def ring_order_field(ring: Chain, angles: Array) -> Array:
-    """Return the order field, shape (..., N).
-
-    Rotors of a spinner are assumed to be in the family +1 of uniform states.
-    """
+    """Return the order field, shape (..., N), of a ring in the family +1 of uniform states."""
     theta = staggered(angles)
     if ring.motion is Motion.SPINNER:
         return np.asarray(np.cos(theta - ring.rest_angle))
@@ -255,10 +236,7 @@ def ring_order_field(ring: Chain, angles: Array) -> Array:
 
 
 def find_walls(ring: Chain, times: Array, angles: Array) -> WallPaths:
-    """Return the walls in frames of angles [rad], shape (T, N).
-
-    The position of a wall is interpolated between two rotors.
-    """
+    """Return the walls in frames of angles [rad], shape (T, N)."""
     fields = ring_order_field(ring, angles)
     left = fields < 0
     last = fields.shape[1] - 1
@@ -273,10 +251,7 @@ def find_walls(ring: Chain, times: Array, angles: Array) -> WallPaths:
 
 
 def _crossings(fields: Array, rotors: NDArray[np.int64]) -> Array:
-    """Return the zero of the field between a rotor and the next one, shape (T,).
-
-    The field is interpolated linearly.
-    """
+    """Return the interpolated zero of the field between a rotor and the next one, shape (T,)."""
     frame = np.arange(len(fields))
     before, after = fields[frame, rotors], fields[frame, rotors + 1]
     change = np.where(before == after, 1.0, before - after)
@@ -338,8 +313,7 @@ def _turns(ring: Chain, path: WallPaths, state: State) -> int:
 def _broken(task: Collision, path: WallPaths, state: State, escaped: bool) -> bool:
     """Return whether flipper rotors have turned over, or a spinner anti-kink is destroyed.
 
-    The anti-kink of a spinner counts as destroyed if the walls have escaped, and less than half of
-    its continuum rest energy is left. Then only a few rotors deviate from rest.
+    The latter means that the walls have escaped with less than half of the continuum rest energy.
     """
     ring = task.ring
     if ring.motion is not Motion.SPINNER:
@@ -350,7 +324,6 @@ def _broken(task: Collision, path: WallPaths, state: State, escaped: bool) -> bo
 
 
 def _radiated(task: Collision, path: WallPaths, state: State, escaped: bool) -> float:
-    """Return the fraction of the energy outside the walls or a captured pair [1]."""
     rotors, energies = np.arange(task.ring.number_of_rotors), _energies(task.ring, state)
     positions, reach = [path.kinks[-1], path.anti_kinks[-1]], _CORE
     if not escaped:
@@ -360,10 +333,7 @@ def _radiated(task: Collision, path: WallPaths, state: State, escaped: bool) -> 
 
 
 def _energies(ring: Chain, state: State) -> Array:
-    """Return the energy of each rotor [J], shape (N,).
-
-    Each spring contributes half of its energy to each of its two rotors.
-    """
+    """Return the energy of each rotor [J], shape (N,), with half of the energy of its springs."""
     elastic = 0.5 * ring.stiffnesses * ring.spring_extensions(state.angles) ** 2
     kinetic = 0.5 * ring.moments_of_inertia * state.rates**2
     return np.asarray(kinetic + (elastic + np.roll(elastic, 1)) / 2)

@@ -27,9 +27,9 @@ _SETTINGS = {
 }
 """Numeric settings of a collision, with their smallest and largest values."""
 _QUICK_EVERY = 40
-"""Interval between the speeds that a quick study uses: 40 means every 40th speed [1]."""
+"""Interval between the speeds that a quick study uses [1]."""
 _QUICK_HALVINGS = 2
-"""Number of bisections in the search for a speed in a quick study [1]."""
+"""Number of bisections in a quick study [1]."""
 _HALVINGS = 13
 """Number of bisections in a full study [1]; they reduce a speed range of 0.6 c to 1e-4 c."""
 _FASTEST = 2.0
@@ -43,9 +43,9 @@ class WindowEdge:
     collision: Collision
     collisions: int
     inside: float
-    """Speed inside the window in units of the speed of sound [1]."""
+    """Speed inside the window, relative to the speed of sound [1]."""
     outside: float
-    """Speed outside the window in units of the speed of sound [1]."""
+    """Speed outside the window, relative to the speed of sound [1]."""
     halvings: int
 
     def __call__(self) -> tuple[float, CollisionRun]:
@@ -84,9 +84,9 @@ class Entry:
     """Task whose result is one row of the table."""
 
     part: str
-    """Part of the study to which the row belongs, a key of the settings."""
+    """Part of the study, a key of the settings."""
     series: str
-    """Series of rows to which the row belongs, a name from the settings."""
+    """Series of rows, a name from the settings."""
     task: Collision | WindowEdge
     name: str = ''
     """Name of the window edge, or an empty text for a collision."""
@@ -147,7 +147,7 @@ class Row:
     series: str
     name: str
     speed: float
-    """Speed of each wall, or speed at the window edge, in units of the speed of sound [1]."""
+    """Speed of each wall, or at the window edge, relative to the speed of sound [1]."""
     run: CollisionRun | None
     """Outcome of the collision, or None if the simulation failed."""
     failure: str
@@ -165,7 +165,7 @@ def read_row(cells: Mapping[str, str]) -> Row:
 
 
 def read_collision_study(settings: Section, quick: bool) -> CollisionStudy:
-    """Read the study from its settings; raise ValueError if they are invalid."""
+    """Read the study from its settings. Raises ValueError for invalid settings."""
     settings.check_keys('collision', 'sweeps', 'variations', 'critical_speeds', 'pictures')
     common = settings.section('collision')
     common.check_keys(*_SETTINGS)
@@ -187,7 +187,7 @@ def read_collision_study(settings: Section, quick: bool) -> CollisionStudy:
 
 
 def _named(settings: Section, key: str) -> dict[str, Section]:
-    """Return the sections below a key by name; raise ValueError if there are none."""
+    """Return the sections below a key by name. Raises ValueError if there are none."""
     found = settings.section(key).sections()
     if not found:
         raise settings.error(key, 'is empty; give one or more named sections')
@@ -195,10 +195,7 @@ def _named(settings: Section, key: str) -> dict[str, Section]:
 
 
 def _variations(section: Section, common: Section, quick: bool) -> list[Entry]:
-    """Return speed sweeps of one ring, each with one changed setting.
-
-    A full study also searches for window edges.
-    """
+    """Return speed sweeps of one ring, each with one changed setting, and edge searches."""
     section.check_keys('rotor_length_ratio', 'rest_angle', 'speeds', 'changes', 'edges')
     speeds = _speeds(section, quick).tolist()
     entries = []
@@ -271,7 +268,7 @@ def _task(
 
 
 def _speeds(section: Section, quick: bool) -> Array:
-    """Return the speeds of a range with both ends, in units of the speed of sound [1]."""
+    """Return the speeds of a range with both ends, relative to the speed of sound [1]."""
     given = section.section('speeds')
     given.check_keys('from', 'to', 'points')
     first, last = (given.number(end, 1e-3, _FASTEST) for end in ('from', 'to'))
@@ -299,10 +296,10 @@ PHI4_SPEED = 0.2598
 CRITICAL_SPEED = 'critical speed / c [1]'
 """Label of the critical speed, above which walls separate after one collision."""
 _SHAPE_MODE = math.sqrt(3)
-"""Frequency of the shape mode of a phi^4 wall in units of c / w [1]. For d << 1, the width w
-equals the reach of a wall."""
+"""Frequency of the shape mode of a phi^4 wall [c / w], with its width w, equal to its reach for d
+<< 1."""
 _FEWEST = 2
-"""Smallest number of adjacent speeds that form a window [1]. All of them have the same outcome."""
+"""Smallest number of adjacent speeds with the same outcome that form a window [1]."""
 
 
 @dataclass(frozen=True)
@@ -322,10 +319,7 @@ class BounceWindow:
 
 
 def escaped_after(row: Row) -> int | None:
-    """Return the number of overlaps after which both walls escaped intact.
-
-    Returns None if the pair was captured, a wall is broken, or the simulation failed.
-    """
+    """Return the number of overlaps after which both walls escaped intact, otherwise None."""
     run = row.run
     return run.collisions if run and run.escaped and not run.broken else None
 

@@ -1,17 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Travelling walls of the discrete chain whose shape changes as little as possible.
 
-A rotor of parity p (0 even, 1 odd) at a distance x from the wall has the angle f_p(x). A wall that
-keeps its shape at a velocity v has the angles phi_n(t) = f_p(n a - v t), which satisfy
+A wall of velocity v that keeps its shape has the angles phi_n(t) = f_p(n a - v t) for the parity p
+(0 even, 1 odd), with
 
     I v^2 f_p''(x) = torque of the springs (f_(1-p)(x - a), f_p(x), f_(1-p)(x + a)).
 
-On a grid of m points per spacing, this equation describes 2 m shifted chains. The derivatives
-couple these chains. The solver minimises the residual, with a penalty on tails that are not at
-rest. An exact solution does not exist, because at any speed a wall of a few rotors resonates with
-a phonon and radiates this phonon. The contracted wall of the continuum theory is a worse initial
-state of a collision. It oscillates about the shape computed here, and these oscillations disturb
-the collision.
+On a grid of m points per spacing, this equation describes 2 m shifted chains, coupled by the
+derivatives. The solver minimises the residual, with a penalty on tails that are not at rest. An
+exact solution does not exist, because a wall of a few rotors radiates a resonant phonon at any
+speed. The contracted wall of the continuum theory would oscillate about the shape computed here,
+and these oscillations would disturb a collision.
 """
 
 from __future__ import annotations
@@ -33,30 +32,25 @@ from soliton_linkage.solitons.continuum import FlipperTheory, SpinnerTheory
 _REACH = 11.0
 """Half length of the grid, in units of twice the penetration depth l [1]."""
 _QUIET_FROM = 4.0
-"""Distance from the wall at which the penalty on moving tails starts, in units of twice the
-penetration depth l [1]. The penalty increases with the distance. At 1.5 times this distance, it
-reaches its final value."""
+"""Distance from the wall at which the penalty on moving tails starts, in units of 2 l [1]. It
+increases to its final value at 1.5 times this distance."""
 _QUIETNESS = 0.05
-"""Strength of the penalty on moving tails [1], in units of I gap^2 with the moment of inertia I
-and the lowest phonon frequency. Sensitivity: at 0.01 or 0.2, v' changes by 1e-4."""
+"""Strength of the penalty on moving tails [I gap^2], with the moment of inertia I and the lowest
+phonon frequency. Sensitivity: at 0.01 or 0.2, v' changes by 1e-4."""
 _POINTS_A_WIDTH = 12
 """Number of grid points per wall width [1]. Sensitivity: at 2x, v' changes by less than 1e-5."""
 _ITERATIONS = 20
-"""Largest number of Gauss-Newton iterations [1]. A search converges within ten iterations or not
-at all."""
+"""Largest number of Gauss-Newton iterations [1]. A search converges within ten or not at all."""
 _LONGEST_STEP = 0.3
 """Largest change of an angle in one iteration [rad]. Searches with longer steps diverge."""
 _CONVERGED = 1e-8
-"""Threshold of convergence [rad]: the search ends if no angle changes by more."""
+"""Largest change of an angle in the last iteration [rad]."""
 _CLOSEST = 0.9
-"""Largest speed of the initial guess, relative to the speed of sound [1]. The continuum theory has
-no supersonic walls."""
+"""Largest relative speed v / c of the initial guess [1]. The continuum has no supersonic walls."""
 _FIRST = (0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280)
-"""Weights of the first-derivative stencil of order 8, for the centre and the points ahead [1]. The
-weights of the points behind have the opposite sign."""
+"""First-derivative stencil of order 8, for the centre and the points ahead, antisymmetric [1]."""
 _SECOND = (-205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560)
-"""Weights of the second-derivative stencil of order 8, for the centre and the points ahead [1].
-The points behind have the same weights."""
+"""Second-derivative stencil of order 8, for the centre and the points ahead, symmetric [1]."""
 
 
 @dataclass(frozen=True)
@@ -66,15 +60,15 @@ class TravellingWall:
     points: int
     """Number of grid points per rotor spacing."""
     angles: Array
-    """Angles phi of even and of odd rotors [rad], shape (2, J). The centre of the wall is at index
-    J // 2."""
+    """Angles of even and of odd rotors [rad], shape (2, J), with the wall's centre at index J //
+    2."""
     slopes: Array
     """Derivatives of the angles along the chain [rad per spacing], shape (2, J)."""
 
     def at(self, rotors: NDArray[np.int64], position: float) -> tuple[Array, Array]:
-        """Return the angles [rad] and slopes [rad/spacing] of rotors for a wall at a position.
+        """Return angles [rad] and slopes [rad/spacing] of rotors (K,) for a wall at a position.
 
-        The rotor numbers have shape (K,). The position [rotor spacings] is rounded to the grid.
+        The position [rotor spacings] is rounded to the grid.
         """
         last = self.angles.shape[1] - 1
         columns = np.rint((rotors - position) * self.points).astype(int) + (last + 1) // 2
@@ -86,8 +80,8 @@ class TravellingWall:
 def travelling_wall(chain: Chain, speed: float, charge: int, turn: int = 1) -> TravellingWall:
     """Return the wall of charge +1 or -1 that moves at a speed [m/s], in either direction.
 
-    `turn` is +1 if the wall turns the rotors of a spinner forwards, and -1 if backwards (see
-    `SpinnerTheory`). Raises ArithmeticError if the solver finds no wall near the continuum
+    `turn` is +1 if the wall turns the rotors of a spinner forwards, otherwise -1
+    (`SpinnerTheory`). Raises ArithmeticError if the solver finds no wall near the continuum
     solution.
     """
     grid = _Grid(chain)
@@ -131,12 +125,10 @@ class _Grid:
 
     @cached_property
     def positions(self) -> Array:
-        """Positions of the grid points relative to the wall [m], shape (J,)."""
         spacing = self.chain.spacing / self.points
         return np.asarray((np.arange(self.count) - self.count // 2) * spacing)
 
     def guess(self, speed: float, charge: int, turn: int) -> Array:
-        """Return the wall of the continuum theory as a flat array of angles [rad]."""
         chain = self.chain
         slow = min(speed, _CLOSEST * speed_of_sound(chain))
         if chain.motion is Motion.SPINNER:
@@ -151,10 +143,7 @@ class _Grid:
         return np.concatenate([even, np.pi - odd])
 
     def correction(self, angles: Array, start: Array, moving: float) -> Array:
-        """Return the Gauss-Newton step as a flat array of angle changes [rad].
-
-        The step does not shift the wall.
-        """
+        """Return the Gauss-Newton step [rad], which does not shift the wall."""
         free, chain = self._free, self.chain
         torques = np.empty_like(angles)
         torques[self._index] = chain.spring_torques(angles[self._index])
@@ -172,14 +161,14 @@ class _Grid:
 
     @cached_property
     def _held(self) -> Array:
-        """Squared penalty at each grid point, as a flat array."""
+        """Squared penalty at each grid point."""
         depth, chain = penetration_depth(self.chain), self.chain
         beyond = np.abs(self.positions) / (2 * depth * _QUIET_FROM) - 1
         strength = _QUIETNESS * chain.moment_of_inertia * gap(chain) ** 2
         return np.tile((strength * np.clip(2 * beyond, 0, 1)) ** 2, 2)
 
     def _rest(self, angles: Array) -> Array:
-        """Return the angles of the uniform states on both sides of a wall, as a flat array."""
+        """Return the angles of the uniform states on both sides of a wall."""
         half = self.count // 2
         sides = angles.reshape(2, -1)[:, [0, -1]]
         return np.repeat(sides, [half, self.count - half], axis=1).ravel()
@@ -195,10 +184,9 @@ class _Grid:
         return csr_array((entries, (rows, columns)), shape=(len(angles), len(angles)))
 
     def _derivative(self, weights: tuple[float, ...], mirrored: int) -> csr_array:
-        """Return the finite-difference matrix for both parities.
+        """Return the finite-difference matrix for both parities, zero near the ends of the grid.
 
-        Rows near the ends of the grid are zero. `mirrored` is the sign of the weights behind the
-        centre.
+        `mirrored` is the sign of the weights behind the centre.
         """
         reach = len(weights) - 1
         offsets = list(range(-reach, reach + 1))

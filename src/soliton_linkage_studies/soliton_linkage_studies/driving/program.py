@@ -43,8 +43,7 @@ from soliton_linkage_studies.settings import load_settings
 from soliton_linkage_studies.sweep.table import markdown_table
 
 IMBALANCE_LIMIT = 1e-9
-"""Largest allowed ratio |energy imbalance| / largest energy [1]. It follows from the integration
-tolerance."""
+"""Largest allowed |energy imbalance| / largest energy [1], from the integration tolerance."""
 
 _CAPTION = """
 Validation of driven chains on one page.
@@ -103,10 +102,7 @@ def entitle(panels: Mapping[str, Axes]) -> None:
 
 
 def draw_balance(report: FigureReport, axes: Axes, runs: Mapping[str, BalancedRun]) -> Axes:
-    """Draw the energy imbalance over time for springs and bars, with marks for all events.
-
-    An imbalance of 0 is drawn as 1e-17, because the axis is logarithmic.
-    """
+    """Draw the energy imbalance over time for springs and bars, with marks for all events."""
     for mechanics, run in runs.items():
         colour = MECHANICS_COLOURS[mechanics]
         shown = np.maximum(run.imbalances, _LEAST)
@@ -138,10 +134,7 @@ def draw_stiffness(
     apart: Sequence[float],
     order: float,
 ) -> Axes:
-    """Draw the largest difference of an angle between springs and rigid bars against stiffness.
-
-    A line shows convergence of order 1.
-    """
+    """Draw the largest angle deviation of springs from rigid bars against the stiffness."""
     draw_convergence(axes, stiffnesses, apart, f'springs, order {order:.3f}')
     axes.set(xlabel='stiffness $k_e$ [N/m]')
     names = ('stiffness [N/m]', 'largest deviation of an angle [rad]')
@@ -223,7 +216,7 @@ def draw_work(report: FigureReport, axes: Axes, runs: Mapping[str, DrivenChain])
 
 @dataclass(frozen=True)
 class Finding:
-    """Measured number and its allowed range. The bounds belong to the range."""
+    """Measured number and its allowed range, with both bounds."""
 
     panel: str
     quantity: str
@@ -289,10 +282,7 @@ def _balance_findings(results: Results) -> list[Finding]:
 
 
 def _tilt_findings(study: DrivingStudy, results: Results) -> list[Finding]:
-    """Return the largest distance of the wall from the lower end of the chain after a tilt.
-
-    There is one finding for springs and one for bars.
-    """
+    """Return the largest distance of the wall from the lower end of the chain after a tilt."""
     findings = []
     for name, run in results.tilts.items():
         task = study.tilts[name]
@@ -306,10 +296,7 @@ def _tilt_findings(study: DrivingStudy, results: Results) -> list[Finding]:
 
 
 def _move_findings(results: Results) -> list[Finding]:
-    """Return the largest position error of all moves of each chain under each condition.
-
-    The error is NaN if one of these moves did not reach its goal.
-    """
+    """Return the largest position error of each chain and condition; NaN if a move failed."""
     findings = []
     for (name, title), runs in results.moves.items():
         reached = all(run.outcome is Outcome.REACHED for run in runs)
@@ -328,7 +315,7 @@ def _work_findings(results: Results) -> list[Finding]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command `driving` and return its exit status: 1 on failure, 130 after Ctrl-C."""
+    """Run the command `driving` and return its exit status."""
     parser = study_parser('driving', __doc__, 'fewer runs')
     return run_study(parser, arguments, _driven, 'no new files are written')
 

@@ -37,8 +37,7 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 _KEYS = ('step', 'work', 'energy_balance', 'stiffness', 'tilt', 'moves')
 _WORK_PERIOD = 0.002
-"""Frame period of a chain with an actuator [s]. It is a small fraction of the actuator's filling
-time."""
+"""Frame period of a chain with an actuator [s], a small fraction of its filling time."""
 _SHORT = 1.0
 """Duration of the energy balance with the option `--quick` [s], three periods of the events."""
 
@@ -74,7 +73,7 @@ class DrivingStudy:
 
     @property
     def tasks(self) -> dict[tuple[Any, ...], Callable[[], Any]]:
-        """All tasks, each with a unique key. Tasks with the longest duration come first."""
+        """All tasks, each with a unique key, the longest ones first."""
         stiffest_first = reversed(list(enumerate(self.stiffnesses)))
         return {
             **{('moves', *key): task for key, task in numbered_tasks(self.moves).items()},
@@ -87,7 +86,7 @@ class DrivingStudy:
 
 @dataclass(frozen=True)
 class Results:
-    """Results of a study. They have the same keys and the same order as the tasks."""
+    """Results of a study, with the keys and the order of the tasks."""
 
     works: dict[str, DrivenChain]
     balances: dict[str, BalancedRun]
@@ -112,7 +111,7 @@ class Results:
 
 
 def read_driving_study(settings: Section, quick: bool) -> DrivingStudy:
-    """Return the study of a settings file. Raises ValueError if the settings are invalid."""
+    """Return the study of a settings file. Raises ValueError for invalid settings."""
     settings.check_keys(*_KEYS)
     balances = {
         name: BalanceTask.read(settings.section('energy_balance'), name) for name in MECHANICS
@@ -168,25 +167,22 @@ _BALANCE_KEYS = (
     'seed',
 )
 _PERIOD = 0.01
-"""Frame period of the simulations with energy balance or tilt [s]. It is a fraction of the time
-unit sqrt(M / k_e) of the chains."""
+"""Frame period with energy balance or tilt [s], a fraction of the time unit sqrt(M / k_e)."""
 _BALANCE_TOLERANCE = 1e-12
-"""Integration error of an angle per time unit in the energy balance [rad]. It is a thousandth of
-the allowed imbalance."""
+"""Integration error of an angle per time unit [rad], a thousandth of the allowed imbalance."""
 _TILT_TOLERANCE = 1e-8
-"""Integration error of an angle per time unit in a tilted chain [rad]. It is far smaller than the
-resolution of wall positions."""
+"""Integration error of an angle per time unit [rad], far below the resolution of wall
+positions."""
 _EVENT_FRAMES = 30
-"""Number of frames in a span [1]. Each span has one kick and one change of gravity. Torques act in
-every second span."""
+"""Number of frames in a span with one kick and one change of gravity [1]. Torques act in every
+second span."""
 _KICK_FRAME = 10
-"""Index of the frame with the kick in a span [1]. It is far from the frames at which torques start
-or gravity changes."""
+"""Index of the frame with the kick in a span [1], far from other events."""
 _TURN_FRAME = 20
 """Index of the frame with the change of gravity in a span [1], far from both nearest kicks."""
 _CROSSING_FRAMES = 200
-"""Number of frames for the comparison of springs and bars [1]. With this number, a wall moves by
-less than a rotor spacing per frame."""
+"""Number of frames for the comparison of springs and bars [1]. A wall moves by less than a rotor
+spacing per frame."""
 
 
 @dataclass(frozen=True)
@@ -278,16 +274,12 @@ class BalanceTask:
 
 @dataclass(frozen=True)
 class StiffnessTask:
-    """Task to compare a chain of springs with a chain of rigid bars.
-
-    Both are compared during the first crossing of the wall.
-    """
+    """Task to compare springs with rigid bars during the first crossing of the wall."""
 
     chain: Chain
     """Chain with the stiffness of the springs."""
     rates: tuple[float, ...]
-    """Angular velocities of the rotors after the kick [rad/s]. Before the kick the chain leans
-    right and is at rest."""
+    """Angular velocities after the kick of the right-leaning chain [rad/s]."""
     duration: float
     """Time limit for the crossing [s]."""
 
@@ -308,10 +300,7 @@ class StiffnessTask:
         ]
 
     def __call__(self) -> float:
-        """Return the largest difference of an angle between springs and bars [rad].
-
-        The angles are compared until the wall has crossed the chain.
-        """
+        """Return the largest difference of an angle between springs and bars [rad]."""
         chain, rates = self.chain, np.array(self.rates)
         rest = chain.uniform_state(1)
         period = self.duration / _CROSSING_FRAMES
@@ -341,7 +330,7 @@ class TiltedRun:
 
 @dataclass(frozen=True)
 class TiltTask:
-    """Task to tilt a chain back and forth. Initially the chain leans left and is at rest."""
+    """Task to tilt a chain back and forth, from the left-leaning state at rest."""
 
     chain: Chain
     mechanics: str

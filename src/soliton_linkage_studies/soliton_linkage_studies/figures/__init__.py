@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of the paper and additional figures, each compared with theory.
 
-To add a figure, write three items: a module here that registers its function in `FIGURES`, a
-section of the same name in the settings, and a test.
+To add a figure, write a module here that registers its function in `FIGURES`, a section of the
+same name in the settings, and a test.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from soliton_linkage_studies.program import Registry
 from soliton_linkage_studies.settings import Section
 
 DrawFigure = Callable[[Section, bool], FigureReport]
-"""Function that draws a figure from its settings, and returns the report. The second argument is
-`quick`, which reduces the number of points."""
+"""Function that draws a figure from its settings and returns the report. The second argument,
+`quick`, reduces the number of points."""
 
 FIGURES: Registry[DrawFigure] = Registry()

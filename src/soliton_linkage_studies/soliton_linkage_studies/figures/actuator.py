@@ -25,20 +25,16 @@ from soliton_linkage_studies.pneumatic_fit import StepResponse, fit_step_respons
 from soliton_linkage_studies.settings import Section, chain_from
 
 _TOLERANCE = 1e-12
-"""Tolerance of the integration error per time unit [rad]. With this tolerance, work and energy
-agree to 1e-9."""
+"""Integration error per time unit [rad], with which work and energy agree to 1e-9."""
 TIME = 'time [s]'
 """Label of the time axes."""
 _STEPPED = slice(None, None, 20)
-"""Slice of the instants at which the numerical solution is evaluated: every twentieth one."""
+"""Every twentieth instant, at which the numerical solution is evaluated."""
 
 
 @dataclass(frozen=True)
 class CommandResponse:
-    """Pressure response of an actuator at T instants.
-
-    The closed form is compared with a numerical integration.
-    """
+    """Pressure response of an actuator at T instants, in closed form and integrated."""
 
     times: Array
     """Instants of the response [s], shape (T,)."""
@@ -104,8 +100,7 @@ class DrivenChain:
     energies: Array
     """Energy that the chain has gained since the first frame [J], shape (T,)."""
     works: Array
-    """Work of the actuator since the first frame [J], shape (T,). It is computed from torques and
-    angles."""
+    """Work of the actuator since the first frame [J], shape (T,), from torques and angles."""
 
 
 def driven_chain(
@@ -142,7 +137,7 @@ the torques and angles of its frames (dotted black). The two curves must be equa
 _SEED = 1
 """Random seed of the measurement noise."""
 _FRAMES_A_SECOND = 500
-"""Frame rate of the driven chain [Hz]. A quick figure uses a quarter of this rate."""
+"""Frame rate of the driven chain [Hz]; a quick figure uses a quarter."""
 
 
 @FIGURES.add('soft_actuator')

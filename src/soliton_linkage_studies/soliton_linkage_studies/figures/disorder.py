@@ -21,11 +21,10 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 
 def score_interval(share: Array, count: int, deviations: float = 1.0) -> tuple[Array, Array]:
-    """Return both ends of the Wilson score interval of fractions.
+    """Return both ends of the Wilson score interval of fractions of `count` draws.
 
-    `share` contains fractions of `count` draws and may have any shape. For a fraction s, the ends
-    are the probabilities p with |s - p| = deviations sqrt(p (1 - p) / count). The width of the
-    interval is above 0 even if all draws have the same result.
+    For a fraction s, the ends are the probabilities p with |s - p| = deviations sqrt(p (1 - p) /
+    count). The interval has a width above 0 even if all draws have the same result.
     """
     pull = deviations**2 / count
     middle = share + pull / 2
@@ -45,11 +44,10 @@ _TITLES = {'rigid': 'a  rigid bars', 'elastic': 'b  springs'}
 _QUICK_SEEDS = 3
 """Largest number of chains per class and deviation in a quick figure."""
 _NORMAL = 1.959964
-"""Half width of the interval that contains the central 95 % of a normal distribution [standard
-deviations]."""
+"""Half width of the central 95 % of a normal distribution [standard deviations]."""
 _ASIDE = 0.4
-"""Horizontal offset between the points of different chains, on the axis of the standard deviation
-[%]. It prevents overlaps of the error bars."""
+"""Horizontal offset between the points of different chains [%], so that error bars do not
+overlap."""
 
 
 @FIGURES.add('disorder_against_passage')
@@ -117,8 +115,7 @@ def _deviating(chain: Chain, fraction: float, seed: int) -> Chain:
 def _compare_passage(report: FigureReport, fractions: Array, free: Array, passed: Array) -> None:
     """Compare the survival rate of all rigid chains with that of chains without blocked bonds.
 
-    `free` (no blocked bond) and `passed` (the wall crosses and returns) have shape (F, K), for F
-    relative standard deviations and K chains.
+    `free` (no blocked bond) and `passed` have shape (F, K), for F disorders and K chains.
     """
     for fraction, sufficient, passes in zip(fractions, free, passed, strict=True):
         name = f'deviations of {100 * fraction:g} %, rigid'
@@ -140,7 +137,6 @@ def _compare_passage(report: FigureReport, fractions: Array, free: Array, passed
 
 
 def _returns(chain: Chain, kick: float, mechanics: str) -> bool:
-    """Return whether the wall crosses and returns; return False if the measurement fails."""
     try:
         found = measure_survival(chain, SweepTrial(kick=kick, mechanics=mechanics))
     except (ArithmeticError, ValueError):

@@ -74,11 +74,7 @@ def _ring_of_lean(ratio: float, lean_ratio: float) -> Chain:
 
 
 def _anti_kink_cost(ring: Chain) -> float:
-    """Return the energy of an anti-kink at rest [J].
-
-    It is the energy of a ring in equilibrium with a kink and an anti-kink, because the kink has
-    zero energy.
-    """
+    """Return the energy of an anti-kink at rest [J], as the energy of a kink and anti-kink."""
     rotors, theory = ring.number_of_rotors, FlipperTheory(ring)
     positions = ring.spacing * np.arange(rotors)
     kink, anti_kink = (ring.spacing * (rotors * share - 0.5) for share in (0.25, 0.75))
@@ -101,19 +97,17 @@ wall. Hollow markers are upper bounds, because reflected phonons of the kick may
 wake.
 """
 _REACH = 8
-"""Smallest distance between the wall and its wake, in penetration depths [1]. At this distance,
-the tail of the wall has decayed to e^-8."""
+"""Smallest distance between the wall and its wake [penetration depths], where the tail is e^-8."""
 _CONTINUUM = 0.3
-"""Threshold of the lean ratio d [1]: a chain is compared with continuum theory if d is smaller.
-The error of the theory is of order d^2."""
+"""Largest lean ratio d for a comparison with continuum theory [1], whose error is of order d^2."""
 _ENERGIES = {
     'a': 'total energy / E_s [1]',
     'b': 'elastic / kinetic energy [1]',
     'c': 'energy behind the wall / total energy [1]',
 }
 _SLOW = 0.87
-"""Threshold of the relative speed v / c [1]: the energy of a wall is compared with theory if its
-speed is smaller. Then the error of the theory is a few per cent."""
+"""Largest relative speed v / c for a comparison with theory [1]. Its error is then a few per
+cent."""
 
 
 @FIGURES.add('energy_against_speed')
@@ -179,12 +173,11 @@ def _draw_theory(panels: Sequence[Axes], theory: WallTheory) -> None:
 
 
 def _energies(chain: Chain, kick: float) -> tuple[float, float, float, float, float]:
-    """Return relative speed [1], kinetic, elastic and wake energy [J], and a flag for echoes [1].
+    """Return relative speed [1], kinetic, elastic and wake energy [J], and a flag for echoes.
 
-    The energies are means over the first passage of the wall through the middle of the chain. The
-    sudden kick emits phonons. They overtake a slow wall and are reflected by the first rotor. The
-    flag is 1 if the fastest phonon can be behind the wall in one of the averaged frames, otherwise
-    0.
+    Energies are means over the first passage of the wall through the middle of the chain. The kick
+    emits phonons, which overtake a slow wall and are reflected by the first rotor. The flag is 1
+    if the fastest of them can be behind the wall in one of the averaged frames, otherwise 0.
     """
     recording, speed = record_moving_wall(chain, kick)
     positions = wall_positions(chain, recording)

@@ -37,7 +37,8 @@ frequency below the gap, which is the lowest point of each line. The thin grey l
 frequency of the zero mode.
 """
 _LONG = 400
-"""Number of rotors of a long chain [1]. Its lowest modes agree with the infinite chain to 1e-4."""
+"""Number of rotors of a long chain [1], whose lowest modes agree with the infinite chain to
+1e-4."""
 
 
 @FIGURES.add('figure_1')
@@ -126,7 +127,7 @@ def _draw_bands(report: FigureReport, axes: Axes, chains: list[Chain]) -> None:
 
 
 def _compare(report: FigureReport, chain: Chain, rotors: int) -> None:
-    """Compare linear theory with the normal modes of a long chain, which has `rotors` rotors."""
+    """Compare linear theory with the normal modes of a chain of `rotors` rotors."""
     name, spacing, unit = parameters(chain), chain.spacing, chain.time_unit
     long_chain = Chain(
         rotors, spacing, chain.rotor_length, chain.rest_angle, chain.mass, chain.stiffness
@@ -181,20 +182,12 @@ def _compare(report: FigureReport, chain: Chain, rotors: int) -> None:
 
 
 def _extrapolated_gap(frequencies: Array) -> float:
-    """Return the gap of the infinite chain, from the frequencies of a finite chain.
-
-    The gap follows from the two lowest modes j = 1, 2: omega_j^2 = gap^2 + curvature j^2 + O(j^4).
-    The result has the unit of the frequencies.
-    """
+    """Return the gap of the infinite chain from its two lowest modes j in a finite chain."""
     squares = np.sort(frequencies)[:2] ** 2
     return math.sqrt((4 * squares[0] - squares[1]) / 3)
 
 
 def _curvature(frequencies: Array) -> float:
-    """Return the speed of sound, from the frequencies of a finite chain.
-
-    The speed follows from the two lowest modes, which have the wave numbers k a = pi j / N. The
-    result is in [spacings / s] if the frequencies are in [rad/s].
-    """
+    """Return the speed of sound [spacings / s] from the two lowest modes, k a = pi j / N."""
     squares = np.sort(frequencies)[:2] ** 2
     return math.sqrt((squares[1] - squares[0]) / 3) * (len(frequencies) + 1) / math.pi

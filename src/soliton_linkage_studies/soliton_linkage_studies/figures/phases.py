@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The phases of motion and the configuration spaces of the unit cell (paper, Fig. 4)."""
+"""Phases of motion and configuration spaces of the unit cell (paper, Fig. 4)."""
 
 from __future__ import annotations
 
@@ -36,8 +36,7 @@ from soliton_linkage_studies.unit_cell import (
 )
 
 _FINE = 40_000
-"""Number of steps along the curves whose slopes are compared with theory [1]. With this number, a
-slope is accurate to 1e-7."""
+"""Number of steps along curves whose slopes are compared with theory [1], accurate to 1e-7."""
 _SHAPE = 1.9
 """Aspect ratio of a panel of the unit cells, width / height [1]."""
 _REGIONS = {
@@ -47,8 +46,7 @@ _REGIONS = {
 }
 """Position of the label of each phase: r/a [1] and rest angle [rad]."""
 _TINT = 0.2
-"""Saturation of the background of a phase [1]. The background is pale, so that lines and labels
-are readable."""
+"""Saturation of the background of a phase [1]; lines and labels stay readable."""
 _RADIUS = 2.2
 """Major radius of the drawn torus, relative to its minor radius [1]."""
 _ELEVATION, _AZIMUTH = math.radians(50), math.radians(-60)
@@ -137,7 +135,6 @@ def _draw_diagram(report: FigureReport, axes: Axes, chains: list[Chain], points:
 
 
 def _draw_cells(axes: Axes, chain: Chain, letter: str) -> None:
-    """Draw the four uniform states of a cell: right- and left-leaning, and both upside down."""
     cell = Chain(2, chain.spacing, chain.rotor_length, chain.rest_angle)
     across = 2 * chain.rotor_length + 2 * chain.spacing
     down = 2.2 * chain.rotor_length * math.cos(chain.rest_angle) + 0.9 * chain.spacing
@@ -174,10 +171,6 @@ def _draw_curves(
 
 
 def _draw_solid_torus(axes: Axes3D, curves: tuple[Array, ...], letter: str) -> None:
-    """Draw the curves on a torus in space.
-
-    theta_1 runs around the axis of the torus, theta_2 around its tube.
-    """
     around, across = np.meshgrid(np.linspace(0, 2 * np.pi, 60), np.linspace(0, 2 * np.pi, 30))
     axes.computed_zorder = False
     axes.plot_surface(
@@ -211,10 +204,7 @@ def on_torus(around: Array, across: Array) -> tuple[Array, Array, Array]:
 
 
 def hidden(points: Array) -> NDArray[np.bool_]:
-    """Return whether each point of the torus is hidden from the viewer, shape (K,).
-
-    `points` has shape (3, K).
-    """
+    """Return whether points of the torus, shape (3, K), are hidden from the viewer, shape (K,)."""
     eye = np.array(
         [
             math.cos(_ELEVATION) * math.cos(_AZIMUTH),
@@ -268,10 +258,7 @@ def _compare(report: FigureReport, chain: Chain, curves: tuple[Array, ...]) -> N
 
 
 def _compare_limits(report: FigureReport, chain: Chain) -> None:
-    """Compare the limit between flippers and spinners with theory.
-
-    The limit is the ratio r/a at which the number of components changes. It is found by bisection.
-    """
+    """Compare the r/a at which the number of components changes with theory."""
     low, high = 0.1, 100.0
     while high - low > 1e-9 * high:
         ratio = (low + high) / 2

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of the profiles and widths of moving walls (paper, Figs. 5 and 6)."""
+"""Profiles and widths of moving walls (paper, Figs. 5 and 6)."""
 
 from __future__ import annotations
 
@@ -64,11 +64,9 @@ Angles φ of the rotors in one snapshot of the slowest wall. Far from the wall, 
 blue) and odd rotors (hollow blue) differ by the constant π − 2 θ̄.
 """
 _FAR = 5
-"""Number of rotors at an edge of the chain [1]. A wall in the middle does not affect their
-angles."""
+"""Number of rotors at an edge whose angles a wall in the middle does not affect [1]."""
 _PROFILES = 4
-"""Number of walls whose profiles are drawn, beginning with the slowest [1]. The profiles of more
-walls would overlap."""
+"""Number of drawn profiles, the slowest walls [1]. More profiles would overlap."""
 
 
 @dataclass(frozen=True)
@@ -79,11 +77,9 @@ class WallAtSpeed:
     snapshots: Snapshots
     relative_speed: float
     width: float
-    """Width from the slope of arctanh of the order field, relative to the continuum width at rest
-    [1]."""
+    """Width from the slope of arctanh, relative to the continuum width at rest [1]."""
     fitted_width: float
-    """Mean of the widths from tanh fits to the snapshots, relative to the continuum width at rest
-    [1]."""
+    """Mean width from tanh fits to the snapshots, relative to the continuum width at rest [1]."""
 
 
 @dataclass(frozen=True)
@@ -91,8 +87,7 @@ class Inset:
     """Additional panel of a profile figure, with its part of the caption."""
 
     draw: Callable[[FigureReport, Axes, Chain, WallAtSpeed], None]
-    """Function that draws the panel. It receives the report, the axes, the chain and the slowest
-    wall."""
+    """Function of the report, the axes, the chain and the slowest wall that draws the panel."""
     caption: str
 
 
@@ -145,7 +140,6 @@ def _profile_figure(
 
 
 def _panels(figure: Figure) -> tuple[Axes, Axes, Axes]:
-    """Add a wide panel for the profiles and two small panels, as in the paper; return them."""
     grid = figure.add_gridspec(2, 3)
     main = figure.add_subplot(grid[:, :2])
     main.set(xlabel='distance from the wall n − X(t) [rotor spacings]')
@@ -225,7 +219,6 @@ def _draw_widths(report: FigureReport, axes: Axes, chain: Chain, walls: list[Wal
 
 
 def _compare_walls(report: FigureReport, chain: Chain, walls: list[WallAtSpeed]) -> None:
-    """Compare the speed of each wall, and its width from two estimators, with theory."""
     sound = speed_of_sound(chain) * chain.time_unit / chain.spacing
     way = site_arc(chain) * chain.rotor_length / chain.spacing
     for wall in walls:
@@ -289,10 +282,7 @@ def _draw_wobbler(report: FigureReport, axes: Axes, chain: Chain) -> None:
 
 
 def _draw_offset(report: FigureReport, axes: Axes, chain: Chain, wall: WallAtSpeed) -> None:
-    """Draw the angles of even and odd rotors in one snapshot.
-
-    Compare the constant difference between neighbours with theory.
-    """
+    """Draw the angles of even and odd rotors in one snapshot, and compare their difference."""
     positions = wall.snapshots.distances[len(wall.snapshots.distances) // 2]
     angles = wall.snapshots.angles[len(wall.snapshots.distances) // 2]
     theta = staggered(angles)
@@ -325,10 +315,7 @@ def _draw_offset(report: FigureReport, axes: Axes, chain: Chain, wall: WallAtSpe
 
 
 def _width_at_rest(chain: Chain) -> float:
-    """Return the width of a wall at rest, relative to its continuum width [1].
-
-    The width is from the slope of arctanh of the order field.
-    """
+    """Return the width of a wall at rest from the slope of arctanh, relative to theory [1]."""
     found = arctanh_width(*static_profile(chain, (chain.number_of_rotors - 1) / 2))
     return found * chain.spacing / chain.wall_width
 

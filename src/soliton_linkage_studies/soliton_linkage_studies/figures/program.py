@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Draw the figures of the paper and additional figures, with their data and a table.
 
-Write each figure as PNG and PDF and its data as CSV. Write table.md, which compares the values of
+Each figure is written as PNG and PDF, its data as CSV. The file table.md compares the values of
 the paper, of the corrected theory and of the simulated chain. Figures that are not drawn again
 keep their rows in the table.
 """

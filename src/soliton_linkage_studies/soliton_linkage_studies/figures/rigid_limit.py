@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figure that shows how chains of stiff springs converge to the chain of rigid bars."""
+"""Convergence of chains of stiff springs to the chain of rigid bars."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from soliton_linkage_studies.settings import Section, chain_from
 def convergence_order(stiffnesses: ArrayLike, distances: ArrayLike) -> float:
     """Return the order in 1 / k_e with which springs converge to rigid bars [1].
 
-    The order is the slope of a line fitted to the logarithms of the three largest stiffnesses and
-    of their distances from rigid bars.
+    It is the slope of a line through the logarithms of the three largest stiffnesses and
+    distances.
     """
     stiffest, nearest = np.log(np.asarray(stiffnesses)[-3:]), np.log(np.asarray(distances)[-3:])
     return -float(np.polyfit(stiffest, nearest, 1)[0])
 
 
 def draw_convergence(axes: Axes, stiffnesses: ArrayLike, distances: ArrayLike, label: str) -> Axes:
-    """Draw the angle deviations from rigid bars [rad] against the stiffness.
+    """Draw the angle deviations from rigid bars [rad] against the stiffness, each of shape (K,).
 
-    Both arrays have shape (K,). A dashed line shows convergence of order 1.
+    A dashed line shows convergence of order 1.
     """
     across, up = np.asarray(stiffnesses), np.asarray(distances)
     axes.loglog(across, up, 'o', color=MEASURED, label=label)
@@ -54,8 +54,7 @@ from the chain of rigid bars, over all rotors and times, against the stiffness (
 line has slope −1 and passes through the last dot.
 """
 _TRACKED = 3
-"""Number of stiffnesses for which the wall path is drawn [1]. The paths of stiffer chains would
-overlap."""
+"""Number of stiffnesses with a drawn wall path [1]. Paths of stiffer chains would overlap."""
 _PATH = ('time [sqrt(M/k_e)]', 'wall at rotor [rotor spacings]')
 
 

@@ -37,15 +37,15 @@ _LOWERED = (
     'look longer than their true length.'
 )
 _APART = 1.6
-"""Downward shift of odd rotors in pictures in which they would overlap even rotors, relative to
-the rotor length [1]."""
+"""Downward shift of odd rotors that would overlap even rotors, relative to the rotor length
+[1]."""
 _WIDTH = 9.0
 """Width of the figure [inches]."""
 _TITLE = 0.4
 """Height of a title above a panel, with margin [inches]."""
 _SAMPLES = 400
-"""Number of frames in which one cycle of rigid bars is simulated [1]. Each crossing of the wall
-has several dozen frames, so that all reflections are counted."""
+"""Number of frames of a simulated cycle of rigid bars [1], several dozen per crossing of the
+wall."""
 _LEGEND = 0.3
 """Height of the legend below the panels [inches]."""
 
@@ -91,10 +91,7 @@ def snapshot_figure(section: Section, quick: bool) -> FigureReport:
 
 
 def draw_snapshot(axes: Axes, chain: Chain, angles: Array, lowered: float) -> ChainPicture:
-    """Draw a chain of springs with its zero mode, and the projections of its rotors below.
-
-    `lowered` is the downward shift of odd rotors [m].
-    """
+    """Draw a chain with its zero mode and projections; odd rotors are `lowered` [m]."""
     mode = zero_mode(chain, angles)
     picture = ChainPicture(axes, chain, angles, mode, projections=True, lowered=lowered)
     for arrows in (picture.arrows, picture.projections):
@@ -106,7 +103,6 @@ def draw_snapshot(axes: Axes, chain: Chain, angles: Array, lowered: float) -> Ch
 def _turning_points(
     chain: Chain, recording: Recording, track: Track, crossings: tuple[Crossing, ...]
 ) -> list[int]:
-    """Return two frames: wall halfway through its first crossing, and wall after its return."""
     halfway = (crossings[0].start + crossings[0].end) / 2
     back = recording.times >= crossings[1].end
     back &= recording.times <= 2 * crossings[1].end - crossings[1].start

@@ -134,9 +134,8 @@ def _draw_decays(
 ) -> None:
     """Draw two fits of a decaying oscillation: exact decay length, and that of the paper.
 
-    A fit is u = ub + e^(-x / depth) (A cos(pi x / a) + B sin(pi x / a)), where x is the distance
-    from the wall and ub is the rest value. A and B are fitted to the dots beyond 1.5 spacings from
-    the wall, with weights e^(x / depth).
+    A fit is u = ub + e^(-x / depth) (A cos(pi x / a) + B sin(pi x / a)) at the distance x from the
+    wall. A and B are fitted beyond 1.5 spacings with weights e^(x / depth).
     """
     fine = np.linspace(1.0, _BESIDE, 400)
     far = positions > _NEAR
@@ -175,7 +174,6 @@ def _compare_overshoot(report: FigureReport, chain: Chain) -> None:
 
 
 def _compare_tail(report: FigureReport, chain: Chain) -> None:
-    """Compare the tail of a wall at rest with theory: decay length and wavelength."""
     depth = penetration_depth(chain) / chain.spacing
     middle = chain.number_of_rotors // 2
     tail = np.sin(static_wall(chain, middle + 0.5))[middle - int(12 * depth) - 6 : middle - 5]
@@ -198,10 +196,9 @@ def _compare_tail(report: FigureReport, chain: Chain) -> None:
 
 
 def wavelength(deviation: Array) -> float:
-    """Return the wavelength of an oscillation along the chain [rotor spacings].
+    """Return the wavelength of an oscillation with one value per rotor [rotor spacings].
 
-    `deviation` has one value per rotor. The wavelength is twice the mean distance between
-    interpolated zeros, or infinity if there are fewer than two zeros.
+    It is twice the mean distance between interpolated zeros, or infinity for fewer than two zeros.
     """
     before = np.flatnonzero(np.signbit(deviation[:-1]) != np.signbit(deviation[1:]))
     if len(before) < 2:

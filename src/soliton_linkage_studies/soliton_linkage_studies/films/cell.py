@@ -18,7 +18,7 @@ from soliton_linkage_studies.settings import Section, chain_from
 from soliton_linkage_studies.unit_cell import configuration_curves
 
 _SMOOTH = 800
-"""Number of steps of a drawn curve [1]. No step is longer than a pixel."""
+"""Number of steps of a drawn curve [1], none longer than a pixel."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,6 @@ class CellScene(Scene):
     """
 
     def __init__(self, title: str, motion: Cell, shape: Format) -> None:
-        """Trace the configuration space and draw the first frame."""
         chain = motion.chain
         curves = configuration_curves(chain, _SMOOTH)
         arc = float(np.linalg.norm(np.diff(curves[0], axis=0), axis=1).sum())

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Films of a full cycle of a wall, as a flat drawing or as a three-dimensional linkage.
-
-The three-dimensional linkage can be built, because its rotors and bars lie in separate planes.
-"""
+"""Films of a full cycle of a wall, as a flat drawing or as a three-dimensional linkage."""
 
 from __future__ import annotations
 
@@ -38,8 +35,8 @@ from soliton_linkage_studies.palette import BLACK, BLUE, GREY, RED, WHITE
 from soliton_linkage_studies.settings import Section, chain_from
 
 _AZIMUTH = math.radians(-75)
-"""Initial azimuth of the camera [rad]. The camera is 15 degrees beside the front, so that no rotor
-hides the bar that is attached to it."""
+"""Initial azimuth of the camera [rad], 15 degrees beside the front, so that no rotor hides its
+bar."""
 _ELEVATION = math.radians(22)
 """Elevation of the camera above the axles [rad]."""
 _ZOOM = 1.9
@@ -92,7 +89,6 @@ class CycleScene(Scene):
     """
 
     def __init__(self, title: str, motion: KickedWall, shape: Format) -> None:
-        """Simulate the motion and draw its first frame."""
         chain = motion.chain
         super().__init__(title, motion.describe(), shape, motion.duration, chain.time_unit)
         rest = chain.uniform_state(1)
@@ -121,9 +117,9 @@ class Staggering:
 
     motion: KickedWall
     depth: float
-    """Distance between the planes of each rotor and of the bar behind the rotor, in units of a."""
+    """Distance between the planes of each rotor and of the bar behind it, in units of a."""
     turn: float
-    """Angle by which the azimuth of the camera changes during the film [rad]."""
+    """Change of the camera's azimuth during the film [rad]."""
 
     @staticmethod
     def read(section: Section) -> Staggering:
@@ -137,7 +133,7 @@ class Staggering:
 
 @film_kind('staggered', Staggering.read)
 class StaggeredScene(Scene):
-    """Scene of a three-dimensional linkage with a rotating camera, and its space-time diagram."""
+    """Scene of a three-dimensional linkage, whose rotors and bars lie in separate planes."""
 
     caption = f"""
     Each rotor and each bar lies in a separate plane. Where two bodies cross, the nearer one has a
@@ -145,7 +141,6 @@ class StaggeredScene(Scene):
     """
 
     def __init__(self, title: str, settings: Staggering, shape: Format) -> None:
-        """Simulate the motion and draw its first frame."""
         motion = settings.motion
         chain = motion.chain
         subtitle = f'{motion.describe()}, rigid bars'
@@ -219,10 +214,9 @@ class StaggeredScene(Scene):
 def layered(chain: Chain, angles: Array, layer: float) -> Array:
     """Return both end points of each rotor, axle, pin and bar [m], in this order.
 
-    The result has shape (3 N + number of springs, 2, 3). Rotor n lies in the plane y = 2 n layer,
-    with `layer` in [m]. The bar between two rotors lies halfway between their planes. Pins
-    connect the planes. Two bodies that are not joined never lie in the same plane, so that they
-    cannot collide at any angles.
+    The result has shape (3 N + number of springs, 2, 3). Rotor n lies in the plane y = 2 n layer
+    [m], the bar between two rotors halfway between their planes. Pins connect the planes. Bodies
+    that are not joined never lie in the same plane, so that they cannot collide.
     """
     pivots, masses = pivot_points(chain), mass_points(chain, angles)
     planes: Array = np.linspace(0.0, 2 * layer * chain.number_of_springs, len(pivots))
@@ -241,10 +235,9 @@ def layered(chain: Chain, angles: Array, layer: float) -> Array:
 
 
 def from_behind(bodies: Array, azimuth: float, elevation: float) -> list[int]:
-    """Return the indices of the bodies in the order from back to front.
+    """Return the indices of bodies, pairs of end points [m], from back to front.
 
-    The bodies are pairs of end points [m], shape (K, 2, 3). The direction of the camera is given
-    by its azimuth and elevation [rad].
+    The direction of the camera is given by its azimuth and elevation [rad].
     """
     towards = np.array(
         [

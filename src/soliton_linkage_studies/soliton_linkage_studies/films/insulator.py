@@ -30,9 +30,9 @@ class Insulation:
 
     chain: Chain
     swing: float
-    """Largest amplitude of a rotor in the zero mode, and amplitude of the driven rotor [rad]."""
+    """Largest amplitude of a rotor in the zero mode, and that of the driven rotor [rad]."""
     drives: tuple[float, ...]
-    """Angular frequencies of both drives, divided by the angular frequency of the gap [1]."""
+    """Angular frequencies of both drives, relative to the gap [1]."""
     duration: float
     """Duration of the motion [s]."""
 
@@ -61,7 +61,6 @@ class InsulatorScene(Scene):
     """
 
     def __init__(self, title: str, motion: Insulation, shape: Format) -> None:
-        """Compute the motions by linear theory and draw the first frame."""
         chain = motion.chain
         super().__init__(title, description(chain), shape, motion.duration, chain.time_unit)
         mode = zero_mode(chain, chain.uniform_state(1))
@@ -124,11 +123,11 @@ class InsulatorScene(Scene):
 
 
 def driven(chain: Chain, frequency: float) -> Array:
-    """Return the steady-state response of the right-leaning chain to a torque on rotor 0.
+    """Return the steady response of the right-leaning chain to a torque on rotor 0, shape (N,).
 
-    The response is the complex amplitude of each rotor divided by the amplitude of rotor 0 [1],
-    shape (N,). It solves (K - omega^2 I + i omega damping) x = torque at the angular frequency
-    omega [rad/s], with the stiffness matrix K and the moments of inertia I.
+    The complex amplitudes, relative to rotor 0 [1], solve (K - omega^2 I + i omega damping) x =
+    torque at the angular frequency omega [rad/s], with the stiffness matrix K and the moments of
+    inertia I.
     """
     stiffness = stiffness_matrix(chain, chain.uniform_state(1)).toarray()
     inertia = np.diag(-(frequency**2) * chain.moments_of_inertia + 1j * frequency * chain.dampings)

@@ -45,12 +45,12 @@ class Film:
     """Function that makes the scene of this kind of film."""
     title: str
     motion: Any
-    """Settings of the motion. Their type depends on the kind of film."""
+    """Settings of the motion, of a type that depends on the kind of film."""
     shape: Format
 
 
 def read_films(settings: Section) -> list[Film]:
-    """Return the films of a settings file. Raises ValueError if the settings are invalid."""
+    """Return the films of a settings file. Raises ValueError for invalid settings."""
     settings.check_keys('frame_rate', 'size', 'films')
     frame_rate = settings.number('frame_rate', 1.0, 120.0)
     size = settings.numbers('size', 64, 8192)
@@ -71,10 +71,7 @@ def read_films(settings: Section) -> list[Film]:
 
 
 def resized(film: Film, width: int, height: int, most_frames: int | None = None) -> Film:
-    """Return a film of the same motion with another frame size [pixels].
-
-    `most_frames` limits the number of frames. None means no limit.
-    """
+    """Return a film with another frame size [pixels] and at most `most_frames` frames."""
     frames = min(film.shape.frames, most_frames or film.shape.frames)
     return replace(film, shape=replace(film.shape, frames=frames, width=width, height=height))
 
@@ -87,8 +84,8 @@ def scene_of(film: Film) -> Scene:
 _CODEC = 'libx264'
 _QUALITY = ('-crf', '20', '-preset', 'veryfast', '-movflags', '+faststart')
 SHRINKING = 2
-"""Factor by which the width and the height of a GIF are smaller [1]. The size is reduced because
-all frames of a GIF stay in memory until the film is finished."""
+"""Factor by which width and height of a GIF are smaller [1], because all its frames stay in
+memory."""
 
 
 @dataclass(frozen=True)
@@ -107,10 +104,7 @@ class FileKind:
 
 
 def file_kind() -> FileKind:
-    """Return MP4 if a program for H.264 is installed, otherwise GIF.
-
-    The program is the command ffmpeg or the ffmpeg of the package imageio_ffmpeg.
-    """
+    """Return MP4 if the command ffmpeg or that of imageio_ffmpeg writes H.264, otherwise GIF."""
     complaints = []
     programs = {'command ffmpeg': shutil.which('ffmpeg'), 'package imageio_ffmpeg': _packaged()}
     for name, program in programs.items():
@@ -145,10 +139,7 @@ def write_film(scene: Scene, frame_rate: float, path: Path, kind: FileKind) -> N
 
 
 class _Painter(FFMpegWriter):
-    """FFmpeg writer of pixels that are rendered already.
-
-    The method `grab_frame` of the base class would draw the static artists again in each frame.
-    """
+    """FFmpeg writer of rendered pixels, because `grab_frame` would draw all artists again."""
 
     def write(self, pixels: memoryview) -> None:
         """Write the RGBA pixels of one frame."""
@@ -157,7 +148,6 @@ class _Painter(FFMpegWriter):
 
 
 def _packaged() -> str | None:
-    """Return the path of ffmpeg in the package imageio_ffmpeg, or None without this package."""
     try:
         package: Any = importlib.import_module('imageio_ffmpeg')
         return str(package.get_ffmpeg_exe())
@@ -182,7 +172,7 @@ def _writes_h264(program: str) -> bool:
 def make_films(
     films: Sequence[Film], output: Path, kind: FileKind, workers: int | None = None
 ) -> None:
-    """Write films into a folder with `workers` processes. The default is one process per core.
+    """Write films into a folder with `workers` processes, by default one per core.
 
     A film appears in the folder when it is finished. On failure, unfinished films are deleted.
     """
@@ -198,7 +188,6 @@ def make_films(
 
 
 def _make(film: Film, scratch: Path, output: Path, kind: FileKind) -> None:
-    """Write one film and its caption file, then move it into the output folder."""
     name = film.name + kind.suffix
     with mpl.rc_context(STYLE):
         scene = scene_of(film)
@@ -214,7 +203,7 @@ _QUICK_SIZE = (320, 180)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command `films` and return its exit status: 1 on failure, 130 after Ctrl-C."""
+    """Run the command `films` and return its exit status."""
     width, height = _QUICK_SIZE
     quick = f'{_QUICK_FRAMES} frames of {width} x {height} pixels a film'
     parser = study_parser('films', __doc__, quick, selective=True)

@@ -31,14 +31,13 @@ STYLE: Any = {
     'axes.titlelocation': 'left',
     'text.hinting': 'no_hinting',
 }
-"""Settings of matplotlib for scenes. Without hinting, the text has the same proportions at every
+"""Settings of matplotlib for scenes. Without hinting, text has the same proportions at every
 resolution."""
 LEFT, WIDTH, BOTTOM, TOP = 0.07, 0.90, 0.085, 0.88
 """Area for the panels below the title, in fractions of the figure width and height [1]."""
 
 TOLERANCE = 1e-9
-"""Integration error of an angle per time unit [rad]. It is so small that the end of a filmed cycle
-does not visibly differ from its beginning."""
+"""Integration error of an angle per time unit [rad], invisible at the end of a filmed cycle."""
 
 SPACE_TIME = (
     'The space-time diagram shows the displacement u, with one row for each past frame and one '
@@ -102,16 +101,13 @@ class Scene(ABC):
         return float(self.times[1])
 
     def show(self, frame: int) -> None:
-        """Move all artists to their positions in a frame. Frames are counted from 0."""
+        """Move all artists to their positions in a frame, counted from 0."""
         time = self.times[frame]
         self._clock.set_text(f't = {time:.2f} s = {time / self._time_unit:.1f} √(M/kₑ)')
         self._move(frame)
 
     def paint(self, frame: int) -> memoryview:
-        """Return the RGBA pixels of a frame, top row first.
-
-        Artists that do not move are drawn only once.
-        """
+        """Return the RGBA pixels of a frame, top row first. Still artists are drawn only once."""
         self.show(frame)
         if self._still is None:
             for artist in self._moving:
@@ -168,7 +164,6 @@ class ProfilePanel:
     """Panel with the displacement profile u(x) of a chain and the theory of a wall at rest."""
 
     def __init__(self, axes: Axes, chain: Chain) -> None:
-        """Prepare the panel for a chain that starts in its right-leaning state."""
         self._chain = chain
         self._positions = pivot_points(chain)[:, 0]
         self._fine = np.linspace(self._positions[0], self._positions[-1], 400)
@@ -198,11 +193,7 @@ class ProfilePanel:
         self.moving = [*self.theory, *self.rotors]
 
     def show(self, angles: Array) -> None:
-        """Show a configuration [rad], shape (N,).
-
-        If the chain has exactly one wall, also show the theoretical angles of a wall at the
-        same position.
-        """
+        """Show a configuration [rad], shape (N,), and the theory of its wall if it has one."""
         lean = displacement(self._chain, angles)
         for parity, markers in enumerate(self.rotors):
             markers.set_data(self._positions[parity::2], 100 * lean[parity::2])
@@ -219,13 +210,12 @@ class ProfilePanel:
 def static_profile(
     chain: Chain, angles: Array, wall: float, positions: Array, parity: int = 0
 ) -> Array:
-    """Return the displacement u [m] of a wall at rest in the continuum theory.
+    """Return the displacement u [m] of a wall at rest in the continuum theory, at positions x [m].
 
-    The result has the shape of `positions` x [m]. `wall` is the wall position X [m]. For flippers
-    u = -r sin(theta_bar) tanh((x - X) / w). Spinners must start in the right-leaning state. Their
-    staggered angles are theta_bar + s arccos(-tanh((x - X) / w)) for even rotors (parity 0), and
-    theta_bar - s arccos(-tanh((x - X) / w)) for odd rotors (parity 1). The sign s is determined
-    from `angles` [rad], shape (N,).
+    For flippers u = -r sin(theta_bar) tanh((x - X) / w) with the wall position X [m]. The
+    staggered angles of spinners that start in the right-leaning state are theta_bar +- s
+    arccos(-tanh((x - X) / w)), + for even rotors (parity 0), - for odd rotors. The sign s is
+    determined from `angles` [rad], shape (N,).
     """
     order = -np.tanh((positions - wall) / chain.wall_width)
     rest = chain.rest_angle
@@ -238,10 +228,10 @@ def static_profile(
 
 
 def stacked(figure: Figure, chain: Chain, shares: tuple[float, ...]) -> list[Axes]:
-    """Return axes that are stacked from top to bottom and have the same x range.
+    """Return axes with the same x range, from top to bottom.
 
-    The first axes are for a picture of the chain to scale. The other axes divide the remaining
-    height in proportion to `shares`.
+    The first axes are for a picture of the chain to scale. The others divide the remaining height
+    in proportion to `shares`.
     """
     left, right, bottom, top = limits(chain, projections=True)
     wide, high = (float(length) for length in figure.get_size_inches())
@@ -269,14 +259,14 @@ class FilmKind:
 
     read: Callable[[Section], Any]
     scene: Callable[[str, Any, Format], Scene]
-    """Function that constructs the scene from the title, the settings and the format."""
+    """Constructor of the scene from the title, the settings and the format."""
 
 
 FILM_KINDS: Registry[FilmKind] = Registry()
 
 
 def film_kind(name: str, read: Callable[[Section], Any]) -> Callable[[AnyScene], AnyScene]:
-    """Return a decorator that registers a scene class and the function that reads its settings."""
+    """Return a decorator that registers a scene class and the reader of its settings."""
 
     def added(scene: AnyScene) -> AnyScene:
         FILM_KINDS.add(name)(FilmKind(read, scene))

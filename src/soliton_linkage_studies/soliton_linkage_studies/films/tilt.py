@@ -39,10 +39,7 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 @dataclass(frozen=True)
 class Tilting:
-    """Settings of a linkage of rigid bars that is tilted under gravity.
-
-    The tilt is a piecewise linear function of time.
-    """
+    """Settings of rigid bars under gravity, with a tilt that is piecewise linear in time."""
 
     chain: Chain
     times: tuple[float, ...]
@@ -78,7 +75,6 @@ class TiltScene(Scene):
     """
 
     def __init__(self, title: str, motion: Tilting, shape: Format) -> None:
-        """Simulate the motion and draw its first frame."""
         chain = motion.chain
         subtitle = f'{description(chain)}, rigid bars, a little friction'
         super().__init__(title, subtitle, shape, motion.times[-1], chain.time_unit)
@@ -113,10 +109,7 @@ class TiltScene(Scene):
 
 
 def _fallen(motion: Tilting, tilts: Array, period: float) -> Array:
-    """Return the angles of the linkage in each frame [rad], shape (frames, N).
-
-    The tilt is constant during each frame period [s].
-    """
+    """Return the angles in each frame [rad], shape (frames, N), with constant tilt between."""
     chain = motion.chain
     start = chain.uniform_state(-1)
     field = Gravity(motion.acceleration, float(tilts[0]))
@@ -130,7 +123,6 @@ def _fallen(motion: Tilting, tilts: Array, period: float) -> Array:
 
 
 def _projected(axes: Axes, chain: Chain, angles: Array, along: tuple[float, float]) -> Quiver:
-    """Draw the displacement u of each rotor as an arrow, in axes with the x range `along` [m]."""
     axes.set(xlim=along, ylim=(limits(chain, projections=True)[2], limits(chain)[2]))
     axes.set_axis_off()
     axes.set_title('u = r sin φ of each rotor')
@@ -138,10 +130,7 @@ def _projected(axes: Axes, chain: Chain, angles: Array, along: tuple[float, floa
 
 
 def _make_room(axes: Axes, chain: Chain, tilt: float) -> None:
-    """Widen the axis limits for a chain that is tilted by up to `tilt` [rad] about its middle.
-
-    Also draw the gravity arrow.
-    """
+    """Widen the limits for a chain tilted by up to `tilt` [rad] about its middle; draw gravity."""
     left, right, _, top = limits(chain)
     rise = (right - left) / 2 * math.sin(tilt) + top
     axes.set_ylim(-rise, rise)
