@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cost of analysing frames: the analyser node compared with a tanh fit by scipy's curve_fit.
 
-Both receive serialised joint states with velocities and a noise of 0.01 rad; a wall moves through
-the middle of a flipper chain. Both publish a SolitonState per frame. In each round, both process
-the same frames one after the other in one process. The published states are counted, and their
-positions are compared with the true positions. Then the analyser runs in a separate process and
-receives frames at 1000 Hz; the number of analysed frames and the processor load are measured.
-Finally, the time per frame is measured for recordings that are easy or hard to analyse.
+Both receive the same serialised joint states, with velocities, a noise of 0.01 rad and a wall in
+the middle of a flipper chain, and publish a SolitonState per frame. The states are counted, and
+their positions are compared with the true ones. Then the analyser runs in a separate process at
+1000 Hz. Finally, the time per frame is measured for recordings that are easy or hard to analyse.
 """
 
 from __future__ import annotations
@@ -22,7 +20,7 @@ import numpy as np
 import rclpy
 from analyse_costs import figures_of, records, times_of
 from comparison import Comparison, Figure, Part, parser, write
-from processes import node_command, own_domain, processor_time, running
+from processes import node_command, own_domain, processor_time, running, take_all, until
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
@@ -67,7 +65,6 @@ class Frames:
     """Joint states of a flipper chain with a wall at constant velocity in the middle half."""
 
     def __init__(self, rotors: int, count: int) -> None:
-        """Prepare a number of frames."""
         self.chain = Chain(number_of_rotors=rotors)
         self._orbit = UniformOrbit(self.chain)
         self._buffer = JointStateBuffer(NamedChain(self.chain, default_joint_names(rotors)))
@@ -98,7 +95,6 @@ class TanhFit:
     """Simple estimator: fit of u = -ub tanh((n - X) / w), starting from the last result."""
 
     def __init__(self, node: Node, chain: Chain) -> None:
-        """Publish through a node."""
         self._publisher = node.create_publisher(
             SolitonState, PEER_TOPIC, interfaces.SOLITON_STATE.qos
         )
@@ -135,7 +131,6 @@ class StateQueue:
     """Queue of the messages on a topic of soliton states."""
 
     def __init__(self, node: Node, topic: str) -> None:
-        """Subscribe with the queue depth of the subscriptions of the suite."""
         qos = interfaces.SOLITON_STATE.qos
         self.subscription: Subscription = node.create_subscription(
             SolitonState, topic, lambda _: None, qos, raw=True
@@ -149,10 +144,7 @@ class StateQueue:
 
     def drain(self) -> list[bytes]:
         """Return all waiting messages."""
-        handle, taken = self.subscription.handle, []
-        with handle:
-            while (message := handle.take_message(SolitonState, True)) is not None:
-                taken.append(message[0])
+        taken = [message for message, _ in take_all(self.subscription)]
         if taken:
             self.last = time.perf_counter()
         return taken
@@ -212,8 +204,7 @@ def compared(node: Node, rotors: int, arguments: argparse.Namespace) -> dict[str
         'theirs': StateQueue(node, PEER_TOPIC),
         'ours': StateQueue(node, interfaces.SOLITON_STATE.name),
     }
-    while not all(each.has_publisher() for each in states.values()):
-        time.sleep(POLL)
+    until(lambda: all(each.has_publisher() for each in states.values()), 'publishers')
     runs: dict[str, list[Run]] = {'theirs': [], 'ours': []}
     source = iter(frames)
     progress = ProgressLine(f'{rotors} rotors', arguments.rounds + 1)
@@ -252,10 +243,11 @@ def in_use(node: Node, seconds: float) -> dict[str, float]:
     warm, count = round(RATE), round(seconds * RATE)
     source = iter(Frames(IN_USE, warm + count))
     with running(node_command('soliton_analyser', settings)) as process:
-        while not (publisher.get_subscription_count() and states.has_publisher()):
-            if process.poll() is not None:
-                raise RuntimeError(f'the analyser ended with exit code {process.returncode}')
-            time.sleep(POLL)
+        until(
+            lambda: publisher.get_subscription_count() and states.has_publisher(),
+            'analyser',
+            process,
+        )
         send(publisher, states, source, warm, 'first second')
         start, cpu = time.perf_counter(), processor_time(process.pid)
         analysed = send(publisher, states, source, count, f'{IN_USE} rotors at {RATE:g} Hz')

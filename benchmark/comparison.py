@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Results of the parts of the benchmark: comparisons and figures, written as JSON and a table.
 
-A part runs our program and a peer (another tool) one after the other, on the same work, in rounds.
-Ratios are computed within a round, because the load of the machine changes between rounds.
+A part runs our program and a peer (another tool) in turn on the same work. Ratios are computed
+within a round, because the load of the machine changes between rounds.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ _PREFIXES = ((1.0, ''), (1e-3, 'm'), (1e-6, 'µ'), (1e-9, 'n'))
 
 @dataclass(frozen=True)
 class Comparison:
-    """The same work done by a peer and by our program, with one number per round for each.
+    """Same work done by a peer and by our program, with one number per round for each.
 
-    The ratio is above 1 if our program is better. For times and other costs it is theirs / ours.
-    For quantities that should be large, such as messages per second, it is ours / theirs.
+    The ratio is above 1 if our program is better: theirs / ours for costs, ours / theirs for
+    quantities that should be large.
     """
 
     peer: str

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Processor time of each node per frame of joint states.
 
-This process publishes the frames of a kicked chain at a fixed rate to one node after the other,
-each in a separate process. The simulator itself publishes to a number of subscribers. The table
-contains the processor time per frame of the whole process and of the thread that runs the
-callbacks, and the number of waits of its threads per frame.
+This process publishes the frames of a kicked chain to one node after the other. The simulator
+publishes to a number of subscribers. The table contains the processor time per frame of the
+process and of the thread that runs the callbacks, and the number of waits per frame.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from typing import Any
 
 import rclpy
 from many_chains import KICK, SETTLING, Chains, name
-from processes import node_command, own_domain, program_command, running
+from processes import node_command, own_domain, program_command, running, take_all, until
 
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import Edge, edge_mode
@@ -42,9 +41,6 @@ NODES = (
     'live_view',
     'bag_recorder',
 )
-START_LIMIT = 300.0
-POLL = 0.1
-SHORT_POLL = 0.002
 
 
 @dataclass(frozen=True)
@@ -93,11 +89,7 @@ def of_node(which: str, named: NamedChain, moved: Recording, arguments: Any) -> 
     node = rclpy.create_node('cost')
     chains = Chains(node, named, moved, round(SECOND / arguments.rate), 1)
     with node_process(which) as process:
-        deadline = time.monotonic() + START_LIMIT
-        while not chains.subscribed:
-            if time.monotonic() > deadline:
-                raise RuntimeError(f'{which} did not subscribe within {START_LIMIT:g} s')
-            time.sleep(POLL)
+        until(lambda: chains.subscribed, f'subscription of {which}')
         chains.publish(SETTLING)
         before = spent(process)
         frames, _ = chains.publish(arguments.seconds)
@@ -135,16 +127,9 @@ def frame() -> int:
     node = rclpy.create_node('cost')
     topic = interfaces.JOINT_STATES
     inbox = node.create_subscription(topic.type, topic.name, print, topic.qos, raw=True)
-    deadline = time.monotonic() + START_LIMIT
-    taken = None
-    while taken is None and time.monotonic() < deadline:
-        time.sleep(SHORT_POLL)
-        with inbox.handle:
-            taken = inbox.handle.take_message(topic.type, True)
+    _, info = until(lambda: take_all(inbox), topic.name)[0]
     node.destroy_node()
-    if taken is None:
-        raise RuntimeError(f'no joint_states within {START_LIMIT:g} s')
-    return int(taken[1]['publication_sequence_number'])
+    return info['publication_sequence_number']
 
 
 def row(what: str, taken: Spent, frames: int) -> str:

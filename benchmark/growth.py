@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Growth of time and memory with the number of rotors, and of memory with the length of a bag.
 
-Times are processor times of the working thread, averaged over many calls in each round. The
-exponent p of time ~ N^p is fitted to sizes of 1000 and more. Memory is the peak resident memory of
-a simulator process, and of `analyse_bag` on short and long bags.
+Times are processor times of the working thread. The exponent p of time ~ N^p is fitted to sizes of
+1000 and more. Memory is the peak resident memory of a simulator, and of `analyse_bag` on bags.
 """
 
 from __future__ import annotations

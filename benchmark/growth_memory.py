@@ -7,19 +7,16 @@ import re
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import rclpy
-from processes import node_command, running
+from processes import node_command, running, take_all, until
 from wall_bag import write_wall_bag
 
 from soliton_linkage_nodes.runtime import interfaces
 
 FRAMES = 20
 SPEED = 0.1
-LONGEST_WAIT = 120.0
-POLL = 0.01
 ANALYSE = """
 import sys
 from pathlib import Path
@@ -36,7 +33,13 @@ def simulator_memory(rotors: int) -> float:
     subscription = node.create_subscription(
         topic.type, topic.name, lambda _: None, topic.qos, raw=True
     )
-    handle, taken = subscription.handle, 0
+    taken = 0
+
+    def received() -> bool:
+        nonlocal taken
+        taken += len(take_all(subscription))
+        return taken >= FRAMES
+
     settings = {
         'chain.number_of_rotors': rotors,
         'initial_state': 'soliton',
@@ -44,13 +47,7 @@ def simulator_memory(rotors: int) -> float:
         'initial_velocity': SPEED,
     }
     with running(node_command('simulator', settings)) as simulator:
-        deadline = time.monotonic() + LONGEST_WAIT
-        with handle:
-            while taken < FRAMES:
-                taken += handle.take_message(topic.type, True) is not None
-                if time.monotonic() > deadline or simulator.poll() is not None:
-                    raise TimeoutError(f'{taken} frames after {LONGEST_WAIT:g} s')
-                time.sleep(POLL)
+        until(received, f'{FRAMES} frames', simulator)
         status = Path(f'/proc/{simulator.pid}/status').read_text(encoding='ascii')
     node.destroy_node()
     return largest_resident(status)

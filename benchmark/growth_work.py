@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import rclpy
-from processes import program_command, running
+from processes import program_command, running, until
 from rclpy.qos import QoSProfile
 from wall_bag import NOISE, RATE, SECOND, NoisyWall, named_chain
 
@@ -30,9 +30,7 @@ from soliton_linkage_nodes.messages.cdr import JointStateBuffer
 from soliton_linkage_nodes.runtime import interfaces
 
 FIRST_FRAMES = 30
-STEPS = 50
 ARRIVAL = 0.02
-LONGEST_WAIT = 30.0
 BATCH = 5
 
 
@@ -47,8 +45,7 @@ class Work:
 
 def wall_state(rotors: int) -> tuple[np.ndarray, np.ndarray]:
     """Return angles and rates of a chain with a moving wall, without noise."""
-    wall = NoisyWall(rotors, 0.0)
-    return wall.frame(FIRST_FRAMES)
+    return NoisyWall(rotors, 0.0).frame(FIRST_FRAMES)
 
 
 @contextmanager
@@ -118,9 +115,7 @@ def published(rotors: int) -> Iterator[Work]:
         return 1
 
     with running(program_command(Path(__file__).with_name('listener.py'), topic)):
-        deadline = time.monotonic() + LONGEST_WAIT
-        while not publisher.get_subscription_count() and time.monotonic() < deadline:
-            time.sleep(ARRIVAL)
+        until(publisher.get_subscription_count, 'subscriber')
         yield Work(publish)
     node.destroy_node()
 

@@ -2,15 +2,13 @@
 """Time of our integrator and of other tools to integrate a chain at equal error.
 
 Flippers (r/a = 0.5, theta_bar = 0.97, edge kick of 0.1) of 20 to 10,000 rotors and a spinner (r/a
-= 2, theta_bar = 1.18, edge kick of 0.3) move for 200 units of time. The error of a method is the
-largest error of an angle at the end, compared with heyoka at a tolerance of 1e-16. The times at
-errors of 1e-5 and 1e-8 are interpolated, in double logarithmic scale, between the two nearest
-settings. All methods run in each round, and ratios are computed within a round. Set-up and
-compilation are listed separately.
+= 2, theta_bar = 1.18, edge kick of 0.3) move for 200 units of time. The error is the largest error
+of an angle at the end, compared with heyoka at a tolerance of 1e-16. Times at errors of 1e-5 and
+1e-8 are interpolated, in double logarithmic scale, between the two nearest settings. Ratios are
+computed within a round. Set-up and compilation are listed separately.
 
-MuJoCo has a constant step. Therefore its time in long runs is extrapolated from a part of the
-duration. In chains of more than 150 rotors, the errors of 150 rotors are shown, because the
-wall does not move further.
+Times of MuJoCo, which has a constant step, are extrapolated from a part of long runs. In chains of
+more than 150 rotors, the errors of 150 rotors are shown, because the wall does not move further.
 """
 
 from __future__ import annotations
@@ -227,8 +225,8 @@ def figures_of(accounts: dict[str, dict[str, list[float]]]) -> list[Figure]:
 
 def growth_of(measured: dict[str, dict[str, Any]], problems: list[Problem]) -> list[Figure]:
     """Return the ratio of times per rotor in the longest and the shortest chain."""
-    flippers = sorted((each for each in problems if each.name == 'flipper'), key=size_of)
-    short, long = flippers[0], flippers[-1]
+    flippers = [each for each in problems if each.name == 'flipper']
+    short, long = (end(flippers, key=lambda each: each.rotors) for end in (min, max))
     times = [
         next(
             c.ours for c in measured[name_of(each)]['comparisons'] if f'{TARGETS[-1]:g}' in c.work
@@ -241,10 +239,6 @@ def growth_of(measured: dict[str, dict[str, Any]], problems: list[Problem]) -> l
     ]
     what = f'time per rotor, {long.rotors} / {short.rotors} rotors'
     return [Figure(what, '', per_rotor, 'linear in N: 1')] if short != long else []
-
-
-def size_of(problem: Problem) -> int:
-    return problem.rotors
 
 
 def compilation() -> list[Figure]:

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Methods to integrate a chain of springs: ours and those of other tools.
 
-`prepare` sets a method up for a problem and a setting, a tolerance or a step; it returns `ready`.
-`ready` resets the state and returns `run`. `run` integrates and returns the final angles; only its
-wall time is measured.
+`prepare` sets a method up for a problem and a tolerance or step, and returns `ready`, which resets
+the state and returns `run`. Only the wall time of `run` is measured; it returns the final angles.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 
 import heyoka
 import mujoco
@@ -149,14 +148,6 @@ def heyoka_taylor(problem: Problem, tolerance: float) -> Ready:
     return ready
 
 
-def mujoco_rk4(problem: Problem, step: float) -> Ready:
-    return mujoco_with('RK4', problem, step)
-
-
-def mujoco_implicit(problem: Problem, step: float) -> Ready:
-    return mujoco_with('implicitfast', problem, step)
-
-
 def mujoco_with(integrator: str, problem: Problem, step: float) -> Ready:
     model = mujoco_model(problem.chain, integrator)
     data = mujoco.MjData(model)
@@ -199,7 +190,7 @@ def mujoco_model(chain: Chain, integrator: str) -> mujoco.MjModel:
 OURS = Peer('ours', symplectic, tuple(10.0**-n for n in range(4, 12)))
 PEERS = (
     Peer('heyoka', heyoka_taylor, (1e-5, 1e-6, 1e-7, 1e-8, 1e-9)),
-    Peer('MuJoCo RK4', mujoco_rk4, (0.2, 0.1, 0.05, 0.025, 0.0125), constant_step=True),
-    Peer('MuJoCo implicitfast', mujoco_implicit, (0.1, 0.02, 0.005), constant_step=True),
+    Peer('MuJoCo RK4', partial(mujoco_with, 'RK4'), (0.2, 0.1, 0.05, 0.025, 0.0125), True),
+    Peer('MuJoCo implicitfast', partial(mujoco_with, 'implicitfast'), (0.1, 0.02, 0.005), True),
     Peer('scipy DOP853', plain_scipy, tuple(10.0**-n for n in range(4, 13))),
 )

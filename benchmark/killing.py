@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Losses of a recorder that is killed at random instants after its log line `recording to`.
 
-A recorder runs in a separate process, together with a given number of busy processes. This process
-publishes joint states at 1000 Hz, kills the recorder with SIGKILL, recovers the bag, and compares
-the recovered messages with the published ones. The busy processes pause while the recorder starts,
-because the start is not measured. With --real-time the recorder requests real-time priority.
+This process publishes joint states at 1000 Hz beside a number of busy processes, kills the
+recorder with SIGKILL, recovers the bag, and compares the messages. The busy processes pause while
+the recorder starts. With --real-time the recorder requests real-time priority.
 """
 
 from __future__ import annotations
@@ -117,7 +116,6 @@ class Load:
     """Processes that use all processors, except while they pause."""
 
     def __init__(self, number: int) -> None:
-        """Start a number of paused processes."""
         self._processes = [
             subprocess.Popen([sys.executable, '-c', 'while True: pass']) for _ in range(number)
         ]

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cost of the live page: processor time and memory of server, browser and simulator.
 
-A simulator, the other nodes and live_view run as processes, and headless Chromium shows the page.
-The processor load is processor time divided by time. The delay of a nudge is the time from the
-click on its button to the first picture in which a rotor has moved. Many browsers are simulated by
-clients of the stream only, as if the browsers ran on other machines. With --pages they are pages
-of Chromium on this machine. A socket that is never read simulates a browser that stops reading.
+Simulator, other nodes and live_view run as processes, and headless Chromium shows the page. The
+delay of a nudge is the time from the click on its button to the first picture in which a rotor has
+moved. Many browsers are simulated by clients of the stream, as if they ran on other machines, or
+with --pages by pages of Chromium. A socket that is never read simulates a stalled browser.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ import shutil
 import socket
 import statistics
 import sys
+import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext
@@ -25,6 +25,7 @@ from typing import Any
 import rclpy
 from comparison import Figure, Part, parser, write
 from diagnostic_msgs.msg import DiagnosticArray
+from live_watchers import ASK
 from processes import node_command, own_domain, processor_time, program_command, running
 from rclpy.node import Node
 
@@ -117,7 +118,6 @@ class Scene:
     def __init__(
         self, stack: ExitStack, settings: Mapping[str, Any], rate: float, nodes: Sequence[str]
     ) -> None:
-        """Start all processes and wait for the page."""
         stack.enter_context(own_domain())
         self.node = Node('benchmark')
         stack.callback(self.node.destroy_node)
@@ -246,8 +246,8 @@ def crowd(browsers: int, seconds: float, rounds: int, drawing: Any) -> list[Figu
     lost: dict[int, list[float]] = {visitors: [] for visitors in crowds}
     shares: dict[int, list[float]] = {visitors: [] for visitors in crowds}
     with scene(hertz=1000.0) as stage, ExitStack() as stack:
-        folder = stack.enter_context(temporary())
-        command = node_command('bag_recorder', {'output': folder / 'bag'})
+        folder = stack.enter_context(tempfile.TemporaryDirectory())
+        command = node_command('bag_recorder', {'output': Path(folder, 'bag')})
         stack.enter_context(running(command))
         stage.spin(lambda: 'bag_recorder' in stage.reports)
         for _, visitors in product(range(rounds), crowds):
@@ -305,25 +305,12 @@ def watching(visitors: int, drawing: Any) -> Iterator[None]:
 COUNTED = (('simulator', 'missed deadlines'), ('bag_recorder', 'lost messages'))
 
 
-@contextmanager
-def temporary() -> Iterator[Path]:
-    """Yield a temporary folder."""
-    import tempfile
-
-    with tempfile.TemporaryDirectory() as name:
-        yield Path(name)
-
-
 def silent_reader(seconds: float) -> list[Figure]:
     """Return the memory growth of the server for a browser that stops reading."""
     with scene(nodes=()) as stage:
         time.sleep(SETTLING)
         with socket.create_connection(('127.0.0.1', PORT)) as reader:
-            reader.sendall(
-                f'GET /stream HTTP/1.1\r\nHost: 127.0.0.1:{PORT}\r\nUpgrade: websocket\r\n'
-                'Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\n'
-                'Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n'.encode()
-            )
+            reader.sendall(ASK.format(port=PORT).encode())
             time.sleep(SETTLING)
             before = memory(stage.server)
             time.sleep(seconds)

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated browsers that receive pictures of the live page and acknowledge them.
-
-They represent browsers on other machines. They take little processor time, because they decode no
-pictures.
-"""
+"""Simulated browsers on other machines: they acknowledge pictures of the live page undecoded."""
 
 from __future__ import annotations
 
@@ -25,7 +21,6 @@ class Watcher(asyncio.Protocol):
     """Receiver of the pictures of one stream."""
 
     def __init__(self, port: int) -> None:
-        """Prepare a stream of the first chain."""
         self._port = port
         self._waiting = b''
         self._upgraded = False

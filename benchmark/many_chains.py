@@ -2,8 +2,7 @@
 """Cost of the analysers of many chains, in one process per chain and in a common process.
 
 This process publishes the same kicked chain in several namespaces and receives all states. The
-table contains the processor time of the analysers, their resident and unshared memory, and the
-number of missing states.
+table contains processor time and memory of the analysers, and the number of missing states.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from processes import node_command, own_domain, processor_time, running
+from processes import node_command, own_domain, processor_time, running, take_all, until
 from rclpy.node import Node
 
 from soliton_linkage.dynamics.elastic import simulate
@@ -36,7 +35,6 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 
 KICK = 10.0
 SETTLING = 5.0
-START_LIMIT = 300.0
 MEBIBYTE = 2**20
 
 
@@ -93,12 +91,7 @@ class Chains:
         return all(publisher.get_subscription_count() for publisher in self._joints)
 
     def _taken(self) -> int:
-        taken = 0
-        for answer in self._answers:
-            with answer.handle:
-                while answer.handle.take_message(interfaces.SOLITON_STATE.type, True) is not None:
-                    taken += 1
-        return taken
+        return sum(len(take_all(answer)) for answer in self._answers)
 
 
 def name(number: int) -> str:
@@ -132,11 +125,7 @@ def measure(
     period = round(SECOND / arguments.rate)
     chains = Chains(node, named, moved, period, arguments.chains)
     with analysers(arguments.chains, together) as processes:
-        deadline = time.monotonic() + START_LIMIT
-        while not chains.ready:
-            if time.monotonic() > deadline:
-                raise RuntimeError(f'not all analysers started within {START_LIMIT:g} s')
-            time.sleep(0.1)
+        until(lambda: chains.ready, 'analyser of each chain')
         chains.publish(SETTLING)
         before = [processor_time(process.pid) for process in processes]
         begin = time.monotonic()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes in processes on a separate domain, and their processor time."""
+"""Nodes in processes on a separate domain, their messages, and their processor time."""
 
 from __future__ import annotations
 
@@ -7,16 +7,22 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import rclpy
 from ament_index_python.packages import get_package_prefix
+from rclpy.subscription import Subscription
 
 from soliton_linkage_nodes.runtime.child_processes import private_domain
 
+Result = TypeVar('Result')
+
+LONGEST_WAIT = 300.0
+POLL = 0.002
 _LONGEST_STOP = 60.0
 
 
@@ -56,6 +62,32 @@ def node_command(name: str, settings: Mapping[str, Any]) -> list[str | Path]:
 def program_command(program: Path, *arguments: object) -> list[str | Path]:
     """Return the command of another Python program."""
     return [sys.executable, program, *map(str, arguments)]
+
+
+def until(
+    condition: Callable[[], Result], what: str, process: subprocess.Popen[bytes] | None = None
+) -> Result:
+    """Poll until a condition returns a result, and return the result.
+
+    Raises TimeoutError if it returns none or if the process ends.
+    """
+    deadline = time.monotonic() + LONGEST_WAIT
+    while not (found := condition()):
+        if process is not None and process.poll() is not None:
+            raise TimeoutError(f'no {what}: process ended with exit code {process.returncode}')
+        if time.monotonic() > deadline:
+            raise TimeoutError(f'no {what} within {LONGEST_WAIT:g} s')
+        time.sleep(POLL)
+    return found
+
+
+def take_all(subscription: Subscription) -> list[tuple[bytes, dict[str, int]]]:
+    """Return all waiting messages of a raw subscription with their info."""
+    handle, taken = subscription.handle, []
+    with handle:
+        while (message := handle.take_message(subscription.msg_type, True)) is not None:
+            taken.append(message)
+    return taken
 
 
 def processor_time(process: int) -> float:

@@ -2,10 +2,9 @@
 """Time to publish one frame of joint states in three ways.
 
 The simulator overwrites the stamp and the arrays of a serialised message and publishes the bytes.
-The usual way fills the fields of a JointState from lists and publishes this message. The lower
-limit is to publish constant bytes. All three use the same publisher, without a subscriber and with
-a subscriber in another process. They run one after the other in random order; each turn publishes
-a few messages and waits for their arrival. The time of a round is the median of its turns.
+The usual way fills a JointState from lists. The lower limit is to publish constant bytes. All
+three use the same publisher, without and with a subscriber in another process, in random order.
+Each turn publishes a few messages and waits for their arrival; the time of a round is the median.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import rclpy
 from comparison import Comparison, Figure, Part, parser, write
-from processes import own_domain, program_command, running
+from processes import own_domain, program_command, running, until
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
@@ -37,7 +36,6 @@ Ways = dict[str, Callable[[], None]]
 
 ROTORS = (20, 100, 1000, 10_000)
 LISTENER = Path(__file__).with_name('listener.py')
-POLL = 0.01
 SHORTEST_PAUSE = 0.002
 MESSAGES_A_TURN = 10
 TURNS = 200
@@ -82,8 +80,8 @@ def measured(
     times: dict[str, list[float]] = {}
     progress = ProgressLine(work, rounds)
     with running(program_command(LISTENER, name)) if subscribed else nullcontext():
-        while subscribed and not publisher.get_subscription_count():
-            time.sleep(POLL)
+        if subscribed:
+            until(publisher.get_subscription_count, 'subscriber')
         ways = ways_to_publish(publisher, rotors)
         round_of(ways, publisher, 2)
         for turn in range(rounds):

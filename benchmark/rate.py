@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Largest number of rotors and highest rate in real time, of our simulator and of an rclpy timer.
 
-A simulator with a moving soliton runs in a separate process. This process records the publication
-time and the sequence number of every joint_states. A deadline is missed if an interval exceeds two
-periods. A run is in real time if two conditions hold. The real-time factor is 1 within 0.001, and
-the simulator misses at most n + 2 sqrt(n) deadlines. Here n is the number of deadlines that a loop
-without work misses at the same time, in a third process that only sleeps.
+This process records the publication time and the sequence number of every joint_states. A deadline
+is missed if an interval exceeds two periods. A run is in real time if its real-time factor is 1
+within 0.001 and the simulator misses at most n + 2 sqrt(n) deadlines. A third process that only
+sleeps misses n deadlines at the same time.
 
 The largest number of rotors at 1000 Hz and the highest rate of 40 rotors are searched in runs of a
 few seconds. In these runs three missed deadlines are allowed, and a failed run is repeated once. A
@@ -25,7 +24,15 @@ from typing import Any
 import numpy as np
 import rclpy
 from comparison import Comparison, Figure, Part, parser, write
-from processes import node_command, own_domain, processor_time, program_command, running
+from processes import (
+    node_command,
+    own_domain,
+    processor_time,
+    program_command,
+    running,
+    take_all,
+    until,
+)
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
@@ -48,7 +55,6 @@ FEW = 3
 TRIES = 2
 SETTLING = 1.5
 POLL = 0.005
-START_LIMIT = 60.0
 FOLDER = Path(__file__).parent
 
 
@@ -108,7 +114,7 @@ class Bench:
         progress = ProgressLine(f'{name}, {rotors} rotors at {rate:g} Hz', seconds)
         sleeping = program_command(FOLDER / 'sleeper.py', rate, seconds)
         with running(command(rotors, rate)) as process:
-            wait_for_frames(subscription, process)
+            until(lambda: take_all(subscription), 'joint_states', process)
             drain(subscription, SETTLING)
             with subprocess.Popen(sleeping, stdout=subprocess.PIPE, text=True) as sleeper:
                 start, before = time.monotonic(), processor_time(process.pid)
@@ -213,27 +219,15 @@ def timer_node(rotors: int, rate: float) -> list[str | Path]:
     return program_command(FOLDER / 'timer_node.py', rotors, rate, position, VELOCITY)
 
 
-def wait_for_frames(subscription: Subscription, process: subprocess.Popen[bytes]) -> None:
-    deadline = time.monotonic() + START_LIMIT
-    while not len(drain(subscription, POLL)):
-        if process.poll() is not None:
-            raise RuntimeError('the simulator has ended; its output above states the reason')
-        if time.monotonic() > deadline:
-            raise TimeoutError(f'no joint_states within {START_LIMIT:g} s')
-
-
 def drain(
     subscription: Subscription, seconds: float, progress: ProgressLine | None = None
 ) -> Array:
     """Return sequence number and publication time [ns] of each frame, shape (frames, 2)."""
     frames = []
     start = time.monotonic()
-    handle, kind = subscription.handle, subscription.msg_type
     while (elapsed := time.monotonic() - start) < seconds:
-        with handle:
-            while (taken := handle.take_message(kind, True)) is not None:
-                info = taken[1]
-                frames.append((info['publication_sequence_number'], info['source_timestamp']))
+        for _, info in take_all(subscription):
+            frames.append((info['publication_sequence_number'], info['source_timestamp']))
         if progress is not None:
             progress.show(elapsed)
         time.sleep(POLL)

@@ -2,29 +2,27 @@
 """Time from a nudge on the topic to the first messages that show its effect.
 
 A simulator of 40 rotors at 1000 Hz, an edge actuator and an analyser run in separate processes.
-This process nudges in alternating directions at random instants. While the wall moves freely, the
-rates in joint_states hardly change between frames. A nudge changes them by its speed (norm over
-the rotors). The first frame whose rates differ from the previous frame by more than half of this
-speed shows the nudge. The first soliton_state that shows it has the stamp of this frame.
+This process nudges in alternating directions at random instants. Rates hardly change between
+frames except by a nudge, which changes them by its speed (norm over the rotors). The first frame
+with a change of more than half of this speed shows the nudge, and so does the soliton_state of its
+stamp.
 
-The nodes request real-time priority. The arrival time of a message is the time that the middleware
-records. This process also requests a higher priority, and after each nudge it sleeps until all
-messages have arrived, so that it hardly influences the result.
+The arrival time of a message is the time that the middleware records. This process has a higher
+priority than the nodes, and sleeps after each nudge until all messages have arrived.
 """
 
 from __future__ import annotations
 
 import random
 import time
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import rclpy
 from comparison import Figure, Part, parser, write
-from processes import node_command, own_domain, running
+from processes import node_command, own_domain, running, take_all, until
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
@@ -44,12 +42,8 @@ PAUSES = (0.04, 0.06)
 WATCHING = 0.02
 IMPERCEPTIBLE = 1e-6
 LISTENING = 0.1
-POLL = 0.002
 SETTLING = 2.0
-LONGEST_WAIT = 30.0
 SECOND = 1e-9
-
-Result = TypeVar('Result')
 
 
 @dataclass(frozen=True)
@@ -65,7 +59,6 @@ class Inbox:
     """Undecoded messages of a topic, in the order of their arrival."""
 
     def __init__(self, node: Node, topic: interfaces.Topic) -> None:
-        self._type = topic.type
         self._subscription = node.create_subscription(
             topic.type, topic.name, lambda _: None, topic.qos, raw=True
         )
@@ -73,12 +66,9 @@ class Inbox:
 
     def messages(self) -> list[Arrival]:
         """Return the messages since the last call of `empty`."""
-        handle = self._subscription.handle
-        with handle:
-            while (message := handle.take_message(self._type, True)) is not None:
-                raw, info = message
-                sent, received = info['source_timestamp'], info['received_timestamp']
-                self._arrivals.append(Arrival(raw, sent, received))
+        for raw, info in take_all(self._subscription):
+            sent, received = info['source_timestamp'], info['received_timestamp']
+            self._arrivals.append(Arrival(raw, sent, received))
         return self._arrivals
 
     def empty(self) -> None:
@@ -116,7 +106,6 @@ class Reactions:
     """Nudges of the chain, and the messages that they cause."""
 
     def __init__(self, node: Node) -> None:
-        """Wait for the nodes."""
         self._nudge = node.create_publisher(Float64, interfaces.NUDGE.name, interfaces.NUDGE.qos)
         self._impulses = Inbox(node, interfaces.ROTOR_IMPULSES)
         self._joints = Inbox(node, interfaces.JOINT_STATES)
@@ -189,16 +178,6 @@ def figures_of(measured: list[dict[str, list[float]]]) -> list[Figure]:
         for what in measured[0]
         for share in (50, 99)
     ]
-
-
-def until(condition: Callable[[], Result], what: str) -> Result:
-    """Poll until a condition returns a result, and return the result."""
-    deadline = time.monotonic() + LONGEST_WAIT
-    while not (found := condition()):
-        if time.monotonic() > deadline:
-            raise TimeoutError(f'waited {LONGEST_WAIT:g} s for {what}')
-        time.sleep(POLL)
-    return found
 
 
 def read_stamp(state: Arrival) -> int:

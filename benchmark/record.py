@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cost of recording joint states, and of reading and analysing a recording.
 
-Our recorder and plain recorders run one after the other in separate processes. This process
-publishes at 1000 Hz to measure their processor time, and then at increasing rates. A recorder
-sustains a rate if no message at this rate or a lower rate is missing in the recording. The rate is
-computed with the time until the recorder is idle again. Offline, our reader and `AnyReader` of
-rosbags read the same bags.
+Our recorder and plain recorders run in turn, at 1000 Hz to measure their processor time, and then
+at increasing rates. A recorder sustains a rate if no message at this rate or a lower rate is
+missing. The rate includes the time until the recorder is idle again. Offline, our reader and
+`AnyReader` of rosbags read the same bags.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from typing import Any
 import numpy as np
 import rclpy
 from comparison import Comparison, Figure, Part, parser, write
-from processes import node_command, own_domain, processor_time, program_command, running
+from processes import node_command, own_domain, processor_time, program_command, running, until
 from rclpy.publisher import Publisher
 from record_peer import SUBSCRIPTIONS
 from rosbags.highlevel import AnyReader
@@ -45,7 +44,6 @@ REACHED = 0.8
 NAP = 0.0003
 POLL = 0.1
 IDLE = 0.3
-START_LIMIT = 30.0
 LONGEST_DRAIN = 20.0
 FRAMES = {100: 4000, 1000: 1500}
 SECOND = 10**9
@@ -57,8 +55,7 @@ class Burst:
     """Messages published at one rate."""
 
     asked: float
-    """Requested rate [1/s]. The seconds in the stamps of its messages are the number of the
-    burst."""
+    """Requested rate [1/s]."""
     sent: int
     sending: float
     """Duration of publishing [s]."""
@@ -175,16 +172,11 @@ class Sender:
     """Publisher of joint states; the seconds of a stamp are the number of the burst."""
 
     def __init__(self, rotors: int) -> None:
-        """Wait for the recorder."""
         topic = interfaces.JOINT_STATES
         self._node = rclpy.create_node('sender')
         self._publisher: Publisher = self._node.create_publisher(topic.type, topic.name, topic.qos)
         self._buffer, self._still = JointStateBuffer(named_chain(rotors)), np.zeros(rotors)
-        deadline = time.monotonic() + START_LIMIT
-        while self._publisher.get_subscription_count() < 1:
-            if time.monotonic() > deadline:
-                raise TimeoutError(f'no recorder after {START_LIMIT:g} s')
-            time.sleep(POLL)
+        until(self._publisher.get_subscription_count, 'recorder')
         time.sleep(SETTLING)
 
     def burst(self, number: int, rate: float, seconds: float, recorder: int) -> Burst:

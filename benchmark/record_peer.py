@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simple recorder: a node whose callback writes each message to a file.
 
-It has a raw subscription, or a typed one with `serialize_message` in its callback, as in the
-tutorials of ROS 2. A deep queue, no compression and one commit per second make it fast.
+Its subscription is raw, or typed with `serialize_message` in its callback, as in the tutorials of
+ROS 2. A deep queue, no compression and one commit per second make it fast.
 """
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import rclpy
 from mcap.writer import CompressionType, Writer
@@ -24,24 +24,10 @@ TYPE_NAME = 'sensor_msgs/msg/JointState'
 SUBSCRIPTIONS = ('raw', 'typed')
 
 
-class Store(Protocol):
-    """Interface of a file of messages."""
-
-    def add(self, stamp: int, serialized: bytes) -> None:
-        """Store a message received at a time [ns]."""
-
-    def commit(self) -> None:
-        """Write all stored messages to the file."""
-
-    def close(self) -> None:
-        """End the file."""
-
-
 class McapStore:
     """File of the mcap package."""
 
     def __init__(self, path: Path) -> None:
-        """Create the file."""
         self._file = path.open('wb')
         self._writer = Writer(self._file, compression=CompressionType.NONE)
         self._writer.start('ros2')
@@ -50,7 +36,7 @@ class McapStore:
         self._channel = self._writer.register_channel('/joint_states', 'cdr', schema)
 
     def add(self, stamp: int, serialized: bytes) -> None:
-        """Store a message."""
+        """Store a message received at a time [ns]."""
         self._writer.add_message(self._channel, stamp, serialized, stamp)
 
     def commit(self) -> None:
@@ -66,8 +52,7 @@ class McapStore:
 class Recorder(Node):
     """Node that records joint states."""
 
-    def __init__(self, store: Store, raw: bool) -> None:
-        """Subscribe."""
+    def __init__(self, store: McapStore, raw: bool) -> None:
         super().__init__('plain_recorder')
         self._store = store
         keep = self._keep_raw if raw else self._keep

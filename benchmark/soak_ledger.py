@@ -2,7 +2,7 @@
 """Ledger of the soak test: JSON lines that are written immediately.
 
 Every entry has the `time` since the start of the test, without interruptions [s], its `kind`, and
-further values that depend on the kind.
+values that depend on the kind.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ class Ledger:
     """Entries of a soak test, in a file that survives a kill of this process."""
 
     def __init__(self, path: Path) -> None:
-        """Read the entries of a file, except a line that a kill has truncated."""
         self.entries: list[Entry] = []
         if path.exists():
             for line in path.read_text(encoding='utf-8').splitlines():

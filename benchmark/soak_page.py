@@ -70,8 +70,8 @@ class Slope(NamedTuple):
 def slope(lives: Sequence[tuple[Array, Array]]) -> Slope:
     """Return the common slope of values against times [s] in several runs of a process.
 
-    Each run has a separate offset. Successive values are correlated; the error takes the number of
-    independent values into account.
+    Each run has a separate offset. The error takes the correlation of successive values into
+    account.
     """
     times = np.concatenate([t - t.mean() for t, _ in lives] or [np.zeros(0)])
     values = np.concatenate([v - v.mean() for _, v in lives] or [np.zeros(0)])

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simple simulator in the style of the tutorials of ROS 2 and scipy.
 
-A timer callback integrates the chain of springs over a period by `solve_ivp` with a right-hand
-side in numpy, fills a JointState and publishes it.
+A timer callback integrates the chain by `solve_ivp` with a right-hand side in numpy, fills a
+JointState and publishes it.
 """
 
 from __future__ import annotations
