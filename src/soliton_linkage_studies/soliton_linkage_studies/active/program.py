@@ -83,7 +83,7 @@ _SITE = 'site [rotor spacings]'
 _FRAMES = 600
 """Number of frames of each simulation [1]."""
 _LONGEST = 60.0
-"""Longest duration of a simulation [s]. It ends simulations of walls that are pinned."""
+"""Longest duration of a simulation [s], for walls that are pinned."""
 
 
 @dataclass(frozen=True)
@@ -121,10 +121,7 @@ class ActiveStudy:
 
     @property
     def drives(self) -> dict[tuple[str, int], WallDrive]:
-        """Effect of the motors on each wall, by the name of the chain and the charge of the wall.
-
-        Anti-kinks without a path of stable states are omitted.
-        """
+        """Effect of the motors by chain and charge of the wall, where the wall has a path."""
         found = {}
         for name, chain in self.chains.items():
             for charge in (1, -1):
@@ -317,7 +314,7 @@ def _draw_power(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command `active` and return its exit status: 1 on failure, 130 after Ctrl-C."""
+    """Run the command `active` and return its exit status."""
     parser = study_parser('active', __doc__, 'fewer runs')
     return run_study(parser, arguments, _active, 'no new files are written')
 

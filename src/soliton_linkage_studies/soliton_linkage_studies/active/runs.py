@@ -2,18 +2,15 @@
 """Theory and simulations of walls in chains with non-reciprocal coupling.
 
 A chain with a wall at the site x has the configuration q(x), in the coordinates that `Chain.signs`
-defines. When the wall moves, the chain follows this orbit with the tangent t = dq/dx. At the
-terminal velocity the power of the motors equals the power that the linear damping c dissipates:
+defines, with the tangent t = dq/dx. At the terminal velocity the power of the motors equals the
+power that the linear damping c dissipates:
 
     kappa x_dot g(x) = c x_dot^2 sum_n t_n^2,    g = sum_n (q_n - q_{n+1}) (t_n + t_{n+1}).
 
-The sum of the squares is the same at all sites x. Therefore the terminal velocity is
-
-    v = (kappa / c) <g> / sum_n t_n^2,
-
-where <g> is the mean of g over two rotor spacings. For wide walls <g> / sum_n t_n^2 tends to 2. It
-has the same sign for kinks and anti-kinks. The elastic energy V(x) of an anti-kink depends on its
-site. The anti-kink is pinned if kappa g < dV/dx at any site.
+The sum of the squares is the same at all sites. Therefore the terminal velocity is v = (kappa / c)
+<g> / sum_n t_n^2 with the mean <g> over two rotor spacings. For wide walls <g> / sum_n t_n^2 tends
+to 2, with the same sign for kinks and anti-kinks. The elastic energy V(x) of an anti-kink depends
+on its site. It is pinned if kappa g < dV/dx at any site.
 """
 
 from __future__ import annotations
@@ -33,18 +30,16 @@ from soliton_linkage.solitons.anti_kink import anti_kink_path, continuum_anti_ki
 from soliton_linkage.solitons.static_wall import static_wall
 
 _SAMPLES = 65
-"""Number of samples of the orbit over two rotor spacings [1]. Splines through these samples have a
-relative error of 1e-6."""
+"""Number of samples of the orbit over two rotor spacings [1], with a spline error of 1e-6."""
 _FROM_END = 8
 """Number of rotors at each end in which the velocity of a wall is not measured [1]."""
 _STARTUP = 4.0
 """Initial time in which the velocity of a wall is not measured, in decay times M r^2 / c [1]."""
 _PIECES = 8
-"""Number of pieces into which a track is divided [1]. The standard error of the velocity is
-estimated from the slopes of the pieces."""
+"""Number of pieces of a track whose slopes give the standard error of the velocity [1]."""
 _TOLERANCE = 1e-11
-"""Integration error of an angle per step [rad]. With this tolerance the relative error of the
-energy balance is 1e-6."""
+"""Integration error of an angle per step [rad]. The relative error of the energy balance is
+1e-6."""
 
 
 @dataclass(frozen=True)
@@ -54,16 +49,14 @@ class WallDrive:
     ratio: float
     """Terminal velocity divided by kappa / c [rotor spacings]."""
     pinning: float
-    """Threshold of the non-reciprocity [N m/rad]: a resting wall is pinned if kappa is smaller.
-    The threshold is 0 for kinks, which are never pinned."""
+    """Non-reciprocity below which a resting wall is pinned [N m/rad], 0 for kinks."""
 
 
 def wall_drive(chain: Chain, charge: int) -> WallDrive:
     """Return the effect of the motors on a kink (charge +1) or an anti-kink (charge -1).
 
-    The wall is in the middle of the chain. The chain must be so long that the tails of the wall
-    have decayed at both ends. Raises ArithmeticError for an anti-kink without a path of stable
-    states.
+    The wall is in the middle of a chain in which its tails have decayed at both ends. Raises
+    ArithmeticError for an anti-kink without a path of stable states.
     """
     begin = chain.number_of_rotors / 2 - 1
     if charge > 0:
@@ -88,8 +81,7 @@ def stability_limit(chain: Chain) -> float:
 
         I lambda^2 + c lambda + I omega(k)^2 + 2 i kappa sin(k) = 0
 
-    with the moment of inertia I. The wave decays if 2 kappa abs(sin(k)) < c omega(k). The limit is
-    the smallest value of omega(k) / (2 sin(k)).
+    with the moment of inertia I. It decays if 2 kappa abs(sin(k)) < c omega(k).
     """
     waves = np.linspace(1e-3, math.pi - 1e-3, 2000)
     return float((dispersion(chain, waves / chain.spacing) / (2 * np.sin(waves))).min())
@@ -106,8 +98,7 @@ def coordinates(chain: Chain, angles: Array) -> Array:
 def wall_sites(chain: Chain, angles: Array) -> list[tuple[float, int]]:
     """Return the site [rotor spacings] and the charge of each wall, in the order of sites.
 
-    A wall is a zero of the displacement u. Edge rotors are excluded, because each of them has two
-    rest angles.
+    A wall is a zero of the displacement u. Edge rotors, which have two rest angles, are excluded.
     """
     u = displacement(chain, angles)[1:-1]
     left = np.flatnonzero(np.signbit(u[1:]) != np.signbit(u[:-1]))
@@ -129,8 +120,7 @@ class ActiveRun:
     walls: int
     """Number of walls in the last frame."""
     imbalance: float
-    """Error of the energy balance, divided by the largest energy [1]. The balance includes the
-    work of the motors and the dissipation by damping."""
+    """Error of the energy balance with motors and damping, divided by the largest energy [1]."""
 
 
 @dataclass(frozen=True)
@@ -149,8 +139,7 @@ class ActiveTask:
     charge: int
     """Charge of the tracked wall: +1 for a kink, -1 for an anti-kink."""
     fixed: bool = False
-    """Whether both end rotors are fixed. If they are free, a kink may enter the chain at an end
-    that leans away from the wall."""
+    """Whether both end rotors are fixed. At free ends a kink may enter the chain."""
 
     def __call__(self) -> ActiveRun:
         """Run the simulation and track the wall."""
@@ -177,10 +166,10 @@ class ActiveTask:
 
 
 def follow_charge(found: Sequence[Sequence[tuple[float, int]]], charge: int) -> Array:
-    """Track the first wall of a charge, and return its site in each frame [rotor spacings].
+    """Track the first wall of a charge; return its site in each frame [rotor spacings].
 
-    Of the walls of this charge in the next frame, the nearest one within two rotor spacings is the
-    same wall. After the wall has vanished, its site is NaN.
+    The nearest wall of this charge within two rotor spacings is the same wall. After the wall has
+    vanished, its site is NaN.
     """
     sites, last = np.full(len(found), math.nan), math.nan
     for frame, walls in enumerate(found):
@@ -197,8 +186,8 @@ def follow_charge(found: Sequence[Sequence[tuple[float, int]]], charge: int) -> 
 def terminal_velocity(task: ActiveTask, run: ActiveRun) -> tuple[float, float]:
     """Return the terminal velocity of the wall and its standard error [rotor spacings/s].
 
-    The velocity is measured after the startup time and far from the ends of the chain. Both values
-    are NaN if fewer than 16 frames meet these conditions.
+    It is measured after the startup time and far from the ends of the chain. Both values are NaN
+    for fewer than 16 such frames.
     """
     decay = task.chain.moment_of_inertia / task.chain.damping
     last = task.chain.number_of_rotors - 1 - _FROM_END
@@ -226,14 +215,11 @@ def moving(chain: Chain, site: float, charge: int, velocity: float) -> tuple[Arr
 
 
 _AHEAD = 1e-4
-"""Step of the finite difference from which the orbit tangent is computed [rotor spacings]."""
+"""Step of the finite difference of the orbit tangent [rotor spacings]."""
 
 
 def motorised(chain: Chain, decay: float, ratio: float) -> Chain:
-    """Return the chain with damping c and motors of non-reciprocity kappa.
-
-    `decay` is the decay rate c / (M r^2) [1/s]. `ratio` is kappa / c [1/s].
-    """
+    """Return the chain with the decay rate c / (M r^2) [1/s] and the ratio kappa / c [1/s]."""
     damping = decay * chain.moment_of_inertia
     return replace(chain, damping=damping, non_reciprocity=ratio * damping)
 
@@ -241,8 +227,8 @@ def motorised(chain: Chain, decay: float, ratio: float) -> Chain:
 def outcome(task: ActiveTask, run: ActiveRun) -> str:
     """Return the final state of a wall: 'runs', 'is pinned', 'breaks up' or 'vanishes'.
 
-    A wall runs if it reaches the last rotors, or if it moves by more than one rotor spacing in the
-    last quarter of the simulation. It breaks up if the last frame contains further walls.
+    A wall runs if it reaches the last rotors, or moves by more than one rotor spacing in the last
+    quarter of the simulation. It breaks up if the last frame contains further walls.
     """
     sites = run.sites[np.isfinite(run.sites)]
     if not len(sites):

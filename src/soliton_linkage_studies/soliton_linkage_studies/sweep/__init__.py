@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sweeps: measurements of walls on grids of chain parameters.
 
-The table of a sweep survives interruptions. To add a measure, add an entry to
-`soliton_linkage_studies.measures.MEASURES`, a settings file and a test.
+To add a measure, add an entry to `soliton_linkage_studies.measures.MEASURES`, a settings file and
+a test.
 """

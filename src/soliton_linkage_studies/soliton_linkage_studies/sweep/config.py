@@ -21,9 +21,9 @@ _SECTIONS = ('measure', 'chain', 'deviations', 'trial', 'seeds', 'sweep')
 _DEVIATIONS = tuple(f.name for f in fields(Deviations))
 _FRACTIONS = (*_DEVIATIONS, 'scale')
 _MOST_POINTS = 10_000
-"""Largest number of points of an axis [1]. A larger number is rejected as a typing error."""
+"""Largest number of points of an axis [1]; larger numbers are typing errors."""
 _MOST_ROWS = 10_000_000
-"""Largest number of rows of a table [1]. A table of this size needs about a gigabyte."""
+"""Largest number of rows of a table [1], about a gigabyte."""
 _QUICK_POINTS = 8
 """Largest number of points of an axis in a quick sweep [1]."""
 _QUICK_SEEDS = 2
@@ -31,7 +31,6 @@ _QUICK_SEEDS = 2
 
 
 def _limits() -> dict[str, tuple[float, float]]:
-    """Return the smallest and the largest value of each numeric parameter."""
     described = {**described_fields(Chain), **described_fields(SweepTrial)}
     limits = {
         name: (one.minimum, one.maximum)
@@ -68,8 +67,7 @@ class SweepStudy:
     name: str
     measure_name: str
     parameters: dict[str, Value]
-    """Parameters of all points, by name. At a point, the value of an axis replaces the parameter
-    of the same name."""
+    """Parameters of all points, by name. The value of an axis replaces that of its name."""
     axes: tuple[Axis, ...]
     seeds: tuple[int, ...]
 
@@ -127,8 +125,8 @@ def trial_of(parameters: Mapping[str, Value], seed: int) -> tuple[Chain, SweepTr
 
     Parameters are fields of `Chain` and `SweepTrial`. `rotor_length_ratio` (r / a) may replace
     `rotor_length`. `deviations.<field>` is the relative standard deviation of a field of
-    `Deviations`. `deviations.scale` multiplies all of these standard deviations. The seed
-    determines the deviations. Raises ValueError for invalid parameters or deviations.
+    `Deviations`, and `deviations.scale` multiplies all of them. Raises ValueError for invalid
+    parameters.
     """
     given: dict[str, Any] = {name: parameters[name] for name in _CHAIN if name in parameters}
     if 'rotor_length_ratio' in parameters:
@@ -206,10 +204,7 @@ def _axes(section: Section) -> tuple[Axis, ...]:
 
 
 def _axis(section: Section, name: str) -> Axis:
-    """Read an axis from a list of values, or from a range.
-
-    A range has both ends, a number of points and a scale.
-    """
+    """Read an axis from a list of values, or from a range with both ends, points and scale."""
     content = section.values[name]
     if isinstance(content, Mapping):
         axis = _range(section.section(name), name)
@@ -246,7 +241,6 @@ def _range(section: Section, name: str) -> Axis:
 
 
 def _numbered(content: list[Any]) -> list[tuple[str, Any]]:
-    """Return the values of a list with their indices as keys."""
     return [(str(number), value) for number, value in enumerate(content)]
 
 

@@ -36,8 +36,7 @@ from soliton_linkage_studies.sweep.config import Axis, SweepStudy
 from soliton_linkage_studies.unit_cell import flipper_limit, spinner_limit
 
 _MOST_CURVES = 5
-"""Largest number of axis values for which each value has a curve [1]. More values are drawn as a
-map."""
+"""Largest number of axis values with a curve each [1]. More values are drawn as a map."""
 CLASS_COLOURS = {
     **{motion.value: colour for motion, colour in MOTION_COLOURS.items()},
     BLOCKED: DARK,
@@ -52,8 +51,8 @@ _CLASS_LABELS = {
 }
 """Labels of the classes whose names need an explanation."""
 _ASIDE = 0.16
-"""Horizontal offset between curves, relative to the smallest distance between two points [1]. The
-offset prevents overlaps of the error bars."""
+"""Horizontal offset between curves, relative to the smallest distance between two points [1]. It
+prevents overlaps of the error bars."""
 _NAMES = {
     'rotor_length_ratio': ('$r/a$', 'rotor length / spacing, $r/a$ [1]'),
     'rotor_length': ('$r$ [m]', 'rotor length $r$ [m]'),
@@ -76,7 +75,7 @@ _SIGNS = ((r'\sqrt{k_e/M}', '√(k_e/M)'), (r'\bar\theta', 'θ̄'), (r'\dot\phi'
 
 
 def sweep_figure(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Figure | None:
-    """Draw a sweep and return the figure; return None if the sweep has more than two axes."""
+    """Draw a sweep and return the figure, or None for more than two axes."""
     if len(study.axes) > 2:
         return None
     figure = Figure(figsize=(7.5, 5.2), layout='constrained')
@@ -85,11 +84,7 @@ def sweep_figure(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Figure | 
 
 
 def draw_sweep(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) -> Axes:
-    """Draw the table of a sweep with one or two axes.
-
-    Two axes with many values are drawn as a map. One axis, or a second axis with few values, is
-    drawn as curves.
-    """
+    """Draw the table of a sweep with one or two axes, as a map or as curves."""
     if is_map(study.axes):
         _draw_map(axes, study, rows)
     else:
@@ -109,10 +104,7 @@ def shares(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Array:
 
 
 def numbers(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Array:
-    """Return the measured number of each point and seed, shape (*axes, seeds).
-
-    A missing number is NaN.
-    """
+    """Return the measured number of each point and seed, shape (*axes, seeds), or NaN."""
     shown = [float(row[study.measure.shown] or 'nan') for row in rows]
     return np.array(shown).reshape(_shape(study))
 
@@ -123,10 +115,7 @@ def is_map(axes: Sequence[Axis]) -> bool:
 
 
 def curve_axes(axes: Sequence[Axis]) -> tuple[Axis, list[Axis]]:
-    """Return the axis along which curves are drawn, and the other axes.
-
-    Curves are drawn along the axis with the most values.
-    """
+    """Return the axis with the most values, along which curves are drawn, and the other axes."""
     along = max(axes, key=lambda axis: len(axis.values))
     return along, [axis for axis in axes if axis is not along]
 
@@ -137,7 +126,7 @@ def shows_limits(axes: Sequence[Axis]) -> bool:
 
 
 def class_label(name: str) -> str:
-    """Return the label of a class; a name without a special label is its own label."""
+    """Return the label of a class, by default its name."""
     return _CLASS_LABELS.get(name, name)
 
 
@@ -146,7 +135,6 @@ def _shape(study: SweepStudy) -> tuple[int, ...]:
 
 
 def _draw_map(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) -> None:
-    """Draw the first axis horizontally and the second vertically, with theoretical limits."""
     across, up = study.axes
     edges = _edges(across), _edges(up)
     if study.measure.classes:
@@ -183,10 +171,7 @@ def _draw_limits(axes: Axes, across: Axis, up: Axis) -> None:
 
 
 def _draw_curves(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) -> None:
-    """Draw curves against the longest axis: fractions of the classes, or medians of the numbers.
-
-    The numbers of all seeds are drawn as dots.
-    """
+    """Draw fractions of the classes, or medians of the numbers, against the longest axis."""
     along, families = curve_axes(study.axes)
     of_classes = bool(study.measure.classes)
     values = shares(study, rows) if of_classes else numbers(study, rows)
@@ -224,7 +209,6 @@ def _draw_curves(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) 
 
 
 def _curve_colours(family: Axis | None, names: Sequence[str]) -> list[str]:
-    """Return the colours of curves: a colour scale for numeric values, otherwise fixed colours."""
     if family is not None and _numeric(family):
         return scale_colours(len(names))
     known = {**CLASS_COLOURS, **MECHANICS_COLOURS}
@@ -234,10 +218,7 @@ def _curve_colours(family: Axis | None, names: Sequence[str]) -> list[str]:
 def _draw_shares(
     axes: Axes, along: Axis, share: Array, seeds: int, aside: float, style: Mapping[str, Any]
 ) -> None:
-    """Draw the fraction of seeds in a class as a line with error bars.
-
-    `aside` shifts the line horizontally, relative to the smallest distance between points [1].
-    """
+    """Draw fractions with error bars, shifted by `aside` smallest distances between points [1]."""
     positions = _beside(along, aside)
     axes.vlines(positions, *score_interval(share, seeds), color=style['color'], linewidth=1.5)
     axes.plot(positions, share, '-', markersize=5, clip_on=False, zorder=3, **style)
@@ -321,11 +302,7 @@ def _tick_plainly(axis: XAxis | YAxis) -> None:
 
 
 def _edges(axis: Axis) -> Array:
-    """Return the edges of the map pixels, half way between the axis values.
-
-    On a logarithmic axis, half way refers to the logarithms. The edges are at least 0, and at most
-    pi / 2 for a rest angle.
-    """
+    """Return the edges of the map pixels, half way between the values or their logarithms."""
     values = np.array(axis.values, dtype=np.float64)
     if axis.logarithmic:
         values = np.log(values)
@@ -337,15 +314,11 @@ def _edges(axis: Axis) -> Array:
 
 
 def _positions(axis: Axis) -> Array:
-    """Return the coordinates at which the axis values are drawn."""
     return np.array(axis.values if _numeric(axis) else range(len(axis.values)), dtype=np.float64)
 
 
 def _beside(axis: Axis, aside: float) -> Array:
-    """Return the coordinates of the axis values, shifted by `aside`.
-
-    `aside` is relative to the smallest distance between the coordinates [1].
-    """
+    """Return the coordinates of the axis values, shifted by `aside` smallest distances [1]."""
     scaled = np.log(_positions(axis)) if axis.logarithmic else _positions(axis)
     least = float(np.diff(np.sort(scaled)).min()) if len(scaled) > 1 else 1.0
     moved = scaled + aside * least

@@ -20,7 +20,7 @@ from soliton_linkage_studies.sweep.table import RESUMES, fill_table
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a sweep; return 0 on success, 1 on failure, or 130 after Ctrl-C or SIGTERM."""
+    """Run the command `sweep` and return its exit status."""
     parser = study_parser(
         'sweep',
         __doc__,

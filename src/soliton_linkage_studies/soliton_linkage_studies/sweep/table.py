@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Table of a sweep, which survives interruptions.
 
-Each finished row is appended to a part file. The folder also contains a copy of the configuration.
-When all rows are finished, they are sorted and written to the table file. The table file is
-created atomically, by renaming a temporary file.
+Each finished row is appended to a part file beside a copy of the configuration. When all rows are
+finished, they are sorted and written to the table file.
 """
 
 from __future__ import annotations
@@ -30,10 +29,7 @@ _CONFIGURATION = 'configuration.yaml'
 
 
 class Tabulated(Rows, Protocol):
-    """Study with a table of results, such as a sweep.
-
-    Each row of the table is an independent measurement.
-    """
+    """Study with a table of results, whose rows are independent measurements."""
 
     @property
     def name(self) -> str:
@@ -59,7 +55,6 @@ class Table:
     """
 
     def __init__(self, study: Tabulated, folder: Path) -> None:
-        """Open the table of a study and read its existing rows."""
         self.path = folder / f'{study.name}.csv'
         self._study = study
         folder.mkdir(parents=True, exist_ok=True)
@@ -112,10 +107,7 @@ class Table:
             ) from None
 
     def _configure(self, folder: Path) -> None:
-        """Raise ValueError unless the configuration equals its copy in the folder.
-
-        If the folder does not contain a copy yet, write this copy.
-        """
+        """Raise ValueError if a copy of another configuration is in the folder."""
         copy = folder / _CONFIGURATION
         if not copy.exists():
             _write(copy, yaml.safe_dump(self._study.described(), sort_keys=False))
@@ -130,11 +122,7 @@ class Table:
                 )
 
     def _read(self) -> dict[int, str]:
-        """Return the existing lines by row number, from the table file or else from the part file.
-
-        An incomplete last line is removed from the part file, so that the next row starts a new
-        line.
-        """
+        """Return the existing lines by row number, without an incomplete last line."""
         if self.path.exists():
             return _by_number(self.path.read_text(encoding='utf-8').splitlines(True)[1:])
         self._part.seek(0)
@@ -168,10 +156,7 @@ def fill_table(
 
 
 def _fill(study: Tabulated, table: Table, missing: list[int], pool: Pool) -> None:
-    """Measure the missing rows, and show the progress.
-
-    The displayed rate includes the time in which the processes start.
-    """
+    """Measure the missing rows, and show a rate that includes the start of the processes."""
     line = ProgressLine(study.name, study.rows)
     begin, done, elapsed = time.monotonic(), 0, 0.0
     total = study.rows - len(missing)
@@ -194,10 +179,7 @@ def read_rows(path: Path) -> list[dict[str, str]]:
 
 
 def fingerprint(package: ModuleType) -> str:
-    """Return a hash of the source files of a package.
-
-    The hash is part of a configuration if this package determines the rows of the table.
-    """
+    """Return a hash of the source files of a package that determines the rows of a table."""
     found = hashlib.sha256()
     for folder in package.__path__:
         for path in sorted(Path(folder).rglob('*.py')):
@@ -223,7 +205,7 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def _write(path: Path, text: str) -> None:
-    """Write a file atomically: write a temporary file, and rename it."""
+    """Write a file atomically, by renaming a temporary file."""
     temporary = path.with_name(f'{path.name}.new')
     with temporary.open('w', encoding='utf-8', newline='') as file:
         file.write(text)

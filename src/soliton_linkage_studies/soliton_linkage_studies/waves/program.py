@@ -32,8 +32,7 @@ from soliton_linkage_studies.program import run_parallel, run_study, study_parse
 from soliton_linkage_studies.settings import Section, chain_from, load_settings
 
 _FIRST = 3
-"""Index of the first rotor from which the velocity of a packet is measured [1]. It is outside the
-near field of the driven rotor."""
+"""First rotor for the velocity of a packet [1], outside the near field of the driven rotor."""
 _TOLERANCE = 1e-8
 """Integration error of an angle per step [rad], far smaller than the amplitudes of bursts."""
 
@@ -44,11 +43,10 @@ class Burst:
 
     The torque of a burst of n cycles is
 
-        tau(t) = I omega^2 A sin(omega t) sin(pi t omega / (2 pi n))^2,    0 < t < 2 pi n / omega.
+        tau(t) = I omega^2 A sin(omega t) sin(pi t omega / (2 pi n))^2,    0 < t < 2 pi n / omega
 
-    I is the moment of inertia of rotor 0. A free rotor would oscillate with the amplitude A [rad].
-    The burst sends a wave packet into the chain if omega lies in the phonon band. The packet moves
-    at the group velocity d omega / dk.
+    with the moment of inertia I. A free rotor would oscillate with the amplitude A [rad]. If omega
+    lies in the phonon band, a wave packet moves at the group velocity d omega / dk.
     """
 
     frequency: float
@@ -64,9 +62,10 @@ class Burst:
         return 2 * math.pi * self.cycles / self.frequency
 
     def torque(self, inertia: float, time: float) -> float:
-        """Return the torque [N m] on a rotor with a moment of inertia [kg m^2].
+        """Return the torque [N m] on a rotor.
 
-        `time` is the time since the start of the burst [s].
+        `inertia` is its moment of inertia [kg m^2], `time` the time since the start of the burst
+        [s].
         """
         if not 0 < time < self.duration:
             return 0.0
@@ -123,25 +122,18 @@ class WaveRun:
 
     recording: Recording
     sites: Array
-    """Site of the kink in each frame [rotor spacings], shape (T,). It is NaN in a chain without a
-    kink, and after the kink has vanished."""
+    """Site of the kink in each frame [rotor spacings], shape (T,). NaN without a kink."""
     walls: int
     """Number of walls in the last frame."""
 
     @property
     def displacement(self) -> float:
-        """Displacement of the kink from its initial site [rotor spacings].
-
-        It is averaged over the last fifth of the frames.
-        """
+        """Displacement of the kink [rotor spacings], from the last fifth of the frames."""
         return float(np.mean(self.sites[-len(self.sites) // 5 :]) - self.sites[0])
 
 
 def energy_per_rotor(chain: Chain, recording: Recording) -> Array:
-    """Return the energy of each rotor in each frame [J], shape (T, N).
-
-    It is the kinetic energy of the rotor plus half the energy of the springs at this rotor.
-    """
+    """Return the energy of each rotor, with half of its springs', in each frame [J], (T, N)."""
     of_springs = 0.5 * chain.stiffnesses * chain.spring_extensions(recording.angles) ** 2
     kinetic = 0.5 * chain.moments_of_inertia * recording.rates**2
     return kinetic + chain.gathered(of_springs / 2, of_springs / 2)
@@ -166,8 +158,7 @@ def group_velocity(chain: Chain, frequency: float) -> float:
 def packet_velocity(chain: Chain, recording: Recording, last: int) -> float:
     """Return the velocity of a wave packet between rotor 3 and rotor `last` [rotor spacings/s].
 
-    The packet arrives at a rotor when the total energy of this rotor and both neighbours is
-    largest.
+    The packet arrives at a rotor when the energy of this rotor and both neighbours is largest.
     """
     energies = energy_per_rotor(chain, recording)
     smooth = energies[:, 2:-2] + energies[:, 1:-3] + energies[:, 3:-1]
@@ -192,8 +183,7 @@ class Spectrum:
 def spectrum(chain: Chain, site: float) -> Spectrum:
     """Return the small vibrations about a kink that rests at a site [rotor spacings].
 
-    The modes e obey K e = omega^2 I e. K is the stiffness matrix of the chain with the resting
-    kink, and I contains the moments of inertia.
+    The modes e obey K e = omega^2 I e with the stiffness matrix K and the moments of inertia I.
     """
     angles = static_wall(chain, site)
     roots = np.sqrt(chain.moments_of_inertia)
@@ -230,11 +220,11 @@ _MOVED = 'displacement of the kink [rotor spacings]'
 _SITE = 'site [rotor spacings]'
 _TIME = 'time [s]'
 _FEW = 10.0
-"""Threshold of the number of rotors that take part in a vibration [1]. A vibration counts as
-localised if fewer rotors take part. In a wave two thirds of all rotors do."""
+"""Number of rotors below which a vibration is localised [1]. In a wave two thirds of all take
+part."""
 _PACKET = (10.0, 0.01)
-"""Number of cycles [1] and amplitude [rad] of the packet whose velocity is measured. The amplitude
-is so small that the packet is a linear wave."""
+"""Number of cycles [1] and amplitude [rad] of the packet whose velocity is measured, a linear
+wave."""
 _SITES = 33
 """Number of kink sites, over two rotor spacings, at which the spectrum is computed [1]."""
 
@@ -404,7 +394,7 @@ def _draw_spectra(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command `waves` and return its exit status: 1 on failure, 130 after Ctrl-C."""
+    """Run the command `waves` and return its exit status."""
     parser = study_parser('waves', __doc__, 'fewer runs')
     return run_study(parser, arguments, _waves, 'no new files are written')
 
