@@ -114,7 +114,7 @@ class FigureReport:
     def add_points(
         self, panel: str, series: str, names: tuple[str, str], x: ArrayLike, y: ArrayLike
     ) -> None:
-        """Add points to the data; `names` are those of x and y, each with its unit."""
+        """Add points to the data. `names` names the quantities x and y, with their units."""
         for across, up in zip(np.ravel(x), np.ravel(y), strict=True):
             self.rows.append((panel, series, float(across), float(up), *names))
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of the recursive estimator for a wall at constant velocity, against the frame number.
 
-The bounds are those of a line fitted to positions of variance s^2 = (sigma / Lambda)^2 in n frames
-of period dt. The variance is at least 2 (2 n - 1) / (n (n + 1)) s^2 for the position in the last
+The bounds hold for a line fitted to positions of variance s^2 = (sigma / Lambda)^2 in n frames of
+period dt. The variance is at least 2 (2 n - 1) / (n (n + 1)) s^2 for the position in the last
 frame, and 12 / (n (n^2 - 1) dt^2) s^2 for the velocity.
 """
 

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Noiseless frames of elastic chains, and the true positions of the walls in them.
 
-The position of a wall is that of the static wall nearest to the frame, averaged over one period of
-the slowest phonon, or over the passage of a rotor if that is shorter. The rate is the slope of a
-line fitted to the positions over three times this duration. A cubic replaces the line for slow
-walls, whose speed varies between rotors, and for damped rotors. No average extends across an
-impulse.
+The static wall nearest to a frame gives the position of the wall, which is averaged over one
+period of the slowest phonon, or over the passage of a rotor if that is shorter. The rate is the
+slope of a line fitted to the positions over three times this duration. A cubic replaces the line
+for slow walls, whose speed varies between rotors, and for damped rotors. No average extends across
+an impulse.
 """
 
 from __future__ import annotations
@@ -140,8 +140,8 @@ def averages_and_slopes(
     """Return a moving average and a slope for each value.
 
     An average contains `beside` values on either side, a slope three times as many. No window
-    extends across the indices `breaks`. The slope is that of a fitted line, or of a cubic if
-    `cubic` is true.
+    extends across the indices `breaks`. Slopes are from fitted lines, or from cubics if `cubic` is
+    true.
     """
     means, slopes = np.empty_like(values), np.empty_like(values)
     for begin, end in pairwise([0, *(breaks or []), len(values)]):

@@ -45,14 +45,14 @@ COLUMNS = (
     'false',
     'wrong_leg',
 )
-"""Measured columns of a cell. `speed` is that of the fastest wall, relative to the speed of sound
-[1]. `position` and `rate` are errors divided by their stated standard deviations, with the root
-mean square (`rms`), its standard error (`rms_error`), the 99 % quantile (`99`) and the maximum
-(`max`) of the absolute value, the fractions beyond 4 (`beyond_4`) and within 1 and 2 (`coverage`)
-[%], and the mean (`bias`). `instant` refers to the true position without an average over time.
-`error_rms` is the rms position error, and `deviation_median` the median of its stated standard
-deviation [rotor spacings]. `shift_max` is the largest shift of a wall by a wrong reading, in
-stated standard deviations. `lost` and `false` count walls, and `wrong_leg` counts frames."""
+"""Measured columns of a cell. `speed` is the speed of the fastest wall, relative to the speed of
+sound [1]. `position` and `rate` are errors divided by their stated standard deviations, with the
+root mean square (`rms`), its standard error (`rms_error`), the 99 % quantile (`99`) and the
+maximum (`max`) of the absolute value, the fractions beyond 4 (`beyond_4`) and within 1 and 2
+(`coverage`) [%], and the mean (`bias`). `instant` refers to the true position without an average
+over time. `error_rms` is the rms position error, and `deviation_median` the median of its stated
+standard deviation [rotor spacings]. `shift_max` is the largest shift of a wall by a wrong reading,
+in stated standard deviations. `lost` and `false` count walls, and `wrong_leg` counts frames."""
 
 WALL_VALUES = ('position', 'instant', 'rate', 'error', 'deviation', 'rate_error')
 """Values of each found wall. `position`, `instant` and `rate` are errors divided by their stated
@@ -192,8 +192,8 @@ def _finite(values: Array) -> Array:
 class Accuracy:
     """Accuracy of an estimator over many frames.
 
-    Bias, standard deviation and coverage are those of the frames without failure, or NaN for fewer
-    than two such frames.
+    Bias, standard deviation and coverage include only frames without failure. They are NaN for
+    fewer than two such frames.
     """
 
     frames: int

@@ -99,7 +99,7 @@ class WallPath:
         return self.rest_position + 2 * round((position - self.rest_position) / 2)
 
     def relative_angles(self, rotors: int, position: float) -> Array:
-        """Return the angles minus those of the domain left of the wall [rad], shape (rotors,)."""
+        """Return the angles minus the angles of the left domain [rad], shape (rotors,)."""
         first, angles, _ = self.window(position)
         base = self._left(len(angles))
         added = np.zeros(rotors)
@@ -223,7 +223,7 @@ class SteadyWall:
     first: int
     """Rotor of the long chain to which the first elements of `offsets` and `rates` belong."""
     offsets: Array
-    """Angles minus those of the static wall [rad], shape (M,)."""
+    """Angles minus the angles of the static wall [rad], shape (M,)."""
     rates: Array
     """Rates of the same rotors [rad/s], shape (M,)."""
     speed: float

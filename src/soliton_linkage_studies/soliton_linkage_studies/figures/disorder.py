@@ -113,7 +113,7 @@ def _deviating(chain: Chain, fraction: float, seed: int) -> Chain:
 
 
 def _compare_passage(report: FigureReport, fractions: Array, free: Array, passed: Array) -> None:
-    """Compare the survival rate of all rigid chains with that of chains without blocked bonds.
+    """Compare the survival rates of all rigid chains and of chains without blocked bonds.
 
     `free` (no blocked bond) and `passed` have shape (F, K), for F disorders and K chains.
     """

@@ -30,7 +30,7 @@ class Insulation:
 
     chain: Chain
     swing: float
-    """Largest amplitude of a rotor in the zero mode, and that of the driven rotor [rad]."""
+    """Largest amplitude of a rotor in the zero mode, and amplitude of the driven rotor [rad]."""
     drives: tuple[float, ...]
     """Angular frequencies of both drives, relative to the gap [1]."""
     duration: float

@@ -104,7 +104,7 @@ class FileKind:
 
 
 def file_kind() -> FileKind:
-    """Return MP4 if the command ffmpeg or that of imageio_ffmpeg writes H.264, otherwise GIF."""
+    """Return MP4 if ffmpeg, installed or from imageio_ffmpeg, writes H.264, otherwise GIF."""
     complaints = []
     programs = {'command ffmpeg': shutil.which('ffmpeg'), 'package imageio_ffmpeg': _packaged()}
     for name, program in programs.items():

@@ -67,7 +67,7 @@ class SweepStudy:
     name: str
     measure_name: str
     parameters: dict[str, Value]
-    """Parameters of all points, by name. The value of an axis replaces that of its name."""
+    """Parameters of all points, by name. An axis replaces the parameter of its name."""
     axes: tuple[Axis, ...]
     seeds: tuple[int, ...]
 
