@@ -236,7 +236,7 @@ def test_the_ground_states_on_the_torus_lean_as_labelled_and_lie_on_the_curves(
     chain = chain_of(example, 2)
     curves = configuration_curves(chain, 2000)
     axes = new_axes()
-    assert draw_torus(axes, chain, curves) is axes
+    draw_torus(axes, chain, curves)
     marked = {line.get_label(): line.get_xydata() for line in axes.lines[len(curves) :]}
     assert (np.sin(marked['leans right']) > 0).all()
     assert (np.sin(marked['leans left']) < 0).all()

@@ -27,6 +27,7 @@ from soliton_linkage_nodes.messages.conversions import joint_states_from_msg
 from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.messages.state_conversions import state_to_msg
 from soliton_linkage_nodes.programs.bag_analysis import read_chain
+from soliton_linkage_nodes.programs.experiment.program import main
 from soliton_linkage_nodes.programs.experiment.report import RecordedRun, read_run
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -150,11 +151,13 @@ def test_an_unwritable_output_is_logged_in_one_line(start: Start, tmp_path: Path
     assert str(tmp_path / 'file') in line
 
 
-def test_a_missing_configuration_is_named(start: Start, tmp_path: Path) -> None:
-    process = start(tmp_path / 'nowhere.yaml', tmp_path)
-    said = process.communicate(timeout=LONGEST_RUN)[0]
-    assert process.returncode == 2
-    (line,) = said.splitlines()
+def test_a_missing_configuration_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr('sys.argv', ['experiment', 'nowhere.yaml'])
+    with pytest.raises(SystemExit, match='2'):
+        main()
+    (line,) = capsys.readouterr().err.splitlines()
     assert 'nowhere.yaml' in line
     assert 'config/flipper.yaml' in line
 

@@ -264,7 +264,7 @@ def move_projections(arrows: Quiver, chain: Chain, angles: Array) -> None:
     arrows.set_UVC(along, np.zeros_like(along), along)
 
 
-def draw_torus(axes: Axes, chain: Chain, curves: Sequence[Array]) -> Axes:
+def draw_torus(axes: Axes, chain: Chain, curves: Sequence[Array]) -> None:
     """Draw the configuration space of a unit cell as curves on a torus (paper, Fig. 4c).
 
     Each curve contains staggered angles [rad], shape (K, 2). Opposite sides of the square are the
@@ -294,7 +294,6 @@ def draw_torus(axes: Axes, chain: Chain, curves: Sequence[Array]) -> Axes:
     axes.set_xticks(ticks, names)
     axes.set_yticks(ticks, names)
     axes.set(xlabel='θ₁ [rad]', ylabel='θ₂ [rad]')
-    return axes
 
 
 def split_at_wraps(curve: Array) -> Array:

@@ -22,7 +22,6 @@ from soliton_linkage_studies.collisions.runs import (
     find_walls,
     initial_state,
     ring_order_field,
-    run_collision,
     simulate_frames,
 )
 
@@ -44,7 +43,7 @@ def after(chain: Chain, state: State, duration: float) -> State:
 
 def test_walls_start_with_the_specified_position_and_speed() -> None:
     task = meeting(NARROW, 0.3)
-    run = run_collision(task)
+    run = task()
     assert run.speed_before == pytest.approx(0.3, rel=1e-3)
     path = find_walls(task.ring, np.zeros(1), initial_state(task).angles[None])
     assert path.distances[0] / task.reach == pytest.approx(12, abs=0.1)
@@ -61,7 +60,7 @@ def test_collisions_are_mirror_symmetric() -> None:
 
 
 def test_slow_flippers_are_captured_and_fast_ones_separate() -> None:
-    slow, fast = (run_collision(meeting(NARROW, speed)) for speed in (0.18, 0.4))
+    slow, fast = (meeting(NARROW, speed)() for speed in (0.18, 0.4))
     assert not slow.escaped
     assert slow.collisions > 3
     assert slow.speed_after == 0
@@ -74,7 +73,7 @@ def test_slow_flippers_are_captured_and_fast_ones_separate() -> None:
 
 def test_a_bounce_window_does_not_depend_on_the_integrator() -> None:
     task = meeting(NARROW, 0.16)
-    runs = [run_collision(replace(task, integrator=name)) for name in ('symplectic', 'DOP853')]
+    runs = [replace(task, integrator=name)() for name in ('symplectic', 'DOP853')]
     for run in runs:
         assert (run.escaped, run.collisions) == (True, 2)
         assert run.drift < 1e-6
@@ -83,15 +82,13 @@ def test_a_bounce_window_does_not_depend_on_the_integrator() -> None:
 
 def test_small_d_agrees_with_phi4_theory() -> None:
     theory = phi4_speed_after(0.3)
-    off = [run_collision(meeting((0.5, angle), 0.3)).speed_after - theory for angle in (0.1, 0.2)]
+    off = [meeting((0.5, angle), 0.3)().speed_after - theory for angle in (0.1, 0.2)]
     assert abs(off[0]) < 0.02
     assert 3 < off[1] / off[0] < 5
 
 
 def test_spinners_pass_or_repel_each_other_without_energy_loss() -> None:
-    back, onwards = (
-        run_collision(meeting(SINE_GORDON, 0.5, turning)) for turning in (False, True)
-    )
+    back, onwards = (meeting(SINE_GORDON, 0.5, turning)() for turning in (False, True))
     assert (back.collisions, back.turns) == (1, -1)
     assert (onwards.collisions, onwards.turns) == (0, 0)
     assert onwards.closest > 0.5
@@ -124,7 +121,7 @@ def test_the_shift_of_spinners_agrees_with_sine_gordon_theory(onwards: bool) -> 
 
 
 def test_rotors_of_a_narrow_flipper_turn_over_and_its_anti_kink_breaks() -> None:
-    run = run_collision(meeting((0.5, 0.97), 0.2))
+    run = meeting((0.5, 0.97), 0.2)()
     assert run.broken
     assert run.escaped
 

@@ -68,8 +68,21 @@ class Collision:
     half speed."""
 
     def __call__(self) -> CollisionRun:
-        """Simulate the collision."""
-        return run_collision(self)
+        """Simulate the collision until the walls escape or the time limit is reached."""
+        path = WallPaths(*np.empty((3, 0)))
+        energies: list[float] = []
+        for times, angles, rates in simulate_frames(self):
+            before = len(path.times)
+            path = path.joined(find_walls(self.ring, times, angles))
+            last = len(angles) - 1
+            end = _end(self, path)
+            if end is not None:
+                path, last = path.part(slice(end + 1)), end - before
+            state = State(angles[last], rates[last])
+            energies.append(float(_energies(self.ring, state).sum()))
+            if end is not None:
+                break
+        return _outcome(self, path, state, drift=float(np.ptp(energies)) / energies[0])
 
     @property
     def reach(self) -> float:
@@ -157,25 +170,6 @@ class WallPaths:
             return np.full(2, np.nan)
         both = np.stack([self.kinks, self.anti_kinks], axis=1)
         return np.asarray(np.polyfit(self.times, both, 1)[0])
-
-
-def run_collision(task: Collision) -> CollisionRun:
-    """Simulate a collision until the walls escape or the time limit is reached."""
-    path = WallPaths(*np.empty((3, 0)))
-    energies: list[float] = []
-    for times, angles, rates in simulate_frames(task):
-        before = len(path.times)
-        path = path.joined(find_walls(task.ring, times, angles))
-        last = len(angles) - 1
-        end = _end(task, path)
-        if end is not None:
-            path, last = path.part(slice(end + 1)), end - before
-        state = State(angles[last], rates[last])
-        energies.append(float(_energies(task.ring, state).sum()))
-        if end is not None:
-            break
-    drift = float(np.ptp(energies)) / energies[0]
-    return _outcome(task, path, state, drift)
 
 
 def simulate_frames(task: Collision) -> Iterator[tuple[Array, Array, Array]]:

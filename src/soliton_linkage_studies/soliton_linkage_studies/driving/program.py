@@ -82,14 +82,6 @@ _ROOM = 0.25
 """Height of the space for the legend above the moves, divided by the height of the data [1]."""
 
 
-def blank_page() -> tuple[FigureReport, dict[str, Axes]]:
-    """Return an empty page and its axes by panel name."""
-    caption = _CAPTION.format(least=_LEAST)
-    report = FigureReport(Figure(figsize=_A4, layout='constrained'), caption)
-    panels = report.figure.subplot_mosaic(_LAYOUT)
-    return report, panels
-
-
 def entitle(panels: Mapping[str, Axes]) -> None:
     """Set the title and the font sizes of each panel."""
     for name, axes in panels.items():
@@ -101,7 +93,7 @@ def entitle(panels: Mapping[str, Axes]) -> None:
             text.set_fontsize('small')
 
 
-def draw_balance(report: FigureReport, axes: Axes, runs: Mapping[str, BalancedRun]) -> Axes:
+def draw_balance(report: FigureReport, axes: Axes, runs: Mapping[str, BalancedRun]) -> None:
     """Draw the energy imbalance over time for springs and bars, with marks for all events."""
     for mechanics, run in runs.items():
         colour = MECHANICS_COLOURS[mechanics]
@@ -124,7 +116,6 @@ def draw_balance(report: FigureReport, axes: Axes, runs: Mapping[str, BalancedRu
     axes.axhline(IMBALANCE_LIMIT, color=BLACK, linestyle='--', linewidth=0.8, label='limit')
     axes.set(xlabel=_TIME, ylabel='|imbalance| / largest energy [1]', ylim=(1e-20, 2e-8))
     axes.legend(ncols=3, loc='lower center', columnspacing=1.0, handlelength=1.2)
-    return axes
 
 
 def draw_stiffness(
@@ -133,18 +124,17 @@ def draw_stiffness(
     stiffnesses: Sequence[float],
     apart: Sequence[float],
     order: float,
-) -> Axes:
+) -> None:
     """Draw the largest angle deviation of springs from rigid bars against the stiffness."""
     draw_convergence(axes, stiffnesses, apart, f'springs, order {order:.3f}')
     axes.set(xlabel='stiffness $k_e$ [N/m]')
     names = ('stiffness [N/m]', 'largest deviation of an angle [rad]')
     report.add_points('c', 'springs from bars', names, stiffnesses, apart)
-    return axes
 
 
 def draw_tilt(
     report: FigureReport, above: Axes, axes: Axes, runs: Mapping[str, TiltedRun]
-) -> Axes:
+) -> None:
     """Draw the tilt over time, and the wall positions for springs and bars in another panel."""
     for mechanics, run in runs.items():
         colour = MECHANICS_COLOURS[mechanics]
@@ -160,12 +150,11 @@ def draw_tilt(
     above.set(ylabel='tilt [rad]')
     axes.set(xlabel=_TIME, ylabel='wall [rotor spacings]')
     axes.legend()
-    return axes
 
 
 def draw_moves(
     report: FigureReport, axes: Axes, chains: Mapping[str, Chain], runs: Mapping[MoveKey, MoveRun]
-) -> Axes:
+) -> None:
     """Draw the position and the reference trajectory of each wall over time."""
     colours = dict(zip(chains, chain_colours(list(chains.values())), strict=True))
     styles = dict(zip(dict.fromkeys(title for _, title in runs), ('--', ':', '-.'), strict=False))
@@ -187,31 +176,20 @@ def draw_moves(
     axes.set(xlabel='time since the goal was sent [s]', ylabel='wall [rotor spacings]')
     bottom, top = axes.get_ylim()
     axes.set_ylim(bottom, top + _ROOM * (top - bottom))
-    return axes
 
 
-def draw_work(report: FigureReport, axes: Axes, runs: Mapping[str, DrivenChain]) -> Axes:
+def draw_work(report: FigureReport, axes: Axes, runs: Mapping[str, DrivenChain]) -> None:
     """Draw the energy gained by a chain and the work of the torques, for each actuator."""
     for colour, (actuator, run) in zip(COLOURS, runs.items(), strict=False):
-        for series, values, style, width in (
-            ('energy gained', run.energies, '-', 4.0),
-            ('work of the torques', run.works, '--', 1.2),
+        for series, values, style, look in (
+            ('energy gained', run.energies, '-', {'linewidth': 4.0, 'alpha': 0.35}),
+            ('work of the torques', run.works, '--', {'linewidth': 1.2}),
         ):
             label = f'{series}, {actuator}'
-            shade = 0.35 if style == '-' else 1.0
-            axes.plot(
-                run.times,
-                1e3 * values,
-                style,
-                color=colour,
-                linewidth=width,
-                alpha=shade,
-                label=label,
-            )
+            axes.plot(run.times, 1e3 * values, style, color=colour, label=label, **look)
             report.add_points('f', label, (_TIME, 'energy [J]'), run.times, values)
     axes.set(xlabel=_TIME, ylabel='energy [mJ]')
     axes.legend()
-    return axes
 
 
 @dataclass(frozen=True)
@@ -232,7 +210,9 @@ class Finding:
 
 def page(study: DrivingStudy, results: Results) -> tuple[FigureReport, list[Finding]]:
     """Return the page of results, and the measured numbers with their allowed ranges."""
-    report, panels = blank_page()
+    caption = _CAPTION.format(least=_LEAST)
+    report = FigureReport(Figure(figsize=_A4, layout='constrained'), caption)
+    panels = report.figure.subplot_mosaic(_LAYOUT)
     response = stepped_response(PneumaticActuator(), study.step)
     draw_response(report, panels['a'], response)
     draw_balance(report, panels['b'], results.balances)
@@ -246,14 +226,9 @@ def page(study: DrivingStudy, results: Results) -> tuple[FigureReport, list[Find
     draw_work(report, panels['f'], results.works)
     entitle(panels)
     highest = float(study.step.values.max())
+    closed = 'deviation of the closed form from numerical integration / pressure'
     findings = [
-        Finding(
-            'a',
-            'deviation of the closed form from numerical integration / pressure',
-            0,
-            1e-6,
-            response.distance / highest,
-        ),
+        Finding('a', closed, 0, 1e-6, response.distance / highest),
         *_balance_findings(results),
         Finding('c', 'order of the deviation of springs from bars in 1/k_e', 0.9, 1.1, order),
         *_tilt_findings(study, results),

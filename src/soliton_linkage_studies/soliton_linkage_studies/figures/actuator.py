@@ -67,7 +67,7 @@ def stepped_response(actuator: PneumaticActuator, command: Profile) -> CommandRe
     return CommandResponse(times, asked, closed, solution.y[0])
 
 
-def draw_response(report: FigureReport, axes: Axes, response: CommandResponse) -> Axes:
+def draw_response(report: FigureReport, axes: Axes, response: CommandResponse) -> None:
     """Draw the pressure of a command: commanded, in closed form, and by numerical integration."""
     series = (
         ('commanded', response.times, response.commanded, '--', GREY),
@@ -88,7 +88,6 @@ def draw_response(report: FigureReport, axes: Axes, response: CommandResponse) -
         float(response.stepped[largest]),
         float(response.closed[_STEPPED][largest]),
     )
-    return axes
 
 
 @dataclass(frozen=True)

@@ -116,10 +116,12 @@ def _profile_figure(
     section: Section, quick: bool, field: str, shown: tuple[float, float], inset: Inset
 ) -> FigureReport:
     chain = chain_from(section.section('chain'))
-    walls = _moving_walls(chain, section, quick)
+    kicks = section.numbers('kicks', 1e-6, 100.0)
+    walls = [_moving_wall(chain, kick) for kick in (kicks[::3] if quick else kicks)]
+    kind = 'spinners' if chain.motion is Motion.SPINNER else 'flippers'
     profiles = walls[:: 1 if quick else 2][:_PROFILES]
     caption = _CAPTION.format(
-        kind=_kind(chain),
+        kind=kind,
         rotors=chain.number_of_rotors,
         shape=shape(chain),
         number=section.name[-1],
@@ -129,26 +131,17 @@ def _profile_figure(
         inset=inset.caption.strip(),
     )
     report = FigureReport(Figure(figsize=(12, 6.5), layout='constrained'), caption)
-    main, above, below = _panels(report.figure)
+    grid = report.figure.add_gridspec(2, 3)
+    places = (grid[:, :2], grid[0, 2], grid[1, 2])
+    main, above, below = (report.figure.add_subplot(place) for place in places)
     _draw_profiles(report, main, chain, profiles)
+    main.set(xlabel='distance from the wall n − X(t) [rotor spacings]')
     main.set(ylabel=f'{field} [1]', xlim=shown)
-    main.set_title(f'a  {_title(chain)}', loc='left')
+    main.set_title(f'a  {kind}, {chain.number_of_rotors} rotors, {shape(chain)}', loc='left')
     inset.draw(report, above, chain, walls[0])
     _draw_widths(report, below, chain, walls)
     _compare_walls(report, chain, walls)
     return report
-
-
-def _panels(figure: Figure) -> tuple[Axes, Axes, Axes]:
-    grid = figure.add_gridspec(2, 3)
-    main = figure.add_subplot(grid[:, :2])
-    main.set(xlabel='distance from the wall n − X(t) [rotor spacings]')
-    return main, figure.add_subplot(grid[0, 2]), figure.add_subplot(grid[1, 2])
-
-
-def _moving_walls(chain: Chain, section: Section, quick: bool) -> list[WallAtSpeed]:
-    kicks = section.numbers('kicks', 1e-6, 100.0)
-    return [_moving_wall(chain, kick) for kick in (kicks[::3] if quick else kicks)]
 
 
 def _moving_wall(chain: Chain, kick: float) -> WallAtSpeed:
@@ -318,11 +311,3 @@ def _width_at_rest(chain: Chain) -> float:
     """Return the width of a wall at rest from the slope of arctanh, relative to theory [1]."""
     found = arctanh_width(*static_profile(chain, (chain.number_of_rotors - 1) / 2))
     return found * chain.spacing / chain.wall_width
-
-
-def _kind(chain: Chain) -> str:
-    return 'spinners' if chain.motion is Motion.SPINNER else 'flippers'
-
-
-def _title(chain: Chain) -> str:
-    return f'{_kind(chain)}, {chain.number_of_rotors} rotors, {shape(chain)}'

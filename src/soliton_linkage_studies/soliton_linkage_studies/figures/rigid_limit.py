@@ -31,7 +31,7 @@ def convergence_order(stiffnesses: ArrayLike, distances: ArrayLike) -> float:
     return -float(np.polyfit(stiffest, nearest, 1)[0])
 
 
-def draw_convergence(axes: Axes, stiffnesses: ArrayLike, distances: ArrayLike, label: str) -> Axes:
+def draw_convergence(axes: Axes, stiffnesses: ArrayLike, distances: ArrayLike, label: str) -> None:
     """Draw the angle deviations from rigid bars [rad] against the stiffness, each of shape (K,).
 
     A dashed line shows convergence of order 1.
@@ -43,7 +43,6 @@ def draw_convergence(axes: Axes, stiffnesses: ArrayLike, distances: ArrayLike, l
     )
     axes.set(ylabel='largest angle deviation [rad]')
     axes.legend()
-    return axes
 
 
 _CAPTION = """
