@@ -161,8 +161,8 @@ def _started(task: MoveTask, orbit: UniformOrbit) -> tuple[Chain, Array]:
         return chain, wall
     share = task.condition.disorder
     for draw in range(_DRAWS):
-        seed = _DRAWS * task.seed + draw
-        drawn = drawn_deviations(chain.number_of_rotors, seed, **dict.fromkeys(DISORDERED, share))
+        seed, shares = _DRAWS * task.seed + draw, dict.fromkeys(DISORDERED, share)
+        drawn = drawn_deviations(chain.number_of_rotors, seed, periodic=False, **shares)
         disordered = replace(chain, deviations=drawn)
         if blocked_bonds(disordered).any():
             continue

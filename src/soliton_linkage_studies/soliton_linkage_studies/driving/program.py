@@ -181,12 +181,13 @@ def draw_moves(
 def draw_work(report: FigureReport, axes: Axes, runs: Mapping[str, DrivenChain]) -> None:
     """Draw the energy gained by a chain and the work of the torques, for each actuator."""
     for colour, (actuator, run) in zip(COLOURS, runs.items(), strict=False):
-        for series, values, style, look in (
-            ('energy gained', run.energies, '-', {'linewidth': 4.0, 'alpha': 0.35}),
-            ('work of the torques', run.works, '--', {'linewidth': 1.2}),
+        for series, values, style, width, alpha in (
+            ('energy gained', run.energies, '-', 4.0, 0.35),
+            ('work of the torques', run.works, '--', 1.2, 1.0),
         ):
             label = f'{series}, {actuator}'
-            axes.plot(run.times, 1e3 * values, style, color=colour, label=label, **look)
+            (line,) = axes.plot(run.times, 1e3 * values, style, color=colour, label=label)
+            line.set(linewidth=width, alpha=alpha)
             report.add_points('f', label, (_TIME, 'energy [J]'), run.times, values)
     axes.set(xlabel=_TIME, ylabel='energy [mJ]')
     axes.legend()

@@ -230,7 +230,8 @@ class BalanceTask:
         bare = chain_from(section.section('chain'))
         share = section.number('disorder', 0.0, 0.3)
         seed = section.whole_number('seed', 0, 2**31)
-        drawn = drawn_deviations(bare.number_of_rotors, seed, **dict.fromkeys(DISORDERED, share))
+        shares = dict.fromkeys(DISORDERED, share)
+        drawn = drawn_deviations(bare.number_of_rotors, seed, periodic=False, **shares)
         return BalanceTask(
             replace(bare, deviations=drawn),
             mechanics,
