@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from soliton_linkage.dynamics.elastic import simulate
+from soliton_linkage.dynamics.elastic import ElasticSimulation, simulate
 from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.estimation.analysis import Analysis, UnknownChainAnalyser
 from soliton_linkage.estimation.estimates import AnalysedSoliton, TrackingStatus
@@ -20,6 +20,7 @@ from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain, Motion, wrapped
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.solitons.static_wall import static_wall
 
 CHAINS = {
     'flipper': Chain(number_of_rotors=16),
@@ -428,3 +429,38 @@ def test_any_numbers_are_analysed() -> None:
         angles, rates = generator.uniform(-size, size, (2, 16))
         angles[generator.random(16) < 0.2] = generator.choice([math.nan, math.inf])
         assert analyser.analyse(EPOCH + number, angles, rates) is not None
+
+
+@pytest.mark.parametrize(
+    'sections',
+    [
+        [(5.5, 50, 0, 0.0), (None, 100, 0, 0.01), (None, 200, 0, 0.0)],
+        [(5.5, 50, 0, 0.0), (None, 200, 7, 0.01), (None, 100, 7, 0.0)],
+        [(3.2, 50, 0, 0.0), (None, 300, 8, 0.01), (8.5, 300, 8, 0.01)],
+    ],
+    ids=['struck', 'pulled', 'pulled_on_both_sides'],
+)
+def test_a_wall_at_rest_does_not_remember_unmodelled_torques(
+    sections: list[tuple[float | None, int, int, float]],
+) -> None:
+    """Each section has a position to which the chain is reset, frames, a rotor and its torque."""
+    chain, period, stamp = Chain(12), 0.02, 0
+    analyser = Analyser(chain)
+    found: list[Analysis | None] = []
+    for site, frames, rotor, torque in [*sections, (5.5, 1500, 0, 0.0)]:
+        if site is not None:
+            at_rest = static_wall(chain, site)
+            simulation = ElasticSimulation(chain, at_rest, np.zeros(12), period, 1e-9)
+        torques = np.zeros(12)
+        torques[rotor] = torque
+        simulation.hold(torques)
+        found = []
+        for _ in range(frames):
+            simulation.advance()
+            stamp += round(1e9 * period)
+            found.append(analyser.analyse(stamp, simulation.angles, simulation.rates))
+    estimates = [each.estimate for each in found[150:] if each is not None]
+    assert all(abs(each.site - 5.5) < GATE * each.site_deviation for each in estimates)
+    assert estimates[-1].site == pytest.approx(5.5, abs=1e-3)
+    assert estimates[-1].site_deviation < 2e-3
+    assert not analyser.offsets.any()

@@ -41,7 +41,8 @@ class Twin:
         self.share, self.error, self.is_damping = share, error, disturbance == 0
 
     def predict(self, elapsed: float, speed: float, acceleration: float, wander: Array) -> None:
-        kept = math.exp(-speed * elapsed / (0.5 * SITE_ARC))
+        # The time unit of the chain is 1/50 s, and the bias persists for 50 time units.
+        kept = math.exp(-speed * elapsed / (0.5 * SITE_ARC) - elapsed)
         gained = np.array([elapsed**2 / 2, elapsed, 0, 0])
         step = np.array([[1, elapsed, 0, 0], [0, 1, 0, 0], [0, 0, kept, 0], [0, 0, 0, 1]])
         lever = self.state[1] if self.is_damping else 1.0

@@ -39,6 +39,9 @@ _LEAST_DISTANCE = 0.01
 _LEAST_ERROR = 3e-4
 """Lower limit of the persistent error of a residual [rad]; smaller offsets may be rounding errors.
 """
+_CONTRADICTION = 0.3
+"""Threshold of the residual of a rotor near the wall, relative to its corrected offset [1]: a
+larger residual of opposite sign contradicts the offset."""
 _FROM_EDGE = 2.0
 """Threshold of the distance between a wall and an edge [rotor spacings]: only if the distance is
 larger, rotors near the wall are tested for an offset."""
@@ -122,12 +125,17 @@ class EncoderOffsets:
         chance = robust_deviation(np.abs(errors - error)) / math.sqrt(len(errors))
         return error if abs(error) > self.settings.significance * chance else 0.0
 
-    def retest(self, rotors: Flags) -> None:
-        """Require one more block mean of each flagged rotor before its offset is corrected.
+    def retest(self, rotors: Flags, errors: Array) -> None:
+        """Reduce the weight of the evidence about rotors whose latest block contradicts it.
 
-        `rotors` are the flags, shape (N,).
+        The standard deviation of this evidence becomes at least the contradiction `errors` [rad].
+        One more block mean is required before such an offset is corrected. `rotors` are flags.
+        Both arrays have shape (N,).
         """
         self.means[rotors] = np.minimum(self.means[rotors], _FEWEST_MEANS) - 1
+        kept = 1 / np.maximum(self.weights[:, rotors] * errors[rotors] ** 2, 1.0)
+        self.weights[:, rotors] *= kept
+        self.sums[:, rotors] *= kept
 
 
 class FarFieldResiduals:
@@ -241,10 +249,15 @@ class FarFieldResiduals:
         offsets.update(means, sides, noise, persistent)
         if self._uneven:
             offsets.corrections[:] = 0.0
-        offsets.retest(strange)
+        # A wrong correction of a rotor near a slow wall shows as a residual of opposite sign.
+        left, size = means - offsets.corrections, np.abs(offsets.corrections)
+        against = (sides == 0) & inside & (left * offsets.corrections < 0)
+        chance = given.significance * math.sqrt(noise)
+        against &= np.abs(left) > _CONTRADICTION * size + speed**2 + chance
+        offsets.retest(strange | against, np.where(against, left, innovations))
         expected, variances = offsets.predict(sides)
         apart = np.abs(expected) - given.significance * np.sqrt(variances + persistent)
-        self._apart = np.where(sides != 0, np.maximum(apart, 0.0), self._apart)
+        self._apart = np.where(sides != 0, np.maximum(apart, 0.0), self._apart * ~against)
         self.disorder = self._persistent_disorder()
         self.restart()
 
@@ -252,13 +265,15 @@ class FarFieldResiduals:
         """Find doubtful rotors, given the readings [rad] and the flags of outliers, shape (N,).
 
         An encoder is stuck if it repeats its reading of the previous block. If many encoders
-        repeat their readings, the chain is at rest; then only outliers count as stuck. A rotor
-        that is much further from the orbit than most rotors has an offset. This offset is unknown
-        until the wall has passed the rotor, so the rotor is doubtful until then.
+        repeat their readings, the chain is at rest; then only outliers without a corrected
+        offset count as stuck. A rotor that is much further from the orbit than most rotors has an
+        offset. This offset is unknown until the wall has passed the rotor, so the rotor is
+        doubtful until then.
         """
         still = np.count_nonzero(np.abs(read - self._read) <= _STUCK)
         at_rest = still > _MOST_STUCK * np.count_nonzero(np.isfinite(read))
-        trusted = at_rest & ~(outlying | self.stuck)
+        wrong = outlying & (self._offsets.corrections == 0)
+        trusted = at_rest & ~(wrong | self.stuck)
         self.stuck = (read == self._read) & ~trusted
         self._read = read.copy()
         limit = self._settings.significance * DEVIATION_PER_MEDIAN * median(self._apart.copy())

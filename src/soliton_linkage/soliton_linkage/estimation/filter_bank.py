@@ -65,8 +65,8 @@ STATUS = np.dtype(
     [
         (name, np.float64)
         for name in (
-            *('base', 'site_arc', 'least_impulse', 'variance', 'elapsed', 'at_edge', 'rate'),
-            *('log_odds', 'frames', 'impulses'),
+            *('base', 'site_arc', 'least_impulse', 'bias_decay', 'variance', 'elapsed'),
+            *('at_edge', 'rate', 'log_odds', 'frames', 'impulses'),
         )
     ]
 )
@@ -75,6 +75,7 @@ STATUS = np.dtype(
 base: number of filters that assume no impulse [1].
 site_arc: arc length per rotor spacing [rad].
 least_impulse: lower limit of the variance of an impulse [rad^2/s^2].
+bias_decay: decay rate of the bias while the wall is at rest [1/s].
 variance: variance of the last measurement [rad^2].
 elapsed: time step of the last prediction [s].
 at_edge: 1 if the wall is at an edge, else 0.
@@ -150,7 +151,7 @@ def predict(
     status[0]['elapsed'], status[0]['at_edge'] = elapsed, at_edge
     speed, site = abs(status[0]['rate']), status[0]['site_arc']
     way = speed * elapsed / site
-    kept = math.exp(-way / settings[0]['bias_way'])
+    kept = math.exp(-way / settings[0]['bias_way'] - elapsed * status[0]['bias_decay'])
     remembered = math.exp(-way / settings[0]['memory_way'])
     unknown = (bandwidth * elapsed) ** 2 * status[0]['variance']
     transition, product = np.zeros((4, 4)), np.empty((4, 4))

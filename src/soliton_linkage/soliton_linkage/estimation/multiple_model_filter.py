@@ -3,12 +3,12 @@
 
 The state of each filter is (s, w, b, d): arc length s along the orbit [rad], its rate w [rad/s],
 bias b of the measurement [rad] and disturbance d [rad/s^2]. A measurement is z = s + b + noise.
-The bias b persists while the wall moves by about half a rotor spacing:
+The bias b persists while the wall moves by about half a rotor spacing, or for the time tau:
 
     ds = w dt,   dw = sqrt(q) dB,   b' = a b + noise of variance m^2 (1 - a^2),
 
-with a = exp(-|w| dt / (Lambda / 2)) and q = e^2 |w|^3 / Lambda. Lambda is the arc length per rotor
-spacing, and e is the relative change of the rate per rotor spacing.
+with a = exp(-|w| dt / (Lambda / 2) - dt / tau) and q = e^2 |w|^3 / Lambda. Lambda is the arc
+length per rotor spacing, and e is the relative change of the rate per rotor spacing.
 
 Filters with different values of e and m run in parallel (Blom and Bar-Shalom). The estimate is the
 mean of all filters, weighted by the likelihood of recent measurements. The steady filter has
@@ -100,7 +100,9 @@ class MultipleModelFilter:
             covariances[damped, DISTURBANCE, DISTURBANCE] = (settings.damping * scale) ** 2
         self._status = np.zeros(1, STATUS)
         odds, least_impulse = -_FIRST_ODDS, (_LEAST_IMPULSE * scale) ** 2
-        self._status[0] = self._base, site_arc, least_impulse, variance, 0, 0, 0, odds, 0, 0
+        decay = scale / settings.bias_time
+        constants = self._base, site_arc, least_impulse, decay
+        self._status[0] = *constants, variance, 0, 0, 0, odds, 0, 0
         self._known: _Summary | None = None
         set_weights(self.filters, settings.record, self._base, odds)
         self._refresh()

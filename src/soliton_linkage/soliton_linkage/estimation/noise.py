@@ -29,11 +29,13 @@ FREEDOMS_OF_MEDIAN = 0.368
 """Efficiency of the median of absolute values as an estimator of the standard deviation [1]."""
 
 _LARGEST_CHANGE = 12.0
-"""Upper limit of the squared second difference of arc lengths, relative to its expected value [1].
-"""
+"""Upper limit of the product of two second differences, relative to its expected value [1]."""
 _EDGE_RATIO = 4.0
 """Variance of the deformation of a wall at an edge, relative to a wall inside the chain
 [1]."""
+LARGEST_EXCESS = 3.0
+"""Largest mean square of persistent residuals near a wall, relative to the recent mean square of
+all residuals [1]."""
 _FIELD_RATIO = 3.0
 """Largest squared residual near a wall, relative to the mean square [1]. The ratio exceeds 1,
 because waves are not uniform."""
@@ -135,7 +137,10 @@ def estimate(noise: Records, settings: Records, given: float) -> Estimate:
     persistent = sums['products'] / sums['pairs'] if significant else 0.0
     wall_bound = _noise_bound(total, sums['wall_squared_weights'], 0.25, significance)
     excess = sums['wall'] / sums['wall_weights'] if sums['wall'] > wall_bound else 0.0
-    white = max(total - persistent, settings[0]['least_noise'] ** 2)
+    excess = min(excess, LARGEST_EXCESS * scatter)
+    # The recent residuals contain the noise, so that a larger estimate is out of date.
+    most_recent = scatter * (1 + significance * math.sqrt(2 / max(recent, 1.0)))
+    white = max(min(total - persistent, most_recent), settings[0]['least_noise'] ** 2)
     margin = 1 + significance * math.sqrt(2 / max(freedoms, 1.0))
     variance = white if white > given * margin else given
     most = (sums['products'] + bound) / sums['pairs'] if sums['pairs'] else total
@@ -319,10 +324,12 @@ class StampJitter:
     """Estimator of the errors of time stamps, from second differences of measured arc lengths.
 
     A stamp error e shifts the measured arc length along the orbit by w e, where w is the rate. Let
-    dt_1 and dt_2 be the time differences of three successive measurements z_1, z_2 and z_3 with
-    the variances v_1, v_2 and v_3, and q = dt_2 / dt_1. Without stamp errors, the second
-    difference z_3 - (1 + q) z_2 + q z_1 has the variance v_3 + (1 + q)^2 v_2 + q^2 v_1. The
-    estimator attributes a larger mean square to stamp errors. The mean is weighted by w^2.
+    dt_1, dt_2 and dt_3 be the time differences of four successive measurements z_1 to z_4, and
+    q = dt_2 / dt_1, q' = dt_3 / dt_2. Errors with the variance v make the successive second
+    differences z_3 - (1 + q) z_2 + q z_1 and z_4 - (1 + q') z_3 + q' z_2 negatively correlated:
+    the mean of their product is -v ((1 + q') + (1 + q) q'). An acceleration of the wall gives a
+    positive product. The estimator attributes a larger variance than that of the measurements to
+    stamp errors. The mean is weighted by w^2.
     """
 
     def __init__(self, settings: NoiseSettings = DEFAULTS.noise) -> None:
@@ -342,20 +349,21 @@ class StampJitter:
         `variance` is the variance of the arc length [rad^2], and `rate` is its change per time
         [rad/s].
         """
-        self._rows = *self._rows[-2:], (time, arc, variance)
-        if len(self._rows) < 3:
+        self._rows = *self._rows[-3:], (time, arc, variance)
+        if len(self._rows) < 4:
             return
-        (start, first, v1), (middle, second, v2), (_, third, v3) = self._rows
-        ratio = (time - middle) / (middle - start)
-        unit, square = 1 + (1 + ratio) ** 2 + ratio**2, rate * rate
-        expected = (v3 + (1 + ratio) ** 2 * v2 + ratio**2 * v1) / unit
-        change = (third - (1 + ratio) * second + ratio * first) ** 2 / unit
-        known = expected + square * self.variance
+        (t1, z1, _), (t2, z2, v2), (t3, z3, v3), (_, z4, _) = self._rows
+        one, other = (t3 - t2) / (t2 - t1), (time - t3) / (t3 - t2)
+        by2, by3 = (1 + one) * other, 1 + other
+        unit, square = by2 + by3, rate * rate
+        expected = (by2 * v2 + by3 * v3) / unit
+        changes = (z3 - (1 + one) * z2 + one * z1) * (z4 - by3 * z3 + other * z2)
         # Limit the effect of large changes, which impulses and wrong readings may have caused.
-        change = min(change, _LARGEST_CHANGE * known)
-        self._excess = self._fade * self._excess + square * (change - expected)
+        largest = _LARGEST_CHANGE * (expected + square * self.variance)
+        found = min(max(-changes / unit, -largest), largest)
+        self._excess = self._fade * self._excess + square * (found - expected)
         self._weight = self._fade * self._weight + square * square
-        # The factor 6 includes the correlation between second differences of successive frames.
+        # The factor 6 includes the correlation between the products of successive frames.
         self._chance = self._fade * self._chance + 6 * (square * expected) ** 2
         significant = self._excess > self._significance * math.sqrt(self._chance)
         self.variance = self._excess / self._weight if significant else 0.0

@@ -111,6 +111,9 @@ class FilterSettings(_Part):
         'rotor spacings',
     )
     bias_way: float = quantity(0.5, 'correlation length of a bias', 'rotor spacings')
+    bias_time: float = quantity(
+        50.0, 'correlation time of a bias while the wall is at rest, in time units of the chain'
+    )
     memory_way: float = quantity(
         20.0,
         'displacement over which log likelihoods of models decay by a factor e',
