@@ -42,10 +42,7 @@ because waves are not uniform."""
 
 
 def median(values: Array) -> float:
-    """Return the median of an array without NaN.
-
-    The function reorders the array. It is faster than `numpy.median`.
-    """
+    """Return the median of an array without NaN, and reorder the array."""
     half = len(values) // 2
     if len(values) % 2:
         values.partition(half)
@@ -55,10 +52,7 @@ def median(values: Array) -> float:
 
 
 def robust_deviation(sizes: Array) -> float:
-    """Return a robust estimate of a standard deviation, from the median of absolute errors.
-
-    The function reorders the array of absolute errors.
-    """
+    """Return a standard deviation from the median of absolute errors, and reorder the array."""
     return DEVIATION_PER_MEDIAN * median(sizes) if len(sizes) else 0.0
 
 
@@ -184,11 +178,10 @@ def learn(
 class FrameNoise:
     """Estimator of the noise of the angles and of persistent residuals.
 
-    Noise is independent from frame to frame. Therefore noise does not change the mean product of
-    the residuals of a rotor in two different frames. Persistent residuals are caused by waves,
-    encoder offsets and deviations from the uniform chain. Let c_1 be the mean product of the
-    residuals in two successive frames, and c_2 that in two frames with a frame between. The mean
-    square of persistent residuals is extrapolated to c_0 = (4 c_1 - c_2) / 3.
+    Persistent residuals are caused by waves, encoder offsets and deviations from the uniform
+    chain. Only noise is independent from frame to frame. Let c_1 and c_2 be the mean products of
+    the residuals of a rotor in frames that are one and two frames apart. The mean square of
+    persistent residuals is extrapolated to (4 c_1 - c_2) / 3.
     """
 
     def __init__(self, given: float | None, settings: NoiseSettings = DEFAULTS.noise) -> None:
@@ -279,13 +272,11 @@ def median_change(first: Array, second: Array, third: Array, ratio: float) -> fl
 class RateNoise:
     """Estimator of the noise of rates, from second differences in time.
 
-    Let dt_1 and dt_2 be the time differences of three successive frames, and q = dt_1 / dt_2. The
-    second difference of the rates is r_1 - (1 + q) r_2 + q r_3. White noise of variance sigma^2
-    contributes (1 + (1 + q)^2 + q^2) sigma^2 to the variance of this difference. At equal
-    intervals dt, a phonon of angular frequency w contributes only (w dt)^4 / 2 times its squared
-    amplitude. The estimate uses the median over the rotors, so that the rotors in a wall have no
-    effect. The median has a relative bias of 1 / (3 N). Frames are not used if a time difference
-    exceeds 0.5 / w for the fastest phonon, because noise and phonons cannot be separated then.
+    Let q be the ratio of two successive time differences. White noise of variance sigma^2 adds
+    (1 + (1 + q)^2 + q^2) sigma^2 to the variance of r_1 - (1 + q) r_2 + q r_3. At equal intervals
+    dt, a phonon of angular frequency w adds only (w dt)^4 / 2 times its squared amplitude. The
+    median over the rotors excludes rotors in a wall. Frames more than 0.5 / w of the fastest
+    phonon apart are not used, because noise and phonons cannot be separated then.
     """
 
     def __init__(self, chain: Chain, settings: NoiseSettings = DEFAULTS.noise) -> None:
@@ -324,12 +315,11 @@ class StampJitter:
     """Estimator of the errors of time stamps, from second differences of measured arc lengths.
 
     A stamp error e shifts the measured arc length along the orbit by w e, where w is the rate. Let
-    dt_1, dt_2 and dt_3 be the time differences of four successive measurements z_1 to z_4, and
-    q = dt_2 / dt_1, q' = dt_3 / dt_2. Errors with the variance v make the successive second
-    differences z_3 - (1 + q) z_2 + q z_1 and z_4 - (1 + q') z_3 + q' z_2 negatively correlated:
-    the mean of their product is -v ((1 + q') + (1 + q) q'). An acceleration of the wall gives a
-    positive product. The estimator attributes a larger variance than that of the measurements to
-    stamp errors. The mean is weighted by w^2.
+    q and q' be the ratios of successive time differences of four measurements z_1 to z_4. Errors
+    with the variance v give the second differences z_3 - (1 + q) z_2 + q z_1 and
+    z_4 - (1 + q') z_3 + q' z_2 the mean product -v ((1 + q') + (1 + q) q'). An acceleration of the
+    wall gives a positive product. Stamp errors explain the part of v that exceeds the variance of
+    the measurements. The mean is weighted by w^2.
     """
 
     def __init__(self, settings: NoiseSettings = DEFAULTS.noise) -> None:
