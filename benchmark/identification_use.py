@@ -16,9 +16,10 @@ from soliton_linkage.dynamics.initial_states import leaning
 from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.estimation.relocalisation import fit_anywhere
 from soliton_linkage.identification.adjustment import adjust
-from soliton_linkage.identification.identification import Identification, identify
+from soliton_linkage.identification.identification import identify
 from soliton_linkage.identification.lengths import initial_lengths
 from soliton_linkage.identification.readings import Readings
+from soliton_linkage.identification.result import Identification
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations

@@ -6,16 +6,22 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from passages import FLIPPER, NAMES, SPINNER, passage, read, unequal
+from passages import FLIPPER, NAMES, SPINNER, WOBBLER, passage, read, unequal
 
+from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.dynamics.initial_states import leaning
 from soliton_linkage.identification.adjustment import adjust
+from soliton_linkage.identification.diagnosis import length_warnings
 from soliton_linkage.identification.identification import identify
 from soliton_linkage.identification.lengths import initial_lengths, split
-from soliton_linkage.identification.readings import Readings
+from soliton_linkage.identification.readings import Readings, RecordedImpulse
+from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.deviations import drawn_deviations
 
 TIMES = np.arange(500) / 250
 READINGS = read(passage(unequal(FLIPPER, 3)), 3)[0]
@@ -111,6 +117,99 @@ def test_the_formula_that_an_error_recommends_makes_the_recording_acceptable(
     assert named
     readings[:, rotor] = FORMULAS[named[1]](readings[:, rotor])
     assert identify(Readings(TIMES, readings, names=NAMES), Chain()).rigid
+
+
+KICKS = {
+    'flipper': (FLIPPER, 10.0, 1.4),
+    'wobbler': (WOBBLER, 4.0, 3.9),
+    'spinner': (SPINNER, 12.5, 1.9),
+}
+"""Chain, kick [rad/s] and duration [s]."""
+
+
+def kicked(name: str, seed: int, before: int = 0, hit: int = 0) -> tuple[Chain, Array, Array]:
+    """Chain of springs, times and readings; in frame `hit` an unrecorded impulse acts."""
+    nominal, speed, duration = KICKS[name]
+    chain = unequal(nominal, seed)
+    drawn = drawn_deviations(10, seed, mass=0.05, stiffness=0.05)
+    chain = replace(chain, deviations=chain.deviations.joined(drawn))
+    start = leaning(chain, -1).angles
+    simulation = ElasticSimulation(chain, start, period=0.004, tolerance=1e-8)
+    angles = []
+    for frame in range(before + round(duration / 0.004)):
+        if frame == before:
+            impulses = speed * edge_mode(chain, start, Edge.FIRST)
+            simulation.kick(impulses * chain.moments_of_inertia)
+        if hit and frame == hit:
+            simulation.kick(np.where(np.arange(10) == 5, 3.0, 0.0) * chain.moments_of_inertia)
+        angles.append(simulation.angles.copy())
+        simulation.advance()
+    return chain, 0.004 * np.arange(len(angles)), read(np.array(angles), seed)[0]
+
+
+@pytest.mark.parametrize('before', [0, 100])
+@pytest.mark.parametrize('name', KICKS)
+def test_a_rotor_of_a_kicked_chain_that_is_mounted_backwards_is_named(
+    name: str, before: int
+) -> None:
+    _, times, readings = kicked(name, 3, before)
+    for rotor in (0, 4, 9):
+        wrong = np.where(np.arange(10) == rotor, -readings, readings)
+        with pytest.raises(ValueError, match=f'^rotor_{rotor} is mounted backwards'):
+            identify(Readings(times, wrong, names=NAMES), Chain())
+
+
+def test_absent_joints_are_named_in_an_error_and_in_a_warning() -> None:
+    rotors = [0, 3, 6, 9]
+    names = [NAMES[n] for n in rotors]
+    with pytest.raises(ValueError, match='no joint rotor_1, rotor_2, rotor_4, rotor_5 and 2 more'):
+        identify(Readings(TIMES, ordered(*rotors), names=names), Chain())
+    numbered = [f'joint{2 * n}' for n in range(10)]
+    found = identify(Readings(TIMES, READINGS, names=numbered), Chain())
+    assert found.warnings[0].startswith('the recording has no joint joint1, joint3')
+
+
+def test_an_impossible_spacing_is_reported() -> None:
+    assert length_warnings(unequal(FLIPPER, 3)) == []
+    spacings = (0.0, 0.0, 1.0, *[0.0] * 6)
+    wide = replace(FLIPPER, deviations=replace(FLIPPER.deviations, spacing=spacings))
+    (warning,) = length_warnings(wide)
+    assert 'spacing of bond 2 is 2 times the median' in warning
+
+
+def test_bars_that_are_assumed_for_want_of_free_motion_are_reported_as_such() -> None:
+    impulses = [RecordedImpulse(time) for time in np.arange(0.0, 2.0, 0.1).tolist()]
+    found = identify(Readings(TIMES, READINGS, impulses=impulses), Chain())
+    assert found.rigid
+    assert found.warnings[0].startswith('bars are assumed only because no 30 successive frames')
+
+
+def test_a_slip_beside_an_unrecorded_kick_is_named() -> None:
+    _, times, readings = kicked('flipper', 3, 0, 175)
+    readings[262:, 4] += 0.3
+    with pytest.raises(ValueError, match=r'encoder of rotor_4 slips by about 0\.\d+ rad at 1\.0'):
+        identify(Readings(times, readings, names=NAMES), Chain())
+
+
+def test_stamps_with_errors_of_20_ms_are_reported_and_do_not_spoil_lengths() -> None:
+    chain, times, readings = kicked('flipper', 3)
+    late = times[::3] + np.random.default_rng(1).uniform(0, 0.02, len(times[::3]))
+    found = identify(Readings(np.sort(late), readings[::3]), Chain())
+    assert any(line.startswith('stamps have errors of') for line in found.warnings)
+    for name in ('rotor_length', 'spacing', 'rest_length'):
+        shown, true = (getattr(each, f'{name}s') for each in (found.chain, chain))
+        errors = shown / true * chain.spacings.mean() / found.chain.spacings.mean() - 1
+        assert np.sqrt(np.mean((errors / found.deviations[name]) ** 2)) < 2, name
+
+
+def test_the_reported_progress_increases_to_the_end() -> None:
+    _, times, readings = kicked('spinner', 3)
+    for recorded in (Readings(TIMES, READINGS), Readings(times, readings)):
+        shown: list[float] = []
+        identify(recorded, Chain(), progress=shown.append)
+        assert (np.diff(shown) > 0).all()
+        assert shown[-1] == 1.0
+    assert np.diff(shown).max() < 0.4
 
 
 @pytest.mark.parametrize('pair', [(3, 5), (8, 9)])

@@ -13,8 +13,9 @@ from passages import FLIPPER, read, unequal
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.initial_states import leaning
-from soliton_linkage.identification.identification import Identification, identify
+from soliton_linkage.identification.identification import identify
 from soliton_linkage.identification.readings import Readings, RecordedImpulse
+from soliton_linkage.identification.result import Identification
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Array, Chain
 

@@ -9,8 +9,15 @@ from passages import FLIPPER, WOBBLER, unequal
 
 from soliton_linkage.identification.free_motion import FreeMotion, unknown_slices
 from soliton_linkage.identification.lengths import Tolerances, chain_lengths
+from soliton_linkage.identification.motion_equations import (
+    Record,
+    StampErrors,
+    window_equations,
+    window_gradient,
+)
 from soliton_linkage.identification.motion_fit import inflated_covariance
 from soliton_linkage.identification.windows import (
+    FreeWindow,
     MotionPrior,
     free_intervals,
     initial_windows,
@@ -55,6 +62,24 @@ def test_windows_do_not_extend_over_gaps() -> None:
     lost = np.delete(TIMES, slice(500, 503))
     windows = initial_windows(lost, np.zeros((len(lost), 10)), MOTION, [])
     assert sum(window.frames.stop - window.frames.start for window in windows) == len(lost)
+
+
+@pytest.mark.parametrize('variance', [0.0, 1e-4])
+def test_the_gradient_by_backward_integration_agrees_with_sensitivities(variance: float) -> None:
+    random, lengths = np.random.default_rng(1), chain_lengths(unequal(WOBBLER, 3))
+    angles = 0.5 + random.random(10)
+    drag = {'damping': 1e-3, 'friction': 5e-3, 'gravity': 5.0, 'tilt': 0.2}
+    motion = FreeMotion(
+        lengths, 900 + 0 * TIMES[:9], 1 + angles / 9, angles=angles, rates=3 * angles, **drag
+    )
+    readings = angles + random.standard_normal((40, 10))
+    readings[random.random(readings.shape) < 0.1] = np.nan
+    stamps = StampErrors(variance, 0.001 * random.standard_normal(40))
+    record = Record(3 * TIMES[:40], readings, 1 + random.random(readings.shape), stamps)
+    window = FreeWindow(slice(5, 40), motion)
+    expected = window_equations(window, record).vector
+    found = window_gradient(window, record)
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
 
 
 AT = unknown_slices(10)

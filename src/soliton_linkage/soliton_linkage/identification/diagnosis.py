@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -21,6 +22,8 @@ _USUAL_OF_ROTOR, _USUAL_OF_FRAMES = 1.3, 0.3
 """Typical values if the residuals are random [1]. The first is the mean square of the residuals of
 the worst rotor, relative to the mean of all rotors. The second is the share of the worst tenth of
 the frames in the sum of squared residuals."""
+_FAR_SPACING = 1.5
+"""Threshold of the ratio between a spacing and the median [1]: larger ratios are reported."""
 _SCALE_PARTS = {'rotor_length', 'spacing', 'rest_length'}
 """Quantities that change together if a part of the chain is scaled."""
 _MOST_NAMED = 4
@@ -83,6 +86,16 @@ def check_explained(
         f'no model explains this recording: with {model}, {" and ".join(faults)}. Most likely '
         f'causes: {named}. Correct them, or select a part of the recording by --begin and --end'
     )
+
+
+def length_warnings(chain: Chain) -> list[str]:
+    """Return a warning for each spacing that differs much from the others."""
+    ratios = chain.spacings / np.median(chain.spacings)
+    return [
+        f'the spacing of bond {bond} is {ratios[bond]:.2g} times the median: a rotor beside it is '
+        'missing, or an encoder is wrong; check these rotors'
+        for bond in np.flatnonzero(np.abs(np.log(ratios)) > math.log(_FAR_SPACING)).tolist()
+    ]
 
 
 def obstacle_warnings(chain: Chain, lengths: Lengths, covariance: Array) -> list[str]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulation of the free motion of a chain of springs, with sensitivities to all unknowns.
+"""Free motion of a chain of springs, with sensitivities to all unknowns.
 
 The equation of motion of rotor n is
 
@@ -7,22 +7,8 @@ The equation of motion of rotor n is
                         - c phi_n' - b tanh(phi_n' / w),
 
 where f is the extension of a spring, c the damping, and b the dry friction. The torque of dry
-friction is nearly constant at rates above w. The Q unknowns q are the unknowns of `Lengths`, log k
-of each spring, log m of each rotor, c, b, log g, the initial angles and the initial rates. The
-sensitivities X = dphi/dq and V = X' satisfy
-
-    X' = V,    V' = (dphi''/dphi) X + (dphi''/dphi') V + dphi''/dq.
-
-The classical Runge-Kutta method integrates the sensitivities together with the motion.
-
-The compiled loops have these arguments:
-
-- `table`, (5, N): r, a, l, k, and the moments of inertia;
-- `columns`, (5, N): the indices of r, a, l, log k and log m among the unknowns;
-- `forces`, (6,): c, b, w, gravity along the chain and across it, and the longest step;
-- angles and rates, (N,), and their sensitivities x and v, (N, Q).
-
-With Q = 0 only the motion is integrated.
+friction is nearly constant at rates above w. The Q unknowns are the unknowns of `Lengths`, log k
+of each spring, log m of each rotor, c, b, log g, the initial angles and the initial rates.
 """
 
 from __future__ import annotations
@@ -35,205 +21,25 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.compiling import (
-    compile_loop,
-    compiled,
-    const_f8_1d,
-    const_f8_2d,
-    const_i8_2d,
-    f8,
-    f8_1d,
-    f8_2d,
-    f8_3d,
-    i8,
+from soliton_linkage.identification.lengths import (
+    UNKNOWNS_PER_ROTOR,
+    Lengths,
+    split,
+    split_lengths,
 )
-from soliton_linkage.identification.lengths import UNKNOWNS_PER_ROTOR, Lengths, split_lengths
+from soliton_linkage.identification.motion_loops import (
+    BY_FORCE,
+    INERTIA,
+    NO_SOURCE,
+    UNMOVED,
+    A,
+    K,
+    L,
+    R,
+    integrate,
+    pull_back,
+)
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.linkage.springs import spring_between
-
-R, A, L, K, INERTIA = range(5)
-"""Rows of `table`. The first four are also rows of `columns`."""
-M = INERTIA
-"""Row of log m in `columns`."""
-BELOW, MAIN, ABOVE, PULL, FIRST, SECOND, BY_R, BY_NEXT_R = range(8)
-BY_A, NEXT_BY_R, NEXT_BY_NEXT_R, NEXT_BY_A, FRICTION_PART, DRAG, FALL, ACCELERATION = range(8, 16)
-"""Rows of the workspace `work`, (16, N): three diagonals of the stiffness matrix (`BELOW` to
-`ABOVE`), force of each spring (`PULL`), derivatives of its extension by both angles (`FIRST` and
-`SECOND`), derivatives of the torques by lengths (`BY_R` to `NEXT_BY_A`), dry friction divided by b
-(`FRICTION_PART`), derivative of the total drag by the rate (`DRAG`), acceleration by gravity
-(`FALL`), and acceleration by all torques (`ACCELERATION`)."""
-DAMPING, FRICTION, SLIDING, ALONG, DOWN, LONGEST = range(6)
-"""Indices in `forces`."""
-Columns = NDArray[np.int64]
-
-
-spring = compile_loop(spring_between, inlined=True)
-
-
-@compiled(const_f8_2d, const_f8_1d, f8_1d, f8_1d, f8_2d)
-def accelerate(table: Array, forces: Array, angles: Array, rates: Array, work: Array) -> None:
-    """Set all rows of the workspace, among them the accelerations [rad/s^2]."""
-    rotors, values = angles.size, work[ACCELERATION]
-    gravity = forces[ALONG] != 0.0 or forces[DOWN] != 0.0
-    for n in range(rotors):
-        part = math.tanh(rates[n] / forces[SLIDING])
-        values[n] = -forces[DAMPING] * rates[n] - forces[FRICTION] * part
-        slope = 1 - part * part
-        work[FRICTION_PART, n] = part
-        work[DRAG, n] = forces[DAMPING] + forces[FRICTION] * slope / forces[SLIDING]
-        work[MAIN, n] = work[FALL, n] = 0.0
-        if gravity:
-            s, c = math.sin(angles[n]), math.cos(angles[n])
-            weight = table[INERTIA, n] / table[R, n]
-            work[FALL, n] = (forces[DOWN] * s + forces[ALONG] * c) / table[R, n]
-            values[n] += table[INERTIA, n] * work[FALL, n]
-            work[MAIN, n] = weight * (forces[DOWN] * c - forces[ALONG] * s)
-    s, c = math.sin(angles[0]), math.cos(angles[0])
-    for n in range(rotors - 1):
-        s2, c2 = math.sin(angles[n + 1]), math.cos(angles[n + 1])
-        r, r2, a, rest, k = table[R, n], table[R, n + 1], table[A, n], table[L, n], table[K, n]
-        x1, y1, x2, y2 = -r * c, r * s, r2 * c2, -r2 * s2
-        offset = a * a + r * r + r2 * r2 - rest * rest
-        f, first, second = spring(y1, -x1, -y2, x2, a, offset, rest)
-        length = rest + f
-        ux, uy = (a - y2 - y1) / length, (x2 + x1) / length
-        by_r, by_next = -s * ux - c * uy, s2 * ux + c2 * uy
-        pull = -k * f
-        values[n] += pull * first
-        values[n + 1] += pull * second
-        bend = (x1 * x1 + y1 * y1 - first * first) / length + ux * r * s + uy * r * c
-        work[MAIN, n] -= k * (first * first + f * bend)
-        bend = (x2 * x2 + y2 * y2 - second * second) / length - ux * r2 * s2 - uy * r2 * c2
-        work[MAIN, n + 1] -= k * (second * second + f * bend)
-        across = -k * (first * second + f * (x1 * x2 + y1 * y2 - first * second) / length)
-        work[ABOVE, n] = work[BELOW, n] = across
-        work[PULL, n], work[FIRST, n], work[SECOND, n] = pull, first, second
-        bend = (-x1 * s - y1 * c - first * by_r) / length - ux * c + uy * s
-        work[BY_R, n] = -k * (first * by_r + f * bend)
-        bend = (x1 * s2 + y1 * c2 - first * by_next) / length
-        work[BY_NEXT_R, n] = -k * (first * by_next + f * bend)
-        work[BY_A, n] = -k * (first * ux + f * (x1 - first * ux) / length)
-        bend = (-x2 * s - y2 * c - second * by_r) / length
-        work[NEXT_BY_R, n] = -k * (second * by_r + f * bend)
-        bend = (x2 * s2 + y2 * c2 - second * by_next) / length + ux * c2 - uy * s2
-        work[NEXT_BY_NEXT_R, n] = -k * (second * by_next + f * bend)
-        work[NEXT_BY_A, n] = -k * (second * ux + f * (x2 - second * ux) / length)
-        s, c = s2, c2
-    for n in range(rotors):
-        values[n] /= table[INERTIA, n]
-
-
-@compiled(const_f8_2d, const_i8_2d, f8_1d, f8_2d, f8_2d, f8_2d, f8_2d)
-def accelerate_sensitivities(
-    table: Array,
-    columns: Columns,
-    rates: Array,
-    work: Array,
-    x: Array,
-    v: Array,
-    changes: Array,
-) -> None:
-    """Set `changes`, the sensitivities of the accelerations, (N, Q), given the workspace."""
-    rotors, size = x.shape
-    values, drag_column = work[ACCELERATION], columns[M, 0] + rotors
-    for n in range(rotors):
-        inverse = 1 / table[INERTIA, n]
-        main, drag = work[MAIN, n] * inverse, -work[DRAG, n] * inverse
-        below = work[BELOW, n - 1] * inverse if n > 0 else 0.0
-        above = work[ABOVE, n] * inverse if n < rotors - 1 else 0.0
-        row, own, rate = changes[n], x[n], v[n]
-        before, after = x[max(n - 1, 0)], x[min(n + 1, rotors - 1)]
-        for q in range(size):
-            row[q] = main * own[q] + below * before[q] + above * after[q] + drag * rate[q]
-        row[columns[R, n]] -= 2 * values[n] - work[FALL, n]
-        row[columns[M, n]] -= values[n] - work[FALL, n]
-        row[drag_column] -= rates[n] * inverse
-        row[drag_column + 1] -= work[FRICTION_PART, n] * inverse
-        row[drag_column + 2] += work[FALL, n]
-    for n in range(rotors - 1):
-        r, r2, a = table[R, n], table[R, n + 1], table[A, n]
-        stretch = table[K, n] * table[L, n]
-        row, inverse = changes[n], 1 / table[INERTIA, n]
-        row[columns[R, n]] += work[BY_R, n] * r * inverse
-        row[columns[R, n + 1]] += work[BY_NEXT_R, n] * r2 * inverse
-        row[columns[A, n]] += work[BY_A, n] * a * inverse
-        row[columns[L, n]] += stretch * work[FIRST, n] * inverse
-        row[columns[K, n]] += work[PULL, n] * work[FIRST, n] * inverse
-        row, inverse = changes[n + 1], 1 / table[INERTIA, n + 1]
-        row[columns[R, n]] += work[NEXT_BY_R, n] * r * inverse
-        row[columns[R, n + 1]] += work[NEXT_BY_NEXT_R, n] * r2 * inverse
-        row[columns[A, n]] += work[NEXT_BY_A, n] * a * inverse
-        row[columns[L, n]] += stretch * work[SECOND, n] * inverse
-        row[columns[K, n]] += work[PULL, n] * work[SECOND, n] * inverse
-
-
-@compiled(const_f8_2d, const_i8_2d, const_f8_1d, i8, f8, f8_2d, f8_3d)
-def advance(
-    table: Array,
-    columns: Columns,
-    forces: Array,
-    steps: int,
-    step: float,
-    state: Array,
-    changes: Array,
-) -> None:
-    """Integrate a number of steps in place by the classical Runge-Kutta method.
-
-    `step` is the duration of a step [s]. `state`, (2, N), contains angles and rates. `changes`,
-    (2, N, Q), contains x and v.
-    """
-    rotors, size = changes.shape[1:]
-    work, rate_changes = np.empty((16, rotors)), np.empty((rotors, size))
-    for _ in range(steps):
-        at, sums, at_changes, sum_changes = (
-            state.copy(),
-            state.copy(),
-            changes.copy(),
-            changes.copy(),
-        )
-        for stage in range(4):
-            weight = step / 6 if stage in (0, 3) else step / 3
-            ahead = step if stage == 2 else step / 2
-            accelerate(table, forces, at[0], at[1], work)
-            if size:
-                accelerate_sensitivities(
-                    table, columns, at[1], work, at_changes[0], at_changes[1], rate_changes
-                )
-            for n in range(rotors):
-                sums[0, n] += weight * at[1, n]
-                sums[1, n] += weight * work[ACCELERATION, n]
-                at[0, n] = state[0, n] + ahead * at[1, n]
-                at[1, n] = state[1, n] + ahead * work[ACCELERATION, n]
-                for q in range(size):
-                    rate, change = at_changes[1, n, q], rate_changes[n, q]
-                    sum_changes[0, n, q] += weight * rate
-                    sum_changes[1, n, q] += weight * change
-                    at_changes[0, n, q] = changes[0, n, q] + ahead * rate
-                    at_changes[1, n, q] = changes[1, n, q] + ahead * change
-        state[:], changes[:] = sums, sum_changes
-
-
-@compiled(const_f8_2d, const_i8_2d, const_f8_1d, const_f8_1d, f8_2d, f8_3d, f8_3d, f8_3d)
-def integrate(
-    table: Array,
-    columns: Columns,
-    forces: Array,
-    spans: Array,
-    state: Array,
-    changes: Array,
-    states: Array,
-    slopes: Array,
-) -> None:
-    """Integrate over T successive spans of time [s], and store the results after each span.
-
-    `states`, (T, 2, N), receives angles and rates. `slopes`, (T, N, Q), receives x.
-    """
-    for frame in range(spans.size):
-        if spans[frame] != 0:
-            steps = math.ceil(abs(spans[frame]) / forces[LONGEST])
-            advance(table, columns, forces, steps, spans[frame] / steps, state, changes)
-        states[frame], slopes[frame] = state, changes[0]
-
 
 _LONGEST_STEP = 0.4
 """Longest step times the largest rate of vibration and decay [1]. After a wall has crossed 40
@@ -360,12 +166,12 @@ def split_chain(unknowns: Array) -> dict[str, Array]:
 
 def angles_at(motion: FreeMotion, times: Array) -> Array:
     """Return the angles at each time [rad], shape (T, N)."""
-    return propagate(motion, times)[0]
+    return states_at(motion, times)[:, 0]
 
 
 def states_at(motion: FreeMotion, times: Array) -> Array:
     """Return the angles [rad] and the rates [rad/s] at each time, shape (T, 2, N)."""
-    return next(_states(motion, times, np.empty((2, len(motion.masses), 0)), len(times)))[0]
+    return next(_states(motion, times, np.empty((0, 2, len(motion.masses))), len(times)))[0]
 
 
 def propagate(motion: FreeMotion, times: Array) -> tuple[Array, FreeMotion]:
@@ -378,31 +184,42 @@ def propagate(motion: FreeMotion, times: Array) -> tuple[Array, FreeMotion]:
 def states_with_sensitivities(motion: FreeMotion, times: Array) -> Iterator[tuple[Array, Array]]:
     """Yield results for successive batches of B times.
 
-    Each result consists of angles and rates, (B, 2, N), and sensitivities of angles, (B, N, Q).
+    Each result consists of angles and rates, (B, 2, N), and sensitivities of angles, (Q, B, N).
+    """
+    at = motion.slices
+    changes = np.zeros((motion.size, 2, len(motion.masses)))
+    changes[at.angles, 0] = changes[at.rates, 1] = np.eye(len(motion.masses))
+    yield from _states(motion, times, changes, _BATCH)
+
+
+def gradient_of(motion: FreeMotion, times: Array, states: Array, weights: Array) -> Array:
+    """Return the derivatives of the sum of angles times weights, (T, N), by all unknowns, (Q,).
+
+    `states`, (T, 2, N), is the result of `states_at`.
     """
     rotors, at = len(motion.masses), motion.slices
-    changes = np.zeros((2, rotors, motion.size))
-    changes[0, :, at.angles] = changes[1, :, at.rates] = np.eye(rotors)
-    yield from _states(motion, times, changes, _BATCH)
+    pull, gradient = np.zeros((2, rotors)), np.zeros(5 * rotors + FORCE_UNKNOWNS)
+    spans = np.diff(times, prepend=times[0])
+    pull_back(_table(motion), _forces(motion), spans, states, weights, pull, gradient)
+    sources = _sources(motion)
+    rows = np.where(sources <= BY_FORCE, 5 * rotors + BY_FORCE - sources, sources)
+    derivatives = np.where(sources == UNMOVED, 0.0, gradient[rows])
+    derivatives[at.angles], derivatives[at.rates] = pull
+    return derivatives
 
 
 def _states(
     motion: FreeMotion, times: Array, changes: Array, batch: int
 ) -> Iterator[tuple[Array, Array]]:
-    """Yield states, (B, 2, N), and sensitivities of angles, (B, N, Q), for batches of B times."""
+    """Yield states, (B, 2, N), and sensitivities of angles, (Q, B, N), for batches of B times."""
     state = np.array([motion.angles, motion.rates])
-    along, down = motion.gravity * math.sin(motion.tilt), motion.gravity * math.cos(motion.tilt)
-    longest = _LONGEST_STEP / motion.fastest
-    forces = np.array([motion.damping, motion.friction, _SLIDING, along, down, longest])
-    table, columns = _table(motion), _columns(motion)
+    table, forces, sources = _table(motion), _forces(motion), _sources(motion)
     spans = np.diff(times, prepend=times[0])
     for begin in range(0, len(spans), batch):
         some = spans[begin : begin + batch]
-        states, slopes = (
-            np.empty((len(some), *state.shape)),
-            np.empty((len(some), *changes.shape[1:])),
-        )
-        integrate(table, columns, forces, some, state, changes, states, slopes)
+        states = np.empty((len(some), *state.shape))
+        slopes = np.empty((len(changes), len(some), state.shape[1]))
+        integrate(table, forces, sources, some, state, changes, states, slopes)
         yield states, slopes
 
 
@@ -417,9 +234,19 @@ def _table(motion: FreeMotion) -> Array:
     return table
 
 
-def _columns(motion: FreeMotion) -> Columns:
-    """Return the indices of r, a, l, log k and log m among the unknowns, shape (5, N)."""
-    own, at = np.arange(len(motion.masses)), motion.slices
-    r = UNKNOWNS_PER_ROTOR * own
-    columns = [r, r + 2, r + 3, at.stiffnesses.start + own, at.masses.start + own]
-    return np.ascontiguousarray(columns, dtype=np.int64)
+def _forces(motion: FreeMotion) -> Array:
+    along, down = motion.gravity * math.sin(motion.tilt), motion.gravity * math.cos(motion.tilt)
+    longest = _LONGEST_STEP / motion.fastest
+    return np.array([motion.damping, motion.friction, _SLIDING, along, down, longest])
+
+
+def _sources(motion: FreeMotion) -> NDArray[np.int64]:
+    """Return the sources of all unknowns for the compiled loops, shape (Q,)."""
+    rotors, at = len(motion.masses), motion.slices
+    sources = np.full(motion.size, NO_SOURCE)
+    for kind, part in zip((R, None, A, L), split(sources[at.lengths]), strict=True):
+        part[:] = UNMOVED if kind is None else kind * rotors + np.arange(len(part))
+    sources[at.stiffnesses] = K * rotors + np.arange(rotors - 1)
+    sources[at.masses] = INERTIA * rotors + np.arange(rotors)
+    sources[at.forces] = BY_FORCE - np.arange(FORCE_UNKNOWNS)
+    return sources

@@ -24,23 +24,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from soliton_linkage.identification.bundle import covariance_in
-from soliton_linkage.identification.free_motion import (
-    FreeMotion,
-    UnknownSlices,
-    angles_at,
-    states_at,
-)
+from soliton_linkage.identification.free_motion import FreeMotion, UnknownSlices
 from soliton_linkage.identification.lengths import Tolerances
+from soliton_linkage.identification.motion_equations import (
+    Eliminated,
+    Record,
+    StampErrors,
+    WindowEquations,
+    eliminated,
+    estimated_stamps,
+    quasi_newton_step,
+    solver,
+    window_equations,
+    window_gradient,
+)
 from soliton_linkage.identification.readings import repeat_counts
+from soliton_linkage.identification.stages import Stages
 from soliton_linkage.identification.windows import (
     INITIAL_MASS_DEVIATION,
     FreeWindow,
     MotionPrior,
-    StampErrors,
-    WindowEquations,
     merge_windows,
     observable_changes,
-    window_equations,
 )
 from soliton_linkage.linkage.chain import Array
 
@@ -60,8 +65,9 @@ _CONVERGED = 0.1
 """Threshold of the expected decrease of -2 log likelihood in a step [1]: the steps with the
 longest windows end if it is smaller. The value corresponds to a third of a standard deviation. In
 curved valleys the actual decrease may be much smaller than the expected one."""
-_COARSE = 3.0
-"""Threshold of the same decrease at which the steps with shorter windows end [1]."""
+_COARSE = 0.1
+"""Expected decrease in the last step with shorter windows, divided by the number of unknowns [1].
+The step changes each unknown by a third of a standard deviation."""
 _STIFFNESS_FACTORS = (1, 1 / 5, 5)
 """Initial stiffnesses that are tried, relative to the given stiffness [1]. The fit can correct
 errors by a factor of 2 or 3. A stiffness is omitted if its vibrations are faster than the frame
@@ -85,11 +91,28 @@ the time."""
 _SIGNIFICANT = 3.0
 """Threshold of the difference between the residuals of bars and of springs, in its standard
 deviations [1]: a larger difference is significant."""
-_SIGNIFICANT_STAMPS = 6.0
-"""Threshold of the variance of stamp errors, in its standard deviations [1]: a larger variance is
-significant."""
+_NOISE_SCATTER = 2.3
+"""Relative standard deviation of the squared noise of n readings, estimated from the median of
+their second differences, times sqrt(n) [1]."""
+_MATRIX_FRAMES = 1000
+"""Number of frames from which the matrices of a step are computed [1]. Gradients, and therefore
+the results, use all frames. Sensitivity: at 2x, a fit takes 1.5 times as long."""
 _DAMPINGS = 12
 """Number of damping factors that are tried for one step [1]; the last factor is 100."""
+_FASTEST = 100.0
+"""Largest angular frequency of vibrations times the frame interval [1]; faster ones cannot be
+resolved and take long to integrate."""
+_LONGEST_STEP = 1.0
+"""Largest change of the logarithm of a length, stiffness or mass in one step [1]."""
+_FAR = 5.0
+"""Expected decrease, divided by the number of unknowns, above which matrices are computed again in
+each step [1], because they change much."""
+_SLOW = 0.5
+"""Threshold of the expected decrease in a step, relative to the previous step [1]: the matrices
+are computed again if it is larger."""
+_SHARES = 0.2, 0.5, 0.7, 0.95
+"""Fractions of the work that are done when the stiffness is found, when windows are merged, when
+tolerances are estimated, and when the posterior is sampled [1]."""
 _DAMPED = 1e-3
 """Threshold of the damping factor [1]: with more damping, a small expected decrease does not mean
 convergence, because the step may be too short."""
@@ -135,6 +158,7 @@ class MotionFitter:
         noise: float,
         tolerance: float | None,
         gravity_known: bool = True,
+        stages: Stages | None = None,
     ) -> None:
         """Start with motions that approximate the readings.
 
@@ -143,12 +167,13 @@ class MotionFitter:
         times `noise` [rad]. The tolerance of lengths [1] is estimated if it is None. Gravity is
         estimated unless `gravity_known`.
         """
-        self._stamps, self._times, self._readings = times, times, readings
-        self._stamp_errors = StampErrors(0.0, np.zeros_like(times))
-        self._repeats = repeat_counts(readings)
-        self._deviations = relative_deviations * np.sqrt(self._repeats)
+        self._stamps, self._repeats = times, repeat_counts(readings)
+        deviations = relative_deviations * np.sqrt(self._repeats)
+        exact = StampErrors(0.0, np.zeros_like(times))
+        self._record = Record(times, readings, deviations, exact)
+        self._interval = float(np.median(np.diff(times)))
         self._noise, self._tolerance = noise, tolerance
-        self._windows = tuple(windows)
+        self._windows, self._stages = tuple(windows), stages or Stages()
         motion = self._motion
         tolerances = Tolerances(tolerance or Tolerances.lengths)
         self._prior = MotionPrior(motion.gravity, tolerances, _GROWTH_MASS_DEVIATION)
@@ -160,31 +185,41 @@ class MotionFitter:
 
         `bar_noise` is the standard deviation of a reading if bonds are bars [rad].
         """
+        show, (begun, merged, estimated, _) = self._stages, _SHARES
+        show.enter(0.0, begun)
         if not self._begin(bar_noise):
             return None
+        levels = math.log(len(self._windows)) or 1.0
         while (windows := merge_windows(self._windows, self._fits)) != self._windows:
+            left = (math.log(len(each)) / levels for each in (self._windows, windows))
+            show.enter(*(merged - (merged - begun) * part for part in left))
             self._windows = windows
-            self._improve(_STEPS, _COARSE)
-            if self._stamp_errors.variance:
+            self._improve(_STEPS, _COARSE * self._unknowns)
+            if self._record.stamps.variance:
                 self._correct_stamps()
         self._prior = replace(self._prior, mass_deviation=INITIAL_MASS_DEVIATION)
         most = UNEXPLAINED * self._noise
-        for _ in range(_ROUNDS):
+        equations = None
+        for number in range(_ROUNDS):
+            ends = (estimated - (estimated - merged) / 2**each for each in (number, number + 1))
+            show.enter(*ends)
             self._correct_stamps()
-            self._improve(_LAST_STEPS, _CONVERGED)
-            before = self._prior.tolerances
-            covariance, information = self._reestimate()
+            self._improve(_LAST_STEPS, _CONVERGED, equations)
+            before, equations = self._prior.tolerances, self._equations()
+            covariance, information = self._reestimate(equations)
             converged = self._prior.tolerances.is_close(before, _TOLERANCE_CHANGE)
             if self._noise > most or converged:
                 break
         if self._noise > bar_noise:
             return None
         if self._noise <= most:
-            covariance = inflated_covariance(covariance, self._samples(), self._motion.slices)
-        residuals = np.zeros_like(self._readings)
+            covariance = inflated_covariance(
+                covariance, self._samples(equations), self._motion.slices
+            )
+        residuals = np.zeros_like(self._record.readings)
         for window in self._windows:
             repeated = np.sqrt(self._repeats[window.frames])
-            residuals[window.frames] = np.nan_to_num(self._residuals(window) * repeated)
+            residuals[window.frames] = self._record.weighted(window)[2] * repeated
         return MotionFit(
             tuple(window._replace(motion=window.motion.normalised()) for window in self._windows),
             covariance,
@@ -193,32 +228,35 @@ class MotionFitter:
             self._noise,
             residuals,
             self._prior,
-            math.sqrt(self._stamp_errors.variance) * self._noise,
+            math.sqrt(self._record.stamps.variance) * self._noise,
         )
 
-    def _samples(self) -> Array:
+    def _samples(self, equations: list[WindowEquations]) -> Array:
         """Return S samples of the posterior, as changes of the chain, shape (S, Q - 2 N).
 
         For each sample, random errors are added to the readings and to the prior mean, and the
         cost is minimised again. The samples are exact if motions are linear in all unknowns
         (randomized maximum likelihood: Oliver, He and Reynolds 1996).
         """
-        found, readings, prior = self._windows, self._readings, self._prior
+        found, record, prior = self._windows, self._record, self._prior
         random, values = np.random.default_rng(0), prior.evaluate(self._motion)[1]
         samples = []
-        for _ in range(_SAMPLES):
-            noise = self._noise * self._deviations * random.standard_normal(readings.shape)
-            self._readings = readings + noise
+        for number in range(_SAMPLES):
+            begin, end = _SHARES[2:]
+            ends = (begin + (end - begin) * each / _SAMPLES for each in (number, number + 1))
+            self._stages.enter(*ends)
+            noise = self._noise * record.deviations * random.standard_normal(record.readings.shape)
+            self._record = record._replace(readings=record.readings + noise)
             self._prior = prior.sampled(found[0].motion, random)
-            self._improve(_SAMPLED_STEPS, _CONVERGED)
+            self._improve(_SAMPLED_STEPS, _CONVERGED, equations)
             samples.append(prior.evaluate(self._motion)[1] - values)
-            self._windows, self._readings, self._prior = found, readings, prior
+            self._windows, self._record, self._prior = found, record, prior
         return np.array(samples)
 
     def _begin(self, bar_noise: float) -> bool:
         """Find the best initial stiffness; return whether springs fit better than bars."""
         given, found = self._windows, []
-        stiffest = float(np.median(np.diff(self._times))) ** -2
+        stiffest = self._interval**-2
         for factor in _STIFFNESS_FACTORS:
             stiffnesses = factor * given[0].motion.stiffnesses
             self._windows = tuple(
@@ -227,15 +265,16 @@ class MotionFitter:
             )
             if factor > 1 and self._motion.stiffnesses.max() > stiffest:
                 continue
-            self._improve(_STEPS, _COARSE)
+            self._improve(_STEPS, _COARSE * self._unknowns)
             if self._correct_stamps():
-                self._improve(_STEPS, _COARSE)
+                self._improve(_STEPS, _COARSE * self._unknowns)
             if bar_noise**2 > self._squared_noise() * (1 + _SIGNIFICANT * self._scatter()):
                 self._windows = merge_windows(self._windows, self._fits)
-                self._improve(_STEPS, _COARSE)
+                self._improve(_STEPS, _COARSE * self._unknowns)
                 found.append((self._cost(self._windows), self._windows))
-                limit = self._noise**2 * (1 + _SIGNIFICANT * self._scatter())
-                if self._squared_noise() < limit:
+                count = sum(float(self._counts(window).sum()) for window in self._windows)
+                spread = self._scatter() + _NOISE_SCATTER / math.sqrt(count)
+                if self._squared_noise() < self._noise**2 * (1 + _SIGNIFICANT * spread):
                     break
         if found:
             self._windows = min(found, key=lambda each: each[0])[1]
@@ -264,134 +303,124 @@ class MotionFitter:
         return math.sqrt(2 / (count * self._rotors))
 
     @property
+    def _unknowns(self) -> int:
+        return len(self._basis) + 2 * self._rotors * len(self._windows)
+
+    @property
     def _motion(self) -> FreeMotion:
         return self._windows[0].motion
 
-    def _residuals(self, window: FreeWindow) -> Array:
-        """Return the residuals of a window divided by relative deviations [rad], (T, N).
-
-        Missing readings have the residual NaN.
-        """
-        angles = angles_at(window.motion, self._times[window.frames])
-        residuals = self._readings[window.frames] - window.motion.lengths.offsets - angles
-        return np.asarray(residuals / self._deviations[window.frames])
-
-    def _whitened(self, window: FreeWindow, residuals: Array | None = None) -> Array:
-        """Return the residuals of a window, 0 if missing, corrected for errors of time stamps."""
-        if residuals is None:
-            residuals = self._residuals(window)
-        errors = np.nan_to_num(residuals)
-        if self._stamp_errors.variance:
-            pulls = np.where(np.isfinite(residuals), self._pulls(window), 0.0)
-            self._stamp_errors.whiten(window.frames, pulls, errors, np.empty(0))
-        return errors
-
-    def _pulls(self, window: FreeWindow) -> Array:
-        """Return rates divided by the relative deviations of the readings [rad/s], (T, N)."""
-        rates = states_at(window.motion, self._times[window.frames])[:, 1]
-        return np.asarray(rates / self._deviations[window.frames])
+    def _whitened(self, window: FreeWindow) -> Array:
+        """Return the whitened residuals of a window, 0 if missing, (T, N)."""
+        _, pulls, errors = self._record.weighted(window)
+        return self._record.whitened(window.frames, pulls, errors)
 
     def _correct_stamps(self) -> bool:
-        """Estimate the errors of time stamps; return whether they are significant.
-
-        The component of the residuals along the rates gives the delay of each frame. The variance
-        of stamp errors is computed from second differences of these delays, because model errors
-        also cause delays, but slowly varying ones.
-        """
-        delays, weights = np.zeros((2, len(self._times)))
-        sums, squares = 0.0, 0.0
-        for window in self._windows:
-            residuals, some = self._residuals(window), window.frames
-            pulls = np.where(np.isfinite(residuals), self._pulls(window), 0.0)
-            weight = np.sum(pulls**2, axis=1)
-            shifts = np.sum(pulls * np.nan_to_num(residuals), axis=1) / np.maximum(weight, 1e-30)
-            delays[some] = shifts + (self._times - self._stamps)[some]
-            weights[some] = weight
-            errors = self._noise**2 / np.maximum(weight, 1e-30)
-            bends = delays[some][1:-1] - (delays[some][:-2] + delays[some][2:]) / 2
-            expected = errors[1:-1] + (errors[:-2] + errors[2:]) / 4
-            sums += float(np.sum((bends**2 / expected - 1) / expected))
-            squares += float(np.sum(1.5 / expected**2))
-        spread = math.sqrt(3 / max(squares, 1e-30))
-        variance = sums / max(squares, 1e-30)
-        if variance < _SIGNIFICANT_STAMPS * spread:
-            return False
-        ratio = variance / self._noise**2
-        delays *= ratio * weights / (1 + ratio * weights)
-        self._stamp_errors = StampErrors(ratio, delays)
-        self._times = self._stamps + delays
-        return True
+        """Estimate the errors of time stamps; return whether they are significant."""
+        found = estimated_stamps(self._record, self._windows, self._stamps, self._noise)
+        if found is not None:
+            self._record = found
+        return found is not None
 
     def _fits(self, window: FreeWindow, frames: slice) -> bool:
         """Return whether the motion of a window is close to the readings of its last frames."""
-        errors = self._residuals(window)[frames.start - window.frames.start :]
-        errors = errors * self._deviations[frames]
-        return bool(np.nansum(errors**2) < _FITTING**2 * len(errors))
+        errors = self._record.weighted(window)[2][frames.start - window.frames.start :]
+        errors = errors * self._record.deviations[frames]
+        return bool(np.sum(errors**2) < _FITTING**2 * len(errors))
 
     def _cost(self, windows: Sequence[FreeWindow]) -> float:
         """Return -2 log likelihood, or infinity if a motion diverges."""
+        if not windows[0].motion.fastest * self._interval < _FASTEST:
+            return math.inf
         information, values = self._prior.evaluate(windows[0].motion)
         cost = float(values @ information @ values)
         for window in windows:
-            residuals = self._residuals(window)
-            if not np.isfinite(residuals[self._seen(window)]).all():
-                return math.inf
-            cost += float(np.sum(self._whitened(window, residuals) ** 2)) / self._noise**2
-        return cost
+            cost += float(np.sum(self._whitened(window) ** 2)) / self._noise**2
+        return cost if math.isfinite(cost) else math.inf
 
     def _seen(self, window: FreeWindow) -> Array:
-        return np.isfinite(self._readings[window.frames])
+        return np.isfinite(self._record.readings[window.frames])
 
-    def _equations(self) -> list[WindowEquations]:
-        given = self._times, self._readings, self._deviations, self._stamp_errors
-        return [window_equations(window, *given) for window in self._windows]
+    def _equations(self, every: int = 1) -> list[WindowEquations]:
+        return [window_equations(window, self._record, every) for window in self._windows]
 
-    def _improve(self, steps: int, converged: float) -> None:
-        """Take Levenberg-Marquardt steps until the expected decrease is below `converged`."""
-        damping, before = 0.0, self._cost(self._windows)
-        for _ in range(steps):
-            step = self._linearised()
-            for _ in range(_DAMPINGS):
-                changed, expected = step(damping)
-                with np.errstate(all='ignore'):
-                    after = self._cost(changed)
-                if after < before:
-                    break
-                damping = max(4 * damping, 1e-4)
-            else:
-                return
-            self._windows, before = changed, after
-            if expected < converged and damping < _DAMPED:
-                return
-            damping /= 8
+    def _improve(
+        self, steps: int, converged: float, equations: list[WindowEquations] | None = None
+    ) -> None:
+        """Take quasi-Newton steps until the expected decrease of the cost is below `converged`.
 
-    def _linearised(self) -> Callable[[float], tuple[tuple[FreeWindow, ...], float]]:
-        """Return a function that takes a step with a given damping.
-
-        The function returns the windows after the step and the expected decrease of the cost.
+        Matrices take ten times as long as a gradient. They are computed again only if a step is
+        rejected or if the expected decrease falls slowly. `equations` contains initial matrices.
         """
-        windows, equations = self._windows, self._equations()
-        information, values = self._prior.evaluate(windows[0].motion)
+        every = max(1, len(self._stamps) // _MATRIX_FRAMES)
+        equations = equations or self._equations(every)
+        right, pairs, at = self._right(), [], self._motion.slices
+        damping, before, last, rejected = 0.0, self._cost(self._windows), math.inf, 0
+        solve, fresh = self._solver(equations, damping), True
+        first = 0.0
+        while rejected < _DAMPINGS:
+            step = quasi_newton_step(right, solve, pairs)
+            expected = float(step @ right)
+            first = max(first, expected)
+            self._stages.show_decrease(first, expected, converged)
+            step *= min(1.0, _LONGEST_STEP / float(np.abs(step[: at.masses.stop]).max()))
+            changed = self._changed(step)
+            with np.errstate(all='ignore'):
+                after = self._cost(changed)
+            accepted = after < before
+            if accepted:
+                self._windows, before, steps, rejected = changed, after, steps - 1, 0
+                if not steps or (expected < converged and damping < _DAMPED):
+                    return
+                damping /= 8
+            elif fresh:
+                damping, rejected = max(4 * damping, 1e-4), rejected + 1
+                solve = self._solver(equations, damping)
+                continue
+            slow = bool(pairs) and expected > _SLOW * last
+            far = expected > _FAR * self._unknowns
+            fresh = far or slow or not accepted or damping > _DAMPED
+            last = expected
+            previous, right = right, self._right()
+            if fresh:
+                equations, pairs = self._equations(every), []
+                solve = self._solver(equations, damping)
+            elif step @ (previous - right) > 0:
+                pairs.append((step, previous - right))
 
-        def step(damping: float) -> tuple[tuple[FreeWindow, ...], float]:
-            parts = [each.eliminated(self._rotors, self._noise, damping) for each in equations]
-            matrix = information + np.sum([each.matrix for each in parts], axis=0)
-            vector = np.sum([each.vector for each in parts], axis=0) - information @ values
-            reduced = self._basis.T @ matrix @ self._basis
-            reduced += damping * np.diag(np.diag(reduced))
-            change = self._basis @ np.linalg.solve(reduced, self._basis.T @ vector)
-            changed = tuple(
-                window._replace(motion=window.motion.changed(each.change(change)))
-                for window, each in zip(windows, parts, strict=True)
-            )
-            return changed, float(change @ vector) + sum(each.gain for each in parts)
+    def _right(self) -> Array:
+        """Return the negative gradient of half the cost by the chain and all initial states."""
+        information, values = self._prior.evaluate(self._motion)
+        vectors = np.array([window_gradient(each, self._record) for each in self._windows])
+        vectors, size = vectors / self._noise**2, len(values)
+        chain = vectors[:, :size].sum(axis=0) - information @ values
+        return np.concatenate([chain, vectors[:, size:].ravel()])
 
-        return step
+    def _solver(
+        self, equations: Sequence[WindowEquations], damping: float
+    ) -> Callable[[Array], Array]:
+        information, _ = self._prior.evaluate(self._motion)
+        return solver(self._eliminated(equations, damping), information, self._basis, damping)
 
-    def _reestimate(self) -> tuple[Array, Array]:
+    def _eliminated(
+        self, equations: Sequence[WindowEquations], damping: float
+    ) -> list[Eliminated]:
+        size = len(self._basis)
+        return [eliminated(each.matrix, size, self._noise, damping) for each in equations]
+
+    def _changed(self, step: Array) -> tuple[FreeWindow, ...]:
+        """Return the windows after a step of the chain and of all initial states."""
+        chain, states = np.split(step, [len(self._basis)])
+        changes = states.reshape(len(self._windows), -1)
+        return tuple(
+            window._replace(motion=window.motion.changed(np.concatenate([chain, own])))
+            for window, own in zip(self._windows, changes, strict=True)
+        )
+
+    def _reestimate(self, equations: Sequence[WindowEquations]) -> tuple[Array, Array]:
         """Estimate noise and prior again; return covariance and information of the chain."""
-        equations, motion = self._equations(), self._motion
-        parts = [each.eliminated(self._rotors, self._noise, 0.0) for each in equations]
+        motion = self._motion
+        parts = self._eliminated(equations, 0.0)
         information = np.sum([each.matrix for each in parts], axis=0)
         whole = information + self._prior.evaluate(motion)[0]
         covariance = covariance_in(self._basis, whole)

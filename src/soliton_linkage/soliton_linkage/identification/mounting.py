@@ -15,6 +15,7 @@ not neighbours.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -44,6 +45,8 @@ _AS_GOOD = 1.25
 _IMPASSABLE = 0.95
 """Threshold of l^2, relative to the smallest l^2 in a bond that a wall can pass [1]: no wall can
 pass the bond if the ratio is smaller. Noise changes the ratio by 0.03."""
+_MOST_NAMED = 4
+"""Largest number of absent joints that a text names [1]."""
 _MOST_WRONG = 1 / 4
 """Largest fraction of wrongly mounted rotors that an error names one by one [1]."""
 
@@ -132,6 +135,21 @@ def check_neighbours(readings: Array, names: Sequence[str]) -> None:
             'them are missing, or joints are not in the order of the rotors; record all rotors, '
             'and name them from the first to the last'
         )
+
+
+def absent_joints(names: Sequence[str]) -> str:
+    """Return a text that names the joints that are absent from numbered names, or ''."""
+    found = [re.fullmatch(r'(.*?)(\d+)', name) for name in names]
+    parts = [(each[1], int(each[2])) for each in found if each]
+    numbers = {number for _, number in parts}
+    if len(parts) < len(names) or len({prefix for prefix, _ in parts}) > 1:
+        return ''
+    absent = sorted(set(range(min(numbers), max(numbers))) - numbers)
+    if not absent:
+        return ''
+    named = ', '.join(f'{parts[0][0]}{number}' for number in absent[:_MOST_NAMED])
+    more = f' and {len(absent) - _MOST_NAMED} more' if len(absent) > _MOST_NAMED else ''
+    return f'the recording has no joint {named}{more}; record all rotors'
 
 
 def _isolated(rotors: list[int], count: int) -> bool:

@@ -1,13 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Windows of frames of free motion, their normal equations, and the prior of the chain.
-
-The unknowns of a window are the parameters q of the chain and the initial state s of the window.
-With the blocks A_qq, A_qs, A_sq, A_ss of the normal equations and the right sides b_q, b_s, the
-contribution of the window to the equations of the chain is
-
-    (A_qq - A_qs A_ss^-1 A_sq) dq = b_q - A_qs A_ss^-1 b_s,
-
-and the change of the initial state is ds = A_ss^-1 (b_s - A_sq dq).
+"""Windows of frames of free motion, and the prior of the chain.
 
 `Tolerances` is the prior of the lengths. In the prior of stiffnesses and masses, their logarithms
 have normal distributions. The standard deviation of these distributions is estimated.
@@ -24,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from soliton_linkage.identification.adjustment import observable_basis
-from soliton_linkage.identification.free_motion import FreeMotion, states_with_sensitivities
-from soliton_linkage.identification.lengths import UNKNOWNS_PER_ROTOR, Tolerances, to_unknowns
+from soliton_linkage.identification.free_motion import FreeMotion
+from soliton_linkage.identification.lengths import Tolerances, to_unknowns
 from soliton_linkage.linkage.chain import Array
 
 _INITIAL_FRAMES = 25
@@ -241,122 +233,3 @@ def observable_changes(motion: FreeMotion, gravity_known: bool) -> Array:
     if gravity_known or not motion.gravity:
         removed.append(at.forces.stop - 1)
     return np.delete(basis, removed, axis=1)
-
-
-_STATE_DEVIATION = 10.0
-"""Prior standard deviation of each initial angle [rad] and each initial rate [rad/s]."""
-
-
-class Eliminated(NamedTuple):
-    """Normal equations of the chain after elimination of the initial state of a window."""
-
-    matrix: Array
-    """A_qq - A_qs A_ss^-1 A_sq."""
-    vector: Array
-    """b_q - A_qs A_ss^-1 b_s."""
-    state: Array
-    """A_ss^-1 b_s."""
-    coupling: Array
-    """A_ss^-1 A_sq."""
-    gain: float
-    """Decrease b_s A_ss^-1 b_s of the sum of squares if only the initial state changes [1]."""
-
-    def change(self, chain: Array) -> Array:
-        """Return the change of all unknowns of the window, (Q,), given the change of the chain."""
-        return np.concatenate([chain, self.state - self.coupling @ chain])
-
-
-class WindowEquations(NamedTuple):
-    """Normal equations of a window for readings of unit variance.
-
-    Of the Q unknowns, the last 2 N are the initial state.
-    """
-
-    matrix: Array
-    """Left side, shape (Q, Q)."""
-    vector: Array
-    """Right side, shape (Q,)."""
-    squares: float
-    """Sum of squared residuals [rad^2]."""
-
-    def eliminated(self, rotors: int, noise: float, damping: float) -> Eliminated:
-        """Eliminate the initial state from the normal equations.
-
-        `noise` is the standard deviation of a reading [rad]. `damping` is the Levenberg-Marquardt
-        damping factor [1].
-        """
-        matrix, vector = self.matrix / noise**2, self.vector / noise**2
-        size = len(vector) - 2 * rotors
-        own = matrix[size:, size:] * (1 + damping * np.eye(2 * rotors))
-        own += np.eye(2 * rotors) / _STATE_DEVIATION**2
-        coupling = np.asarray(np.linalg.solve(own, matrix[size:, :size]))
-        state = np.asarray(np.linalg.solve(own, vector[size:]))
-        return Eliminated(
-            matrix[:size, :size] - matrix[:size, size:] @ coupling,
-            vector[:size] - matrix[:size, size:] @ state,
-            state,
-            coupling,
-            float(vector[size:] @ state),
-        )
-
-
-class StampErrors(NamedTuple):
-    """Errors of the time stamps of T frames, and their estimated variance.
-
-    If the stamp of a frame is late by d, the readings of all rotors differ by -d times the rates
-    of the rotors. Let u be the rates divided by the standard deviations of the readings. Stamp
-    errors of variance v increase the covariance of the weighted readings from I to I + v u u^T.
-    Multiplication by the inverse square root of this matrix reduces the component of the residuals
-    along u.
-    """
-
-    variance: float
-    """Variance of stamp errors over the variance of a reading [s^2/rad^2], 0 if negligible."""
-    delays: Array
-    """Estimated time of each frame minus its stamp [s], shape (T,)."""
-
-    def whiten(self, frames: slice, pulls: Array, errors: Array, slopes: Array) -> None:
-        """Whiten the weighted residuals, (B, N), and sensitivities, (B, N, Q), of B frames.
-
-        The arrays are changed in place. `pulls` are the rates divided by the relative deviations
-        of the readings, 0 for missing readings, (B, N).
-        """
-        if not self.variance:
-            return
-        errors += pulls * self.delays[frames, None]
-        squares = np.sum(pulls**2, axis=1)
-        factors = (1 - 1 / np.sqrt(1 + self.variance * squares)) / np.maximum(squares, 1e-30)
-        errors -= pulls * (factors * np.einsum('tn,tn->t', pulls, errors))[:, None]
-        if slopes.size:
-            along = np.matmul(pulls[:, None], slopes)
-            slopes -= (factors[:, None] * pulls)[..., None] * along
-
-
-def window_equations(
-    window: FreeWindow,
-    times: Array,
-    readings: Array,
-    relative_deviations: Array,
-    stamps: StampErrors,
-) -> WindowEquations:
-    """Return the normal equations of a window.
-
-    `times` [s], `readings` [rad] and their relative deviations [1] are those of all T frames.
-    """
-    rotors, size = np.arange(readings.shape[1]), window.motion.size
-    matrix, vector, squares = np.zeros((size, size)), np.zeros(size), 0.0
-    begin = window.frames.start
-    for states, slopes in states_with_sensitivities(window.motion, times[window.frames]):
-        frames = slice(begin, begin + len(states))
-        begin = frames.stop
-        slopes[:, rotors, UNKNOWNS_PER_ROTOR * rotors + 1] += 1
-        errors = readings[frames] - window.motion.lengths.offsets - states[:, 0]
-        weights = np.where(np.isfinite(errors), 1 / relative_deviations[frames], 0.0)
-        errors = np.nan_to_num(errors) * weights
-        slopes *= weights[..., None]
-        stamps.whiten(frames, states[:, 1] * weights, errors, slopes)
-        rows, errors = slopes.reshape(-1, size), errors.ravel()
-        matrix += rows.T @ rows
-        vector += rows.T @ errors
-        squares += float(errors @ errors)
-    return WindowEquations(matrix, vector, squares)

@@ -15,7 +15,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
-from soliton_linkage.identification.identification import Identification, identify
+from soliton_linkage.identification.identification import identify
+from soliton_linkage.identification.result import Identification
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import quantity
@@ -109,7 +110,7 @@ class ChainIdentifier(ManagedNode):
         """Result of the last successful identification, or None."""
         self._failure = ''
         self._record = self._new_record()
-        self._identified_frames = 0
+        self._identified_frames, self._progress = 0, 0.0
         self._working: threading.Thread | None = None
         self._outcome: Identification | ValueError | None = None
         self._decoder = JointStateDecoder()
@@ -177,7 +178,7 @@ class ChainIdentifier(ManagedNode):
         idle = self.active and not self._working and record.frames
         if not idle or record.frames == self._identified_frames:
             return
-        self._identified_frames = record.frames
+        self._identified_frames, self._progress = record.frames, 0.0
         given = dataclasses.replace(
             Chain(), spacing=self.settings.spacing, mass=self.settings.mass
         )
@@ -188,9 +189,12 @@ class ChainIdentifier(ManagedNode):
 
     def _identify(self, *given: Any) -> None:
         try:
-            self._outcome = identify(*given)
+            self._outcome = identify(*given, progress=self._show_progress)
         except ValueError as error:
             self._outcome = error
+
+    def _show_progress(self, done: float) -> None:
+        self._progress = done
 
     def _publish_result(self) -> None:
         if self._working is None or self._working.is_alive():
@@ -244,6 +248,7 @@ class ChainIdentifier(ManagedNode):
             'frames': self.frames,
             'frames dropped': self.frames - len(self._record),
             'identifying': self._working is not None,
+            'progress': f'{self._progress:.0%}',
         }
         if self.found is None:
             message = self._failure or 'waiting for a soliton to pass through the chain'

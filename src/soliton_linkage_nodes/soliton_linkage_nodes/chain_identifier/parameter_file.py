@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from soliton_linkage.identification.identification import Identification
+from soliton_linkage.identification.result import Identification
 from soliton_linkage_nodes.messages.conversions import default_joint_names
 
 _NODES = ('edge_actuator', 'soliton_analyser', 'soliton_steering', 'visualisation')

@@ -22,8 +22,9 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 
 from soliton_linkage.command_line import PlainParser
-from soliton_linkage.identification.identification import Identification, identify
+from soliton_linkage.identification.identification import identify
 from soliton_linkage.identification.readings import join_recordings
+from soliton_linkage.identification.result import Identification
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import Quantity, described_fields
@@ -97,9 +98,11 @@ def identify_bags(
         )
     readings = join_recordings(recordings)
     frames, rotors = readings.angles.shape
-    progress = ProgressLine('identifying', 0)
-    progress.show(0, f'{frames} frames of {rotors} rotors')
-    found = identify(readings, chain, assumptions.tolerance, known)
+    progress, remark = ProgressLine('identifying', 1), f'{frames} frames of {rotors} rotors'
+    progress.show(0, remark)
+    found = identify(
+        readings, chain, assumptions.tolerance, known, lambda done: progress.show(done, remark)
+    )
     folder.mkdir(parents=True, exist_ok=True)
     names = ', '.join(bag.name for bag in bags)
     write_parameters(found, readings.joints, names, folder / 'chain.yaml')

@@ -56,7 +56,7 @@ class IdentifyControls(ChainControls):
                     name == 'identify',
                 )
             self._progress = ui.linear_progress(show_value=False).props(
-                'indeterminate aria-label="identification is running" id=live-identifying'
+                'aria-label="progress of the identification" id=live-identifying'
             )
             self._progress.set_visibility(False)
         self._lines = ui.label().classes('live-lines').props('id=live-identified role=status')
@@ -69,11 +69,14 @@ class IdentifyControls(ChainControls):
         reports = reports_of(self._view.finder, self._page.namespace)
         recent = (r for age, r in reports if r.node == name and age < REPORT_TIMEOUT)
         report = next(recent, None)
-        running = report is not None and report.figures.get('identifying') == 'True'
+        figures = report.figures if report else {}
+        running = figures.get('identifying') == 'True'
         if not running:
             self._started = time.monotonic()
         if self._progress.visible != running:
             self._progress.set_visibility(running)
+        if running:
+            self._progress.value = float(figures.get('progress', '0').rstrip('%')) / 100
         elapsed = f'identifying for {time.monotonic() - self._started:.0f} s' if running else ''
         text = '\n'.join(describe(report, elapsed)) if report else ''
         if self._lines.text != text:

@@ -1,0 +1,245 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Normal equations of the chain and of the initial states of all windows.
+
+The unknowns of a window are the parameters q of the chain and the initial state s of the window.
+With the blocks A_qq, A_qs, A_sq, A_ss of the normal equations and the right sides b_q, b_s,
+elimination of s leaves
+
+    sum over windows of (A_qq - A_qs A_ss^-1 A_sq) dq = sum of (b_q - A_qs A_ss^-1 b_s),
+
+and the change of each initial state is ds = A_ss^-1 (b_s - A_sq dq).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soliton_linkage.identification.free_motion import (
+    gradient_of,
+    states_at,
+    states_with_sensitivities,
+)
+from soliton_linkage.identification.lengths import UNKNOWNS_PER_ROTOR, split
+from soliton_linkage.identification.windows import FreeWindow
+from soliton_linkage.linkage.chain import Array
+
+_STATE_DEVIATION = 10.0
+"""Prior standard deviation of each initial angle [rad] and each initial rate [rad/s]."""
+_SIGNIFICANT_STAMPS = 6.0
+"""Threshold of the variance of stamp errors, in its standard deviations [1]: a larger variance is
+significant."""
+
+
+class WindowEquations(NamedTuple):
+    """Normal equations of a window for readings of unit variance.
+
+    Of the Q unknowns, the last 2 N are the initial state.
+    """
+
+    matrix: Array
+    """Left side, shape (Q, Q)."""
+    vector: Array
+    """Right side, shape (Q,)."""
+    squares: float
+    """Sum of squared residuals [rad^2]."""
+
+
+class Eliminated(NamedTuple):
+    """Matrices of a window after elimination of its initial state."""
+
+    matrix: Array
+    """A_qq - A_qs A_ss^-1 A_sq."""
+    coupling: Array
+    """A_ss^-1 A_sq."""
+    inverse: Array
+    """A_ss^-1."""
+
+
+def eliminated(matrix: Array, size: int, noise: float, damping: float) -> Eliminated:
+    """Eliminate the initial state of a window, whose unknowns follow the first `size` ones.
+
+    `noise` is the standard deviation of a reading [rad]. `damping` is the Levenberg-Marquardt
+    damping factor [1].
+    """
+    matrix = matrix / noise**2
+    states = np.eye(len(matrix) - size)
+    inverse = np.linalg.inv(
+        matrix[size:, size:] * (1 + damping * states) + states / _STATE_DEVIATION**2
+    )
+    coupling = inverse @ matrix[size:, :size]
+    return Eliminated(matrix[:size, :size] - matrix[:size, size:] @ coupling, coupling, inverse)
+
+
+def solver(
+    parts: Sequence[Eliminated], information: Array, basis: Array, damping: float
+) -> Callable[[Array], Array]:
+    """Return a function that solves the equations of the chain and of all initial states.
+
+    `information` is the prior information on the chain. The chain changes only along the columns
+    of `basis`. The right side and the solution contain the chain, then the state of each window.
+    """
+    matrix = basis.T @ (information + np.sum([each.matrix for each in parts], axis=0)) @ basis
+    matrix += damping * np.diag(np.diag(matrix))
+    inverse, size = np.linalg.inv(matrix), len(information)
+
+    def solve(right: Array) -> Array:
+        own = right[size:].reshape(len(parts), -1)
+        reduced = right[:size] - np.sum(
+            [part.coupling.T @ each for part, each in zip(parts, own, strict=True)], axis=0
+        )
+        chain = basis @ (inverse @ (basis.T @ reduced))
+        states = [
+            part.inverse @ each - part.coupling @ chain
+            for part, each in zip(parts, own, strict=True)
+        ]
+        return np.concatenate([chain, *states])
+
+    return solve
+
+
+def quasi_newton_step(
+    right: Array, solve: Callable[[Array], Array], pairs: Sequence[tuple[Array, Array]]
+) -> Array:
+    """Return the step of the method L-BFGS (J. Nocedal, 1980).
+
+    `right` is the negative gradient. `solve` multiplies by the inverse of an approximate Hessian.
+    `pairs` contains previous steps with the changes of the gradient.
+    """
+    factors = []
+    for step, change in reversed(pairs):
+        factors.append(step @ right / (step @ change))
+        right = right - factors[-1] * change
+    solution = solve(right)
+    for (step, change), factor in zip(pairs, reversed(factors), strict=True):
+        solution = solution + (factor - change @ solution / (step @ change)) * step
+    return solution
+
+
+class StampErrors(NamedTuple):
+    """Errors of the time stamps of T frames, and their estimated variance.
+
+    If the stamp of a frame is late by d, the readings of all rotors differ by -d times the rates
+    of the rotors. Let u be the rates divided by the standard deviations of the readings. Stamp
+    errors of variance v increase the covariance of the weighted readings from I to I + v u u^T.
+    Multiplication by the inverse square root of this matrix reduces the component of the residuals
+    along u.
+    """
+
+    variance: float
+    """Variance of stamp errors over the variance of a reading [s^2/rad^2], 0 if negligible."""
+    delays: Array
+    """Estimated time of each frame minus its stamp [s], shape (T,)."""
+
+    def whitened(self, pulls: Array, values: Array) -> Array:
+        """Return weighted residuals or sensitivities, (..., B, N), of B frames after whitening.
+
+        `pulls` are the rates divided by the relative deviations of the readings, 0 for missing
+        readings, (B, N).
+        """
+        if not self.variance:
+            return values
+        squares = np.sum(pulls**2, axis=1)
+        factors = (1 - 1 / np.sqrt(1 + self.variance * squares)) / np.maximum(squares, 1e-30)
+        along = np.einsum('tn,...tn->...t', pulls, values)
+        return np.asarray(values - (factors * along)[..., None] * pulls)
+
+
+class Record(NamedTuple):
+    """Readings of T frames, as a fit of the motion uses them."""
+
+    times: Array
+    """Estimated times of the frames [s], shape (T,)."""
+    readings: Array
+    """Readings [rad], NaN if missing, shape (T, N)."""
+    deviations: Array
+    """Relative standard deviations of the readings [1], shape (T, N)."""
+    stamps: StampErrors
+
+    def weighted(
+        self, window: FreeWindow, some: NDArray[np.intp] | None = None, states: Array | None = None
+    ) -> tuple[Array, ...]:
+        """Return weights, rates times weights, and residuals times weights, (B, N) each.
+
+        `some` are the numbers of B frames and `states`, (B, 2, N), the states in these frames;
+        without them all frames of the window are used. Residuals of missing readings are 0.
+        """
+        frames = window.frames if some is None else some
+        if states is None:
+            states = states_at(window.motion, self.times[frames])
+        readings = self.readings[frames]
+        weights = np.where(np.isnan(readings), 0.0, 1 / self.deviations[frames])
+        errors = readings - window.motion.lengths.offsets - states[:, 0]
+        return weights, states[:, 1] * weights, np.where(weights > 0, errors * weights, 0.0)
+
+    def whitened(self, frames: slice | NDArray[np.intp], pulls: Array, errors: Array) -> Array:
+        """Return weighted residuals relative to the recorded stamps, whitened, (B, N)."""
+        if self.stamps.variance:
+            errors = errors + pulls * self.stamps.delays[frames, None]
+        return self.stamps.whitened(pulls, errors)
+
+
+def window_equations(window: FreeWindow, record: Record, every: int = 1) -> WindowEquations:
+    """Return the normal equations of a window.
+
+    Only each `every`-th frame is used, with a weight of `every` frames.
+    """
+    motion, rotors = window.motion, np.arange(record.readings.shape[1])
+    matrix, vector = np.zeros((motion.size, motion.size)), np.zeros(motion.size)
+    squares, frames = 0.0, np.arange(window.frames.start, window.frames.stop, every)
+    for states, slopes in states_with_sensitivities(motion, record.times[frames]):
+        some, frames = np.split(frames, [len(states)])
+        slopes[UNKNOWNS_PER_ROTOR * rotors + 1, :, rotors] += 1
+        weights, pulls, errors = record.weighted(window, some, states)
+        slopes *= weights
+        rows = record.stamps.whitened(pulls, slopes).reshape(motion.size, -1)
+        errors = record.whitened(some, pulls, errors).ravel()
+        matrix += rows @ rows.T
+        vector += rows @ errors
+        squares += float(errors @ errors)
+    return WindowEquations(every * matrix, every * vector, every * squares)
+
+
+def window_gradient(window: FreeWindow, record: Record) -> Array:
+    """Return the vector of the normal equations, (Q,), without their matrix."""
+    times = record.times[window.frames]
+    states = states_at(window.motion, times)
+    weights, pulls, errors = record.weighted(window, None, states)
+    errors = record.stamps.whitened(pulls, record.whitened(window.frames, pulls, errors))
+    gradient = gradient_of(window.motion, times, states, errors * weights)
+    split(gradient[window.motion.slices.lengths])[1][:] += np.sum(errors * weights, axis=0)
+    return gradient
+
+
+def estimated_stamps(
+    record: Record, windows: Sequence[FreeWindow], stamps: Array, noise: float
+) -> Record | None:
+    """Return the record with estimated times, or None if errors of stamps are not significant.
+
+    The component of the residuals along the rates gives the delay of each frame. The variance of
+    stamp errors is computed from second differences of these delays, because model errors also
+    cause delays, but slowly varying ones. `stamps` are the recorded times [s].
+    """
+    delays, weights = np.zeros((2, len(stamps)))
+    sums, squares = 0.0, 0.0
+    for window in windows:
+        some = window.frames
+        _, pulls, residuals = record.weighted(window)
+        weights[some] = np.sum(pulls**2, axis=1)
+        errors = noise**2 / np.maximum(weights[some], 1e-30)
+        delays[some] = np.sum(pulls * residuals, axis=1) / np.maximum(weights[some], 1e-30)
+        delays[some] += record.stamps.delays[some]
+        bends = delays[some][1:-1] - (delays[some][:-2] + delays[some][2:]) / 2
+        expected = errors[1:-1] + (errors[:-2] + errors[2:]) / 4
+        sums += float(np.sum((bends**2 / expected - 1) / expected))
+        squares += float(np.sum(1.5 / expected**2))
+    spread = np.sqrt(3 / max(squares, 1e-30))
+    variance = sums / max(squares, 1e-30)
+    if variance < _SIGNIFICANT_STAMPS * spread:
+        return None
+    ratio = variance / noise**2
+    delays *= ratio * weights / (1 + ratio * weights)
+    return record._replace(times=stamps + delays, stamps=StampErrors(ratio, delays))

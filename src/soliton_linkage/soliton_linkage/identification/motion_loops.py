@@ -1,0 +1,302 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled loops that integrate a free motion, its sensitivities, and the gradient of a sum.
+
+`free_motion` states the equation of motion. The classical Runge-Kutta method integrates the angles
+and rates. The sensitivities X = dphi/dq and V = X' to an unknown q satisfy
+
+    X' = V,    V' = (dphi''/dphi) X + (dphi''/dphi') V + dphi''/dq.
+
+For a sum of angles with given weights, `pull_back` computes the derivatives by all unknowns in one
+integration backwards in time (adjoint of the Runge-Kutta method).
+
+Arguments of the loops, for N rotors and Q unknowns:
+
+- `table`, (5, N): r, a, l, k, and the moments of inertia;
+- `forces`, (6,): c, b, w, gravity along the chain and across it, and the longest step;
+- `work`, (8, N): accelerations and their derivatives by angles, rates and forces;
+- `direct`, (5 N, 3): derivatives dphi''/dq of the rotors n - 1, n and n + 1 by r, a, l, log k and
+  log m of rotor or bond n;
+- `sources`, (Q,): row of each unknown in `direct`; or `NO_SOURCE` for an initial state, `UNMOVED`
+  for an offset, and `BY_FORCE` minus the number of a force.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soliton_linkage.compiling import (
+    compile_loop,
+    compiled,
+    const_f8_1d,
+    const_f8_2d,
+    f8,
+    f8_1d,
+    f8_2d,
+    f8_3d,
+    i8_1d,
+)
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage.linkage.springs import spring_between
+
+R, A, L, K, INERTIA = range(5)
+"""Rows of `table`."""
+M = INERTIA
+"""Number of log m among the five unknowns of a rotor in `direct`; the first four are R to K."""
+ACCELERATION, BELOW, MAIN, ABOVE, DRAG, BY_DAMPING, BY_FRICTION, FALL = range(8)
+"""Rows of `work`: acceleration; its derivatives by the angles of the rotors n - 1, n and n + 1, by
+the rate, by c and b, and by log g (which is the acceleration by gravity)."""
+DAMPING, FRICTION, SLIDING, ALONG, DOWN, LONGEST = range(6)
+"""Indices in `forces`."""
+NO_SOURCE, UNMOVED, BY_FORCE = -1, -2, -3
+"""Values in `sources`."""
+
+spring = compile_loop(spring_between, inlined=True)
+
+
+@compiled(const_f8_2d, const_f8_1d, f8_1d, f8_1d, f8_2d, f8_2d)
+def accelerate(
+    table: Array, forces: Array, angles: Array, rates: Array, work: Array, direct: Array
+) -> None:
+    """Set `work` and `direct` at given angles [rad] and rates [rad/s], (N,)."""
+    rotors, values, inertias = angles.size, work[ACCELERATION], table[INERTIA]
+    gravity = forces[ALONG] != 0.0 or forces[DOWN] != 0.0
+    for n in range(rotors):
+        part = math.tanh(rates[n] / forces[SLIDING])
+        values[n] = -forces[DAMPING] * rates[n] - forces[FRICTION] * part
+        slope = (1 - part * part) / forces[SLIDING]
+        work[DRAG, n] = -(forces[DAMPING] + forces[FRICTION] * slope) / inertias[n]
+        work[BY_DAMPING, n], work[BY_FRICTION, n] = -rates[n] / inertias[n], -part / inertias[n]
+        work[MAIN, n] = work[FALL, n] = 0.0
+        if gravity:
+            s, c = math.sin(angles[n]), math.cos(angles[n])
+            work[FALL, n] = (forces[DOWN] * s + forces[ALONG] * c) / table[R, n]
+            values[n] += inertias[n] * work[FALL, n]
+            work[MAIN, n] = inertias[n] / table[R, n] * (forces[DOWN] * c - forces[ALONG] * s)
+    direct[:rotors] = 0.0
+    work[BELOW, 0] = work[ABOVE, rotors - 1] = 0.0
+    s, c = math.sin(angles[0]), math.cos(angles[0])
+    for n in range(rotors - 1):
+        s2, c2 = math.sin(angles[n + 1]), math.cos(angles[n + 1])
+        r, r2, a, rest, k = table[R, n], table[R, n + 1], table[A, n], table[L, n], table[K, n]
+        i, i2 = inertias[n], inertias[n + 1]
+        x1, y1, x2, y2 = -r * c, r * s, r2 * c2, -r2 * s2
+        offset = a * a + r * r + r2 * r2 - rest * rest
+        f, first, second = spring(y1, -x1, -y2, x2, a, offset, rest)
+        length = rest + f
+        ux, uy = (a - y2 - y1) / length, (x2 + x1) / length
+        by_r, by_next = -s * ux - c * uy, s2 * ux + c2 * uy
+        pull = -k * f
+        values[n] += pull * first
+        values[n + 1] += pull * second
+        bend = (x1 * x1 + y1 * y1 - first * first) / length + ux * r * s + uy * r * c
+        work[MAIN, n] -= k * (first * first + f * bend)
+        bend = (x2 * x2 + y2 * y2 - second * second) / length - ux * r2 * s2 - uy * r2 * c2
+        work[MAIN, n + 1] -= k * (second * second + f * bend)
+        across = -k * (first * second + f * (x1 * x2 + y1 * y2 - first * second) / length)
+        work[ABOVE, n], work[BELOW, n + 1] = across / i, across / i2
+        bend = (-x1 * s - y1 * c - first * by_r) / length - ux * c + uy * s
+        direct[n, 1] += -k * (first * by_r + f * bend) * r / i
+        bend = (x1 * s2 + y1 * c2 - first * by_next) / length
+        direct[n + 1, 0] = -k * (first * by_next + f * bend) * r2 / i
+        bend = (-x2 * s - y2 * c - second * by_r) / length
+        direct[n, 2] = -k * (second * by_r + f * bend) * r / i2
+        bend = (x2 * s2 + y2 * c2 - second * by_next) / length + ux * c2 - uy * s2
+        direct[n + 1, 1] += -k * (second * by_next + f * bend) * r2 / i2
+        row = A * rotors + n
+        direct[row, 1] = -k * (first * ux + f * (x1 - first * ux) / length) * a / i
+        direct[row, 2] = -k * (second * ux + f * (x2 - second * ux) / length) * a / i2
+        row = L * rotors + n
+        direct[row, 1], direct[row, 2] = k * rest * first / i, k * rest * second / i2
+        row = K * rotors + n
+        direct[row, 1], direct[row, 2] = pull * first / i, pull * second / i2
+        s, c = s2, c2
+    for n in range(rotors):
+        values[n] /= inertias[n]
+        work[MAIN, n] /= inertias[n]
+        driven = values[n] - work[FALL, n]
+        direct[n, 1] -= driven + values[n]
+        direct[M * rotors + n, 1] = -driven
+
+
+@compiled(const_f8_2d, const_f8_1d, f8, f8_2d, f8_3d, f8_3d, f8_3d)
+def advance(
+    table: Array, forces: Array, step: float, state: Array, at: Array, works: Array, directs: Array
+) -> None:
+    """Take one step [s] of the state, (2, N), in place.
+
+    `at`, (4, 2, N), `works` and `directs` receive the states, `work` and `direct` of the four
+    stages.
+    """
+    rotors = state.shape[1]
+    at[0] = state
+    for stage in range(4):
+        if stage:
+            ahead = step if stage == 3 else step / 2
+            for n in range(rotors):
+                at[stage, 0, n] = state[0, n] + ahead * at[stage - 1, 1, n]
+                at[stage, 1, n] = state[1, n] + ahead * works[stage - 1, ACCELERATION, n]
+        accelerate(table, forces, at[stage, 0], at[stage, 1], works[stage], directs[stage])
+    for stage in range(4):
+        weight = step / 6 if stage in (0, 3) else step / 3
+        for n in range(rotors):
+            state[0, n] += weight * at[stage, 1, n]
+            state[1, n] += weight * works[stage, ACCELERATION, n]
+
+
+@compiled(f8, f8_3d, f8_3d, i8_1d, f8_2d, f8_3d)
+def advance_sensitivities(
+    step: float,
+    works: Array,
+    directs: Array,
+    sources: NDArray[np.int64],
+    own: Array,
+    changes: Array,
+) -> None:
+    """Take one step of the sensitivities x and v, (Q, 2, N), in place.
+
+    `own`, (5, N + 2), is a workspace. Its first row must begin and end with 0.
+    """
+    rotors = changes.shape[2]
+    x_at, v_at, acceleration, x_sum, v_sum = own[0], own[1], own[2], own[3], own[4]
+    for q in range(changes.shape[0]):
+        source, x, v = sources[q], changes[q, 0], changes[q, 1]
+        if source == UNMOVED:
+            continue
+        for n in range(rotors):
+            x_at[n + 1], x_sum[n] = x[n], x[n]
+        for n in range(rotors):
+            v_at[n], v_sum[n] = v[n], v[n]
+        for stage in range(4):
+            work = works[stage]
+            for n in range(rotors):
+                acceleration[n + 1] = (
+                    work[BELOW, n] * x_at[n]
+                    + work[MAIN, n] * x_at[n + 1]
+                    + work[ABOVE, n] * x_at[n + 2]
+                    + work[DRAG, n] * v_at[n]
+                )
+            if source >= 0:
+                for j in range(3):
+                    acceleration[source % rotors + j] += directs[stage, source, j]
+            elif source <= BY_FORCE:
+                for n in range(rotors):
+                    acceleration[n + 1] += work[BY_DAMPING + BY_FORCE - source, n]
+            weight = step / 6 if stage in (0, 3) else step / 3
+            ahead = step if stage == 2 else step / 2
+            for n in range(rotors):
+                x_sum[n] += weight * v_at[n]
+            for n in range(rotors):
+                v_sum[n] += weight * acceleration[n + 1]
+            for n in range(rotors):
+                x_at[n + 1] = x[n] + ahead * v_at[n]
+            for n in range(rotors):
+                v_at[n] = v[n] + ahead * acceleration[n + 1]
+        x[:], v[:] = x_sum[:rotors], v_sum[:rotors]
+
+
+@compiled(const_f8_2d, const_f8_1d, i8_1d, const_f8_1d, f8_2d, f8_3d, f8_3d, f8_3d)
+def integrate(
+    table: Array,
+    forces: Array,
+    sources: NDArray[np.int64],
+    spans: Array,
+    state: Array,
+    changes: Array,
+    states: Array,
+    slopes: Array,
+) -> None:
+    """Integrate over T successive spans of time [s], and store the results after each span.
+
+    `state`, (2, N), and the sensitivities `changes`, (Q, 2, N), change in place. `states`,
+    (T, 2, N), receives angles and rates. `slopes`, (Q, T, N), receives x. With Q = 0 only the
+    motion is integrated.
+    """
+    rotors, size = state.shape[1], changes.shape[0]
+    at, works = np.empty((4, 2, rotors)), np.empty((4, 8, rotors))
+    directs, own = np.zeros((4, 5 * rotors, 3)), np.zeros((5, rotors + 2))
+    for frame in range(spans.size):
+        if spans[frame] != 0:
+            steps = math.ceil(abs(spans[frame]) / forces[LONGEST])
+            for _ in range(steps):
+                advance(table, forces, spans[frame] / steps, state, at, works, directs)
+                if size:
+                    advance_sensitivities(
+                        spans[frame] / steps, works, directs, sources, own, changes
+                    )
+        states[frame] = state
+        for q in range(size):
+            slopes[q, frame] = changes[q, 0]
+
+
+@compiled(f8, f8_3d, f8_3d, f8_2d, f8_1d)
+def reverse(step: float, works: Array, directs: Array, pull: Array, gradient: Array) -> None:
+    """Take one step backwards in time of the adjoint state `pull`, (2, N), in place.
+
+    `gradient`, (5 N + 3,), collects the derivatives by the rows of `direct` and by the forces.
+    """
+    rotors = pull.shape[1]
+    after, torque, total = np.zeros((2, rotors)), np.zeros(rotors + 2), pull.copy()
+    for stage in range(3, -1, -1):
+        weight = step / 6 if stage in (0, 3) else step / 3
+        ahead = 0.0 if stage == 3 else step if stage == 2 else step / 2
+        work = works[stage]
+        for n in range(rotors):
+            torque[n + 1] = weight * pull[1, n] + ahead * after[1, n]
+        for n in range(rotors):
+            after[1, n] = weight * pull[0, n] + ahead * after[0, n] + work[DRAG, n] * torque[n + 1]
+        for n in range(rotors):
+            value = work[MAIN, n] * torque[n + 1]
+            if n > 0:
+                value += work[ABOVE, n - 1] * torque[n]
+            if n < rotors - 1:
+                value += work[BELOW, n + 1] * torque[n + 2]
+            after[0, n] = value
+        for row in range(5 * rotors):
+            for j in range(3):
+                gradient[row] += directs[stage, row, j] * torque[row % rotors + j]
+        for force in range(3):
+            for n in range(rotors):
+                gradient[5 * rotors + force] += work[BY_DAMPING + force, n] * torque[n + 1]
+        for n in range(rotors):
+            total[0, n] += after[0, n]
+            total[1, n] += after[1, n]
+    pull[:] = total
+
+
+@compiled(const_f8_2d, const_f8_1d, const_f8_1d, f8_3d, f8_2d, f8_2d, f8_1d)
+def pull_back(
+    table: Array,
+    forces: Array,
+    spans: Array,
+    states: Array,
+    weights: Array,
+    pull: Array,
+    gradient: Array,
+) -> None:
+    """Compute the derivatives of the sum of angles times weights, (T, N), over T frames.
+
+    `states`, (T, 2, N), are the results of `integrate`. `pull`, (2, N), receives the derivatives
+    by the initial angles and rates. `gradient` is described in `reverse`. Both must begin as 0.
+    """
+    rotors = pull.shape[1]
+    at, works = np.empty((4, 2, rotors)), np.empty((4, 8, rotors))
+    directs = np.zeros((4, 5 * rotors, 3))
+    most = max(1, math.ceil(np.abs(spans).max() / forces[LONGEST]))
+    begins = np.empty((most, 2, rotors))
+    for frame in range(spans.size - 1, -1, -1):
+        for n in range(rotors):
+            pull[0, n] += weights[frame, n]
+        if frame == 0 or spans[frame] == 0:
+            continue
+        steps = math.ceil(abs(spans[frame]) / forces[LONGEST])
+        state, step = states[frame - 1].copy(), spans[frame] / steps
+        begins[0] = state
+        for number in range(1, steps):
+            advance(table, forces, step, state, at, works, directs)
+            begins[number] = state
+        for number in range(steps - 1, -1, -1):
+            advance(table, forces, step, begins[number], at, works, directs)
+            reverse(step, works, directs, pull, gradient)

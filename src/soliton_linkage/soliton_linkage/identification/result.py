@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Result of an identification: the chain with its uncertainties and warnings."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from soliton_linkage.identification.adjustment import Adjustment, observable_basis, passable
+from soliton_linkage.identification.bar_motion import BarMotion
+from soliton_linkage.identification.diagnosis import obstacle_warnings, weakly_observable
+from soliton_linkage.identification.free_motion import FreeMotion, split_chain
+from soliton_linkage.identification.lengths import split_lengths
+from soliton_linkage.identification.motion_fit import MotionFit
+from soliton_linkage.identification.screening import LEAST_NOISE
+from soliton_linkage.linkage.chain import Array, Chain
+
+STRAINED = 1.1
+"""Threshold of the ratio of misclosures to reading noise [1]: above it, bonds do not close."""
+_WORSE = 1.25
+"""Threshold of `bond_noise` over its median [1]: larger values are reported; 1.1 is usual."""
+
+
+@dataclass(frozen=True)
+class Identification:
+    """An identified chain with its uncertainties."""
+
+    chain: Chain
+    """Identified chain; the given chain supplies the values that could not be estimated."""
+    deviations: dict[str, Array]
+    """Relative standard deviations of lengths, masses and stiffnesses [1]. The keys are the names
+    of the fields of `Deviations`."""
+    offsets: Array
+    """Offset of each encoder, reading minus angle [rad], shape (N,)."""
+    offset_deviations: Array
+    """Standard deviations of the offsets [rad], shape (N,)."""
+    noise: float
+    """Standard deviation of a reading, estimated from the residuals of the model [rad]."""
+    reading_noise: float
+    """Standard deviation of a reading, estimated from its changes between frames [rad]."""
+    bond_noise: Array
+    """Standard deviation of a reading, estimated from each bond alone [rad], shape (N - 1,)."""
+    tolerance: float
+    """Relative standard deviation of lengths of one kind (e.g. of rotors) about their mean [1]."""
+    rigid: bool
+    """Whether all bonds close within the noise; they then seem rigid, with unknown stiffness."""
+    unused_frames: int
+    """Number of frames that were not used to estimate masses, stiffnesses and drag [1]."""
+    weakly_observable: tuple[str, ...]
+    """Weakly observable combinations of lengths."""
+    warnings: tuple[str, ...]
+    """Warnings for the user, one line each."""
+    outliers: int = 0
+    """Number of isolated wrong readings, which were not used [1]."""
+    damping_deviation: float = math.nan
+    """Standard deviation of the damping [N m s/rad], NaN if it was not estimated."""
+    friction: float = math.nan
+    """Dry friction of each rotor, in addition to the damping [N m], NaN if unknown."""
+    friction_deviation: float = math.nan
+    """Standard deviation of the dry friction [N m], NaN if friction was not estimated."""
+    spacing_deviation: float = math.nan
+    """Standard deviation of the logarithm of the mean spacing [1], NaN if not estimated."""
+    mass_deviation: float = math.nan
+    """Standard deviation of the logarithm of the mean mass [1], NaN if not estimated."""
+
+    @property
+    def worst_bonds(self) -> tuple[int, ...]:
+        """Numbers of the bonds in the order of decreasing noise."""
+        return tuple(np.argsort(-self.bond_noise).tolist())
+
+
+def by_springs(
+    fitted: MotionFit,
+    given: Chain,
+    reading_noise: float,
+    scale: tuple[float, float] | None,
+    unused_frames: int,
+) -> Identification:
+    """Return the result for springs: lengths, stiffnesses, masses and drag are estimated."""
+    motion = fitted.motion
+    deviations = split_chain(np.sqrt(np.diag(fitted.covariance)))
+    geometry = motion.slices.lengths
+    covariance = fitted.covariance[geometry, geometry]
+    lengths = passable(motion.lengths, covariance)
+    mass, mass_deviation = scale or (given.mass, math.nan)
+    drag_unit = mass / float(motion.masses.mean()) * given.spacing**2
+    chain = _with_motion(lengths.scaled(given.spacing).chain(given), motion, mass)
+    offsets = deviations.pop('offset')
+    damping, friction, gravity = (
+        float(deviations.pop(name)[0]) for name in ('damping', 'friction', 'gravity')
+    )
+    rotor_noise = np.sqrt(np.mean(fitted.residuals**2, axis=0))
+    excess = fitted.noise / max(reading_noise, LEAST_NOISE)
+    warnings = [*obstacle_warnings(chain, lengths, covariance)]
+    if fitted.stamp_deviation:
+        warnings.append(
+            f'stamps have errors of {1e3 * fitted.stamp_deviation:.2g} ms, which the standard '
+            'deviations include; stamp each frame at the time of its measurement'
+        )
+    if excess > STRAINED:
+        warnings.insert(
+            0,
+            f'the residuals of the motion are {excess:.2g} times the noise of the readings, so '
+            'that the standard deviations are too small; record a slower soliton, or select a '
+            'part of the recording by --begin and --end',
+        )
+    return Identification(
+        chain=chain,
+        deviations=deviations,
+        damping_deviation=drag_unit * damping,
+        friction=drag_unit * motion.friction,
+        friction_deviation=drag_unit * friction,
+        spacing_deviation=gravity or math.nan,
+        mass_deviation=mass_deviation,
+        offsets=motion.lengths.offsets,
+        offset_deviations=offsets,
+        noise=fitted.noise,
+        reading_noise=reading_noise,
+        bond_noise=np.maximum(rotor_noise[:-1], rotor_noise[1:]),
+        tolerance=fitted.prior.tolerances.lengths,
+        rigid=False,
+        unused_frames=unused_frames,
+        weakly_observable=weakly_observable(fitted.information, fitted.basis, split_chain),
+        warnings=tuple(warnings),
+    )
+
+
+def _with_motion(chain: Chain, motion: FreeMotion, mass: float) -> Chain:
+    """Return a chain with a mean mass [kg] and the relative masses and forces of a motion."""
+    unit = mass / float(motion.masses.mean())
+    deviations = replace(
+        chain.deviations,
+        mass=tuple((motion.masses / motion.masses.mean() - 1).tolist()),
+        stiffness=tuple((motion.stiffnesses / motion.stiffnesses.mean() - 1).tolist()),
+        damping=(),
+    )
+    return replace(
+        chain,
+        mass=mass,
+        stiffness=unit * float(motion.stiffnesses.mean()),
+        damping=unit * chain.spacing**2 * max(motion.damping, 0.0),
+        deviations=deviations,
+    )
+
+
+def by_bonds(
+    found: Adjustment,
+    given: Chain,
+    reading_noise: float,
+    moved: BarMotion | None,
+    unused_frames: int,
+) -> Identification:
+    """Return the result for bars: lengths from the bonds, masses and drag from the motion."""
+    deviations = split_lengths(found.deviations)
+    offsets = deviations.pop('offset')
+    chain = found.lengths.scaled(given.spacing).chain(given)
+    forces: dict[str, Any] = {}
+    if moved is not None:
+        unit = chain.mass * chain.spacing**2
+        (damping, friction), (of_damping, of_friction) = moved.drag, moved.drag_deviations
+        masses = tuple((moved.masses - 1).tolist())
+        chain = replace(
+            chain,
+            damping=unit * max(damping, 0.0),
+            deviations=replace(chain.deviations, mass=masses, damping=()),
+        )
+        forces = {
+            'damping_deviation': unit * of_damping,
+            'friction': unit * friction,
+            'friction_deviation': unit * of_friction,
+            'spacing_deviation': moved.gravity_deviation or math.nan,
+        }
+        deviations['mass'] = moved.mass_deviations
+    rigid = found.noise <= STRAINED * reading_noise
+    warnings = [*obstacle_warnings(chain, found.lengths, found.covariance)]
+    if not rigid:
+        excess = found.noise / max(reading_noise, LEAST_NOISE)
+        warnings.append(
+            f'bonds do not close: their misclosures are {excess:.2g} times the noise of the '
+            'readings, so that standard deviations are too small. A fast soliton strains springs, '
+            'or pivots have play; record a slower soliton, and kick it before the first frame'
+        )
+    usual = float(np.median(found.bond_noise))
+    warnings += [
+        f'the misclosure of bond {bond} is {found.bond_noise[bond] / usual:.2g} times the '
+        'median; check that its encoders do not slip and its pivots have no play'
+        for bond in np.flatnonzero(found.bond_noise > _WORSE * usual).tolist()
+    ]
+    basis = observable_basis(found.lengths)
+    return Identification(
+        chain=chain,
+        deviations=deviations,
+        **forces,
+        offsets=found.lengths.offsets,
+        offset_deviations=offsets,
+        noise=found.noise,
+        reading_noise=reading_noise,
+        bond_noise=found.bond_noise,
+        tolerance=found.tolerances.lengths,
+        rigid=rigid,
+        unused_frames=unused_frames,
+        weakly_observable=weakly_observable(found.information, basis, split_lengths),
+        warnings=tuple(warnings),
+    )

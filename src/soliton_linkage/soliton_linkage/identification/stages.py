@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Progress of an identification, which consists of stages with known shares of the work."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+
+class Stages:
+    """Reporter of the fraction of the work that is done [1]; the fraction never decreases."""
+
+    def __init__(self, report: Callable[[float], None] = lambda done: None) -> None:
+        """Call `report` with each new fraction."""
+        self._report, self._done = report, 0.0
+        self._begin, self._end = 0.0, 1.0
+
+    def enter(self, begin: float, end: float) -> None:
+        """Begin a stage that leads from one fraction to another."""
+        self._begin, self._end = begin, end
+        self.show(0.0)
+
+    def show(self, part: float) -> None:
+        """Report which part of the current stage is done [1]."""
+        done = self._begin + (self._end - self._begin) * min(max(part, 0.0), 1.0)
+        if done > self._done:
+            self._done = done
+            self._report(done)
+
+    def show_decrease(self, first: float, now: float, last: float) -> None:
+        """Report an iteration whose error decreases exponentially from `first` to `last`."""
+        if first > now > 0 and first > last:
+            self.show(math.log(first / now) / math.log(first / last))
