@@ -127,6 +127,8 @@ install_wheels() {
     run "$python" -m ensurepip --default-pip >>"$log" 2>&1 ||
         fail "pip could not be put into .venv; the end of $log:" "$(tail -n 5 "$log")"
     find_headers
+    command -v uv >/dev/null || run "$python" -m pip install --quiet --progress-bar off \
+        --constraint setup/constraints.txt uv >>"$log" 2>&1 || true
     pip_install -r setup/requirements-build.txt
     "$python" setup/mend_wheels.py "$include"
 }

@@ -260,6 +260,8 @@ def term_table(terms: Sequence[CompiledTerm], rotors: int) -> TermTable:
         if term.kind == SPRINGS:
             parameters[first, rotors:] = 1.0  # the length of padding springs must not be 0
         first = end
+    for table in kinds, parameters:
+        table.flags.writeable = False  # numba compiles loops for each kind of array
     return TermTable(kinds, parameters)
 
 
@@ -268,12 +270,13 @@ def padded_size(rotors: int) -> int:
     return -(-rotors // VECTOR) * VECTOR
 
 
-@inlined
+@compile_loop
 def sum_terms(work: Array, rotors: int, kinds: NDArray[np.int64], parameters: Array) -> float:
     """Set the torques to the sum of all terms; return the power that the terms dissipate [W].
 
     A spring term must be the first term. An active term must be the last term.
     """
+    prefer_wide_vectors()
     power, start = 0.0, 0
     if kinds.shape[0] and kinds[0, 0] == SPRINGS:
         _set_springs(work, rotors, parameters, kinds[0, 1])

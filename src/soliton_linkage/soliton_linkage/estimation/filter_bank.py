@@ -304,8 +304,11 @@ def mixture(filters: Records, count: int) -> tuple[float, float, float, float, f
 @compiled(_FILTERS, i8, i8)
 def _copy_state(filters: Records, source: int, target: int) -> None:
     one, other = filters[source], filters[target]
-    other['state'][:] = one['state']
-    other['covariance'][:] = one['covariance']
+    # Assignments of slices would take seconds to compile.
+    for i in range(one['state'].size):
+        other['state'][i] = one['state'][i]
+        for j in range(one['state'].size):
+            other['covariance'][i, j] = one['covariance'][i, j]
     other['bias_variance'] = one['bias_variance']
 
 

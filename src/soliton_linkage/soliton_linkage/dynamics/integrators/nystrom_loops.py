@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.compiling import compile_loop, inlined, prefer_wide_vectors
+from soliton_linkage.compiling import compile_loop, inlined, never_inlined, prefer_wide_vectors
 from soliton_linkage.dynamics.terms import (
     ANGLES,
     COSINES,
@@ -42,9 +42,6 @@ WORK_ROWS = SAVED + 4
 LARGEST_TURN = 0.5
 """Largest rotation in a drift [rad]; up to it, the errors of the series in `turned` are below
 rounding errors."""
-
-HALF, WHOLE = range(2)
-"""Step lengths that `take_step` accepts: half the step length, or the whole step length."""
 
 
 class Forces(NamedTuple):
@@ -186,19 +183,20 @@ def damp(work: Array, rotors: int, forces: Forces, time: float) -> float:
 
 
 @compile_loop
-def take_step(work: Array, rotors: int, forces: Forces, step: Step, length: int) -> float:
+def take_step(work: Array, rotors: int, forces: Forces, step: Step, share: float) -> float:
     """Take one step, and return the energy that damping and active terms dissipate [J].
 
-    `length` is HALF for half the step length, or WHOLE.
+    `share` is the length of this step divided by that of a whole step: 0.5 or 1.
     """
-    share, dissipated = (1 + length) / 2, 0.0
+    never_inlined()
+    dissipated = 0.0
     for stage in range(step.drifts.size):
         time = share * step.drifts[stage]
         if not forces.half_inertias.size:
             turn(work, RATES, time)
         else:
             if step.decays.size:
-                dissipated += decay(work, forces, step.decays[length], stage)
+                dissipated += decay(work, forces, step.decays[int(share)], stage)
             else:
                 dissipated += damp(work, rotors, forces, time)
             turn(work, TURNS, 1.0)
@@ -228,6 +226,13 @@ def copy(work: Array, start: int, end: int) -> None:
     for row in range(4):
         for n in range(work.shape[1]):
             work[end + row, n] = work[start + row, n]
+
+
+@inlined
+def copy_state(source: Array, target: Array) -> None:
+    """Copy a state; the assignment of a slice would take seconds to compile."""
+    for n in range(source.size):
+        target[n] = source[n]
 
 
 @inlined
@@ -278,12 +283,12 @@ def advance(
         if checked:
             next_measured += 1
             copy(work, ANGLES, SAVED)
-            halves[0] = states[row - 1]
+            copy_state(states[row - 1], halves[0])
             for half in (1, 2):
-                dissipated = take_step(work, rotors, forces, step, HALF)
+                dissipated = take_step(work, rotors, forces, step, 0.5)
                 store(halves, half, work, rotors, dissipated)
             copy(work, SAVED, ANGLES)
-        dissipated = take_step(work, rotors, forces, step, WHOLE)
+        dissipated = take_step(work, rotors, forces, step, 1.0)
         store(states, row, work, rotors, dissipated)
         if checked:
             error = scaled_difference(states[row - 1], states[row], halves[2], checks)
@@ -317,14 +322,15 @@ def interpolate(
     for frame in range(times.size):
         row = min(int(times[frame]), len(states) - 2)
         if row != fitted:
-            load(work, states[row], circular[:, row])
-            middle[0] = states[row]
-            dissipated = take_step(work, rotors, forces, step, HALF)
-            store(middle, 1, work, rotors, dissipated)
-            put_knot(work, forces, middle[1], half, knots, 1)
-            for end in range(2):
-                load(work, states[row + end], circular[:, row + end])
-                put_knot(work, forces, states[row + end], half, knots, 2 * end)
+            for knot in range(3):
+                load(work, states[row + knot // 2], circular[:, row + knot // 2])
+                state = states[row + knot // 2]
+                if knot == 1:
+                    copy_state(states[row], middle[0])
+                    dissipated = take_step(work, rotors, forces, step, 0.5)
+                    store(middle, 1, work, rotors, dissipated)
+                    state = middle[1]
+                put_knot(work, forces, state, half, knots, knot)
             fit(knots)
             fitted = row
         evaluate(knots, rotors, 2 * (times[frame] - row) - 1, half, output[frame])
@@ -351,6 +357,7 @@ def put_knot(
     conditions are the angles, the dissipated energy, and their first and second derivatives with
     respect to time in units of `unit` [s].
     """
+    never_inlined()
     rotors, first = state.size // 2, 3 * knot
     active_before = sum_terms(work, rotors, forces.kinds, forces.parameters)
     for n in range(rotors):
