@@ -23,8 +23,7 @@ from ament_index_python.packages import (
 
 _PACKAGE = 'soliton_linkage_nodes'
 START_LIMIT = 180.0
-"""Longest time that nodes need to start and discover each other on a machine with ten times as much
-work as it has cores [s]."""
+"""Longest time that nodes need to start and discover each other on a busy machine [s]."""
 _PARENT_DEATH_SIGNAL = 1
 """Option PR_SET_PDEATHSIG of prctl(2): the system signals a node when its parent is killed."""
 _STOP_LIMIT = 10.0
