@@ -287,12 +287,12 @@ class Clock:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, seconds: list[float]) -> None:
         self.now = 0.0
 
-        def cells(_study: SweepStudy, row: int) -> list[str]:
-            self.now += seconds[row]
-            return [str(row)]
+        def cells_of(_study: SweepStudy, rows: list[int]) -> list[list[str]]:
+            self.now += sum(seconds[row] for row in rows)
+            return [[str(row)] for row in rows]
 
         monkeypatch.setattr(study_workers, 'time', self)
-        monkeypatch.setattr(SweepStudy, 'cells', cells)
+        monkeypatch.setattr(SweepStudy, 'cells_of', cells_of)
 
     def perf_counter(self) -> float:
         return self.now

@@ -4,12 +4,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.dynamics.ensemble import ThisThread, simulate_many
+from soliton_linkage.dynamics.initial_states import State
 from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linear.rigidity import Edge, edge_mode, mode_centre, rigidity_bands, zero_mode
@@ -203,21 +206,33 @@ class SweepTrial:
         check_quantities(self)
 
 
+class SentWall(NamedTuple):
+    """Motion of a chain with a wall, track of the wall, and its crossings of the chain."""
+
+    recording: Recording
+    track: Track
+    crossings: tuple[Crossing, ...]
+
+
 @dataclass(frozen=True)
 class Measure:
     """Measurement of a chain, and the table column that is drawn in the picture."""
 
-    take: Callable[[Chain, SweepTrial], dict[str, Value]]
+    take: Callable[[Chain, SweepTrial, SentWall | None], dict[str, Value]]
     columns: tuple[str, ...]
     """Names of the values that `take` returns."""
     shown: str
     """Name of the drawn column."""
     label: str
+    sends_wall: bool = True
+    """Whether the measurement of an elastic chain needs the result of `send_wall`."""
     classes: tuple[str, ...] = ()
     """Possible values of the drawn column, best first. An empty tuple means a numeric column."""
 
 
-def measure_motion(chain: Chain, _trial: SweepTrial) -> dict[str, Value]:
+def measure_motion(
+    chain: Chain, _trial: SweepTrial, _sent: SentWall | None = None
+) -> dict[str, Value]:
     """Return the motion class and the number of bonds that may stop a wall."""
     motion = motion_of_bonds(chain)
     return {
@@ -226,14 +241,16 @@ def measure_motion(chain: Chain, _trial: SweepTrial) -> dict[str, Value]:
     }
 
 
-def measure_speed(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
+def measure_speed(
+    chain: Chain, trial: SweepTrial, sent: SentWall | None = None
+) -> dict[str, Value]:
     """Measure the outcome, the speed and the phonon energy of a wall kicked off the right edge.
 
     `speed` [a sqrt(k_e / M)] is the slope of the wall position over time, between the outer fifths
     of the chain. `speed` and `phonons` (`phonon_share`) are NaN if the wall does not cross the
-    chain.
+    chain. `sent` is the result of `send_wall`, if it is known.
     """
-    recording, track, crossings = send_wall(chain, trial)
+    recording, track, crossings = sent or send_wall(chain, trial)
     return {
         'outcome': _outcome(len(crossings)),
         'speed': crossings[0].site_rate * chain.time_unit if crossings else math.nan,
@@ -241,36 +258,99 @@ def measure_speed(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
     }
 
 
-def measure_survival(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
-    """Measure whether a wall crosses a chain of springs or bars and returns."""
+def measure_survival(
+    chain: Chain, trial: SweepTrial, sent: SentWall | None = None
+) -> dict[str, Value]:
+    """Measure whether a wall crosses a chain of springs or bars and returns.
+
+    `sent` is the result of `send_wall`, if it is known.
+    """
     if trial.mechanics == 'elastic':
-        crossed = len(send_wall(chain, trial)[2])
+        crossed = len((sent or send_wall(chain, trial)).crossings)
     else:
         crossed = sum(leg.crossed for leg in follow_wall(chain, Edge.LAST))
     return {'outcome': _outcome(crossed), 'obstacles': int(blocked_bonds(chain).sum())}
 
 
-def send_wall(chain: Chain, trial: SweepTrial) -> tuple[Recording, Track, tuple[Crossing, ...]]:
-    """Kick the wall of an elastic chain off the right edge and simulate until it returns.
+def send_wall(chain: Chain, trial: SweepTrial) -> SentWall:
+    """Send a wall through one chain; see `send_walls`. Raises its errors."""
+    (sent,) = send_walls([(chain, trial)])
+    if isinstance(sent, Exception):
+        raise sent
+    return sent
 
-    The frame period is one time unit. A crossing with a jump by five spacings or more is
-    discarded.
+
+def send_walls(trials: Sequence[tuple[Chain, SweepTrial]]) -> list[SentWall | Exception]:
+    """Kick the wall of each elastic chain off the right edge, and simulate until it returns.
+
+    Chains that have the same time unit and tolerance are simulated together. The frame period is
+    one time unit. A crossing with a jump by five spacings or more is discarded. The result of a
+    chain that cannot be simulated is the error.
     """
-    angles = rest_state(chain, 1)
-    rates = kick_rates(chain, angles, trial.kick, anywhere=True)
-    simulation = ElasticSimulation(chain, angles, rates, chain.time_unit, trial.tolerance)
-    recording = simulation.record(0)
-    track = follow(chain, recording)
-    crossings: tuple[Crossing, ...] = ()
-    while len(crossings) < 2 and simulation.frame < trial.time_limit:
-        piece = simulation.record(_PIECE * chain.time_unit)
-        later = follow(chain, piece)
-        recording = Recording(*_joined(recording, piece, ('times', 'angles', 'rates')))
-        track = Track(*_joined(track, later, ('times', 'sites', 'site_rates')))
-        crossings = tuple(
-            crossing for crossing in find_crossings(chain, track) if _unbroken(track, crossing)
+    results = [_begun(chain, trial) for chain, trial in trials]
+
+    def moves(number: int) -> bool:
+        sent, frames = results[number], trials[number][1].time_limit
+        if not isinstance(sent, SentWall):
+            return False
+        return len(sent.crossings) < 2 and len(sent.recording.times) <= frames
+
+    def speed(number: int) -> tuple[float, float]:
+        return trials[number][0].time_unit, trials[number][1].tolerance
+
+    while moving := [number for number in range(len(trials)) if moves(number)]:
+        for (unit, tolerance), group in groupby(sorted(moving, key=speed), key=speed):
+            numbers = list(group)
+            sent = [results[number] for number in numbers]
+            chains = [trials[number][0] for number in numbers]
+            pieces = _moved(chains, sent, _PIECE * unit, tolerance)
+            for number, chain, one, piece in zip(numbers, chains, sent, pieces, strict=True):
+                results[number] = _continued(chain, one, piece)
+    return results
+
+
+def _begun(chain: Chain, trial: SweepTrial) -> SentWall | Exception:
+    try:
+        angles = rest_state(chain, 1)
+        rates = kick_rates(chain, angles, trial.kick, anywhere=True)
+    except (ArithmeticError, ValueError) as error:
+        return error
+    recording = Recording(np.zeros(1), angles[np.newaxis], rates[np.newaxis])
+    return SentWall(recording, follow(chain, recording), ())
+
+
+def _moved(
+    chains: Sequence[Chain], sent: Sequence[Any], duration: float, tolerance: float
+) -> list[Recording | ArithmeticError]:
+    """Continue the motion of each chain by one piece; the result of a chain may be an error."""
+    starts = [State(one.recording.angles[-1], one.recording.rates[-1]) for one in sent]
+    try:
+        moved = simulate_many(
+            chains,
+            starts,
+            duration,
+            frames=_PIECE,
+            reduce=lambda _, recording: recording,
+            tolerance=tolerance,
+            executor=ThisThread(),
         )
-    return recording, track, crossings
+        return list(moved)
+    except ArithmeticError as error:
+        if len(chains) == 1:
+            return [error]
+        pairs = zip(chains, sent, strict=True)
+        return [_moved([chain], [one], duration, tolerance)[0] for chain, one in pairs]
+
+
+def _continued(chain: Chain, sent: Any, piece: Any) -> SentWall | ArithmeticError:
+    if isinstance(piece, ArithmeticError):
+        return piece
+    piece = replace(piece, times=sent.recording.times[-1] + piece.times)
+    recording = Recording(*_joined(sent.recording, piece, ('times', 'angles', 'rates')))
+    later = follow(chain, piece)
+    track = Track(*_joined(sent.track, later, ('times', 'sites', 'site_rates')))
+    crossings = find_crossings(chain, track)
+    return SentWall(recording, track, tuple(one for one in crossings if _unbroken(track, one)))
 
 
 def phonon_share(chain: Chain, recording: Recording, track: Track, crossing: Crossing) -> float:
@@ -316,6 +396,7 @@ MEASURES = {
         ('motion', 'obstacles'),
         'motion',
         'class of motion',
+        False,
         (*(motion.value for motion in Motion), BLOCKED),
     ),
     'speed': Measure(
@@ -325,6 +406,10 @@ MEASURES = {
         'speed of the wall [$a\\sqrt{k_e/M}$]',
     ),
     'survival': Measure(
-        measure_survival, ('outcome', 'obstacles'), 'outcome', 'outcome of the wall', OUTCOMES
+        measure_survival,
+        ('outcome', 'obstacles'),
+        'outcome',
+        'outcome of the wall',
+        classes=OUTCOMES,
     ),
 }

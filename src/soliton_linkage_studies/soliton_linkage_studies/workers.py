@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from typing import Any, Protocol, cast
+from typing import Any, Protocol, cast, runtime_checkable
 
 _ONE_THREAD = dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), '1')
 _MAXIMUM_COUNT = 1000
@@ -44,6 +44,18 @@ class Rows(Protocol):
 
     def cells(self, row: int) -> list[str]:
         """Measure a row and return its cells."""
+
+
+@runtime_checkable
+class RowsTogether(Rows, Protocol):
+    """A table of which several rows can be measured together."""
+
+    @property
+    def together(self) -> int:
+        """Largest number of rows that `cells_of` measures in one call [1]."""
+
+    def cells_of(self, rows: Sequence[int]) -> list[list[str]]:
+        """Measure rows and return their cells."""
 
 
 class Pool(Protocol):
@@ -249,14 +261,16 @@ def measure_rows(pool: Pool, table: Rows, rows: Sequence[int]) -> Iterator[list[
 
 
 def measure_chunk(table: Rows, rows: list[int]) -> Chunk:
-    """Measure rows until about a second has passed, but at least one row.
+    """Measure rows until about a second has passed, but at least one row or one call.
 
     Returns the cells of the measured rows, the rows that were not measured, and the duration [s].
     """
-    begin = time.perf_counter()
-    cells: list[list[str]] = []
-    for row in rows:
-        cells.append(table.cells(row))
+    begin, cells = time.perf_counter(), list[list[str]]()
+    while len(cells) < len(rows):
+        if isinstance(table, RowsTogether):
+            cells += table.cells_of(rows[len(cells) : len(cells) + table.together])
+        else:
+            cells.append(table.cells(rows[len(cells)]))
         if time.perf_counter() - begin > _CHUNK_DURATION:
             break
     return cells, rows[len(cells) :], time.perf_counter() - begin

@@ -57,6 +57,25 @@ def test_an_edge_command_has_all_that_was_asked_for() -> None:
             assert times == (-2.0, 0.5, 0.25, 0.125)
 
 
+def test_a_waveform_has_its_shape_frequencies_and_cycles() -> None:
+    for shape in ['burst', 'chirp', 'noise']:
+        for quantity in ['torque', 'angle']:
+            command = views.edge_command_of(
+                *('waveform', 'first', 0.1, 2.0, 0.0, 0.0),
+                shape=shape,
+                quantity=quantity,
+                frequency=30.0,
+                last_frequency=40.0,
+                cycles=5.0,
+            )
+            assert command.kind == EdgeCommand.WAVEFORM
+            assert command.shape == getattr(EdgeCommand, shape.upper())
+            assert command.quantity == getattr(EdgeCommand, quantity.upper())
+            assert (command.frequency, command.last_frequency, command.cycles) == (30, 40, 5)
+    with pytest.raises(ValueError, match='frequency = inf must be a finite number'):
+        views.edge_command_of(*('waveform', 'first', 0.1, 2.0, 0.0, 0.0), frequency=math.inf)
+
+
 def test_infinite_numbers_are_rejected_everywhere() -> None:
     for value in NOTHING:
         for convert in (

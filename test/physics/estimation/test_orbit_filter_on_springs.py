@@ -12,12 +12,14 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import pytest
 from chains import FLIPPER, SPINNER, WIDE_FLIPPER, WOBBLER, chain_of
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.dynamics.initial_states import with_soliton
 from soliton_linkage.estimation.estimates import OrbitEstimate, TrackingStatus
 from soliton_linkage.estimation.frames import FrameImpulse
 from soliton_linkage.estimation.orbit_filter import OrbitFilter
@@ -26,6 +28,7 @@ from soliton_linkage.linear.rigidity import mode_towards_last, zero_mode
 from soliton_linkage.linear.statics import unstretched
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS, drawn_deviations
+from soliton_linkage.linkage.feedback import Feedback
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
@@ -366,3 +369,33 @@ def test_slow_forces_cause_no_detection(what: str) -> None:
     assert np.abs(made.scores).max() < 6
     assert made.tracker.starts == 1
     assert {each.status for each in made.estimates[1:]} == {TrackingStatus.TRACKING}
+
+
+@pytest.mark.parametrize(
+    'terms',
+    [
+        {'damping': 1e-4},
+        {'dry_friction': 5e-5},
+        {'quadratic_damping': 1e-5},
+        {'non_reciprocity': 2e-4},
+        {'on_site_torque': 2e-4, 'on_site_phase': 0.5},
+        {'feedback': Feedback(rate=1e-4, left_angle=1e-4, right_angle=-1e-4, delay=2)},
+    ],
+    ids=lambda terms: next(iter(terms)),
+)
+def test_known_forces_are_predicted_while_no_angle_is_measured(terms: dict[str, Any]) -> None:
+    chain = dataclasses.replace(chain_of(FLIPPER, 40), **terms)
+    start, random = with_soliton(chain, 8.0, 0.6), np.random.default_rng(2)
+    simulation = ElasticSimulation(chain, start.angles, start.rates, PERIOD)
+    orbit = UniformOrbit(chain)
+    tracker, measured, gap = OrbitFilter(orbit, 0.003), 100, 100
+    for frame in range(measured + gap):
+        angles = simulation.angles + 0.003 * random.standard_normal(40)
+        seen = angles if frame < measured else np.full(40, math.nan)
+        estimate = tracker.update(PERIOD * frame, seen)
+        if frame == measured - 1:
+            straight = estimate.site + estimate.site_rate * PERIOD * gap
+        simulation.advance()
+    site = orbit.site(fit_anywhere(orbit, angles).arc)
+    assert abs(straight - site) > 0.1
+    assert abs(estimate.site - site) < 0.1 * abs(straight - site)

@@ -118,6 +118,19 @@ def test_an_impossible_chain_gives_a_row_with_its_error() -> None:
     assert 'must be a finite number above -1' in failure
 
 
+def test_rows_measured_together_equal_rows_measured_alone() -> None:
+    chain = {'number_of_rotors': 12, 'deviations.rotor_length': 0.02, 'tolerance': 1e-6}
+    axes = (Axis('mechanics', ('elastic', 'rigid')), Axis('kick', (0.1, 0.2)))
+    for measure in ('speed', 'survival'):
+        study = SweepStudy('any', measure, {**chain, 'time_limit': 300.0}, axes, (0, 1))
+        for row, together in enumerate(study.cells_of(range(study.rows))):
+            for one, other in zip(together, study.cells(row), strict=True):
+                try:
+                    assert float(one) == pytest.approx(float(other), rel=1e-4, nan_ok=True)
+                except ValueError:
+                    assert one == other
+
+
 def test_floats_are_written_without_loss_of_digits() -> None:
     values = tuple(np.geomspace(0.1, 1, 7).tolist())
     study = SweepStudy('any', 'motion', {}, (Axis('rest_angle', values),), (0,))

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
-from itertools import islice, repeat
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -31,7 +31,7 @@ _ROTORS_TOGETHER = 160
 rotor is half as long as in calls with 20 rotors. Sensitivity, for chains of 20 rotors: at 0.5x,
 the time is 1.25 times as long; at 2x and 4x, it does not change."""
 _EQUAL = ('friction_rate', 'on_site_order', 'on_site_phase')
-"""Chain parameters that must be equal in all chains of one simulation."""
+"""Parameters of force terms that are equal in all chains of one simulation."""
 _SWITCHES = {
     'damping': 'dampings',
     'dry_friction': 'dry_frictions',
@@ -54,21 +54,12 @@ length of an absent spring is large, so that the computed spring length is never
 def joined(chains: Sequence[Chain]) -> Chain:
     """Return one chain that contains the rotors of several chains with free ends.
 
-    Springs with stiffness 0 connect neighbouring chains, so that the chains do not interact.
-    Raises ValueError for periodic chains and for chains with different force terms.
+    Springs with stiffness 0 connect neighbouring chains, so that the chains do not interact. All
+    chains have the same force terms.
     """
     first = chains[0]
     if len(chains) == 1:
         return first
-    if any(chain.periodic for chain in chains):
-        raise ValueError('chains with periodic ends cannot be joined; simulate each alone')
-    terms = {tuple(getattr(chain, name) for name in _EQUAL) for chain in chains}
-    acting = {tuple(bool(getattr(chain, name)) for name in _SWITCHES) for chain in chains}
-    if len(terms) > 1 or len(acting) > 1:
-        raise ValueError(
-            f'the chains have different force terms; simulate those with different '
-            f'{", ".join(_EQUAL)}, and those with and without a term, in separate calls'
-        )
     count = sum(chain.number_of_rotors for chain in chains)
     whole = replace(first, number_of_rotors=count, deviations=NO_DEVIATIONS)
     # The arrays of a chain are cached properties. A value in `vars(chain)` replaces the property.
@@ -80,6 +71,19 @@ def joined(chains: Sequence[Chain]) -> Chain:
         parts = [part for chain in chains for part in (getattr(chain, name), separator)]
         vars(whole)[name] = np.concatenate(parts[:-1])
     return whole
+
+
+class ThisThread(Executor):
+    """Executor that runs each task at once in the thread of the caller."""
+
+    def submit(self, function: Any, /, *arguments: Any, **named: Any) -> Future[Any]:
+        """Run a task and return the future of its result."""
+        future: Future[Any] = Future()
+        try:
+            future.set_result(function(*arguments, **named))
+        except Exception as error:
+            future.set_exception(error)
+        return future
 
 
 def last_state(chain: Chain, recording: Recording) -> Array:
@@ -106,9 +110,9 @@ def simulate_many(
     consumes the results, so that the memory does not grow with the number of chains. By default,
     threads of this process use all cores. Specify `executor` to use another pool, for example
     `client.get_executor()` of a Dask client. The error of each step, as a norm over the rotors of
-    a chain, is at most `tolerance` [rad]. Raises ArithmeticError if a motion cannot be
-    integrated, and ValueError for chains with feedback, and for chains with periodic ends or with
-    different force terms in one batch.
+    a chain, is at most `tolerance` [rad]. Successive chains with free ends and the same force
+    terms are simulated in batches. Raises ArithmeticError if a motion cannot be integrated, and
+    ValueError for chains with feedback.
 
     >>> import numpy as np
     >>> import soliton_linkage as sl
@@ -126,9 +130,23 @@ def simulate_many(
 
 
 def _batches(pairs: Iterator[tuple[Chain, State]]) -> Iterator[list[tuple[Chain, State]]]:
-    for first in pairs:
-        count = max(1, _ROTORS_TOGETHER // first[0].number_of_rotors)
-        yield [first, *islice(pairs, 0 if first[0].periodic else count - 1)]
+    batch: list[tuple[Chain, State]] = []
+    room = _ROTORS_TOGETHER
+    for pair in pairs:
+        chain = pair[0]
+        room -= chain.number_of_rotors
+        if batch and (room < 0 or chain.periodic or _terms(chain) != _terms(batch[0][0])):
+            yield batch
+            batch, room = [], _ROTORS_TOGETHER - chain.number_of_rotors
+        batch.append(pair)
+    if batch:
+        yield batch
+
+
+def _terms(chain: Chain) -> tuple[Any, ...]:
+    """Return the parameters that are equal in all chains of a batch."""
+    acting = (bool(getattr(chain, name)) for name in _SWITCHES)
+    return (chain.periodic, *acting, *(getattr(chain, name) for name in _EQUAL))
 
 
 def _streamed(

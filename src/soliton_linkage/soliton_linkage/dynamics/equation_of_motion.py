@@ -196,9 +196,9 @@ class EquationOfMotion:
         return self.table(self.loads)
 
 
-def of_chain(chain: Chain) -> list[Term]:
+def of_chain(chain: Chain) -> list[CompiledTerm]:
     """Return the terms that the parameters of a chain specify besides its springs."""
-    terms: list[Term] = []
+    terms: list[CompiledTerm] = []
     if chain.on_site_torque:
         terms.append(OnSitePotential(chain))
     if chain.damping:

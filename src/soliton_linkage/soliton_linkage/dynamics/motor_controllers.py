@@ -31,9 +31,7 @@ class MotorControllers:
 
     def __init__(self, chain: Chain) -> None:
         self._chain = chain
-        self._law = chain.feedback
-        self._strengths = chain.signs * chain.feedback_strengths
-        self._frames: deque[tuple[float, Array]] = deque(maxlen=self._law.delay + 2)
+        self._frames: deque[tuple[float, Array]] = deque(maxlen=chain.feedback.delay + 2)
 
     def torques(self, time: float, angles: Array) -> Array:
         """Return the torque of each motor [N m], shape (N,), from this frame to the next.
@@ -43,19 +41,26 @@ class MotorControllers:
         2 frames are known.
         """
         self._frames.append((time, angles))
-        if len(self._frames) < self._law.delay + 2:
+        if len(self._frames) < self._chain.feedback.delay + 2:
             return np.zeros_like(angles)
         (before, then), (now, measured) = self._frames[0], self._frames[1]
-        signs, law = self._chain.signs, self._law
-        coordinates = signs * measured + (1 - signs) * (np.pi / 2)
-        rates = signs * (measured - then) / (now - before)
-        torques = -law.angle * wrapped(coordinates - law.reference) - law.rate * rates
-        bonds = self._chain.number_of_springs
-        bends = wrapped(np.roll(coordinates, -1) - coordinates)[:bonds]
-        shears = (np.roll(rates, -1) - rates)[:bonds]
-        torques = torques + self._chain.gathered(
-            law.right_angle * bends + law.right_rate * shears,
-            -law.left_angle * bends - law.left_rate * shears,
-        )
-        limited = np.clip(self._strengths * torques, -law.limit, law.limit)
-        return np.nan_to_num(limited)
+        rates = (measured - then) / (now - before)
+        return np.nan_to_num(feedback_torques(self._chain, measured, rates))
+
+
+def feedback_torques(chain: Chain, angles: Array, rates: Array) -> Array:
+    """Return the torques of the law without its delay [N m], shape (N,).
+
+    `angles` [rad] and `rates` [rad/s] have the shape (N,).
+    """
+    signs, law, bonds = chain.signs, chain.feedback, chain.number_of_springs
+    q, v = signs * angles + (1 - signs) * (np.pi / 2), signs * rates
+    of_own = -law.angle * wrapped(q - law.reference) - law.rate * v
+    bends = wrapped(np.roll(q, -1) - q)[:bonds]
+    shears = (np.roll(v, -1) - v)[:bonds]
+    of_others = chain.gathered(
+        law.right_angle * bends + law.right_rate * shears,
+        -law.left_angle * bends - law.left_rate * shears,
+    )
+    torques = signs * chain.feedback_strengths * (of_own + of_others)
+    return np.clip(torques, -law.limit, law.limit)

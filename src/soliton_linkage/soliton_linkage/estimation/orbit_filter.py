@@ -17,6 +17,9 @@ import math
 
 import numpy as np
 
+from soliton_linkage.dynamics.equation_of_motion import of_chain
+from soliton_linkage.dynamics.motor_controllers import feedback_torques
+from soliton_linkage.dynamics.terms import term_table, torques_of
 from soliton_linkage.estimation.encoder_offsets import EncoderOffsets
 from soliton_linkage.estimation.estimates import OrbitEstimate, TrackingStatus, lost
 from soliton_linkage.estimation.frames import FrameImpulse, rotor_swing
@@ -87,6 +90,7 @@ class OrbitFilter:
         self._relocaliser = Relocaliser(orbit, settings.likelihood)
         self._budget = ScanBudget(settings.tracking)
         self._compliance = ComplianceCorrection(orbit)
+        self._forces = term_table(of_chain(chain), chain.number_of_rotors)
         self._edge = _EDGE_ROTORS + penetration_depth(chain) / chain.spacing
         self._deviates = chain.deviations != NO_DEVIATIONS
         self._likelihood = FrameLikelihood(swing, settings.likelihood)
@@ -344,23 +348,28 @@ class OrbitFilter:
         ratio = self._compliance.rate_ratio(ahead, rate, arc)
         if self._deviates:
             ratio *= self.orbit.free_rate(ahead) / self.orbit.free_rate(arc)
-        acceleration -= self._compliance.damped(rate) * self._damping(arc)
+        acceleration += self._acceleration(arc + rate * elapsed / 2, rate, elapsed)
         motion.predict(elapsed, self._variance.at_edge, ratio, acceleration, self.bandwidth)
 
-    def _damping(self, arc: float) -> float:
-        """Return the decay rate due to the known damping of the rotors, sum(c t^2) / sum(I t^2).
+    def _acceleration(self, arc: float, rate: float, elapsed: float) -> float:
+        """Return the acceleration of the arc length by the force terms of the chain [rad/s^2].
 
-        The decay rate is in 1/s. c are the damping coefficients, I the moments of inertia.
+        With the tangent t and the torques tau of all terms except the springs, it is
+        sum(tau t) / sum(I t^2), reduced by the compliance of the springs. Motors with feedback
+        measured the angles `delay` + 1/2 frames ago on average, in frames of the length `elapsed`
+        [s].
         """
-        chain = self.orbit.chain
-        if not chain.damping:
+        chain, forces = self.orbit.chain, self._forces
+        if not (len(forces.kinds) or chain.feedback.acts):
             return 0.0
-        about = self.orbit.segment(arc)
-        within = slice(about.first, about.first + len(about.tangent))
-        squares = about.tangent**2
-        return float(
-            chain.dampings[within] @ squares / (chain.moments_of_inertia[within] @ squares)
-        )
+        tangent = self.orbit.tangent(arc)
+        torques, rates = np.zeros(len(tangent)), rate * tangent
+        torques_of(self.orbit.configuration(arc), rates, *forces, torques)
+        if chain.feedback.acts:
+            measured = arc - (chain.feedback.delay + 0.5) * rate * elapsed
+            torques += feedback_torques(chain, self.orbit.configuration(measured), rates)
+        along = float(tangent @ torques / (chain.moments_of_inertia @ tangent**2))
+        return along * self._compliance.damped(rate) / rate if rate else along
 
     def _at_edge(self) -> bool:
         last = self.orbit.chain.number_of_rotors - 1

@@ -160,13 +160,26 @@ def torque_to_msg(joint: str, torque: float) -> JointState:
 
 
 def edge_command_of(
-    kind: str, edge: str, value: float, duration: float, ramp_up: float, ramp_down: float
+    kind: str,
+    edge: str,
+    value: float,
+    duration: float,
+    ramp_up: float,
+    ramp_down: float,
+    *,
+    shape: str = 'burst',
+    quantity: str = 'torque',
+    **numbers: float,
 ) -> msg.EdgeCommand:
     """Return a command to an edge actuator.
 
+    `shape`, `quantity` and `numbers` (frequency, last_frequency, cycles) describe a waveform.
     Raises ValueError if a name is unknown or a number is not finite.
     """
     return msg.EdgeCommand(
+        shape=_chosen('shape', shape, _SHAPES),
+        quantity=_chosen('quantity', quantity, _QUANTITIES),
+        **{name: _finite(name, number) for name, number in numbers.items()},
         kind=_chosen('kind', kind, _KINDS),
         edge=_chosen('edge', edge, _EDGES),
         value=_finite('value', value),

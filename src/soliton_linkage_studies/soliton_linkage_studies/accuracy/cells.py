@@ -12,6 +12,7 @@ import numpy as np
 
 from soliton_linkage.linear.bands import speed_of_sound
 from soliton_linkage.linkage.chain import Chain, Motion
+from soliton_linkage.linkage.feedback import Feedback
 from soliton_linkage.solitons.static_wall import site_arc
 from soliton_linkage_studies.accuracy.walls import reach
 
@@ -179,6 +180,8 @@ _LEANS = {'flipper': (33, 0.9, 0.7), 'wobbler': (33, 0.8, 1.6), 'spinner': (33, 
 """Number of rotors, rest angle [rad] and lean ratio d of one chain per motion class."""
 _OTHER = 1.3
 """Lean ratio of the wrong configured chain, relative to the true chain [1]."""
+_FORCED_SPEED = 0.15
+"""Initial wall speed in the cells with force terms, relative to the speed of sound [1]."""
 _DISORDERS = (0.01, 0.03, 0.05, 0.1)
 """Relative standard deviations in the cells with disorder [1]."""
 
@@ -231,6 +234,11 @@ def _of_model(chains: dict[str, Chain]) -> list[AccuracyCell]:
         for name, chain in chains.items()
         for case, given in cases.items()
     ]
+    cells += [
+        AccuracyCell(f'{term}_{name}', forced, 0.01, _FORCED_SPEED, 0.2, 400)
+        for name, chain in chains.items()
+        for term, forced in _with_forces(chain).items()
+    ]
     spinner = replace(chains['spinner'], number_of_rotors=60)
     cells.append(AccuracyCell('pair_spinner', spinner, 0.01, 0.1, 0.2, 150, walls=2))
     for share in (0.77, 0.92):
@@ -239,6 +247,25 @@ def _of_model(chains: dict[str, Chain]) -> list[AccuracyCell]:
             AccuracyCell(f'broken_wobbler_{share:g}', chain, 0.01, 0.3, 0.2, 400, kick=4.0)
         )
     return cells
+
+
+def _with_forces(chain: Chain) -> dict[str, Chain]:
+    """Return the chain with each force term by name.
+
+    Each term changes the speed of a wall by up to a half during a record.
+    """
+    sites = _FORCED_SPEED * speed_of_sound(chain) / chain.spacing
+    drag = 0.01 * chain.moment_of_inertia / chain.time_unit
+    rate = sites * site_arc(chain)
+    kappa = drag * sites / 2
+    terms: dict[str, dict[str, Any]] = {
+        'dry_friction': {'dry_friction': 0.3 * drag * rate},
+        'quadratic_damping': {'quadratic_damping': drag / rate},
+        'non_reciprocal': {'non_reciprocity': kappa, 'damping': drag},
+        'on_site': {'on_site_torque': 0.3 * drag * rate, 'on_site_phase': 0.5},
+        'feedback': {'feedback': Feedback(0.0, drag, kappa, -kappa, delay=1, limit=1e3)},
+    }
+    return {name: replace(chain, **given) for name, given in terms.items()}
 
 
 def _of_class(name: str, chain: Chain) -> list[AccuracyCell]:

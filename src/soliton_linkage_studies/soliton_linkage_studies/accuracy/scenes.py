@@ -27,7 +27,7 @@ from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage_studies.accuracy.cells import AccuracyCell
-from soliton_linkage_studies.accuracy.springs import Springs
+from soliton_linkage_studies.accuracy.springs import ForcedSprings, Springs, springs_of
 from soliton_linkage_studies.accuracy.walls import (
     WallPath,
     add_motion,
@@ -112,7 +112,7 @@ def scene_of(
     if cell.kick:
         angles = chain.uniform_state(-1)
         rates = cell.kick / chain.time_unit * mode_towards_last(chain, angles)
-        springs = Springs(chain, angles, rates, cell.period * chain.time_unit)
+        springs = springs_of(chain, angles, rates, cell.period * chain.time_unit)
         for _ in range(int(random.integers(*_SETTLED))):
             springs.advance()
         motion = springs.record(frames)
@@ -135,13 +135,18 @@ def frames_beside(speed: float, cell: AccuracyCell) -> int:
 
 
 def averages_and_slopes(
-    values: Array, beside: int, breaks: list[int] | None = None, cubic: bool = False
+    values: Array,
+    beside: int,
+    breaks: list[int] | None = None,
+    cubic: bool = False,
+    forced: bool = False,
 ) -> tuple[Array, Array]:
     """Return a moving average and a slope for each value.
 
     An average contains `beside` values on either side, a slope three times as many. No window
     extends across the indices `breaks`. Slopes are from fitted lines, or from cubics if `cubic` is
-    true.
+    true. If `forced` is true, the values of the cubics replace the averages, which would be biased
+    by an acceleration.
     """
     means, slopes = np.empty_like(values), np.empty_like(values)
     for begin, end in pairwise([0, *(breaks or []), len(values)]):
@@ -154,6 +159,8 @@ def averages_and_slopes(
             slopes[begin:end] = _convolved(
                 piece, savgol_coeffs(2 * wide + 1, order, deriv=1, use='dot')
             )
+            if forced:
+                means[begin:end] = _convolved(piece, savgol_coeffs(2 * wide + 1, order, use='dot'))
     return means, slopes
 
 
@@ -207,9 +214,10 @@ def _single_wall(
         kinetic.append(float(springs.chain.kinetic_energy(springs.rates)))
         raw.append(arc)
     slow = abs(start.speed) < _SLOW * gap(chain) / (2 * math.pi)
-    # The speed decays exponentially, so that the slope of a fitted line would be too large.
-    cubic = slow or cell.damping > 0
-    means, slopes = averages_and_slopes(np.array(raw), beside, at, cubic)
+    # A force changes the speed within the fit, so that the slope of a fitted line would be wrong.
+    forced = isinstance(springs, ForcedSprings)
+    cubic = slow or cell.damping > 0 or forced
+    means, slopes = averages_and_slopes(np.array(raw), beside, at, cubic, forced)
     kept = slice(margin, total - margin)
     arcs, arc_rates = means[kept], slopes[kept] / springs.period
     positions = np.array([orbit.site(arc) for arc in arcs])
@@ -248,20 +256,20 @@ def _started(cell: AccuracyCell, random: np.random.Generator) -> _Start:
     if not math.isnan(cell.start):
         arc = orbit.arc_at(cell.start, leg)
         wall_at_rest = static_wall(chain, cell.start, leg)
-        return _Start(Springs(chain, wall_at_rest, np.zeros(last + 1), period), orbit, arc, 0.0)
+        return _Start(springs_of(chain, wall_at_rest, np.zeros(last + 1), period), orbit, arc, 0.0)
     if cell.nudged:
         return _nudged(cell, orbit, random)
     if cell.disorder:
         speed, arc = launch_speed(chain, cell.speed), orbit.arc_at(position, leg)
         rates = sense * speed * orbit.site_arc * orbit.tangent(arc)
-        springs = Springs(orbit.chain, orbit.configuration(arc), rates, period)
+        springs = springs_of(orbit.chain, orbit.configuration(arc), rates, period)
         return _Start(springs, orbit, arc, speed)
     wall = steady_wall(chain, leg if chain.motion is Motion.SPINNER else 0, cell.speed)
     shift = 2 * round((position - wall.position) / 2)
     arc = orbit.arc_at(wall.position + shift, leg)
     angles, rates = orbit.configuration(arc), np.zeros(last + 1)
     add_motion(wall, shift, angles, rates, sense if leg % 2 == 0 else -sense)
-    return _Start(Springs(chain, angles, rates, period), orbit, arc, wall.speed)
+    return _Start(springs_of(chain, angles, rates, period), orbit, arc, wall.speed)
 
 
 def _nudged(cell: AccuracyCell, orbit: Orbit, random: np.random.Generator) -> _Start:
@@ -271,7 +279,7 @@ def _nudged(cell: AccuracyCell, orbit: Orbit, random: np.random.Generator) -> _S
     angles = left if chain.motion is Motion.SPINNER else chain.uniform_state(-1)
     speed = launch_speed(chain, cell.speed)
     rates = speed * orbit.site_arc * mode_towards_last(chain, angles)
-    springs = Springs(chain, angles, rates, cell.period * chain.time_unit)
+    springs = springs_of(chain, angles, rates, cell.period * chain.time_unit)
     sampled = np.linspace(-orbit.site_arc, orbit.arc_at(1.0, 0), _SAMPLES)
     apart = [np.cos(angles - orbit.configuration(arc)).sum() for arc in sampled]
     arcs = [nearest_arc(orbit, angles, float(sampled[int(np.argmax(apart))]))] * 2
@@ -385,7 +393,7 @@ def _placed(
         paths.append(path)
         positions.append(position)
         speeds.append(speed)
-    springs = Springs(chain, angles, rates, cell.period * chain.time_unit)
+    springs = springs_of(chain, angles, rates, cell.period * chain.time_unit)
     return _MovingWalls(springs, paths, positions, speeds)
 
 

@@ -16,6 +16,8 @@ import math
 import numpy as np
 
 from soliton_linkage.compiling import compile_loop, compiled, const_f8_1d, const_f8_2d, f8_1d, i8
+from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.dynamics.equation_of_motion import of_chain
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.linkage.springs import spring_between
@@ -24,6 +26,8 @@ _spring = compile_loop(spring_between, inlined=True)
 
 _STEP = 0.1
 """Largest step [time units]. The energy of a wall at v = 0.9 c is then constant to 1e-6."""
+_TOLERANCE = 1e-8
+"""Integration error of an angle per step of the simulator [rad], far below the encoder noise."""
 _SHARE = 1 / (4 - 4 ** (1 / 3))
 """Weight p of a leapfrog step [1]."""
 _WEIGHTS = np.array([_SHARE, _SHARE, 1 - 4 * _SHARE, _SHARE, _SHARE])
@@ -60,6 +64,34 @@ class Springs:
             angles[frame], rates[frame] = self.angles, self.rates
         times = np.asarray(self.period * np.arange(frames), dtype=np.float64)
         return Recording(times, angles, rates)
+
+
+class ForcedSprings(Springs):
+    """Simulation of an elastic chain with the force terms of its parameters.
+
+    It uses the simulator, because the independent integrator knows only springs and damping.
+    """
+
+    def __init__(self, chain: Chain, angles: Array, rates: Array, period: float) -> None:
+        super().__init__(chain, angles, rates, period)
+        self._simulation = ElasticSimulation(chain, angles, rates, period, tolerance=_TOLERANCE)
+
+    def advance(self, damping: Array | None = None) -> None:
+        """Advance by one frame period. Changes of the attribute `rates` count as impulses.
+
+        `damping` must be None, because the chain contains the damping.
+        """
+        assert damping is None
+        simulation = self._simulation
+        simulation.kick(self._inertias * (self.rates - simulation.rates))
+        simulation.advance()
+        self.angles, self.rates = simulation.angles.copy(), simulation.rates.copy()
+
+
+def springs_of(chain: Chain, angles: Array, rates: Array, period: float) -> Springs:
+    """Return the simulation of a chain; see `Springs` for the arguments."""
+    forced = of_chain(chain) or chain.feedback.acts
+    return (ForcedSprings if forced else Springs)(chain, angles, rates, period)
 
 
 @compiled(const_f8_1d, const_f8_1d, const_f8_2d, f8_1d)

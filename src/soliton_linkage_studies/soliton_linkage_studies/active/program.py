@@ -28,6 +28,7 @@ from soliton_linkage_studies.active.runs import (
     stability_limit,
     terminal_velocity,
     wall_drive,
+    wall_sites,
 )
 from soliton_linkage_studies.drawing import lean_norm
 from soliton_linkage_studies.figure_report import FigureReport, save_page
@@ -52,15 +53,17 @@ the linear damping. Lines are the theory: κ / c times a ratio of two sums along
 wall. Error bars show standard errors and are smaller than most marks. Fast walls are slower than
 the theory, because they radiate phonons. Slow anti-kinks of the wobbler are pinned. (b)
 Displacement of each rotor over time, for a kink ahead of an anti-kink. Both move towards the last
-rotor. Colours are those of the kymographs; the black line is the track of the kink. (c) The same
-for a kink behind an anti-kink. They meet and annihilate.
+rotor. Colours are those of the kymographs; the black line is the track of the kink. The slopes of
+the dashed lines are the velocities of the theory. (c) The same for a kink behind an anti-kink.
+They meet and annihilate.
 
 (d) Fate of an anti-kink of the first chain with fixed ends, against κ / c and the decay rate c /
 (M r²): it runs (sky blue dots), is pinned (crosses), breaks up (red triangles) or vanishes (black
 squares). Below the solid line a resting anti-kink is pinned. To the right of the dashed line,
 waves grow in an infinite uniform chain. (e) Power of the motors (blue) and of the damping (red),
 for a kink that starts at rest. The dashed green line is the theory at the terminal velocity. (f)
-Site of a kink that starts against the motors and turns back.
+Site of a kink that starts against the motors and turns back. The slope of the dashed line is the
+velocity of the theory.
 """
 _TITLES = {
     'a': 'a  Terminal velocity',
@@ -179,13 +182,25 @@ def page(
     report = FigureReport(Figure(figsize=(11.0, 10.5), layout='constrained'), _CAPTION)
     panels = report.figure.subplot_mosaic('ad;bc;ef')
     _draw_velocities(report, panels['a'], drives, tasks, runs)
+    first = next(iter(study.chains))
     for panel in 'bc':
         _draw_pair(report, panel, panels[panel], tasks[panel,].chain, runs[panel,])
+    for charge in (1, -1):
+        velocity = study.pair_ratio * drives[first, charge].ratio
+        panels['b'].plot(
+            *_line_through_middle(runs['b',], tasks['b',].chain, charge, velocity),
+            '--',
+            color=BLACK,
+            linewidth=0.8,
+        )
     _draw_diagram(report, panels['d'], study, drives, tasks, runs)
-    first = next(iter(study.chains))
     _draw_power(report, panels['e'], drives[first, 1], tasks['e',], runs['e',])
     run = runs['f',]
     panels['f'].plot(run.recording.times, run.sites, color=BLUE)
+    velocity = study.pair_ratio * drives[first, 1].ratio
+    line = _line_through_middle(run, tasks['f',].chain, 1, velocity)
+    panels['f'].plot(*line, '--', color=RED, linewidth=1)
+    report.add_points('f', 'theory', (_TIME, _SITE), *line)
     report.add_points('f', 'kink', (_TIME, _SITE), run.recording.times, run.sites)
     panels['f'].set(xlabel=_TIME, ylabel=_SITE)
     largest = max(each.imbalance for key, each in runs.items() if key[0] != 'd')
@@ -238,6 +253,23 @@ def _draw_velocities(
             )
     axes.set(xlabel=_RATIO, ylabel=_VELOCITY)
     axes.legend(fontsize='x-small')
+
+
+def _line_through_middle(
+    run: ActiveRun, chain: Chain, charge: int, velocity: float
+) -> tuple[Array, Array]:
+    """Return times [s] and sites of motion at a velocity [rotor spacings/s].
+
+    The line passes through the last site of the first wall of a charge. It shows the second half
+    of the motion of this wall.
+    """
+    found: dict[float, float] = {}
+    for time, angles in zip(run.recording.times, run.recording.angles, strict=True):
+        for site, of_wall in wall_sites(chain, angles):
+            if of_wall == charge:
+                found.setdefault(float(time), site)
+    times = np.array(list(found))[len(found) // 2 :]
+    return times, found[float(times[-1])] + velocity * (times - times[-1])
 
 
 def _draw_pair(report: FigureReport, panel: str, axes: Axes, chain: Chain, run: ActiveRun) -> None:

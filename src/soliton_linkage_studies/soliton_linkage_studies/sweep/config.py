@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,14 @@ import numpy as np
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.deviations import Deviations, drawn_deviations
 from soliton_linkage.linkage.quantities import described_fields
-from soliton_linkage_studies.measures import MEASURES, MECHANICS, Measure, SweepTrial, Value
+from soliton_linkage_studies.measures import (
+    MEASURES,
+    MECHANICS,
+    Measure,
+    SweepTrial,
+    Value,
+    send_walls,
+)
 from soliton_linkage_studies.settings import Section, load_settings
 
 _SECTIONS = ('measure', 'chain', 'deviations', 'trial', 'seeds', 'sweep')
@@ -96,15 +103,51 @@ class SweepStudy:
             values[axis.name] = axis.values[number]
         return {axis.name: values[axis.name] for axis in self.axes}, self.seeds[seed]
 
+    @property
+    def together(self) -> int:
+        """Largest number of rows that `cells_of` measures in one call [1].
+
+        Eight chains of 20 rotors fill one call of the compiled loops.
+        """
+        return 8 if self.measure.sends_wall else 1
+
     def cells(self, row: int) -> list[str]:
         """Measure a row, and return its columns as text.
 
         If the measurement fails, the last column is the error message.
         """
+        return self.cells_of([row])[0]
+
+    def cells_of(self, rows: Sequence[int]) -> list[list[str]]:
+        """Measure rows together, and return the columns of each row as `cells` does."""
+        trials = {row: self._trial(row) for row in rows}
+        sending = {
+            row: trial
+            for row, trial in trials.items()
+            if not isinstance(trial, Exception)
+            and self.measure.sends_wall
+            and trial[1].mechanics == 'elastic'
+        }
+        sent = dict(zip(sending, send_walls(list(sending.values())), strict=True))
+        return [self._cells(row, trials[row], sent.get(row)) for row in rows]
+
+    def _trial(self, row: int) -> tuple[Chain, SweepTrial] | ArithmeticError | ValueError:
+        values, seed = self.point(row)
+        try:
+            return trial_of({**self.parameters, **values}, seed)
+        except (ArithmeticError, ValueError) as error:
+            return error
+
+    def _cells(self, row: int, trial: Any, sent: Any) -> list[str]:
+        """Return the columns of a row; `trial` and `sent` may be errors."""
         values, seed = self.point(row)
         measured, failure = [''] * len(self.measure.columns), ''
         try:
-            taken = self.measure.take(*trial_of({**self.parameters, **values}, seed))
+            for each in (trial, sent):
+                if isinstance(each, Exception):
+                    raise each
+            chain, settings = trial
+            taken = self.measure.take(chain, settings, sent)
             measured = [_text(taken[name]) for name in self.measure.columns]
         except (ArithmeticError, ValueError) as error:
             failure = ' '.join(str(error).split())

@@ -128,8 +128,23 @@ class WaveRun:
 
     @property
     def displacement(self) -> float:
-        """Displacement of the kink [rotor spacings], from the last fifth of the frames."""
-        return float(np.mean(self.sites[-len(self.sites) // 5 :]) - self.sites[0])
+        """Displacement of the kink from its initial site [rotor spacings].
+
+        It is averaged over the last fifth of the frames.
+        """
+        return float(np.mean(self._last) - self.sites[0])
+
+    @property
+    def displacement_error(self) -> float:
+        """Standard deviation of the site over the same frames [rotor spacings].
+
+        It is large if the kink still moves.
+        """
+        return float(np.std(self._last))
+
+    @property
+    def _last(self) -> Array:
+        return self.sites[-len(self.sites) // 5 :]
 
 
 def energy_per_rotor(chain: Chain, recording: Recording) -> Array:
@@ -201,11 +216,13 @@ into a uniform chain. (a) Energy of each rotor over time on a logarithmic scale,
 large. The slope of the dashed lines is the group velocity of linear theory; they start at the
 beginning and at the end of the burst. The red line is the zero of the displacement u, the position
 of the kink. (b) Displacement of the kink against the angular frequency of the burst, for each
-amplitude. The grey band is the phonon band. (c) Displacement of the kink against the number of
-cycles of the burst. (d) Number of walls in a uniform chain after a burst, against amplitude and
-angular frequency. (e) Angular frequencies of small vibrations about a kink (dots) against its
-site; vibrations of few rotors are red. The grey band is the phonon band. (f) Energy of the springs
-along the orbit, divided by k_e lbar²; there is no barrier above the rounding error.
+amplitude, averaged over the last fifth of the simulation. Error bars are the standard deviation in
+this time; they are long if the kink still moves. Linear theory predicts no displacement outside
+the phonon band (grey). (c) Displacement of the kink against the number of cycles of the burst. (d)
+Number of walls in a uniform chain after a burst, against amplitude and angular frequency. (e)
+Angular frequencies of small vibrations about a kink (dots) against its site; vibrations of few
+rotors are red. The grey band is the phonon band. (f) Energy of the springs along the orbit,
+divided by k_e lbar²; there is no barrier above the rounding error.
 """
 _TITLES = {
     'a': 'a  Wave packet and kink',
@@ -315,10 +332,12 @@ def page(study: WaveStudy, runs: Mapping[tuple[Any, ...], WaveRun]) -> FigureRep
         for amplitude, colour in zip(study.amplitudes, (BLUE, RED, BLACK, GREY), strict=False):
             keys = [key for key in runs if key[:2] == (panel, amplitude)]
             x, moved = [key[2] for key in keys], [runs[key].displacement for key in keys]
-            panels[panel].plot(
-                x, moved, 'o-', color=colour, markersize=4, label=f'{amplitude:g} rad'
+            errors, series = [runs[key].displacement_error for key in keys], f'{amplitude:g} rad'
+            panels[panel].errorbar(
+                x, moved, errors, fmt='o-', color=colour, markersize=4, label=series
             )
-            report.add_points(panel, f'{amplitude:g} rad', (axis, _MOVED), x, moved)
+            report.add_points(panel, series, (axis, _MOVED), x, moved)
+            report.add_points(panel, f'{series}: standard deviation', (axis, _MOVED), x, errors)
         panels[panel].set(xlabel=axis, ylabel=_MOVED)
         panels[panel].legend(fontsize='x-small')
     panels['b'].axvspan(low, high, color=PALE, zorder=0)

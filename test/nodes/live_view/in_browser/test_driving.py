@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from live_stage import Stage, Visit, until
 
+from soliton_linkage.linear.bands import band_edges
 from soliton_linkage_msgs.msg import EdgeCommand
 from soliton_linkage_nodes.live_view.view import View
 from soliton_linkage_nodes.runtime import interfaces
@@ -83,6 +84,47 @@ def test_an_answer_that_is_late_is_reported_after_two_seconds(visit: Visit, stag
     visit.has_text('answer', 'Nudge: no answer within 2 s, still waiting')
     visit.js("live.answers.show({id: 'late', answer: 'done', good: true})")
     visit.has_text('answer', 'Nudge: done')
+
+
+def test_a_sine_burst_is_sent_from_the_slider_with_the_phonon_band(
+    at_rest: Visit, view: View, stage: Stage
+) -> None:
+    visit = at_rest
+    received, kicks = stage.record(interfaces.EDGE_COMMAND), stage.record(interfaces.LAST_KICK)
+    visit.tab('Drive')
+    low, high = band_edges(view.chains['/'].model.named.chain)
+    visit.has_text('band', f'Phonon band, shaded: {low:.3g} to {high:.3g} rad/s')
+    assert 'linear-gradient' in visit.js(
+        'document.getElementById("live-frequency").style.background'
+    )
+    visit.page.locator('#live-frequency').press('ArrowRight')
+    frequency = float(visit.field('frequency').input_value())
+    assert low < frequency < high
+    visit.fill('cycles', 3)
+    visit.click('wave')
+    until(lambda: received, 'the waveform')
+    sent = received[0]
+    assert (sent.kind, sent.shape) == (EdgeCommand.WAVEFORM, EdgeCommand.BURST)
+    assert (sent.edge, sent.quantity) == (EdgeCommand.FIRST, EdgeCommand.TORQUE)
+    assert (sent.frequency, sent.cycles) == (pytest.approx(frequency), 3.0)
+    until(lambda: kicks, 'the report of the burst')
+    assert kicks[-1].command.kind == EdgeCommand.WAVEFORM
+    assert kicks[-1].peak_torque == pytest.approx(0.002, rel=0.2)
+    visit.answers('rotor_0')
+
+
+def test_the_slider_changes_the_motors_of_the_running_simulator(
+    at_rest: Visit, view: View
+) -> None:
+    visit, model = at_rest, view.chains['/'].model
+    visit.tab('Drive')
+    slider = visit.page.locator('#live-coupling')
+    slider.press('ArrowRight')
+    until(lambda: model.named.chain.non_reciprocity > 0, 'the motors')
+    kappa = model.named.chain.non_reciprocity
+    visit.has_text('motors', f'κ = {kappa:.3g} N m/rad')
+    slider.press('ArrowLeft')
+    until(lambda: model.named.chain.non_reciprocity == 0, 'the end of the motors')
 
 
 def test_edge_commands_are_sent_with_their_times(visit: Visit, stage: Stage) -> None:
