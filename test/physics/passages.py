@@ -22,11 +22,7 @@ def unequal(chain: Chain, seed: int, spread: float = 0.05) -> Chain:
     """Chain with lengths of its own, the first drawn that lets walls pass."""
     while True:
         drawn = drawn_deviations(
-            chain.number_of_rotors,
-            seed,
-            spacing=spread,
-            rotor_length=spread,
-            rest_length=spread,
+            chain.number_of_rotors, seed, spacing=spread, rotor_length=spread, rest_length=spread
         )
         made = replace(chain, deviations=drawn)
         if not blocked_bonds(made).any():

@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Command `soliton-linkage` with sub-commands of the studies and of other packages.
+"""Command `soliton-linkage`, which runs the sub-commands of the studies and of other packages.
 
-A package adds a sub-command by an entry point in the group `soliton_linkage.commands`. The entry
-point has the name of the sub-command and refers to a function. The function receives the arguments
-after this name and returns the exit code: 0 after success, 1 after an error, 2 after Ctrl-C or for
-an invalid command line. The help text of the sub-command is the first line of the docstring of the
-function's module. This module is imported only when the sub-command runs.
+A sub-command is an entry point in the group `soliton_linkage.commands`: a function of the
+arguments that returns the exit code, 0 after success, 1 after an error, 2 after Ctrl-C or for an
+invalid command line. Its help text is the first line of the docstring of its module.
 """
 
 from __future__ import annotations
@@ -33,10 +31,7 @@ _FAILURES = (ArithmeticError, LookupError, OSError, RuntimeError, ValueError)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the sub-command that the first argument names; without arguments, list all of them.
-
-    Return the exit code.
-    """
+    """Run the sub-command in the first argument, or list all of them; return the exit code."""
     given = sys.argv[1:] if arguments is None else list(arguments)
     words = words_before() or given
     commands = {found.name: found for found in sorted(entry_points(group=_GROUP))}
@@ -100,7 +95,7 @@ def _parser(commands: Mapping[str, EntryPoint]) -> PlainParser:
 
 
 def _summary(command: EntryPoint) -> str:
-    """Return the first line of the docstring of a command's module; do not import the module."""
+    """Read the first line of the docstring of a command's module without importing the module."""
     if command.dist is None:
         return ''
     path = Path(str(command.dist.locate_file(command.module.replace('.', '/') + '.py')))

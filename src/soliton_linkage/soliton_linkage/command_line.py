@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Command lines with one-line error messages and completion of words by the shell.
 
-Completion needs the package argcomplete. To activate completion in bash, run
-
-    eval "$(register-python-argcomplete soliton-linkage)"
+In bash, `eval "$(register-python-argcomplete soliton-linkage)"` activates completion.
 """
 
 from __future__ import annotations
@@ -16,8 +14,8 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 _ASKED = '_ARGCOMPLETE'
-"""Environment variable that the shell sets during completion. Its value is the number of words on
-the command line that name the program."""
+"""Environment variable of a completion request; its value is the number of words of the
+program."""
 _ROS_FLAGS = ('-r', '--remap', '-p', '--param', '--params-file', '--log-level')
 _NEGATIVE = re.compile(r'-(\d|\.\d|inf|nan)')
 
@@ -44,10 +42,7 @@ class PlainParser(argparse.ArgumentParser):
 
 
 def words_before() -> list[str]:
-    """Return the words between the program and the word that the shell completes.
-
-    Without a completion request, return an empty list.
-    """
+    """Return the words between the program and the completed word, or none without a request."""
     if _ASKED not in os.environ:
         return []
     return os.environ['COMP_LINE'][: int(os.environ['COMP_POINT'])].split(' ')[1:-1]

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lazy import of the public names of a package (Scientific Python, SPEC 1).
 
-The stub file `__init__.pyi` of the package lists the public names and their modules; type checkers
-read the same file. A module is imported when one of its names is used for the first time.
-Therefore programs start faster.
+The stub file `__init__.pyi` of the package lists the public names and their modules. A module is
+imported at the first use of one of its names, so that programs start faster.
 """
 
 from __future__ import annotations
@@ -18,10 +17,7 @@ Exports = tuple[Callable[[str], object], Callable[[], list[str]], list[str]]
 
 
 def public_names(package: str, file: str) -> Exports:
-    """Return `__getattr__`, `__dir__` and `__all__` for a package.
-
-    `package` is its `__name__` and `file` its `__file__`.
-    """
+    """Return `__getattr__`, `__dir__` and `__all__` of a package from its name and `__file__`."""
     stub = ast.parse(Path(file).with_suffix('.pyi').read_text(encoding='utf-8'))
     homes = {
         alias.name: statement.module

@@ -1,14 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cache of compiled loops: one checked file for each loop, signature and processor.
 
-The cache of numba has three faults. An empty or truncated index file raises an error at import.
-Two processes can write two loops to one file. If a loop calls a function of another module and
-this function changes, numba continues to use the old code.
-
-With this cache, a loop is compiled again if its code changes, or the code of a loop that it calls,
-or a constant that one of them uses. Changes of comments, docstrings and line numbers have no
-effect. This module uses private members of numba, because numba has no public way to replace its
-cache.
+In the cache of numba, an empty or truncated index file raises an error at import, two processes
+can write two loops to one file, and a change of a function in another module does not compile the
+loops that call it again. This cache uses private members of numba, because numba has no public
+interface for it.
 """
 
 from __future__ import annotations
@@ -40,18 +36,14 @@ class LoopCache(FunctionCache):  # type: ignore[misc]
     """Cache of one loop; a damaged or outdated file is ignored and replaced."""
 
     def __init__(self, function: Callable[..., Any], options: object) -> None:
-        """Choose the folder of the cache; raise RuntimeError if no folder is writable."""
+        """Raise RuntimeError if no folder is writable."""
         super().__init__(function)
         self._options = repr(options)
         name = re.sub(r'-\d+(?=\.py)', '', self._impl.filename_base)  # omit the line number
         self._cache_file = _LoopFiles(Path(self.cache_path), name)
 
     def _index_key(self, sig: Any, codegen: Any) -> tuple[str, str]:
-        """Return the key of a loop for given argument types: two texts.
-
-        The first text determines the file name. The second text contains everything on which the
-        compiled code depends.
-        """
+        """Return the text that determines the file name, and all that determines the code."""
         target = repr((sig, codegen.magic_tuple()))
         versions = f'numba {numba.__version__} llvmlite {version("llvmlite")}'
         return target, f'{target} {versions} {self._options} {_code_digest(self._py_func)}'
@@ -65,11 +57,7 @@ class LoopCache(FunctionCache):  # type: ignore[misc]
 
 
 class _LoopFiles:
-    """Files of one loop.
-
-    Each file contains a checksum of the rest of the file, a checksum of the key, and the data from
-    numba.
-    """
+    """Files of one loop: checksum of the rest, checksum of the key, data from numba."""
 
     def __init__(self, folder: Path, name: str) -> None:
         self._folder = folder
@@ -115,7 +103,6 @@ def report_once(text: str) -> None:
 
 
 def _code_digest(function: Any) -> str:
-    """Return a digest of the code and constants of a loop and of all loops that it calls."""
     found: dict[str, None] = {}
     waiting, seen = [function], set()
     while waiting:

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Display of the progress of a long computation as one line on stderr.
 
-The package tqdm is not used for two reasons: it writes carriage returns into log files, and it
-cannot shorten the title if a remark needs the space.
+The package tqdm writes carriage returns into log files and cannot shorten the title.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ _BAR_WIDTH = 30
 _MINIMUM_BAR_WIDTH = 10
 """Smallest width of the bar if the line is short [characters]."""
 _TERMINAL_INTERVAL = 0.1
-"""Shortest time between two updates of the line in a terminal [s]; faster updates flicker."""
+"""Shortest time between two updates in a terminal [s]; faster updates flicker."""
 _LOG_INTERVAL = 2.0
 """Shortest time between two lines in a log file [s]."""
 _DEFAULT_COLUMNS = 80
@@ -46,7 +45,7 @@ class ProgressLine:
 
     @property
     def due(self) -> bool:
-        """Whether the interval since the last update is long enough for another update."""
+        """Whether the next update may be shown."""
         return time.monotonic() - self._shown_at >= self._interval
 
     def show(self, done: float, remark: str = '') -> None:
@@ -65,7 +64,7 @@ class ProgressLine:
         self.show_text(f'{title}{"#" * filled}{"." * (width - filled)}{tail}')
 
     def show_text(self, text: str) -> None:
-        """Show a text instead of a bar if an update is due; cut it to the width of the line."""
+        """Show a text instead of a bar if an update is due."""
         if self.due:
             self._shown_at = time.monotonic()
             self._write(text[: line_width()] if self._terminal else text)

@@ -28,26 +28,11 @@ def test_a_command_with_invalid_times_is_rejected() -> None:
         ({'kind': PULSE, 'duration': -1.0}, 'duration = -1 s must be a finite number'),
         ({'kind': PULSE, 'ramp_down': math.inf}, 'ramp_down = inf s must be a finite'),
         ({'kind': PRESSURE, 'ramp_up': math.nan}, 'ramp_up = nan s must be a finite'),
-        (
-            {'kind': PRESSURE, 'ramp_down': 0.1},
-            'ramp_down = 0.1 s must be 0 for a pressure',
-        ),
-        (
-            {'kind': KICK, 'value': 101.0},
-            'speed = 101 rad/s must lie in the range -100',
-        ),
-        (
-            {'kind': KICK, 'value': math.nan},
-            'speed = nan rad/s must be a finite number',
-        ),
-        (
-            {'kind': PULSE, 'value': -0.2},
-            r'torque = -0.2 N m must lie .* raise torque_limit',
-        ),
-        (
-            {'kind': PRESSURE, 'value': 3e5},
-            'pressure = 300000 Pa must lie in the range',
-        ),
+        ({'kind': PRESSURE, 'ramp_down': 0.1}, 'ramp_down = 0.1 s must be 0 for a pressure'),
+        ({'kind': KICK, 'value': 101.0}, 'speed = 101 rad/s must lie in the range -100'),
+        ({'kind': KICK, 'value': math.nan}, 'speed = nan rad/s must be a finite number'),
+        ({'kind': PULSE, 'value': -0.2}, r'torque = -0.2 N m must lie .* raise torque_limit'),
+        ({'kind': PRESSURE, 'value': 3e5}, 'pressure = 300000 Pa must lie in the range'),
     ]:
         with pytest.raises(ValueError, match=complaint):
             EdgeCommand(**{'edge': Edge.FIRST, 'value': 0.0, **fields}).check(LIMITS, ACTUATOR)

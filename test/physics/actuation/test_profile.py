@@ -65,9 +65,7 @@ def test_the_mean_of_a_constant_is_exact(value: float, start: float, length: flo
 
 
 @given(profiles())
-def test_a_profile_is_zero_before_its_points_and_holds_the_last_value(
-    profile: Profile,
-) -> None:
+def test_a_profile_is_zero_before_its_points_and_holds_the_last_value(profile: Profile) -> None:
     first, last = profile.times[0], profile.times[-1]
     assert not profile.before(first).any()
     assert not profile.integral(first - 2, first).any()

@@ -32,7 +32,7 @@ def test_torques_follow_the_mode_of_the_configuration_away_from_their_edge() -> 
         np.testing.assert_allclose(given, expected, rtol=1e-12)
 
 
-def test_joint_and_edge_torques_add_and_drop_ends_both() -> None:
+def test_joint_and_edge_torques_add() -> None:
     drive = TorqueDrive(CHAIN, PneumaticActuator(), timeout=0.0)
     angles = CHAIN.uniform_state(1)
     drive.edges.command(PULSE, Edge.LAST, 0.0)
@@ -41,10 +41,6 @@ def test_joint_and_edge_torques_add_and_drop_ends_both() -> None:
     expected = 0.03 * edge_mode(CHAIN, angles, Edge.LAST)
     expected[[3, 7]] += [1e-3, -2e-3]
     np.testing.assert_allclose(given, expected, rtol=1e-12)
-    assert drive.unfinished(0.5)
-    drive.drop(0.5)
-    assert not drive.active
-    assert not drive.torques(angles, 0.5, 0.51).torques.any()
 
 
 ACTUATOR = PneumaticActuator(filling_time=0.03, venting_time=0.05, saturation_torque=1.0)
@@ -151,14 +147,10 @@ def rotors(*numbers: int) -> np.ndarray:
 
 @given(
     st.lists(
-        st.tuples(st.sets(st.integers(0, 4), min_size=1), st.floats(-1, 1)),
-        min_size=1,
-        max_size=8,
+        st.tuples(st.sets(st.integers(0, 4), min_size=1), st.floats(-1, 1)), min_size=1, max_size=8
     )
 )
-def test_every_rotor_has_its_last_commanded_torque(
-    commands: list[tuple[set[int], float]],
-) -> None:
+def test_every_rotor_has_its_last_commanded_torque(commands: list[tuple[set[int], float]]) -> None:
     drive, expected = JointDrive(5, 0.0), np.zeros(5)
     for number, (named, torque) in enumerate(commands):
         chosen = rotors(*named)
@@ -183,7 +175,8 @@ def test_repeated_commands_keep_a_torque_active() -> None:
     for time in np.arange(0.0, 5.0, 0.05):
         drive.hold(rotors(0), np.array([1.0]), time)
         np.testing.assert_array_equal(drive.mean_torques(time, time + FRAME), [1.0, 0.0])
-    assert drive.active_commands == 1
+    drive.hold(rotors(0), np.array([0.0]), 5.0)
+    assert not drive.active
 
 
 def test_without_a_timeout_a_torque_is_held_forever() -> None:
@@ -212,22 +205,7 @@ def test_a_trajectory_is_linear_between_points_and_starts_from_the_current_torqu
     assert not drive.active
 
 
-def test_a_trajectory_is_unfinished_until_its_last_point() -> None:
-    drive = JointDrive(2, timeout=0.5)
-    drive.follow(rotors(0), np.array([0.5, 1.0]), np.array([[1.0], [2.0]]), 0.0)
-    assert drive.unfinished(0.9)
-    assert not drive.unfinished(1.1)
-
-
 def test_a_trajectory_with_past_points_skips_them() -> None:
     drive = JointDrive(1, timeout=0.0)
     drive.follow(rotors(0), np.array([-0.5, 0.5]), np.array([[0.0], [2.0]]), 0.0)
     assert drive.mean_torques(0.0, 0.25)[0] == pytest.approx(1.25)
-
-
-def test_drop_ends_all_torques() -> None:
-    drive = JointDrive(2, timeout=0.0)
-    drive.hold(rotors(0, 1), np.ones(2), 0.0)
-    drive.drop()
-    assert not drive.active
-    assert not drive.mean_torques(0.0, 1.0).any()

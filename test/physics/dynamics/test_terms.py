@@ -32,11 +32,7 @@ def by(
     chain: Chain, *forces: object, integrator: str = 'DOP853', tolerance: float = 1e-11
 ) -> ElasticSimulation:
     simulation = ElasticSimulation(
-        chain,
-        chain.uniform_state(-1),
-        tolerance=tolerance,
-        forces=forces,
-        integrator=integrator,
+        chain, chain.uniform_state(-1), tolerance=tolerance, forces=forces, integrator=integrator
     )
     simulation.kick(2e-4 * np.eye(chain.number_of_rotors)[0])
     simulation.record(0.5)

@@ -21,13 +21,8 @@ def test_the_nearest_edge_is_the_one_that_the_wall_is_nearer_to() -> None:
             assert Edge.NEAREST.resolved(chain, wall_between(chain, rotor)) is nearest
         assert Edge.NEAREST.resolved(chain, chain.uniform_state(-1)) is Edge.FIRST
         assert Edge.NEAREST.resolved(chain, chain.uniform_state(1)) is Edge.LAST
-
-
-def test_an_edge_that_is_named_is_meant_wherever_the_wall_is() -> None:
-    for edge in [Edge.FIRST, Edge.LAST]:
-        chain = chain_of(FLIPPER, 20)
-        for rotor in (3, 15):
-            assert edge.resolved(chain, wall_between(chain, rotor)) is edge
+        for edge in [Edge.FIRST, Edge.LAST]:
+            assert edge.resolved(chain, wall_between(chain, 3)) is edge
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
@@ -41,14 +36,8 @@ def test_a_push_or_a_pull_at_an_edge_sends_the_wall_across_the_chain(
             speed = 0.8 if chain.motion is Motion.SPINNER else 0.06
             rate = sense * speed * chain.spacing / chain.rotor_length / chain.time_unit
             duration = 120 * chain.time_unit
-            recording = simulate(
-                chain,
-                start,
-                rate * edge_mode(chain, start, Edge.NEAREST),
-                duration,
-                duration / 40,
-                1e-6,
-            )
+            rates = rate * edge_mode(chain, start, Edge.NEAREST)
+            recording = simulate(chain, start, rates, duration, duration / 40, 1e-6)
             places = follow(chain, recording).sites
             seen = places[np.isfinite(places)]
             from_edge = seen if lean < 0 else rotors - 1 - seen

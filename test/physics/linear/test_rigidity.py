@@ -142,9 +142,7 @@ def test_the_zero_mode_is_a_unit_vector_that_changes_no_length(
 
 
 @given(any_configuration())
-def test_the_zero_mode_is_the_vector_of_maximal_minors(
-    configuration: tuple[Chain, Array],
-) -> None:
+def test_the_zero_mode_is_the_vector_of_maximal_minors(configuration: tuple[Chain, Array]) -> None:
     chain, angles = configuration
     matrix = rigidity_matrix(chain, angles).toarray()
     singular = np.linalg.svd(matrix, compute_uv=False)
@@ -218,12 +216,7 @@ def test_the_centre_of_a_mode_is_reflected_with_the_chain(
 
 
 @pytest.mark.parametrize(
-    ('example', 'rotors'),
-    [
-        *((example, 10) for example in EXAMPLES),
-        (FLIPPER, 2),
-        (SPINNER, 11),
-    ],
+    ('example', 'rotors'), [*((example, 10) for example in EXAMPLES), (FLIPPER, 2), (SPINNER, 11)]
 )
 def test_the_zero_mode_turns_without_a_jump_along_the_whole_orbit_of_the_linkage(
     example: tuple[float, float], rotors: int
@@ -237,13 +230,7 @@ def test_the_zero_mode_turns_without_a_jump_along_the_whole_orbit_of_the_linkage
     assert np.abs(chain.spring_extensions(orbit)).max() < 1e-7 * chain.rotor_length
 
 
-@pytest.mark.parametrize(
-    ('example', 'last'),
-    [
-        (FLIPPER, 79_999.0),
-        (WIDE_SPINNER, 80_000.6),
-    ],
-)
+@pytest.mark.parametrize(('example', 'last'), [(FLIPPER, 79_999.0), (WIDE_SPINNER, 80_000.6)])
 def test_walls_with_a_valley_between_too_deep_for_numbers_share_the_zero_mode(
     example: tuple[float, float], last: float
 ) -> None:

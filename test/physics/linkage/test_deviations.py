@@ -84,21 +84,20 @@ def test_a_fraction_of_0_changes_nothing() -> None:
     assert drawn_deviations(5, 1) == NO_DEVIATIONS
 
 
-def test_a_fraction_that_no_spread_has_is_rejected() -> None:
-    for fraction in [-0.01, math.nan, math.inf]:
-        with pytest.raises(ValueError, match=f'deviation of mass = {fraction} must be .* >= 0'):
-            drawn_deviations(5, 1, mass=fraction)
-
-
-def test_an_unknown_quantity_is_rejected_by_name() -> None:
-    known = ', '.join(NAMES)
-    with pytest.raises(ValueError, match=f"unknown quantity 'rest_angle'; must be one of {known}"):
-        drawn_deviations(5, 1, rest_angle=0.01)
-
-
-def test_a_spread_that_leaves_something_with_nothing_is_rejected() -> None:
-    with pytest.raises(ValueError, match=r'deviation \d+ of spacing = -.* above -1'):
-        drawn_deviations(1000, 1, spacing=1.0)
+def test_invalid_draws_are_rejected() -> None:
+    whole = 'must be a whole number >='
+    for rotors, seed, fractions, complaint in [
+        *(
+            (5, 1, {'mass': bad}, f'deviation of mass = {bad} must be .* >= 0')
+            for bad in (-0.01, math.nan, math.inf)
+        ),
+        (5, 1, {'rest_angle': 0.01}, f"'rest_angle'; must be one of {', '.join(NAMES)}"),
+        (1000, 1, {'spacing': 1.0}, r'deviation \d+ of spacing = -.* above -1'),
+        *((5, bad, {}, f'seed = {bad!r} {whole} 0') for bad in (-1, 1.5, '3', None, math.nan)),
+        *((bad, 0, {}, f'number_of_rotors = {bad} {whole} 2') for bad in (-1, 0, 1, 2.5)),
+    ]:
+        with pytest.raises(ValueError, match=complaint):
+            drawn_deviations(rotors, seed, **fractions)
 
 
 def test_a_fraction_that_leaves_nothing_is_rejected_by_site() -> None:
@@ -129,20 +128,6 @@ def test_a_number_of_fractions_that_does_not_fit_is_rejected() -> None:
             with pytest.raises(ValueError, match=complaint):
                 Deviations(**{name: (0.0,) * count}).check_fit(5, 4)
             Deviations(**{name: (0.0,) * wanted}).check_fit(5, 4)
-
-
-def test_a_seed_that_is_no_whole_number_is_rejected() -> None:
-    for seed in [-1, 1.5, '3', None, math.nan]:
-        complaint = re.escape(f'seed = {seed!r} must be a whole number >= 0')
-        with pytest.raises(ValueError, match=complaint):
-            drawn_deviations(5, seed, mass=0.01)
-
-
-def test_a_number_of_rotors_that_no_chain_has_is_rejected() -> None:
-    for rotors in [-1, 0, 1, 2.5]:
-        complaint = f'number_of_rotors = {rotors} must be a whole number >= 2'
-        with pytest.raises(ValueError, match=complaint):
-            drawn_deviations(rotors, 0, rest_length=0.01)
 
 
 @given(st.integers(0, 10**9), st.sets(st.sampled_from(NAMES)), st.booleans())

@@ -104,10 +104,7 @@ def test_errors_out_of_their_range_are_rejected() -> None:
         ({'noise': -0.1}, r'EncoderErrors\.noise = -0\.1 must lie in the range 0 to 10 rad'),
         ({'quantisation': math.nan}, r'quantisation = nan must be a finite number'),
         ({'seed': -1}, r'seed = -1 must lie'),
-        (
-            {'offsets': (0.0, math.inf)},
-            'offset of rotor 1 = inf rad must lie in the range',
-        ),
+        ({'offsets': (0.0, math.inf)}, 'offset of rotor 1 = inf rad must lie in the range'),
     ]:
         with pytest.raises(ValueError, match=complaint):
             EncoderErrors(**errors)

@@ -100,16 +100,10 @@ def test_no_gravity_does_nothing() -> None:
     assert not NO_GRAVITY.torques(chain, angles).any()
 
 
-def test_a_strength_that_no_field_has_is_rejected() -> None:
+def test_values_that_no_field_has_are_rejected() -> None:
     for acceleration in [-9.81, math.nan, math.inf]:
-        complaint = (
-            rf'Gravity\.acceleration = {acceleration} must .*in the range 0 to 1e\+06 m/s\^2'
-        )
-        with pytest.raises(ValueError, match=complaint):
+        with pytest.raises(ValueError, match=r'acceleration = .* in the range 0 to 1e\+06 m/s\^2'):
             Gravity(acceleration)
-
-
-def test_a_tilt_that_is_no_angle_is_rejected() -> None:
     for tilt in [math.nan, -math.inf]:
         with pytest.raises(ValueError, match=rf'Gravity\.tilt = {tilt} must be a finite number'):
             Gravity(9.81, tilt)

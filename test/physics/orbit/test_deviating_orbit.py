@@ -10,14 +10,7 @@ import numpy as np
 import pytest
 from chains import FLIPPER, SPINNER, WIDE_FLIPPER, WOBBLER, chain_of
 from linkage_motion import distance
-from orbits import (
-    CLASSES,
-    Example,
-    deviating_chain,
-    deviating_orbit,
-    some_arcs,
-    uniform_orbit,
-)
+from orbits import CLASSES, Example, deviating_chain, deviating_orbit, some_arcs, uniform_orbit
 
 from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.estimation.relocalisation import fit_anywhere, fit_near

@@ -167,8 +167,7 @@ def test_site_and_arc_are_inverse_functions_with_the_slope_of_the_site_arc(
 
 
 @pytest.mark.parametrize(
-    ARGUMENTS,
-    [*((each, 1001, None) for each in EXAMPLES), *((each, 60, 5) for each in CLASSES)],
+    ARGUMENTS, [*((each, 1001, None) for each in EXAMPLES), *((each, 60, 5) for each in CLASSES)]
 )
 def test_rotors_outside_the_segment_are_at_rest_as_in_the_background(
     example: Example, rotors: int, seed: int | None

@@ -9,13 +9,7 @@ import math
 import mpmath
 import numpy as np
 import pytest
-from chains import (
-    EPS,
-    FLIPPER,
-    SPINNER,
-    any_chain,
-    chain_of,
-)
+from chains import EPS, FLIPPER, SPINNER, any_chain, chain_of
 from continuum_theories import Theory, theory_of
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st

@@ -5,14 +5,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from itertools import product
 
 import numpy as np
 import pytest
-from chains import (
-    SPINNER,
-    WIDE_SPINNER,
-    chain_of,
-)
+from chains import SPINNER, WIDE_SPINNER, chain_of
 from continuum_theories import WIDEST_FLIPPER, Theory, theory_of
 from linkage_motion import distance, wall_between
 
@@ -35,14 +32,9 @@ def test_flippers_lean_right_before_a_wall_of_charge_1_and_left_after_it() -> No
         for sense in [-1, 1]:
             chain = chain_of(WIDEST_FLIPPER, 200)
             theory = FlipperTheory(chain)
-            angles, rates = theory.state(
-                100 * chain.spacing, sense * 0.5 * theory.speed_of_sound, charge
-            )
-            later, _ = theory.state(
-                100 * chain.spacing + sense * 0.5 * theory.speed_of_sound * 1e-6,
-                sense * 0.5 * theory.speed_of_sound,
-                charge,
-            )
+            middle, velocity = 100 * chain.spacing, sense * 0.5 * theory.speed_of_sound
+            angles, rates = theory.state(middle, velocity, charge)
+            later, _ = theory.state(middle + velocity * 1e-6, velocity, charge)
             assert (later - angles) / 1e-6 == pytest.approx(
                 rates, rel=0, abs=1e-5 * abs(rates).max()
             )
@@ -54,37 +46,25 @@ def test_flippers_lean_right_before_a_wall_of_charge_1_and_left_after_it() -> No
 
 
 def test_spinners_turn_by_half_a_turn_across_a_wall() -> None:
-    for sense in [-1, 1]:
-        for family in [-1, 1]:
-            for turn in [-1, 1]:
-                for charge in [-1, 1]:
-                    for example in [SPINNER, WIDE_SPINNER]:
-                        chain = chain_of(example, 60)
-                        theory = SpinnerTheory(chain, family=family)
-                        velocity = sense * 0.3 * theory.speed_of_sound
-                        angles, rates = theory.state(30 * chain.spacing, velocity, charge, turn)
-                        later, _ = theory.state(
-                            30 * chain.spacing + velocity * 1e-6, velocity, charge, turn
-                        )
-                        assert (later - angles) / 1e-6 == pytest.approx(
-                            rates, rel=0, abs=1e-4 * abs(rates).max()
-                        )
-                        positions = chain.spacing * np.arange(60)
-                        for sublattice in (0, 1):
-                            expected = theory.staggered_angles(
-                                positions, sublattice, 30 * chain.spacing, velocity, charge, turn
-                            )
-                            assert staggered(angles)[sublattice::2] == pytest.approx(
-                                expected[sublattice::2]
-                            )
-                        for image in (angles, -angles[::-1], angles + 4 * np.pi):
-                            assert topological_charge(chain, image) == charge
-                            assert half_turns(chain, image) == charge * turn
-                        assert find_solitons(chain, angles, rates)[0].charge == charge
-                        assert (
-                            math.copysign(1, find_solitons(chain, angles, rates)[0].velocity)
-                            == sense
-                        )
+    signs, examples = (-1, 1), (SPINNER, WIDE_SPINNER)
+    for sense, family, turn, charge, example in product(signs, signs, signs, signs, examples):
+        chain = chain_of(example, 60)
+        theory = SpinnerTheory(chain, family=family)
+        middle, velocity = 30 * chain.spacing, sense * 0.3 * theory.speed_of_sound
+        angles, rates = theory.state(middle, velocity, charge, turn)
+        later, _ = theory.state(middle + velocity * 1e-6, velocity, charge, turn)
+        limit = 1e-4 * abs(rates).max()
+        assert (later - angles) / 1e-6 == pytest.approx(rates, rel=0, abs=limit)
+        for sublattice in (0, 1):
+            positions = chain.spacing * np.arange(60)[sublattice::2]
+            wall = sublattice, middle, velocity, charge, turn
+            expected = theory.staggered_angles(positions, *wall)
+            assert staggered(angles)[sublattice::2] == pytest.approx(expected)
+        for image in (angles, -angles[::-1], angles + 4 * np.pi):
+            assert topological_charge(chain, image) == charge
+            assert half_turns(chain, image) == charge * turn
+        soliton = find_solitons(chain, angles, rates)[0]
+        assert (soliton.charge, math.copysign(1, soliton.velocity)) == (charge, sense)
 
 
 def test_extensions_of_a_flipper_wall_agree_with_the_chain() -> None:

@@ -124,9 +124,7 @@ def test_the_bias_is_limited_at_every_site_between_two_rotors(
 
 
 @pytest.mark.parametrize('example', ERROR)
-def test_errors_by_noise_agree_with_an_independent_program(
-    example: tuple[float, float],
-) -> None:
+def test_errors_by_noise_agree_with_an_independent_program(example: tuple[float, float]) -> None:
     random = np.random.default_rng(11)
     noise = 0.01
     _, arc = walls_over_a_site(chain_of(example, 40), 19, False, False, 9)
@@ -155,10 +153,7 @@ def test_symmetric_images_of_a_frame_have_the_images_of_its_soliton(
             soliton = only(find_solitons(chain, noisy, rates))
             away = rotors - 1 - soliton.rotor
             mirrored = dataclasses.replace(
-                soliton,
-                rotor=away,
-                position=away * chain.spacing,
-                velocity=-soliton.velocity,
+                soliton, rotor=away, position=away * chain.spacing, velocity=-soliton.velocity
             )
             images = {
                 'mirrored': (-noisy[::-1], -rates[::-1], mirrored),

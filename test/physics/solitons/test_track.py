@@ -5,14 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from chains import (
-    FLIPPER,
-    SPINNER,
-    WIDE_FLIPPER,
-    WIDE_SPINNER,
-    WOBBLER,
-    chain_of,
-)
+from chains import FLIPPER, SPINNER, WIDE_FLIPPER, WIDE_SPINNER, WOBBLER, chain_of
 from linkage_motion import walls_over_a_site
 
 from soliton_linkage.dynamics.elastic import simulate
@@ -58,9 +51,7 @@ def test_frames_without_a_soliton_do_not_divide_a_crossing() -> None:
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WIDE_FLIPPER, WOBBLER, SPINNER, WIDE_SPINNER])
-def test_a_slow_wall_has_the_speed_of_the_rigid_linkage(
-    example: tuple[float, float],
-) -> None:
+def test_a_slow_wall_has_the_speed_of_the_rigid_linkage(example: tuple[float, float]) -> None:
     chain = chain_of(example, 40)
     walls, arc = walls_over_a_site(chain, 12, False, False, 9)
     rate = 0.02 * chain.spacing / chain.rotor_length / chain.time_unit * arc

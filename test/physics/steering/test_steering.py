@@ -139,9 +139,7 @@ def test_a_wall_is_held_against_gravity(example: tuple[float, float]) -> None:
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_a_wall_is_moved_out_of_its_edge_and_back(
-    example: tuple[float, float],
-) -> None:
+def test_a_wall_is_moved_out_of_its_edge_and_back(example: tuple[float, float]) -> None:
     orbit = orbit_of_example(example, ROTORS)
     loop = rigid_loop(example, 0.0)
     assert isinstance(loop.wall, RigidWall)

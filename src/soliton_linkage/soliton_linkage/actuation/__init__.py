@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Actuators at the edges and at the joints of a chain: commands, torques, impulses and work.
-
-A `ChainDriver` accepts commands and returns the torques to apply after each frame. `Actuator` is
-the interface of an actuator model, and `ACTUATORS` lists the available models.
-"""
+"""Actuators at the edges and joints of a chain: a `ChainDriver` converts commands into torques."""
 
 from soliton_linkage.actuation.actuators import (
     ACTUATORS,

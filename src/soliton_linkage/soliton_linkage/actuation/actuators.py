@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Models of the actuators at the edges: interface, implementations and a registry by name.
 
-To add a model, write a frozen dataclass with the methods of `Actuator` and register it in
-`ACTUATORS`. Define each field by `quantity`, so that it becomes a parameter of the node
-`edge_actuator`. The parameter `actuator` of this node selects the model by its name.
+To add a model, register a frozen dataclass with the methods of `Actuator` and `quantity` fields in
+`ACTUATORS`. The parameter `actuator` of the node selects it.
 """
 
 from __future__ import annotations
@@ -24,9 +23,8 @@ from soliton_linkage.linkage.quantities import check_quantities, quantity
 class PneumaticActuator:
     """Soft actuator with first-order pressure dynamics; raises ValueError for invalid parameters.
 
-    The pressure p [Pa] approaches the commanded pressure exponentially. The time constant is
-    `filling_time` while p is below the command, and `venting_time` while p is above. The torque
-    is k p with k = `torque_per_pressure`; its magnitude is limited to `saturation_torque`.
+    The pressure p [Pa] approaches a higher command with the time constant `filling_time`, and a
+    lower one with `venting_time`. The torque k p is limited to `saturation_torque`.
     """
 
     filling_time: float = quantity(0.03, 'time constant of a rising pressure', 's', 1e-4, 1e3)
@@ -43,7 +41,6 @@ class PneumaticActuator:
     saturation_torque: float = quantity(0.02, 'largest torque of the actuator', 'N m', 0.0, 1e6)
 
     def __post_init__(self) -> None:
-        """Reject parameters out of range."""
         check_quantities(self)
 
     def check_command(self, pressure: float) -> None:
@@ -62,13 +59,13 @@ class PneumaticActuator:
     ) -> tuple[float, float]:
         """Return the pressure [Pa] after `time` [s] and its integral [Pa s] over this time.
 
-        `pressure` is the initial pressure [Pa]. The commanded pressure is u = target + slope t.
-        The lag e = u - p obeys de/dt = slope - e / tau, with the solution
+        The lag e = u - p of the command u = target + slope t obeys de/dt = slope - e / tau, so
+        that
 
             e(t) = e(0) E + slope tau (1 - E),    E = exp(-t / tau),
 
-        until e changes its sign at t = tau ln(1 - e(0) / (slope tau)). The sign changes at most
-        once. At this time tau changes from the filling time to the venting time, or vice versa.
+        until e changes its sign at t = tau ln(1 - e(0) / (slope tau)). The other time constant
+        then acts.
         """
         lag = target - pressure
         if lag * slope < 0:
@@ -86,11 +83,7 @@ class PneumaticActuator:
     def response(
         self, pressure: float, command: Profile, start: float, end: float
     ) -> tuple[float, float]:
-        """Return the pressure at `end` [Pa] and its integral from `start` to `end` [Pa s].
-
-        `pressure` is the pressure at `start` [Pa], and `command` the commanded pressure [Pa] as a
-        function of time. The result has no discretisation error, however long the interval is.
-        """
+        """Return the exact pressure at `end` [Pa] from that at `start`, and its integral."""
         integral = 0.0
         for line in command.segments(start, end):
             first, last = float(line.first), float(line.last)
@@ -100,10 +93,9 @@ class PneumaticActuator:
         return pressure, integral
 
     def responses(self, pressure: float, times: Array, commands: Array) -> Array:
-        """Return the pressure at each of the instants `times` [s], in [Pa], shape (instants,).
+        """Return the pressure at the instants `times` [s] from the first one, `pressure` [Pa].
 
-        The pressure at the first instant is `pressure` [Pa]. Each element of `commands` is the
-        commanded pressure [Pa] from its instant until the next one.
+        Each element of `commands` [Pa] acts until the next instant.
         """
         pressures = [pressure]
         for step, target in zip(np.diff(times).tolist(), commands.tolist(), strict=False):
@@ -116,15 +108,14 @@ class PneumaticActuator:
         return np.clip(unlimited, -self.saturation_torque, self.saturation_torque)
 
     def is_saturated(self, pressure: float) -> bool:
-        """Return whether the torque at a pressure [Pa] is limited to the saturation torque."""
+        """Return whether the torque at a pressure [Pa] is limited."""
         return abs(self.torque_per_pressure * pressure) > self.saturation_torque
 
     def pulse_command(self, impulse: float, duration: float) -> float:
         """Return the commanded pressure [Pa] of a pulse with a duration [s] and impulse [N m s].
 
-        During the pulse of duration T, the pressure approaches the command u with the time
-        constant tau_1. After the pulse, it approaches 0 with the time constant tau_2. The impulse
-        of the torque is k u [T + (tau_2 - tau_1) (1 - exp(-T / tau_1))].
+        The impulse is k u [T + (tau_2 - tau_1) (1 - exp(-T / tau_1))] with the time constants
+        tau_1 towards the command u and tau_2 back to 0.
         """
         towards, back = self._time_constant(impulse), self._time_constant(-impulse)
         effective_duration = duration - (back - towards) * math.expm1(-duration / towards)
@@ -147,10 +138,8 @@ class PneumaticActuator:
 class Actuator(Protocol):
     """Interface of an actuator at an edge.
 
-    The level is the state of the actuator, for example the pressure in a chamber [Pa]. The command
-    is the level that the actuator approaches, in the same unit. The level determines the torque
-    [N m], which acts along the unit zero mode. An actuator at rest has the command 0 and the
-    level 0.
+    Its level, for example a pressure [Pa], approaches the command and determines the torque [N m]
+    along the unit zero mode. At rest, both are 0.
     """
 
     def check_command(self, command: float) -> None:
@@ -159,10 +148,7 @@ class Actuator(Protocol):
     def response(
         self, level: float, command: Profile, start: float, end: float
     ) -> tuple[float, float]:
-        """Return the level at `end` [s] and the integral of the level from `start` [s] to `end`.
-
-        `level` is the level at `start`, and `command` the commanded level as a function of time.
-        """
+        """Return the level at `end` [s] from that at `start`, and its integral over this time."""
 
     def torque(self, level: float) -> SupportsFloat:
         """Return the torque at a level [N m]."""
@@ -175,7 +161,7 @@ class Actuator(Protocol):
 
 
 ACTUATORS: dict[str, type[Actuator]] = {'pneumatic': PneumaticActuator}
-"""Actuator models. The keys are the allowed values of the parameter `actuator`."""
+"""Actuator models by the value of the parameter `actuator`."""
 
 
 def actuator_type(name: str) -> type[Actuator]:

@@ -28,9 +28,9 @@ class _PendingCommand:
 class ChainDriver:
     """Driver of all actuators of a chain: it converts commands into torques and records kicks.
 
-    A command starts at the stamp of the next frame. The torques that the driver returns for a
-    frame are the means of the commanded torques from this frame to the next. The driver assumes
-    that this interval is as long as the previous interval between frames.
+    A command starts at the next frame. The torques of a frame are the means of the commands over
+    an interval as long as the previous one. The last torques of a joint command are held for
+    `timeout` [s]. Torques before an interval above `longest_gap` [s] are reported as cut short.
     """
 
     def __init__(
@@ -41,12 +41,6 @@ class ChainDriver:
         longest_gap: float,
         report: Callable[[KickReport], None],
     ) -> None:
-        """Start without torques.
-
-        The driver holds the last torques of a joint command for `timeout` [s]. If the interval
-        between two frames exceeds `longest_gap` [s], the report of the current torques states that
-        they were cut short. The driver calls `report` with each finished kick.
-        """
         self.chain = chain
         self.record = KickRecord(chain.number_of_rotors, report)
         self._drive = TorqueDrive(chain, actuator, timeout)
@@ -72,10 +66,9 @@ class ChainDriver:
         self._pending.append(_PendingCommand(source, begin, command))
 
     def play(self, source: str, command: EdgeCommand, rotor: int, limit: float) -> None:
-        """Start a waveform on a rotor; replace the previous edge command.
+        """Start a waveform on a rotor with torques up to `limit` [N m]; replace the edge command.
 
-        `limit` is the largest allowed torque [N m]. Raises ValueError for a command without a
-        waveform, and the errors of `EdgeCommand.profile`.
+        Raises ValueError without a waveform, and the errors of `EdgeCommand.profile`.
         """
         if command.waveform is None:
             raise ValueError(f'a {command.kind.value} is no waveform; call command')
@@ -84,33 +77,26 @@ class ChainDriver:
         self._pending.append(_PendingCommand(source, begin, command))
 
     def hold(self, source: str, rotors: Rotors, torques: Array) -> None:
-        """Apply constant torques to some rotors until the next command or the timeout.
-
-        `rotors` are the indices of these rotors and `torques` their torques [N m], shape (named,)
-        each.
-        """
+        """Apply constant torques [N m] to some rotors until the next command or the timeout."""
         begin = partial(self._drive.joints.hold, rotors, torques)
         self._pending.append(_PendingCommand(source, begin))
 
     def follow(
         self, source: str, rotors: Rotors, times: Array, torques: Array, delay: float
     ) -> None:
-        """Apply a torque trajectory to some rotors; see `JointDrive.follow`.
-
-        The torques [N m] have points at the times `times` + `delay` [s] after the next frame.
-        """
+        """Apply a torque trajectory [N m] with a delay [s]; see `JointDrive.follow`."""
         begin = partial(self._drive.joints.follow, rotors, times + delay, torques)
         self._pending.append(_PendingCommand(source, begin))
 
     def frame(self, before: int, stamp: int, angles: Array) -> Array | None:
-        """Return the torques to apply from a frame on [N m], shape (N,).
+        """Return the torques to apply from a frame on [N m], shape (N,), or None if nothing acts.
 
-        The result is None if no command is active and the torques were already 0 before.
-        `before` and `stamp` are the stamps of the previous and of this frame [ns]; `angles` are
-        those of this frame [rad], shape (N,). Raises ValueError if the stamps do not increase. If
-        the stamps decrease, the driver also drops all commands.
+        `before` and `stamp` are the stamps of the previous and this frame [ns]. Raises ValueError
+        if they do not increase; if they decrease, all commands are dropped.
         """
-        time = self._time(stamp)
+        if self._origin is None:
+            self._origin = stamp
+        time = (stamp - self._origin) / _NANOSECONDS
         if stamp <= before:
             ended = stamp < before
             if ended:
@@ -159,8 +145,3 @@ class ChainDriver:
         )
         self._driving = False
         self._origin = None
-
-    def _time(self, stamp: int) -> float:
-        if self._origin is None:
-            self._origin = stamp
-        return (stamp - self._origin) / _NANOSECONDS

@@ -46,9 +46,9 @@ class EdgeLimits:
 class EdgeCommand:
     """Command to the actuator at an edge; raises ValueError for times that its kind forbids.
 
-    The commanded quantity rises linearly from 0 to `value` during `ramp_up` [s], is constant for
-    `duration` [s], and falls to 0 during `ramp_down` [s]. A pressure with duration 0 is held until
-    the next command. For the kind WAVEFORM, `value` multiplies the waveform.
+    The commanded quantity rises from 0 to `value` in `ramp_up` [s], is constant for `duration`
+    [s], and falls to 0 in `ramp_down` [s]. A pressure with duration 0 is held. A WAVEFORM is
+    multiplied by `value`.
     """
 
     edge: Edge
@@ -58,10 +58,9 @@ class EdgeCommand:
     ramp_up: float = 0.0
     ramp_down: float = 0.0
     waveform: Waveform | None = None
-    """Waveform of a command of the kind WAVEFORM; None for all other kinds."""
+    """Waveform of the kind WAVEFORM, else None."""
 
     def __post_init__(self) -> None:
-        """Raise ValueError for times that the kind does not allow."""
         for name in ('duration', 'ramp_up', 'ramp_down'):
             time = getattr(self, name)
             if self.kind is CommandKind.KICK and time != 0:
@@ -98,22 +97,19 @@ class EdgeCommand:
 
     @property
     def held(self) -> bool:
-        """Whether the command acts until the next command, as a pressure with duration 0 does."""
+        """Whether the command, a pressure with duration 0, acts until the next command."""
         return self.kind is CommandKind.PRESSURE and not self.duration
 
     @property
     def vents(self) -> bool:
-        """Whether the commanded pressure is 0.
-
-        Such a command is allowed at both edges in any configuration of the chain.
-        """
+        """Whether the commanded pressure is 0, which both edges allow in any configuration."""
         return self.kind is CommandKind.PRESSURE and self.value == 0
 
     @property
     def profile(self) -> Profile:
-        """Commanded quantity as a function of the time since the start of the command [s].
+        """Commanded quantity by the time since the start of the command [s].
 
-        Raises ValueError for a waveform with too many points or with ramps that are too long.
+        Raises ValueError for a waveform with too many points or too long ramps.
         """
         if self.waveform is not None:
             ramps = self.ramp_up, self.ramp_down
@@ -122,10 +118,7 @@ class EdgeCommand:
         return trapezoid(self.value, self.ramp_up, duration, self.ramp_down)
 
     def check(self, limits: EdgeLimits, actuator: Actuator) -> None:
-        """Raise ValueError for a value beyond the limits.
-
-        This method does not limit a waveform of torque, because `RotorDrive` limits the torque.
-        """
+        """Raise ValueError for a value beyond the limits; `RotorDrive` limits wave torques."""
         if self.kind is CommandKind.PRESSURE:
             actuator.check_command(self.value)
         elif self.kind is CommandKind.KICK:
@@ -139,9 +132,8 @@ class EdgeCommand:
     def impulses(self, chain: Chain, mode: Array, period: float | None) -> Array:
         """Return the angular impulses of an instantaneous command [N m s], shape (N,).
 
-        `mode` is the unit zero mode m, shape (N,). A kick of speed v gives the impulses J_n = I_n
-        v m_n. A pulse of torque tau acts for one frame period T [s] and gives J = tau T m. Raises
-        ValueError for a pulse if the period is None.
+        With the unit zero mode m, a kick of speed v has the impulses I_n v m_n. A pulse of torque
+        tau has tau T m_n with the frame period T [s]; raises ValueError if T is None.
         """
         if self.kind is CommandKind.KICK:
             return np.asarray(chain.moments_of_inertia * self.value * mode)
@@ -153,10 +145,7 @@ class EdgeCommand:
         return np.asarray(period * self.value * mode)
 
     def as_pressure(self, chain: Chain, actuator: Actuator, duration: float) -> EdgeCommand:
-        """Return a pressure command that has the same impulse as this kick.
-
-        `duration` is the duration of the pressure command [s].
-        """
+        """Return the pressure command of a `duration` [s] with the impulse of this kick."""
         impulse = chain.moment_of_inertia * self.value
         pressure = actuator.pulse_command(impulse, duration)
         return EdgeCommand(self.edge, CommandKind.PRESSURE, pressure, duration)

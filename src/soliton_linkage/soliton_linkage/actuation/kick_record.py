@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Record of commanded kicks and of the impulse and work that they deliver to the chain.
-
-Impulse and work are measured by the simulator, or computed here.
-"""
+"""Record of commanded kicks and of the impulse and work that they deliver to the chain."""
 
 from __future__ import annotations
 
@@ -16,8 +13,8 @@ from soliton_linkage.dynamics.work import TorqueLedger
 from soliton_linkage.linkage.chain import Array
 
 _DELIVERY_TIMEOUT = 10**9 // 2
-"""Longest wait for the delivery totals of the simulator [ns], measured by the stamps of frames. In
-this time even the slowest simulator publishes many frames, and an operator hardly notices it."""
+"""Longest wait for the delivery totals of the simulator [ns], in stamps of frames; even the
+slowest simulator publishes many frames in this time."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +44,7 @@ class KickReport:
     source: str
     """Topics of the commands, separated by commas."""
     command: EdgeCommand | None
-    """Command to the edge actuator; None if the torques are only those of joint commands."""
+    """Command to the edge actuator; None if only joint commands act."""
     duration: float
     """Time during which torques acted [s]."""
     impulse: Array
@@ -61,13 +58,11 @@ class KickReport:
     cut_short: bool
     """Whether the command ended early, or was rejected."""
     measured: bool
-    """Whether impulse and work were measured by the simulator; otherwise they were computed."""
+    """Whether the simulator measured impulse and work; otherwise they were computed."""
 
 
 @dataclass(eq=False)
 class _TorqueEpisode:
-    """Interval in which torques act without a pause, kept until it is reported."""
-
     stamp: int
     ledger: TorqueLedger
     before: DeliveryTotals | None
@@ -89,15 +84,13 @@ class _Impulse:
 
 
 class KickRecord:
-    """Record of the impulses and torques sent to the rotors; it reports each finished kick.
+    """Record of the impulses and torques sent to the rotors; `report` receives each finished kick.
 
-    If no simulator publishes `DeliveryTotals`, the record computes impulse and work from the sent
-    torques and the angles. This computation assumes that torques sent after frame k act from
-    frame k + 1 to frame k + 2.
+    Without `DeliveryTotals`, impulse and work are computed, with torques sent after frame k acting
+    from frame k + 1 to frame k + 2.
     """
 
     def __init__(self, number_of_rotors: int, report: Callable[[KickReport], None]) -> None:
-        """Start without kicks; `report` is called with each finished kick."""
         self.measured = False
         """Whether a simulator publishes delivery totals."""
         self._rotors = number_of_rotors
@@ -118,16 +111,13 @@ class KickRecord:
 
     @property
     def waiting(self) -> int:
-        """Number of sent impulses for which the simulator has not yet published a measurement."""
+        """Number of sent impulses without a measurement by the simulator."""
         return len(self._impulses)
 
     def kicked(
         self, stamp: int, source: str, command: EdgeCommand, impulses: Array, work: float
     ) -> None:
-        """Record impulses that were sent [N m s], shape (N,).
-
-        `work` is their work [J], computed for the rates of the current frame.
-        """
+        """Record sent impulses [N m s], shape (N,), and their work [J] for the current rates."""
         kick = _Impulse(stamp, source, command, impulses, work)
         if self.measured:
             self._impulses.append(kick)
@@ -149,10 +139,7 @@ class KickRecord:
             self._episode.cut_short = True
 
     def end(self, stamp: int, cut_short: bool = False, superseded: bool = False) -> None:
-        """End the current episode at the stamp of a frame [ns].
-
-        `superseded` states whether the torques of another command replace the current torques.
-        """
+        """End the episode at a stamp [ns]; `superseded` if other torques replace it."""
         if self._episode is not None:
             self._episode.ended, self._episode.superseded = stamp, superseded
             self._episode.cut_short |= cut_short
@@ -166,7 +153,7 @@ class KickRecord:
             self._episode.saturated |= saturated
 
     def frame(self, stamp: int, angles: Array) -> None:
-        """Process a frame of joint states with its stamp [ns] and its angles [rad], shape (N,)."""
+        """Process a frame with its stamp [ns] and its angles [rad], shape (N,)."""
         if self._frame is not None:
             before, angles_before = self._frame
             episode, torques = self._acting
@@ -194,10 +181,7 @@ class KickRecord:
                 self._close(delivered)
 
     def abandon(self, stamp: int) -> None:
-        """End the current torques at a stamp [ns] and report them as cut short.
-
-        The caller expects no further frames.
-        """
+        """End the current torques at a stamp [ns] and report them as cut short."""
         self.end(stamp, cut_short=True)
         while self._ended:
             self._close(None)
@@ -227,19 +211,11 @@ class KickRecord:
             following = self._ended[0] if self._ended else self._episode
             if following is not None:
                 following.before = after
+        origin = episode.stamp, ', '.join(episode.sources), episode.command
+        time, peak, measured = totals.duration, totals.peak_torque, after is not None
+        saturated, cut_short = episode.saturated, episode.cut_short
         self._report(
-            KickReport(
-                episode.stamp,
-                ', '.join(episode.sources),
-                episode.command,
-                totals.duration,
-                impulse,
-                work,
-                totals.peak_torque,
-                episode.saturated,
-                episode.cut_short,
-                after is not None,
-            )
+            KickReport(*origin, time, impulse, work, peak, saturated, cut_short, measured)
         )
 
     def _report_impulses(
@@ -247,18 +223,5 @@ class KickRecord:
     ) -> None:
         impulse = np.sum([kick.impulses for kick in kicks], axis=0) * (not rejected)
         last = kicks[-1]
-        sources = ', '.join(dict.fromkeys(kick.source for kick in kicks))
-        self._report(
-            KickReport(
-                last.stamp,
-                sources,
-                last.command,
-                0.0,
-                impulse,
-                work,
-                0.0,
-                False,
-                rejected,
-                measured,
-            )
-        )
+        origin = last.stamp, ', '.join(dict.fromkeys(kick.source for kick in kicks)), last.command
+        self._report(KickReport(*origin, 0.0, impulse, work, 0.0, False, rejected, measured))

@@ -13,7 +13,7 @@ import numpy as np
 from soliton_linkage.linkage.chain import Array
 
 RESOLUTION = 1e-9
-"""Resolution of the stamps [s]. A profile counts as ended if less than this time remains."""
+"""Resolution of the stamps [s]; a profile has ended if less than this time remains."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,8 @@ class Segment:
 class Profile:
     """Piecewise linear function of time, 0 before the first point and constant after the last.
 
-    Two points at the same instant define a jump. Raises ValueError for instants in decreasing
-    order, for numbers that are not finite, and if the numbers of instants and values differ.
+    Two points at one instant define a jump. Raises ValueError for decreasing instants, numbers
+    that are not finite, and different numbers of instants and values.
     """
 
     times: Array
@@ -45,7 +45,6 @@ class Profile:
     """Value at each instant, shape (points, ...)."""
 
     def __post_init__(self) -> None:
-        """Reject invalid points."""
         if self.times.ndim != 1 or not 1 <= len(self.times) == len(self.values):
             raise ValueError(
                 f'a profile of {len(self.times)} instants and {len(self.values)} values must '
@@ -115,8 +114,7 @@ AT_REST = Profile(np.zeros(1), np.zeros(1))
 def trapezoid(value: float, ramp_up: float, duration: float, ramp_down: float) -> Profile:
     """Return a profile that rises from 0 to a value, holds the value, and falls back to 0.
 
-    `ramp_up`, `duration` and `ramp_down` are the durations of these three phases [s]. With an
-    infinite `duration`, the profile holds the value forever.
+    The three phases have durations in [s]. An infinite `duration` holds the value forever.
 
     >>> pulse = trapezoid(2.0, ramp_up=0.1, duration=0.3, ramp_down=0.1)
     >>> round(float(pulse.integral(0.0, 1.0)), 9)

@@ -12,26 +12,22 @@ from soliton_linkage.actuation.waveform import DrivenQuantity
 from soliton_linkage.linkage.chain import Array, Chain
 
 _STIFFNESS = 0.3
-"""Natural frequency of the angle servo multiplied by the frame period [1]. For a burst of 40 rad/s
-and frames at 500 Hz, the largest error of the angle is 0.3 % of the amplitude. Sensitivity: at
-0.5x, the error is 0.7 %; at 2x, 0.2 %. With frames at 250 Hz the error is 3 %, and at 100 Hz the
-servo fails."""
+"""Natural frequency of the angle servo times the frame period [1]. For a burst of 40 rad/s at 500
+Hz the angle has an error of 0.3 % of the amplitude, at 250 Hz 3 %; at 100 Hz the servo fails.
+Sensitivity: at 0.5x, 0.7 %; at 2x, 0.2 %."""
 
 
 class RotorDrive:
     """Drive of one rotor by a waveform; a new command replaces the previous one.
 
-    To impose an angle q_ref(t), the drive applies the torque
+    To impose an angle q_ref(t), the drive applies, up to a limit and with the frame period T,
 
-        tau = I q_ref'' - tau_springs + I [w^2 (q_ref - q) + 2 w (q_ref' - q')],    w = 0.3 / T,
+        tau = I q_ref'' - tau_springs + I [w^2 (q_ref - q) + 2 w (q_ref' - q')],    w = 0.3 / T.
 
-    up to a limit. T is the frame period. A computed torque acts only from the next frame on.
-    Therefore the drive extrapolates the spring torque and predicts q and q' for the next frame.
-    The prediction uses the last two frames and the torque that acts until the next frame.
+    A torque acts from the next frame on. Therefore tau_springs, q and q' are extrapolated to it.
     """
 
     def __init__(self, chain: Chain) -> None:
-        """Start without a waveform."""
         self._chain = chain
         self._profile: Profile | None = None
         self._servo: _AngleServo | None = None
@@ -51,10 +47,7 @@ class RotorDrive:
     def command(
         self, profile: Profile, quantity: DrivenQuantity, rotor: int, limit: float, time: float
     ) -> None:
-        """Start a waveform on a rotor at the instant `time` [s].
-
-        `limit` is the largest allowed torque [N m].
-        """
+        """Start a waveform on a rotor at `time` [s], with torques up to `limit` [N m]."""
         self._profile, self._rotor, self._limit = profile, rotor, limit
         self._started, self._servo = time, None
         if quantity is DrivenQuantity.ANGLE:
@@ -65,10 +58,9 @@ class RotorDrive:
         self._profile = self._servo = None
 
     def add_torque(self, torques: Array, angles: Array, start: float, end: float) -> bool:
-        """Add the mean torque on the rotor from `start` to `end` [s] to `torques` [N m], (N,).
+        """Add the mean torque from `start` to `end` [s] to `torques` [N m], shape (N,).
 
-        `angles` [rad], shape (N,), are the angles at `start`. Return whether the torque was
-        reduced to its limit.
+        `angles` [rad], shape (N,), are those at `start`. Return whether the torque was limited.
         """
         if not self.unfinished(start):
             self.drop()
@@ -105,12 +97,7 @@ class _AngleServo:
         """Torque sent after the previous frame [N m]; it acts from the current frame on."""
 
     def torque(self, angle: float, springs: float, since: float, period: float) -> float:
-        """Return the torque for the frame period that begins with the next frame [N m].
-
-        `angle` [rad] and the spring torque `springs` [N m] belong to the current frame. `since` is
-        the time from the start of the waveform to the current frame, and `period` the frame
-        period [s].
-        """
+        """Return the torque [N m] that acts from the next frame on."""
         if self._start is None:
             self._start = angle
         angle_before, springs_before = self._before or (angle, springs)

@@ -18,11 +18,8 @@ from soliton_linkage.linear.rigidity import Edge, mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain
 
 _REST_LEVEL = 1e-6
-"""Threshold of the level of an actuator, relative to the largest level since the command [1].
-
-An actuator with a smaller level counts as at rest. The threshold is needed because an exponential
-decay never reaches 0. A level decays to it within 14 time constants after the end of a command.
-"""
+"""Level of an actuator at rest, relative to the largest level since the command [1]; an
+exponential decay falls below it in 14 time constants, but never reaches 0."""
 _SIGNS = {Edge.FIRST: 1.0, Edge.LAST: -1.0}
 """Sign of the torque of each edge actuator along the mode towards the last rotor [1]."""
 
@@ -40,13 +37,11 @@ class MeanTorque:
 class EdgeDrive:
     """Torque of the actuators at both edges and of a torque pulse, as a function of time.
 
-    A command replaces the previous one. The actuator of the previous command then returns to rest
-    while the new command already acts. Times [s] count from any origin; successive calls must not
-    decrease them.
+    A command replaces the previous one, whose actuator returns to rest. Times [s] must not
+    decrease.
     """
 
     def __init__(self, actuator: Actuator) -> None:
-        """Start with both actuators at rest."""
         self._ends = {edge: _ActuatorState(actuator) for edge in _SIGNS}
         self.actuator = actuator
         self._pulse: Profile | None = None
@@ -100,8 +95,6 @@ class EdgeDrive:
 
 
 class _ActuatorState:
-    """Level of the actuator at one edge, and its commanded profile."""
-
     def __init__(self, actuator: Actuator) -> None:
         self.level = 0.0
         self._actuator = actuator
@@ -155,15 +148,13 @@ class _Command:
 
 
 class JointDrive:
-    """Torques of the joint actuators as functions of time.
+    """Torques of the joint actuators as functions of time [s].
 
-    A command replaces the torques of the rotors that it names; other rotors keep their torques.
-    The last torques of a command are held for `timeout` [s], or without a limit if `timeout` is 0.
-    Times [s] count from any origin.
+    A command replaces the torques of the rotors that it names. Its last torques are held for
+    `timeout` [s]; 0 means without a limit.
     """
 
     def __init__(self, number_of_rotors: int, timeout: float) -> None:
-        """Start without a torque on any rotor."""
         self._number = number_of_rotors
         self.timeout = timeout
         self._commands: list[_Command] = []
@@ -173,46 +164,24 @@ class JointDrive:
         """Whether a torque acts now or will act later."""
         return bool(self._commands)
 
-    @property
-    def active_commands(self) -> int:
-        """Number of commands that act on at least one rotor."""
-        return len(self._commands)
-
-    def unfinished(self, time: float) -> bool:
-        """Return whether a torque trajectory has points after an instant [s]."""
-        ends = [command.started + command.profile.end - self.timeout for command in self._commands]
-        return any(time < end for end in ends)
-
     def hold(self, rotors: Rotors, torques: Array, time: float) -> None:
-        """Apply constant torques to some rotors from the instant `time` [s] on.
-
-        `rotors` are the indices of these rotors and `torques` their torques [N m], shape (named,)
-        each.
-        """
+        """Apply constant torques [N m], shape (named,), to some rotors from `time` [s] on."""
         self._command(rotors, np.zeros(1), torques[None, :], time)
 
     def follow(self, rotors: Rotors, times: Array, torques: Array, time: float) -> None:
         """Apply a torque trajectory, linear between its points, from the instant `time` [s] on.
 
-        `times` are the increasing times of the points relative to `time` [s], shape (points,).
-        `torques` [N m] are the torques on `rotors` at each point, shape (points, named). If the
-        first of `times` is positive, the trajectory starts from the current torques. If it is
-        negative, the trajectory starts with the torques that it has at `time`.
+        `times` count from `time` [s]. `torques` [N m] have the shape (points, named). A trajectory
+        that starts later begins with the current torques; one that started earlier begins in its
+        middle.
         """
         now = self._now(time)[rotors]
         if times[0] > 0:
             times, torques = np.append(0.0, times), np.vstack([now, torques])
         self._command(rotors, times, torques, time)
 
-    def drop(self) -> None:
-        """End all torques."""
-        self._commands.clear()
-
     def mean_torques(self, start: float, end: float) -> Array:
-        """Return the mean torques from `start` to `end` [s] in [N m], shape (N,).
-
-        Commands that end before `start` are dropped.
-        """
+        """Return the mean torques from `start` to `end` [N m], shape (N,); drop ended commands."""
         torques = np.zeros(self._number)
         self._commands = [
             command for command in self._commands if start < command.ends - RESOLUTION
@@ -254,13 +223,12 @@ class DriveTorques:
 
 
 class TorqueDrive:
-    """Sum of the torques of the edge actuators, the joint actuators and a waveform."""
+    """Sum of the torques of the edge actuators, the joint actuators and a waveform.
+
+    The last torques of a joint command are held for `timeout` [s]; 0 means without a limit.
+    """
 
     def __init__(self, chain: Chain, actuator: Actuator, timeout: float) -> None:
-        """Start without torques.
-
-        The last torques of a joint command are held for `timeout` [s]; 0 means without a limit.
-        """
         self.chain = chain
         self.edges = EdgeDrive(actuator)
         self.joints = JointDrive(chain.number_of_rotors, timeout)
@@ -272,43 +240,23 @@ class TorqueDrive:
         return self.edges.active or self.joints.active or self._rotor.active
 
     def edge_command_unfinished(self, time: float) -> bool:
-        """Return whether the last edge command of finite duration is active at an instant [s]."""
+        """Return whether an edge command of finite duration is active at an instant [s]."""
         return self.edges.unfinished(time) or self._rotor.unfinished(time)
 
-    def unfinished(self, time: float) -> bool:
-        """Return whether a command with a finite duration is still active at an instant [s]."""
-        return self.edge_command_unfinished(time) or self.joints.unfinished(time)
-
     def command(self, command: EdgeCommand, side: Edge, time: float) -> None:
-        """Start a command at the first or last edge at the instant `time` [s].
-
-        The command replaces the previous edge command or waveform.
-        """
+        """Start an edge command at `time` [s] in place of the previous one or of a waveform."""
         self._rotor.drop()
         self.edges.command(command, side, time)
 
     def play(
         self, profile: Profile, quantity: DrivenQuantity, rotor: int, limit: float, time: float
     ) -> None:
-        """Start a waveform on a rotor at the instant `time` [s], with torques up to `limit` [N m].
-
-        The waveform replaces the previous edge command or waveform.
-        """
+        """Start a waveform on a rotor in place of an edge command, with torques up to `limit`."""
         self.edges.drop(time)
         self._rotor.command(profile, quantity, rotor, limit, time)
 
-    def drop(self, time: float) -> None:
-        """End all commands at an instant [s]; the edge actuators return to rest."""
-        self.edges.drop(time)
-        self.joints.drop()
-        self._rotor.drop()
-
     def torques(self, angles: Array, start: float, end: float) -> DriveTorques:
-        """Return the mean torques from `start` to `end` [s]; `angles` are those at `start` [rad].
-
-        The means are exact even for short pulses and ramps. Therefore, if the mean torques are
-        applied from `start` to `end`, each rotor receives the commanded impulse.
-        """
+        """Return the exact mean torques from `start` to `end` [s] for angles at `start` [rad]."""
         torques = self.joints.mean_torques(start, end)
         edge = self.edges.mean_torque(start, end)
         if edge.torque:

@@ -13,11 +13,10 @@ from soliton_linkage.actuation.profile import Profile
 from soliton_linkage.linkage.chain import Array
 
 _POINTS_PER_PERIOD = 64
-"""Number of profile points per period of the highest frequency [1]. Linear interpolation between
-the points has an error of 0.1 % of the amplitude. Sensitivity: at 0.5x, the error is four times as
-large."""
+"""Number of profile points per period of the highest frequency [1]; the interpolation error is 0.1
+% of the amplitude. Sensitivity: at 0.5x, four times as large."""
 _MOST_POINTS = 200_000
-"""Largest number of profile points [1]. The start of a waveform takes 1 ms per 4000 points."""
+"""Largest number of profile points [1]; a waveform starts in 1 ms per 4000 points."""
 
 
 class WaveShape(enum.Enum):
@@ -57,7 +56,7 @@ class Waveform:
     shape: WaveShape = WaveShape.BURST
     quantity: DrivenQuantity = DrivenQuantity.TORQUE
     joint: str = ''
-    """Name of the driven joint; an empty name selects the rotor at the edge."""
+    """Name of the driven joint; empty for the rotor at the edge."""
     window: WaveWindow = WaveWindow.LINEAR
     frequency: float = 0.0
     """Angular frequency of a burst, initial one of a chirp, or lowest one of noise [rad/s]."""
@@ -71,7 +70,6 @@ class Waveform:
     """Samples of a table [1], from -1 to 1."""
 
     def __post_init__(self) -> None:
-        """Reject numbers that do not fit the shape."""
         if self.shape is WaveShape.TABLE:
             largest = float(np.max(np.abs(self.samples), initial=0.0))
             if len(self.samples) < 2 or not largest <= 1:
@@ -95,22 +93,13 @@ class Waveform:
             )
 
     def length(self, given: float) -> float:
-        """Return the total duration of the waveform, including the ramps [s].
-
-        `given` is the total duration that the command specifies [s]. The duration of a burst
-        follows from `cycles` and `frequency` instead.
-        """
+        """Return the total duration [s], of a burst from `cycles`, otherwise the given one."""
         if self.shape is WaveShape.BURST:
             return 2 * math.pi * self.cycles / self.frequency
         return given
 
     def profile(self, amplitude: float, length: float, ramps: tuple[float, float]) -> Profile:
-        """Return the waveform as a function of time.
-
-        `amplitude` multiplies the waveform. `length` is the total duration [s], and `ramps` are
-        the durations of the ramps up and down [s]. Raises ValueError if the profile needs too many
-        points, or if the ramps together are longer than `length`.
-        """
+        """Return the waveform of `length` [s], or ValueError for too many points or long ramps."""
         if not 0 < length < math.inf:
             raise ValueError(
                 f'duration of a {self.shape.value} = {length:g} s must be above 0; specify it'

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import OdeSolver
 
+from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
 from soliton_linkage.dynamics.integrators import INTEGRATORS
 from soliton_linkage.dynamics.integrators.symplectic_nystrom import SymplecticNystrom
 from soliton_linkage.dynamics.simulation import (
@@ -29,27 +30,17 @@ class ElasticSettings(SimulationSettings):
     """Tuning of `ElasticSimulation`."""
 
     longest_step: float = 5.0
-    """Longest step of scipy's solvers, multiplied by the fastest rate of the chain [1].
-
-    DOP853 is stable up to 6. In a chain at rest the tolerance does not limit the step, so that
-    steps longer than this limit would amplify rounding errors. Sensitivity: at 0.5x, the computing
-    time is 1.6 times as long for a chain with a soliton and twice as long for a chain at rest. At
-    2x, the computing time is the same with a soliton and half as long at rest.
-    """
+    """Longest step of scipy's solvers, times the fastest rate of the chain [1]. DOP853 is stable
+    up to 6. Sensitivity: at 0.5x, the computing time is 1.6 times as long with a soliton and twice
+    as long at rest; at 2x, the same with a soliton and half as long at rest."""
     symplectic_fraction: float = 0.1
-    """Ratio of the tolerance of `SymplecticNystrom` to the tolerance of the simulation [1].
-
-    With this value a kicked chain of 12 rotors has the same error with `SymplecticNystrom` as with
-    DOP853: 7e-10 rad. Sensitivity: with a ratio of 1, the error is 13 times as large and the steps
-    are 1.4 times as long.
-    """
+    """Ratio of the tolerance of `SymplecticNystrom` to that of the simulation [1]. A kicked chain
+    of 12 rotors then has the same error as with DOP853, 7e-10 rad. Sensitivity: with 1, the error
+    is 13 times as large and the steps are 1.4 times as long."""
     rotors_per_step: int = 400
-    """Number of rotors times number of method steps in one solver step [1].
-
-    A solver step takes 0.05 to 0.07 ms of computing time. Other callbacks of the node run between
-    solver steps. Sensitivity: at 0.5x, the computation of a frame of 40 rotors takes 20 to 60 %
-    longer. At 2x, it takes 10 to 30 % less, but one solver step takes 0.12 ms.
-    """
+    """Number of rotors times number of method steps in one solver step of 0.05 to 0.07 ms, between
+    which the node runs other callbacks [1]. Sensitivity: at 0.5x, a frame of 40 rotors takes 20 to
+    60 % longer; at 2x, 10 to 30 % less, but one solver step takes 0.12 ms."""
 
 
 DEFAULTS = ElasticSettings()
@@ -58,8 +49,7 @@ DEFAULTS = ElasticSettings()
 class ElasticSimulation(Simulation):
     """Simulation of a chain of springs, which integrates its `EquationOfMotion`.
 
-    `integrator` is a name in INTEGRATORS; see `Simulation` for the other arguments. Raises
-    ValueError for an unknown integrator, and for `forces` that the integrator does not support.
+    Raises ValueError for an unknown `integrator`, and for `forces` that it does not support.
     """
 
     def __init__(
@@ -98,17 +88,18 @@ class ElasticSimulation(Simulation):
         return angles, rates
 
     def _packed(self) -> Array:
-        return np.concatenate([self.angles, self.rates, [0.0] * self._damped])
+        return np.concatenate([self.angles, self.rates, [0.0] * self.motion.damped])
 
     def _unpacked(self, state: Array) -> tuple[Array, Array, float]:
         rotors = self.chain.number_of_rotors
-        dissipated = float(state[-1]) if self._damped else 0.0
+        dissipated = float(state[-1]) if self.motion.damped else 0.0
         return state[:rotors], state[rotors : 2 * rotors], dissipated
 
     def _solver_from(self, state: Array) -> tuple[OdeSolver, float]:
         motion = self.motion
         fastest_rate = max(motion.fastest_vibration, motion.fastest_decay)
-        longest_step, tolerances = self._settings.longest_step / fastest_rate, self._tolerances()
+        longest_step = self._settings.longest_step / fastest_rate
+        tolerances = absolute_tolerances(motion, self.tolerance)
         if not issubclass(self._method, SymplecticNystrom):
             solver = scipy_solver(self._method, motion, state, tolerances, longest_step)
             return solver, longest_step
@@ -123,29 +114,22 @@ class ElasticSimulation(Simulation):
         )
         return solver, longest_step
 
-    def _tolerances(self) -> Array:
-        """Return the absolute tolerance of each variable of the solver."""
-        # The solver compares the mean error of all variables with the tolerance. In a long chain
-        # most rotors rest and have no error. Without the division by sqrt(N) they would reduce
-        # the mean so far that a large error of the rotors in the wall is accepted.
-        chain = self.chain
-        rotors = chain.number_of_rotors
-        angles = np.full(rotors, self.tolerance / math.sqrt(2 * rotors))
-        energy = [self.tolerance * chain.stiffness * chain.rest_length**2] * self._damped
-        return np.concatenate([angles, angles / chain.time_unit, energy])
-
     def _after_step(self) -> None:
-        """Double the number of method steps per solver step, up to its limit.
-
-        Each restart of the solver, by a kick or a torque, begins with one method step.
-        """
+        """Double the number of method steps per solver step, up to its limit."""
         if isinstance(self._solver, SymplecticNystrom):
             most = max(1, self._settings.rotors_per_step // self.chain.number_of_rotors)
             self._solver.together = min(2 * self._solver.together, most)
 
-    @property
-    def _damped(self) -> bool:
-        return self.motion.damped
+
+def absolute_tolerances(motion: EquationOfMotion, tolerance: float) -> Array:
+    """Return the absolute tolerance of each variable of a solver for a `tolerance` [rad]."""
+    # The solver compares the mean error of all variables with the tolerance. In a long chain
+    # most rotors rest and have no error. Without the division by sqrt(N) they would reduce
+    # the mean so far that a large error of the rotors in the wall is accepted.
+    chain = motion.chain
+    angles = np.full(motion.rotors, tolerance / math.sqrt(2 * motion.rotors))
+    energy = [tolerance * chain.stiffness * chain.rest_length**2] * motion.damped
+    return np.concatenate([angles, angles / chain.time_unit, energy])
 
 
 def simulate(
@@ -158,7 +142,7 @@ def simulate(
 ) -> Recording:
     """Record the free motion of a chain of springs for `duration` [s], a frame every `period` [s].
 
-    The first frame has the given angles [rad] and rates [rad/s], shape (N,). For `tolerance`
-    [rad] and the errors raised see `Simulation`. Raises ArithmeticError if the solver fails.
+    For `tolerance` [rad] and the errors see `Simulation`. Raises ArithmeticError if the solver
+    fails.
     """
     return ElasticSimulation(chain, angles, rates, period, tolerance).record(duration)

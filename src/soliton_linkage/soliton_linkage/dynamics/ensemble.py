@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from soliton_linkage.dynamics.elastic import absolute_tolerances
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
 from soliton_linkage.dynamics.initial_states import State
 from soliton_linkage.dynamics.integrators.symplectic_nystrom import SymplecticNystrom
@@ -27,9 +28,9 @@ Reduction = Callable[[Chain, Recording], Any]
 """Function that computes the result for a chain from its recording."""
 
 _ROTORS_TOGETHER = 160
-"""Number of rotors that are simulated together in one call of the compiled loops [1]. The time per
-rotor is half as long as in calls with 20 rotors. Sensitivity, for chains of 20 rotors: at 0.5x,
-the time is 1.25 times as long; at 2x and 4x, it does not change."""
+"""Number of rotors in one call of the compiled loops [1]; the time per rotor is half as long as
+with 20 rotors. Sensitivity for chains of 20 rotors: at 0.5x, 1.25 times as long; at 2x and 4x, the
+same."""
 _EQUAL = ('friction_rate', 'on_site_order', 'on_site_phase')
 """Parameters of force terms that are equal in all chains of one simulation."""
 _SWITCHES = {
@@ -39,23 +40,16 @@ _SWITCHES = {
     'non_reciprocity': 'non_reciprocities',
     'on_site_torque': 'on_site_torques',
 }
-"""Chain parameters that switch off their force term with the value 0, and the name of the array
-with the values of the parameter for each rotor or spring."""
-_OF_SPRINGS = {
-    'spacings': [0.0],
-    'offsets': [0.0],
-    'rest_lengths': [1e9],
-    'stiffnesses': [0.0],
-}
-"""Chain arrays with one value per spring, and the values that represent an absent spring. The rest
-length of an absent spring is large, so that the computed spring length is never 0."""
+"""Chain parameters that switch off their force term with the value 0, and their chain arrays."""
+_OF_SPRINGS = {'spacings': [0.0], 'offsets': [0.0], 'rest_lengths': [1e9], 'stiffnesses': [0.0]}
+"""Chain arrays of springs, and the values of an absent spring; with its large rest length, the
+computed spring length is never 0."""
 
 
 def joined(chains: Sequence[Chain]) -> Chain:
     """Return one chain that contains the rotors of several chains with free ends.
 
-    Springs with stiffness 0 connect neighbouring chains, so that the chains do not interact. All
-    chains have the same force terms.
+    Springs with stiffness 0 connect the chains, which have the same force terms.
     """
     first = chains[0]
     if len(chains) == 1:
@@ -104,22 +98,19 @@ def simulate_many(
 ) -> Iterator[Any]:
     """Simulate many chains for `duration` [s], and yield the result for each chain in order.
 
-    `chains` is one chain for all initial states in `starts`, or one chain for each of them.
-    `reduce` computes the result from a recording of the initial state and of `frames` further
-    instants at equal intervals. The function reads chains and computes results only as the caller
-    consumes the results, so that the memory does not grow with the number of chains. By default,
-    threads of this process use all cores. Specify `executor` to use another pool, for example
-    `client.get_executor()` of a Dask client. The error of each step, as a norm over the rotors of
-    a chain, is at most `tolerance` [rad]. Successive chains with free ends and the same force
+    `chains` is one chain for all initial states in `starts`, or one chain for each. `reduce`
+    computes the result from a recording of the initial state and of `frames` instants at equal
+    intervals, as the caller consumes the results. By default, threads use all cores; `executor` is
+    another pool, for example `client.get_executor()` of Dask. The error of each step, as a norm
+    over a chain, is at most `tolerance` [rad]. Successive chains with free ends and the same force
     terms are simulated in batches. Raises ArithmeticError if a motion cannot be integrated, and
     ValueError for chains with feedback.
 
-    >>> import numpy as np
     >>> import soliton_linkage as sl
     >>> chains = [sl.Chain(number_of_rotors=8, stiffness=k) for k in (40.0, 50.0)]
     >>> starts = [sl.with_soliton(chain, 3.0, 0.1) for chain in chains]
-    >>> np.array(list(sl.simulate_many(chains, starts, duration=0.5))).shape
-    (2, 2, 8)
+    >>> [state.shape for state in sl.simulate_many(chains, starts, duration=0.5)]
+    [(2, 8), (2, 8)]
     """
     if not (math.isfinite(duration) and duration > 0 and frames >= 1):
         raise ValueError(f'duration = {duration} s and frames = {frames} must be above 0')
@@ -191,15 +182,13 @@ def _move(
     angles, rates = ([getattr(s, name) for _, s in batch] for name in ('angles', 'rates'))
     state = np.concatenate([*angles, *rates, [0.0] * motion.damped])
     rotors = motion.rotors
-    allowed, first = np.full(rotors, 0.1 * tolerance / math.sqrt(2 * rotors)), chains[0]
-    energy = [0.1 * tolerance * first.stiffness * first.rest_length**2] * motion.damped
     solver = SymplecticNystrom(
         motion,
         0.0,
         state,
         duration,
         rtol=SMALLEST_RELATIVE_TOLERANCE,
-        atol=np.concatenate([allowed, allowed / first.time_unit, energy]),
+        atol=absolute_tolerances(motion, 0.1 * tolerance),
     )
     states = np.empty((frames + 1, len(state)))
     states[0], done = state, 1
@@ -215,8 +204,7 @@ def _move(
     ends = np.cumsum([chain.number_of_rotors for chain in chains])
     return [
         reduce(
-            chain,
-            Recording(times, states[:, begin:end], states[:, rotors + begin : rotors + end]),
+            chain, Recording(times, states[:, begin:end], states[:, rotors + begin : rotors + end])
         )
         for chain, begin, end in zip(chains, (0, *ends[:-1]), ends, strict=True)
     ]

@@ -35,15 +35,12 @@ from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 class EquationOfMotion:
     """Right-hand side for `scipy.integrate.solve_ivp` with the state (angles, rates, W).
 
-    M r^2 phi_ddot = sum of the torques of all terms,
-    W_dot = sum of the powers that the terms dissipate.
+    M r^2 phi_ddot = sum of the torques of all terms, W_dot = sum of the powers that they
+    dissipate.
 
-    The state includes the dissipated energy W [J] only if a term is dissipative or active. The
-    terms are springs, commanded torques, gravity, the terms that `of_chain` returns, and `forces`.
-    `Chain.feedback` is not a term, because its torques are constant between frames: `Simulation`
-    includes them in `torques`.
-    Raises ValueError for torques of the wrong shape and for fixed rotors that are not in the
-    chain.
+    W [J] is absent without a dissipative or active term. The terms are springs, torques, gravity,
+    those of `of_chain`, and `forces`. `Simulation` adds the torques of `Chain.feedback`, constant
+    between frames, to `torques`. Raises ValueError for torques and fixed rotors that do not fit.
     """
 
     chain: Chain
@@ -55,10 +52,9 @@ class EquationOfMotion:
     forces: tuple[Term | TorqueFunction, ...] = ()
     """Terms in addition to springs, torques, gravity and the terms of the chain."""
     start: float = 0.0
-    """Time offset [s]: Python functions in `forces` receive this value plus the solver time."""
+    """Time offset [s] that is added to the solver time for Python functions in `forces`."""
 
     def __post_init__(self) -> None:
-        """Reject torques and fixed rotors that do not fit the chain."""
         if self.torques is not None:
             self.chain.check_angles(self.torques, 'torque')
         checked_rotors(self.chain, self.fixed)
@@ -108,17 +104,14 @@ class EquationOfMotion:
 
     @cached_property
     def decay_rates(self) -> Array:
-        """Decay rate c / (M r^2) of each rotor by linear damping [1/s], shape (N,).
-
-        The decay rate of a fixed rotor is 0.
-        """
+        """Decay rate c / (M r^2) by linear damping [1/s], 0 for fixed rotors, shape (N,)."""
         return np.asarray(self.chain.dampings / self.inertias)
 
     @cached_property
     def fastest_vibration(self) -> float:
         """Upper bound of the angular frequency of vibrations [rad/s].
 
-        The bound is sqrt(4 k_e / M + g / r + (4 abs(kappa) + m abs(A)) / (M r^2)).
+        sqrt(4 k_e / M + g / r + (4 abs(kappa) + m abs(A)) / (M r^2)).
         """
         chain = self.chain
         of_springs = 4 * float(chain.stiffnesses.max() / chain.masses.min())
@@ -136,10 +129,7 @@ class EquationOfMotion:
 
     @property
     def fastest_rate(self) -> float:
-        """Upper bound of the vibration frequencies and of the decay rates of the energy [1/s].
-
-        The energy decays twice as fast as the rates of the rotors.
-        """
+        """Upper bound of vibration frequencies, and of decay rates of the energy [1/s]."""
         return max(self.fastest_vibration, 2 * self.fastest_decay)
 
     def external_energy(self, angles: Array) -> float:
@@ -153,10 +143,7 @@ class EquationOfMotion:
         return self.gravity.scale(self.chain) + float(wells)
 
     def state(self, angles: Array, rates: Array) -> Array:
-        """Return the state for given angles [rad] and rates [rad/s], shape (N,) each.
-
-        The state has the shape (2N,), or (2N + 1,) with a dissipated energy of 0 if `damped`.
-        """
+        """Return the state for angles [rad] and rates [rad/s], (2N,), or (2N + 1,) if `damped`."""
         given = self.chain.check_angles(angles), self.chain.check_angles(rates, 'rate')
         return np.concatenate([*given, [0.0] * self.damped])
 
@@ -166,7 +153,7 @@ class EquationOfMotion:
         return self(0.0, at_rest)[self.rotors : 2 * self.rotors]
 
     def __call__(self, time: float, state: Array) -> Array:
-        """Return the time derivative of a state, in the same shape."""
+        """Return the time derivative of a state."""
         state = np.ascontiguousarray(state)
         rotors = self.rotors
         angles, rates = state[:rotors], state[rotors : 2 * rotors]
@@ -176,10 +163,7 @@ class EquationOfMotion:
         return np.concatenate([rates, torques / self.inertias, [power] * (state.size % 2)])
 
     def add_loads(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
-        """Add the torques of all terms except springs to `torques` [N m], shape (N,).
-
-        Return the power that these terms dissipate [W].
-        """
+        """Add the torques of all terms except springs [N m]; return the dissipated power [W]."""
         power = torques_of(angles, rates, *self._table_of_loads, torques)
         return power + self._add_plain(torques, time, angles, rates)
 

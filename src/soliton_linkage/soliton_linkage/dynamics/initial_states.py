@@ -25,9 +25,8 @@ class State:
 def leaning(chain: Chain, lean: int) -> State:
     """Return a state at rest with relaxed springs that leans right (`lean` = 1) or left (-1).
 
-    In a chain with deviations from the uniform chain, such a state may not exist. Then return a
-    state in which the spring torques are in equilibrium. Raises ValueError if the chain has no
-    such equilibrium either.
+    If the deviations of the chain do not allow such a state, return an equilibrium of the spring
+    torques. Raises ValueError if there is none either.
     """
     # These imports load scipy, which modules that only use `State` do not need.
     from soliton_linkage.linear.statics import equilibrium, rest_state
@@ -42,12 +41,10 @@ def leaning(chain: Chain, lean: int) -> State:
 def with_soliton(chain: Chain, site: float, velocity: float) -> State:
     """Return a wall of charge +1 at a site coordinate [rotor spacings] with a velocity [m/s].
 
-    The angles are those of a static wall with relaxed springs, leg 0 of `static_wall`. The rates
-    are along the zero mode and have the norm |phi_dot| = Lambda |v| / a. For rigid bars this state
-    is exact. In a chain of springs the wall starts with the kinetic energy M_eff v^2 / 2, but then
-    contracts and radiates phonons. Both reduce its speed: in the example chains by 0.4 to 4 % if
-    the wall starts at 0.2 times the speed of sound, and by 3 to 42 % at 0.6 times. Raises
-    ValueError for a velocity that is not finite, and the errors of `static_wall`.
+    The angles are those of `static_wall` on leg 0, the rates Lambda v / a along the zero mode,
+    exact for rigid bars. With springs the wall contracts and radiates, which reduces its speed in
+    the example chains by 0.4 to 4 % at 0.2 c and by 3 to 42 % at 0.6 c. Raises ValueError for a
+    velocity that is not finite, and the errors of `static_wall`.
     """
     from soliton_linkage.solitons.static_wall import site_arc, static_wall
 
@@ -61,9 +58,7 @@ def with_soliton(chain: Chain, site: float, velocity: float) -> State:
 def with_pair(chain: Chain, kink: float, anti_kink: float) -> State:
     """Return a kink and an anti-kink at rest at their site coordinates [rotor spacings].
 
-    The two configurations are joined in the middle between the walls. Outside the pair, the chain
-    leans left if `kink` > `anti_kink`, and otherwise right. Raises the errors of `static_wall` and
-    of `continuum_anti_kink`.
+    The chain leans left outside if `kink` > `anti_kink`. Raises the errors of `static_wall`.
     """
     from soliton_linkage.solitons.anti_kink import continuum_anti_kink
     from soliton_linkage.solitons.static_wall import static_wall

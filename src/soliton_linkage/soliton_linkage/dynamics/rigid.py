@@ -1,13 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motion of a chain of rigid bars, the limit of infinitely stiff springs.
 
-The chain is a mechanism with one degree of freedom. The configurations in which all bars have
-their rest length form a curve, along which the chain moves. The tangent of the curve is the zero
-mode t(phi). With the normalisation sum_n I_n t_n^2 = 1 and the speed s [J^(1/2)], the motion obeys
+The configurations in which all bars have their rest length form a curve with the zero mode t(phi)
+as tangent. With sum_n I_n t_n^2 = 1, the speed s [J^(1/2)] and the kinetic energy T,
 
-    dphi/dt = s t(phi),    ds/dt = t(phi) . torques,    T = s^2 / 2,
-
-where T is the kinetic energy. The bars do no work.
+    dphi/dt = s t(phi),    ds/dt = t(phi) . torques,    T = s^2 / 2.
 """
 
 from __future__ import annotations
@@ -30,7 +27,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 
 _FLUSHED = -1100
-"""Binary exponent [1]: smaller components of the zero mode are set to 0."""
+"""Binary exponent below which components of the zero mode are set to 0 [1]."""
 
 
 @dataclass(frozen=True)
@@ -38,20 +35,16 @@ class RigidSettings(SimulationSettings):
     """Tuning of `RigidSimulation`."""
 
     max_bar_error: float = 1e-6
-    """Largest allowed relative error of the length of a bar in the initial state [1]."""
+    """Largest relative error of the length of a bar in the initial state [1]."""
     jammed: float = 1e-5
-    """Threshold of the smallest singular value of R in units of r [1]. Below it, the error message
-    of a failed step reports that the bars jam."""
+    """Smallest singular value of R, in units of r, below which a failed step reports jammed bars
+    [1]."""
     longest_step: float = 100.0
-    """Longest solver step in frame periods, and thus the largest number of frames per step [1].
-
-    Sensitivity: at 0.5x or 2x, the run time and the energy drift do not change.
-    """
+    """Longest solver step in frame periods [1]. Sensitivity: no effect on run time and energy
+    drift at 0.5x or 2x."""
     max_corrections: int = 3
-    """Largest number of energy corrections after a step [1].
-
-    Sensitivity: with 1 or 6 corrections, the energy drift does not change.
-    """
+    """Largest number of energy corrections after a step [1]. Sensitivity: no effect on the energy
+    drift with 1 or 6."""
 
 
 DEFAULTS = RigidSettings()
@@ -60,11 +53,9 @@ DEFAULTS = RigidSettings()
 class RigidSimulation(Simulation):
     """Simulation of a chain in which rigid bars of the same rest length replace the springs.
 
-    Rates and impulses are projected onto the zero mode, because the bars resist all other
-    components. After each step the simulation corrects two errors of the solver: it moves the
-    angles to a configuration with exact bar lengths, and corrects the energy. The arguments are
-    the same as for `Simulation`. Fixed rotors and periodic ends are not allowed. Raises
-    ValueError for initial angles that the bars do not allow, and ArithmeticError if the bars jam.
+    Rates and impulses are projected onto the zero mode; bar lengths and energy are exact after
+    each step. Raises ValueError for fixed rotors, periodic ends and initial angles that the bars
+    do not allow, and ArithmeticError if the bars jam.
     """
 
     def __init__(
@@ -88,10 +79,9 @@ class RigidSimulation(Simulation):
     def link_torques(self) -> Array:
         """Torque of the bars on each rotor in the current frame [N m], shape (N,).
 
-        The torque is R^T s with the forces s of the bars. Because the lengths are constant, R
-        phi_ddot + l_ddot = 0, where l_ddot is the second derivative of the lengths for zero
-        acceleration phi_ddot. The equation of motion I phi_ddot = R^T s + torques then gives R
-        I^-1 R^T s = -(l_ddot + R I^-1 torques). Raises ValueError if the bars jam.
+        The torque is R^T s with the bar forces s from R I^-1 R^T s = -(l_ddot + R I^-1 torques),
+        where l_ddot are the second derivatives of the lengths for phi_ddot = 0. Raises ValueError
+        if the bars jam.
         """
         chain, angles, rates = self.chain, self.angles, self.rates
         first, second = rigidity_bands(chain, angles)
@@ -158,7 +148,6 @@ class RigidSimulation(Simulation):
         return solver, longest_step
 
     def _tolerances(self) -> Array:
-        """Return the absolute tolerance of each variable of the solver."""
         chain = self.chain
         rotors = chain.number_of_rotors
         of_angles = np.full(rotors, self.tolerance / math.sqrt(rotors))
@@ -173,11 +162,10 @@ class RigidSimulation(Simulation):
         self._solver.f = self._solver.fun(self._solver.t, state)
 
     def _corrected(self, state: Array) -> tuple[Array, float, float]:
-        """Return angles with exact bar lengths, the corrected speed, and the dissipated energy.
+        """Return exact angles, the speed, and the dissipated energy of a solver state.
 
-        The energy is corrected by the smallest possible change of the position on the curve and of
-        the speed s. This change is along the gradient of the energy, (-t . torques, s), and also
-        works at turning points, where s is 0.
+        The energy is corrected along its gradient (-t . torques, s), also at turning points, s =
+        0.
         """
         chain = self.chain
         angles, speed, dissipated = state[:-2].copy(), float(state[-2]), float(state[-1])
@@ -209,21 +197,13 @@ class RigidSimulation(Simulation):
         return speed**2 / 2 + potential - work + lost
 
     def _stuck(self, complaint: str) -> ArithmeticError:
-        """Return the error of a failed step; its message reports jammed bars.
-
-        Bars count as jammed if the smallest singular value of R is below the setting `jammed`.
-        """
         bands = rigidity_bands(self.chain, self._solver.y[:-2])
         squares = eigvals_banded(gram_matrix_bands(*bands), select='i', select_range=(0, 0))
         jammed = squares[0] <= (self._settings.jammed * self.chain.rotor_length) ** 2
         return super()._stuck(f'the bars jam ({complaint})' if jammed else complaint)
 
     def _energy_scale(self) -> float:
-        """Return the typical size of the energies in the motion [J].
-
-        The value is the kinetic energy plus `motion.external_scale` plus the work of the constant
-        torques over one radian.
-        """
+        """Return the kinetic energy plus the scales of potentials and of constant torques [J]."""
         moving = float(self.chain.kinetic_energy(self.rates))
         held = np.abs(self.torques) + np.abs(self.feedback_torques)
         return moving + self.motion.external_scale + float(held.sum())
@@ -237,8 +217,8 @@ class RigidSimulation(Simulation):
 def _centripetal(chain: Chain, angles: Array, rates: Array) -> Array:
     """Return -l_ddot for zero angular acceleration [m/s^2], shape (bars,).
 
-    For a bar of constant length l along the vector (x, y) between two masses, l_ddot =
-    (x_dot^2 + y_dot^2 + x x_ddot + y y_ddot) / l.
+    l_ddot = (x_dot^2 + y_dot^2 + x x_ddot + y y_ddot) / l for the vector (x, y) between the
+    masses.
     """
     horizontal, vertical = chain.positions(angles)
     x, y = chain.spacings + np.diff(horizontal), np.diff(vertical)
@@ -249,12 +229,7 @@ def _centripetal(chain: Chain, angles: Array, rates: Array) -> Array:
 
 @compiled(const_f8_1d, const_f8_1d, const_f8_1d, const_f8_1d)
 def mode_of_bars(angles: Array, lengths: Array, spacings: Array, inertias: Array) -> Array:
-    """Return the zero mode t with sum_n I_n t_n^2 = 1 [kg^(-1/2) m^(-1)], shape (N,).
-
-    Except for the normalisation, the result equals that of `linear.rigidity.zero_mode`. The
-    function stores the exponent of each component separately, because the ratio of two components
-    may exceed the range of floating-point numbers.
-    """
+    """Return `zero_mode` without under- or overflow, sum_n I_n t_n^2 = 1 [kg^(-1/2) m^(-1)]."""
     rotors = angles.size
     mode, exponents = np.empty(rotors), np.empty(rotors, np.int64)
     mode[0], exponents[0], largest, sign = 1.0, 0, 0, 1.0

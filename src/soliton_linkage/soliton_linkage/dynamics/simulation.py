@@ -20,11 +20,8 @@ from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 from soliton_linkage.linkage.recording import Recording
 
 SMALLEST_RELATIVE_TOLERANCE = 100 * float(np.finfo(np.float64).eps)
-"""Smallest relative tolerance that scipy's solvers accept [1].
-
-With it, the absolute tolerance limits the error, so that rotors with large unwrapped angles are as
-accurate as all others.
-"""
+"""Smallest relative tolerance that scipy's solvers accept [1]. With it, the absolute tolerance
+limits the error, also of rotors with large unwrapped angles."""
 
 
 @dataclass(frozen=True)
@@ -32,8 +29,7 @@ class SimulationSettings:
     """Tuning of every simulation."""
 
     max_steps: int = 1000
-    """Largest number of solver steps per `Chain.time_unit` [1]. If one frame needs more steps, the
-    simulation raises ArithmeticError."""
+    """Largest number of solver steps per `Chain.time_unit` in one frame [1]."""
 
 
 DEFAULTS = SimulationSettings()
@@ -42,19 +38,15 @@ DEFAULTS = SimulationSettings()
 class Simulation(ABC):
     """Simulation of a chain with gravity, applied torques, kicks and the chain's own force terms.
 
-    The torques of `Chain.feedback` are computed at each frame and are constant until the next.
+    Frame k is the state k * `period` [s] after the start. Kicks, torques and changes of gravity
+    act at the current frame. The torques of `Chain.feedback` are computed at each frame and are
+    constant until the next. The error per step, as a norm over all rotors, is at most `tolerance`
+    [rad] in the angles and `tolerance` / `chain.time_unit` in the rates. `kicks` is the number of
+    kicks so far, and `kick_work` their work [J].
 
-    Frame k is the state at the time k * period [s] after the start. The state is interpolated with
-    the dense output of the solver. Kicks, torques and changes of gravity act at the time of the
-    current frame. The error per step, as a norm over all rotors, is at most `tolerance` [rad] in
-    the angles and `tolerance` / `chain.time_unit` [rad/s] in the rates. This bound holds for any
-    number of rotors and any angles. The attribute `kicks` is the number of kicks so far, and
-    `kick_work` is their total work [J].
-
-    The simulation starts from `angles` [rad] and `rates` [rad/s], shape (N,) each; without `rates`
-    it starts from rest. Rotors with an index in `fixed` do not turn. `forces` are additional terms
-    of the equation of motion, or functions f(time, angles, rates) -> torques [N m]. Raises
-    ValueError for arguments out of range or of the wrong shape.
+    The simulation starts from `angles` [rad] and `rates` [rad/s], by default from rest. Rotors in
+    `fixed` do not turn. `forces` are additional terms of the equation of motion, or functions
+    f(time, angles, rates) -> torques [N m]. Raises ValueError for invalid arguments.
     """
 
     def __init__(
@@ -118,10 +110,7 @@ class Simulation(ABC):
 
     @property
     def motion(self) -> EquationOfMotion:
-        """Equation of motion since the last kick or change of torques or gravity.
-
-        Its torques include those of the feedback.
-        """
+        """Equation of motion since the last change; its torques include those of the feedback."""
         if self._equation is None:
             torques = self.torques + self.feedback_torques
             self._equation = EquationOfMotion(
@@ -131,30 +120,25 @@ class Simulation(ABC):
 
     @property
     def dissipated(self) -> float:
-        """Energy dissipated since the start [J].
-
-        The value is negative if motors have added more energy than damping has dissipated.
-        """
+        """Energy dissipated since the start [J]; negative if motors have added more energy."""
         return self._dissipated_before + self._dissipated_at(self.angles, self._dissipated)
 
     @property
     def energy_drift(self) -> float:
         """Relative energy error of the solver since the start [1].
 
-        The energy error is the energy minus the initial energy, minus the work of kicks and
-        torques, plus the dissipated energy. This property is the energy error divided by an energy
-        scale: the largest energy so far, but at least `motion.external_scale` plus the rounding
-        error of k_e lbar^2.
+        It is energy - initial energy - work + dissipated energy, divided by the largest energy so
+        far.
         """
         change = self.motion.external_energy(self.angles) - self._external_at_start
         self._largest_energy = max(self._largest_energy, self._motion_and_springs(), abs(change))
-        return (self.energy - self._expected_energy()) / self._largest_energy
+        expected = self._work + self._work_of_torques() - self.dissipated
+        return (self.energy - expected) / self._largest_energy
 
     def kick(self, impulses: Array) -> None:
-        """Apply angular impulses J [N m s], shape (N,), at the instant of the current frame.
+        """Apply angular impulses [N m s], shape (N,), at the current frame.
 
-        The work of the impulses is W = J . (phi_dot before + phi_dot after) / 2. Raises ValueError
-        if this work is not finite.
+        Raises ValueError if their work is not finite.
         """
         checked = self.chain.check_angles(impulses, 'impulse')
         with np.errstate(over='ignore', invalid='ignore'):
@@ -184,17 +168,14 @@ class Simulation(ABC):
         self._restart()
 
     def set_gravity(self, gravity: Gravity) -> None:
-        """Change gravity at the time of the current frame; the change of energy counts as work."""
+        """Change gravity at the current frame; the change of energy counts as work."""
         if gravity != self.gravity:
             before = self.energy
             self.gravity = gravity
             self._restart_with(before)
 
     def set_non_reciprocity(self, value: float) -> None:
-        """Change the non-reciprocity [N m/rad] at the instant of the current frame.
-
-        Raises ValueError for a value out of range.
-        """
+        """Change the non-reciprocity [N m/rad] at the current frame; the change counts as work."""
         if value != self.chain.non_reciprocity:
             before = self.energy
             self.chain = replace(self.chain, non_reciprocity=value)
@@ -202,10 +183,7 @@ class Simulation(ABC):
 
     @property
     def steps_per_frame(self) -> float:
-        """Smallest possible number of solver steps per frame: period / longest step [1].
-
-        The value is 0 before the first step after the start or after a restart of the solver.
-        """
+        """Smallest possible number of solver steps per frame [1]; 0 after a restart."""
         return 0.0 if self._stale else self.period / self._longest_step
 
     @property
@@ -271,10 +249,7 @@ class Simulation(ABC):
 
     @abstractmethod
     def _allowed(self, angles: Array, rates: Array) -> tuple[Array, Array]:
-        """Return the nearest angles and rates that the mechanics allow.
-
-        Raises ValueError if the mechanics do not allow the angles.
-        """
+        """Return the nearest angles and rates that the mechanics allow, or raise ValueError."""
 
     @abstractmethod
     def _packed(self) -> Array:
@@ -307,9 +282,6 @@ class Simulation(ABC):
         elastic = self.chain.elastic_energy(self.angles)
         return float(elastic + self.chain.kinetic_energy(self.rates))
 
-    def _expected_energy(self) -> float:
-        return self._work + self._work_of_torques() - self.dissipated
-
     def _work_of_torques(self) -> float:
         """Return the work of the current torques since they were set [J]."""
         return work_of_torques(self.torques, self.angles - self._held_from)
@@ -337,10 +309,7 @@ class Simulation(ABC):
         )
 
     def _restart_with(self, before: float) -> None:
-        """Restart the solver after a change of the forces, and count the energy change as work.
-
-        `before` is the energy before the change [J].
-        """
+        """Restart the solver after a change of the forces; the energy change counts as work."""
         self._restart()
         gained = self.energy - before
         self._work += gained
@@ -366,11 +335,7 @@ def scipy_solver(
     tolerances: Array,
     longest_step: float,
 ) -> OdeSolver:
-    """Return a solver of scipy without an end time.
-
-    `tolerances` are the absolute tolerances of the variables, shape (len(state),), and
-    `longest_step` is in [s].
-    """
+    """Return a solver of scipy without an end time, with absolute tolerances; steps are in [s]."""
     return method(
         right_hand_side,
         0.0,

@@ -1,16 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Terms of the equation of motion: each adds a torque on every rotor.
 
-A compiled term consists of rows of parameters and a compiled function, the kernel. `sum_terms`
-selects the kernel by the `kind` of the term. The simulations of springs and of rigid bars call the
-same kernels. To add a compiled term, write a subclass of `CompiledTerm`, its kernel, and a line in
-`sum_terms`. A Python function `f(time, angles, rates) -> torques` can also be a term, but only
-scipy's solvers can integrate it.
+A compiled term has rows of parameters and a compiled kernel, which all simulations call. To add
+one, write a subclass of `CompiledTerm`, its kernel, and a line in `sum_terms`. A Python function
+`f(time, angles, rates) -> torques` is a term for scipy's solvers only.
 
-A kernel reads angles, rates, cosines and sines from rows of the array `work`, shape
-(rows, P + VECTOR), and adds torques [N m] to the row TORQUES of `work`. The N rotors are padded
-with zeros to P, a multiple of VECTOR. A kernel uses indices of `work` instead of row views,
-because numba counts the references to each view, which takes longer than a loop over 20 rotors.
+A kernel reads angles, rates, cosines and sines from rows of `work`, shape (rows, P + VECTOR), and
+adds torques [N m] to its row TORQUES; the N rotors are padded with zeros to P, a multiple of
+VECTOR. It uses indices, because numba counts the references to row views.
 """
 
 from __future__ import annotations
@@ -58,16 +55,12 @@ class Term(ABC):
     dissipative = False
     """Whether the negative power of the term counts as dissipated energy."""
     active = False
-    """Whether the torques depend on the angles but have no potential energy. The negative work of
-    such a term counts as dissipated energy, which may be negative."""
+    """Whether the torques depend on the angles without a potential energy. Their negative work
+    counts as dissipated energy."""
 
     @abstractmethod
     def add(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
-        """Add the torque of the term on each rotor [N m] to `torques`, shape (N,).
-
-        `time` is in [s], `angles` [rad] and `rates` [rad/s] have the shape (N,). Return the power
-        that the term dissipates [W], or 0 if the term is not dissipative.
-        """
+        """Add the torque on each rotor [N m] at a time [s]; return the dissipated power [W]."""
 
     def energy(self, angles: Array) -> float:
         """Return the potential energy [J], or 0 for a term without a potential energy."""
@@ -76,18 +69,14 @@ class Term(ABC):
 
 
 class CompiledTerm(Term):
-    """Term with a compiled kernel that all integrators call.
-
-    The torques of a dissipative term depend only on the rates. The torques of a conservative term
-    depend only on the angles.
-    """
+    """Term with a compiled kernel of the rates if it is dissipative, otherwise of the angles."""
 
     kind: int
     rows: Array
     """Parameters of the kernel, shape (parameters, N), or (parameters, 1) for equal rotors."""
 
     def add(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
-        """Add the torques that the kernel computes; return the dissipated power [W]."""
+        """Add the torques of the kernel; return the dissipated power [W]."""
         del time
         return torques_of(angles, rates, *term_table([self], torques.size), torques)
 
@@ -155,8 +144,7 @@ class LinearDamping(CompiledTerm):
 class DryFriction(CompiledTerm):
     """Friction torques -tau tanh(phi_dot / omega) of the bearings: regularised Coulomb friction.
 
-    `torque` is tau [N m], one number or shape (N,). `regularisation` is omega [rad/s]; at rates
-    far below omega the friction is proportional to the rate.
+    `torque` is tau [N m], one number or shape (N,), and `regularisation` omega [rad/s].
     """
 
     kind, dissipative = DRY_FRICTION, True
@@ -183,8 +171,8 @@ class QuadraticDamping(CompiledTerm):
 class OnSitePotential(CompiledTerm):
     """Torques of a potential that is periodic in each angle, as in the Frenkel-Kontorova model.
 
-    The potential is V = sum_n (A_n / m) [1 - cos(m (q_n - q_0))]. It has m minima per turn, one of
-    them at q_0. The coordinate is q = s phi + (1 - s) pi / 2 with the signs s in `Chain.signs`.
+    V = sum_n (A_n / m) [1 - cos(m (q_n - q_0))] with q = s phi + (1 - s) pi / 2, s =
+    `Chain.signs`.
     """
 
     kind = ON_SITE
@@ -200,7 +188,7 @@ class OnSitePotential(CompiledTerm):
         )
 
     def energy(self, angles: Array) -> float:
-        """Return the potential energy V [J], 0 or more if all on-site torques A_n are positive."""
+        """Return the potential energy V [J]."""
         torques, slopes, phases = self.rows
         return float(torques / slopes @ (1 - np.cos(slopes * angles + phases)))
 
@@ -208,13 +196,10 @@ class OnSitePotential(CompiledTerm):
 class NonReciprocal(CompiledTerm):
     """Torques of motors that break reciprocity: the same torque on both rotors of a bond.
 
-    The motors of the bond between rotors n and n + 1 apply the torque kappa (q_n - q_{n+1}) to
-    q_n, and the same torque to q_{n+1}. `OnSitePotential` defines the coordinates q. The
-    difference is wrapped to the interval from -pi to pi. In terms of the angles, let D = phi_n +
-    sigma phi_{n+1} - (1 + sigma) pi / 2 with sigma = 1 for flippers and -1 for spinners. Then the
-    torque is kappa D on rotor n and -sigma kappa D on rotor n + 1.
-
-    Source: Brandenbourger et al., Nature Communications 10, 4608 (2019).
+    The motors apply kappa (q_n - q_{n+1}) to q_n and to q_{n+1}, with q of `OnSitePotential` and
+    the difference wrapped to -pi ... pi. With D = phi_n + sigma phi_{n+1} - (1 + sigma) pi / 2,
+    sigma = 1 for flippers and -1 for spinners, this is kappa D on rotor n and -sigma kappa D on
+    rotor n + 1. Source: Brandenbourger et al., Nature Communications 10, 4608 (2019).
     """
 
     kind, active = NON_RECIPROCAL, True
@@ -272,10 +257,7 @@ def padded_size(rotors: int) -> int:
 
 @compile_loop
 def sum_terms(work: Array, rotors: int, kinds: NDArray[np.int64], parameters: Array) -> float:
-    """Set the torques to the sum of all terms; return the power that the terms dissipate [W].
-
-    A spring term must be the first term. An active term must be the last term.
-    """
+    """Set the torques to the sum of all terms, springs first and active last; return the power."""
     prefer_wide_vectors()
     power, start = 0.0, 0
     if kinds.shape[0] and kinds[0, 0] == SPRINGS:
@@ -314,13 +296,12 @@ def active_power(work: Array, rotors: int) -> float:
 
 
 def _estimating(function: Callable[[float], float]) -> Callable[[float], float]:
-    """Compile a function; allow the compiler to approximate square roots and reciprocals."""
     return compile_loop(function, fastmath=FASTMATH_FLAGS | {'arcp', 'afn'}, inlined=True)
 
 
 @_estimating
 def _inverse_root_estimate(w: float) -> float:
-    """Return 1 / sqrt(w) in single precision; it compiles to one instruction and a Newton step."""
+    """Return 1 / sqrt(w) in single precision by one instruction and a Newton step."""
     return float(np.float32(1) / np.sqrt(np.float32(w)))
 
 
@@ -328,9 +309,9 @@ def _inverse_root_estimate(w: float) -> float:
 def tension(w: float) -> float:
     """Return 1 - 1 / sqrt(w): the force of a spring divided by k l, for l = lbar sqrt(w).
 
-    Let y be an estimate of 1 / sqrt(w) in single precision, and d = 1 - w y^2. The series
-    y (1 + d / 2 + 3 d^2 / 8) then equals 1 / sqrt(w) in double precision. It is used because a
-    division and a square root would take as long as the rest of the kernel.
+    With an estimate y of 1 / sqrt(w) and d = 1 - w y^2, the series y (1 + d / 2 + 3 d^2 / 8) is
+    exact in double precision. A division and a square root would take as long as the rest of the
+    kernel.
     """
     y = _inverse_root_estimate(w)
     d = 1 - w * y * y
@@ -339,16 +320,15 @@ def tension(w: float) -> float:
 
 @inlined
 def _set_springs(work: Array, rotors: int, rows: Array, first: int) -> None:
-    """Set the torques of the springs; a spring joins rotors with cosines c, c' and sines s, s'.
+    """Set the torques of the springs between rotors with cosines c, c' and sines s, s'.
 
-    The rows of parameters are offset, slope', slope, product, lever, lever' and cross, in
-    this order. With them,
+    With the rows offset, slope', slope, product, lever, lever' and cross,
 
-    l^2 / lbar^2 = w = offset + slope' s' - slope s - product (s s' + c c'),
-    torque on the left  = (1 - 1 / sqrt(w)) [lever c - cross (s c' - c s')],
-    torque on the right = (1 - 1 / sqrt(w)) [cross (s c' - c s') - lever' c'].
+        l^2 / lbar^2 = w = offset + slope' s' - slope s - product (s s' + c c'),
+        torque on the left  = (1 - 1 / sqrt(w)) [lever c - cross (s c' - c s')],
+        torque on the right = (1 - 1 / sqrt(w)) [cross (s c' - c s') - lever' c'].
 
-    The last spring joins the last rotor to the first. In a chain with free ends, its levers are 0.
+    The last spring joins the last rotor to the first; with free ends, its levers are 0.
     """
     prefer_wide_vectors()
     work[COSINES, rotors], work[SINES, rotors] = work[COSINES, 0], work[SINES, 0]

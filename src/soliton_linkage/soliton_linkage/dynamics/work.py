@@ -2,11 +2,7 @@
 """Work of impulses and torques on a chain.
 
 A kick with impulses J does the work W = J . (phi_dot before + phi_dot after) / 2. A constant
-torque tau does the work
-
-    W = integral of tau . phi_dot dt = tau . (phi(t_1) - phi(t_0))
-
-for any motion between t_0 and t_1. Therefore the exact angles of two frames give the exact work.
+torque tau does the work tau . (phi(t_1) - phi(t_0)) for any motion between two frames.
 """
 
 from __future__ import annotations
@@ -19,19 +15,14 @@ from soliton_linkage.linkage.chain import Array, Chain
 
 
 def work_of_kick(impulses: Array, before: Array, after: Array) -> float:
-    """Return the work of impulses [J].
-
-    `impulses` [N m s] change the rates of the rotors from `before` to `after` [rad/s], shape (N,)
-    each.
-    """
+    """Return the work [J] of impulses [N m s] that change the rates [rad/s], shape (N,) each."""
     return float(np.add.reduce(impulses * (before + after))) / 2
 
 
 def work_of_impulse(chain: Chain, rates: Array, impulses: Array) -> float:
-    """Return the work [J] of impulses J [N m s] on the rotors of a chain of springs.
+    """Return the work [J] of impulses J [N m s] on the rotors of a chain of springs, shape (N,).
 
-    `rates` phi_dot [rad/s] are those before the impulses, shape (N,) each. The impulses change the
-    rates by J / I, so that the work is J . phi_dot + sum_n J_n^2 / (2 I_n).
+    The rates phi_dot [rad/s] change by J / I, so that it is J . phi_dot + sum_n J_n^2 / (2 I_n).
     """
     return float(impulses @ (rates + impulses / (2 * chain.moments_of_inertia)))
 
@@ -59,7 +50,6 @@ class TorqueLedger:
     """Running `TorqueTotals` of torques that are constant between frames."""
 
     def __init__(self, number_of_rotors: int) -> None:
-        """Start with zero totals."""
         self._totals = TorqueTotals(np.zeros(number_of_rotors), 0.0, 0.0, 0.0)
 
     @property
@@ -68,10 +58,7 @@ class TorqueLedger:
         return self._totals
 
     def add(self, torques: Array, turned: Array, time: float) -> None:
-        """Add torques [N m] that acted for a time [s], shape (N,).
-
-        `turned` is the rotation of each rotor during this time [rad], shape (N,).
-        """
+        """Add torques [N m] that acted for a time [s] while the rotors turned [rad], (N,) each."""
         before = self._totals
         norm = float(np.linalg.norm(torques))
         self._totals = TorqueTotals(

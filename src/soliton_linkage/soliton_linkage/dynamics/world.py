@@ -59,19 +59,11 @@ class WorldParameters:
 
 
 class World:
-    """Factory of the simulations of one chain.
-
-    Raises ValueError for states that the mechanics do not allow.
-    """
+    """Factory of the simulations of one chain; raises ValueError for unsuitable states."""
 
     def __init__(
-        self,
-        chain: Chain,
-        joint_names: Sequence[str],
-        parameters: WorldParameters,
-        period: float,
+        self, chain: Chain, joint_names: Sequence[str], parameters: WorldParameters, period: float
     ) -> None:
-        """Prepare simulations whose frames have a period [s]."""
         self._chain = chain
         self._parameters = parameters
         self._period = period
@@ -107,11 +99,7 @@ class World:
 def joint_numbers(
     parameter: str, joints: Sequence[str], joint_names: Sequence[str]
 ) -> tuple[int, ...]:
-    """Return the sorted numbers of joints that are specified by name or by number.
-
-    `parameter` is the name of the parameter that an error message names. Raises ValueError for an
-    unknown joint.
-    """
+    """Return the sorted numbers of joints by name or number; ValueError for an unknown joint."""
     numbers = {str(rotor): rotor for rotor in range(len(joint_names))}
     numbers |= {name: rotor for rotor, name in enumerate(joint_names)}
     for joint in joints:

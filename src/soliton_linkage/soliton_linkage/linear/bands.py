@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Linear theory of the uniform chain: phonons, speed of sound, zero mode, tails of walls.
 
-Wave numbers k refer to the staggered angles, dtheta_n ~ e^(i k a n). The wave number of the angles
-phi is different by pi / a, because dphi_n = (-1)^n dtheta_n. No result is computed as a difference
-of nearly equal numbers.
+Wave numbers k refer to staggered angles, dtheta_n ~ e^(i k a n); those of phi differ by pi / a. No
+result is a difference of nearly equal numbers. `lean` is +1 or -1, otherwise ValueError.
 """
 
 from __future__ import annotations
@@ -23,10 +22,9 @@ ComplexArray = NDArray[np.complex128]
 def couplings(chain: Chain, lean: int = 1) -> tuple[float, float]:
     """Return the couplings q+ and q- of the right-leaning (+1) or left-leaning (-1) state [m/rad].
 
-    In the right-leaning state q+- = r cos(theta_bar) (2 r sin(theta_bar) +- a) / lbar. In
-    staggered angles, the length of spring n changes by dl_n = -(q+ dtheta_n + q- dtheta_{n+1});
-    the paper (section 1) omits the minus sign. In the left-leaning state, -q- replaces q+, and -q+
-    replaces q-. Raises ValueError for any other lean.
+    In the right-leaning state q+- = r cos(theta_bar) (2 r sin(theta_bar) +- a) / lbar, and dl_n =
+    -(q+ dtheta_n + q- dtheta_{n+1}); the paper (section 1) omits the minus sign. In the
+    left-leaning state -q- replaces q+, and -q+ replaces q-.
     """
     if lean not in (-1, 1):
         raise ValueError(f'lean = {lean!r} must be +1 (right) or -1 (left)')
@@ -39,11 +37,9 @@ def couplings(chain: Chain, lean: int = 1) -> tuple[float, float]:
 def bloch_matrix(chain: Chain, wave_numbers: ArrayLike, lean: int = 1) -> ComplexArray:
     """Return the rigidity matrix R(k) of the cell of two rotors [m/rad], shape (..., 2, 2).
 
-    R(k) maps the amplitudes of the two staggered angles in a cell to the extensions of the two
-    springs of the cell. R(k) = -[[q+, q-], [q- e^(2 i k a), q+]], and det R(k) = q+^2 - q-^2
-    e^(2 i k a). Wave numbers [rad/m] may be complex. In the paper (section 1) the phase factor is
-    in the lower right corner. With that matrix, the winding number would be that of the opposite
-    lean. Raises ValueError for wave numbers that are not finite.
+    R(k) = -[[q+, q-], [q- e^(2 i k a), q+]] maps the staggered angles of a cell to its extensions.
+    Wave numbers [rad/m] are finite and may be complex. In the paper (section 1) the phase factor
+    is in the lower right corner, with the winding number of the opposite lean.
     """
     plus, minus = couplings(chain, lean)
     phases = _phases(chain, np.asarray(wave_numbers, dtype=np.complex128))
@@ -57,8 +53,7 @@ def bloch_matrix(chain: Chain, wave_numbers: ArrayLike, lean: int = 1) -> Comple
 def bloch_dynamical_matrix(chain: Chain, wave_numbers: ArrayLike, lean: int = 1) -> ComplexArray:
     """Return the dynamical matrix D(k) = k_e R(k)^dagger R(k) / (M r^2) [rad^2/s^2], (..., 2, 2).
 
-    The eigenvalues of D(k) are the squared angular frequencies of the two branches. Wave numbers
-    [rad/m] are real. Raises ValueError for wave numbers that are not finite.
+    Its eigenvalues are the squared frequencies of the two branches at finite real k [rad/m].
     """
     matrix = bloch_matrix(chain, np.asarray(wave_numbers, dtype=np.float64), lean)
     matrix /= chain.rotor_length * chain.time_unit
@@ -66,14 +61,11 @@ def bloch_dynamical_matrix(chain: Chain, wave_numbers: ArrayLike, lean: int = 1)
 
 
 def dispersion(chain: Chain, wave_numbers: ArrayLike, branch: int = 1) -> Array:
-    """Return the angular frequencies [rad/s] of phonons with given wave numbers [rad/m].
+    """Return the angular frequencies [rad/s] of phonons with given finite wave numbers [rad/m].
 
-    omega(k) = sqrt(k_e / M) |q+ +- q- e^(i k a)| / r, with the plus sign for branch +1 and the
-    minus sign for branch -1; the paper (section 1) omits the factor 1/r. For k from -pi/a to pi/a
-    each branch contains the whole spectrum. To avoid cancellation, the code uses the equivalent
-    form omega^2 = gap^2 + (2 c / a)^2 sin(k a / 2)^2 if the branch is +1 and d < 1, or if the
-    branch is -1 and d > 1. In the other two cases a cosine replaces the sine. Raises ValueError
-    for any other branch and for wave numbers that are not finite.
+    omega(k) = sqrt(k_e / M) |q+ +- q- e^(i k a)| / r with the sign `branch`; the paper (section 1)
+    omits 1/r. Each branch contains the whole spectrum. To avoid cancellation, the code uses
+    omega^2 = gap^2 + (2 c / a)^2 sin(k a / 2)^2, with a cosine if the minimum is at pi / a.
     """
     if branch not in (-1, 1):
         raise ValueError(f'branch = {branch!r} must be +1 or -1')
@@ -86,20 +78,14 @@ def dispersion(chain: Chain, wave_numbers: ArrayLike, branch: int = 1) -> Array:
 def gap(chain: Chain) -> float:
     """Return the lowest angular frequency of any phonon [rad/s], sqrt(k_e / M) ||q+| - |q-|| / r.
 
-    In units of sqrt(k_e / M) the gap is 2 r sin(2 theta_bar) / lbar for d < 1, and
-    2 a cos(theta_bar) / lbar for d > 1. The paper (section 1) has a different expression, r^2
-    sin(2 theta_bar) / lbar, for all d.
+    In units of sqrt(k_e / M) it is 2 r sin(2 theta_bar) / lbar for d < 1 and 2 a cos(theta_bar) /
+    lbar for d > 1; the paper (section 1) has r^2 sin(2 theta_bar) / lbar for all d.
     """
     return band_edges(chain)[0]
 
 
 def band_edges(chain: Chain) -> tuple[float, float]:
-    """Return the lowest and the highest angular frequency of the phonons [rad/s].
-
-    The band edges are sqrt(k_e / M) ||q+| -+ |q-|| / r. In units of sqrt(k_e / M) they are 2
-    cos(theta_bar) / lbar, multiplied by 2 r sin(theta_bar) for one edge and by a for the other.
-    They are equal for d = 1.
-    """
+    """Return the band edges [rad/s], sqrt(k_e / M) ||q+| -+ |q-|| / r."""
     scale = 2 * math.cos(chain.rest_angle) / (chain.rest_length * chain.time_unit)
     lean_across = 2 * chain.rotor_length * math.sin(chain.rest_angle)
     lower, upper = sorted((lean_across, chain.spacing))
@@ -107,23 +93,16 @@ def band_edges(chain: Chain) -> tuple[float, float]:
 
 
 def speed_of_sound(chain: Chain) -> float:
-    """Return the speed of sound c [m/s], defined by omega^2 = gap^2 + c^2 k^2.
+    """Return c = a sqrt(|q+ q-|) / r sqrt(k_e / M) [m/s] (paper, section 1).
 
-    Here k is the wave number relative to the band minimum, which is at 0 for d < 1 and at pi/a for
-    d > 1. The speed is c = a sqrt(|q+ q-|) / r sqrt(k_e / M) (paper, section 1), which equals
-    a cos(theta_bar) sqrt(|4 r^2 sin(theta_bar)^2 - a^2|) / lbar sqrt(k_e / M). The group
-    velocities of all phonons are below c; see `largest_group_velocity`.
+    omega^2 = gap^2 + c^2 k^2 with k from the band minimum, at 0 for d < 1 and pi/a for d > 1.
     """
     plus, minus = couplings(chain)
     return chain.spacing * math.sqrt(abs(plus * minus)) / (chain.rotor_length * chain.time_unit)
 
 
 def largest_group_velocity(chain: Chain) -> float:
-    """Return the largest d(omega)/dk of any phonon [m/s], a min(|q+|, |q-|) / r sqrt(k_e / M).
-
-    The phonon with this group velocity has |cos(k a)| = min(|q+|, |q-|) / max(|q+|, |q-|). The
-    group velocity is smaller than the speed of sound.
-    """
+    """Return the largest d(omega)/dk of any phonon [m/s], a min(|q+|, |q-|) / r sqrt(k_e / M)."""
     slower = min(map(abs, couplings(chain)))
     return chain.spacing * slower / (chain.rotor_length * chain.time_unit)
 
@@ -131,8 +110,7 @@ def largest_group_velocity(chain: Chain) -> float:
 def penetration_depth(chain: Chain) -> float:
     """Return the decay length of the zero mode [m], ell = a / ln|q+ / q-|; 0 for d = 1.
 
-    It is computed by ln|q+ / q-| = ln|(d + 1) / (d - 1)| = 2 artanh(min(d, 1/d)). For small d the
-    decay length is a / (2 d). In the paper (section 1) it is proportional to 1 / sin(theta_bar).
+    The logarithm is 2 artanh(min(d, 1/d)). In the paper (section 1) ell ~ 1 / sin(theta_bar).
 
     >>> wide = Chain(rest_angle=0.1)
     >>> round(penetration_depth(wide) / wide.spacing, 2), round(1 / (2 * wide.lean_ratio), 2)
@@ -143,11 +121,10 @@ def penetration_depth(chain: Chain) -> float:
 
 
 def tail_ratio(chain: Chain) -> float:
-    """Return the ratio by which the tail of a wall decays from one rotor to the next [1].
+    """Return the ratio q- / q+ = (d - 1) / (d + 1) of the tail of a wall at neighbours [1].
 
-    The tail is the small difference of the angles phi from a uniform state in a chain with relaxed
-    springs. The ratio of the differences of two neighbours, with the rotor farther from the wall
-    in the numerator, is q- / q+ = (d - 1) / (d + 1).
+    The tail is the small difference of the angles phi from a uniform state. The numerator of the
+    ratio belongs to the rotor farther from the wall.
     """
     plus, minus = couplings(chain)
     return minus / plus
@@ -168,9 +145,7 @@ class Tail:
 def exact_tail(chain: Chain) -> Tail:
     """Return the tail of a wall in the discrete chain, du_n ~ (-(d - 1) / (d + 1))^n.
 
-    The decay length is the penetration depth ell = a / ln((d + 1) / |d - 1|). For d > 1 the
-    displacement du_n from the uniform state changes its sign from rotor to rotor, so that the wave
-    number is pi / a. These alternating signs are the wobble of a wobbling flipper.
+    Its signs alternate for d > 1, which is the wobble of a wobbling flipper.
     """
     wave_number = math.pi / chain.spacing if chain.lean_ratio > 1 else 0.0
     return Tail(penetration_depth(chain), wave_number)
@@ -179,11 +154,10 @@ def exact_tail(chain: Chain) -> Tail:
 def wobble_exponents(chain: Chain) -> tuple[complex, complex]:
     """Return the two exponents lambda [1/m] of the tail e^(lambda x) in the continuum.
 
-    The exponents are lambda_+- = 1 / ub +- sqrt(1 / ub^2 - 8 / a^2) with ub = r sin(theta_bar).
-    They belong to the solutions of (a^2 / 8) du'' - (a^2 / (4 ub)) du' + du = 0 for small
-    displacements du from u = ub, on the side of a wall towards rotor 0. The equation is the
-    second-order expansion of the bar length. In the paper (supporting information, eq.
-    wobblingode) the middle term has the opposite sign.
+    lambda_+- = 1 / ub +- sqrt(1 / ub^2 - 8 / a^2), ub = r sin(theta_bar), solve (a^2 / 8) du'' -
+    (a^2 / (4 ub)) du' + du = 0, the second-order expansion of the bar length on the side of rotor
+    0. In the paper (supporting information, eq. wobblingode) the middle term has the opposite
+    sign.
     """
     inverse = 1 / (chain.rotor_length * math.sin(chain.rest_angle))
     square = (inverse - math.sqrt(8) / chain.spacing) * (inverse + math.sqrt(8) / chain.spacing)
@@ -195,12 +169,11 @@ def wobble_exponents(chain: Chain) -> tuple[complex, complex]:
 
 
 def continuum_tail(chain: Chain) -> Tail:
-    """Return the tail with that exponent of `wobble_exponents` which decays more slowly.
+    """Return the tail with the exponent of `wobble_exponents` that decays more slowly.
 
-    For d > 1 / sqrt(2) this tail oscillates. Its decay length is ub, and for large d its wave
-    number tends to sqrt(8) / a. Both are artefacts of the truncated expansion; `exact_tail`
-    returns the true values. The two functions agree on the decay length in two limits: a^2 / (4
-    ub) for d << 1, and ub for d >> 1.
+    For d > 1 / sqrt(2) it oscillates, with decay length ub and a wave number up to sqrt(8) / a.
+    Both are artefacts of the expansion. The decay length agrees with `exact_tail` for d << 1 and d
+    >> 1.
     """
     plus, minus = wobble_exponents(chain)
     return Tail(1 / minus.real, plus.imag)
@@ -209,11 +182,9 @@ def continuum_tail(chain: Chain) -> Tail:
 def zero_mode_wave_number(chain: Chain, lean: int = 1) -> complex:
     """Return the complex wave number k of the zero mode [rad/m], e^(i k a) = -q+ / q-.
 
-    The imaginary part is -1 / ell for the right-leaning state (+1), in which the mode grows
-    towards the last edge. It is 1 / ell for the left-leaning state (-1), and infinite for d = 1.
-    The real part is 0 for d < 1. For d > 1 it is pi / a, because the sign of the mode alternates
-    in staggered angles. For small d the wave number tends to i omega_0 / c; the paper (section 1)
-    has sqrt(-omega_0) / c instead. Raises ValueError for any other lean.
+    Its imaginary part is -1 / ell for the right-leaning and 1 / ell for the left-leaning state,
+    infinite for d = 1, and its real part 0 for d < 1 and pi / a for d > 1. For small d it tends to
+    i omega_0 / c; the paper (section 1) has sqrt(-omega_0) / c.
     """
     plus, minus = couplings(chain, lean)
     depth = penetration_depth(chain)
@@ -224,10 +195,8 @@ def zero_mode_wave_number(chain: Chain, lean: int = 1) -> complex:
 def density_of_states(chain: Chain, frequencies: ArrayLike) -> Array:
     """Return the density of modes of an infinite chain [modes / rotor / (rad/s)], shape (...).
 
-    The density is g(omega) = 2 omega / (pi sqrt((omega^2 - lowest^2) (highest^2 - omega^2)))
-    inside the band, infinite at the band edges, and 0 outside. Its integral over all frequencies
-    is 1. For d = 1 the band is a single frequency. Raises ValueError for frequencies [rad/s] that
-    are negative or not finite.
+    g(omega) = 2 omega / (pi sqrt((omega^2 - lowest^2) (highest^2 - omega^2))) inside the band,
+    with the integral 1. Raises ValueError for frequencies [rad/s] that are negative or not finite.
     """
     given = np.asarray(frequencies, dtype=np.float64)
     check_frequencies(given)
@@ -241,12 +210,10 @@ def density_of_states(chain: Chain, frequencies: ArrayLike) -> Array:
 
 
 def winding_number(chain: Chain, lean: int) -> int:
-    """Return how often det R(k) winds around 0 while k crosses the Brillouin zone.
+    """Return how often det R(k) = q+^2 - q-^2 e^(2 i k a) winds around 0 in the Brillouin zone.
 
-    The determinant q+^2 - q-^2 e^(2 i k a) runs once along a circle of radius q-^2 about q+^2. In
-    the left-leaning state (-1) the circle contains 0, so that the winding number is 1; the zero
-    mode is then at the first edge. In the right-leaning state (+1) the winding number is 0, and
-    the zero mode is at the last edge (paper, section 1). Raises ValueError for any other lean.
+    In the left-leaning state it is 1, and the zero mode is at the first edge. In the right-leaning
+    state it is 0, and the zero mode is at the last edge (paper, section 1).
 
     >>> [winding_number(Chain(), lean) for lean in (+1, -1)]
     [0, 1]
@@ -266,7 +233,6 @@ def check_frequencies(frequencies: Array) -> None:
 
 
 def _phases(chain: Chain, wave_numbers: NDArray[Any]) -> NDArray[Any]:
-    """Return k a [rad]; raise ValueError for wave numbers that are not finite."""
     wrong = wave_numbers[~np.isfinite(wave_numbers)]
     if wrong.size:
         raise ValueError(

@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Normal modes of small vibrations about any configuration with relaxed springs.
 
-Let R be the rigidity matrix of the configuration, I = M r^2, and B = k_e^(1/2) R I^(-1/2). The
-right singular vectors of B are the modes, and its singular values are the angular frequencies.
-The rounding errors of these frequencies are 1e-16 times the largest frequency. If the frequencies
-were computed from the eigenvalues of the dynamical matrix B^T B, the errors would be 1e-8 times
-the largest frequency.
+With the rigidity matrix R, I = M r^2, and B = k_e^(1/2) R I^(-1/2), the modes are the right
+singular vectors of B, and the angular frequencies are its singular values. Their rounding errors
+are 1e-16 times the largest frequency; from the eigenvalues of B^T B they would be 1e-8 times.
 """
 
 from __future__ import annotations
@@ -22,8 +20,8 @@ from soliton_linkage.linear.statics import unstretched
 from soliton_linkage.linkage.chain import Array, Chain
 
 _MOST_STRETCH = 1e-6
-"""Threshold of the relative extension of a spring [1]: the spring counts as relaxed if its
-extension is smaller. The relative errors of frequencies are then at most this value."""
+"""Largest relative extension of a spring that counts as relaxed [1]. The relative errors of
+frequencies are at most this value."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +29,8 @@ class NormalModes:
     """Frequencies and shapes of the normal modes of a chain of N rotors.
 
     frequencies: angular frequencies in ascending order [rad/s], shape (N,).
-    shapes: changes of the angles, one mode per column [rad / (kg^(1/2) m)], shape (N, N). They are
-        normalised by shapes^T diag(I) shapes = 1. The sign of each column is arbitrary.
+    shapes: changes of the angles, one mode per column [rad / (kg^(1/2) m)], shape (N, N), with
+        shapes^T diag(I) shapes = 1. The sign of each column is arbitrary.
     moments_of_inertia: moment of inertia I of each rotor about its pivot [kg m^2], shape (N,).
     """
 
@@ -42,11 +40,9 @@ class NormalModes:
 
 
 def normal_modes(chain: Chain, angles: ArrayLike) -> NormalModes:
-    """Return the normal modes about a configuration with relaxed springs [rad], shape (N,).
+    """Return the normal modes about relaxed springs, the zero mode of free ends first.
 
-    If the ends are free, the first mode is the zero mode with frequency 0. The algorithm uses
-    dense matrices; it takes a time O(N^3) and a memory O(N^2). Raises ValueError if a spring is
-    stretched.
+    Takes a time O(N^3) and a memory O(N^2). Raises ValueError if a spring is stretched.
     """
     matrix = _weighted_rigidity_matrix(chain, _relaxed(chain, angles))
     _, singular, rows = svd(matrix)
@@ -59,10 +55,9 @@ def normal_modes(chain: Chain, angles: ArrayLike) -> NormalModes:
 def mode_frequencies(chain: Chain, angles: ArrayLike) -> Array:
     """Return the angular frequencies of `normal_modes` in ascending order [rad/s], shape (N,).
 
-    If the ends are free, the frequencies are the non-negative eigenvalues of [[0, B^T], [B, 0]].
-    With rotors and springs in alternating order this matrix is tridiagonal, so that the
-    computation takes a time O(N^2). For periodic ends the algorithm uses dense matrices and takes
-    a time O(N^3). Raises ValueError if a spring is stretched.
+    With free ends they are the non-negative eigenvalues of [[0, B^T], [B, 0]]. This matrix is
+    tridiagonal with rotors and springs in alternating order, so that the time is O(N^2). Raises
+    ValueError if a spring is stretched.
     """
     relaxed = _relaxed(chain, angles)
     if chain.periodic:
@@ -80,10 +75,9 @@ def mode_frequencies(chain: Chain, angles: ArrayLike) -> Array:
 def mode_density(frequencies: ArrayLike, edges: ArrayLike) -> Array:
     """Return a histogram of the mode frequencies [modes / rotor / (rad/s)], shape (bins,).
 
-    The value of a bin is the fraction of the modes with frequencies between two of the `edges`
-    [rad/s], divided by the width of the bin. For a long uniform chain, this value is the mean of
-    `density_of_states` over the bin. Raises ValueError for frequencies that are negative or not
-    finite, and for edges that are not in ascending order.
+    It is the fraction of the modes between two `edges` [rad/s], divided by their distance: for a
+    long uniform chain, the mean of `density_of_states`. Raises ValueError for frequencies that are
+    negative or not finite, and for edges that do not increase.
     """
     counted, bounds = np.atleast_1d(np.asarray(frequencies, float)), np.asarray(edges, float)
     check_frequencies(counted)
@@ -101,9 +95,8 @@ def mode_density(frequencies: ArrayLike, edges: ArrayLike) -> Array:
 def mode_energies(modes: NormalModes, displacements: ArrayLike, rates: ArrayLike) -> Array:
     """Return the energy of each mode [J], E_j = (eta_j_dot^2 + omega_j^2 eta_j^2) / 2, (..., N).
 
-    The mode coordinates are eta = shapes^T diag(I) dphi, where dphi are the displacements of the
-    angles from the configuration of the modes. `displacements` [rad] and `rates` [rad/s] have the
-    shape (..., N). Raises ValueError if their number of rotors is not that of the modes.
+    The mode coordinates are eta = shapes^T diag(I) dphi with `displacements` dphi [rad] and
+    `rates` [rad/s] of the shape (..., N). Raises ValueError for another N.
     """
     coordinates = _coordinates(modes, displacements, 'displacements')
     speeds = _coordinates(modes, rates, 'rates')
@@ -111,14 +104,11 @@ def mode_energies(modes: NormalModes, displacements: ArrayLike, rates: ArrayLike
 
 
 def phonon_energies(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> tuple[Array, Array]:
-    """Return frequencies [rad/s] and energies [J] of the modes of a moving state, shape (N,) each.
+    """Return frequencies [rad/s] and energies [J] of the modes about `unstretched`, (N,) each.
 
-    The modes are those about the nearest configuration with relaxed springs, see `unstretched`.
-    The sum of the energies differs from the total energy only by terms of third order in the
-    distance from this configuration. If the ends are free, the first energy is that of the zero
-    mode: the kinetic energy that a wall would have in a chain of rigid bars. Raises ValueError for
-    angles [rad] and rates [rad/s] that do not fit the chain, and if no relaxed configuration is
-    near.
+    The sum of the energies is the total energy up to third order. With free ends, the first is
+    that of the zero mode, the kinetic energy of a wall of rigid bars. Raises ValueError for angles
+    [rad] and rates [rad/s] that do not fit, and if no relaxed configuration is near.
     """
     relaxed, displacement = _departure(chain, angles)
     modes = normal_modes(chain, relaxed)
@@ -127,15 +117,13 @@ def phonon_energies(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> tuple[
 
 
 def phonon_energy(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> float:
-    """Return the energy of a moving state outside the zero mode [J].
+    """Return the energy of a moving state outside the zero mode [J] in a time O(N).
 
-    The energy is E = sum_n (k_e / 2) (R dphi)_n^2 + T(phi_dot - t (t . I phi_dot) / (t . I t)). It
-    equals the sum of `phonon_energies` without the first, but is computed without modes in a time
-    O(N). E includes not only phonons, but all energy except that of the motion of rigid bars. For
-    example, E includes the elastic energy of a moving wall. As a fraction of the energy of the
-    wall, this elastic energy grows as the square of the speed. If the chain has several walls, E
-    excludes only their common motion along the zero mode. If the ends are periodic, E is the total
-    energy, because no zero mode exists. Raises the errors of `phonon_energies`.
+    E = sum_n (k_e / 2) (R dphi)_n^2 + T(phi_dot - t (t . I phi_dot) / (t . I t)) is the sum of
+    `phonon_energies` without the first. E contains all energy except that of the motion of rigid
+    bars, for example the elastic energy of a moving wall. With several walls, only their common
+    motion is excluded. With periodic ends, E is the total energy. Raises the errors of
+    `phonon_energies`.
     """
     relaxed, displacement = _departure(chain, angles)
     left = chain.check_angles(rates, 'rate')
@@ -148,7 +136,6 @@ def phonon_energy(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> float:
 
 
 def _departure(chain: Chain, angles: ArrayLike) -> tuple[Array, Array]:
-    """Return the nearest relaxed configuration, and the displacement from it [rad]."""
     given = chain.check_angles(angles)
     relaxed = unstretched(chain, given)
     return relaxed, given - relaxed

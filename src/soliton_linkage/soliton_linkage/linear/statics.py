@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Configurations at rest, with relaxed springs or with spring torques in equilibrium."""
+"""Configurations at rest: relaxed springs, or spring torques in equilibrium."""
 
 from __future__ import annotations
 
@@ -14,20 +14,15 @@ from soliton_linkage.linear.rigidity import Edge, rigidity_bands, rigidity_matri
 from soliton_linkage.linkage.chain import Array, Chain
 
 _ITERATIONS = 60
-"""Largest number of Newton iterations [1]. Many are needed if the start is far from the result."""
+"""Largest number of Newton iterations [1]; a start far from the result needs many."""
 _LONGEST_STEP = 0.5
-"""Largest change of an angle in one iteration [rad]. The limit keeps the result near the start."""
+"""Largest change of an angle per iteration [rad], so that the result stays near the start."""
 _ROUNDING = 1e-12
-"""Threshold of the torques, relative to k_e lbar r [1]: an equilibrium is found if all torques are
-smaller. The value is the rounding error."""
+"""Largest torque of an equilibrium, relative to k_e lbar r [1]: the rounding error."""
 
 
 def length_rounding(chain: Chain) -> float:
-    """Return an upper bound of the rounding error of a spring extension [m].
-
-    The bound follows from the computation of an extension: terms of size (a + 2 r)^2 are
-    subtracted and divided by 2 lbar.
-    """
+    """Return an upper bound of the rounding error of a spring extension [m]."""
     reach = float(chain.spacings.max() + 2 * chain.rotor_lengths.max())
     return 4 * float(np.finfo(np.float64).eps) * reach**2 / float(chain.rest_lengths.min())
 
@@ -35,9 +30,8 @@ def length_rounding(chain: Chain) -> float:
 def unstretched(chain: Chain, angles: Array) -> Array:
     """Return a configuration near `angles` in which every spring is relaxed [rad], shape (N,).
 
-    Each step of Newton's method is the smallest change of the angles that relaxes the linearised
-    springs, dphi = -R^T (R R^T)^(-1) (l - lbar). Raises ValueError if the method does not
-    converge.
+    Each Newton step is the smallest change of the angles that relaxes the linearised springs, dphi
+    = -R^T (R R^T)^(-1) (l - lbar). Raises ValueError if the method does not converge.
     """
     state = chain.check_angles(angles).copy()
     enough = length_rounding(chain)
@@ -61,9 +55,8 @@ def unstretched(chain: Chain, angles: Array) -> Array:
 def rest_state(chain: Chain, lean: int) -> Array:
     """Return the state with relaxed springs near a uniform state [rad], shape (N,).
 
-    `lean` is +1 for the right-leaning and -1 for the left-leaning uniform state. In a chain
-    without deviations, the result is the uniform state itself. Raises ValueError if no such state
-    exists.
+    `lean` is +1 for the right-leaning and -1 for the left-leaning uniform state, which is the
+    result without deviations. Raises ValueError if no such state exists.
     """
     return unstretched(chain, chain.uniform_state(lean))
 
@@ -71,9 +64,8 @@ def rest_state(chain: Chain, lean: int) -> Array:
 def toggled_angle(chain: Chain, angles: Array, edge: Edge) -> float:
     """Return the other angle of an edge rotor at which its bar has the same length [rad].
 
-    Let psi be the direction from the pivot of the edge rotor to the mass of its neighbour. The
-    other angle is phi_t = 2 psi - phi, the mirror image of phi at this direction. The edge rotor
-    has the angle phi_t after a wall has been reflected at the edge.
+    phi_t = 2 psi - phi with the direction psi from its pivot to the mass of its neighbour; the
+    edge rotor has it after a wall has been reflected at the edge.
     """
     checked = chain.check_angles(angles)
     last = edge.resolved(chain, checked) is Edge.LAST
@@ -85,13 +77,9 @@ def toggled_angle(chain: Chain, angles: Array, edge: Edge) -> float:
 
 
 def min_norm_change(chain: Chain, angles: Array, lengthening: Array) -> Array:
-    """Return the smallest change of the angles that extends the springs by given amounts [rad].
+    """Return dphi = R^T (R R^T)^(-1) dl, the smallest change for given extensions [rad], (N,).
 
-    `lengthening` are the extensions dl of the springs [m], shape (springs,). The result dphi =
-    R^T (R R^T)^(-1) dl has the shape (N,) and is orthogonal to the zero mode. The matrix R R^T is
-    tridiagonal, and its smallest eigenvalue is proportional to the squared phonon gap. Raises
-    ValueError for a configuration with a state of self-stress, because the extensions of the
-    springs are then not independent.
+    `lengthening` dl [m] has the shape (springs,). Raises ValueError for a state of self-stress.
     """
     try:
         if chain.periodic:
@@ -108,10 +96,10 @@ def min_norm_change(chain: Chain, angles: Array, lengthening: Array) -> Array:
 
 
 def gram_matrix_bands(first: Array, second: Array) -> Array:
-    """Return the matrix R R^T of a chain with free ends in LAPACK's upper band form [m^2].
+    """Return R R^T of a chain with free ends in LAPACK's upper band form [m^2], (2, springs).
 
-    The shape is (2, springs), or (1, 1) for a single spring. The last row is the diagonal. `first`
-    and `second` are the levers A and B.
+    The last row is the diagonal; `first` and `second` are the levers A and B. A single spring has
+    the shape (1, 1).
     """
     banded = np.zeros((2, len(first)))
     banded[0, 1:] = second[:-1] * first[1:]
@@ -122,9 +110,8 @@ def gram_matrix_bands(first: Array, second: Array) -> Array:
 def stiffness_matrix(chain: Chain, angles: Array) -> csc_array:
     """Return the second derivatives of the elastic energy [N m/rad^2], sparse, shape (N, N).
 
-    The matrix is K = sum_n k_e (grad l grad l^T + (l - lbar) grad grad l). With e = l^2 - lbar^2,
-    the last factor is grad grad l = grad grad e / (2 l) - grad l grad l^T / l. If every spring is
-    relaxed, K is R^T k_e R, because the second term is 0.
+    K = sum_n k_e (grad l grad l^T + (l - lbar) grad grad l), with grad grad l = grad grad e / (2
+    l) - grad l grad l^T / l and e = l^2 - lbar^2.
     """
     checked = chain.check_angles(angles)
     extensions, first, second = chain.springs(checked)
@@ -148,8 +135,7 @@ def stiffness_matrix(chain: Chain, angles: Array) -> csc_array:
 def equilibrium(chain: Chain, angles: Array) -> Array:
     """Return an equilibrium of the spring torques near a configuration [rad], shape (N,).
 
-    Newton's method finds a configuration in which all torques are 0. The equilibrium may be
-    unstable. Raises ValueError if the method does not converge.
+    The equilibrium may be unstable. Raises ValueError if Newton's method does not converge.
     """
     state = chain.check_angles(angles).copy()
     scale = float((chain.stiffnesses * chain.rest_lengths).max() * chain.rotor_lengths.max())
@@ -167,10 +153,6 @@ def equilibrium(chain: Chain, angles: Array) -> Array:
 
 
 def _yielding(chain: Chain, angles: Array, torques: Array) -> Array:
-    """Return the change of the angles under torques [rad], shape (N,), to first order.
-
-    Raises ValueError if the stiffness matrix is singular.
-    """
     try:
         return np.asarray(splu(stiffness_matrix(chain, angles)).solve(torques))
     except RuntimeError:

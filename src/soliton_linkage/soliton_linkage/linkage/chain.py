@@ -43,10 +43,9 @@ class Motion(enum.Enum):
 class Chain:
     """Parameters of a chain. Raises ValueError for invalid values.
 
-    The ends are free or periodic. In a chain with periodic ends, an additional spring joins the
-    last rotor to a periodic image of the first rotor. The parameters apply to all rotors and
-    springs. `deviations` contains the relative differences between single rotors or springs and
-    these parameters. `feedback` contains the gains of motors with controllers.
+    With periodic ends, a spring joins the last rotor to a periodic image of the first rotor.
+    `deviations` are relative differences of single rotors or springs from the parameters.
+    `feedback` contains the gains of motors with controllers.
     """
 
     number_of_rotors: int = quantity(40, 'number of rotors', '', 2, 100_000)
@@ -89,7 +88,6 @@ class Chain:
     feedback: Feedback = NO_FEEDBACK
 
     def __post_init__(self) -> None:
-        """Raise ValueError for parameters out of their range."""
         check_quantities(self)
         if self.periodic and self.number_of_rotors % 2:
             raise ValueError(
@@ -106,7 +104,7 @@ class Chain:
     @cached_property
     def spacings(self) -> Array:
         """Distance from each pivot to the next [m], shape (springs,)."""
-        return self._deviating(self.spacing, self.deviations.spacing, self.number_of_springs)
+        return self._deviating('spacing', self.number_of_springs)
 
     @cached_property
     def pivots(self) -> Array:
@@ -117,62 +115,56 @@ class Chain:
     @cached_property
     def rotor_lengths(self) -> Array:
         """Length of each rotor [m], shape (N,)."""
-        deviations = self.deviations.rotor_length
-        return self._deviating(self.rotor_length, deviations, self.number_of_rotors)
+        return self._deviating('rotor_length', self.number_of_rotors)
 
     @cached_property
     def masses(self) -> Array:
         """Mass at the end of each rotor [kg], shape (N,)."""
-        return self._deviating(self.mass, self.deviations.mass, self.number_of_rotors)
+        return self._deviating('mass', self.number_of_rotors)
 
     @cached_property
     def stiffnesses(self) -> Array:
         """Stiffness of each spring [N/m], shape (springs,)."""
-        return self._deviating(self.stiffness, self.deviations.stiffness, self.number_of_springs)
+        return self._deviating('stiffness', self.number_of_springs)
 
     @cached_property
     def rest_lengths(self) -> Array:
         """Rest length of each spring [m], shape (springs,)."""
-        deviations = self.deviations.rest_length
-        return self._deviating(self.rest_length, deviations, self.number_of_springs)
+        return self._deviating('rest_length', self.number_of_springs)
 
     @cached_property
     def dampings(self) -> Array:
         """Damping of each rotor [N m s/rad], shape (N,)."""
-        return self._deviating(self.damping, self.deviations.damping, self.number_of_rotors)
+        return self._deviating('damping', self.number_of_rotors)
 
     @cached_property
     def dry_frictions(self) -> Array:
         """Dry friction of each rotor [N m], shape (N,)."""
-        deviations = self.deviations.dry_friction
-        return self._deviating(self.dry_friction, deviations, self.number_of_rotors)
+        return self._deviating('dry_friction', self.number_of_rotors)
 
     @cached_property
     def quadratic_dampings(self) -> Array:
         """Quadratic damping of each rotor [N m s^2/rad^2], shape (N,)."""
-        deviations = self.deviations.quadratic_damping
-        return self._deviating(self.quadratic_damping, deviations, self.number_of_rotors)
+        return self._deviating('quadratic_damping', self.number_of_rotors)
 
     @cached_property
     def non_reciprocities(self) -> Array:
         """Non-reciprocity kappa of each bond [N m/rad], shape (springs,)."""
-        deviations = self.deviations.non_reciprocity
-        return self._deviating(self.non_reciprocity, deviations, self.number_of_springs)
+        return self._deviating('non_reciprocity', self.number_of_springs)
 
     @cached_property
     def on_site_torques(self) -> Array:
         """Largest torque of the on-site potential of each rotor [N m], shape (N,)."""
-        deviations = self.deviations.on_site_torque
-        return self._deviating(self.on_site_torque, deviations, self.number_of_rotors)
+        return self._deviating('on_site_torque', self.number_of_rotors)
 
     @cached_property
     def feedback_strengths(self) -> Array:
         """Factor of the feedback gains of each motor [1], shape (N,)."""
-        return self._deviating(1.0, self.deviations.feedback, self.number_of_rotors)
+        return self._factors('feedback', self.number_of_rotors)
 
     @cached_property
     def moments_of_inertia(self) -> Array:
-        """Moment of inertia of each rotor about its pivot [kg m^2], M r^2, shape (N,)."""
+        """Moment of inertia of each rotor about its pivot, M r^2 [kg m^2], shape (N,)."""
         return np.asarray(self.masses * self.rotor_lengths**2)
 
     @cached_property
@@ -182,7 +174,7 @@ class Chain:
 
     @cached_property
     def moment_of_inertia(self) -> float:
-        """Moment of inertia about the pivot, of a rotor without deviations [kg m^2], M r^2."""
+        """Moment of inertia of a rotor without deviations, M r^2 [kg m^2]."""
         return self.mass * self.rotor_length**2
 
     @cached_property
@@ -211,39 +203,28 @@ class Chain:
     def wall_width(self) -> float:
         """Width w of a slow wall in the continuum theory [m].
 
-        For flippers w = a^2 / (2 r sin(theta_bar)), from the phi^4 theory. For spinners w =
-        r sin(theta_bar), from the sine-Gordon theory.
+        w = a^2 / (2 r sin(theta_bar)) for flippers (phi^4 theory), and w = r sin(theta_bar) for
+        spinners (sine-Gordon theory).
         """
         lean = self.rotor_length * math.sin(self.rest_angle)
         return lean if self.motion is Motion.SPINNER else self.spacing**2 / (2 * lean)
 
     @cached_property
     def signs(self) -> Array:
-        """Sign s = dq/dphi of the coordinate q of each rotor [1], shape (N,).
-
-        The coordinate q of a rotor is its angle phi in a spinner, and its staggered angle theta in
-        a flipper. Therefore s is -1 for the odd rotors of a flipper, and 1 for all other rotors.
-        """
+        """Sign dq/dphi of the coordinate q of each rotor: theta in flippers, phi in spinners."""
         signs = np.ones(self.number_of_rotors)
         if self.motion is not Motion.SPINNER:
             signs[1::2] = -1.0
         return signs
 
     def uniform_state(self, lean: int) -> Array:
-        """Return the angles of the right-leaning (+1) or left-leaning (-1) state [rad], (N,).
-
-        Raises ValueError for any other `lean`.
-        """
+        """Return the angles of the right-leaning (+1) or left-leaning (-1) state [rad], (N,)."""
         if lean not in (-1, 1):
             raise ValueError(f'lean = {lean!r} must be +1 (right) or -1 (left)')
         return staggered(np.full(self.number_of_rotors, lean * self.rest_angle))
 
     def check_angles(self, angles: ArrayLike, what: str = 'angle') -> Array:
-        """Return one value per rotor as an array of shape (N,).
-
-        Raises ValueError for another shape and for values that are not finite. `what` is the name
-        of the quantity in the error message.
-        """
+        """Return one finite value per rotor, shape (N,), or raise ValueError that names `what`."""
         checked = np.asarray(angles, dtype=np.float64)
         check_shape(checked, self.number_of_rotors, what)
         if not math.isfinite(np.add.reduce(checked)) and not np.isfinite(checked).all():
@@ -258,8 +239,7 @@ class Chain:
     def springs(self, angles: Array) -> tuple[Array, Array, Array]:
         """Return extensions [m] and levers A and B [m/rad] of all springs, (..., springs) each.
 
-        The levers are the derivatives A_n = dl_n/dphi_n and B_n = dl_n/dphi_{n+1} of the spring
-        lengths; see `springs.spring_between`.
+        The levers are A_n = dl_n/dphi_n and B_n = dl_n/dphi_{n+1}; see `springs.spring_between`.
         """
         horizontal, vertical = self.positions(angles)
         h_left, h_right = self._joined(horizontal)
@@ -281,10 +261,7 @@ class Chain:
         return np.asarray(0.5 * np.sum(self.moments_of_inertia * np.square(rates), axis=-1))
 
     def spring_torques(self, angles: Array) -> Array:
-        """Return the torque of the springs on each rotor [N m], -dV/dphi, shape (..., N).
-
-        Spring n exerts -k_e (l_n - lbar) A_n on rotor n and -k_e (l_n - lbar) B_n on rotor n + 1.
-        """
+        """Return the torque of the springs on each rotor [N m], -dV/dphi, shape (..., N)."""
         extensions, first, second = self.springs(angles)
         pull = -self.stiffnesses * extensions
         return self.gathered(pull * first, pull * second)
@@ -292,8 +269,7 @@ class Chain:
     def gathered(self, lefts: Array, rights: Array) -> Array:
         """Return the sum of the contributions of the springs to each rotor, shape (..., N).
 
-        Each spring contributes an element of `lefts` to its left rotor and of `rights` to its
-        right rotor.
+        Spring n contributes `lefts`[..., n] to rotor n and `rights`[..., n] to rotor n + 1.
         """
         if self.periodic:
             return np.asarray(lefts + np.roll(rights, 1, axis=-1))
@@ -313,48 +289,40 @@ class Chain:
 
     @cached_property
     def spring_parameters(self) -> Array:
-        """Four rows of N values: r of each rotor [m], and a [m], c [m^2], lbar [m] of each spring.
-
-        With free ends, the values of the missing last spring are 0.
-        """
+        """Rows r [m] of the rotors and a [m], c [m^2], lbar [m] of the springs or 0, (4, N)."""
         rows = np.zeros((4, self.number_of_rotors))
         rows[0] = self.rotor_lengths
         rows[1:, : self.number_of_springs] = self.spacings, self.offsets, self.rest_lengths
         return rows
 
     def _joined(self, values: Array) -> tuple[Array, Array]:
-        """Return the values of the left and the right rotor of each spring, (..., springs)."""
+        """Return the values of the left and the right rotor of each spring."""
         if self.periodic:
             return values, np.roll(values, -1, axis=-1)
         return values[..., :-1], values[..., 1:]
 
-    @staticmethod
-    def _deviating(parameter: float, deviations: tuple[float, ...], count: int) -> Array:
-        fractions = np.array(deviations) if deviations else np.zeros(count)
-        return np.asarray(parameter * (1 + fractions))
+    def _deviating(self, parameter: str, count: int) -> Array:
+        return np.asarray(getattr(self, parameter) * self._factors(parameter, count))
+
+    def _factors(self, parameter: str, count: int) -> Array:
+        deviations = getattr(self.deviations, parameter)
+        return 1 + np.array(deviations) if deviations else np.ones(count)
 
 
 def staggered(angles: ArrayLike) -> Array:
-    """Convert angles phi to staggered angles theta or back [rad], shape (..., N).
-
-    theta_n = phi_n for even n, and theta_n = pi - phi_n for odd n.
-    """
+    """Convert phi to theta or back [rad], (..., N): phi_n for even n, pi - phi_n for odd n."""
     converted = np.array(angles, dtype=np.float64)
     converted[..., 1::2] = np.pi - converted[..., 1::2]
     return converted
 
 
 def displacement(chain: Chain, angles: ArrayLike) -> Array:
-    """Return the displacement of each mass, u = r sin(theta) = r sin(phi) [m], (..., N)."""
+    """Return the displacement of each mass, u = r sin(theta) = r sin(phi) [m], shape (..., N)."""
     return chain.positions(np.asarray(angles, dtype=np.float64))[0]
 
 
 def uprightness(angles: ArrayLike) -> int:
-    """Return +1 if the even inner rotors point up on average, -1 if they point down.
-
-    In a flipper this sign never changes. Its even inner rotors swing only through the upright
-    position, or, if the chain was assembled upside down, only through the hanging position.
-    """
+    """Return the sign of the even inner rotors of a flipper, -1 if it is assembled upside down."""
     vertical = np.cos(angles)
     return -1 if vertical[2:-1:2].sum() < vertical[1:-1:2].sum() else 1
 

@@ -18,8 +18,7 @@ from soliton_linkage.linkage.quantities import (
 )
 
 _LARGEST_FRACTION = 1e3
-"""Largest allowed relative deviation of a rotor or spring [1]. Products of larger values could
-overflow."""
+"""Largest relative deviation [1]; products of larger values could overflow."""
 _LOWEST_FRACTIONS = {
     'dry_friction': -1.0,
     'quadratic_damping': -1.0,
@@ -27,7 +26,11 @@ _LOWEST_FRACTIONS = {
     'on_site_torque': -_LARGEST_FRACTION,
     'feedback': -_LARGEST_FRACTION,
 }
-"""Lowest allowed relative deviation [1] of the quantities that may become 0 or negative."""
+"""Lowest relative deviation [1] of the quantities that may become 0 or negative."""
+
+
+def _fractions(of: str, each: str) -> Any:
+    return quantity((), f'relative deviations of the {of}, one per {each}')
 
 
 @document_fields
@@ -35,45 +38,24 @@ _LOWEST_FRACTIONS = {
 class Deviations:
     """Relative deviations of single rotors and springs from the parameters of the chain.
 
-    For example, a rotor with the value 0.02 in `rotor_length` is 1.02 times as long as the
-    parameter rotor_length of the chain. An empty tuple means that all rotors or springs have the
-    deviation 0. Raises ValueError for deviations of -1 or less, with two exceptions: deviations of
-    frictions may be -1, and those of non-reciprocities, on-site torques and feedback gains may be
-    lower.
+    A rotor with 0.02 in `rotor_length` is 1.02 times as long; an empty tuple means 0 for all.
+    Deviations are above -1, otherwise ValueError. Those of frictions may be -1; those of
+    non-reciprocities, on-site torques and feedback gains may be lower.
     """
 
-    spacing: tuple[float, ...] = quantity(
-        (), 'relative deviations of the distances between rotors, one per spring'
-    )
-    rotor_length: tuple[float, ...] = quantity(
-        (), 'relative deviations of the rotor lengths, one per rotor'
-    )
-    mass: tuple[float, ...] = quantity((), 'relative deviations of the masses, one per rotor')
-    stiffness: tuple[float, ...] = quantity(
-        (), 'relative deviations of the stiffnesses, one per spring'
-    )
-    rest_length: tuple[float, ...] = quantity(
-        (), 'relative deviations of the rest lengths, one per spring'
-    )
-    damping: tuple[float, ...] = quantity((), 'relative deviations of the dampings, one per rotor')
-    dry_friction: tuple[float, ...] = quantity(
-        (), 'relative deviations of the dry frictions, one per rotor'
-    )
-    quadratic_damping: tuple[float, ...] = quantity(
-        (), 'relative deviations of the quadratic dampings, one per rotor'
-    )
-    non_reciprocity: tuple[float, ...] = quantity(
-        (), 'relative deviations of the non-reciprocities, one per spring'
-    )
-    on_site_torque: tuple[float, ...] = quantity(
-        (), 'relative deviations of the on-site torques, one per rotor'
-    )
-    feedback: tuple[float, ...] = quantity(
-        (), 'relative deviations of the feedback gains, one per rotor'
-    )
+    spacing: tuple[float, ...] = _fractions('distances between rotors', 'spring')
+    rotor_length: tuple[float, ...] = _fractions('rotor lengths', 'rotor')
+    mass: tuple[float, ...] = _fractions('masses', 'rotor')
+    stiffness: tuple[float, ...] = _fractions('stiffnesses', 'spring')
+    rest_length: tuple[float, ...] = _fractions('rest lengths', 'spring')
+    damping: tuple[float, ...] = _fractions('dampings', 'rotor')
+    dry_friction: tuple[float, ...] = _fractions('dry frictions', 'rotor')
+    quadratic_damping: tuple[float, ...] = _fractions('quadratic dampings', 'rotor')
+    non_reciprocity: tuple[float, ...] = _fractions('non-reciprocities', 'spring')
+    on_site_torque: tuple[float, ...] = _fractions('on-site torques', 'rotor')
+    feedback: tuple[float, ...] = _fractions('feedback gains', 'rotor')
 
     def __post_init__(self) -> None:
-        """Raise ValueError for deviations that are not finite or out of range."""
         for name in _NAMES:
             for place, fraction in enumerate(getattr(self, name)):
                 lowest = _LOWEST_FRACTIONS.get(name, -1.0)
@@ -99,10 +81,7 @@ class Deviations:
                 )
 
     def joined(self, others: Deviations) -> Deviations:
-        """Return the combination of two sets of deviations.
-
-        Raises ValueError if both sets contain deviations of the same quantity.
-        """
+        """Return the union of two sets; raise ValueError if both contain the same quantity."""
         for name in _NAMES:
             if getattr(self, name) and getattr(others, name):
                 raise ValueError(
@@ -118,8 +97,7 @@ _NAMES = tuple(f.name for f in fields(Deviations))
 _OF_SPRINGS = ('spacing', 'stiffness', 'rest_length', 'non_reciprocity')
 NO_DEVIATIONS = Deviations()
 _LARGEST_SPREAD = 0.5
-"""Largest allowed relative standard deviation [1]. With this value, one random parameter in forty
-would be negative."""
+"""Largest relative standard deviation [1]; one random parameter in forty is then negative."""
 
 
 def _spread(of: str) -> Any:
@@ -130,10 +108,7 @@ def _spread(of: str) -> Any:
 @document_fields
 @dataclass(frozen=True)
 class Disorder:
-    """Disorder of a chain: relative standard deviations of its rotors and springs, and a seed.
-
-    Raises ValueError for values out of range.
-    """
+    """Relative standard deviations and a seed. Raises ValueError for values out of range."""
 
     spacing: float = _spread('distances between pivots')
     rotor_length: float = _spread('lengths of the rotors')
@@ -149,7 +124,6 @@ class Disorder:
     seed: int = quantity(0, 'seed of the random deviations', '', 0, LARGEST_SEED)
 
     def __post_init__(self) -> None:
-        """Raise ValueError for values out of their range."""
         check_quantities(self)
 
     def drawn(self, number_of_rotors: int, periodic: bool = False) -> Deviations:
@@ -163,10 +137,8 @@ def drawn_deviations(
 ) -> Deviations:
     """Return random deviations: independent normal numbers of given standard deviations.
 
-    `fractions` are the relative standard deviations by the name of the quantity. The deviations of
-    one quantity depend only on the seed and are proportional to the standard deviation. Raises
-    ValueError for fewer than 2 rotors, a seed that is not a whole number of 0 or more, an unknown
-    name, a negative standard deviation, and a random deviation that `Deviations` does not allow.
+    `fractions` are the relative standard deviations by quantity. The deviations of one quantity
+    depend only on the seed. Raises ValueError for invalid arguments and results.
     """
     _check_whole('number_of_rotors', number_of_rotors, 2)
     _check_whole('seed', seed, 0)

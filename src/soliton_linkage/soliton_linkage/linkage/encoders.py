@@ -35,7 +35,6 @@ class EncoderErrors:
     seed: int = quantity(0, 'seed of the noise', '', 0, LARGEST_SEED)
 
     def __post_init__(self) -> None:
-        """Raise ValueError for values out of their range."""
         check_quantities(self)
         _check_offsets(self.offsets)
 
@@ -48,11 +47,7 @@ class EncoderErrors:
 @document_fields
 @dataclass(frozen=True)
 class KnownEncoders:
-    """Known properties of the encoders of a chain. Raises ValueError for values out of range.
-
-    The angle of a rotor is the reading of its encoder minus the offset. Recordings contain
-    readings.
-    """
+    """Known offsets, reading minus angle, of encoders. ValueError for values out of range."""
 
     offsets: tuple[float, ...] = quantity(
         (),
@@ -61,27 +56,19 @@ class KnownEncoders:
     )
 
     def __post_init__(self) -> None:
-        """Raise ValueError for values out of their range."""
         _check_offsets(self.offsets)
 
 
 class Encoders:
     """Simulated encoders, which convert the angles of a chain to readings frame by frame.
 
-    With the resolution q and a normal random number n of unit variance,
+        reading = q round((phi + offset + noise n) / q),    rate = (reading - previous) / period,
 
-        reading = q round((phi + offset + noise n) / q),
-        rate = (reading - previous reading) / period.
-
-    Rates are differences of readings, because encoders do not measure rates. The rate is 0 in a
-    frame without a previous frame. The noise depends only on the seed and on the frame number.
+    with the resolution q and a normal random number n that depends only on seed and frame. The
+    rate is 0 without a previous frame. Raises ValueError for a wrong number of offsets.
     """
 
     def __init__(self, number_of_rotors: int, period: float, errors: EncoderErrors) -> None:
-        """Prepare encoders for a number of rotors; frames have the given period [s].
-
-        Raises ValueError if the number of offsets does not fit.
-        """
         check_one_each(errors.offsets, number_of_rotors)
         self.errors = errors
         self._rotors = number_of_rotors
@@ -93,10 +80,7 @@ class Encoders:
         self._before = None
 
     def read(self, frame: int, angles: Array) -> tuple[Array, Array]:
-        """Return readings [rad] and rates [rad/s], shape (N,) each.
-
-        `frame` is the frame number and `angles` are its angles [rad], shape (N,).
-        """
+        """Return readings [rad] and rates [rad/s] of a frame, shape (N,) each."""
         errors = self.errors
         reading = angles + (errors.offsets or 0.0) + self._noise(frame, errors)
         step = errors.quantisation

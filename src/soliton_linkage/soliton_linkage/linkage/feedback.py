@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from soliton_linkage.linkage.quantities import check_quantities, document_fields, quantity
 
 _LARGEST_GAIN = 1e6
-"""Largest allowed gain, in the units of each gain. It equals the limits of the other torques."""
+"""Largest allowed gain, in the units of each gain; it equals the limits of the other torques."""
 MOST_FRAMES_OF_DELAY = 1000
 """Largest allowed delay [frames]. At 1000 frames per second it is one second."""
 
@@ -22,10 +22,7 @@ def _gain(of: str, unit: str) -> float:
 @document_fields
 @dataclass(frozen=True)
 class Feedback:
-    """Feedback of each motor from the angles of its own rotor and of the two neighbours.
-
-    The law is in `dynamics.motor_controllers`. Raises ValueError for values out of range.
-    """
+    """Feedback of motors from angles, see `motor_controllers`; ValueError if out of range."""
 
     angle: float = _gain('the coordinate of the own rotor', 'N m/rad')
     rate: float = _gain('the rate of the own rotor', 'N m s/rad')
@@ -42,7 +39,6 @@ class Feedback:
     limit: float = quantity(0.1, 'largest torque of each motor', 'N m', 0.0, 1e6)
 
     def __post_init__(self) -> None:
-        """Raise ValueError for values out of their range."""
         check_quantities(self)
 
     @property

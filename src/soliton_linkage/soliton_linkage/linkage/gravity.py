@@ -14,10 +14,7 @@ from soliton_linkage.linkage.quantities import check_quantities, document_fields
 @document_fields
 @dataclass(frozen=True)
 class Gravity:
-    """Uniform gravity. It acts along -z if the tilt is 0; a positive tilt rotates it towards +x.
-
-    Raises ValueError for values out of their range.
-    """
+    """Uniform gravity along -z, rotated towards +x by the tilt. ValueError if out of range."""
 
     acceleration: float = quantity(
         0.0, 'acceleration of a free mass', 'm/s^2', 0.0, 1e6, adjustable=True
@@ -32,15 +29,10 @@ class Gravity:
     )
 
     def __post_init__(self) -> None:
-        """Raise ValueError for values out of their range."""
         check_quantities(self)
 
     def energy(self, chain: Chain, angles: Array) -> Array:
-        """Return the potential energy U [J], shape (...).
-
-        U = -g sum_n M (h_n sin(tilt) - v_n cos(tilt)) = g sum_n M r cos(phi_n + tilt). It would be
-        0 if the masses were at their pivots.
-        """
+        """Return the potential energy g sum_n M r cos(phi_n + tilt), 0 at the pivots [J]."""
         heights = np.cos(angles + self.tilt)
         return np.asarray(np.sum(self._weights(chain) * heights, axis=-1))
 

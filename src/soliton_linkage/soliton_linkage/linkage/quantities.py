@@ -13,15 +13,15 @@ LARGEST_SEED = 10**9
 """Largest allowed random seed; it fits into an integer node parameter of 64 bits."""
 
 LARGEST_ANGLE = 1e9
-"""Largest allowed unwrapped angle [rad]. A double of this size has a resolution of 1e-7 rad, which
-is finer than the resolution of encoders."""
+"""Largest unwrapped angle [rad]. Doubles of this size have a resolution of 1e-7 rad, finer than
+that of encoders."""
 
 Described = TypeVar('Described')
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """Meaning, unit and range of a parameter. `minimum` and `maximum` are allowed values."""
+    """Meaning, unit and range of a parameter, with the limits included."""
 
     description: str
     unit: str = ''
@@ -78,10 +78,7 @@ def document_fields(dataclass_type: type[Described]) -> type[Described]:
 
 
 def described_fields(dataclass_type: Any) -> dict[str, Quantity]:
-    """Return the `Quantity` of each field of a dataclass that was defined by `quantity`.
-
-    The keys are the names of the fields.
-    """
+    """Return the `Quantity` of each field that was defined by `quantity`, by the field's name."""
     described = [f for f in fields(dataclass_type) if 'quantity' in f.metadata]
     return {f.name: f.metadata['quantity'] for f in described}
 
@@ -89,8 +86,8 @@ def described_fields(dataclass_type: Any) -> dict[str, Quantity]:
 def check_quantities(instance: Any) -> None:
     """Raise ValueError if a field has an invalid value.
 
-    A value must be in the range of its `Quantity`. A field with a number as default must be a
-    number, and a field with a whole number as default must be a whole number.
+    A value must be in the range of its `Quantity`. If the default is a number, the value must be a
+    number, and a whole number if the default is one.
     """
     for name, described in described_fields(instance).items():
         value = getattr(instance, name)

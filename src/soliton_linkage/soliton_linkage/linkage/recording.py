@@ -12,7 +12,7 @@ from soliton_linkage.linkage.chain import Array
 
 @dataclass(frozen=True)
 class Recording:
-    """T frames of a chain of N rotors."""
+    """T frames of N rotors. Raises ValueError for wrong shapes and times that do not increase."""
 
     times: Array
     """Times of the frames [s], increasing, shape (T,)."""
@@ -22,7 +22,6 @@ class Recording:
     """Angular velocities [rad/s], shape (T, N), or (0, N) if they are unknown."""
 
     def __post_init__(self) -> None:
-        """Raise ValueError for inconsistent shapes and for times that do not increase."""
         frames = len(self.times)
         if self.angles.ndim != 2 or len(self.angles) != frames:
             raise ValueError(

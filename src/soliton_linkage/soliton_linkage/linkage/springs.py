@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 TINY = float(np.finfo(np.float64).tiny)
-"""Threshold of the length of a spring [m]: the direction of a shorter spring is undefined."""
+"""Threshold of the length of a spring [m]; the direction of a shorter spring is undefined."""
 
 
 def spring_between(
@@ -22,16 +22,12 @@ def spring_between(
 ) -> tuple[Any, Any, Any]:
     """Return the extension [m] of a spring and its levers A and B [m/rad].
 
-    The masses are at the positions (h_left, v_left) and (h_right, v_right) [m] relative to their
-    pivots. The distance between the pivots is `spacing`, a [m]; `offset` [m^2] is an element of
-    `Chain.offsets`. With (dh, dv) = (a + h_right - h_left, v_right - v_left), the length of the
-    spring is l = hypot(dh, dv). The levers are the derivatives of l: A = (h_left dv - v_left dh) /
-    l by the angle of the left rotor, and B = (v_right dh - h_right dv) / l by the angle of the
-    right rotor. If the masses coincide, both levers are 0.
-
-    Arguments are numbers, or arrays that broadcast. Compiled loops can inline this function:
-
-        spring = compile_loop(spring_between, inlined=True)
+    The masses are at (h_left, v_left) and (h_right, v_right) [m] from their pivots, which are the
+    `spacing` a [m] apart; `offset` [m^2] is an element of `Chain.offsets`. With (dh, dv) = (a +
+    h_right - h_left, v_right - v_left) and l = hypot(dh, dv), A = (h_left dv - v_left dh) / l and
+    B = (v_right dh - h_right dv) / l are the derivatives of l by the angles, 0 if the masses
+    coincide. Arguments are numbers or arrays; `compile_loop(spring_between, inlined=True)`
+    compiles it.
     """
     across, up = h_right - h_left, v_right - v_left
     products = h_left * h_right + v_left * v_right

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Description of a chain in the Unified Robot Description Format (URDF).
 
-ROS, Gazebo and MuJoCo read this format. A URDF describes a tree of rigid bodies, without springs.
-The position of each joint, also of odd rotors, is the angle phi as in `joint_states`.
+A URDF describes a tree of rigid bodies, without springs. The position of each joint, also of odd
+rotors, is the angle phi as in `joint_states`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from soliton_linkage.linkage.quantities import check_quantities, document_fields
 BASE = 'linkage'
 """Name of the fixed link; the pivots are on its x axis."""
 _THICKNESS = 1 / 12
-"""Diameter of a rod, relative to the rotor length or to the spacing, whichever is smaller [1]."""
+"""Diameter of a rod, relative to the smaller of rotor length and spacing [1]."""
 _POINT = 1e-6
 """Moment of inertia of a mass about its own centre, relative to that about the pivot [1]. The
 masses are points, but many programs reject a moment of inertia of 0."""
@@ -33,7 +33,6 @@ class JointLimits:
     speed: float = quantity(100.0, 'largest rate of a rotor', 'rad/s', 0.0, 1e6)
 
     def __post_init__(self) -> None:
-        """Raise ValueError for limits below 0."""
         check_quantities(self)
 
 
@@ -42,9 +41,9 @@ def robot_description(
 ) -> str:
     """Return the URDF of a chain, with one continuous joint about the +y axis for each rotor.
 
-    The joints have the names `joint_names`, by default `rotor_0`, `rotor_1` and so on. A joint
-    with the name J moves the link `J_link`, in which the mass is at (0, 0, r). Raises ValueError
-    unless there is one distinct name per rotor.
+    The default joint names are `rotor_0`, `rotor_1` and so on. A joint J moves the link `J_link`,
+    in which the mass is at (0, 0, r). Raises ValueError unless there is one distinct name per
+    rotor.
     """
     rotors = chain.number_of_rotors
     names = list(joint_names) or [f'rotor_{rotor}' for rotor in range(rotors)]
@@ -71,7 +70,7 @@ def robot_description(
 
 
 def link_name(joint: str) -> str:
-    """Return the name of the link that a joint moves; the frame of the link has the same name."""
+    """Return the name of the link that a joint moves, which is also the name of its frame."""
     return f'{joint}_link'
 
 
@@ -122,5 +121,4 @@ def _row(*values: float) -> str:
 
 
 def _number(value: float) -> str:
-    """Return a number as text, with enough digits to restore the same number."""
     return repr(float(value))

@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Zero-energy orbit: the closed curve of configurations that a chain passes while its wall moves.
 
-When the wall returns to its initial position and direction of motion, and all rotors to their
-initial orientations, the chain has passed the curve once. `orbit_of` returns the `Orbit` of a
-chain: a `UniformOrbit` for a chain without deviations of rotors and springs, and a
-`DeviatingOrbit` for a chain with deviations.
+`orbit_of` returns the `Orbit` of a chain: a `UniformOrbit` for a chain without deviations of
+rotors and springs, and a `DeviatingOrbit` for a chain with deviations.
 """
 
 from soliton_linkage.orbit.deviating_orbit import DeviatingOrbit, orbit_of

@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Orbit of a chain with known deviations of its rotors and springs from the uniform chain.
 
-The site coordinate of the wall is defined by comparison with the uniform orbit, which is the orbit
-of the chain without deviations. A configuration on one orbit corresponds to a configuration on the
-other if in both of them half of |t|^2 of the zero mode t is on the left of the same bond. The ends
-of the legs also correspond to each other. Between these configurations, a monotonic cubic
-interpolates the relation of the two arc lengths. The wall then has the site coordinate of the
-corresponding configuration on the uniform orbit.
+A configuration corresponds to one on the uniform orbit, the orbit without deviations, if in both
+of them half of |t|^2 of the zero mode t is on the left of the same bond. The ends of the legs also
+correspond. In between, a monotonic cubic relates the two arc lengths. The wall has the site
+coordinate of the corresponding configuration on the uniform orbit.
 """
 
 from __future__ import annotations
@@ -27,29 +25,24 @@ from soliton_linkage.orbit.seed_path import blocked_wall_error
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
 _SAMPLES_A_SITE = 4
-"""Number of samples per rotor spacing of the site that divides |t|^2 into halves [1]. The search
-for the arc length at which this site is at a bond starts between two samples."""
+"""Number of samples per rotor spacing that bracket the arc length at which half of |t|^2 is on the
+left of a bond [1]."""
 _SAME_MODE = 1 - 1e-6
-"""Smallest allowed cosine of the angle between tangent and zero mode [1]. It is smaller if the
-computed tangent misses a moving rotor."""
+"""Smallest cosine of the angle between tangent and zero mode [1]; it is smaller if the computed
+tangent misses a moving rotor."""
 
 
 def orbit_of(chain: Chain) -> Orbit:
-    """Return the orbit of a chain.
-
-    The orbit is a `UniformOrbit` for a chain without deviations, otherwise a `DeviatingOrbit`.
-    Raises the errors of these classes.
-    """
+    """Return the `UniformOrbit` or `DeviatingOrbit` of a chain; raises the errors of the class."""
     return UniformOrbit(chain) if chain.deviations == NO_DEVIATIONS else DeviatingOrbit(chain)
 
 
 class DeviatingOrbit(Orbit):
     """Orbit of a chain with deviations of its rotors and springs from the uniform chain.
 
-    In all configurations of the orbit, the relative error of the length of every bar is at most
-    1e-9. The computation takes time and memory proportional to N. Raises the errors of
-    `UniformOrbit` and of `orbit_pieces`. Raises ValueError if the wall is reflected inside the
-    chain and not at an edge.
+    The relative error of the length of every bar is at most 1e-9. Time and memory are proportional
+    to N. Raises the errors of `UniformOrbit` and `orbit_pieces`, and ValueError if the wall is
+    reflected inside the chain.
     """
 
     def __init__(self, chain: Chain) -> None:
@@ -76,11 +69,7 @@ class DeviatingOrbit(Orbit):
 
     @property
     def wall_extent(self) -> float:
-        """Arc length of the part of the orbit in which one rotor moves as a wall passes it [rad].
-
-        The value of the uniform orbit is multiplied by the ratio of the arc lengths per
-        site.
-        """
+        """Arc length in which one rotor moves as a wall passes it, see `Orbit` [rad]."""
         return self._uniform.wall_extent * self.site_arc / self._uniform.site_arc
 
     def site(self, arc: float) -> float:
@@ -88,11 +77,7 @@ class DeviatingOrbit(Orbit):
         return self._uniform.site(self._uniform_arc.at(arc % self.length)[0])
 
     def arc_at(self, site: float, leg: int) -> float:
-        """Return the arc length [rad] in a leg at which the wall is at a site coordinate.
-
-        If the site is beyond an end of the leg, the arc length beyond this end is the same as on
-        the uniform orbit.
-        """
+        """Return the arc length [rad] of a site in a leg, beyond it as on the uniform orbit."""
         uniform_arc = self._uniform.arc_at(site, leg)
         begin, end = self._uniform.leg_arcs(leg)
         within = min(max(uniform_arc, begin), end)
@@ -104,10 +89,7 @@ class DeviatingOrbit(Orbit):
         return self._uniform.site_arc_at(uniform_arc) / slope
 
     def segment(self, arc: float) -> OrbitSegment:
-        """Return angles and tangent of the rotors near the wall at an arc length [rad].
-
-        `background` returns the angles of the other rotors.
-        """
+        """Return angles and tangent of the rotors near the wall at an arc length [rad]."""
         within = (arc + self._origin) % self._ends[-1]
         number = min(bisect_right(self._ends, within), len(self._ends) - 1)
         piece = self._pieces[number]
@@ -115,10 +97,7 @@ class DeviatingOrbit(Orbit):
         return OrbitSegment(piece.first, values[: piece.rotors], values[piece.rotors :])
 
     def background(self, arc: float) -> tuple[Array, Array]:
-        """Return the angles far from the wall [rad]: for rotors on its left, and on its right.
-
-        Both arrays have the shape (N,), with relaxed springs.
-        """
+        """Return the angles far from the wall [rad], on its left and right, shape (N,) each."""
         left, right = self._backgrounds[self.leg(arc)]
         return left.copy(), right.copy()
 
@@ -126,8 +105,8 @@ class DeviatingOrbit(Orbit):
         """Return the arc lengths at which the legs end [rad], from the start of the first piece.
 
         The leg of a flipper ends when the edge rotor is collinear with its bar, because its
-        neighbour then reverses its rotation. The leg of a spinner ends when the sum of sin(phi_n)
-        has an extremum.
+        neighbour then reverses its rotation. The leg of a spinner ends at an extremum of sum_n
+        sin(phi_n).
         """
         last = self.chain.number_of_rotors - 1
         spinner = self.chain.motion is Motion.SPINNER
@@ -160,10 +139,10 @@ class DeviatingOrbit(Orbit):
                 raise blocked_wall_error(self.chain, piece.seed)
 
     def _relaxed(self, leg: int) -> tuple[Array, Array]:
-        """Return the angles [rad] that `background` returns for a leg, shape (N,) each.
+        """Return the result of `background` for a leg.
 
-        An edge rotor far from the wall can have several angles. This method selects the angle that
-        is closest to the angle of this rotor in the chain without deviations.
+        An edge rotor far from the wall can have several angles. The result has the one closest to
+        the chain without deviations.
         """
         last = self.chain.number_of_rotors - 1
         left, right = self._uniform.background(self._uniform.leg_arcs(leg)[0])
@@ -179,10 +158,7 @@ class DeviatingOrbit(Orbit):
         )
 
     def _left_behind(self, arcs: list[float]) -> Array:
-        """Return the last angle of each rotor near the wall along a series of arc lengths.
-
-        `arcs` are the arc lengths [rad]. The angles [rad] have the shape (N,).
-        """
+        """Return the last angle of each rotor near the wall along a series of arc lengths."""
         angles = np.empty(self.chain.number_of_rotors)
         for arc in arcs:
             segment = self.segment(arc)
@@ -192,8 +168,7 @@ class DeviatingOrbit(Orbit):
     def _nearest(self, rotor: int, angle: float, turning: float) -> float:
         """Return the arc length [rad] at which an edge rotor is closest to an angle [rad].
 
-        The search is limited to the pieces of the orbit around a reflection at the arc length
-        `turning` [rad] in which this edge rotor is the seed.
+        The edge rotor is the seed in the searched pieces, around a reflection at `turning` [rad].
         """
         pieces, count = self._pieces, len(self._pieces)
         number = bisect_right(self._ends, (turning + self._origin) % self._ends[-1]) % count
@@ -216,24 +191,17 @@ class DeviatingOrbit(Orbit):
 
 
 def _difference(arc: float, piece: OrbitPiece, column: int, angle: float) -> float:
-    """Return the angle of a rotor of a piece minus `angle`, from -pi to pi [rad]."""
     return math.remainder(float(piece.at(arc)[: piece.rotors][column]) - angle, 2 * math.pi)
 
 
 def _rate(arc: float, piece: OrbitPiece, rotor: int | None) -> float:
-    """Return the derivative of the angle of a rotor by the arc length [1].
-
-    If `rotor` is None, return the derivative of sum_n sin(phi_n).
-    """
+    """Return the derivative of the angle of a rotor, or of sum_n sin(phi_n), by the arc length."""
     angles, tangent = np.split(piece.at(arc), 2)
     return float(np.cos(angles) @ tangent) if rotor is None else float(tangent[rotor])
 
 
 def _reversal(piece: OrbitPiece, rotor: int | None) -> float:
-    """Return the arc length in a piece at which `_rate` changes its sign [rad].
-
-    If the sign does not change in this piece, return the length of the piece.
-    """
+    """Return the arc length in a piece at which `_rate` changes its sign, or its length [rad]."""
     if (_rate(0.0, piece, rotor) > 0) == (_rate(piece.length, piece, rotor) > 0):
         return piece.length
     return float(brentq(_rate, 0, piece.length, args=(piece, rotor), xtol=1e-14))
@@ -281,8 +249,7 @@ class _ArcMap:
 def _arcs_at_bonds(orbit: Orbit, leg: int) -> Array:
     """Return, for each bond, the arc length [rad] in a leg at which half of |t|^2 is on its left.
 
-    The result has the shape (N - 1,). It is NaN for bonds near the edges if no configuration of
-    the leg has half of |t|^2 on the left of the bond.
+    It is NaN for bonds near the edges that no configuration of the leg divides in this way.
     """
     rotors = orbit.chain.number_of_rotors
     arcs = np.linspace(*orbit.leg_arcs(leg), _SAMPLES_A_SITE * rotors)
@@ -291,7 +258,6 @@ def _arcs_at_bonds(orbit: Orbit, leg: int) -> Array:
     medians = np.array([_median(orbit.segment(arc)) for arc in arcs.tolist()])
 
     def excess(arc: float, bond: int) -> float:
-        """Return |t|^2 on the left of a bond minus half of the total [1]."""
         segment = orbit.segment(arc)
         squares = segment.tangent**2
         left = squares[: max(bond + 1 - segment.first, 0)]
@@ -307,10 +273,7 @@ def _arcs_at_bonds(orbit: Orbit, leg: int) -> Array:
 
 
 def _median(segment: OrbitSegment) -> float:
-    """Return the site coordinate with half of |t|^2 on its left [rotor spacings].
-
-    Between two bonds the function interpolates linearly.
-    """
+    """Return the interpolated site coordinate with half of |t|^2 on its left [rotor spacings]."""
     sums = np.cumsum(segment.tangent**2)
     half = sums[-1] / 2
     n = int(np.searchsorted(sums, half))

@@ -14,8 +14,7 @@ from scipy.interpolate import PPoly
 from soliton_linkage.linkage.chain import Array, Chain
 
 _STEP = 1e-3
-"""Step of the arc length for the numerical derivative of the tangent [rad]. The error of the
-derivative is 1e-6."""
+"""Step of the arc length for the numerical derivative of the tangent [rad]; its error is 1e-6."""
 
 
 class OrbitSegment(NamedTuple):
@@ -26,8 +25,8 @@ class OrbitSegment(NamedTuple):
     angles: Array
     """Actual (not staggered) angles [rad], shape (n,)."""
     tangent: Array
-    """Derivative of the angles by the arc length [1], shape (n,). The derivatives of the angles of
-    all other rotors are below 1e-6."""
+    """Derivative of the angles by the arc length [1], shape (n,); below 1e-6 for all other
+    rotors."""
 
 
 class PiecewiseCubic:
@@ -54,15 +53,12 @@ class PiecewiseCubic:
 class Orbit(ABC):
     """Closed orbit of a chain: a curve of configurations, parametrised by its arc length.
 
-    The arc length `arc` [rad] is the integral of ds = sqrt(sum_n dphi_n^2). Methods accept every
-    real arc length, because the orbit is periodic. A leg is the part of the orbit between two
-    reflections of the wall, one passage through the chain. The wall moves towards the last rotor
-    in even legs, and towards the first rotor in odd legs. At the arc length 0 the wall is
-    reflected at the first rotor, and leg 0 begins. In leg 0 no edge rotor of a flipper has
-    toggled, which means swung from one of its two rest angles to the other. The uniform
-    right-leaning state of the orbit has the angles theta = theta_bar. The mirror image phi -> pi -
-    phi of the orbit belongs to a chain that was assembled upside down. Angles are defined up to
-    whole turns.
+    `arc` [rad] is any real integral of ds = sqrt(sum_n dphi_n^2). A leg is the part between two
+    reflections of the wall, which moves towards the last rotor in even legs and towards the first
+    in odd legs. At arc 0 the wall is reflected at the first rotor, and leg 0 begins, in which no
+    edge rotor of a flipper has toggled, which means swung from one of its two rest angles to the
+    other. The right-leaning state has theta = theta_bar. The mirror image phi -> pi - phi belongs
+    to a chain assembled upside down. Angles are defined up to whole turns.
     """
 
     chain: Chain
@@ -87,10 +83,7 @@ class Orbit(ABC):
     @property
     @abstractmethod
     def wall_extent(self) -> float:
-        """Arc length of the part of the orbit in which one rotor moves as a wall passes it [rad].
-
-        The value is an upper bound; it includes the swing of an edge rotor at a reflection.
-        """
+        """Largest arc in which a rotor moves as a wall passes it or is reflected [rad]."""
 
     def leg_arcs(self, leg: int) -> tuple[float, float]:
         """Return the arc lengths [rad] at which a leg begins and ends."""
@@ -115,18 +108,11 @@ class Orbit(ABC):
 
     @abstractmethod
     def segment(self, arc: float) -> OrbitSegment:
-        """Return angles and tangent of the rotors near the wall at an arc length [rad].
-
-        `background` returns the angles of the other rotors.
-        """
+        """Return angles and tangent of the rotors near the wall at an arc length [rad]."""
 
     @abstractmethod
     def background(self, arc: float) -> tuple[Array, Array]:
-        """Return the angles far from the wall [rad]: for rotors on its left, and on its right.
-
-        Both arrays have the shape (N,), with relaxed springs. The leg of `arc` determines which
-        edge rotors of a flipper have toggled.
-        """
+        """Return the relaxed angles left and right of the wall in a leg, shape (N,) each [rad]."""
 
     def configuration(self, arc: float) -> Array:
         """Return the angles of the whole chain at an arc length [rad], shape (N,)."""
@@ -152,9 +138,8 @@ class Orbit(ABC):
     def free_rate(self, arc: float) -> float:
         """Return the rate ds/dt of free motion, relative to a chain of equal rotors [1].
 
-        Free motion conserves the kinetic energy sum_n (I_n / 2) (t_n ds/dt)^2. Therefore the
-        relative rate is 1 / sqrt(sum_n (I_n / I) t_n^2). I_n is the moment of inertia of rotor n,
-        and I = M r^2 that without deviations.
+        Free motion conserves sum_n (I_n / 2) (t_n ds/dt)^2, so that it is 1 / sqrt(sum_n (I_n / I)
+        t_n^2).
         """
         segment = self.segment(arc)
         end = segment.first + len(segment.tangent)

@@ -1,17 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Orbit of a chain with deviations of rotors and springs, as pieces with Chebyshev series.
 
-A linkage has one degree of freedom. The angle of one rotor in the wall, called the seed,
-determines the angles of its two neighbours. These determine the angles of the next rotors, and so
-on. The tangent t of the orbit follows from t_{n+1} = -(A_n / B_n) t_n and |t| = 1. It relates the
-arc length s to the angle of the seed:
-
-    ds = dphi_seed / t_seed.
-
-Errors decay outwards from the seed in the same way as the zero mode, so that the lengths of the
-bars are exact up to rounding errors. A piece of the orbit is the part in which one rotor is the
-seed while the wall passes it. In each piece the angles of the moving rotors are Chebyshev series
-in the arc length. All pieces are computed together.
+The angle of one rotor in the wall, the seed, determines its neighbours, and so on outwards, with
+errors that decay as the zero mode. The tangent t follows from t_{n+1} = -(A_n / B_n) t_n and |t| =
+1, and the arc length from ds = dphi_seed / t_seed. A piece is the part in which one rotor is the
+seed. All pieces are computed together.
 """
 
 from __future__ import annotations
@@ -27,30 +20,24 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.orbit.seed_path import SeedPath, blocked_wall_error, seed_path
 
 _NODES = 20
-"""Number of terms of a Chebyshev series [1]. With it, the series of most pieces converge after at
-most one halving of the piece."""
+"""Number of terms of a Chebyshev series [1]; most series converge after at most one halving."""
 _MOST_SPLITS = 8
-"""Largest number of times that a piece is halved [1]. More halvings do not improve convergence."""
+"""Largest number of halvings of a piece [1]; more do not improve convergence."""
 _ACCURACY = 1e-11
-"""Threshold of the last two coefficients of a series [rad]. A series with smaller coefficients
-counts as converged."""
+"""Largest of the last two coefficients of a converged series [rad]."""
 _STILL = 2e-11
-"""Threshold of the tangent of a rotor [1]. A rotor with a smaller tangent counts as immobile. The
-value is the rounding error of a series."""
+"""Largest tangent of an immobile rotor [1]: the rounding error of a series."""
 _DEPTHS_BESIDE = 25
-"""Number of penetration depths on each side of a seed in which rotors are computed [1]. At this
-distance the tangent is e^-25, less than `_STILL`."""
+"""Number of penetration depths computed on each side of a seed [1]; e^-25 is below `_STILL`."""
 _ROTORS_BESIDE = 6
-"""Number of additional rotors on each side of a seed [1]. They are necessary for walls with a
-penetration depth close to 0, because such walls still extend over a few rotors."""
+"""Number of additional rotors on each side of a seed [1], because walls with a penetration depth
+close to 0 still extend over a few rotors."""
 _NEWTON_STEPS = 30
 """Largest number of Newton steps [1]; far fewer are necessary."""
 _BATCH = 2_000_000
-"""Number of values that are computed together in one batch [1]; they take 16 MB. Larger batches
-are not faster."""
+"""Number of values that are computed together [1]: 16 MB. Larger batches are not faster."""
 _MOST_NUMBERS = 20_000_000
-"""Largest allowed number of computed values for an orbit [1]; their computation takes about a
-minute."""
+"""Largest number of computed values for an orbit [1]; they take about a minute."""
 
 _POINTS = np.cos(math.pi * np.arange(_NODES)[::-1] / (_NODES - 1))
 """Chebyshev points of the second kind from -1 to 1, shape (K,)."""
@@ -79,19 +66,16 @@ class OrbitPiece:
         return int(self.series.shape[1]) // 2
 
     def at(self, arc: float) -> Array:
-        """Return the angles [rad] and tangents [1], shape (2 n,), at an arc length in the piece.
-
-        The arc length [rad] counts from the start of the piece.
-        """
+        """Return angles [rad] and tangents [1], (2 n,), at an arc length from the start [rad]."""
         x = min(max(2 * arc / self.length - 1, -1.0), 1.0)
         return np.asarray(np.cos(_ORDERS[:-1] * math.acos(x)) @ self.series)
 
 
 def orbit_pieces(chain: Chain) -> list[OrbitPiece]:
-    """Return the pieces of the closed orbit, in their order along the orbit.
+    """Return the pieces of the closed orbit in their order, from the middle of leg 0.
 
-    The first piece begins in the middle of leg 0. Raises ValueError if the wall cannot pass
-    through the chain, or if the computation would take longer than about a minute.
+    Raises ValueError if the wall cannot pass through the chain, or if the computation would take
+    longer than about a minute.
     """
     last = chain.number_of_rotors - 1
     depth = penetration_depth(chain) / chain.spacing
@@ -106,7 +90,6 @@ def orbit_pieces(chain: Chain) -> list[OrbitPiece]:
 
 
 def _pieces(chain: Chain, beside: int) -> list[OrbitPiece]:
-    """Return the pieces of the orbit, with `beside` rotors on each side of each seed."""
     todo = seed_path(chain, beside)
     keys = np.arange(len(todo.seeds), dtype=np.float64)
     done: list[tuple[float, OrbitPiece]] = []
@@ -131,19 +114,13 @@ def _pieces(chain: Chain, beside: int) -> list[OrbitPiece]:
 
 
 def _is_cut(piece: OrbitPiece, beside: int, last: int) -> bool:
-    """Return whether the window around the seed is too narrow.
-
-    It is too narrow if one of its outer rotors moves and is not an edge rotor of the chain.
-    """
+    """Return whether an outer rotor of the window moves and is no edge rotor of the chain."""
     low, high = piece.seed - beside, piece.seed + beside
     return 0 < low == piece.first or last > high == piece.first + piece.rotors - 1
 
 
 class _Window:
-    """W rotors and W - 1 bars around each of P seeds; the seed is the middle rotor.
-
-    Arrays of rotors have the shape (P, W), and arrays of bars the shape (P, W - 1).
-    """
+    """W rotors and W - 1 bars around each of P seeds, arrays (P, W) and (P, W - 1)."""
 
     def __init__(self, chain: Chain, path: SeedPath) -> None:
         self.beside = path.left_branches.shape[1] // 2
@@ -156,10 +133,7 @@ class _Window:
         self.exists = ((columns >= 0) & (columns < rotors))[:, None]
 
     def angles(self, seeds: Array) -> Array:
-        """Return the angles of all rotors [rad], shape (P, K, W), for given seed angles.
-
-        `seeds` are K angles of each seed [rad], shape (P, K).
-        """
+        """Return the angles of all rotors [rad], (P, K, W), for K angles of each seed, (P, K)."""
         found = np.empty((*seeds.shape, self.rotor_lengths.shape[1]))
         beside = self.beside
         found[..., beside] = seeds
@@ -172,10 +146,7 @@ class _Window:
         return found
 
     def tangents(self, angles: Array) -> Array:
-        """Return the unit zero modes [1], shape (P, K, W), with a positive component of the seed.
-
-        `angles` [rad] have the same shape.
-        """
+        """Return the unit zero modes [1], (P, K, W), with a positive component of the seed."""
         r = self.rotor_lengths[:, None]
         h, v = r * np.sin(angles), r * np.cos(angles)
         across, up = np.diff(h) + self.spacings[:, None], np.diff(v)
@@ -192,10 +163,7 @@ class _Window:
         return np.asarray(mode / np.linalg.norm(mode, axis=-1, keepdims=True))
 
     def _neighbour(self, angles: Array, rotor: int, neighbour: int, bar: int) -> Array:
-        """Return the angles of a neighbouring rotor [rad], shape (P, K); see `neighbour_angle`.
-
-        `angles` [rad], shape (P, K), are those of `rotor`; `bar` joins the two rotors.
-        """
+        """Return the angles of a neighbouring rotor [rad], shape (P, K); see `neighbour_angle`."""
         branches = self.right_branches if neighbour > rotor else self.left_branches
         spacings = self.spacings[:, bar, None] * (-1 if neighbour > rotor else 1)
         r, length = self.rotor_lengths[:, neighbour, None], self.bar_lengths[:, bar, None]
@@ -244,9 +212,9 @@ def _resolved(chain: Chain, path: SeedPath) -> list[OrbitPiece | None]:
 def _nodes_in_arc(speeds: Array) -> Array:
     """Return the parameters of the points that are Chebyshev nodes in the arc length, (P, K).
 
-    Each piece has a parameter x from -1 to 1, proportional to the angle of the seed. `speeds` are
-    the Chebyshev coefficients of ds/dx with the arc length s, shape (P, K). Newton's method finds
-    the x of each node. It may fail only in pieces whose series does not converge either.
+    The parameter x of a piece, from -1 to 1, is proportional to the angle of the seed. `speeds`
+    are the Chebyshev coefficients of ds/dx, (P, K). Newton's method may fail only in pieces whose
+    series does not converge either.
     """
     arcs = chebyshev.chebint(speeds, axis=1, lbnd=-1)
     wanted = arcs.sum(axis=1)[:, None] * (1 + _POINTS) / 2

@@ -1,14 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Path of a wall from rotor to rotor through a chain with deviations of rotors and springs.
 
-A linkage has one degree of freedom: the angle of one rotor, the seed, determines the angles of all
-other rotors. The seed is the rotor that moves most. When its neighbour moves as much as the seed,
-|A_n| = |B_n|, the neighbour becomes the new seed.
-
-If the angle of rotor n + 1 is known, the bar between them allows two angles of rotor n. The sign
-of the lever A_n selects one of them. The sign is the one that A_n had when the seed changed from n
-to n + 1, because A_n does not vanish while the seed is on the right of the bar. In the same way,
-sign(B_{n-1}) selects the angle of rotor n if the angle of rotor n - 1 is known.
+The angle of one rotor, the seed, determines all others. The seed is the rotor that moves most; at
+|A_n| = |B_n| its neighbour becomes the seed. If the angle of rotor n + 1 is known, the bar allows
+two angles of rotor n; the sign of A_n at the change of the seed from n to n + 1 selects one,
+because A_n does not vanish while the seed is on its right. In the same way, B_{n-1} selects the
+angle of rotor n from that of rotor n - 1.
 """
 
 from __future__ import annotations
@@ -36,37 +33,31 @@ Numbers = NDArray[np.int64]
 Branches = NDArray[np.int8]
 
 _LONGEST_STEP = 0.1
-"""Largest step of the angle of the seed, as a fraction of the rest angle or of 1 rad, whichever is
-smaller [1]. The step is short enough that no rotor becomes the seed and loses this role within one
-step."""
+"""Largest step of the seed, as a fraction of the smaller of rest angle and 1 rad [1]; no rotor
+becomes the seed and loses this role within one step."""
 _SHORTEST_STEP = 1e-10
-"""Shortest step of the angle of the seed [rad]. In shorter steps, rounding errors would decide
-whether a bar is long enough."""
+"""Shortest step of the seed [rad], above rounding errors of the lengths of bars."""
 _CLEAR_LEAD = 1e-9
-"""Threshold of the lead of another rotor over the seed, `_Seed.lead` [1]. With a larger lead, the
-other rotor becomes the seed. The threshold is above rounding errors."""
+"""Smallest lead, above rounding errors, with which another rotor becomes the seed [1]."""
 _NEGLIGIBLE_LEAD = -4.0
-"""Threshold of the lead of a rotor over the seed [1]. Rotors beyond a rotor with a smaller lead
-are ignored, because the motion does not grow by the factor e^4 from there."""
+"""Lead of a rotor below which the rotors beyond it are ignored, because the motion does not grow
+by the factor e^4 from there [1]."""
 _MOST_PIECES_A_ROTOR = 20
 """Largest number of pieces of a closed path per rotor [1]. Flippers need about 4, spinners 2."""
 
 
 class SeedPath(NamedTuple):
-    """Pieces of the orbit in their order along the orbit; each piece has one seed.
-
-    Arrays of the P pieces have the shape (P,).
-    """
+    """Pieces of the orbit in their order along the orbit, each with one seed; arrays (P,)."""
 
     seeds: Numbers
     """Index of the seed."""
     begins: Array
     """Angle of the seed at the start of the piece [rad]."""
     ends: Array
-    """Angle of the seed at the end of the piece [rad]; it has no jump of 2 pi in the piece."""
+    """Angle of the seed at the end of the piece [rad], without jumps of 2 pi."""
     left_branches: Branches
-    """Signs of A for the bars seed - beside, ..., seed + beside - 1, shape (P, 2 beside). Indices
-    beyond an end of the chain mean the last bar at this end."""
+    """Signs of A for the bars seed - beside, ..., seed + beside - 1, limited to existing bars,
+    shape (P, 2 beside)."""
     right_branches: Branches
     """Signs of B for the same bars, shape (P, 2 beside)."""
 
@@ -89,23 +80,20 @@ class _Bond(NamedTuple):
     angle: float
     """Angle of the outer rotor [rad]."""
     near: float
-    """Lever of the inner rotor, multiplied by the length of the bar [m^2]."""
+    """Lever of the inner rotor times the length of the bar [m^2]."""
     far: float
-    """Lever of the outer rotor, multiplied by the length of the bar [m^2]."""
+    """Lever of the outer rotor times the length of the bar [m^2]."""
 
     @property
     def lead(self) -> float:
-        """Logarithm of the ratio |rate of the outer rotor| / |rate of the inner rotor| [1]."""
+        """Logarithm of |rate of the outer rotor| / |rate of the inner rotor| [1]."""
         if self.near == 0:
             return -math.inf
         return math.log(abs(self.near / self.far)) if self.far else math.inf
 
 
 class _Seed:
-    """Seed, the rotor whose angle determines all other angles, at one position on the orbit.
-
-    The methods move this position along the orbit.
-    """
+    """Seed at one position on the orbit, which its methods move along the orbit."""
 
     def __init__(self, chain: Chain) -> None:
         self._chain = chain
@@ -126,9 +114,8 @@ class _Seed:
     def _start(self, left: Array, right: Array) -> tuple[int, float, float]:
         """Return index, angle [rad] and sense of rotation (+1 or -1) of the first seed.
 
-        The first seed is the rotor nearest to the middle of the chain that can have the angle of a
-        rotor in the middle of a wall without deviations. The sense of rotation is that of a wall
-        that moves towards the last rotor.
+        It is the rotor nearest to the middle of the chain that can have the angle of a rotor in
+        the middle of a wall without deviations. The wall moves towards the last rotor.
         """
         nominal = replace(self._chain, number_of_rotors=8, deviations=NO_DEVIATIONS)
         rotors = np.arange(1, self._last)
@@ -149,11 +136,7 @@ class _Seed:
         return left.tobytes(), right.tobytes()
 
     def lead(self, towards: int, angle: float) -> tuple[float, int]:
-        """Return the largest log |t_n / t_seed| [1] of the rotors n on one side, and this n.
-
-        `towards` is +1 for the right side and -1 for the left side. `angle` is the angle of the
-        seed [rad]. If no rotor is on this side, the first result is -inf.
-        """
+        """Return the largest log |t_n / t_seed| of the rotors n on a side or -inf, and n."""
         rotor, lead = self.rotor, 0.0
         best = -math.inf, rotor
         while lead > _NEGLIGIBLE_LEAD and 0 <= rotor + towards <= self._last:
@@ -164,7 +147,6 @@ class _Seed:
         return best
 
     def _bond(self, rotor: int, towards: int, angle: float) -> _Bond:
-        """Return the bar from a rotor at a given angle [rad] to its right or left neighbour."""
         bar, far = min(rotor, rotor + towards), rotor + towards
         branch = (self.right_branches if towards > 0 else self.left_branches)[bar]
         spacing = towards * self._spacings[bar]
@@ -176,11 +158,10 @@ class _Seed:
         return _Bond(far_angle, h * up - v * across, v_far * across - h_far * up)
 
     def turn(self, most: float) -> int:
-        """Rotate the seed by one step of at most `most` [rad].
+        """Rotate the seed by one step of at most `most` [rad], and return the next seed.
 
-        The step ends earlier if another rotor then moves as much as the seed. Return the index of
-        the next seed, which is the other rotor in this case. Raises ArithmeticError if a bar is
-        too short or too long for any step.
+        The step ends where another rotor moves as much as the seed and becomes the next seed.
+        Raises ArithmeticError if a bar is too short or too long for any step.
         """
         step = min(self._step, most)
         while step > _SHORTEST_STEP:
@@ -203,10 +184,7 @@ class _Seed:
         )
 
     def _equal_motion(self, towards: int, beyond: float) -> float:
-        """Return the seed angle at which a rotor on one side moves as much as the seed [rad].
-
-        `beyond` is a seed angle [rad] at which this rotor already moves more than the seed.
-        """
+        """Return the seed angle [rad], up to `beyond`, at which another rotor moves as much."""
 
         def lead(angle: float) -> float:
             return self.lead(towards, angle)[0]
@@ -228,10 +206,10 @@ class _Seed:
 
 
 def seed_path(chain: Chain, beside: int) -> SeedPath:
-    """Return the path of the wall once along the whole orbit, from the middle of leg 0.
+    """Return the path of the wall along the orbit from the middle of leg 0.
 
-    For each piece the path contains the branches of `beside` bars on each side of the seed. Raises
-    ValueError if the wall cannot pass through the chain.
+    The path contains the branches of `beside` bars on each side of the seeds. Raises ValueError if
+    the wall cannot pass through the chain.
     """
     seed = _Seed(chain)
     rotor, angle, branches = seed.rotor, seed.angle, seed.branches

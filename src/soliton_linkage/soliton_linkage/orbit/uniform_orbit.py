@@ -1,18 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Orbit of a chain of any length without deviations, composed from the orbit of a short chain.
 
-Far from the edges a wall has the same shape at every second rotor. Therefore the orbit is computed
-only for a short chain, in which the edges do not affect a wall in the middle. The wall of a longer
-chain has the same reflections at the edges. Between the reflections, the motion past the two
-middle rotors is repeated, shifted by an even number of rotors. Time and memory do not depend on N.
-
-In the middle of each leg, the angles of the wall are known exactly. The orbit is integrated from
-the middle of one leg to the middle of the next, through the reflection at the last rotor. The
-reflection at the first rotor is the mirror image of this result.
-
-The site coordinate is the argument `site` of `static_wall`. Far from the edges it is proportional
-to the arc length along the orbit. Near an edge it is not, because the finite chain lacks the
-rotors beyond the edge that would move in an infinite chain.
+A longer chain has the same reflections at its edges; between them, the motion past the two middle
+rotors is repeated, shifted by an even number of rotors. The orbit is integrated from the middle of
+one leg through the reflection at the last rotor to the middle of the next leg; that at the first
+rotor is its mirror image. The site coordinate is that of `static_wall`.
 """
 
 from __future__ import annotations
@@ -37,31 +29,29 @@ from soliton_linkage.orbit.orbit import Orbit, OrbitSegment, PiecewiseCubic
 from soliton_linkage.solitons.static_wall import follow_zero_mode, site_arc, static_wall
 
 _DEPTHS_BESIDE = 15
-"""Distance from a wall in the middle of the short chain to its edges, in penetration depths [1].
-At this distance the deviation of the angles from a uniform state is below 1e-6 rad."""
+"""Distance of the edges of the short chain from a wall in its middle, in penetration depths [1];
+the angles there deviate from a uniform state by less than 1e-6 rad."""
 _ROTORS_BESIDE = 6
-"""Number of rotors added to this distance [1]. They are necessary for walls with a penetration
-depth close to 0, because such walls still extend over a few rotors."""
+"""Number of rotors added to this distance [1], because walls with a penetration depth close to 0
+still extend over a few rotors."""
 _TOLERANCE = 1e-9
-"""Tolerance of a solver step, as a norm over all rotors [rad]. With this value, the accumulated
-error along the orbit is below 1e-6 rad."""
+"""Tolerance of a solver step, as a norm over all rotors [rad]; the error along the orbit is below
+1e-6 rad."""
 _SAMPLES_A_STEP = 3
-"""Number of spline points per solver step [1]. With it, interpolation errors are smaller than the
-errors of the solver."""
+"""Number of spline points per solver step [1]; interpolation errors are below those of the
+solver."""
 _DEPTHS_OF_EDGE = 8.0
-"""Distance from an edge, in addition to two rotor spacings, beyond which the site is regarded as
-proportional to the arc length [penetration depths]. The relative error is then e^-16."""
+"""Distance from an edge, plus two rotor spacings, beyond which site and arc length are
+proportional [penetration depths]; the relative error is e^-16."""
 _SAMPLES_A_SITE = 16
 """Number of samples near an edge per rotor spacing, or per penetration depth if that is larger
-[1]. The interpolated sites have errors of 1e-6."""
+[1]; sites have errors of 1e-6."""
 _STEP = 1e-5
 """Step of the site for the numerical derivative of the angles of a wall [rotor spacings]."""
 _SHORT = 0.3
-"""Threshold of the ratio of the last step to the step before it [1]. If the ratio is smaller, the
-two steps are merged."""
+"""Ratio of the last step to the step before it, below which the two are merged [1]."""
 _EXACT = 1e-12
-"""Threshold of a Newton step [rad]. If the step is smaller, the search for the arc length at a
-site has converged."""
+"""Largest Newton step of a converged search for the arc length at a site [rad]."""
 _STEPS = 20
 """Largest number of Newton steps in this search [1]; usually three are enough."""
 _DEGREE = 7
@@ -71,9 +61,8 @@ _DEGREE = 7
 class UniformOrbit(Orbit):
     """Orbit of a chain without deviations; deviations of the given chain are ignored.
 
-    The angles have errors below 1e-6 rad. The computation takes less than a second, except for
-    wobbling flippers with d close to d_c, and for walls that extend over 1000 rotors or more.
-    Raises ValueError for a chain of two rotors or with periodic ends, and the errors of
+    Angles have errors below 1e-6 rad. Takes less than a second, except for d close to d_c and
+    walls over 1000 rotors. Raises ValueError for two rotors or periodic ends, and the errors of
     `site_arc`.
     """
 
@@ -103,10 +92,7 @@ class UniformOrbit(Orbit):
 
     @property
     def wall_extent(self) -> float:
-        """Arc length of the part of the orbit in which one rotor moves as a wall passes it [rad].
-
-        The value is an upper bound; it includes the swing of an edge rotor at a reflection.
-        """
+        """Arc length in which one rotor moves as a wall passes it, see `Orbit` [rad]."""
         swing = self._starts[1] - (self.chain.number_of_rotors - 1) * self.site_arc
         return self._short.number_of_rotors * self.site_arc + swing
 
@@ -116,10 +102,7 @@ class UniformOrbit(Orbit):
         return 0.0 if site < 0 else min(site, self._last)
 
     def arc_at(self, site: float, leg: int) -> float:
-        """Return the arc length [rad] in a leg at which the wall is at a site coordinate.
-
-        For sites outside 0 ... N - 1, the arc length is extrapolated linearly.
-        """
+        """Return the arc length [rad] of a site in a leg, linear beyond the ends of the chain."""
         way = 1 if leg % 2 == 0 else -1
         arc = self._halfway[leg] + way * (site - self.middle) * self.site_arc
         for _ in range(_STEPS):
@@ -135,10 +118,7 @@ class UniformOrbit(Orbit):
         return abs(1 / self._site(arc % self._starts[-1], self.leg(arc))[1])
 
     def _site(self, arc: float, leg: int) -> tuple[float, float]:
-        """Return the site coordinate in a leg and its derivative by the arc length [1/rad].
-
-        The site coordinate is not limited to 0 ... N - 1.
-        """
+        """Return the unlimited site coordinate and its derivative by the arc length [1/rad]."""
         forward = leg % 2 == 0
         way = (1 if forward else -1) / self.site_arc
         site = self.middle + way * (arc - self._halfway[leg])
@@ -149,10 +129,7 @@ class UniformOrbit(Orbit):
         return distance if at_first else self._last - distance, way * slope
 
     def segment(self, arc: float) -> OrbitSegment:
-        """Return angles and tangent of the rotors near the wall at an arc length [rad].
-
-        `background` returns the angles of the other rotors.
-        """
+        """Return angles and tangent of the rotors near the wall at an arc length [rad]."""
         short = self._orbit
         rotors = self._short.number_of_rotors
         values = np.empty(2 * rotors)
@@ -169,11 +146,7 @@ class UniformOrbit(Orbit):
         return OrbitSegment(first, values[low:high], values[rotors + low : rotors + high])
 
     def background(self, arc: float) -> tuple[Array, Array]:
-        """Return the angles far from the wall [rad]: for rotors on its left, and on its right.
-
-        Both arrays have the shape (N,) and contain a uniform state. In flippers, the leg
-        determines which edge rotors have toggled.
-        """
+        """Return the angles far from the wall [rad], on its left and right, shape (N,) each."""
         left, right = self.chain.uniform_state(1), self.chain.uniform_state(-1)
         if self.chain.motion is Motion.SPINNER:
             right = self.chain.uniform_state(1) + math.pi
@@ -193,12 +166,11 @@ class _HalfLegs(NamedTuple):
     """Derivative of the angles by the arc length [1], shape (K, N)."""
 
     def mirrored(self, chain: Chain) -> _HalfLegs:
-        """Return the mirror image of the samples, n -> N - 1 - n and phi -> -phi.
+        """Return the mirror image of the samples, n -> N - 1 - n, phi -> -phi, in reversed order.
 
-        The order of the samples is reversed, except in spinners with an odd number of rotors. The
-        mirror image of a flipper with an even number of rotors, or of a spinner with an odd
-        number, is a chain that was assembled upside down. Therefore pi is added to phi in these
-        two cases. In spinners the addition of pi also exchanges the legs.
+        The order is not reversed in spinners with an odd number of rotors. Their mirror image, and
+        that of flippers with an even number, is assembled upside down, so that pi is added to phi.
+        In spinners this also exchanges the legs.
         """
         spinner, odd = chain.motion is Motion.SPINNER, chain.number_of_rotors % 2 == 1
         angles, tangents = self.angles[:, ::-1], self.tangents[:, ::-1]
@@ -222,10 +194,8 @@ class _ShortOrbit:
         if mode_towards_last(chain, self.walls[0]) @ self._tangent(self.walls[0]) < 0:
             self._signs *= -1
         pieces = self._pieces()
-        self.middles: list[float] = [
-            0.0,
-            *np.cumsum([piece.arcs[-1] for piece in pieces]).tolist(),
-        ]
+        ends = np.cumsum([piece.arcs[-1] for piece in pieces])
+        self.middles: list[float] = [0.0, *ends.tolist()]
         self.length: float = self.middles[-1]
         self._spline = _closed_spline(pieces, self.middles)
         self.knots: Array = np.ascontiguousarray(self._spline.t)
@@ -235,12 +205,10 @@ class _ShortOrbit:
             for leg in range(legs)
         ]
         self.edges = [[self._edge(leg, first) for first in (False, True)] for leg in range(legs)]
-        """Functions for each leg that return the distance of the wall from the last rotor, and
-        from the first rotor [rotor spacings]. The argument is this distance as computed from the
-        arc length alone, without the effect of the edge [rotor spacings]."""
+        """Functions for each leg and the last and first rotor: the distance of the wall from the
+        rotor by this distance without the effect of the edge [rotor spacings]."""
 
     def _edge(self, leg: int, at_first: bool) -> PiecewiseCubic:
-        """Return the function in `edges` for one leg and one edge."""
         chain, last = self._chain, self._chain.number_of_rotors - 1
         depth = penetration_depth(chain) / chain.spacing
         reach = min(last / 2, 2 + _DEPTHS_OF_EDGE * depth)
@@ -265,8 +233,8 @@ class _ShortOrbit:
     def _tangent(self, angles: Array) -> Array:
         """Return the unit zero mode in the direction of the orbit [1], shape (N,).
 
-        The formula t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2} is faster than `zero_mode`. The
-        levers are divided by the larger coupling, so that products rarely overflow.
+        t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2} is faster than `zero_mode`. The levers are
+        divided by the larger coupling, so that products rarely overflow.
         """
         first, second = rigidity_bands(self._chain, angles)
         mode = self._signs.copy()
@@ -279,7 +247,6 @@ class _ShortOrbit:
         return np.asarray(mode / math.sqrt(square))
 
     def _logarithmic_tangent(self, first: Array, second: Array) -> Array:
-        """Return the result of `_tangent`, computed by logarithms because products overflow."""
         signs, logarithms = self._signs.copy(), np.zeros(len(self._signs))
         with np.errstate(divide='ignore'):
             logarithms[1:] += np.cumsum(np.log(np.abs(first)))
@@ -292,9 +259,9 @@ class _ShortOrbit:
     def _pieces(self) -> list[_HalfLegs]:
         """Return all pieces in the order of the orbit.
 
-        The pieces with the reflections at the first rotor are mirror images of those at the last.
-        In flippers with d > 1, leg 2 is the mirror image of leg 0. In flippers with d < 1, leg 3
-        is the mirror image of leg 1, because `toggled_edges` counts from the left-leaning state.
+        Reflections at the first rotor are mirror images of those at the last: leg 2 of leg 0 for d
+        > 1, and leg 3 of leg 1 for d < 1, because `toggled_edges` then counts from the
+        left-leaning state.
         """
         legs = len(self.walls)
         last = [self._followed(leg) for leg in range(0, legs, 2)]
@@ -324,8 +291,8 @@ class _ShortOrbit:
     def _rate(self, arc: float, leg: int) -> float:
         """Return a quantity that changes its sign when the wall is reflected at the end of a leg.
 
-        At a reflection in a flipper, the edge rotor is in line with its bar, so that its lever
-        vanishes. At a reflection in a spinner, the derivative of sum_n sin(phi_n) vanishes.
+        In a flipper it is the lever of the edge rotor, which is then in line with its bar. In a
+        spinner it is the derivative of sum_n sin(phi_n).
         """
         angles, tangent = np.split(np.asarray(self._spline(arc)), 2)
         if self._chain.motion is Motion.SPINNER:
@@ -335,8 +302,7 @@ class _ShortOrbit:
 
 
 _short_orbit = lru_cache(maxsize=4)(_ShortOrbit)
-"""Orbit of a short chain, from a cache. The cache is shared by analyser and steering, and by
-chains that differ only in length or deviations."""
+"""Cached orbit of a short chain, common to chains that differ in length or deviations."""
 
 
 def _short_chain(chain: Chain) -> Chain:
@@ -350,8 +316,7 @@ def _short_chain(chain: Chain) -> Chain:
 def _closed_spline(pieces: list[_HalfLegs], middles: list[float]) -> BSpline:
     """Return the spline of angles and tangents, shape (2 N,), over the whole orbit.
 
-    The spline extends beyond both ends of the orbit by a few samples, so that it is smooth where
-    the orbit closes.
+    It extends beyond both ends by a few samples, so that it is smooth where the orbit closes.
     """
     arcs, rows, end = [], [], pieces[0].angles[0]
     for piece, middle in zip(pieces, middles[:-1], strict=True):
@@ -376,7 +341,7 @@ def spline(knots: Array, coefficients: Array, at: float, values: Array) -> None:
     """Set `values`, shape (M,), to the values of M B-splines at the position `at`.
 
     The splines have common knots and coefficients of shape (K, M). The recursion of Cox and de
-    Boor is ten times as fast as scipy's splines for a single position.
+    Boor is ten times as fast as scipy for a single position.
     """
     high = coefficients.shape[0]
     low = degree = knots.size - high - 1
@@ -416,15 +381,12 @@ def set_near_wall(
 ) -> tuple[int, int, int]:
     """Set the angles and tangents of the rotors of a short chain for a wall in a long chain.
 
-    The first n elements of `values` are the angles [rad], up to whole turns, and the last n the
-    tangents [1]. `arc` is an arc length on the orbit of the long chain [rad], which has 2 *
-    `repeats` rotors more than the short chain. The rows of `legs` are arc lengths for each leg
-    [rad]: its start in the long chain, its start in the short chain, and the distance from this
-    start to its middle.
-    `length` is the length of the orbit of the short chain [rad]; `knots` and `coefficients`
-    define its spline. Return three indices. The first is that of a rotor of the long chain. The
-    other two are the range of rotors of the short chain that corresponds to this rotor and the
-    following ones.
+    `values` are first the angles [rad], then the tangents [1]. `arc` [rad] is on the orbit of the
+    long chain, which has 2 * `repeats` rotors more. The rows of `legs` are for each leg the start
+    in the long chain, the start in the short chain, and the distance to its middle [rad]. The
+    orbit of the short chain has the `length` [rad] and the spline `knots` and `coefficients`.
+    Return the index of a rotor of the long chain and the range of rotors of the short chain from
+    there on.
     """
     leg = legs.shape[1] - 1
     while leg > 0 and arc < legs[0, leg]:

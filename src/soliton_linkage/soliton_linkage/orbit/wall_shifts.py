@@ -43,25 +43,19 @@ _SAMPLES = 4
 
 
 class Shifts(NamedTuple):
-    """Standard deviations of the errors of a wall, relative to a rotor far from the wall.
-
-    `WallShifts` defines the standard deviation of a far rotor [rad].
-    """
+    """Standard deviations of the errors of a wall, relative to a far rotor (`WallShifts`)."""
 
     arc: float
-    """Standard deviation of the arc length of the wall, divided by that of a far rotor [1]."""
+    """Relative standard deviation of the arc length of the wall [1]."""
     rate: float
-    """Standard deviation of the relative error of the rate, divided by that of a far rotor
-    [1/rad]."""
+    """Relative standard deviation of the relative error of the rate [1/rad]."""
 
 
 class WallShifts:
     """Errors of a wall due to unmodelled deviations, relative to the error of a far rotor.
 
-    The error of a far rotor is the change of the angle of a rotor far from the wall, minus the
-    part of this change that continues the tail of the next rotor towards the wall. The errors are
-    computed for independent relative deviations of all lengths and masses from the uniform chain,
-    with equal variances. Known deviations of the chain of the orbit are ignored.
+    The latter is the change of its angle, without the part that continues the tail of the next
+    rotor. All lengths and masses have independent relative deviations of equal variance.
     """
 
     def __init__(self, orbit: Orbit) -> None:
@@ -73,8 +67,7 @@ class WallShifts:
     def at(self, site: float, leg: int) -> Shifts:
         """Return the standard deviations for a wall at a site coordinate [rotor spacings].
 
-        The variance of the arc length is interpolated linearly between the bonds on both sides of
-        the site. The values at a bond are computed when they are first needed.
+        The variance of the arc length is interpolated linearly between the bonds beside the site.
         """
         bonds = self._orbit.chain.number_of_rotors - 1
         before = min(max(site - 0.5, 0.0), bonds - 1)
@@ -83,10 +76,7 @@ class WallShifts:
         return Shifts(math.sqrt(here + (before - bond) * (there - here)), math.sqrt(rate))
 
     def _variances(self, bond: int, leg: int) -> tuple[float, float, float]:
-        """Return three variances: of the arc length at a bond, at the next bond, and of the rate.
-
-        They are squares of the ratios in `Shifts`: [1], [1] and [1/rad^2].
-        """
+        """Return the squares of `Shifts`: arc at a bond, arc at the next bond, rate."""
         orbit = self._orbit
         if not self._far:
             middle = _BarsNearWall(orbit.chain, orbit.segment(orbit.arc_at(orbit.middle, 0)))
@@ -108,32 +98,24 @@ class WallShifts:
         return float(here @ here) / scale, float(there @ there) / scale, float(rate) / scale
 
     def _arc_effects(self, bond: int, leg: int) -> Array:
-        """Return the effect of each length on the arc length of a wall at a bond [rad].
-
-        The 2 N - 1 lengths are those of the rotors and, between them, the spacings.
-        """
+        """Return the effects of all lengths on the arc length of a wall at a bond [rad]."""
         segment = self._orbit.segment(self._orbit.arc_at(bond + 0.5, leg))
         bars = _BarsNearWall(self._orbit.chain, segment)
         return self._whole(segment.first, bars.arc_effect(bond - segment.first))
 
     def _whole(self, first: int, effects: Array) -> Array:
-        """Return the effects of all lengths of the chain, shape (2 N - 1,).
-
-        `effects` are those of the lengths near a wall, from the rotor `first` on. All other
-        effects are 0.
-        """
+        """Return the effects of all lengths; those far from the wall are 0, shape (2 N - 1,)."""
         whole = np.zeros(2 * self._orbit.chain.number_of_rotors - 1)
         whole[2 * first : 2 * first + len(effects)] = effects
         return whole
 
 
 class _BarsNearWall:
-    """Effects of the relative deviations of the lengths near a wall.
+    """Effects of the relative deviations of the 2 n - 1 lengths near a wall: rotors and spacings.
 
-    The 2 n - 1 lengths are those of the n rotors near the wall and, between them, the spacings. A
-    bar of length l joins masses at the positions (h, v) and (h', v') relative to their pivots.
-    With c = h v' - v h', its levers are l A = c - a v and l B = a v' - c. Therefore all
-    derivatives are products of positions.
+    A bar of length l joins masses at (h, v) and (h', v') relative to their pivots. With c = h v' -
+    v h', its levers are l A = c - a v and l B = a v' - c, so that all derivatives are products of
+    positions.
     """
 
     def __init__(self, chain: Chain, segment: OrbitSegment) -> None:
@@ -151,27 +133,20 @@ class _BarsNearWall:
     def far_rotor_effect(self, tail: float) -> Array:
         """Return the effects of the lengths on a far rotor as defined in `WallShifts` [rad].
 
-        The far rotor is the second rotor, because the first may be an edge rotor. `tail` is the
-        ratio of the angles of two neighbouring rotors in the tail of a wall.
+        It is the second rotor, because the first may be an edge rotor. `tail` is the `tail_ratio`.
         """
         weights = np.zeros(len(self._tangent))
         weights[1:3] = 1.0, -tail
         return self._angle_effect(weights)
 
     def arc_element_effect(self, curvature: Array) -> Array:
-        """Return the effects of the lengths on arc element and inertia [1], shape (2 n - 1,).
-
-        `curvature` is Phi'' [1/rad], shape (n,).
-        """
+        """Return the effects on arc element and inertia [1] for a curvature Phi'' [1/rad]."""
         effects = -self._angle_effect(curvature)
         effects[::2] += self._tangent**2
         return effects
 
     def arc_effect(self, bond: int) -> Array:
-        """Return the effects of the lengths on the arc length of a wall at a bond [rad].
-
-        A wall at the bond has a fixed fraction of |t|^2 on the left of the bond.
-        """
+        """Return the effects on the arc length with a fixed part of |t|^2 left of a bond [rad]."""
         left = np.cumsum(self._tangent**2)[:-1]
         right = np.cumsum(self._tangent[::-1] ** 2)[-2::-1]
         weights = np.minimum(left / left[bond], right / right[bond])
@@ -182,14 +157,12 @@ class _BarsNearWall:
         both = first + second
         (h, v), (h_next, v_next), a = self._left, self._right, self._spacing
         by_angles = _rotor_sums(
-            both * self._dot + first * a * h,
-            second * a * h_next - both * self._dot,
+            both * self._dot + first * a * h, second * a * h_next - both * self._dot
         )
         effects = self._angle_effect(by_angles)
         effects[1::2] -= first * a * v + second * a * v_next
         effects[::2] += _rotor_sums(
-            first * self._first + second * self._cross,
-            first * self._cross - second * self._second,
+            first * self._first + second * self._cross, first * self._cross - second * self._second
         )
         return -effects / float(by_angles @ self._tangent)
 
@@ -208,10 +181,7 @@ class _BarsNearWall:
 
 
 def _rotor_sums(lefts: Array, rights: Array) -> Array:
-    """Return the sum of the contributions of all bars to each rotor, shape (n,).
-
-    Each bar contributes an element of `lefts` to its left rotor and of `rights` to its right one.
-    """
+    """Return the sum of the contributions of all bars to their left and right rotors, (n,)."""
     sums = np.append(lefts, 0.0)
     sums[1:] += rights
     return sums

@@ -2,9 +2,8 @@
 """Domain walls, called *walls*: their angles at rest, continuum theories, and their detection.
 
 `static_wall` computes walls at rest, and `anti_kink` the anti-kinks. `continuum` contains the
-continuum theories. `passage` finds bonds that stop walls. A moving wall is a *soliton*: `tanh_fit`
-detects the solitons in a frame, and `track` follows a soliton through a recording. The module
-`linear.bands` contains the tails of walls.
+continuum theories. `passage` finds bonds that stop walls. `tanh_fit` detects solitons, which are
+moving walls, in a frame, and `track` follows one through a recording.
 """
 
 from soliton_linkage.exports import public_names

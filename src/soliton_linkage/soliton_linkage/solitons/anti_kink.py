@@ -1,15 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Anti-kinks at rest: the states of least elastic energy at each site coordinate.
+"""Anti-kinks at rest: the states of least elastic energy V at each site coordinate x.
 
-A kink has zero energy at every site, but an anti-kink has an elastic energy that depends on its
-site. Therefore a constraint must hold it at a site x. `constraint_field` defines a field F_n for
-each rotor n, and the constraint is the sum of this field. The state of least energy V then solves
+The energy depends on the site, so that a constraint holds the anti-kink,
 
     grad V(phi) = p grad sum_n F_n(phi),    sum_n F_n(phi) = N - 1 - 2 x,
 
-with the Lagrange multiplier p. The path of the anti-kink is the set of these states for all x.
-Newton's method follows the path along x. If a state on the path is unstable, the anti-kink is
-pinned: it would jump from one site to another, so that no continuous path exists.
+with the field F_n of `constraint_field`. An anti-kink is pinned if a state is unstable.
 """
 
 from __future__ import annotations
@@ -25,27 +21,24 @@ from soliton_linkage.linear.statics import stiffness_matrix
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 
 _SAMPLES = 65
-"""Number of samples of a path of two rotor spacings [1]. Splines through the samples have errors
-of 1e-6."""
+"""Number of samples of a path of two rotor spacings [1]; splines through them have errors of
+1e-6."""
 _NEWTON_STEPS = 30
 """Largest number of Newton steps [1]; about five are needed."""
 _CONVERGED = 1e-7
-"""Threshold of a Newton step [rad]: the state has converged if no angle changes by more."""
+"""Threshold of convergence: largest change of an angle in the last Newton step [rad]."""
 _LONGEST = 0.3
 """Largest change of an angle in a Newton step [rad]."""
 _BUCKLING = 1e-6
-"""Threshold of a negative curvature, relative to the largest diagonal element of the matrix [1]. A
-smaller one counts as a rounding error."""
+"""Negative curvature above the rounding error, relative to the largest diagonal element [1]."""
 
 
 @lru_cache(maxsize=8)
 def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
     """Return the path of an anti-kink: K sites [rotor spacings] and the angles [rad], (K, N).
 
-    The path starts at the site `begin` and covers two rotor spacings. Beyond this range the states
-    repeat, shifted by two rotors. As for kinks, site coordinates are proportional to the arc
-    length of the path. The chain must be so long that the anti-kink does not move its edge rotors.
-    Raises ArithmeticError if the anti-kink is pinned.
+    The path covers two rotor spacings from `begin`; beyond, it repeats. Sites are proportional to
+    the arc length. The edge rotors must be far. Raises ArithmeticError if the anti-kink is pinned.
     """
     angles, multiplier = continuum_anti_kink(chain, begin), 0.0
     found = []
@@ -64,9 +57,7 @@ def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
 def resting_anti_kink(chain: Chain, near: float) -> tuple[float, Array]:
     """Return site [rotor spacings] and angles [rad], (N,), of an anti-kink in equilibrium.
 
-    The equilibrium is the one near the site `near`, with fixed edge rotors. The returned site is
-    computed from the sum of the constraint field. A flipper has two such equilibria, one with the
-    anti-kink on a rotor and one between two rotors; the function returns the one with less energy.
+    The edge rotors are fixed. A flipper has two equilibria; the result has the smaller energy.
     """
     starts = (near,) if chain.motion is Motion.SPINNER else (near, near + 0.5)
     found = [_minimum(chain, continuum_anti_kink(chain, start)) for start in starts]
@@ -76,10 +67,7 @@ def resting_anti_kink(chain: Chain, near: float) -> tuple[float, Array]:
 
 
 def continuum_anti_kink(chain: Chain, site: float) -> Array:
-    """Return the angles of an anti-kink in the continuum theory [rad], shape (N,).
-
-    The two edge rotors have the angles of the uniform states.
-    """
+    """Return the angles of an anti-kink of the continuum theory, with uniform edges [rad]."""
     rotors, rest = np.arange(chain.number_of_rotors), chain.rest_angle
     field = np.tanh((rotors - site) * chain.spacing / chain.wall_width)
     field[0], field[-1] = -1.0, 1.0
@@ -92,9 +80,8 @@ def continuum_anti_kink(chain: Chain, site: float) -> Array:
 def constraint_field(chain: Chain, angles: Array) -> tuple[Array, Array, Array]:
     """Return the field F_n of each rotor and its first two derivatives by the angle, (N,) each.
 
-    For flippers F = (3 m - m^3) / 2 with the order field m of `tanh_fit.order_field`; for spinners
-    F = cos(theta - theta_bar). Both fields are stationary in the uniform states on the two sides
-    of an anti-kink. Therefore the constraint exerts no force there.
+    (3 m - m^3) / 2 for flippers with the order field m, cos(theta - theta_bar) for spinners; both
+    are stationary far from the anti-kink.
     """
     theta, sense = staggered(angles), np.where(np.arange(len(angles)) % 2, -1.0, 1.0)
     if chain.motion is Motion.SPINNER:
@@ -124,11 +111,7 @@ def _minimum(chain: Chain, start: Array) -> Array:
 def _constrained_minimum(
     chain: Chain, angles: Array, multiplier: float, field_sum: float
 ) -> tuple[Array, float]:
-    """Return the state of least energy for a sum of the field, and the Lagrange multiplier.
-
-    `angles` [rad] and `multiplier` are the start of the search. Raises ArithmeticError if the
-    anti-kink is pinned.
-    """
+    """Return the state of least energy for a sum of the field, and the Lagrange multiplier."""
     angles = angles.copy()
     for _ in range(_NEWTON_STEPS):
         field, first, second = constraint_field(chain, angles)
@@ -155,8 +138,8 @@ def _constrained_minimum(
 def _is_stable(diagonal: Array, beside: Array, along: Array) -> bool:
     """Return whether x . H x > 0 for all x orthogonal to a vector b, with a tridiagonal matrix H.
 
-    This is true if the matrix H bordered by b has exactly one negative eigenvalue. By Haynsworth's
-    theorem, the bordered matrix has as many negative eigenvalues as H, plus one if b . H^-1 b > 0.
+    This is true if the matrix H bordered by b has one negative eigenvalue. By Haynsworth's
+    theorem, it has as many negative eigenvalues as H, plus one if b . H^-1 b > 0.
     """
     limit = -_BUCKLING * float(np.abs(diagonal).max())
     negative = eigvalsh_tridiagonal(diagonal, beside, select='v', select_range=(-np.inf, limit))

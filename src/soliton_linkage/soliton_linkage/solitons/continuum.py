@@ -1,17 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Continuum theories of walls: phi^4 for flippers (d << 1), sine-Gordon for spinners (d >> d_c).
 
-In both theories the elastic energy density is a square. It vanishes everywhere in a wall of charge
-Q = +1 at rest, which has the right-leaning state on the side of rotor 0 and the left-leaning state
-on the other side. A wall of charge Q = -1 at rest has the energy 2 E_s. Both theories are
-invariant under Lorentz boosts with the speed of sound c. A wall of velocity v has the width w and
-the energy E,
+The elastic energy density is a square that vanishes in a wall of charge Q = +1 at rest. A wall of
+velocity v has the width w and the energy E,
 
     w = w_0 / gamma,    gamma = 1 / sqrt(1 - v^2 / c^2),
     E = (gamma - 1) M_eff c^2 + (1 - Q) E_s,    E_s = M_eff c^2.
 
-The signs and factors here agree with those of the chain. Some of them differ from the paper (eqs.
-flip_discrete, width, lagrangian2, sg and related equations); the docstrings list the differences.
+Signs and factors are those of the chain; the docstrings state where the paper differs.
 """
 
 from __future__ import annotations
@@ -27,19 +23,17 @@ from soliton_linkage.linear.bands import speed_of_sound
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 
 _HARDEST_KICK = 1e9
-"""Kick in units of Lambda c [1], beyond which the speed v of the wall equals c up to rounding. For
-a large kick K in these units, 1 - v / c is about 2 / K^4."""
+"""Kick in units of Lambda c [1], beyond which v equals c up to rounding: 1 - v / c is about 2 /
+K^4 for a large kick K."""
 
 
 @dataclass(frozen=True)
 class WallTheory(ABC):
-    """Theory of relativistic walls in a uniform chain.
+    """Theory of relativistic walls in a uniform chain, exact in a limit of d.
 
-    Each theory is exact in a limit of d. By default c is not the speed of sound in this limit, but
-    the exact speed of sound, c = a sqrt|q+ q-| / r sqrt(k_e / M), because it agrees better with
-    simulated walls. E_s = M_eff c^2 holds only in the limit. Velocities are in [m/s]. Methods
-    raise ValueError for a velocity that is not finite or not below c, and for a charge other than
-    +1 or -1.
+    By default c is the exact speed of sound of the chain, which agrees better with simulated
+    walls; E_s = M_eff c^2 then holds only in the limit. Velocities are in [m/s]. Methods raise
+    ValueError for a velocity that is not below c, and for a charge other than +1 or -1.
     """
 
     chain: Chain
@@ -62,17 +56,14 @@ class WallTheory(ABC):
 
     @property
     def speed_of_sound(self) -> float:
-        """Speed of sound c of the boosts [m/s]; `exact_sound` selects the exact one."""
+        """Speed of sound c of the boosts [m/s]."""
         if not self.exact_sound:
             return self.limiting_speed_of_sound
         return speed_of_sound(self.chain)
 
     @property
     def arc_per_site(self) -> float:
-        """Path length of all masses divided by the displacement of the wall, Lambda [1].
-
-        The effective mass is M_eff = M Lambda^2.
-        """
+        """Path length of all masses per displacement of the wall, Lambda = sqrt(M_eff / M) [1]."""
         return math.sqrt(self.effective_mass / self.chain.mass)
 
     def lorentz_factor(self, velocity: float) -> float:
@@ -89,10 +80,7 @@ class WallTheory(ABC):
         return self.lorentz_factor(velocity) * self.effective_mass * velocity**2 / 2
 
     def elastic_energy(self, velocity: float, charge: int = 1) -> float:
-        """Return the energy of the springs [J], (gamma - 1)^2 / (2 gamma) M_eff c^2 + (1 - Q) E_s.
-
-        For Q = +1 this energy is (gamma - 1) / (gamma + 1) times the kinetic energy.
-        """
+        """Return the spring energy [J], (gamma - 1)^2 / (2 gamma) M_eff c^2 + (1 - Q) E_s."""
         gamma, excess = self.lorentz_factor(velocity), self._excess(velocity)
         moving = self.effective_mass * (self.speed_of_sound * excess) ** 2 / (2 * gamma)
         return moving + (1 - _checked_sign('charge', charge)) * self.energy_scale
@@ -103,15 +91,11 @@ class WallTheory(ABC):
         return moving + (1 - _checked_sign('charge', charge)) * self.energy_scale
 
     def speed_after_kick(self, kick: float, arc_per_site: float | None = None) -> float:
-        """Return the speed of a wall after a kick along the zero mode [m/s].
+        """Return the speed of a wall [m/s] after a kick v_0 = r |phi_dot| along the zero mode.
 
-        `kick` is v_0 = r |phi_dot| [m/s], the norm of the velocities of all masses after the kick.
-        The kick has the energy M v_0^2 / 2 = (gamma - 1) M Lambda^2 c^2, so that
-
-            v = c sqrt(1 - 1 / (1 + v_0^2 / (2 Lambda^2 c^2))^2).
-
-        For slow walls and for rigid bars, v tends to v_0 / Lambda. The argument `arc_per_site`
-        can be the exact Lambda [1]; by default it is the property `arc_per_site`.
+        v_0 [m/s] is the norm of the velocities of all masses. M v_0^2 / 2 = (gamma - 1) M Lambda^2
+        c^2 gives v = c sqrt(1 - 1 / (1 + v_0^2 / (2 Lambda^2 c^2))^2), which tends to v_0 / Lambda
+        for slow walls and rigid bars. `arc_per_site` replaces Lambda [1].
         """
         arc = self.arc_per_site if arc_per_site is None else arc_per_site
         if not math.isfinite(kick):
@@ -127,7 +111,7 @@ class WallTheory(ABC):
         return math.copysign(speed, kick)
 
     def _ratio(self, velocity: float) -> float:
-        """Return v / c; for a wall at rest the result is 0, also at d = 1, where c is 0."""
+        """Return v / c, which is 0 for a wall at rest also at d = 1, where c is 0."""
         if velocity == 0:
             return 0.0
         speed_of_sound = self.speed_of_sound
@@ -149,7 +133,7 @@ class WallTheory(ABC):
         return excess if _checked_sign('charge', charge) > 0 else -2 - excess
 
     def _scaled(self, x: ArrayLike, position: float, velocity: float) -> Array:
-        """Return (x - X) / w, the distance of positions x [m] from a wall in wall widths [1]."""
+        """Return (x - X) / w [1]."""
         given = np.asarray(x, dtype=np.float64)
         scaled: Array = (given - position) / self.width(velocity)
         return scaled
@@ -160,7 +144,7 @@ class WallTheory(ABC):
 
 @dataclass(frozen=True)
 class FlipperTheory(WallTheory):
-    """phi^4 theory of the walls of a flipper with d << 1.
+    """phi^4 theory of the walls of a flipper with d << 1. Raises ValueError for a spinner.
 
     The field is the displacement u = r sin(theta) [m]. With ub = r sin(theta_bar) and K = 4 k_e /
     lbar^2, the Lagrangian is
@@ -168,11 +152,9 @@ class FlipperTheory(WallTheory):
         L = (1 / a) integral dx {(M / 2) u_t^2 - (K / 2) [(ub^2 - u^2) + (a^2 / 2) u_x]^2}.
 
     In the paper (eq. lagrangian2) the cross term is half as large and the factor 1 / a is missing.
-    Raises ValueError for a spinner.
     """
 
     def __post_init__(self) -> None:
-        """Reject a spinner."""
         if self.chain.motion is Motion.SPINNER:
             raise ValueError(
                 f'a chain with d = {self.chain.lean_ratio:g} above d_c = '
@@ -205,17 +187,14 @@ class FlipperTheory(WallTheory):
     ) -> Array:
         """Return the field u = -Q ub tanh((x - X) / w) [m] at positions x [m], shape (...).
 
-        `position` is X, the position of the wall [m]. The paper (eqs. width and Kink2) contains
-        the field of a wall of charge Q = -1.
+        The wall is at `position` X [m]. The paper (eqs. width and Kink2) contains a wall with Q =
+        -1.
         """
         scaled = self._scaled(x, position, velocity)
         return np.asarray(-_checked_sign('charge', charge) * self.lean * np.tanh(scaled))
 
     def static_slope(self, displacements: ArrayLike) -> Array:
-        """Return the slope u' = (2 / a^2) (u^2 - ub^2) [1] in a kink at rest (paper, eq. phi4_1).
-
-        `displacements` are the values of u [m].
-        """
+        """Return the slope u' = (2 / a^2) (u^2 - ub^2) [1] in a kink at rest (eq. phi4_1)."""
         squares = np.square(np.asarray(displacements, dtype=np.float64))
         return np.asarray(2 / self.chain.spacing**2 * (squares - self.lean**2))
 
@@ -233,11 +212,7 @@ class FlipperTheory(WallTheory):
     def extensions(
         self, x: ArrayLike, position: float = 0.0, velocity: float = 0.0, charge: int = 1
     ) -> Array:
-        """Return the extensions of springs at x [m], -(2 / lbar) (Q gamma - 1) (ub^2 - u^2) [m].
-
-        A moving wall of charge +1 compresses the springs. A wall of charge -1 stretches the
-        springs, even at rest.
-        """
+        """Return the extensions of springs at x, -(2 / lbar) (Q gamma - 1) (ub^2 - u^2) [m]."""
         squares = self.lean**2 * _sech_squared(self._scaled(x, position, velocity))
         factor = -2 / self.chain.rest_length * self._misfit(velocity, charge)
         return np.asarray(factor * squares)
@@ -247,8 +222,7 @@ class FlipperTheory(WallTheory):
     ) -> tuple[Array, Array]:
         """Return angles [rad] and rates [rad/s] of a chain with a wall at a position [m].
 
-        Both have the shape (N,). The angles solve sin(theta) = u / r with the even rotors pointing
-        up. The rates follow from u_t = -v u'.
+        sin(theta) = u / r with the even rotors pointing up, and u_t = -v u'.
         """
         chain, pivots = self.chain, self._pivots()
         displacements = self.displacements(pivots, position, velocity, charge)
@@ -261,26 +235,23 @@ class FlipperTheory(WallTheory):
 
 @dataclass(frozen=True)
 class SpinnerTheory(WallTheory):
-    """Sine-Gordon theory of the walls of a spinner.
+    """Sine-Gordon theory of the walls of a spinner. Raises ValueError for a flipper.
 
-    The field is the angle psi [rad] by which the rotors have turned. Across a wall psi increases
-    from 0 to pi. The angle phi increases with psi (turn +1) or decreases (turn -1). The staggered
-    angles are theta_bar + turn psi on rotors 0, 2, ... (the odd sites of the paper) and theta_bar
-    - turn psi on the others. With I = M r^2, ub = r sin(theta_bar) and K = k_e r^4 a^2
-    sin(2 theta_bar)^2 / lbar^2, the Lagrangian is
+    The field psi [rad], the rotation of the rotors, increases across a wall from 0 to pi; phi
+    increases with psi (turn +1) or decreases (-1). theta is theta_bar + turn psi on rotors 0, 2,
+    ... (the odd sites of the paper) and theta_bar - turn psi on the others. With I = M r^2, ub = r
+    sin(theta_bar) and K = k_e r^4 a^2 sin(2 theta_bar)^2 / lbar^2,
 
         L = (1 / a) integral dx {(I / 2) psi_t^2 - (K / 2) [psi_x - sin(psi) / ub]^2}.
 
-    The last term in the paper (supporting information) has another factor a. A spinner can be
-    assembled in two ways. In the family +1, rotors turn from theta_bar to the left-leaning state
-    pi + theta_bar. In the family -1, they turn from -theta_bar - pi to -theta_bar, so that psi -
-    pi replaces psi, and -theta_bar replaces theta_bar. Raises ValueError for a flipper.
+    The paper (supporting information) has another factor a in the last term. In the family +1,
+    rotors turn from theta_bar to pi + theta_bar; in the family -1, a spinner assembled in another
+    way, from -theta_bar - pi to -theta_bar, with psi - pi for psi and -theta_bar for theta_bar.
     """
 
     family: int = 1
 
     def __post_init__(self) -> None:
-        """Reject a flipper and an unknown family."""
         if self.family not in (-1, 1):
             raise ValueError(f'family = {self.family!r} must be +1 or -1')
         if self.chain.motion is not Motion.SPINNER:
@@ -314,10 +285,7 @@ class SpinnerTheory(WallTheory):
     def rotation(
         self, x: ArrayLike, position: float = 0.0, velocity: float = 0.0, charge: int = 1
     ) -> Array:
-        """Return the field psi [rad] at positions x [m], shape (...).
-
-        psi solves cos(psi) = -Q tanh((x - X) / w) and is between 0 and pi. `position` is X [m].
-        """
+        """Return the field psi [rad] at positions x [m], with cos(psi) = -Q tanh((x - X) / w)."""
         scaled = _checked_sign('charge', charge) * self._scaled(x, position, velocity)
         return np.asarray(np.pi / 2 + 2 * np.arctan(np.tanh(scaled / 2)))
 
@@ -330,13 +298,11 @@ class SpinnerTheory(WallTheory):
         charge: int = 1,
         turn: int = 1,
     ) -> Array:
-        """Return the staggered angles theta [rad] of one sublattice at positions x [m].
+        """Return the staggered angles theta [rad] of even (0) or odd (1) rotors at x [m].
 
-        Sublattice 0 consists of the rotors 0, 2, ..., and sublattice 1 of the rotors 1, 3, .... On
-        both sublattices cos(theta - theta_bar) = -Q tanh((x - X) / w). In a wall at rest theta' =
-        Q sin(theta - theta_bar) / (r sin(theta_bar)) (paper, eq. sgd; eq. sg has the opposite
-        sign). For the family -1, -theta_bar replaces theta_bar, and the right-hand sides of both
-        equations have the opposite sign.
+        cos(theta - theta_bar) = -Q tanh((x - X) / w); at rest theta' = Q sin(theta - theta_bar) /
+        (r sin(theta_bar)) (paper, eq. sgd; eq. sg has the opposite sign). For the family -1,
+        theta_bar and the right-hand sides change their signs.
         """
         if sublattice not in (0, 1):
             raise ValueError(f'sublattice = {sublattice!r} must be 0 (even rotors) or 1 (odd)')
@@ -345,10 +311,7 @@ class SpinnerTheory(WallTheory):
         return np.asarray(self.family * self.chain.rest_angle + sign * rotation)
 
     def static_slope(self, rotation: ArrayLike) -> Array:
-        """Return the slope psi' = sin(psi) / (r sin(theta_bar)) in a kink at rest [rad/m].
-
-        `rotation` contains the values of psi [rad].
-        """
+        """Return the slope psi' = sin(psi) / (r sin(theta_bar)) in a kink at rest [rad/m]."""
         return np.asarray(np.sin(rotation) / self.chain.wall_width)
 
     def elastic_density(self, rotation: ArrayLike, slopes: ArrayLike) -> Array:
@@ -369,11 +332,10 @@ class SpinnerTheory(WallTheory):
         charge: int = 1,
         turn: int = 1,
     ) -> Array:
-        """Return the extension [m] of springs at positions x [m], shape (...).
+        """Return the extension [m] of springs on the right of even rotors at positions x [m].
 
-        For a spring on the right of an even rotor, the extension is turn (r^2 a sin(2 theta_bar) /
-        lbar) (Q gamma - 1) sin(psi) / ub. For the family -1 its sign is opposite. Springs on the
-        right of odd rotors have the opposite extension.
+        It is turn * family * (r^2 a sin(2 theta_bar) / lbar) (Q gamma - 1) sin(psi) / ub. On the
+        right of odd rotors the sign is opposite.
         """
         sign = _checked_sign('turn', turn) * self.family
         factor = sign * self._lever * self._misfit(velocity, charge)
@@ -385,8 +347,7 @@ class SpinnerTheory(WallTheory):
     ) -> tuple[Array, Array]:
         """Return angles [rad] and rates [rad/s] of a chain with a wall at a position [m].
 
-        Both have the shape (N,). The angles of all rotors are phi = phi_uniform + turn psi. The
-        rates follow from psi_t = -v psi'.
+        phi = phi_uniform + turn psi, and psi_t = -v psi'.
         """
         pivots = self._pivots()
         rotation = self.rotation(pivots, position, velocity, charge)
@@ -397,7 +358,7 @@ class SpinnerTheory(WallTheory):
 
     @property
     def _assembled(self) -> float:
-        """Angle that is added to psi [rad]: 0 for the family +1, -pi for the family -1."""
+        """Angle that is added to psi [rad]."""
         return 0.0 if self.family > 0 else -math.pi
 
     @property
@@ -409,7 +370,7 @@ class SpinnerTheory(WallTheory):
 
 
 def wall_theory(chain: Chain) -> WallTheory:
-    """Return the theory for the class of motion of a chain: `SpinnerTheory` or `FlipperTheory`."""
+    """Return the `SpinnerTheory` or the `FlipperTheory` of a chain."""
     return SpinnerTheory(chain) if chain.motion is Motion.SPINNER else FlipperTheory(chain)
 
 

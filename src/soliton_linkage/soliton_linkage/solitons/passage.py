@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bonds that stop a wall in a chain with deviations of rotors and springs.
 
-Each bond is a four-bar linkage, formed by two neighbouring rotors, the line between their pivots,
-and their spring. A wall passes through the chain if all bonds belong to the same class of four-bar
-linkages. At a bond of another class, the rotors reach the limit of their range of motion before
-the wall has passed.
+Each bond is a four-bar linkage: two rotors, the line between their pivots, and their spring. At a
+bond of another class of four-bar linkages, the rotors reach the limit of their range of motion
+before the wall has passed.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ class Obstacle(NamedTuple):
     """Bond that may stop a wall, with the lengths of its four bars [m]."""
 
     bond: int
-    """Index of the spring, which joins the rotors `bond` and `bond` + 1."""
+    """Index of the spring between the rotors `bond` and `bond` + 1."""
     spacing: float
     rotor_lengths: tuple[float, float]
     rest_length: float
@@ -30,11 +29,7 @@ class Obstacle(NamedTuple):
 
 
 def length_excesses(chain: Chain) -> Array:
-    """Return the excess r_n + r_{n+1} - lbar_n of each bond [m], shape (springs,).
-
-    In a chain without deviations 4 r^2 - lbar^2 = a^2 (d^2 - 1). Therefore the excess is negative
-    for flippers (d < 1). It is larger than a for spinners (d > d_c).
-    """
+    """Return r_n + r_{n+1} - lbar_n of each bond [m], below 0 for d < 1, above a for spinners."""
     first, second = _rotor_lengths(chain)
     return np.asarray(first + second - chain.rest_lengths)
 
@@ -42,11 +37,10 @@ def length_excesses(chain: Chain) -> Array:
 def blocked_bonds(chain: Chain) -> NDArray[np.bool_]:
     """Return for each bond whether it may stop a wall, shape (springs,).
 
-    A wall passes in both directions if two conditions hold. First, lbar_n > a_n + |r_n - r_{n+1}|
-    on every bond. Second, r_n + r_{n+1} - a_n - lbar_n has the same sign on all bonds. According
-    to Grashof, a bond with the negative sign is a triple rocker, as in flippers; with the positive
-    sign it is a double crank, as in spinners. The function regards the sign of most bonds as the
-    required one. The two conditions are sufficient but not necessary.
+    A wall passes if lbar_n > a_n + |r_n - r_{n+1}| and r_n + r_{n+1} - a_n - lbar_n has one sign
+    on all bonds, here that of most bonds. According to Grashof, a negative sign is a triple
+    rocker, as in flippers, a positive one a double crank. The conditions are sufficient but not
+    necessary.
     """
     excess = length_excesses(chain) - chain.spacings
     other_class = ~(excess > 0) if _spinning(chain) else ~(excess < 0)
@@ -78,11 +72,9 @@ def find_obstacles(chain: Chain) -> tuple[Obstacle, ...]:
 
 
 def motion_of_bonds(chain: Chain) -> Motion | None:
-    """Return the class of motion of a chain with its deviations, or None.
+    """Return the class of motion of a chain with deviations, or None if a bond may stop a wall.
 
-    The result is None if a bond may stop a wall. The chain is a spinner if r_n + r_{n+1} - lbar_n
-    > a_n on every bond, a flipper if r_n + r_{n+1} - lbar_n < 0 on every bond, and otherwise a
-    wobbling flipper.
+    With r_n + r_{n+1} - lbar_n > a_n on every bond it is a spinner, below 0 a flipper.
     """
     if blocked_bonds(chain).any():
         return None

@@ -1,12 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Walls at rest, and the arc length of the orbit per rotor spacing of the motion of a wall.
 
-The angles of a wall at rest are computed rotor by rotor. If the angle of one rotor is known, a bar
-of fixed length allows two angles of the next rotor, called branches. The sign of the lever of the
-next rotor selects the branch. This lever is B_n if the computation proceeds to the right, and A_n
-if it proceeds to the left. The computation starts at the wall and proceeds outwards. Errors then
-decay in the same way as the zero mode, because |A_n| < |B_n| on the right of the wall and |A_n| >
-|B_n| on its left. If the computation started at an end of the chain, errors would grow.
+A bar allows two angles of a rotor beside a known one, called branches; the sign of its lever
+selects one, B_n to the right and A_n to the left. Angles are computed outwards from the wall, so
+that errors decay as the zero mode.
 """
 
 from __future__ import annotations
@@ -26,51 +23,42 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 
 _DEPTHS_BESIDE = 19
-"""Distance from a wall in penetration depths [1]. Rotors beyond it do not change the norm of the
-zero mode, because the square of e^-19 is the rounding error."""
+"""Distance from a wall in penetration depths [1], beyond which the square of the zero mode is a
+rounding error."""
 _MOST_BESIDE = 49_000
 """Largest number of rotors on each side of a wall [1], limited by the longest `Chain`."""
 _MOST_STEPS = 100_000
-"""Largest number of solver steps along an orbit [1]. For d near d_c, one or two thousand steps are
-needed."""
+"""Largest number of solver steps along an orbit [1]; d near d_c needs one or two thousand."""
 _TRANSITION = 1e-9
-"""Threshold of |d - d_c| / d_c [1]. Closer to d_c, rounding errors would determine the sense of
-rotation."""
+"""Smallest |d - d_c| / d_c [1]; below, rounding errors would determine the sense of rotation."""
 _TOLERANCE = 1e-13
-"""Relative [1] and absolute [rad] tolerance of a solver step. With it, arc lengths have errors of
-1e-11 rad."""
+"""Relative [1] and absolute [rad] tolerance of a solver step; arc lengths have errors of 1e-11
+rad."""
 _ARRIVED = 1e-4
-"""Threshold of the difference of two angles [rad]: two configurations count as equal if all their
-angles differ by less."""
+"""Largest difference of the angles of equal configurations [rad]."""
 
 
 def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False) -> Array:
     """Return the angles of a chain at rest with its wall at a site coordinate [rad], shape (N,).
 
-    The site coordinate [rotor spacings] defines the position of a wall in all packages. In an
-    infinite chain it is proportional to the arc length along the zero-energy orbit. It is n + 1/2
-    if the wall is symmetric about the middle between rotors n and n + 1. In a finite chain the
-    rotors have the same angles as in the infinite chain, except for edge rotors that have toggled,
-    which means swung from one of their two rest angles to the other.
+    The site coordinate [rotor spacings] defines the position of a wall in all packages: n + 1/2 in
+    the middle between rotors n and n + 1, and in an infinite chain proportional to the arc length
+    along the zero-energy orbit. A finite chain has the same angles, except for edge rotors that
+    have toggled, which means swung from one of their two rest angles to the other.
 
-    `leg` is the leg of the orbit, see `Orbit`. In flippers, no edge rotor has toggled on leg 0.
-    The last rotor has toggled on leg 1, both edge rotors on leg 2, and the first rotor on leg 3.
-    In spinners, legs 0 and 1 differ by the side on which the rotors in the wall turn over.
-    `inverted` selects the mirror image phi -> pi - phi, a chain that was assembled upside down. In
-    a chain with deviations, the rotor nearest to the wall has the same angle as without
-    deviations. The other angles follow from the lengths of the bars.
+    In flippers, no edge rotor has toggled on `leg` 0 of the `Orbit`, the last rotor on leg 1, both
+    on leg 2, the first rotor on leg 3. In spinners, the legs 0 and 1 differ by the side on which
+    the rotors in the wall turn over. `inverted` is the mirror image phi -> pi - phi, a chain
+    assembled upside down. Deviations do not change the angle of the rotor nearest to the wall.
 
     Raises ValueError for a chain of two rotors or with periodic ends, a site outside 0 ... N - 1,
-    an unknown leg, and bars that are too short or too long. It also raises the errors of
-    `site_arc`.
+    an unknown leg, bars that are too short or too long, and the errors of `site_arc`.
 
     >>> import soliton_linkage as sl
     >>> chain = sl.Chain(number_of_rotors=20)
     >>> angles = sl.static_wall(chain, 12.5)
     >>> float(chain.elastic_energy(angles)) < 1e-25
     True
-    >>> np.sign(sl.displacement(chain, angles))[10:15].astype(int).tolist()
-    [1, 1, 1, -1, -1]
     """
     rotors = chain.number_of_rotors
     legs = 2 if chain.motion is Motion.SPINNER else 4
@@ -94,10 +82,8 @@ def site_arc(chain: Chain) -> float:
     """Return Lambda, the arc length of the zero-energy orbit per rotor spacing [rad].
 
     Lambda is the integral of sqrt(sum_n dphi_n^2) while a wall moves by one rotor spacing in a
-    chain without deviations. A slow wall has the speed v = a |phi_dot| / Lambda and the mass M_eff
-    = M r^2 Lambda^2 / a^2. Raises ValueError if d differs from d_c by less than 1e-9 d_c, because
-    the orbits of flippers and spinners meet at d_c. Also raises ValueError for d below 2e-4,
-    because the wall is then too wide.
+    chain without deviations. A slow wall has the speed v = a |phi_dot| / Lambda. Raises ValueError
+    if d differs from d_c by less than 1e-9 d_c, and for d below 2e-4, where walls are too wide.
 
     >>> chain = Chain(rest_angle=0.97)
     >>> round(site_arc(chain) * chain.rotor_length / chain.spacing, 6)
@@ -117,10 +103,7 @@ def check_transition(chain: Chain) -> None:
 
 
 def effective_mass(chain: Chain) -> float:
-    """Return the effective mass of a slow wall [kg], M_eff = M r^2 Lambda^2 / a^2.
-
-    A slow wall has the kinetic energy T = M_eff v^2 / 2.
-    """
+    """Return the effective mass of a slow wall, M_eff = M r^2 Lambda^2 / a^2 [kg]."""
     return chain.moment_of_inertia * (site_arc(chain) / chain.spacing) ** 2
 
 
@@ -129,10 +112,9 @@ def angles_from_seed(
 ) -> Array:
     """Return the angles of a chain of bars in which the rotor `seed` has an angle [rad], (N,).
 
-    The signs of the levers select one of two possible angles of each other rotor: A_n has the sign
-    left_branches[n] on bars on the left of the seed, and B_n has the sign right_branches[n] on
-    bars on its right. Both arrays have the shape (springs,). Raises ValueError if a bar is too
-    short or too long.
+    A_n has the sign left_branches[n] on bars on the left of the seed, and B_n the sign
+    right_branches[n] on its right, shape (springs,) each. Raises ValueError if a bar is too short
+    or too long.
     """
     if seed not in range(chain.number_of_rotors):
         raise ValueError(f'seed = {seed} must be a rotor from 0 to {chain.number_of_rotors - 1}')
@@ -154,11 +136,9 @@ def neighbour_angle(
 ) -> float:
     """Return the angle of `rotor` [rad] if a bar joins it to a neighbour of known angle [rad].
 
-    `offset` [m] is the position of the neighbour's pivot minus that of the rotor's pivot. Let D be
-    the distance from the pivot of the rotor to the mass of the neighbour, and beta the angle
-    between this direction and the rotor. Then lbar^2 = D^2 + r^2 - 2 D r cos(beta). The sign of
-    beta is `branch`. tan(beta / 2) is computed from differences of lengths, without cancellation.
-    Raises ValueError if the bar is too short or too long.
+    `offset` [m] is the neighbour's pivot minus the rotor's. With the distance D from the pivot to
+    the neighbour's mass, and the angle beta of sign `branch` from this direction to the rotor,
+    lbar^2 = D^2 + r^2 - 2 D r cos(beta). Raises ValueError if the bar is too short or too long.
     """
     known = bar if rotor > bar else bar + 1
     r, length = float(chain.rotor_lengths[rotor]), float(chain.rest_lengths[bar])
@@ -179,8 +159,7 @@ def neighbour_angle(
 def bar_branches(chain: Chain, leg: int, inverted: bool) -> tuple[Array, Array]:
     """Return the signs of A_n on the left of a wall and of B_n on its right, (springs,) each.
 
-    The signs of A_n are those in the right-leaning state, and the signs of B_n are those in the
-    left-leaning state. The sign of an edge rotor is reversed if `toggled_edges` returns True.
+    They are those in the right-leaning and in the left-leaning state, reversed for toggled edges.
     """
     first, _ = rigidity_bands(chain, _uniform_state(chain, 1, inverted))
     _, second = rigidity_bands(chain, _uniform_state(chain, -1, inverted))
@@ -192,10 +171,7 @@ def bar_branches(chain: Chain, leg: int, inverted: bool) -> tuple[Array, Array]:
 
 
 def toggled_edges(chain: Chain, leg: int) -> tuple[bool, bool]:
-    """Return whether the first rotor, and whether the last, differs from an infinite chain.
-
-    Such an edge rotor has the other one of the two angles that its bar allows.
-    """
+    """Return whether the first and the last rotor have toggled, unlike in an infinite chain."""
     if chain.motion is Motion.SPINNER:
         return False, False
     return (leg in (2, 3)) == (chain.lean_ratio <= 1), leg in (1, 2)
@@ -208,13 +184,12 @@ def follow_zero_mode(
     goal: Array,
     tolerances: tuple[float, float],
 ) -> Iterator[tuple[float, float, DenseOutput]]:
-    """Yield the solver steps along an orbit from `start` to `goal`, as (begin, end, angles).
+    """Yield the solver steps along an orbit from `start` to `goal` [rad] as (begin, end, angles).
 
-    `start` and `goal` are configurations [rad], shape (N,). `tangent` returns the tangent of the
-    orbit, the zero mode, at a configuration. `tolerances` are the relative tolerance [1] and the
-    absolute tolerance [rad] of a step. In the result, `begin` and `end` are arc lengths from
-    `start` [rad], and `angles` is the interpolation between them. Raises ArithmeticError if the
-    orbit does not reach `goal`.
+    `tangent` returns the tangent of the orbit at a configuration. `tolerances` are the relative
+    [1] and the absolute tolerance [rad] of a step. `begin` and `end` are arc lengths from `start`
+    [rad], and `angles` interpolates between them. Raises ArithmeticError if the orbit does not
+    reach `goal`.
     """
     relative, absolute = tolerances
     solver = DOP853(
@@ -237,10 +212,7 @@ def follow_zero_mode(
 
 
 def _arrival(dense: DenseOutput, goal: Array, tangent: Array) -> float | None:
-    """Return the arc length at which a step reaches the goal [rad], or None if it does not.
-
-    Whole turns of the angles are ignored.
-    """
+    """Return the arc length at which a step reaches the goal up to whole turns [rad], or None."""
 
     def to_go(arc: float) -> float:
         return float(np.sin(goal - dense(arc)) @ tangent)
@@ -261,11 +233,7 @@ def _uniform_state(chain: Chain, lean: int, inverted: bool) -> Array:
 
 
 def _seed_angle(chain: Chain, seed: int, beyond: float, leg: int, inverted: bool) -> float:
-    """Return the angle of a rotor if a wall is `beyond` rotor spacings past it [rad].
-
-    The mirror image phi -> pi - phi of a flipper is on the same leg, that of a spinner on the
-    other leg.
-    """
+    """Return the angle of a rotor if a wall is `beyond` rotor spacings past it [rad]."""
     if chain.motion is not Motion.SPINNER:
         leg = 0
     elif inverted:
@@ -279,11 +247,9 @@ def _seed_angle(chain: Chain, seed: int, beyond: float, leg: int, inverted: bool
 def _symmetric_wall(chain: Chain, rotor: int, leg: int) -> Array:
     """Return the angles of a wall in the middle between `rotor` and the next rotor [rad], (N,).
 
-    The wall does not change under the reflection n -> 2 rotor + 1 - n, combined with phi -> phi +
-    pi for flippers and with phi -> -phi for spinners. This symmetry determines the position h =
-    r sin(phi) of the mass of `rotor`. For flippers h = r^2 sin(theta_bar)^2 / a. For spinners h =
-    (a + lbar) / 2 if the two masses have crossed, and h = (a - lbar) / 2 if not. The two cases
-    alternate from rotor to rotor.
+    The wall is symmetric under n -> 2 rotor + 1 - n with phi -> phi + pi for flippers and phi ->
+    -phi for spinners. Therefore r sin(phi) is r^2 sin(theta_bar)^2 / a for flippers. For spinners
+    it is (a + lbar) / 2 if the two masses have crossed and (a - lbar) / 2 if not, in alternation.
     """
     spinner, crossed = chain.motion is Motion.SPINNER, False
     if spinner:
@@ -314,10 +280,7 @@ def _rotors_beside(chain: Chain) -> int:
 
 
 class _SitePassage:
-    """Motion of a wall past one rotor, from half a rotor spacing before it to half a spacing past.
-
-    The attribute `arc` is the arc length of this motion [rad].
-    """
+    """Motion of a wall past one rotor, over one rotor spacing and the arc length `arc` [rad]."""
 
     def __init__(self, chain: Chain, leg: int, odd: bool) -> None:
         beside = _rotors_beside(chain)
@@ -341,14 +304,9 @@ class _SitePassage:
         self._solution = OdeSolution([0.0, *ends], list(pieces))
 
     def angle(self, beyond: float, other: int = 0) -> float:
-        """Return the angle of a rotor if the wall is `beyond` spacings past the passed one [rad].
-
-        `beyond` is from -0.5 to 0.5. `other` is the index of the rotor minus that of the passed
-        rotor.
-        """
+        """Return the angle [rad] of rotor `other`, counted from the passed one."""
         return float(self._solution((beyond + 0.5) * self.arc)[self._rotor + other])
 
 
 _passage = lru_cache(maxsize=16)(_SitePassage)
-"""Motion of a wall past one rotor, from a cache. One chain has up to four entries, for two legs
-and for even and odd rotors."""
+"""Cached motion of a wall past one rotor: up to four for a chain, two legs and two sublattices."""

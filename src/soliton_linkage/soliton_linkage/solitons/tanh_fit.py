@@ -1,16 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Solitons in one frame of angles: their positions, velocities, widths and charges.
 
-The polarisation of a bond is the direction in which the zero mode grows across the bond. A wall is
-detected where the polarisation changes its sign. Its position X is then estimated by a fit of
-
-    m_n = -Q tanh((n - X) / w)
-
-to the order field m_n of the rotors, with the width w of a slow wall. The order field is +1 where
-the chain leans right and -1 where it leans left. The estimate of X has a bias that depends on X
-between two rotors. The bias is below 0.002 rotor spacings for d < 0.9 and d > 2.5 d_c, and below
-0.1 rotor spacings for d < 2 and d > 1.4 d_c. For d from 2 to 1.4 d_c the bias is up to two rotor
-spacings, because the profile of a wall is not a tanh.
+A wall is detected where the polarisation, the direction in which the zero mode grows across a
+bond, changes its sign. Its position X follows from a fit of m_n = -Q tanh((n - X) / w) to the
+order field, +1 where the chain leans right and -1 where it leans left, with the width w of a slow
+wall. The bias of X is below 0.002 rotor spacings for d < 0.9 and d > 2.5 d_c, below 0.1 for d < 2
+and d > 1.4 d_c, and otherwise up to 2, because the profile is no tanh.
 """
 
 from __future__ import annotations
@@ -28,15 +23,14 @@ from soliton_linkage.linear.rigidity import rigidity_bands
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 
 DOMAIN = 0.5
-"""Threshold of |polarisation| [1]: a bond belongs to a domain if the value is larger. In a uniform
-state the value is 1."""
+"""Smallest |polarisation| of a bond in a domain [1]; in a uniform state the value is 1."""
 _FIT_ITERATIONS = 12
 """Number of Newton steps of a fit [1]; usually half of them suffice."""
 _FIT_REACH = 4.0
-"""Distance from the wall within which rotors are fitted, in units of the wall width [1]. At larger
-distances 1 - |tanh| is below 7e-4."""
+"""Distance of fitted rotors from the wall, in wall widths [1]; beyond, 1 - |tanh| is below
+7e-4."""
 _WIDEST_LEAN_RATIO_WITH_A_WIDTH = 2.0
-"""Threshold of d [1]: for larger d, the walls of a flipper have no tanh profile and no width."""
+"""Largest d of flippers whose walls have a tanh profile and a width [1]."""
 
 
 @dataclass(frozen=True)
@@ -66,10 +60,8 @@ class Soliton:
 def polarisation(chain: Chain, angles: Array) -> Array:
     """Return the polarisation of each bond [1], shape (..., springs).
 
-    The polarisation states in which direction the zero mode grows across the bond. It is (A^2 -
-    B^2) / (A^2 + B^2), divided by the value of this expression in the uniform right-leaning state.
-    Therefore it is +1 in the right-leaning state and -1 in the left-leaning state. It does not
-    depend on whole turns of the rotors.
+    (A^2 - B^2) / (A^2 + B^2), divided by its value in the right-leaning state: +1 in the
+    right-leaning and -1 in the left-leaning state.
     """
     first, second = rigidity_bands(chain, angles)
     plus, minus = couplings(chain)
@@ -81,10 +73,8 @@ def polarisation(chain: Chain, angles: Array) -> Array:
 def order_field(chain: Chain, angles: Array) -> tuple[Array, Array]:
     """Return the order field m [1] and its derivative dm/dphi [1/rad], each of shape (N,).
 
-    For flippers m = sin(theta) / sin(theta_bar). A spinner can be assembled in two ways. In one of
-    them a wall turns the rotors from theta_bar to theta_bar +- pi, and m = cos(theta - theta_bar).
-    In the other one a wall turns them between -theta_bar and -theta_bar +- pi, and m =
-    -cos(theta + theta_bar).
+    For flippers m = sin(theta) / sin(theta_bar). For spinners m = cos(theta - theta_bar), or
+    -cos(theta + theta_bar) if walls turn the rotors from -theta_bar.
     """
     theta = staggered(angles)
     turn = np.where(np.arange(theta.shape[-1]) % 2, -1.0, 1.0)
@@ -97,10 +87,10 @@ def order_field(chain: Chain, angles: Array) -> tuple[Array, Array]:
 
 
 def find_solitons(chain: Chain, angles: Array, rates: Array | None = None) -> tuple[Soliton, ...]:
-    """Return the walls in a frame, in the order of their sites.
+    """Return the walls in a frame of angles [rad] and rates [rad/s], shape (N,), in order of site.
 
-    Angles [rad] have the shape (N,). Rates [rad/s] have the same shape or are None; the velocities
-    are NaN without rates. In a chain with periodic ends, the sites are from 0 to N.
+    Without rates, the velocities are NaN. In a chain with periodic ends, the sites are from 0 to
+    N.
     """
     checked = chain.check_angles(angles)
     moving = None if rates is None else chain.check_angles(rates, 'rate')
@@ -129,16 +119,9 @@ def _fitted(
 
 
 def _walls_of_ring(
-    chain: Chain,
-    polarised: Array,
-    field: Array,
-    slope: Array,
-    rates: Array | None,
+    chain: Chain, polarised: Array, field: Array, slope: Array, rates: Array | None
 ) -> tuple[Soliton, ...]:
-    """Return the walls of a chain with periodic ends.
-
-    The function cuts the chain at a spring far from all walls and fits the open chain.
-    """
+    """Cut a chain with periodic ends at a spring far from all walls, and fit the open chain."""
     rotors = chain.number_of_rotors
     reach = math.ceil(_FIT_REACH * chain.wall_width / chain.spacing) + 2
     clear = minimum_filter1d(np.abs(polarised), min(2 * reach + 1, rotors), mode='wrap')
@@ -201,8 +184,7 @@ class _TanhFit:
     def _velocity(self, rates: Array | None) -> tuple[float, float]:
         """Return the rate of the centre and its standard deviation [rotor spacings / s].
 
-        The centre X solves sum_n (m_n - f_n) df_n/dX = 0 with the fitted function f_n. The time
-        derivative of this equation gives dX/dt.
+        It is the time derivative of sum_n (m_n - f_n) df_n/dX = 0 with the fitted function f_n.
         """
         if rates is None or len(self._rotors) < 2:
             return math.nan, math.nan
@@ -219,10 +201,7 @@ class _TanhFit:
         return velocity, _deviation(residual, 1, float(gradient @ gradient))
 
     def _fit_width(self) -> tuple[float, float]:
-        """Return the width w and its standard deviation [rotor spacings], from a fit of X and w.
-
-        Both are NaN if the frame does not determine the width, for example for a wall at an edge.
-        """
+        """Fit X and w; return w and its standard deviation [rotor spacings], NaN if unknown."""
         chain = self._chain
         edge = min(self._centre, chain.number_of_rotors - 1 - self._centre)
         wobbling = chain.motion is not Motion.SPINNER
@@ -247,10 +226,7 @@ class _TanhFit:
         return (width, deviation) if deviation < width / 2 else (math.nan, math.nan)
 
     def _fit_centre(self, crossing: float, bounds: tuple[float, float]) -> float:
-        """Return the fitted centre X [rotor spacings], limited to `bounds`.
-
-        The fit uses Newton steps, with a lower limit of the curvature.
-        """
+        """Return the fitted centre X [rotor spacings] by Newton steps with a limited curvature."""
         centre = crossing
         for _ in range(_FIT_ITERATIONS if len(self._rotors) > 1 else 0):
             gradient, curvature = self._gradient_and_curvature(centre)
@@ -269,7 +245,6 @@ class _TanhFit:
         return np.asarray(-self._charge * np.tanh((self._rotors - centre) / self._width))
 
     def _gradient_and_curvature(self, centre: float) -> tuple[Array, Array]:
-        """Return the first and second derivative of the model by the centre."""
         argument = (self._rotors - centre) / self._width
         gradient = self._charge / self._width * _sech_squared(argument)
         return gradient, 2 * gradient * np.tanh(argument) / self._width
@@ -280,10 +255,7 @@ def _sech_squared(argument: ArrayLike) -> Array:
 
 
 def _deviation(residual: Array, parameters: int, information: float) -> float:
-    """Return the standard deviation of a fitted parameter, NaN if the fit does not determine it.
-
-    `information` is the element of J^T J for this parameter, with the Jacobian J.
-    """
+    """Return the standard deviation of a parameter from its element of J^T J, or NaN."""
     freedom = len(residual) - parameters
     if freedom < 1 or information <= 0:
         return math.nan
@@ -291,11 +263,9 @@ def _deviation(residual: Array, parameters: int, information: float) -> float:
 
 
 def _spinner_lean(chain: Chain, angles: Array) -> int:
-    """Return in which of two ways a spinner is assembled: +1 or -1.
+    """Return in which of two ways a spinner is assembled: +1 (theta_bar) or -1 (-theta_bar).
 
-    The uniform states are theta_bar and theta_bar + pi for +1, and -theta_bar and pi - theta_bar
-    for -1. The signs of (-1)^n A_n and (-1)^n B_n never change while a wall moves. For +1,
-    (-1)^n A_n is negative and (-1)^n B_n is positive; for -1 the signs are opposite.
+    While a wall moves, (-1)^n A_n is negative and (-1)^n B_n positive for +1, vice versa for -1.
     """
     first, second = rigidity_bands(chain, angles)
     levers = second - first
@@ -303,10 +273,7 @@ def _spinner_lean(chain: Chain, angles: Array) -> int:
 
 
 def _polarisation_crossings(polarised: Array) -> list[tuple[float, int]]:
-    """Return the site [rotor spacings] and the charge of each change of sign of the polarisation.
-
-    Only bonds that belong to a domain are used.
-    """
+    """Return site [rotor spacings] and charge of each change of sign between bonds in domains."""
     bonds = np.flatnonzero(np.abs(polarised) > DOMAIN)
     signs = np.sign(polarised[bonds])
     crossings = []
@@ -320,9 +287,8 @@ def _polarisation_crossings(polarised: Array) -> list[tuple[float, int]]:
 def charge_of_field(displacements: ArrayLike, lean: float) -> float:
     """Return the topological charge of a field u(x), Q = [u(-inf) - u(+inf)] / (2 ub) [1].
 
-    `displacements` are K values of u along the chain [m], and `lean` is ub [m]. The sign is
-    opposite to that in the paper (eq. soliton_charge), so that the wall with zero energy has the
-    charge +1. Raises ValueError for a lean that is not positive.
+    `displacements` are K values of u along the chain [m], and `lean` is ub [m]. The paper (eq.
+    soliton_charge) has the opposite sign; here the wall with zero energy has the charge +1.
     """
     if not (math.isfinite(lean) and lean > 0):
         raise ValueError(f'lean = {lean} m must be a finite number above 0')
@@ -331,11 +297,7 @@ def charge_of_field(displacements: ArrayLike, lean: float) -> float:
 
 
 def topological_charge(chain: Chain, angles: ArrayLike) -> int:
-    """Return the number of walls of charge +1 minus the number of walls of charge -1.
-
-    The result is 1, 0 or -1: (P_first - P_last) / 2 with the polarisations P = +1 or -1 of the
-    first and of the last domain. It is 0 for a chain with periodic ends.
-    """
+    """Return the number of walls of charge +1 minus that of charge -1, which is 1, 0 or -1."""
     if chain.periodic:
         chain.check_angles(angles)
         return 0
@@ -347,10 +309,8 @@ def topological_charge(chain: Chain, angles: ArrayLike) -> int:
 def half_turns(chain: Chain, angles: ArrayLike) -> int:
     """Return the number of half turns by which the last rotor of a spinner is ahead of the first.
 
-    A wall of charge Q contributes Q if it turns its rotors forwards, and -Q if it turns them
-    backwards. Whole turns between neighbours are ignored, because the difference between the
-    angles of neighbours differs by at most half a turn from the value in a uniform state. Raises
-    ValueError for a flipper.
+    A wall of charge Q contributes Q if it turns its rotors forwards, otherwise -Q; whole turns of
+    neighbours do not count. Raises ValueError for a flipper.
     """
     if chain.motion is not Motion.SPINNER:
         raise ValueError(f'a {chain.motion.value} does not turn; count the turns of a spinner')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Track of a soliton, which is its site as a function of time, and its crossings of the chain."""
+"""Track of a soliton, its site as a function of time, and its crossings of the chain."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.tanh_fit import find_solitons
 
 _EDGE_PART = 0.2
-"""Fraction of the chain at each end that is not part of a crossing [1]. Walls are reflected in
-this part."""
+"""Fraction of the chain at each end in which walls are reflected, not part of a crossing [1]."""
 
 
 @dataclass(frozen=True)
@@ -71,10 +70,7 @@ class MeasuredWall(Protocol):
 
 
 def measured_track(chain: Chain, times: Array, walls: Sequence[Sequence[MeasuredWall]]) -> Track:
-    """Return the track of the first wall in each frame.
-
-    `times` are the times of the T frames [s], shape (T,), and `walls` the walls of each frame.
-    """
+    """Return the track of the first wall in each frame; `times` [s] have the shape (T,)."""
     rows = np.full((len(walls), 4), np.nan)
     for row, found in zip(rows, walls, strict=True):
         if found:

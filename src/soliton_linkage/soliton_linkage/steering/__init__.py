@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Position control of a soliton by feedback along the zero mode.
 
-In each frame, `Steering` estimates the position of the wall with a `WallObserver`, which contains
-the filter of the analyser. It computes the force that keeps the wall on a `ReferenceTrajectory`,
-and converts this force into torques with `TorqueAllocation`.
+In each frame, `Steering` estimates the wall with a `WallObserver`, computes the force that keeps
+it on a `ReferenceTrajectory`, and converts this force into torques with `TorqueAllocation`.
 """
 
 from soliton_linkage.steering.phonon_energy_estimator import PhononEnergyEstimator

@@ -1,17 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimate of the phonon energy from the rates, valid in chains with unmodelled deviations.
 
-If the spring lengths are not exactly known, the elastic energy is unknown, but the kinetic energy
-of the phonons can be estimated. The motion of the wall is along the tangent t of the orbit.
-Therefore the component of the rates orthogonal to t is due to phonons and noise. The mean total
-energy of phonons is twice their mean kinetic energy, so that
+The rates orthogonal to the tangent t of the orbit are those of phonons and noise. The energy of
+phonons is twice their mean kinetic energy, so that
 
     E = < I |phi_dot - t (t . phi_dot)|^2 > - I (N - 1) sigma^2
 
-with the standard deviation sigma of the noise of a rate. sigma is estimated from the third
-differences of the rates between frames. For each rotor the variance of a third difference is
-(1^2 + 3^2 + 3^2 + 1^2) sigma^2 = 20 sigma^2. Phonons hardly contribute to these differences,
-because their periods are much longer than the frame period.
+with the noise sigma of a rate, from the variance 20 sigma^2 of third differences between frames.
 """
 
 from __future__ import annotations
@@ -34,7 +29,6 @@ class PhononEnergyEstimator:
     """Estimator of the phonon energy by a running mean over periods of the slowest phonon."""
 
     def __init__(self, orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> None:
-        """Start without frames."""
         self._orbit = orbit
         self._memory = settings.phonon_periods * 2 * math.pi / gap(orbit.chain)
         self._rates: deque[Array] = deque(maxlen=len(_THIRD_DIFFERENCE))
@@ -48,12 +42,10 @@ class PhononEnergyEstimator:
         return max(self._sum / self._weight, 0.0) if self._weight else math.nan
 
     def update(self, time: float, rates: Array | None, arc: float) -> None:
-        """Process a frame.
+        """Process time [s] and rates [rad/s], shape (N,), of a frame with the wall at `arc` [rad].
 
-        `time` is the time of the frame [s], `rates` are its rates [rad/s], shape (N,), or None,
-        and `arc` is the arc length of the orbit at the wall [rad]. Frames that are not later than
-        the previous one are ignored. If the time decreases by more than the averaging time, the
-        estimate restarts.
+        Frames that are not later than the previous one are ignored. If the time decreases by more
+        than the averaging time, the estimate restarts.
         """
         if time < self._time - self._memory:
             self._rates.clear()

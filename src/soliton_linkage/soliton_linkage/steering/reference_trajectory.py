@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reference trajectories of a wall along the orbit, and their adiabatic speed limit.
 
-The position of a wall on the orbit is its arc length s, with the tangent t = dPhi/ds of the orbit.
-A wall with the rate w = ds/dt exerts the force I w^2 t_n'(s) on rotor n, orthogonally to the
-orbit. The Fourier component of wave number q has the frequency q w. If this frequency exceeds the
-gap omega_0, the component radiates phonons. At rotor n, it then takes about the fraction
-|q t_n(q)|^2 of the energy of the wall, with t_n(q) = int t_n e^(iqs) ds.
+A wall with the rate w = ds/dt of its arc length exerts the force I w^2 t_n'(s) on rotor n,
+orthogonally to the orbit with the tangent t. A Fourier component of wave number q with q w above
+the gap omega_0 radiates about the fraction |q t_n(q)|^2 of the energy of the wall, with t_n(q) =
+int t_n e^(iqs) ds.
 """
 
 from __future__ import annotations
@@ -21,12 +20,12 @@ from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.steering.settings import DEFAULTS, SteeringSettings
 
 _SAMPLES = 2048
-"""Number of samples of the tangent while a wall passes a rotor [1]. With fewer samples the
-spectrum would end before it has decayed."""
+"""Number of samples of the tangent while a wall passes a rotor [1]; the spectrum has then
+decayed."""
 _PEAK = 15 / 8
 """Ratio of the largest rate to the mean rate of a trajectory from rest to rest [1]."""
 _EXTENSION = 1.1
-"""Factor by which the duration is increased repeatedly until the trajectory is slow enough [1]."""
+"""Factor by which the duration is increased until the trajectory is slow enough [1]."""
 
 
 @dataclass(frozen=True)
@@ -49,9 +48,7 @@ class ReferenceTrajectory:
 
     s = sum_j c_j x^j with x = (time - start) / duration, limited to the range from 0 to 1.
 
-    start: instant of the start [s].
-    duration: duration [s].
-    coefficients: c_0 to c_5 [rad].
+    start: instant of the start [s]. duration: duration [s]. coefficients: c_0 to c_5 [rad].
     """
 
     start: float
@@ -90,7 +87,7 @@ class ReferenceTrajectory:
         return ReferencePoint(arc, rate, acceleration)
 
     def _derivative(self, order: int) -> Array:
-        """Return the coefficients of the derivative of an order by x, highest power first."""
+        """Return the coefficients of a derivative by x, highest power first."""
         highest_first = np.array(self.coefficients[::-1])
         return np.polyder(highest_first, order) if order else highest_first
 
@@ -98,8 +95,8 @@ class ReferenceTrajectory:
 def adiabatic_rate(orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> float:
     """Return the largest rate of the arc length at which a wall radiates little energy [rad/s].
 
-    The rate is `adiabatic_fraction` times w. At rates up to w, each of the two rotors in the
-    middle of the chain radiates less than the fraction `radiated_share` of the energy of the wall.
+    It is `adiabatic_fraction` times the rate up to which each of the two middle rotors radiates
+    less than the fraction `radiated_share` of the energy of the wall.
     """
     middle = orbit.arc_at(orbit.middle, 0)
     begin, end = orbit.leg_arcs(0)
@@ -127,11 +124,9 @@ def adiabatic_rate(orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> float
 
 
 def bandwidth(orbit: Orbit, period: float, settings: SteeringSettings = DEFAULTS) -> float:
-    """Return the bandwidth of the feedback [rad/s] for a frame period [s].
+    """Return the bandwidth of the feedback [rad/s] for a frame period [s], NaN if it is unknown.
 
-    The period is NaN if it is unknown. The bandwidth is far below the phonon gap, so that noise in
-    the feedback excites no phonons. It is also far below the frame rate, so that a late frame does
-    not destabilise the loop.
+    It is far below the phonon gap and the frame rate, because of noise and late frames.
     """
     limit = settings.bandwidth_share * gap(orbit.chain)
     return limit if math.isnan(period) else min(limit, settings.bandwidth_step / period)
@@ -140,11 +135,10 @@ def bandwidth(orbit: Orbit, period: float, settings: SteeringSettings = DEFAULTS
 def trajectory_to(
     goal: float, start: float, point: ReferencePoint, rate: float, shortest: float
 ) -> ReferenceTrajectory:
-    """Return a trajectory that starts at a reference point and ends at rest at a goal.
+    """Return a trajectory from a reference point at `start` [s] to rest at an arc length [rad].
 
-    `goal` is an arc length [rad], and `start` the instant of the start [s]. The duration is
-    `shortest` [s], or longer if the rate would otherwise exceed `rate` [rad/s] and also exceed
-    the initial rate.
+    The duration is `shortest` [s], or longer if the rate would otherwise exceed both `rate`
+    [rad/s] and the initial rate.
     """
     duration = max(shortest, _PEAK * abs(goal - point.arc) / rate)
     limit = max(rate, abs(point.rate)) * (1 + 1e-9)
@@ -161,17 +155,13 @@ def trajectory_to(
 def trajectory_to_rest(
     start: float, point: ReferencePoint, shortest: float
 ) -> ReferenceTrajectory:
-    """Return a trajectory that brakes to rest in a time of `shortest` [s].
-
-    `start` is the instant of the start [s], and `point` the reference at this instant.
-    """
+    """Return a trajectory from a reference point at `start` [s] to rest after `shortest` [s]."""
     return _joining(point.arc + point.rate * shortest / 2, start, point, shortest)
 
 
 def _joining(
     goal: float, start: float, point: ReferencePoint, duration: float
 ) -> ReferenceTrajectory:
-    """Return the trajectory of a given duration [s] from a reference point to rest at a goal."""
     rate, acceleration = point.rate * duration, point.acceleration * duration**2 / 2
     distance = goal - point.arc - rate - acceleration
     change, turn = -rate - 2 * acceleration, -2 * acceleration

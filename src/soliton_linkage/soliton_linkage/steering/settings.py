@@ -17,8 +17,7 @@ from soliton_linkage.linkage.quantities import check_quantities, quantity
 class SteeringSettings:
     """Tuned parameters of the steering; raises ValueError for values out of range.
 
-    The `Quantity` of each field contains its meaning and its range. In the following docstrings,
-    b [rad/s] is the bandwidth of the feedback.
+    The `Quantity` of each field contains its meaning and range. b [rad/s] is the bandwidth.
     """
 
     tolerance: float = quantity(
@@ -28,15 +27,14 @@ class SteeringSettings:
     holding accuracy does not change."""
 
     latency: int = quantity(1, 'delay from a frame until its torques act', 'frames', 0)
-    """Sensitivity: an error of 2 frames in this parameter has no effect. With an error of 5
-    frames, a wall may be lost."""
+    """Sensitivity: an error of 2 frames has no effect. With an error of 5 frames, a wall may be
+    lost."""
 
     radiated_share: float = quantity(
         1e-5, 'fraction of the energy of a soliton that one rotor may radiate', '', 1e-12, 1.0
     )
     """Sensitivity: at 0.5x, moves take up to 7 % longer. At 2x, moves of a wobbling flipper take
-    28 % less time. They then leave 2000 times as much phonon energy, which is still only 1e-6 of
-    the energy of the wall."""
+    28 % less time and leave 2000 times as much phonon energy, 1e-6 of the energy of the wall."""
 
     adiabatic_fraction: float = quantity(
         0.5,
@@ -46,8 +44,8 @@ class SteeringSettings:
         1.0,
     )
     """Sensitivity: at 0.5x, moves take up to twice as long; at 2x, down to half as long. At 2x the
-    phonon energy, relative to the energy of the wall, rises from 3e-11 to 5e-8 for a flipper and
-    from 3e-10 to 2e-4 for a wobbling flipper."""
+    phonon energy per energy of the wall rises from 3e-11 to 5e-8 for a flipper and from 3e-10 to
+    2e-4 for a wobbling flipper."""
 
     bandwidth_share: float = quantity(
         0.125, 'ratio of the bandwidth of the feedback to the phonon gap', '', 1e-3, 1.0
@@ -58,9 +56,9 @@ class SteeringSettings:
     bandwidth_step: float = quantity(
         0.1, 'largest bandwidth of the feedback times the frame period', '', 1e-3, 1.0
     )
-    """With this value the feedback is stable for delays of up to 3 frames. Sensitivity for a frame
-    period of 50 ms: at 0.5x, moves take twice as long; at 2x, a delay of 3 frames destabilises the
-    feedback for a flipper. If the frame period is shorter, the parameter has no effect."""
+    """The feedback is stable for delays of up to 3 frames. Sensitivity for a frame period of 50
+    ms: at 0.5x, moves take twice as long; at 2x, a delay of 3 frames destabilises the feedback for
+    a flipper. Shorter frame periods have no effect."""
 
     observer_ratio: float = quantity(
         3.0, 'ratio of the bandwidths of observer and feedback', '', 0.1, 100.0
@@ -78,17 +76,16 @@ class SteeringSettings:
     min_duration: float = quantity(
         10.0, 'shortest duration of a reference trajectory times the bandwidth', '', 1.0
     )
-    """Sensitivity: at 0.5x, short moves take 0.6 times as long and have the same errors; at 2x,
-    they take up to 1.8 times as long. Long moves at the adiabatic rate do not change. The required
-    torques grow as the inverse square of this parameter, so that a smaller value makes goals
-    unreachable."""
+    """Sensitivity: at 0.5x, short moves take 0.6 times as long and have the same errors; at 2x, up
+    to 1.8 times as long. The required torques grow as the inverse square of this parameter, so
+    that a smaller value makes goals unreachable."""
 
     force_reserve: float = quantity(
         2.0, 'ratio of the available force to the force of the trajectory', '', 1.0
     )
-    """The excess of available force is a margin for noise and disturbances. Sensitivity: at 0.5x,
-    the reported reach of actuators at an edge is ln(2) penetration depths longer; at 2x, it is
-    ln(2) penetration depths shorter. Accepted moves are carried out in the same way."""
+    """The excess is a margin for noise and disturbances. Sensitivity: at 0.5x, the reported reach
+    of actuators at an edge is ln(2) penetration depths longer; at 2x, as much shorter. Accepted
+    moves do not change."""
 
     settling_time: float = quantity(
         3.0,
@@ -96,15 +93,14 @@ class SteeringSettings:
         '',
         0.0,
     )
-    """During this time errors decay to (1 + 3) e^-3 = 0.2 of their initial value. Sensitivity: at
-    0.5x, arrivals are reported 1.5 / b earlier, with up to six times the error. At 2x, they are
-    reported 3 / b later, with the same error."""
+    """Errors decay to (1 + 3) e^-3 = 0.2 in this time. Sensitivity: at 0.5x, arrivals are reported
+    1.5 / b earlier, with up to six times the error; at 2x, 3 / b later, with the same error."""
 
     settling_timeout: float = quantity(
         30.0, 'longest time to settle after the trajectory, times the bandwidth', '', 0.0
     )
-    """Sensitivity: the time until a wall that never settles is reported is proportional to this
-    parameter. All other walls settled before half of this time."""
+    """Sensitivity: the time until a wall that never settles is reported is proportional. All other
+    walls settled before half of this time."""
 
     max_error: float = quantity(
         1.5,
@@ -113,23 +109,22 @@ class SteeringSettings:
         'rotor spacings',
         1e-3,
     )
-    """Sensitivity: at 0.5x, the reference also restarts for the lag of 0.9 rotor spacings that
-    occurs in a disordered chain, and for an impulse that displaces the wall by 0.8 rotor spacings.
-    At 2x, the torques before a restart are larger."""
+    """Sensitivity: at 0.5x, the reference also restarts for the lag of 0.9 rotor spacings in a
+    disordered chain, and for an impulse of 0.8 rotor spacings. At 2x, the torques before a restart
+    are larger."""
 
     max_restarts: int = quantity(
         20, 'number of restarts after which a soliton that does not settle is lost', '', 0
     )
-    """After missing frames, one to three restarts are enough. Sensitivity: a load that exceeds the
-    force of the actuators displaces the wall until the controller releases it. At 0.5x, the wall
-    is released 15 rotor spacings earlier; at 2x, 30 rotor spacings later."""
+    """After missing frames, one to three restarts are enough. Sensitivity: a load above the force
+    of the actuators displaces the wall until it is released; at 0.5x, 15 rotor spacings earlier;
+    at 2x, 30 rotor spacings later."""
 
     max_gap: float = quantity(
         5.0, 'time without frames after which the soliton may have moved', 'frame periods', 1.0
     )
-    """Sensitivity: at 0.5x, the move also continues after an impulse has displaced the wall while
-    two frames were missing. At 2x, a wall is released after a gap of 8 frames, although it only
-    continued its motion."""
+    """Sensitivity: at 0.5x, the move also continues after an impulse while two frames were
+    missing. At 2x, a wall that continues its motion is released after a gap of 8 frames."""
 
     detection_timeout: float = quantity(
         0.2, 'time without a frame that shows the soliton, after which it is lost', 's', 0.0
@@ -140,9 +135,9 @@ class SteeringSettings:
     min_noise: float = quantity(
         3e-3, 'lower limit of the noise of an angle in the observer', 'rad', 1e-9
     )
-    """If the frames are exact and this limit is absent, the filter regards the start of an impulse
-    as noise. An impulse of 6 to 10 rad/s then displaces a wall 1.4 times as far. Sensitivity: no
-    effect at 0.5x and 2x."""
+    """Without this limit, the filter regards the start of an impulse in exact frames as noise; an
+    impulse of 6 to 10 rad/s then displaces a wall 1.4 times as far. Sensitivity: no effect at 0.5x
+    and 2x."""
 
     phonon_periods: float = quantity(
         4.0,
@@ -150,12 +145,10 @@ class SteeringSettings:
         'periods',
         0.1,
     )
-    """The kinetic energy of a phonon oscillates about half of its total energy, so that the
-    estimate oscillates too. Sensitivity: at 0.5x, the oscillation of the estimate is twice as
-    large, and the estimate converges twice as fast."""
+    """Kinetic and elastic energy of a phonon alternate. Sensitivity: at 0.5x, the oscillation of
+    the estimate is twice as large, and the estimate converges twice as fast."""
 
     def __post_init__(self) -> None:
-        """Reject values out of range."""
         check_quantities(self)
 
 

@@ -1,19 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Position control of a wall by torques along the zero mode.
 
-The motion of a chain along its orbit has one coordinate, the arc length s, with the constant
-inertia I = M r^2. To follow a reference trajectory r(t), the controller applies the force
+To follow a reference r(t) with the arc length s of constant inertia I = M r^2, the controller
+applies the force
 
     F = I [r'' + 2 b (r' - s') + b^2 (r - s) - d]
 
-along the orbit, with the bandwidth b. The arc length s, the rate s' and the disturbance d are
-estimates. Errors decay as (1 + b t) e^(-b t). Torques act later than their frame by the latency.
-The controller predicts the reference and the estimates to the instant at which the torques act.
-Therefore the latency does not reduce the stability margin.
-
-Noise causes a force proportional to b^(5/2). If only some rotors are actuated, the torques are
-also proportional to q^(-1/2), with the coupling q of `TorqueAllocation`. The controller then
-multiplies b by q^(1/5), so that a small q does not increase the torques due to noise.
+along the orbit, with the bandwidth b and estimates of s, s' and the disturbance d, all predicted
+to the instant at which the torques act. Noise causes a force proportional to b^(5/2), and torques
+proportional to q^(-1/2) with the coupling q of `TorqueAllocation`, so that b ~ q^(1/5).
 """
 
 from __future__ import annotations
@@ -41,12 +36,11 @@ from soliton_linkage.steering.torque_allocation import TorqueAllocation
 from soliton_linkage.steering.wall_observer import WallEstimate, WallObserver
 
 _BANDWIDTH_EXPONENT = 1 / 5
-"""Exponent e in b ~ q^e [1]. With 1/5, the torques due to noise, b^(5/2) q^(-1/2), do not depend
-on q."""
+"""Exponent e in b ~ q^e [1], with which the torques due to noise do not depend on q."""
 _MAX_EXTENSIONS = 8
 """Number of durations that are tried for a trajectory of a moving wall [1]."""
 _EXTENSION = 1.5
-"""Ratio of a tried duration to the previous one [1]. A longer trajectory needs less force."""
+"""Ratio of a tried duration to the previous one [1]; a longer trajectory needs less force."""
 
 
 class Outcome(enum.Enum):
@@ -67,9 +61,9 @@ class Outcome(enum.Enum):
 class MoveResult:
     """Result of a move.
 
-    outcome: result, or the reason for the rejection.
-    message: description of the result with values and limits.
-    site: final site coordinate of the wall [rotor spacings], NaN if no wall is detected.
+    outcome: result, or the reason for the rejection. message: description of the result with
+    values and limits. site: final site coordinate of the wall [rotor spacings], NaN if no wall is
+    detected.
     """
 
     outcome: Outcome
@@ -91,30 +85,26 @@ class WallState:
 
 class _Sent(NamedTuple):
     torques: Array | None
-    """Torques sent after one frame [N m], shape (N,); None means 0 for every rotor."""
+    """Torques sent after one frame [N m], shape (N,); None means 0."""
     acceleration: float
     """Acceleration of the arc length by these torques [rad/s^2]."""
 
 
 _NO_TORQUES = _Sent(None, 0.0)
-"""Entry for a frame after which no torques were sent."""
+"""Entry for a frame after which no torques were sent [N m]."""
 
 
 class Steering:
     """Controller that estimates a wall in each frame and returns the torques that move it.
 
-    Call `torques` once after each call of `observe`. The controller applies no torques before the
-    first call of `move`. After a move it holds the wall until the next move or until `release` is
-    called. If the frames no longer show the wall, the controller releases the wall.
+    Call `torques` once after each call of `observe`. The torques are 0 before the first `move`.
+    After a move the wall is held until the next move or `release`. If the frames no longer show
+    the wall, the controller releases it.
     """
 
     def __init__(
-        self,
-        orbit: Orbit,
-        allocation: TorqueAllocation,
-        settings: SteeringSettings = DEFAULTS,
+        self, orbit: Orbit, allocation: TorqueAllocation, settings: SteeringSettings = DEFAULTS
     ) -> None:
-        """Start without frames."""
         self.orbit = orbit
         self.allocation = allocation
         self.settings = settings
@@ -172,8 +162,7 @@ class Steering:
     def observe(self, time: float, angles: Array) -> MoveResult | None:
         """Process a frame with its time [s] and its angles [rad], shape (N,).
 
-        Return a result if the move ends in this frame, or if a wall that was held is lost in this
-        frame. Otherwise return None.
+        Return a result if the move ends in this frame, or if a held wall is lost, otherwise None.
         """
         before = self._observer.estimate
         if before is not None and time > before.time:
@@ -199,16 +188,14 @@ class Steering:
                     f'the soliton differs from its reference by {error:.2g} rotor spacings, more '
                     f'than {self.settings.max_error:g}, after {self._restarts} restarts'
                 )
-            self._restart(estimate)
+            self._restart(self._trajectory, estimate)
             return None
         return self._check_arrival(self._trajectory, estimate)
 
     def move(self, site: float, speed: float = 0.0) -> MoveResult | None:
-        """Start to move the wall to a site coordinate [rotor spacings].
+        """Start to move the wall to a site [rotor spacings], or return the reason of a rejection.
 
-        `speed` [rotor spacings / s] is a limit of the speed; with 0 the limit is
-        `adiabatic_speed`. The speed never exceeds `adiabatic_speed`. Return a result with the
-        reason if the move is rejected, otherwise None.
+        `speed` [rotor spacings / s] is a limit in addition to `adiabatic_speed`; 0 means none.
         """
         estimate = self._observer.estimate
         rejection = self._rejection(site, speed, estimate)
@@ -269,10 +256,6 @@ class Steering:
         return self._bandwidth_factor * bandwidth(self.orbit, self._period, self.settings)
 
     def _measure_period(self, elapsed: float) -> None:
-        """Update the mean frame period and the bandwidth of the observer.
-
-        `elapsed` is the time between the last two frames [s].
-        """
         if math.isnan(self._period):
             self._period = elapsed
         # A gap of many frame periods counts as two, so that the mean changes only a little.
@@ -287,25 +270,20 @@ class Steering:
         self._resting_since = None
 
     def _jumped(self, last: WallEstimate, found: WallEstimate) -> bool:
-        """Return whether a wall has moved too far between two estimates.
-
-        The limit is `max_error` plus twice the distance that corresponds to the last rate.
-        """
+        """Return whether a wall moved by over `max_error` plus twice the distance of its rate."""
         distance = abs(math.remainder(found.arc - last.arc, self.orbit.length))
         explained = 2 * abs(last.rate) * (found.time - last.time)
         return distance > explained + self.settings.max_error * self.orbit.site_arc
 
-    def _restart(self, estimate: WallEstimate) -> None:
+    def _restart(self, followed: ReferenceTrajectory, estimate: WallEstimate) -> None:
         """Start a new trajectory from the estimated state of the wall to the current goal."""
-        if self._trajectory is None:
-            return
         self._restarts += 1
         shortest = self.settings.min_duration / self._bandwidth
         point = ReferencePoint(estimate.arc, estimate.rate, 0.0)
         if self._stopping:
             trajectory = trajectory_to_rest(estimate.time, point, shortest)
         else:
-            site = self.orbit.site(self._trajectory.goal)
+            site = self.orbit.site(followed.goal)
             goal = self._nearest_arc(site, point.arc + point.rate * shortest / 2)
             trajectory = self._within_reach(goal, estimate, point, self._speed_limit, shortest)
         moving = self._moving
@@ -322,8 +300,8 @@ class Steering:
     ) -> ReferenceTrajectory:
         """Return a trajectory to a goal [rad] that the actuators can follow.
 
-        For a moving wall try increasing durations, from `shortest` [s] on. If no duration is
-        feasible, return the last trajectory that was tried.
+        For a moving wall try increasing durations from `shortest` [s] on. If none is feasible,
+        return the last one.
         """
         for _ in range(_MAX_EXTENSIONS):
             trajectory = trajectory_to(goal, estimate.time, point, rate, shortest)
@@ -334,19 +312,13 @@ class Steering:
         return trajectory
 
     def _reference(self, estimate: WallEstimate) -> ReferencePoint:
-        """Return the reference at the time of the estimate.
-
-        Without a trajectory, the reference is the estimated state of the wall.
-        """
+        """Return the reference at the time of the estimate, without a trajectory the estimate."""
         if self._trajectory is None:
             return ReferencePoint(estimate.arc, estimate.rate, 0.0)
         return self._trajectory.at(estimate.time)
 
     def _nearest_arc(self, site: float, arc: float) -> float:
-        """Return the arc length [rad] nearest to `arc` at which the wall is at a site coordinate.
-
-        The wall is at each site coordinate once per leg of the orbit.
-        """
+        """Return the arc length [rad] nearest to `arc` at which the wall is at a site."""
         legs = range(self.orbit.number_of_legs)
         distances = [self.orbit.arc_at(site, leg) - arc for leg in legs]
         return arc + min((math.remainder(each, self.orbit.length) for each in distances), key=abs)

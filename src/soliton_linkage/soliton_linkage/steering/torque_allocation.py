@@ -1,15 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Torques of the actuators, of which each acts on one rotor, for a given force on a wall.
 
-A force F along the orbit, with the tangent t, needs torques tau with t . tau = F. If S is the set
-of actuated rotors, the torques of least norm are tau_n = F t_n / q with the coupling q = sum of
-t_n^2 over S. With actuators on all rotors, q is 1, and the torques excite no phonons. With fewer
-actuators, the torques also deflect the rotors against the springs by the angles
+A force F along the orbit, with the tangent t, needs torques tau with t . tau = F. The torques of
+least norm on a set S of rotors are tau_n = F t_n / q with the coupling q = sum of t_n^2 over S. If
+S is not the whole chain, they also deflect the rotors against the springs by
 
     dphi = R^T (R R^T)^(-1) f / k_e,    R^T f = tau - F t.
 
-The deflection diverges if q tends to 0. If the actuators are at an edge, the deflection grows as
-e^(2 x / ell) with the distance x between wall and edge.
+With actuators at an edge, the deflection grows as e^(2 x / ell) with the distance x of the wall.
 """
 
 from __future__ import annotations
@@ -26,11 +24,9 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.orbit import Orbit
 
 _SAMPLES_PER_SITE = 4
-"""Number of samples of the path of a wall per rotor spacing [1]. t_n^2 varies smoothly between
-the samples."""
+"""Number of samples of a path per rotor spacing [1]; t_n^2 varies smoothly in between."""
 _MIN_COUPLING = 1e-12
-"""Threshold of the coupling q [1]: for smaller values the actuators count as without effect on the
-wall. The orbit sets components |t_n| < 1e-6 to 0."""
+"""Coupling q below which actuators have no effect [1]; the orbit sets |t_n| < 1e-6 to 0."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +43,7 @@ class Effort:
 
 @dataclass(frozen=True)
 class Reach:
-    """Smallest and largest site coordinate to which actuators can move a wall [rotor spacings].
+    """Range of site coordinates to which actuators can move a wall [rotor spacings].
 
     Both are NaN if the actuators cannot hold the wall at its current position.
     """
@@ -57,10 +53,10 @@ class Reach:
 
 
 class TorqueAllocation:
-    """Allocation of torques to the actuators of a chain.
+    """Allocation of torques to actuators on the given rotors, or on every rotor if none are given.
 
-    The actuators are on the given rotors. Without rotors, there is an actuator on every rotor.
-    Raises ValueError for a rotor that is not in the chain.
+    Limits are the torque of each actuator [N m] and the deflection of a rotor against the springs
+    [rad]. Raises ValueError for a rotor that is not in the chain.
     """
 
     def __init__(
@@ -70,11 +66,6 @@ class TorqueAllocation:
         torque_limit: float = math.inf,
         strain_limit: float = 0.1,
     ) -> None:
-        """Set the actuated rotors and the limits.
-
-        `torque_limit` is the largest torque of each actuator [N m], and `strain_limit` the largest
-        deflection of a rotor against the springs [rad].
-        """
         count = orbit.chain.number_of_rotors
         for rotor in rotors:
             if rotor not in range(count):
@@ -92,11 +83,9 @@ class TorqueAllocation:
             self._actuated[:] = True
 
     def torques(self, arc: float, force: float) -> tuple[Array, float]:
-        """Return the torques for a force along the orbit, and the force that they exert.
+        """Return the torques [N m] for a force at an arc length [rad], and the exerted force.
 
-        The wall is at the arc length `arc` [rad]. The torques have the shape (N,); torques and
-        forces are in [N m]. If a torque exceeds its limit, all torques are reduced by the same
-        factor, and the exerted force is smaller than `force`.
+        If a torque exceeds its limit, all torques and the force [N m] are reduced.
         """
         unit = self._unit_torques(self.orbit.tangent(arc))
         required = force * unit
@@ -116,10 +105,7 @@ class TorqueAllocation:
         return Effort(largest, self._strain(arc, torques))
 
     def can_move(self, start: float, goal: float, force: float) -> bool:
-        """Return whether the actuators can exert a force everywhere on a path of the wall.
-
-        `force` is in [N m]. `start` and `goal` are the arc lengths at the ends of the path [rad].
-        """
+        """Return whether a force [N m] is available everywhere between two arc lengths [rad]."""
         if self._everywhere and abs(force) <= self.torque_limit:
             return True
         return all(self._is_available(arc, force) for arc in self._path(start, goal))
@@ -132,11 +118,7 @@ class TorqueAllocation:
         return float((tangents[:, self._actuated] ** 2).sum(axis=1).min())
 
     def reach(self, arc: float, force: float) -> Reach:
-        """Return the range of sites to which the actuators can move a wall with a force [N m].
-
-        The wall starts at the arc length `arc` [rad] and stays on its leg, which is the part of
-        the orbit between two reflections of the wall.
-        """
+        """Return the sites that a wall can reach on its leg from an arc length with a force."""
         orbit = self.orbit
         here, leg = orbit.site(arc), orbit.leg(arc)
         last = orbit.chain.number_of_rotors - 1
@@ -154,7 +136,6 @@ class TorqueAllocation:
         return Reach(*ends)
 
     def _path(self, start: float, goal: float) -> list[float]:
-        """Return equally spaced arc lengths from `start` to `goal` [rad]."""
         steps = math.ceil(abs(goal - start) / self.orbit.site_arc * _SAMPLES_PER_SITE)
         return [float(arc) for arc in np.linspace(start, goal, steps + 1)]
 
@@ -163,16 +144,12 @@ class TorqueAllocation:
         return effort.torque <= self.torque_limit and effort.strain <= self.strain_limit
 
     def _unit_torques(self, tangent: Array) -> Array:
-        """Return the minimum-norm torques for a unit force [1], shape (N,).
-
-        All torques are 0 if the coupling is too small.
-        """
+        """Return the minimum-norm torques for a unit force [1]; 0 if the coupling is too small."""
         actuated = np.where(self._actuated, tangent, 0.0)
         coupling = float(actuated @ actuated)
         return actuated / coupling if coupling > _MIN_COUPLING else 0 * actuated
 
     def _strain(self, arc: float, torques: Array) -> float:
-        """Return the largest deflection of a rotor that torques [N m] cause [rad]."""
         chain = self.orbit.chain
         angles = self.orbit.configuration(arc)
         first, second = rigidity_bands(chain, angles)

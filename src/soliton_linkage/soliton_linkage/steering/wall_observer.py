@@ -1,15 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Observer of a wall on which known torques act.
+"""Observer of a wall on which known torques act: the filter of the analyser with a disturbance d.
 
-The observer is the filter of the analyser, `OrbitFilter`, extended by an estimated disturbance d.
-The model of the motion along the orbit is
-
-    s'' = u + d,
-
-where s is the arc length, u its acceleration by the known torques, and d the acceleration by
-everything else: gravity, friction and unmodelled deviations of the chain. Because d is estimated,
-a constant force causes no steady error. The given bandwidth determines the poles of the Kalman
-filter, so that they depend neither on the noise nor on the motion of the wall.
+s'' = u + d with the acceleration u by the known torques and d by all else, so that a constant
+force causes no steady error. The bandwidth determines the poles of the Kalman filter.
 """
 
 from __future__ import annotations
@@ -45,10 +38,7 @@ class WallEstimate:
     upside_down: bool
 
     def after(self, elapsed: float, acceleration: float) -> WallEstimate:
-        """Return the predicted state after a time [s].
-
-        `acceleration` [rad/s^2] is that by the known torques; the disturbance is added to it.
-        """
+        """Return the state after a time [s] with an acceleration by known torques [rad/s^2]."""
         gained = (acceleration + self.disturbance) * elapsed
         return replace(
             self,
@@ -61,14 +51,13 @@ class WallEstimate:
 class WallObserver:
     """Estimator of the arc length of a wall along the orbit, of its rate, and of the disturbance.
 
-    The attribute `estimate` is None before the first detection of the wall, and when the wall has
-    not been detected for longer than `detection_timeout`.
+    `bandwidth` [rad/s] determines the poles of the filter. `estimate` is None before the first
+    detection of the wall, and after `detection_timeout` without a detection.
     """
 
     def __init__(
         self, orbit: Orbit, bandwidth: float, settings: SteeringSettings = DEFAULTS
     ) -> None:
-        """Start without frames; `bandwidth` [rad/s] determines the poles of the filter."""
         self.orbit = orbit
         self.bandwidth = bandwidth
         self.estimate: WallEstimate | None = None
@@ -90,11 +79,10 @@ class WallObserver:
     ) -> WallEstimate | None:
         """Process a frame and return the new estimate, or None if no wall is known.
 
-        `time` is the time of the frame [s]. `angles` are its angles [rad], shape (N,); unknown
-        angles are NaN. `torques` [N m], shape (N,), acted since the previous frame; None means 0
-        for every rotor. Frames that are not later than the previous frame are ignored. If the time
-        decreases by more than `detection_timeout`, the observer restarts. Raises ValueError if the
-        number of angles is not N.
+        `angles` [rad], (N,), are NaN where unknown. `torques` [N m], (N,) or None, acted since the
+        previous frame. Frames not later than the previous one are ignored; if the time decreases
+        by over `detection_timeout`, the observer restarts. Raises ValueError for a wrong number of
+        angles.
         """
         before = self.estimate
         if before and time < before.time - self._settings.detection_timeout:

@@ -31,18 +31,10 @@ def kicked(motion: EquationOfMotion, speed: float = 0.1) -> Array:
 
 
 def solved(
-    motion: EquationOfMotion,
-    state: Array,
-    times: Array | list[float],
-    **options: object,
+    motion: EquationOfMotion, state: Array, times: Array | list[float], **options: object
 ) -> Array:
     solution = solve_ivp(
-        motion,
-        (times[0], times[-1]),
-        state,
-        method=SymplecticNystrom,
-        t_eval=times,
-        **options,
+        motion, (times[0], times[-1]), state, method=SymplecticNystrom, t_eval=times, **options
     )
     assert solution.success
     return np.asarray(solution.y)

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Registry of solvers for chains of springs: `symplectic` and the solvers of scipy.
-
-To register another solver, add an entry to INTEGRATORS.
-"""
+"""Registry of solvers for chains of springs: `symplectic` and the solvers of scipy."""
 
 from __future__ import annotations
 

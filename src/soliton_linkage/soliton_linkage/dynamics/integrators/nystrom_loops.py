@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled loops of `nystrom_steps`; the docstring of that module contains the equations.
 
-The loops store the angle of each rotor together with its cosine and sine. A drift rotates a rotor
-by a small angle. The cosine and the sine of this small angle are computed by polynomials.
-Therefore no loop calls a library function, so that the compiler can vectorise all loops. The array
-`work` begins with the rows that the module `terms` defines, followed by the rows below.
+A drift rotates a rotor by a small angle, whose cosine and sine are polynomials, so that the
+compiler can vectorise all loops. `work` has the rows of the module `terms`, and those below.
 """
 
 from __future__ import annotations
@@ -40,8 +38,7 @@ WORK_ROWS = SAVED + 4
 """Number of rows of `work`."""
 
 LARGEST_TURN = 0.5
-"""Largest rotation in a drift [rad]; up to it, the errors of the series in `turned` are below
-rounding errors."""
+"""Largest rotation in a drift [rad]; the errors of the series in `turned` are rounding errors."""
 
 
 class Forces(NamedTuple):
@@ -56,14 +53,13 @@ class Forces(NamedTuple):
     inverse_inertias: Array
     """1 / (M r^2) of each rotor [1/(kg m^2)], 0 for fixed rotors and padding, shape (P,)."""
     half_inertias: Array
-    """M r^2 / 2 of each rotor [kg m^2], shape (P,). The shape is (0,) if the motion has neither
-    damping nor active terms."""
+    """M r^2 / 2 of each rotor [kg m^2], shape (P,), or (0,) without damping and active terms."""
     active: bool
     """Whether the last term that depends on the angles is active."""
 
 
 PlainForces = tuple[Numbers, Array, Numbers, Array, Array, Array, bool]
-"""Tuple with the fields of `Forces`. Numba converts it three times as fast as the named tuple."""
+"""Fields of `Forces`. Numba converts a tuple three times as fast as a named tuple."""
 
 
 class Step(NamedTuple):
@@ -74,21 +70,20 @@ class Step(NamedTuple):
     kicks: Array
     """Durations for which the torques of the kicks act [s], shape (14,)."""
     decays: Array
-    """Coefficients of the 15 drifts for linear damping, shape (2, 2, 15, P). The first index
-    selects a half step or a whole step. The second index selects the factor of the rate [1], or
-    the rotation divided by the initial rate [s]. The shape is (2, 2, 15, 0) without damping, and
-    for other damping laws."""
+    """Coefficients of linear damping, shape (2, 2, 15, P), or (2, 2, 15, 0) without it. The first
+    index selects a half or a whole step, the second the factor of the rate [1], or the rotation
+    divided by the initial rate [s]."""
 
 
 PlainStep = tuple[Array, Array, Array]
-"""Tuple with the fields of `Step`; see `PlainForces`."""
+"""Fields of `Step`."""
 
 
 class Checks(NamedTuple):
     """Numbers of the steps whose error is measured, and the tolerances.
 
-    The error of each variable y is divided by absolute + relative abs(y). The error of a step is
-    the root mean square of these quotients, as in scipy's solvers.
+    The error of a step is the root mean square of the errors of all variables y, divided by
+    absolute + relative abs(y), as in scipy's solvers.
     """
 
     absolute: Array
@@ -100,16 +95,12 @@ class Checks(NamedTuple):
 
 
 PlainChecks = tuple[Array, float, Numbers]
-"""Tuple with the fields of `Checks`; see `PlainForces`."""
+"""Fields of `Checks`."""
 
 
 @inlined
 def turned(c: float, s: float, x: float) -> tuple[float, float]:
-    """Return cosine and sine of an angle after a rotation by x, computed by series.
-
-    `c` and `s` are the cosine and the sine before the rotation. The series are accurate for |x| up
-    to LARGEST_TURN.
-    """
+    """Return cosine and sine after a rotation by x; the series allow |x| up to LARGEST_TURN."""
     z = x * x
     y = z * z
     odd = (-1 / 5040 + z * (1 / 362880)) + y * (-1 / 39916800 + z * (1 / 6227020800))
@@ -140,10 +131,7 @@ def kick(work: Array, forces: Forces, time: float) -> None:
 
 @inlined
 def decay(work: Array, forces: Forces, decays: Array, stage: int) -> float:
-    """Apply linear damping in one drift: update RATES and set TURNS.
-
-    Return the dissipated energy [J].
-    """
+    """Apply linear damping in a drift: update RATES, set TURNS, return the lost energy [J]."""
     dissipated = 0.0
     for n in range(forces.half_inertias.size):
         rate, factor = work[RATES, n], decays[0, stage, n]
@@ -155,10 +143,7 @@ def decay(work: Array, forces: Forces, decays: Array, stage: int) -> float:
 
 @inlined
 def damp(work: Array, rotors: int, forces: Forces, time: float) -> float:
-    """Apply any damping law in one drift by a Runge-Kutta step: update RATES and set TURNS.
-
-    Return the dissipated energy [J].
-    """
+    """Apply any damping in a drift by a Runge-Kutta step; see `decay`."""
     size = forces.half_inertias.size
     for n in range(size):
         work[RATES_BEFORE, n] = work[RATES, n]
@@ -184,10 +169,7 @@ def damp(work: Array, rotors: int, forces: Forces, time: float) -> float:
 
 @compile_loop
 def take_step(work: Array, rotors: int, forces: Forces, step: Step, share: float) -> float:
-    """Take one step, and return the energy that damping and active terms dissipate [J].
-
-    `share` is the length of this step divided by that of a whole step: 0.5 or 1.
-    """
+    """Take the `share` 0.5 or 1 of a step; return the energy that its terms dissipate [J]."""
     never_inlined()
     dissipated = 0.0
     for stage in range(step.drifts.size):
@@ -237,11 +219,7 @@ def copy_state(source: Array, target: Array) -> None:
 
 @inlined
 def scaled_difference(before: Array, whole: Array, halves: Array, checks: Checks) -> float:
-    """Return the error of a step as defined in `Checks` [1].
-
-    `before` is the state before the step, `whole` the state after a whole step, and `halves` the
-    state after two half steps.
-    """
+    """Return the error of a step as defined in `Checks` from its states before and after [1]."""
     squares = 0.0
     for n in range(whole.size):
         size = max(abs(before[n]), abs(halves[n]))
@@ -267,10 +245,9 @@ def advance(
     plain_checks: PlainChecks,
     states: Array,
 ) -> tuple[int, float]:
-    """Fill states[1:] with the state after each step.
+    """Fill states[1:] with the state after each step; return their number and the largest error.
 
-    Stop before a step in which a drift would rotate a rotor by more than LARGEST_TURN, and before
-    a step with an error above 1. Return the number of steps taken and the largest error.
+    Stop before a step with a rotation above LARGEST_TURN in a drift or an error above 1.
     """
     forces, step, checks = Forces(*plain_forces), Step(*plain_step), Checks(*plain_checks)
     rotors = states.shape[1] // 2
@@ -310,8 +287,7 @@ def interpolate(
 ) -> None:
     """Fill `output` with the states at some times; see `NystromSteps.interpolated`.
 
-    `times` are numbers of steps since the first state; they need not be integers. `circular`
-    contains the cosines and the sines of the angles in `states`, shape (2, states, N).
+    `circular` contains cosines and sines of the angles in `states`, shape (2, states, N).
     """
     forces, step = Forces(*plain_forces), Step(*plain_step)
     rotors = states.shape[1] // 2
@@ -351,12 +327,7 @@ def load(work: Array, state: Array, circular: Array) -> None:
 def put_knot(
     work: Array, forces: Forces, state: Array, unit: float, knots: Array, knot: int
 ) -> None:
-    """Set the conditions for the interpolation at one of three instants of a step.
-
-    The instants, numbered by `knot`, are the start, the middle and the end of the step. The
-    conditions are the angles, the dissipated energy, and their first and second derivatives with
-    respect to time in units of `unit` [s].
-    """
+    """Set angles, dissipated energy and time derivatives in `unit` [s] at a knot of a step."""
     never_inlined()
     rotors, first = state.size // 2, 3 * knot
     active_before = sum_terms(work, rotors, forces.kinds, forces.parameters)
@@ -386,11 +357,7 @@ def put_knot(
 
 @inlined
 def fit(knots: Array) -> None:
-    """Compute the polynomials of degree 8 from the conditions that `put_knot` sets.
-
-    On input the rows of `knots` are value, slope and curvature at x = -1, 0 and 1. On output they
-    are the coefficients of x^0 to x^8.
-    """
+    """Compute the coefficients of x^0 to x^8 from value, slope, curvature at x = -1, 0 and 1."""
     for n in range(knots.shape[1]):
         value, slope, curvature = knots[3, n], knots[4, n], knots[5, n]
         before, after = knots[0, n] - value, knots[6, n] - value
@@ -411,10 +378,7 @@ def fit(knots: Array) -> None:
 
 @inlined
 def evaluate(knots: Array, rotors: int, x: float, unit: float, output: Array) -> None:
-    """Evaluate the polynomials at the time x, counted from the middle of the step.
-
-    x is in units of `unit` [s].
-    """
+    """Evaluate the polynomials at the time x from the middle of the step in `unit` [s]."""
     prefer_wide_vectors()
     for n in range(knots.shape[1]):
         value = slope = 0.0

@@ -5,20 +5,17 @@ A step of length h is a symmetric sequence of drifts and kicks,
 
     drift(a_15 h) kick(b_14 h) drift(a_14 h) ... kick(b_1 h) drift(a_1 h).
 
-A kick applies the torques that depend on the angles; it changes the rates. A drift applies the
-torques that depend on the rates; it changes rates and angles. With linear damping, gamma = c / (M
-r^2), a drift is the exact solution
+A kick applies the torques that depend on the angles, and a drift those that depend on the rates.
+With linear damping, gamma = c / (M r^2), a drift is the exact solution
 
-    phi_dot(t) = phi_dot e^(-gamma t),    phi(t) = phi + phi_dot (1 - e^(-gamma t)) / gamma.
+    phi_dot(t) = phi_dot e^(-gamma t),    phi(t) = phi + phi_dot (1 - e^(-gamma t)) / gamma,
 
-The dissipated energy is the decrease of the kinetic energy in the drifts. Without damping the
-map of a step is symplectic, and a step of -h reverses a step of h. With linear damping, a step
-reduces volumes in phase space by the factor e^(-h sum gamma), exactly as the true motion does.
-The sum of energy and dissipated energy then has no drift. For any other damping law, a drift is a
-Runge-Kutta step of order 4.
+otherwise a Runge-Kutta step of order 4. Without damping a step is symplectic and reversible. With
+linear damping it reduces volumes in phase space as the true motion does, so that energy plus
+dissipated energy has no drift.
 
-The coefficients are those of the method SRKN_14^a of order 6, for a quadratic kinetic energy:
-S. Blanes and P. C. Moan, J. Comput. Appl. Math. 142 (2002) 313.
+The coefficients are those of the method SRKN_14^a of order 6, for a quadratic kinetic energy: S.
+Blanes and P. C. Moan, J. Comput. Appl. Math. 142 (2002) 313.
 """
 
 from __future__ import annotations
@@ -51,11 +48,8 @@ from soliton_linkage.linkage.chain import Array
 ORDER = 6
 """Order of the method: the error of a step of length h is proportional to h^7."""
 STABLE_STEP = 3.14
-"""Longest stable step for vibrations of angular frequency omega, in units of 1 / omega [1].
-
-With steps slightly above pi / omega, vibrations grow by less than 0.1 % per step. With steps above
-6.15 / omega, they grow without bound.
-"""
+"""Longest stable step, in units of 1 / omega for vibrations of angular frequency omega [1].
+Slightly above pi, vibrations grow by less than 0.1 % per step; above 6.15, without bound."""
 
 _HALF_OF_DRIFTS = (
     0.0378593198406116,
@@ -77,7 +71,7 @@ _HALF_OF_KICKS = (
 )
 """b_1 to b_6 of the paper."""
 _LAST_KICK = 0.5 - sum(_HALF_OF_KICKS)
-"""b_7, which follows because the kicks b_1 to b_7 of half a step add up to 1/2."""
+"""b_7; the kicks b_1 to b_7 of half a step add up to 1/2."""
 
 DRIFTS = np.array([*_HALF_OF_DRIFTS, 1 - 2 * sum(_HALF_OF_DRIFTS), *_HALF_OF_DRIFTS[::-1]])
 """a_1 to a_15."""
@@ -90,44 +84,32 @@ class SolverSettings:
     """Tuning of `SymplecticNystrom`."""
 
     rotors_per_call: int = 16_000
-    """Number of rotors times number of steps in one call of the compiled loops [1].
-
-    Sensitivity: at 0.5x or 2x, the integration is 10 % slower.
-    """
+    """Number of rotors times number of steps in one call of the compiled loops [1]. Sensitivity:
+    10 % slower at 0.5x or 2x."""
     safety: float = 0.8
-    """Limit of the rotation of the fastest rotor in one drift, as a fraction of LARGEST_TURN [1].
-
-    Sensitivity: at 0.5x, 60 % more force evaluations are needed if a rotor spins fast. With the
-    value 1, a rotor that accelerates within the step exceeds LARGEST_TURN and stops the
-    integration.
-    """
+    """Largest rotation of the fastest rotor in one drift, as a fraction of LARGEST_TURN [1].
+    Sensitivity: at 0.5x, 60 % more force evaluations if a rotor spins fast; with 1, a rotor that
+    accelerates within the step stops the integration."""
     aim: float = 0.3
-    """Ratio of the expected error to the tolerance with which a new step length is chosen [1].
-
-    Sensitivity: at 0.5x, 10 % more force evaluations and half the error; at 2x, 10 % fewer
-    evaluations and twice the error.
-    """
+    """Ratio of the expected error to the tolerance for a new step length [1]. Sensitivity: at
+    0.5x, 10 % more force evaluations and half the error; at 2x, 10 % fewer and twice the error."""
     min_growth: float = 1.25
-    """Smallest factor by which the step length increases; smaller increases are omitted [1].
-
-    Sensitivity: with 1.13 or 1.5, the number of force evaluations changes by 6 %.
-    """
+    """Smallest factor by which the step length increases [1]. Sensitivity: with 1.13 or 1.5, the
+    number of force evaluations changes by 6 %."""
     max_shrinkage: float = 0.95
-    """Threshold of the change of the first step length [1]: the length decreases only if the
-    factor is below this value. Sensitivity: no effect from 0.9 to 0.975."""
+    """Factor below which the first step length decreases [1]. Sensitivity: no effect from 0.9 to
+    0.975."""
     measured_every: int = 32
-    """Number of steps between two error measurements [1].
-
-    Sensitivity: at 0.5x, 6 % more force evaluations; at 2x, 3 % fewer.
-    """
+    """Number of steps between two error measurements [1]. Sensitivity: at 0.5x, 6 % more force
+    evaluations; at 2x, 3 % fewer."""
     steps_until_exact: int = 1000
-    """Number of steps between two exact computations of the cosines and sines [1]. Between them,
-    rounding errors accumulate."""
+    """Number of steps between two exact computations of the cosines and sines [1]; rounding errors
+    accumulate in between."""
     shortest: float = 1e-6
-    """Shortest allowed step, as a fraction of the longest stable step [1]. If the tolerance needs
-    a shorter step, the solver fails."""
+    """Shortest step, as a fraction of the longest stable step, below which the solver fails
+    [1]."""
     trials: int = 60
-    """Number of step lengths that the solver tries before it fails [1]; usually one to three are
+    """Number of step lengths tried before the solver fails [1]; usually one to three are
     enough."""
 
 
@@ -138,11 +120,9 @@ _NONE: Numbers = np.empty(0, dtype=np.int64)
 
 
 def steps_to_measure(taken: int, count: int, every: int) -> Numbers:
-    """Return the numbers of the steps whose error is to be measured; the next step has number 1.
+    """Return the numbers of the next `count` steps whose error is measured; the next step is 1.
 
-    After a change of the step length, errors are measured in the steps 1, 4 and 16, and in every
-    `every`-th step. `taken` is the number of earlier steps of the current length. `count` is the
-    number of steps from which to select.
+    They are the steps 1, 4, 16 and every `every`-th after `taken` steps of the current length.
     """
     regular = np.arange(every - taken % every, count + 1, every)
     early = [step for step in (1, 4, 16) if taken < step <= taken + count]
@@ -150,10 +130,9 @@ def steps_to_measure(taken: int, count: int, every: int) -> Numbers:
 
 
 class NystromSteps:
-    """Method steps along the motion that one `EquationOfMotion` describes."""
+    """Method steps along the motion of an `EquationOfMotion` whose terms are all compiled."""
 
     def __init__(self, motion: EquationOfMotion, settings: SolverSettings = DEFAULTS) -> None:
-        """Prepare steps along a motion whose terms are all compiled."""
         self._motion = motion
         self._until_exact = settings.steps_until_exact
         damping = [term for term in motion.loads if term.dissipative]
@@ -179,10 +158,9 @@ class NystromSteps:
     ) -> tuple[Array, float]:
         """Take up to `count` steps of `length` [s]; return all states and the largest error.
 
-        The error of a step is the difference from two steps of half the length, divided by the
-        tolerance. The method stops before a step in which a rotor would turn by more than
-        LARGEST_TURN in a drift, and before a step with an error above 1. The states include the
-        initial one and have the shape (steps taken + 1, len(state)).
+        The error of a step is the difference from two half steps, divided by the tolerance. The
+        states, (steps taken + 1, len(state)), end before a step with a rotation above LARGEST_TURN
+        in a drift or an error above 1.
         """
         rotors = self._motion.rotors
         states = np.empty((count + 1, len(state)))
@@ -203,11 +181,10 @@ class NystromSteps:
         return states[: done + 1], error
 
     def interpolated(self, states: Array, length: float, times: Array) -> Array:
-        """Return the states at some times, shape (times, len(state)).
+        """Return the states at times in steps since the first state, shape (times, len(state)).
 
-        `times` are numbers of steps since the first state; they need not be integers. In each step
-        a polynomial of degree 8 interpolates the angles of each rotor. At the start, the middle
-        and the end of the step it has the computed angle, rate and acceleration.
+        Polynomials of degree 8 fit angle, rate and acceleration at start, middle and end of a
+        step.
         """
         angles = states[:, : self._motion.rotors]
         output = np.empty((len(times), states.shape[1]))
@@ -238,12 +215,7 @@ class NystromSteps:
 
 
 def zeros_in_line(rows: int, columns: int) -> Array:
-    """Return zeros of shape (rows, columns), aligned with a cache line.
-
-    The alignment shortens the run time, because access to a vector in two cache lines is slower.
-    The function writes to all memory pages, so that the operating system allocates them before the
-    first loop.
-    """
+    """Return zeros of shape (rows, columns) in allocated pages, aligned with a cache line."""
     size, line = rows * columns, 64
     room = np.full(size + VECTOR, 0.0)
     first = -room.ctypes.data % line // room.itemsize

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fast solver for chains of springs, with the interface of scipy's solvers.
 
-Example of its use:
-
-    motion = EquationOfMotion(chain)
     solve_ivp(motion, (0, 100), motion.state(angles, rates), method=SymplecticNystrom)
+
+integrates the `EquationOfMotion` motion.
 """
 
 from __future__ import annotations
@@ -38,25 +37,19 @@ class SymplecticNystrom(OdeSolver):
     """Symplectic Runge-Kutta-Nystrom method of order 6 for `EquationOfMotion`.
 
     The solver chooses a step length with an error below atol + rtol abs(y), in the norm of scipy's
-    solvers. It keeps this length as long as possible, because the energy error is bounded only
-    while the length is constant. The error of a step is its difference from two steps of half the
-    length. After each change of the length, the solver measures the error in the first, fourth and
-    sixteenth step, and then in every 32nd. If an error is too large, the solver repeats the steps
-    since the last measurement with a shorter length. If an error is far below the tolerance, the
-    solver increases the length, up to the stability limit of the fastest vibration.
+    solvers, and keeps it as long as possible, because the energy error is bounded only while the
+    length is constant. The error is the difference from two half steps, measured in the first,
+    fourth and sixteenth step of a length, and then in every 32nd. Steps with a too large error are
+    repeated with a shorter length; if it is far below the tolerance, the length increases.
 
-    The dense output in each step is a polynomial of degree 8 for each angle. It agrees with the
-    computed angles, rates and accelerations at the start, the middle and the end of the step.
-
-    The attribute `length` is the length of a method step [s]. `together` is the largest number of
-    method steps in one step of the solver. Raises TypeError for a right-hand side that is not an
-    `EquationOfMotion`. Raises ValueError for Python functions in `forces`, an unsuitable state, or
-    options out of range.
+    `length` is the length of a method step [s], and `together` the largest number of method steps
+    in one solver step. Raises TypeError for a right-hand side that is not an `EquationOfMotion`,
+    and ValueError for Python functions in `forces`, an unsuitable state, or options out of range.
     """
 
     _tried = 4
-    """Number of steps after which the first step length is accepted [1]. The fourth step is one
-    whose error is measured."""
+    """Number of steps after which the first step length is accepted [1]; the error of the last one
+    is measured."""
 
     n: int
     t: float
@@ -80,10 +73,6 @@ class SymplecticNystrom(OdeSolver):
         together: int | None = None,
         settings: SolverSettings = DEFAULTS,
     ) -> None:
-        """Start at the state y0 at the time t0 [s]; `fun` is the equation of motion.
-
-        `t_bound`, `first_step` and `max_step` are in [s]. `atol` has the shape () or (len(y0),).
-        """
         if not isinstance(fun, EquationOfMotion):
             raise TypeError(
                 f'{type(self).__name__} integrates an EquationOfMotion, not {fun!r}; '
@@ -120,10 +109,7 @@ class SymplecticNystrom(OdeSolver):
 
     @classmethod
     def load(cls) -> None:
-        """Compile all loops, or load them from the cache, by two steps of a chain of two rotors.
-
-        Without this call, the first step of a simulation would wait for the compiler.
-        """
+        """Compile or load all loops by two steps, so that no first step of a simulation waits."""
         motion = EquationOfMotion(Chain(number_of_rotors=2))
         few_rows = SolverSettings(rotors_per_call=1)
         solver = cls(motion, 0.0, np.zeros(4), math.inf, settings=few_rows)
@@ -176,10 +162,9 @@ class SymplecticNystrom(OdeSolver):
         return NystromOutput(self.t_old, self.t, self._states, self._steps)
 
     def _checked(self, step: float, count: int) -> tuple[Array, float]:
-        """Take up to `count` method steps of length `step` [s] and check their errors.
+        """Take up to `count` method steps; return the accepted states and the largest error.
 
-        Return the states up to the last accepted step, and the largest error. If a measured error
-        exceeds 1, the steps up to the previous measurement are accepted.
+        If a measured error exceeds 1, the steps up to the previous measurement are accepted.
         """
         every = self._settings.measured_every
         measured = steps_to_measure(self._since_change, count, every)
@@ -199,7 +184,7 @@ class SymplecticNystrom(OdeSolver):
             self._change_to(better)
 
     def _better(self, error: float) -> float:
-        """Return the step length [s] that a measured error of the current length suggests [1]."""
+        """Return the step length [s] that a measured error of the current length suggests."""
         if not math.isfinite(error):
             return self.length / 4
         factor = min(4.0, (self._settings.aim / error) ** (1 / (ORDER + 1))) if error else 4.0
@@ -217,10 +202,7 @@ class SymplecticNystrom(OdeSolver):
         self._even_from, self._even_steps = float(self.t), 0
 
     def _longest_from(self, state: Array) -> float:
-        """Return the longest allowed step for a state [s].
-
-        The step must be stable, and no drift may rotate a rotor by more than LARGEST_TURN.
-        """
+        """Return the longest step [s] that is stable and turns no rotor beyond LARGEST_TURN."""
         rotors = self._motion.rotors
         fastest = float(np.abs(state[rotors : 2 * rotors]).max())
         turning = _LONGEST_DRIFT * fastest / (self._settings.safety * LARGEST_TURN)
