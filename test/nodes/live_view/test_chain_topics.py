@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import time
 from itertools import count
 
 import numpy as np
@@ -85,6 +86,55 @@ def test_each_frame_has_its_own_state_if_the_analyser_lags(
         return len(shown) > 10 and all(shown[-10:])
 
     graph.until(shows_pairs, 'ten frames with their states', lambda: shown)
+
+
+def test_the_history_contains_the_frames_for_which_no_state_arrived(
+    graph: Graph, named: NamedChain
+) -> None:
+    found = finder(graph)
+    model = found.chains['/'].model
+    joints, states = graph.speak(interfaces.JOINT_STATES), graph.speak(interfaces.SOLITON_STATE)
+    angles = np.zeros(named.rotors)
+    stamps = count(SECOND, SECOND // 10)
+
+    def publish(analysed: bool) -> None:
+        stamp = time_to_msg(next(stamps))
+        joints.publish(frame_to_msg(named, Frame(angles, angles), angles, stamp))
+        if analysed:
+            header = Header(stamp=stamp)
+            states.publish(SolitonState(header=header, solitons=[Soliton(rotor=3.0)]))
+        found.update()
+
+    graph.until(lambda: publish(True) or model.numbers.get('rotor') == 3.0, 'the soliton')
+    begin = model.stamp
+    for _ in range(20):
+        publish(False)
+        time.sleep(0.01)
+    graph.until(lambda: publish(True) or model.stamp > begin + 2.0, 'the next soliton')
+    columns = [column.numbers[0] for column in model.history]
+    assert sum(begin < stamp < begin + 2.0 for stamp in columns) > 3
+    assert columns == sorted(columns)
+
+
+def test_a_frame_without_its_state_shows_no_soliton(graph: Graph, named: NamedChain) -> None:
+    found = finder(graph)
+    model = found.chains['/'].model
+    joints, states = graph.speak(interfaces.JOINT_STATES), graph.speak(interfaces.SOLITON_STATE)
+    stamp = time_to_msg(SECOND)
+    angles = np.zeros(named.rotors)
+    joints.publish(frame_to_msg(named, Frame(angles, angles), angles, stamp))
+    states.publish(SolitonState(header=Header(stamp=stamp), solitons=[Soliton(rotor=3.0)]))
+    graph.until(lambda: found.update() or model.numbers.get('rotor') == 3.0, 'the soliton')
+
+    def publish_later() -> bool:
+        frame = Frame(angles + 1, angles)
+        joints.publish(frame_to_msg(named, frame, angles, time_to_msg(next(stamps))))
+        found.update()
+        return model.angles[0] == 1.0
+
+    stamps = count(2 * SECOND, SECOND // 100)
+    graph.until(publish_later, 'a frame without a state')
+    assert 'rotor' not in model.numbers
 
 
 def test_frames_are_shown_without_an_analyser(graph: Graph, named: NamedChain) -> None:

@@ -46,14 +46,31 @@ class CataloguedBag:
     path: Path
     start: int
     """Time of the first message [ns]."""
-    duration: float
-    """Time from the first message to the last [s]."""
-    recorded: float
-    """Duration of the recording without the pauses of the recorder [s]."""
+    end: int
+    """Time of the last message [ns]."""
+    gaps: tuple[tuple[int, int], ...]
+    """Start and end of each pause of the recorder [ns]."""
     topics: dict[str, int]
     """Number of messages of each topic."""
     lost: int
     """Number of messages that were lost during the recording."""
+
+    @property
+    def duration(self) -> float:
+        """Duration of the recording without the pauses of the recorder [s]."""
+        return self.time_of(self.end)
+
+    def time_of(self, stamp: int) -> float:
+        """Return the recorded time from the start to a stamp [ns], without the pauses [s]."""
+        return (stamp - self.start - time_in_gaps(self.gaps, self.start, stamp)) / SECOND
+
+    def stamp_of(self, time: float) -> int:
+        """Return the stamp [ns] at a recorded time since the start, without the pauses [s]."""
+        stamp = self.start + round(time * SECOND)
+        for first, last in sorted(self.gaps):
+            if first < stamp:
+                stamp += last - first
+        return stamp
 
     @property
     def played(self) -> list[str]:
@@ -66,8 +83,8 @@ class BagTrack:
     """Track of the soliton in a bag."""
 
     points: tuple[tuple[float, float | None], ...]
-    """Time since the start of the bag [s] and site coordinate of the soliton [rotor spacings] for
-    each point. The site coordinate is None if there is no soliton."""
+    """Recorded time [s] and site coordinate of the soliton [rotor spacings] for each point. The
+    site coordinate is None if there is no soliton."""
     delay: float
     """Time between the stamp and the reception of the first joint_states message [s]."""
 
@@ -119,7 +136,7 @@ def track_of(bag: CataloguedBag) -> BagTrack:
         for number, (_, received, serialized) in enumerate(read_messages(reader, [states])):
             if number % step == 0:
                 position = state_numbers(decode(serialized))['rotor']
-                at = round((received - bag.start) / SECOND, 4)
+                at = round(bag.time_of(received), 4)
                 points.append((at, None if math.isnan(position) else round(position, 2)))
     return BagTrack(tuple(points), delay)
 
@@ -135,13 +152,12 @@ def _catalogued(path: Path) -> CataloguedBag | None:
         losses = load_json(custom.get('lost_messages', '{}'))
         start = int(information['starting_time']['nanoseconds_since_epoch'])
         duration = int(information['duration']['nanoseconds'])
-        paused = time_in_gaps(gaps_in(custom), start, start + duration)
         return CataloguedBag(
             path.name,
             path,
             start,
-            duration / SECOND,
-            (duration - paused) / SECOND,
+            start + duration,
+            tuple(gaps_in(custom)),
             topics,
             sum(map(parse_count, losses.values())),
         )

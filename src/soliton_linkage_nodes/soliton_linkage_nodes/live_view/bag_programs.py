@@ -195,15 +195,15 @@ class BagReplay(_BagProgram):
 
     @property
     def position(self) -> float | None:
-        """Present time of the replay since the start of the bag [s], or None if unknown."""
+        """Recorded time of the replay since the start of the bag [s], or None if unknown."""
         chain = self._finder.chains.get(self.namespace)
         if self.bag is None or chain is None or not chain.model.stamp > 0:
             return None
-        at = chain.model.stamp + self.track.delay - self.bag.start / SECOND
+        at = self.bag.time_of(round((chain.model.stamp + self.track.delay) * SECOND))
         return min(max(at, 0.0), self.bag.duration)
 
     async def play(self, name: str, start: float = 0.0) -> str:
-        """Play the bag `name` from the time `start` since the start of the bag [s]."""
+        """Play the bag `name` from the recorded time `start` [s]."""
         self._check_writable()
         async with self._changing:
             return await self._play(name, start)
@@ -220,7 +220,7 @@ class BagReplay(_BagProgram):
         arguments = [
             *('-p', f'bag:={bag.path}', '-p', f'topics:=[{",".join(bag.played)}]'),
             *('-p', f'rate:={self.rate:.6f}', '-p', f'loop:={str(self.loop).lower()}'),
-            *('-p', f'start_offset:={max(start, 0.0):.6f}'),
+            *('-p', f'start_offset:={(bag.stamp_of(start) - bag.start) / SECOND:.6f}'),
             *('-r', f'__ns:={REPLAY.rstrip("/")}'),
         ]
         for topic in bag.played:
@@ -237,14 +237,14 @@ class BagReplay(_BagProgram):
         return answer
 
     async def seek(self, commands: ChainCommands, at: float) -> str:
-        """Continue the replay at the time `at` since the start of the bag [s]."""
+        """Continue the replay at the recorded time `at` [s]."""
         if self.bag is None:
             raise ValueError('no bag is playing')
         if not 0 <= at <= self.bag.duration:
             raise ValueError(f'{at:g} s must lie in the range 0 to {self.bag.duration:g} s')
         if not self.running:
             return await self.play(self.bag.name, at)
-        request = service_type('Seek').Request(time=time_to_msg(self.bag.start + int(at * SECOND)))
+        request = service_type('Seek').Request(time=time_to_msg(self.bag.stamp_of(at)))
         await self._request(commands, REPLAY, 'seek', request)
         return f'continued at {at:.1f} s'
 

@@ -84,6 +84,7 @@ class ChainModel:
         self._reader: FrameReader | None = None
         self._solitons: list[float] = []
         self._received_at = self._state_received_at = self._column_at = -math.inf
+        self._column_stamp = math.nan
         self._overview: Floats = np.zeros(0, dtype=np.float32)
         self._extensions = self._mode = np.zeros(0)
         self._counted: tuple[float, int] | None = None
@@ -131,6 +132,20 @@ class ChainModel:
         self.frames += 1
         self._update_derived()
 
+    def extend_history(self, joints: JointStates, numbers: Mapping[str, float]) -> None:
+        """Add joint states that are not shown, and the quantities of their state, to the history.
+
+        Joint states are omitted if they are less than one period of the history after the last.
+        """
+        stamp = joints.stamp / SECOND
+        if self._reader is None or not stamp >= self._column_stamp + _HISTORY_PERIOD:
+            return
+        try:
+            angles = self._reader.read(joints).angles
+        except ValueError:
+            return
+        self._add_column(stamp, numbers, overview(self._lean(angles)))
+
     def update_state(self, numbers: dict[str, float], solitons: list[float]) -> None:
         """Store a new state of the analyser.
 
@@ -139,6 +154,11 @@ class ChainModel:
         """
         self.numbers, self._solitons = numbers, solitons
         self._state_received_at = self._clock()
+
+    def clear_state(self) -> None:
+        """Drop the state, because it does not belong to the next frame."""
+        self.numbers, self._solitons = {}, []
+        self._state_received_at = -math.inf
 
     def update_rate(self, sequence: int | None) -> None:
         """Update the rate of joint_states from a sequence number. None means an unknown number."""
@@ -227,8 +247,7 @@ class ChainModel:
     def _update_derived(self) -> None:
         """Compute the quantities that depend on the angles, and extend the history."""
         angles, chain = self.angles, self.named.chain if self.named else None
-        lean = np.sin(angles) if chain is None else chain.positions(angles)[0]
-        self._overview = overview(lean)
+        self._overview = overview(self._lean(angles))
         if chain is not None:
             self._extensions = chain.spring_extensions(angles)
             self._mode = np.zeros(0)
@@ -242,18 +261,24 @@ class ChainModel:
         now = self._clock()
         if now - self._column_at >= _HISTORY_PERIOD:
             self._column_at = now
-            position = self._solitons[0] if self._solitons else math.nan
-            energies = [self.numbers.get(name, math.nan) for name in ENERGIES]
-            numbers = (self.stamp, self._state_stamp, position, *energies)
-            self.history.append(Column(numbers, self._overview))
+            self._add_column(self.stamp, self.numbers, self._overview)
             self._minute.append(
                 Moment(self.stamp, angles.astype(np.float32), self._solitons, self.numbers)
             )
             most = min(_MINUTE_COLUMNS, _MINUTE_NUMBERS // len(angles))
             while len(self._minute) > most:
                 self._minute.popleft()
-            while len(self.history) * len(self._overview) > _HISTORY_NUMBERS:
-                self.history.popleft()
+
+    def _lean(self, angles: Array) -> Array:
+        return self.named.chain.positions(angles)[0] if self.named else np.sin(angles)
+
+    def _add_column(self, stamp: float, numbers: Mapping[str, float], column: Floats) -> None:
+        self._column_stamp = stamp
+        values = (numbers.get(name, math.nan) for name in ('rotor', *ENERGIES))
+        state_stamp = numbers.get('state_stamp', stamp)
+        self.history.append(Column((stamp, state_stamp, *values), column))
+        while len(self.history) * len(column) > _HISTORY_NUMBERS:
+            self.history.popleft()
 
 
 def overview(lean: Array) -> Floats:

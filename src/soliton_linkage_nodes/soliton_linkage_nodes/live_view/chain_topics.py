@@ -42,7 +42,7 @@ _PAIRED = 200
 """Largest number of stored frames without a state, and of stored states without a frame [1]. At
 1000 Hz, 200 states span 0.2 s. At the default rate of at most 60 drawn frames per second, 200
 frames span 3 s."""
-_SILENCE = 0.3
+_SILENCE = 0.5
 """Longest wait for a state [s]. After a longer wait, frames are shown without states."""
 _LONGEST_WAIT = 2.0
 """Longest wait for a frame and a state with the same stamp [s]. After a longer wait, the newest
@@ -196,6 +196,8 @@ class ChainTopics:
         the newest state are shown.
         """
         now = time.monotonic()
+        if fresh and self._shown_at == -math.inf:
+            self._shown_at = now
         paired = [stamp for stamp in self._frames if stamp in self._analysed]
         silent = now - self._state_at > _SILENCE
         self._apart = not paired and (self._apart or now - self._shown_at > _LONGEST_WAIT)
@@ -203,12 +205,20 @@ class ChainTopics:
         if not paired and not (new and (silent or self._apart)):
             return
         self._shown_at = now
-        if self._analysed:
+        if paired or (self._apart and self._analysed):
             state = paired[-1] if paired else next(reversed(self._analysed))
             message = deserialize_message(self._analysed[state], SolitonState)
             self.model.update_state(state_numbers(message), soliton_values(message))
+        elif not self._apart:
+            self.model.clear_state()
         if self._frames:
             frame = paired[-1] if paired else next(reversed(self._frames))
+            for stamp in _until(self._frames, frame)[:-1]:
+                skipped = self._analysed.get(stamp)
+                self.model.extend_history(
+                    self._frames[stamp],
+                    state_numbers(deserialize_message(skipped, SolitonState)) if skipped else {},
+                )
             self.model.update_joints(self._frames[frame])
         # Delete messages in the order of their arrival, because stamps may restart at a reset.
         for kept in (self._frames, self._analysed):

@@ -38,9 +38,6 @@ one of them while the other is in transit."""
 _HEARTBEAT = 0.2
 """Time after which the same frame is sent again if no new frame has arrived [s]. The repeated
 frame contains its present age."""
-_MOST_SKIPPED = 10
-"""Largest number of columns of the history that a slow browser skips [1]. The browser receives the
-columns of a longer gap, which spans 0.3 s, before the next frame."""
 _MOST_TILE_ANGLES = 200
 """Largest number of rotors for which a chain is drawn rotor by rotor if several chains are shown
 side by side [1]."""
@@ -151,13 +148,13 @@ class BrowserStream:
         await self._socket.send_bytes(packed)
 
     def _skipped(self, chain: ChainTopics) -> list[Column]:
-        """Return the columns of the history since the last frame if the browser skipped many."""
+        """Return the columns between the last sent frame and the newest column of the history."""
         last = self._sent_stamps.get(chain.namespace, math.inf)
         self._sent_stamps[chain.namespace] = chain.model.stamp
         skipped = list(
             takewhile(lambda each: each.numbers[0] > last, reversed(chain.model.history))
         )
-        return skipped[::-1] if len(skipped) > _MOST_SKIPPED else []
+        return skipped[:0:-1]
 
     async def _send_camera(self, index: int, chain: ChainTopics) -> None:
         if chain.camera.pictures in (0, self._camera_latest):

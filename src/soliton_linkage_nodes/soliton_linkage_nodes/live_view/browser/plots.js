@@ -154,7 +154,9 @@ export class Dial extends Plot {
       line(c, ends, look.ink, 4);
     }
     c.font = `bold ${Math.round(Math.min(26, radius / 2))}px system-ui, sans-serif`;
-    c.fillText(Number.isFinite(frame.phase) ? finite(frame.completed, 0) : '–', x, y - 8);
+    const roomy = radius > 45; // whether the word fits below the number
+    c.fillText(Number.isFinite(frame.phase) ? finite(frame.completed, 0) : '–', x, roomy ? y - 8 : y);
+    if (!roomy) return;
     c.font = SMALL;
     c.fillStyle = look.soft;
     c.fillText(frame.completed === 1 ? 'cycle' : 'cycles', x, y + 14);

@@ -169,7 +169,7 @@ class BagControls:
                 topics = sorted((name.lstrip('/'), n) for name, n in bag.topics.items() if n)
                 contents = ', '.join(f'{count} {name}' for name, count in topics)
                 lost = f', {bag.lost} messages lost' if bag.lost else ''
-                text = f'{bag.recorded:.1f} s{lost}: {contents}' if contents else f'empty{lost}'
+                text = f'{bag.duration:.1f} s{lost}: {contents}' if contents else f'empty{lost}'
                 ui.label(text).classes('live-hint')
             play = button('Play', partial(self._view.replay.play, bag.name), 'play_arrow')
             play.set_enabled(bool(bag.played and contents) and not self._view.read_only)
