@@ -120,20 +120,18 @@ def test_a_frame_without_its_state_shows_no_soliton(graph: Graph, named: NamedCh
     found = finder(graph)
     model = found.chains['/'].model
     joints, states = graph.speak(interfaces.JOINT_STATES), graph.speak(interfaces.SOLITON_STATE)
-    stamp = time_to_msg(SECOND)
-    angles = np.zeros(named.rotors)
-    joints.publish(frame_to_msg(named, Frame(angles, angles), angles, stamp))
-    states.publish(SolitonState(header=Header(stamp=stamp), solitons=[Soliton(rotor=3.0)]))
-    graph.until(lambda: found.update() or model.numbers.get('rotor') == 3.0, 'the soliton')
+    stamps, zeros = count(SECOND, SECOND // 100), np.zeros(named.rotors)
 
-    def publish_later() -> bool:
-        frame = Frame(angles + 1, angles)
-        joints.publish(frame_to_msg(named, frame, angles, time_to_msg(next(stamps))))
+    def publish(angle: float) -> None:
+        stamp = time_to_msg(next(stamps))
+        joints.publish(frame_to_msg(named, Frame(zeros + angle, zeros), zeros, stamp))
+        if not angle:
+            header = Header(stamp=stamp)
+            states.publish(SolitonState(header=header, solitons=[Soliton(rotor=3.0)]))
         found.update()
-        return model.angles[0] == 1.0
 
-    stamps = count(2 * SECOND, SECOND // 100)
-    graph.until(publish_later, 'a frame without a state')
+    graph.until(lambda: publish(0.0) or model.numbers.get('rotor') == 3.0, 'the soliton')
+    graph.until(lambda: publish(1.0) or model.angles[0] == 1.0, 'a frame without a state')
     assert 'rotor' not in model.numbers
 
 

@@ -153,7 +153,7 @@ def test_a_browser_that_stops_drawing_receives_two_frames_and_later_the_newest()
     assert len(frames) < 10
     # The browser receives the skipped columns of the history before the newest frame.
     assert [kind_of(frame) for frame in frames[-2:]] == ['history', 'frame']
-    assert struct.unpack_from('<3d', frames[-2], 8)[1] == 600
+    assert struct.unpack_from('<3d', frames[-2], 8)[1] == 599
 
 
 def test_a_browser_receives_the_chains_and_rotors_that_it_requests() -> None:

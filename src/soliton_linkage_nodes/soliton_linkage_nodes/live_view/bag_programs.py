@@ -136,10 +136,9 @@ class BagRecording(_BagProgram):
         return f'recording to {name}_0'
 
     def begin(self, namespace: str, snapshot: float = 0.0) -> str:
-        """Start a recorder of the chain in a namespace, and return the name of the recording.
+        """Start a recorder of a chain, and return the name of the recording.
 
-        If `snapshot` is above 0, the recorder keeps only the messages of the last `snapshot`
-        seconds.
+        If `snapshot` is above 0, the recorder keeps only so many last seconds.
         """
         if self._folder is None or self.rejection:
             raise ValueError(self.rejection)

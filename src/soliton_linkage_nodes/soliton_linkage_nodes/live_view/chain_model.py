@@ -31,8 +31,10 @@ _HISTORY_PERIOD = 1 / 30
 """Time between two columns of the history [s]."""
 _HISTORY_COLUMNS = 600
 """Largest number of columns in the history [1]. This number of columns spans 20 s."""
-_MINUTE_COLUMNS = 1800
-"""Largest number of frames in a shared file [1]. This number of frames spans one minute."""
+_MINUTE = 60.0
+"""Longest time that a shared file spans [s]."""
+_MINUTE_COLUMNS = round(_MINUTE / _HISTORY_PERIOD)
+"""Largest number of frames in a shared file [1]."""
 _MINUTE_NUMBERS = 1_800_000
 """Largest number of angles in a shared file [1]. They need 7 MB of memory."""
 _HISTORY_NUMBERS = 400_000
@@ -172,10 +174,7 @@ class ChainModel:
             self._counted = (now, sequence)
 
     def packed(self, index: int, first: int, last: int) -> bytes:
-        """Return a packed frame of the rotors `first` to `last`.
-
-        `index` is the index of the chain in the status.
-        """
+        """Return the rotors `first` to `last` as a frame of the chain `index` of the status."""
         first = max(0, min(first, self.rotors - 1))
         last = max(first, min(last, self.rotors - 1))
         shown = slice(first, last + 1) if last - first < MOST_ANGLES else slice(0, 0)
@@ -200,19 +199,13 @@ class ChainModel:
         return pack(numbers, arrays)
 
     def description(self) -> dict[str, Any]:
-        """Return the constants of the chain as JSON values.
-
-        If the chain is unknown, `spacing` is None.
-        """
+        """Return the constants of the chain as JSON; `spacing` is None if the chain is unknown."""
         if self.named is None:
             return {'error': self.error, 'spacing': None}
         return {'error': self.error, **chain_constants(self.named.chain)}
 
     def shared(self, title: str) -> str:
-        """Return an HTML page with the frames of the last minute.
-
-        Raises ValueError if the chain is unknown or no frame was received.
-        """
+        """Return an HTML page with the last minute; ValueError without a chain or a frame."""
         if self.named is None:
             raise ValueError('the chain is unknown: no node publishes the topic chain')
         recent = list(self._minute)
@@ -266,7 +259,7 @@ class ChainModel:
                 Moment(self.stamp, angles.astype(np.float32), self._solitons, self.numbers)
             )
             most = min(_MINUTE_COLUMNS, _MINUTE_NUMBERS // len(angles))
-            while len(self._minute) > most:
+            while len(self._minute) > most or self._minute[0].stamp < self.stamp - _MINUTE:
                 self._minute.popleft()
 
     def _lean(self, angles: Array) -> Array:
@@ -282,11 +275,7 @@ class ChainModel:
 
 
 def overview(lean: Array) -> Floats:
-    """Return the lean of each rotor.
-
-    For more than 2048 rotors, return the smallest and the largest lean of each of 1024 groups of
-    rotors.
-    """
+    """Return the leans; of more than 2048, the smallest and the largest in each of 1024 groups."""
     if len(lean) <= 2 * _GROUPS:
         return np.asarray(lean, dtype=np.float32)
     starts = np.linspace(0, len(lean), _GROUPS, endpoint=False).astype(np.intp)

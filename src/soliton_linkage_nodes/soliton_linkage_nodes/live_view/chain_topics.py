@@ -114,10 +114,7 @@ class CameraTopic:
             self._error = ''
 
     def packed(self, index: int) -> bytes:
-        """Return the newest picture as a message.
-
-        `index` is the index of the chain in the status.
-        """
+        """Return the newest picture as a message of the chain `index` of the status."""
         age = time.monotonic() - self._received_at
         return pack_camera(index, self._stamp, age, self._jpeg)
 

@@ -66,10 +66,8 @@ _PARAMETER_SERVICES = {
 class ChainCommands:
     """Commands to the nodes in a namespace. The name of the namespace ends with a slash.
 
-    Each method that sends a command waits for the answer and returns it as text. The method
-    raises ValueError with the reason if the command is rejected or not answered. `finder`
-    provides the reports of the nodes, because these reports contain the answers to commands on
-    topics.
+    Each command waits for its answer and returns it as text, or raises ValueError with the reason
+    for its rejection. `finder` provides the reports of nodes, which answer commands on topics.
     """
 
     def __init__(self, node: Node, namespace: str, read_only: bool, finder: ChainFinder) -> None:

@@ -68,10 +68,7 @@ class Laboratory:
     """Experiments on the chain in a namespace."""
 
     def __init__(self, view: View, namespace: str, watch: Callable[[str], None]) -> None:
-        """Prepare experiments on the chain in `namespace`.
-
-        The function `watch` receives a namespace, and selects its chain for display on the page.
-        """
+        """Prepare experiments on a chain. `watch` shows the chain in a namespace on the page."""
         self._view, self._namespace, self._watch = view, namespace, watch
 
     async def nudge(self) -> str:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node that serves the live page. The page shows chains and sends commands to them."""
+"""Node that serves the live page."""
 
 from __future__ import annotations
 
@@ -53,12 +53,11 @@ class LiveViewParameters:
 class LiveView(GuardedNode):
     """Node that serves a web page. The page shows chains and sends commands to them.
 
-    In every namespace with `joint_states`, the node subscribes to `joint_states`, `soliton_state`
-    and `chain`. The node also subscribes to `camera_overlay` while a browser shows the camera. In
-    the same namespace the node publishes `nudge`, `edge_command` and `tilt`, calls services of
-    the suite's nodes, and uses the action `move_soliton`. The node subscribes to `/diagnostics`
-    and publishes its own report there. The node starts a `bag_recorder`, and a `bag_player` in
-    the namespace `/replay`.
+    In every namespace with `joint_states`, the node subscribes to `joint_states`, `soliton_state`,
+    `chain` and `last_kick`, and to `camera_overlay` while a browser shows the camera. There it
+    publishes `nudge`, `edge_command`, `tilt` and `joint_commands`, calls services of the suite's
+    nodes, and uses the action `move_soliton`. The node reads `/diagnostics` and publishes its own
+    report there. It starts a `bag_recorder`, and a `bag_player` in the namespace `/replay`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {LiveViewParameters: ''}

@@ -41,10 +41,9 @@ class Pull:
         self.x, self.z = float(x), float(z)
 
     def torque(self, chain: Chain, angles: Array, rates: Array | None, limit: float) -> float:
-        """Return the torque of the pull on the rotor [N m]. Its magnitude is at most `limit`.
+        """Return the torque of the pull on the rotor [N m], at most `limit`.
 
-        `angles` [rad] and `rates` [rad/s] have shape (N,). If `rates` is None, there is no
-        damping.
+        `angles` [rad] and `rates` [rad/s] have shape (N,). Without rates there is no damping.
         """
         pivot = float(np.sum(chain.spacings[: self.rotor]))
         length = float(chain.rotor_lengths[self.rotor])

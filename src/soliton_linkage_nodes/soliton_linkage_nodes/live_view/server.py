@@ -113,8 +113,8 @@ class PageServer:
     ) -> None:
         """Serve on a bound socket. `tick` returns the time until its next call [s].
 
-        This time becomes longer if the thread would otherwise use more than the fraction `share`
-        of a processor core [1]. An empty `token` means that no token is needed.
+        The thread uses at most the fraction `share` of a processor core [1]. An empty `token`
+        means that no token is needed.
         """
         config = uvicorn.Config(
             Gate(served, token),
@@ -170,11 +170,9 @@ class PageServer:
 
 
 def tick_period(wanted: float, spent: float, share: float) -> float:
-    """Return the time to the next tick [s].
+    """Return the time to the next tick [s], longer than `wanted` [s] to use a `share` [1] at most.
 
-    `wanted` is the requested time [s], and `spent` is the processor time of the last tick [s].
-    The result is longer than `wanted` if ticks would otherwise use more than the fraction `share`
-    of the time [1].
+    `spent` is the processor time of the last tick [s].
     """
     return max(wanted, min(spent / share, _LONGEST_PERIOD))
 

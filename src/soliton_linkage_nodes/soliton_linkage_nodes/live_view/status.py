@@ -48,10 +48,7 @@ CONTROLS = (*_TOPICS, *_SERVICES)
 
 
 def reasons(chain: ChainTopics, commands: ChainCommands) -> dict[str, str]:
-    """Return the reason why each control of a chain is disabled.
-
-    An empty reason means that the control is enabled.
-    """
+    """Return the reason why each control of a chain is disabled, empty if it is enabled."""
     if commands.read_only:
         return dict.fromkeys(CONTROLS, READ_ONLY)
     if chain.namespace.startswith(REPLAY):
@@ -115,10 +112,7 @@ def health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
 
 
 def gravity_of(finder: ChainFinder, namespace: str) -> tuple[float, float]:
-    """Return gravity [m/s^2] and tilt [rad] of the simulator in a namespace.
-
-    Both are NaN if no simulator reports.
-    """
+    """Return gravity [m/s^2] and tilt [rad] of a simulator, NaN if no simulator reports."""
     for _, report in reports_of(finder, namespace):
         if 'gravity [m/s^2]' in report.figures:
             figures = report.figures
@@ -132,11 +126,7 @@ def status(
     why: Mapping[str, Mapping[str, str]],
     more: Mapping[str, Any],
 ) -> str:
-    """Return the status of all chains as JSON text.
-
-    `why` contains the result of `reasons` for each namespace. `more` contains further entries of
-    the status.
-    """
+    """Return the status of all chains as JSON. `why` are their `reasons`, `more` other entries."""
     chains = []
     for namespace, chain in finder.chains.items():
         move = commands[namespace].move

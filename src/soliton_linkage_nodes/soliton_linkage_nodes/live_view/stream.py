@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stream of frames to a browser.
-
-When the browser has drawn a frame, the node sends the newest frame.
-"""
+"""Stream of frames to a browser."""
 
 from __future__ import annotations
 
@@ -44,11 +41,7 @@ side by side [1]."""
 
 
 async def carry_out(view: View, name: str, arguments: Mapping[str, Any]) -> str:
-    """Carry out an action that the user requested on a canvas, and return its result as text.
-
-    The actions are move, nudge, pull, seek and pause. Raises ValueError if the action is
-    rejected.
-    """
+    """Carry out an action of a canvas and return its answer; ValueError if it is rejected."""
     if view.read_only:
         raise ValueError(READ_ONLY)
     namespace = str(arguments.get('chain', ''))
@@ -76,8 +69,7 @@ async def carry_out(view: View, name: str, arguments: Mapping[str, Any]) -> str:
 class BrowserStream:
     """Connection that sends frames to one browser and receives the actions of its user.
 
-    At most two frames of a chain are in transit, so that no queue grows. When the browser reports
-    that it has drawn a frame, this class sends the newest frame.
+    Whenever the browser reports that it has drawn a frame, the newest frame is sent.
     """
 
     def __init__(self, socket: WebSocket, source: View) -> None:

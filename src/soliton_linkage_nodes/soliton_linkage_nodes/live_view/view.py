@@ -32,11 +32,7 @@ class View:
     def __init__(
         self, node: Node, finder: ChainFinder, folders: Sequence[Path], logs: Path, read_only: bool
     ) -> None:
-        """Create the view of the chains that `finder` finds.
-
-        `node` sends the commands. The page lists the bags in `folders`. The logs of started nodes
-        are written to the folder `logs`.
-        """
+        """Show the chains of `finder`; `node` sends commands, and `folders` contain the bags."""
         self.finder = finder
         self.read_only = read_only
         self.logs = logs
@@ -92,10 +88,7 @@ class View:
         )
 
     def packed(self, index: int, chain: ChainTopics, first: int, last: int) -> bytes:
-        """Return a packed frame of the rotors `first` to `last` of a chain.
-
-        The frame is packed only once for all browsers that show the same rotors.
-        """
+        """Return the rotors `first` to `last` of a chain as a frame, packed once for all pages."""
         window = index, first, last
         if window not in self._packed:
             self._packed[window] = chain.model.packed(*window)
@@ -106,10 +99,7 @@ class View:
         await self._updated.wait()
 
     def update(self, cameras: Collection[str]) -> None:
-        """Process the newest messages.
-
-        `cameras` contains the namespaces whose camera pictures are shown on a page.
-        """
+        """Process the newest messages. `cameras` are the namespaces with a visible camera."""
         self._packed.clear()
         self.finder.update()
         for namespace, chain in self.chains.items():

@@ -72,11 +72,7 @@ def button(
     primary: bool = False,
     long: bool = False,
 ) -> ui.button:
-    """Add a button that carries out an action and shows the answer.
-
-    One button per tab is `primary` and is highlighted. `long` has the same meaning as in
-    `attempt`.
-    """
+    """Add a button that carries out an action by `attempt`. One button per tab is `primary`."""
 
     async def press() -> None:
         await attempt(text, action, long)
@@ -111,11 +107,7 @@ def value_of(entry: ui.number) -> float:
 
 
 class ControlGroup:
-    """Group of controls under one heading.
-
-    All controls of the group are disabled together, and the group shows the reason. `reason_of`
-    is the key of this reason in the result of `status.reasons`.
-    """
+    """Controls under one heading, disabled together with the reason `reason_of` of the status."""
 
     def __init__(self, title: str, reason_of: str) -> None:
         self.reason_of = reason_of

@@ -33,10 +33,7 @@ _HINT = (
 
 
 class IdentifyControls(ChainControls):
-    """Buttons that identify the chain, save the result or forget all frames.
-
-    A text below the buttons shows the result of the identification.
-    """
+    """Buttons that identify the chain, save the result or forget all frames, and the result."""
 
     def __init__(self, view: View, page: Shown) -> None:
         super().__init__(view, page)
@@ -87,10 +84,7 @@ class IdentifyControls(ChainControls):
 
 
 def describe(report: NodeReport, progress: str = '') -> list[str]:
-    """Return the report of the chain identifier as lines of text.
-
-    `progress` is a text about a running identification, or empty if no identification runs.
-    """
+    """Return the report of the chain identifier as lines; `progress` is its state if it runs."""
     figures = report.figures
     found = 'noise [rad]' in figures
     lines = [', '.join(filter(None, (f'{figures.get("frames", "?")} frames', progress)))]

@@ -31,11 +31,7 @@ _LARGEST_COUPLING = 1e-3
 
 
 class WaveControls(ChainControls):
-    """Controls of the shape, amplitude and frequency of a waveform, and of the motors.
-
-    The slider of the frequency shows the phonon band of the chain. The slider of the motors sets
-    their non-reciprocity.
-    """
+    """Controls of a waveform, with the phonon band on the frequency slider, and of motors."""
 
     def __init__(self, view: View, page: Shown) -> None:
         super().__init__(view, page)
