@@ -161,20 +161,6 @@ def test_edge_commands_are_sent_with_their_times(visit: Visit, stage: Stage) -> 
     visit.choose('edge', 'nearest')
 
 
-def test_a_waveform_is_sent_and_answered(at_rest: Visit, stage: Stage) -> None:
-    visit, received = at_rest, stage.record(interfaces.EDGE_COMMAND)
-    kicks = stage.record(interfaces.LAST_KICK)
-    visit.fill('cycles', 2)
-    visit.click('wave')
-    visit.answers('edge_actuator accepted it; last_kick will report the effect')
-    (burst,) = received
-    assert (burst.kind, burst.edge) == (EdgeCommand.WAVEFORM, EdgeCommand.FIRST)
-    assert (burst.shape, burst.value, burst.cycles) == (EdgeCommand.BURST, 0.002, 2)
-    until(lambda: kicks, 'the report of the waveform')
-    assert kicks[-1].peak_torque == pytest.approx(0.002, rel=0.05)
-    assert kicks[-1].duration == pytest.approx(2 * math.tau / burst.frequency, rel=0.1)
-
-
 def test_the_slider_tilts_the_chain(visit: Visit, view: View, stage: Stage) -> None:
     received = stage.record(interfaces.TILT)
     visit.tab('Drive')
