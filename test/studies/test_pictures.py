@@ -24,6 +24,7 @@ from soliton_linkage_studies.pictures import (
     track_figure,
     track_positions,
     track_velocities,
+    unbroken_sites,
 )
 
 CHAIN = chain_of(FLIPPER, 20)
@@ -142,3 +143,11 @@ def test_a_run_is_saved_as_two_pictures_with_a_caption_each(
     words = (tmp_path / 'kymograph.txt').read_text(encoding='utf-8')
     for explained in ('purple', 'orange', 'black', 'edge rotor', CHAIN.motion.value):
         assert explained in words
+
+
+def test_a_track_is_interrupted_where_it_changes_to_another_soliton() -> None:
+    sites = np.array([24.0, 24.5, 12.0, 12.5, np.nan, 30.0, 31.0])
+    track = Track(np.arange(7.0), sites, 0 * sites)
+    shown = unbroken_sites(track)
+    np.testing.assert_array_equal(shown, [24.0, 24.5, np.nan, 12.5, np.nan, 30.0, 31.0])
+    assert track.sites[2] == 12.0

@@ -58,6 +58,10 @@ _NOTE = (
 _MOST_COLUMNS = 2000
 """Largest number of frames in a kymograph [1]. The pixels of the image resolve no more."""
 
+_JUMP = 5.0
+"""Threshold of the displacement between two frames [rotor spacings]. A larger displacement means
+that the track has changed to another soliton."""
+
 
 def kymograph(axes: Axes, chain: Chain, recording: Recording, track: Track) -> Axes:
     """Draw the displacements u_n(t) as an image over time, with the soliton's track."""
@@ -72,7 +76,8 @@ def kymograph(axes: Axes, chain: Chain, recording: Recording, track: Track) -> A
         extent=(*_edges(recording.times), -0.5, chain.number_of_rotors - 0.5),
     )
     border = [withStroke(linewidth=3.5, foreground=WHITE)]
-    axes.plot(track.times, track.sites, color=BLACK, label='soliton', path_effects=border)
+    sites = unbroken_sites(track)
+    axes.plot(track.times, sites, color=BLACK, label='soliton', path_effects=border)
     axes.legend(loc='upper right')
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel='time [s]', ylabel='rotor n [1]', title=description(chain))
@@ -86,10 +91,18 @@ def kymograph(axes: Axes, chain: Chain, recording: Recording, track: Track) -> A
     return axes
 
 
+def unbroken_sites(track: Track) -> Array:
+    """Return the sites of a track, with NaN where the track changes to another soliton."""
+    sites = track.sites.copy()
+    sites[1:][np.abs(np.diff(track.sites)) > _JUMP] = np.nan
+    return sites
+
+
 def track_positions(axes: Axes, chain: Chain, track: Track) -> Axes:
     """Draw the soliton position over time, with a band of two standard deviations."""
-    axes.plot(track.times, track.sites, color=MEASURED, linewidth=0.8, label='measured')
-    _draw_band(axes, track.times, track.sites, track.site_deviations)
+    sites = unbroken_sites(track)
+    axes.plot(track.times, sites, color=MEASURED, linewidth=0.8, label='measured')
+    _draw_band(axes, track.times, sites, track.site_deviations)
     axes.set(ylabel='position [rotor spacings]', ylim=(0, chain.number_of_rotors - 1))
     axes.set(xlabel='time [s]', title=description(chain))
     return axes
