@@ -112,7 +112,10 @@ def test_a_sine_burst_is_sent_from_the_slider_with_the_phonon_band(
     until(lambda: kicks, 'the report of the burst')
     assert kicks[-1].command.kind == EdgeCommand.WAVEFORM
     assert kicks[-1].peak_torque == pytest.approx(0.002, rel=0.2)
-    visit.answers('rotor_0')
+    # A report of the actuator may arrive before the waveform ends.
+    visit.wait(
+        'live.answers.log.some((text) => text.includes("accepted") || text.includes("rotor_0"))'
+    )
 
 
 def test_the_slider_changes_the_motors_of_the_running_simulator(
