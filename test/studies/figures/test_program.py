@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-import subprocess
+import importlib
+import io
 import sys
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ def small_settings() -> Section:
     """Return the installed settings with less disorder, because lost walls take long to detect."""
     settings = load_settings(CONFIG)
     disorder: Any = settings.values['disorder_against_passage']
-    disorder['fractions'] = [0.01, 0.02, 0.03, 0.05, 0.1]
+    disorder['fractions'] = [0.01, 0.02, 0.03, 0.04, 0.05]
     for each in disorder['chains'].values():
         each['chain']['number_of_rotors'] = 8
     return settings
@@ -51,16 +52,10 @@ LIMITS = {
 
 
 @pytest.mark.parametrize('name', list(FIGURES))
-def test_a_figure_is_labelled_and_its_measurements_agree_with_theory(
-    name: str, tmp_path: Path
-) -> None:
+def test_a_figure_is_labelled_and_its_measurements_agree_with_theory(name: str) -> None:
     report = FIGURES[name](SETTINGS.section(name), True)
-    report.save(tmp_path, name)
-    assert {path.name for path in tmp_path.iterdir()} == {
-        f'{name}.{suffix}' for suffix in ('png', 'pdf', 'csv', 'txt')
-    }
-    data = (tmp_path / f'{name}.csv').read_text(encoding='utf-8').splitlines()
-    assert len(data) > 3
+    report.figure.savefig(io.BytesIO(), dpi=30)
+    assert len(report.rows) > 2
     assert unexplained(report.figure, report.caption) == []
     known = [line for line in report.comparisons if np.isfinite(line.expected)]
     assert bool(known) == (name in LIMITS)
@@ -81,19 +76,19 @@ def test_the_command_draws_the_selected_figures_and_the_table(
     table = (output / 'table.md').read_text(encoding='utf-8').splitlines()
     names = [line.split('|')[1].strip() for line in table[2:]]
     assert list(dict.fromkeys(names)) == ['anti_kink_cost', 'soft_actuator']
-    assert (output / 'anti_kink_cost.pdf').exists()
+    for suffix in ('png', 'pdf', 'csv', 'txt'):
+        assert (output / f'anti_kink_cost.{suffix}').exists()
     assert 'are in' in capsys.readouterr().out
     assert figures.main([*arguments, 'anti_kink']) == 1
     assert '--only anti_kink: unknown name' in capsys.readouterr().err
     assert (output / 'table.md').read_text(encoding='utf-8').splitlines() == table
 
 
-def test_errors_name_invalid_settings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_errors_name_invalid_settings(tmp_path: Path) -> None:
     bad = tmp_path / 'bad.yaml'
     bad.write_text(CONFIG.read_text(encoding='utf-8').replace('kick: 0.1', 'kick: fast', 1))
-    code = figures.main([str(bad), '--output', str(tmp_path), '--only', 'figure_2'])
-    assert code == 1
-    assert "figure_2.kick = 'fast' must be a number" in capsys.readouterr().err
+    with pytest.raises(ValueError, match=r"figure_2\.kick = 'fast' must be a number"):
+        FIGURES['figure_2'](load_settings(bad).section('figure_2'), True)
 
 
 OWN_FIGURE = """
@@ -117,15 +112,18 @@ def parabola(section, quick):
 """
 
 
-def test_an_external_figure_is_drawn_with_the_others(tmp_path: Path) -> None:
+def test_an_external_figure_is_drawn_with_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / 'own_figure.py').write_text(OWN_FIGURE, encoding='utf-8')
     config = tmp_path / 'figures.yaml'
     config.write_text('own_parabola: {points: 5}\n', encoding='utf-8')
-    # The registry of this process must not keep the figure.
-    program = 'import own_figure, sys; from soliton_linkage_studies.figures.program import main'
-    command = [sys.executable, '-c', f'{program}; sys.exit(main(sys.argv[1:]))']
-    arguments = [str(config), '--output', str(tmp_path), '--only', 'own']
-    subprocess.run([*command, *arguments], cwd=tmp_path, check=True)
+    monkeypatch.syspath_prepend(tmp_path)
+    importlib.import_module('own_figure')
+    try:
+        assert figures.main([str(config), '--output', str(tmp_path), '--only', 'own']) == 0
+    finally:
+        del FIGURES['own_parabola'], sys.modules['own_figure']
     assert (tmp_path / 'own_parabola.png').exists()
     data = (tmp_path / 'own_parabola.csv').read_text(encoding='utf-8').splitlines()
     assert data[-1] == ',parabola,4.0,16.0,x,y'

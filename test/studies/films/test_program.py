@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import re
 import signal
@@ -26,6 +27,7 @@ from soliton_linkage.linear.bands import couplings, gap
 from soliton_linkage.linear.statics import stiffness_matrix
 from soliton_linkage.linkage.chain import Chain, Motion, staggered
 from soliton_linkage_studies import program
+from soliton_linkage_studies.films import program as films_program
 from soliton_linkage_studies.films.cell import CellScene
 from soliton_linkage_studies.films.cycle import CycleScene, StaggeredScene, from_behind, layered
 from soliton_linkage_studies.films.insulator import driven
@@ -168,13 +170,15 @@ def test_without_ffmpeg_a_film_is_a_gif(tmp_path: Path) -> None:
 def test_without_ffmpeg_the_program_logs_it_and_halves_the_size(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    made: list[Any] = []
     monkeypatch.setattr('shutil.which', lambda _: None)
     monkeypatch.setitem(sys.modules, 'imageio_ffmpeg', None)
+    monkeypatch.setattr(films_program, 'make_films', lambda *given: made.extend(given))
     assert main([str(CONFIG), '--output', str(tmp_path), '--quick', '--only', 'S6']) == 0
     said = capsys.readouterr().err
     assert 'GIF of half the size, because there is no command ffmpeg and no package' in said
-    with Image.open(tmp_path / 'S6_flipper_cell.gif') as picture:
-        assert picture.size == (160, 90)
+    (film,), _, kind, _ = made
+    assert (film.shape.width, film.shape.height, kind.suffix) == (160, 90, '.gif')
 
 
 def test_an_ffmpeg_without_h264_is_not_used(
@@ -359,7 +363,7 @@ def test_a_failed_film_stops_all_films_and_leaves_no_files(
     # There is no ffmpeg, so every film fails at its first frame.
     broken = FileKind(str(tmp_path / 'absent'), 'a test')
     with pytest.raises(FileNotFoundError):
-        make_films([resized(film, 320, 180, 3) for film in ALL[5:8]], tmp_path, broken)
+        make_films([resized(film, 320, 180, 3) for film in ALL[5:8]], tmp_path, broken, 1)
     assert list(tmp_path.iterdir()) == []
     (tmp_path / 'taken').write_text('', encoding='utf-8')
     assert main([str(CONFIG), '--output', str(tmp_path / 'taken'), '--quick']) == 1
@@ -407,16 +411,19 @@ class DotScene(Scene):
 """
 
 
-def test_an_external_kind_of_film_is_made_with_the_others(tmp_path: Path) -> None:
+def test_an_external_kind_of_film_is_made_with_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / 'own_film.py').write_text(OWN_FILM, encoding='utf-8')
-    # The registry of this process must not keep the kind.
-    program = 'import own_film, sys; from soliton_linkage_studies.films.program import main'
-    command = [sys.executable, '-c', f'{program}; sys.exit(main(sys.argv[1:]))']
     film = {'kind': 'dot', 'title': 'A dot', 'playing_time': 1, 'seconds': 2.0}
     config = changed(tmp_path, films={'D1_dot': film})
     output = tmp_path / 'out'
-    arguments = [str(config), '--output', str(output), '--quick', '--only', 'D1']
-    subprocess.run([*command, *arguments], cwd=tmp_path, check=True)
+    monkeypatch.syspath_prepend(tmp_path)
+    importlib.import_module('own_film')
+    try:
+        assert main([str(config), '--output', str(output), '--quick', '--only', 'D1']) == 0
+    finally:
+        del FILM_KINDS['dot'], sys.modules['own_film']
     assert {path.name for path in output.iterdir()} == {
         f'D1_dot{file_kind().suffix}',
         'D1_dot.txt',
