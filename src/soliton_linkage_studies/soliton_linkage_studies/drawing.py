@@ -36,8 +36,7 @@ from soliton_linkage_studies.palette import (
 )
 
 _OUTSIDE = matplotlib.__version_info__ >= (3, 7)
-"""Whether this version of matplotlib can put a legend outside the panels. Otherwise the legend
-covers the panels."""
+"""Whether matplotlib can put a legend outside the panels, which it would cover."""
 LEGEND_ABOVE: Literal['outside upper center', 'upper center'] = (
     'outside upper center' if _OUTSIDE else 'upper center'
 )
@@ -85,8 +84,7 @@ def limits(
 ) -> tuple[float, float, float, float]:
     """Return the limits left, right, bottom and top [m] of a picture of a chain.
 
-    They enclose all positions of the masses. `projections` adds space for the displacement arrows,
-    and `lowered` [m] adds space at the bottom.
+    `projections` adds space for the displacement arrows, `lowered` [m] adds space at the bottom.
     """
     margin = _MARGIN * chain.spacing
     reach = float(chain.rotor_lengths.max()) + margin
@@ -233,8 +231,7 @@ def mode_quiver(
 ) -> Quiver:
     """Draw the arrows of a mode [1], shape (N,), at the masses and return the arrows.
 
-    The arrow of a mode component 1 has the length `arrow_length` [m], by default 1.2 times the
-    larger of a and r.
+    A component 1 has the length `arrow_length` [m], by default 1.2 times the larger of a and r.
     """
     vectors = _stretched(chain, angles, mode, arrow_length)
     return _quiver(axes, mass_points(chain, angles), vectors, 0.9 * _thickness(chain), GREEN)
@@ -354,6 +351,7 @@ def _quiver(
         headaxislength=3.6,
         color=colour,
         clip_on=False,
+        in_layout=False,
         zorder=5,
     )
 

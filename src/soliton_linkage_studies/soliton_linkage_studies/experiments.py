@@ -15,23 +15,21 @@ from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.static_wall import site_arc, static_wall
 from soliton_linkage.solitons.tanh_fit import order_field
 
-MIDDLE = 0.3
-"""Fraction of a chain in which a wall is measured, around the middle [1]."""
 SNAPSHOTS = 10
 """Number of frames that are combined to the profile of a wall [1], as in the paper."""
 DISTANCE_LABEL = 'n - X [rotor spacings]'
 """Axis label of the distance of a rotor from a wall."""
 
 _ARCTANH_REACH = 0.9
-"""Largest |m| of a fitted rotor [1]. Above it, arctanh(m) would amplify rounding errors and
-phonons."""
+"""Largest |m| of a fitted rotor [1]. Above it, arctanh(m) would amplify errors."""
+_MIDDLE = 0.3
+"""Fraction of a chain in which a wall is measured, around the middle [1]."""
 _FRAMES = 600
 """Number of frames in a recording of a crossing."""
 _SLACK = 1.1
 """Recording time divided by the theoretical crossing time of a slow wall [1]."""
 _TRANSIENT = 1.5
-"""Shortest recording time, divided by the time that sound needs from edge to edge [1]. The fastest
-walls cross the chain in this time."""
+"""Recording time of the fastest walls, in times of sound from edge to edge [1]."""
 
 
 def kick_rates(
@@ -102,17 +100,15 @@ def snapshots(chain: Chain, recording: Recording, count: int) -> Snapshots:
     """
     fields, _ = order_field(chain, recording.angles)
     walls = wall_positions(chain, recording)
-    middle = (chain.number_of_rotors - 1) / 2
-    inside = np.abs(walls - middle) < MIDDLE * middle
-    entered = int(np.argmax(inside))
-    left = entered + int(np.argmin(np.append(inside[entered:], False)))
-    if left - entered < count:
+    passage = first_passage(chain, walls)
+    frames = passage.stop - passage.start
+    if frames < count:
         raise ValueError(
-            f'the wall was in the middle of the chain in {left - entered} frames, but {count} are '
+            f'the wall was in the middle of the chain in {frames} frames, but {count} are '
             'required; kick the wall, or record for longer or with more frames'
         )
-    slope = np.polyfit(recording.times[entered:left], walls[entered:left], 1)[0]
-    chosen = np.linspace(entered, left - 1, count).round().astype(int)
+    slope = np.polyfit(recording.times[passage], walls[passage], 1)[0]
+    chosen = np.linspace(passage.start, passage.stop - 1, count).round().astype(int)
     rotors = np.arange(chain.number_of_rotors)
     return Snapshots(
         distances=rotors - walls[chosen, None],
@@ -120,6 +116,17 @@ def snapshots(chain: Chain, recording: Recording, count: int) -> Snapshots:
         angles=recording.angles[chosen],
         speed=abs(float(slope)),
     )
+
+
+def first_passage(chain: Chain, positions: Array) -> slice:
+    """Return the frames of a wall's first passage through the middle of the chain.
+
+    The wall positions [rotor spacings] have shape (T,). NaN means that a frame has no wall.
+    """
+    middle = (chain.number_of_rotors - 1) / 2
+    inside = np.abs(positions - middle) < _MIDDLE * middle
+    entered = int(np.argmax(np.append(inside, True)))
+    return slice(entered, entered + int(np.argmin(np.append(inside[entered:], False))))
 
 
 def static_profile(chain: Chain, middle: float) -> tuple[Array, Array]:

@@ -26,8 +26,7 @@ _LINE = 95
 """Largest number of characters in a line of a caption."""
 _FUNCTIONS = ('sin', 'cos', 'ln', 'min', 'max')
 _ROUNDING = 1e-11
-"""Smallest relative error that a table shows [1], about the rounding error of a sum of 1000
-terms."""
+"""Smallest relative error in a table [1], about that of a sum of 1000 terms."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +87,7 @@ class Comparison:
 
     @property
     def error(self) -> str:
-        """Relative difference of the measured value from theory [%] as text, empty without theory.
+        """Relative difference of the measured value from theory [%] as text, empty without.
 
         If the theoretical value is 0, the text contains the measured value instead.
         """

@@ -27,13 +27,11 @@ from soliton_linkage_studies.experiments import kick_rates
 _TOLERANCE = 1e-8
 """Largest integration error of an angle in one step [rad]."""
 _FRAMES_A_SPACING = 4.0
-"""Approximate number of frames in which a wall moves by the smaller of a rotor spacing and its
-width [1]."""
+"""Number of frames in which a wall moves by the smaller of spacing and wall width [1]."""
 _FRAMES_A_SWING = 40.0
 """Number of frames while an edge rotor swings by the smaller of 1 rad and a / r [1]."""
 _DEPARTED = 1.5
-"""Distance from an edge beyond which the wall of a spinner counts as having left it [rotor
-spacings]."""
+"""Distance of a spinner's wall from an edge that it has left [rotor spacings]."""
 
 
 @dataclass(frozen=True)
@@ -47,26 +45,22 @@ class Leg:
     furthest: float
     """Wall position at the largest distance from the edge where the leg began [rotor spacings]."""
     arc: float
-    """Arc length of the leg in configuration space, with the Euclidean norm of the angle changes
-    [rad]."""
+    """Arc length of the leg in configuration space, with the Euclidean norm [rad]."""
 
 
 def follow_wall(chain: Chain, edge: Edge = Edge.FIRST, legs: int = 2) -> tuple[Leg, ...]:
     """Simulate a chain with rigid bars until the wall has crossed the chain `legs` times.
 
     The simulation starts in the left-leaning rest state if `edge` is the first edge, otherwise in
-    the right-leaning one. The wall of a flipper first moves to the nearest edge; this motion does
-    not count as a leg. The simulation ends early if the wall turns back, or if the arc length of a
-    leg exceeds 4 pi [rad] per rotor.
+    the right-leaning one. The wall of a flipper first moves to the nearest edge, which is not a
+    leg. The simulation ends early if the wall turns back, or if a leg is longer than 4 pi [rad]
+    per rotor.
 
     The wall position is the centre of the zero mode. The wall of a flipper reaches an edge when
-    the edge rotor passes the straight line from its pivot to the mass of the neighbouring rotor,
-    because then the zero mode is localised on the edge rotor. The wall of a spinner reaches an
-    edge when the edge rotor has the largest component of the zero mode.
-
-    Raises:
-        ValueError: If the chain is periodic, `legs` is less than 1 or no rest state exists.
-        ArithmeticError: If the bars jam.
+    the edge rotor passes the straight line from its pivot to the neighbouring mass, because then
+    the zero mode is localised on the edge rotor. The wall of a spinner reaches an edge when the
+    edge rotor has the largest component of the zero mode. Raises ValueError for a periodic chain,
+    `legs` below 1 or no rest state, and ArithmeticError if the bars jam.
     """
     _check_ends(chain)
     if legs < 1:
@@ -148,11 +142,11 @@ class _Walker:
 
 
 def _frame_arc(chain: Chain) -> float:
-    """Return the arc length in configuration space between two frames [rad].
+    """Return the arc length between two frames, equal to the period at 1 rad/s [rad].
 
-    The frame period [s] has the same value, because the chain moves at 1 rad/s. The rotors of a
-    flipper turn by 2 theta_bar while the wall moves by its own width. The lower limit resolves the
-    swing of an edge rotor at a reflection, which is about a / r, but at most 1 rad.
+    The rotors of a flipper turn by 2 theta_bar while the wall moves by its own width. The lower
+    limit resolves the swing of an edge rotor at a reflection, which is about a / r, but at most 1
+    rad.
     """
     spacings = 1 + chain.wall_width / chain.spacing
     of_wall = chain.rest_angle / (_FRAMES_A_SPACING * math.sqrt(spacings))
@@ -174,11 +168,9 @@ OUTCOMES = ('returns', 'crosses', 'lost')
 _PIECE = 20
 """Interval between two checks for the return of the wall [time units]."""
 _WALL_REACH = 4
-"""Half-width of the wall's region, divided by the larger of wall width and penetration depth [1].
-At most 2 % of the wall energy is outside."""
+"""Half-width of a wall with 98 % of its energy [larger of wall width and penetration depth]."""
 _JUMP = 5
-"""Displacement between two frames beyond which the track has changed to another wall [rotor
-spacings]. The fastest walls move by 2 rotor spacings."""
+"""Smallest displacement per frame of a track that changes to another wall [rotor spacings]."""
 
 Value = float | int | str
 
@@ -246,9 +238,8 @@ def measure_speed(
 ) -> dict[str, Value]:
     """Measure the outcome, the speed and the phonon energy of a wall kicked off the right edge.
 
-    `speed` [a sqrt(k_e / M)] is the slope of the wall position over time, between the outer fifths
-    of the chain. `speed` and `phonons` (`phonon_share`) are NaN if the wall does not cross the
-    chain. `sent` is the result of `send_wall`, if it is known.
+    `speed` [a sqrt(k_e / M)] is measured between the outer fifths of the chain. `speed` and
+    `phonons` (`phonon_share`) are NaN without a crossing. `sent` is a known result of `send_wall`.
     """
     recording, track, crossings = sent or send_wall(chain, trial)
     return {
@@ -356,8 +347,8 @@ def _continued(chain: Chain, sent: Any, piece: Any) -> SentWall | ArithmeticErro
 def phonon_share(chain: Chain, recording: Recording, track: Track, crossing: Crossing) -> float:
     """Return the fraction of the energy outside the wall in the middle of a crossing [1].
 
-    A rotor or spring is outside if its distance from the wall exceeds both four wall widths and
-    four penetration depths. The result is NaN if fewer than half of the rotors are outside.
+    Outside means beyond four wall widths and four penetration depths. The result is NaN if fewer
+    than half of the rotors are outside.
     """
     under_way = (track.times >= crossing.start) & (track.times <= crossing.end)
     half_way = np.abs(track.sites - (chain.number_of_rotors - 1) / 2)

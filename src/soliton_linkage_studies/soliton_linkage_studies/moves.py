@@ -43,8 +43,7 @@ _OBSERVATION_TIME = 0.2
 _TIME_LIMIT = 120.0
 """Time limit of a move [s]. A move that has not ended by then has the outcome NOT_HELD."""
 _SAMPLE_EVERY = 20
-"""Number of frames from one sample to the next [1]. At 250 Hz, 80 ms are about one pixel of the
-picture."""
+"""Number of frames between samples [1]. At 250 Hz, 80 ms are a pixel of the picture."""
 DISORDERED = ('spacing', 'rotor_length', 'mass', 'stiffness', 'rest_length')
 _DRAWS = 100
 """Largest number of attempts to draw a disorder through which a wall can pass [1]."""
@@ -140,8 +139,7 @@ class MoveRun:
     phonon_energies: Array
     """Energy of the phonons [J], shape (T,)."""
     error: float
-    """Largest distance from the goal after the arrival [rotor spacings]; NaN if the goal was not
-    reached."""
+    """Largest distance from the goal after the arrival [rotor spacings]; NaN if not reached."""
     energy_left: float
     """Energy of the phonons at the end [J]."""
     peak_energy: float

@@ -54,8 +54,7 @@ OUTCOME_COLOURS = {'returns': GREEN, 'crosses': SKY, 'lost': DARK}
 LEAN_COLOURS = 'PuOr'
 """Colour map of the displacement u: orange if a rotor leans left, purple if it leans right."""
 _REST = 0.30
-"""Distance of a uniform rest state from the middle of the colour map [1]. Displacements beyond the
-rest state are darker."""
+"""Distance of a uniform rest state from the middle of the colour map [1]."""
 _NEAR_REST = ((0.95, 0.24), (1.0, _REST), (1.02, 0.36), (1.05, 0.41), (1.2, 0.46))
 """Nodes (displacement / rest displacement, distance from the middle of the map) of the colour
 scale [1]. They stretch the scale near the rest state, so that oscillations of a few per cent are

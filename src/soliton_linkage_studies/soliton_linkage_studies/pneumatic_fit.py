@@ -12,11 +12,9 @@ from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage.linkage.chain import Array
 
 _FEWEST_READINGS = 4
-"""Smallest number of readings [1], one more than the unknowns: two time constants and a
-pressure."""
+"""Smallest number of readings [1], one more than the unknowns."""
 _SHORTEST_STEP = 0.05
-"""Smallest |command - pressure| of an interval in the initial guess, divided by the largest one
-[1]."""
+"""Smallest |command - pressure| in the initial guess, relative to the largest [1]."""
 
 
 @dataclass(frozen=True)

@@ -32,8 +32,7 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 Integers = NDArray[np.int64]
 
 _ARC_TOLERANCE = 1e-12
-"""Relative and absolute [rad] tolerance of the integration along a curve, close to the rounding
-error for chains near d_c."""
+"""Tolerance of the integration along a curve [rad], near the rounding error close to d_c."""
 _CLOSED = 1e-6
 """Largest distance between both ends of a closed curve [turns]."""
 
@@ -97,8 +96,7 @@ def windings(curve: ArrayLike) -> tuple[int, int]:
 def ground_states(chain: Chain) -> Array:
     """Return the staggered angles (theta, theta) of the uniform states [rad], shape (4, 2).
 
-    theta_bar leans right and -theta_bar leans left; pi - theta_bar and pi + theta_bar are these
-    two states upside down.
+    theta_bar leans right, -theta_bar left; pi - theta_bar and pi + theta_bar are both upside down.
     """
     angle = chain.rest_angle
     return np.repeat([angle, -angle, math.pi - angle, math.pi + angle], 2).reshape(4, 2)
@@ -134,10 +132,10 @@ def spinner_limit(rest_angles: ArrayLike) -> Array:
 
 
 class _Arc:
-    """Piece of a configuration curve with s >= 0 and |delta| <= pi / 2.
+    """Piece of a configuration curve with s >= 0 and |delta| <= pi / 2; the rest is symmetric.
 
-    The other pieces are its mirror images. On it s and delta increase together, so that
-    dtheta_1 / dtheta_2| <= 1. Therefore theta_2 is a coordinate without folds at any r / a.
+    On it s and delta increase together, so that theta_2 is a coordinate without folds at any r /
+    a.
     """
 
     def __init__(self, chain: Chain) -> None:
@@ -190,10 +188,7 @@ def _solved(rate: Callable[..., Array], span: tuple[float, float], start: float)
 
 
 def _partners(chain: Chain, theta_1: Array) -> tuple[Array, Array]:
-    """Return the first factor of the radicand in `partner_angles` [m], and both solutions.
-
-    Where the factor is negative, the solutions are computed with 0 instead.
-    """
+    """Return the first factor of the radicand in `partner_angles` [m], and both solutions."""
     r, a, lbar = chain.rotor_length, chain.spacing, chain.rest_length
     sine, cosine = np.sin(theta_1), np.cos(theta_1)
     height = 2 * r * math.cos(chain.rest_angle) ** 2

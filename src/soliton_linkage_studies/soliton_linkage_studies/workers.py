@@ -28,11 +28,9 @@ _MAXIMUM_COUNT = 1000
 """Largest number of processes [1]. A larger number is rejected as a typing error."""
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 _CHUNK_DURATION = 1.0
-"""Duration of a chunk, the rows that a worker measures in one task [s]. An interruption loses one
-chunk of each worker."""
+"""Duration of the rows that a worker measures in one task, and may lose [s]."""
 _CHUNK_GROWTH = 4
-"""Largest ratio of the sizes of two successive chunks [1], because the first rows may be unusually
-fast."""
+"""Largest ratio of successive chunk sizes [1]. The first rows may be unusually fast."""
 _CHUNKS_PER_WORKER = 2
 """Number of submitted chunks per worker [1]: one is measured while the next one waits."""
 

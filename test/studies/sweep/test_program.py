@@ -115,8 +115,8 @@ def test_an_interrupted_sweep_continues_to_the_same_table(
     folder = tmp_path / 'out'
     part = folder / 'long.csv.part'
     measured = 0
-    for sent in (signal.SIGINT, signal.SIGKILL):
-        process = started(config, '--output', folder, '--workers', 2)
+    for sent, workers in ((signal.SIGINT, 2), (signal.SIGKILL, 1)):
+        process = started(config, '--output', folder, '--workers', workers)
         wait_until(lambda before=measured: lines_in(part) > before + 20, 'some rows')
         if sent == signal.SIGINT:
             os.killpg(process.pid, sent)
@@ -158,18 +158,14 @@ def test_a_cluster_gives_the_same_table(config: Path, swept: Path, tmp_path: Pat
     assert (tmp_path / 'small.csv').read_bytes() == (swept / 'small.csv').read_bytes()
 
 
-def test_a_quick_sweep_has_a_separate_table(
-    config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_quick_sweep_has_a_separate_table_and_failed_rows_are_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    content = 'measure: motion\nseeds: 3\nsweep: {deviations.mass: [0.0, 1.0]}'
+    config = written(tmp_path / 'mine.yaml', content)
     monkeypatch.chdir(tmp_path)
     assert main([str(config), '--quick', '--workers', '1']) == 0
-    assert lines_in(tmp_path / 'out/sweeps/small-quick/small-quick.csv') == 1 + 8 * 7 * 2
-
-
-def test_rows_that_fail_are_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    content = 'measure: motion\nseeds: 2\nsweep: {deviations.mass: [0.0, 1.0]}'
-    config = written(tmp_path / 'mine.yaml', content)
-    assert main([str(config), '--output', str(tmp_path / 'out'), '--workers', '1']) == 0
+    assert lines_in(tmp_path / 'out/sweeps/mine-quick/mine-quick.csv') == 1 + 2 * 2
     assert '; 2 rows have a failure' in capsys.readouterr().out
 
 

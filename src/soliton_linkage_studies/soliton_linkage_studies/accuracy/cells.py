@@ -24,8 +24,7 @@ _NOISES = (0.001, 0.1)
 _SPEEDS = (0.02, 0.9)
 """Range of the wall speed relative to the speed of sound [1]."""
 _PERIODS = (0.05, 0.5)
-"""Range of the frame period [time units], 1000 Hz to 100 Hz for rotors of 0.02 kg and springs of
-50 N/m."""
+"""Range of the frame period [time units], 1000 Hz to 100 Hz for 0.02 kg and 50 N/m."""
 _RUNS = (50, 400)
 """Range of the number of frames in a record [1]."""
 _PHONONS = (0.001, 0.03)
@@ -41,8 +40,7 @@ _WIDEST = 3.0
 _LONGEST = 4.0
 """Largest ratio of the rotor length r to the rotor spacing a, as in the paper [1]."""
 _APART = 1.6
-"""Smallest number of rotors per wall in a chain with several walls, relative to a single wall
-[1]."""
+"""Smallest number of rotors per wall with several walls, relative to a single wall [1]."""
 _SEVERAL = (1, 1, 1, 2, 4)
 """Numbers of walls from which a random cell draws with equal probability [1]."""
 
@@ -72,8 +70,7 @@ class AccuracyCell:
     wrong_reading: float = 0.0
     """Error of one random encoder in the last frame of a record [rad]; 0 means none."""
     disorder: float = 0.0
-    """Relative standard deviation of rotor lengths, spacings, stiffnesses and masses, unknown to
-    the analyser [1]."""
+    """Standard deviation of the unknown relative deviations of the chain [1]."""
     impulses: int = 0
     """Number of impulses on the wall, summed over all records [1]."""
     impulses_known: bool = False
@@ -82,15 +79,13 @@ class AccuracyCell:
     """Rotors without encoder: none (''), 'edges', or all except one or three random ones ('all but
     one', 'all but three')."""
     kick: float = 0.0
-    """Rotor rate of a kick at the edge after which no wall exists [rad / time unit]; 0 means
-    none."""
+    """Rotor rate of a kick after which no wall exists [rad / time unit]; 0 means none."""
     noise_only: bool = False
     """Whether all angles are uniformly random, so that no wall exists."""
     degrees: bool = False
     """Whether the analyser receives degrees instead of radians."""
     start: float = math.nan
-    """Position of a wall at rest [rotor spacings]; NaN means a moving wall at a random
-    position."""
+    """Position of a wall at rest [rotor spacings]; NaN means a moving wall."""
     jitter: float = 0.0
     """Standard deviation of the error of a time stamp, relative to the frame period [1]."""
     offsets: float = 0.0
@@ -335,8 +330,8 @@ _CELL_VALUES: dict[str, Callable[[AccuracyCell], object]] = {
     'walls': lambda cell: cell.walls,
 }
 CELL_COLUMNS = tuple(_CELL_VALUES)
-"""Columns of the table that describe a cell. Units: noise [rad], speed relative to the speed of
-sound [1], period [time units], run [frames per record], phonons [rad / time unit]."""
+"""Columns of the table that describe a cell. Units: noise [rad], speed [speed of sound], period
+[time units], run [frames per record], phonons [rad / time unit]."""
 
 
 def cell_values(cell: AccuracyCell) -> list[str]:

@@ -21,7 +21,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons
 from soliton_linkage_studies.captions import class_and_shape
-from soliton_linkage_studies.experiments import MIDDLE, crossing_duration, record_kick
+from soliton_linkage_studies.experiments import crossing_duration, first_passage, record_kick
 from soliton_linkage_studies.figure_report import Comparison, FigureReport, Formula, write_table
 from soliton_linkage_studies.palette import BLACK, MEASURED, PAPER
 from soliton_linkage_studies.settings import Section, chain_from
@@ -68,8 +68,7 @@ class Walls:
     chain: Chain
     kicks: tuple[float, ...]
     reference: Mapping[float, tuple[float, float]]
-    """Speed [a sqrt(k_e / M)] and width, relative to a slow wall in the continuum [1], by kick.
-    They are from tanh fits to an independent integrator's walls without noise."""
+    """Known speed [a sqrt(k_e / M)] and relative width [1] of walls without noise, by kick."""
 
 
 @dataclass(frozen=True)
@@ -142,21 +141,17 @@ def passage_of(
 ) -> ContractedWall:
     """Measure speed and width of a wall on its first passage through the middle of the chain.
 
-    `times` [s] has shape (T,). `frames` are the walls found at these times; only frames with
-    exactly one wall are used. The speed is the slope of a line fitted to the positions. Its
-    standard deviation follows from the median standard deviation of a position, applied to the
-    first and the last position, because a common error of all positions does not change the slope.
-    The width is the mean over the frames, with the smallest stated standard deviation, because the
-    widths of successive frames are correlated. Raises ValueError for fewer than ten frames.
+    `times` [s] has shape (T,). Only `frames` with exactly one wall are used. The speed is the
+    slope of a line fitted to the positions. Its standard deviation is that of a position, applied
+    to the first and the last one, because a common error does not change the slope. The width is
+    the mean, with the smallest stated standard deviation, because successive widths are
+    correlated. Raises ValueError for fewer than ten frames.
     """
-    middle = (chain.number_of_rotors - 1) / 2
     alone = [
         (time, walls[0]) for time, walls in zip(times, frames, strict=True) if len(walls) == 1
     ]
-    there = np.array([abs(wall.rotor - middle) < MIDDLE * middle for _, wall in alone], dtype=bool)
-    entered = int(np.argmax(np.append(there, True)))
-    left = entered + int(np.argmin(np.append(there[entered:], False)))
-    inside = [each for each in alone[entered:left] if math.isfinite(each[1].width_deviation)]
+    passage = first_passage(chain, np.array([wall.rotor for _, wall in alone]))
+    inside = [each for each in alone[passage] if math.isfinite(each[1].width_deviation)]
     if len(inside) < _FEWEST_FRAMES:
         raise ValueError(
             f'the wall was in the middle of the chain in {len(inside)} frames, but '

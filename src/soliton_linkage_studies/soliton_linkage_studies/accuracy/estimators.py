@@ -30,13 +30,12 @@ ORBIT_NEAR = 'nearest point of the orbit'
 ORBIT_COLD = 'the same, without a guess'
 
 _FROM_EDGE = 2.0
-"""Smallest distance between a tested wall and an edge [wall widths], where the edge changes the
-wall shape by 2 %."""
+"""Smallest distance of a tested wall from an edge, which changes its shape by 2 % [wall
+widths]."""
 _LOST_WIDTHS = 2.0
 """Largest position error of a successful estimate [wall widths]."""
 _LOST_BOUNDS = 6.0
-"""Largest position error of a successful estimate [Cramer-Rao bounds]. An estimate fails only
-beyond both limits."""
+"""Largest error of a successful estimate [Cramer-Rao bounds], if beyond `_LOST_WIDTHS`."""
 _QUANTILE = 0.975
 """Probability below the upper limit of a 95 % interval [1]."""
 
@@ -67,8 +66,7 @@ class EstimatorTrial:
 
 
 Estimator = Callable[[UniformOrbit, Array, float], Estimate]
-"""Estimator of a wall from an orbit, angles [rad] of shape (N,) and a guess of the arc length
-[rad]."""
+"""Estimator from an orbit, angles [rad] of shape (N,) and a guess of the arc length [rad]."""
 
 
 def bound(chain: Chain, noise: float) -> float:

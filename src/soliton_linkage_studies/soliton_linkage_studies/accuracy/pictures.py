@@ -64,8 +64,7 @@ _OFFSET = 0.15
 _SIGNIFICANT = 3.0
 """Smallest bias that counts as different from 0 [standard errors], with 0.3 % false positives."""
 _UNBIASED = 0.002
-"""Absolute bias below which an estimator counts as unbiased [rotor spacings], far below the
-bounds."""
+"""Absolute bias of an unbiased estimator [rotor spacings], far below the bounds."""
 _LEAST_BIAS = 1e-5
 """Lower limit of the bias axis [rotor spacings]."""
 _ROUNDING = 1e-12

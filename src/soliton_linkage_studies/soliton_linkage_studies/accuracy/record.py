@@ -34,15 +34,13 @@ Relative error of the velocity. Blue lines are root mean squares over {runs} run
 are the standard deviations stated by the estimator. Dotted black lines are the Cramér-Rao bound.
 """
 _CLEAR = 8.0
-"""Smallest distance between the path of a wall and the edges, if the chain is long enough
-[rotors]."""
+"""Smallest distance between the path of a wall and the edges, if possible [rotors]."""
 _QUICK_RUNS = 4
 """Largest number of runs per chain in a quick study [1]."""
 _SHOWN = 60
 """Number of frame counts at which errors are evaluated [1], before equal ones are merged."""
 _FEWEST = 3
-"""Smallest frame count at which errors are evaluated [1]. A line through two frames has no
-residuals."""
+"""Smallest evaluated frame count [1]. A line through two frames has no residuals."""
 _QUANTITIES = ('position [rotor spacings]', 'velocity, relative')
 
 

@@ -33,15 +33,13 @@ from soliton_linkage_studies.settings import Section
 from soliton_linkage_studies.sweep.table import fingerprint
 
 _LOST_WIDTHS = 2.0
-"""Position error of a lost wall [wall widths]. A wall counts as lost beyond all three
-thresholds."""
+"""Position error of a lost wall, beyond all three thresholds [wall widths]."""
 _LOST = 1.0
 """Position error of a lost wall [rotor spacings]."""
 _LOST_DEVIATIONS = 6.0
 """Position error of a lost wall, in stated standard deviations [1]."""
 _LARGEST_DEVIATION = 0.25
-"""Stated standard deviation beyond which a reported wall is false, relative to the chain length
-[1]."""
+"""Stated standard deviation of a false wall, relative to the chain length [1]."""
 _FALSE_MISFIT = 0.5
 """Rms misfit of the rotors near a reported wall beyond which the wall is false [rad]."""
 _CORE = 2.5
@@ -51,8 +49,7 @@ _SCENES = 8
 _LONGER = 2
 """Number of frames of a scene, relative to a record [1]."""
 _NEAR = 3.0
-"""Largest distance between the wall and the wrong reading in half of the records [rotor
-spacings]."""
+"""Largest distance of the wrong reading from the wall in half of the records [rotor spacings]."""
 
 
 def records(cell: AccuracyCell, frames: int, random: np.random.Generator) -> Iterator[Scores]:

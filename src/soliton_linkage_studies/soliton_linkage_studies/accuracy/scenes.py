@@ -61,15 +61,13 @@ _IMPULSE_REACH = 1.5
 _FEWEST = 20
 """Smallest number of frames of a scene with several walls [1]."""
 _DRAWS = 20
-"""Largest number of drawn scenes until the walls stay intact and apart for `_FEWEST` frames
-[1]."""
+"""Largest number of drawn scenes until the walls of one stay intact and apart [1]."""
 _SLOWER = 0.7
 """Factor by which each further draw reduces the initial speed of anti-kinks [1]."""
 _JITTER = 0.05
 """Largest random shift of an initial wall position, relative to the distance between walls [1]."""
 _CORE = 3.0
-"""Largest distance between a wall and the rotors that show whether it is intact [rotor
-spacings]."""
+"""Largest distance of the rotors that show whether a wall is intact [rotor spacings]."""
 
 
 @dataclass(frozen=True)
@@ -88,8 +86,7 @@ class WallScene:
     """Velocities of the walls [rotor spacings / s], shape (T, K)."""
     charges: tuple[int, ...]
     legs: Array
-    """Number of the passage from edge to edge, shape (T,); -1 unless the scene has exactly one
-    wall."""
+    """Number of the passage from edge to edge, shape (T,); -1 without a single wall."""
     scored: NDArray[np.bool_]
     """Whether a wall is scored, shape (T, K). Walls near an edge are not scored."""
     impulse_frames: tuple[int, ...] = ()
@@ -293,10 +290,7 @@ def _nudged(cell: AccuracyCell, orbit: Orbit, random: np.random.Generator) -> _S
 def _apply_impulse(
     start: _Start, arc: float, largest: float, random: np.random.Generator
 ) -> Array:
-    """Apply a random impulse near the wall; return the angular impulses [N m s].
-
-    `largest` is the largest change of the wall speed, relative to the wall speed [1].
-    """
+    """Change the speed by up to `largest` of it [1]; return angular impulses [N m s]."""
     orbit = start.orbit
     near = np.abs(np.arange(orbit.chain.number_of_rotors) - orbit.site(arc)) < _IMPULSE_REACH
     change = start.speed * random.uniform(-largest, largest)
@@ -306,10 +300,7 @@ def _apply_impulse(
 
 
 def _orbit(cell: AccuracyCell, random: np.random.Generator) -> Orbit:
-    """Return the orbit of the true chain, with disorder through which a wall can pass.
-
-    Raises ArithmeticError if no drawn chain lets a wall pass.
-    """
+    """Return the orbit of the true chain. Raises ArithmeticError if disorder always blocks it."""
     if not cell.disorder:
         return _uniform_orbit(cell.chain)
     for _ in range(_CHAINS):
@@ -337,10 +328,7 @@ def _uniform_orbit(chain: Chain) -> Orbit:
 
 
 def _several_walls(cell: AccuracyCell, frames: int, random: np.random.Generator) -> WallScene:
-    """Simulate alternating kinks and anti-kinks until two of them meet.
-
-    Raises ArithmeticError if the walls meet too early in every draw.
-    """
+    """Simulate kinks and anti-kinks until two meet. Raises ArithmeticError if too early."""
     for draw in range(_DRAWS):
         begins = 1 if random.integers(2) else -1
         charges = tuple(begins * (-1) ** number for number in range(cell.walls))

@@ -85,8 +85,7 @@ _LARGER = 1.1
 _USEFUL = 2.0
 """Rms normalised error below which stated positions count as useful [1]."""
 _FEWER = 0.01
-"""Decrease of the fraction of lost walls beyond which errors are not compared [1], because they
-would include walls that were lost before."""
+"""Decrease of lost walls [1] beyond which errors are not compared, because walls differ."""
 _FAILURES = ('lost', 'false', 'wrong_leg')
 _ERRORS = ('position_rms', 'position_rms_error', 'rate_rms', 'rate_rms_error', 'error_rms')
 _COMPARED = (*_ERRORS, *_FAILURES, 'frames', 'failure', 'position_beyond_4', 'walls_looked_for')

@@ -29,8 +29,7 @@ from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage_studies.accuracy.springs import Springs
 
 _SAMPLES = 65
-"""Number of static walls over two spacings, between which a spline interpolates with an error
-below 1e-6 rad [1]."""
+"""Number of static walls over two spacings, interpolated by a spline to 1e-6 rad [1]."""
 _LONGEST = 0.3
 """Largest Gauss-Newton step towards the nearest point, as a change of the angles [rad]."""
 _GAUSS_STEPS = 6
@@ -123,8 +122,8 @@ class WallPath:
     def nearest(self, angles: Array, position: float, within: float) -> float:
         """Return the position of the static wall nearest to the angles [rotor spacings].
 
-        The search starts at `position` and uses the rotors within the distance `within` [rotor
-        spacings] from the wall. A pinned wall has only its allowed positions.
+        The search starts at `position` and uses rotors closer to the wall than `within` [rotor
+        spacings].
         """
         if self.pinned:
             return self.nearest_allowed(position)
@@ -175,11 +174,7 @@ def nearest_arc(orbit: Orbit, angles: Array, arc: float) -> float:
 
 @cache
 def wall_path(chain: Chain, charge: int, leg: int = 0) -> WallPath:
-    """Return the path of a wall far from the edges.
-
-    Kinks of spinners have a path for each leg (passage from edge to edge); other walls have one
-    path.
-    """
+    """Return the path of a wall far from the edges, for kinks of spinners by leg."""
     beside = extent(chain)
     window = replace(chain, number_of_rotors=2 * beside + 3, deviations=NO_DEVIATIONS)
     positions = np.linspace(beside, beside + 2, _SAMPLES)
@@ -231,20 +226,16 @@ class SteadyWall:
 
 
 def launch_speed(chain: Chain, share: float) -> float:
-    """Return the initial speed, with the shape of a static wall, of a wall [rotor spacings/s].
-
-    The wall later moves at the fraction `share` of the speed of sound [1].
-    """
+    """Return the speed of a static wall that settles at `share` of sound [rotor spacings/s]."""
     sound = speed_of_sound(chain) / chain.spacing
     return sound * math.sqrt(2 * (1 / math.sqrt(1 - share**2) - 1))
 
 
 @lru_cache(maxsize=8)
 def steady_wall(chain: Chain, leg: int, share: float) -> SteadyWall:
-    """Return a wall that moves without phonons, at the given or the largest stable speed.
+    """Return a wall without phonons at the speed `share` [speed of sound], or the largest stable.
 
-    `share` is the speed relative to the speed of sound [1]. Raises ArithmeticError if the wall is
-    destroyed at every speed that is tried.
+    Raises ArithmeticError if the wall is destroyed at every speed that is tried.
     """
     speed = launch_speed(chain, share)
     for _ in range(_TRIES):
@@ -306,10 +297,7 @@ def _positions(
 
 
 def add_motion(wall: SteadyWall, shift: int, angles: Array, rates: Array, sense: int) -> None:
-    """Add the motion of a wall, moved by `shift` rotors, to angles and rates of a static wall.
-
-    `sense` is 1 for motion to the right, otherwise -1.
-    """
+    """Add the motion of a wall, shifted by rotors, to a static wall; `sense` 1 is rightwards."""
     numbers = np.arange(len(wall.offsets)) + wall.first + shift
     inside = (numbers >= 0) & (numbers < len(angles))
     angles[numbers[inside]] += wall.offsets[inside]

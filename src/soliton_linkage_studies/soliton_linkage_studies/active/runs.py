@@ -38,8 +38,7 @@ _STARTUP = 4.0
 _PIECES = 8
 """Number of pieces of a track whose slopes give the standard error of the velocity [1]."""
 _TOLERANCE = 1e-11
-"""Integration error of an angle per step [rad]. The relative error of the energy balance is
-1e-6."""
+"""Integration error of an angle per step [rad]. The energy balance is closed to 1e-6."""
 
 
 @dataclass(frozen=True)

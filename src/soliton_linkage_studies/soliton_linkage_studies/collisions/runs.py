@@ -29,15 +29,13 @@ from soliton_linkage_studies.collisions.travelling_wall import travelling_wall
 INITIAL_DISTANCE = 12.0
 """Initial distance between the walls [reaches], with an attraction of e^(-24) of the wall mass."""
 ESCAPED = 8.0
-"""Distance beyond which walls count as escaped [reaches]. Only walls slower than 0.001 c can
-return."""
+"""Distance of escaped walls [reaches]. Only walls slower than 0.001 c can return."""
 _NEAR = 7.0
 """Smallest distance at which the speed before a collision is measured [reaches]."""
 _LEAVING = 5.0
 """Smallest distance at which the speed after a collision is measured [reaches]."""
 _FRAMES = 10
-"""Number of frames in the time in which sound crosses a reach [1]. Each overlap lasts for ten or
-more."""
+"""Number of frames in which sound crosses a reach [1]. Each overlap lasts for ten or more."""
 _CORE = 4.0
 """Half width of a wall [reaches], with all but e^(-16) of its energy."""
 _LUMP = 8.0
@@ -56,16 +54,14 @@ class Collision:
     speed: float
     """Speed of each wall in units of the speed of sound [1]."""
     onwards: bool = False
-    """Whether the second wall turns the rotors of a spinner onwards; otherwise it turns them
-    back."""
+    """Whether the second wall of a spinner turns the rotors onwards instead of back."""
     step: float = 1.0
     """Longest integration step, multiplied by the largest phonon frequency [1]."""
     integrator: str = 'symplectic'
     shift: float = 0.0
     """Shift of both walls along the ring [rotor spacings]."""
     patience: float = 120.0
-    """Time limit for an escape [reach / speed of sound], besides the time to cover the path at
-    half speed."""
+    """Time limit for an escape [reach / speed of sound], besides the path at half speed."""
 
     def __call__(self) -> CollisionRun:
         """Simulate the collision until the walls escape or the time limit is reached."""

@@ -296,8 +296,7 @@ PHI4_SPEED = 0.2598
 CRITICAL_SPEED = 'critical speed / c [1]'
 """Label of the critical speed, above which walls separate after one collision."""
 _SHAPE_MODE = math.sqrt(3)
-"""Frequency of the shape mode of a phi^4 wall [c / w], with its width w, equal to its reach for d
-<< 1."""
+"""Frequency of the shape mode of a phi^4 wall [c / w], with its width w."""
 _FEWEST = 2
 """Smallest number of adjacent speeds with the same outcome that form a window [1]."""
 

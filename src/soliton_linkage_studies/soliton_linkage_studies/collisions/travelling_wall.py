@@ -60,8 +60,7 @@ class TravellingWall:
     points: int
     """Number of grid points per rotor spacing."""
     angles: Array
-    """Angles of even and of odd rotors [rad], shape (2, J), with the wall's centre at index J //
-    2."""
+    """Angles of even and of odd rotors [rad], shape (2, J), the centre at J // 2."""
     slopes: Array
     """Derivatives of the angles along the chain [rad per spacing], shape (2, J)."""
 

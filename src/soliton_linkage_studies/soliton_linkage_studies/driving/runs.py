@@ -11,19 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.actuation.actuators import PneumaticActuator
-from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand
+from soliton_linkage.actuation.edge_command import EdgeCommand
 from soliton_linkage.actuation.profile import Profile, trapezoid
 from soliton_linkage.dynamics.elastic import ElasticSimulation, simulate
 from soliton_linkage.dynamics.initial_states import leaning, with_soliton
 from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.dynamics.simulation import Simulation
-from soliton_linkage.linear.rigidity import Edge, mode_centre, zero_mode
+from soliton_linkage.linear.rigidity import mode_centre, zero_mode
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.solitons.track import find_crossings, follow
 from soliton_linkage_studies.experiments import kick_rates
-from soliton_linkage_studies.figures.actuator import DrivenChain, driven_chain
+from soliton_linkage_studies.figures.actuator import DrivenChain, driven_chain, read_command
 from soliton_linkage_studies.moves import (
     DISORDERED,
     MoveKey,
@@ -138,11 +138,7 @@ def _step(section: Section) -> Profile:
 
 def _works(section: Section) -> dict[str, WorkTask]:
     section.check_keys('chain', 'pressure', 'duration', 'ramp', 'saturation_torque')
-    actuator = PneumaticActuator()
-    pressure = section.number('pressure', 1.0, actuator.highest_pressure)
-    duration = section.number('duration', 0.01, 10.0)
-    ramp = section.number('ramp', 0.0, 10.0)
-    order = EdgeCommand(Edge.FIRST, CommandKind.PRESSURE, pressure, duration, ramp, ramp)
+    actuator, order = PneumaticActuator(), read_command(section)
     largest = section.number('saturation_torque', 1e-9, 1e6)
     actuators = {
         'below saturation': actuator,
@@ -169,20 +165,17 @@ _BALANCE_KEYS = (
 _PERIOD = 0.01
 """Frame period with energy balance or tilt [s], a fraction of the time unit sqrt(M / k_e)."""
 _BALANCE_TOLERANCE = 1e-12
-"""Integration error of an angle per time unit [rad], a thousandth of the allowed imbalance."""
+"""Integration error per time unit [rad], a thousandth of the allowed imbalance."""
 _TILT_TOLERANCE = 1e-8
-"""Integration error of an angle per time unit [rad], far below the resolution of wall
-positions."""
+"""Integration error per time unit [rad], far below the resolution of wall positions."""
 _EVENT_FRAMES = 30
-"""Number of frames in a span with one kick and one change of gravity [1]. Torques act in every
-second span."""
+"""Number of frames of a span with a kick and a change of gravity [1]. Every second has torques."""
 _KICK_FRAME = 10
 """Index of the frame with the kick in a span [1], far from other events."""
 _TURN_FRAME = 20
-"""Index of the frame with the change of gravity in a span [1], far from both nearest kicks."""
+"""Index of the frame with the change of gravity in a span [1], far from kicks."""
 _CROSSING_FRAMES = 200
-"""Number of frames for the comparison of springs and bars [1]. A wall moves by less than a rotor
-spacing per frame."""
+"""Number of frames of a crossing [1]. A wall moves by less than a rotor spacing per frame."""
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ from soliton_linkage_studies.program import Registry
 from soliton_linkage_studies.settings import Section
 
 DrawFigure = Callable[[Section, bool], FigureReport]
-"""Function that draws a figure from its settings and returns the report. The second argument,
-`quick`, reduces the number of points."""
+"""Function of the settings and of `quick`, for fewer points, that draws a figure."""
 
 FIGURES: Registry[DrawFigure] = Registry()

@@ -144,27 +144,34 @@ def actuator_figure(section: Section, quick: bool) -> FigureReport:
     """Draw the pressure response, the fit of its parameters, and work compared with energy."""
     section.check_keys('chain', 'pressure', 'duration', 'ramp', 'noise', 'rate')
     actuator = PneumaticActuator()
-    pressure = section.number('pressure', 1.0, actuator.highest_pressure)
-    duration = section.number('duration', 0.01, 10.0)
-    ramp = section.number('ramp', 0.0, 10.0)
-    order = EdgeCommand(Edge.FIRST, CommandKind.PRESSURE, pressure, duration, ramp, ramp)
+    order = read_command(section)
     report = FigureReport(Figure(figsize=(8, 10), layout='constrained'), _CAPTION)
     above, middle, below = report.figure.subplots(3)
     draw_response(report, above, stepped_response(actuator, order.profile))
     noise = section.number('noise', 0.0, 1e5)
     rate = section.number('rate', 10.0, 1e4)
-    _draw_fit(report, middle, actuator, (pressure, duration, noise, rate))
+    _draw_fit(report, middle, actuator, order, noise, rate)
     _draw_work(report, below, chain_from(section.section('chain')), actuator, order, quick)
     return report
+
+
+def read_command(section: Section) -> EdgeCommand:
+    """Read a command of a pressure [Pa], with its duration and ramp [s], at the first edge."""
+    pressure = section.number('pressure', 1.0, PneumaticActuator().highest_pressure)
+    duration = section.number('duration', 0.01, 10.0)
+    ramp = section.number('ramp', 0.0, 10.0)
+    return EdgeCommand(Edge.FIRST, CommandKind.PRESSURE, pressure, duration, ramp, ramp)
 
 
 def _draw_fit(
     report: FigureReport,
     axes: Axes,
     actuator: PneumaticActuator,
-    record: tuple[float, float, float, float],
+    order: EdgeCommand,
+    noise: float,
+    rate: float,
 ) -> None:
-    pressure, duration, noise, rate = record
+    pressure, duration = order.value, order.duration
     times = np.arange(0.0, 3 * duration, 1 / rate)
     commands = np.where((times >= duration / 4) & (times < 1.5 * duration), pressure, 0.0)
     exact = actuator.responses(0.0, times, commands)

@@ -46,8 +46,7 @@ _QUICK_SEEDS = 3
 _NORMAL = 1.959964
 """Half width of the central 95 % of a normal distribution [standard deviations]."""
 _ASIDE = 0.4
-"""Horizontal offset between the points of different chains [%], so that error bars do not
-overlap."""
+"""Offset between the points of different chains [%], so that error bars do not overlap."""
 
 
 @FIGURES.add('disorder_against_passage')

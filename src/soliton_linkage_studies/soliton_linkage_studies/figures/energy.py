@@ -15,7 +15,7 @@ from soliton_linkage.linear.statics import equilibrium
 from soliton_linkage.linkage.chain import Array, Chain, staggered
 from soliton_linkage.solitons.continuum import FlipperTheory, WallTheory, wall_theory
 from soliton_linkage_studies.captions import parameters
-from soliton_linkage_studies.experiments import MIDDLE, record_moving_wall, wall_positions
+from soliton_linkage_studies.experiments import first_passage, record_moving_wall, wall_positions
 from soliton_linkage_studies.figure_report import FigureReport, Formula, chain_formula
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.palette import BLACK, MARKERS, MEASURED, THEORY, WHITE, chain_colours
@@ -106,8 +106,7 @@ _ENERGIES = {
     'c': 'energy behind the wall / total energy [1]',
 }
 _SLOW = 0.87
-"""Largest relative speed v / c for a comparison with theory [1]. Its error is then a few per
-cent."""
+"""Largest v / c for a comparison with theory, whose error is then a few per cent [1]."""
 
 
 @FIGURES.add('energy_against_speed')
@@ -175,26 +174,24 @@ def _draw_theory(panels: Sequence[Axes], theory: WallTheory) -> None:
 def _energies(chain: Chain, kick: float) -> tuple[float, float, float, float, float]:
     """Return relative speed [1], kinetic, elastic and wake energy [J], and a flag for echoes.
 
-    Energies are means over the first passage of the wall through the middle of the chain. The kick
-    emits phonons, which overtake a slow wall and are reflected by the first rotor. The flag is 1
-    if the fastest of them can be behind the wall in one of the averaged frames, otherwise 0.
+    Energies are means over the first passage of the wall. The flag is 1 if the fastest phonon of
+    the kick, reflected by the first rotor, can be behind the wall in one of these frames,
+    otherwise 0.
     """
     recording, speed = record_moving_wall(chain, kick)
     positions = wall_positions(chain, recording)
-    middle = (chain.number_of_rotors - 1) / 2
-    inside = np.flatnonzero(np.abs(positions - middle) < MIDDLE * middle)
     # Use only the first passage, because a fast wall is reflected and passes the middle again.
-    inside = inside[: np.append(np.diff(inside) > 1, True).argmax() + 1]
+    inside = first_passage(chain, positions)
     angles, rates = recording.angles[inside], recording.rates[inside]
     stretched = 0.5 * chain.stiffnesses * chain.spring_extensions(angles) ** 2
     moving = 0.5 * chain.moments_of_inertia * rates**2
     reach = _REACH * penetration_depth(chain) / chain.spacing + 3
-    behind = np.arange(chain.number_of_rotors) > positions[inside, None] + reach
+    behind = np.arange(chain.number_of_rotors) > positions[inside][:, None] + reach
     wake = np.where(behind, moving, 0).sum() + np.where(behind[:, :-1], stretched, 0).sum()
     fastest = largest_group_velocity(chain) / chain.spacing
     back = 2 * (chain.number_of_rotors - 1) / (fastest + speed)
-    sums = np.array([moving.sum(), stretched.sum(), wake]) / len(inside)
-    echo = float(recording.times[inside[-1]] > back)
+    sums = np.array([moving.sum(), stretched.sum(), wake]) / len(angles)
+    echo = float(recording.times[inside][-1] > back)
     return speed * chain.spacing / speed_of_sound(chain), *sums.tolist(), echo
 
 

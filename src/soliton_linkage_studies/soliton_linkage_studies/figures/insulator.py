@@ -37,8 +37,7 @@ frequency below the gap, which is the lowest point of each line. The thin grey l
 frequency of the zero mode.
 """
 _LONG = 400
-"""Number of rotors of a long chain [1], whose lowest modes agree with the infinite chain to
-1e-4."""
+"""Number of rotors of a chain whose lowest modes agree with the infinite one to 1e-4 [1]."""
 
 
 @FIGURES.add('figure_1')
@@ -58,9 +57,6 @@ def figure_1(section: Section, quick: bool) -> FigureReport:
     waiting = ChainPicture(top[2], chain, wall, projections=True, rigid=True)
     expand_limits([uniform, moving])
     waiting.axes.set_xlim(moving.axes.get_xlim())
-    for arrows in (moving.arrows, waiting.projections):
-        if arrows is not None:
-            arrows.set_in_layout(False)
     for axes, title in zip(
         top,
         (

@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from soliton_linkage.dynamics.rigid import RigidSimulation
@@ -37,15 +36,13 @@ _LOWERED = (
     'look longer than their true length.'
 )
 _APART = 1.6
-"""Downward shift of odd rotors that would overlap even rotors, relative to the rotor length
-[1]."""
+"""Downward shift of odd rotors that would overlap even ones [rotor lengths]."""
 _WIDTH = 9.0
 """Width of the figure [inches]."""
 _TITLE = 0.4
 """Height of a title above a panel, with margin [inches]."""
 _SAMPLES = 400
-"""Number of frames of a simulated cycle of rigid bars [1], several dozen per crossing of the
-wall."""
+"""Number of frames of a cycle of rigid bars [1], several dozen per crossing."""
 _LEGEND = 0.3
 """Height of the legend below the panels [inches]."""
 
@@ -74,10 +71,11 @@ def snapshot_figure(section: Section, quick: bool) -> FigureReport:
     report = FigureReport(Figure(layout='constrained'), caption)
     panels = report.figure.subplots(3, 1)
     states = ('before the kick', 'wall halfway to the first rotor', 'after one round trip')
-    pictures = [
-        draw_snapshot(axes, chain, recording.angles[frame], lowered)
-        for axes, frame in zip(panels, chosen, strict=True)
-    ]
+    pictures = []
+    for axes, angles in zip(panels, recording.angles[chosen], strict=True):
+        mode = zero_mode(chain, angles)
+        picture = ChainPicture(axes, chain, angles, mode, projections=True, lowered=lowered)
+        pictures.append(picture)
     width, height = expand_limits(pictures)
     report.figure.set_size_inches(_WIDTH, 3 * (_WIDTH * height / width + _TITLE) + _LEGEND)
     add_legend(report.figure)
@@ -88,16 +86,6 @@ def snapshot_figure(section: Section, quick: bool) -> FigureReport:
         report.add_points(letter, state, ('rotor n', 'phi [rad]'), np.arange(len(angles)), angles)
     _compare(report, chain, recording, kick, crossings[0].site_rate)
     return report
-
-
-def draw_snapshot(axes: Axes, chain: Chain, angles: Array, lowered: float) -> ChainPicture:
-    """Draw a chain with its zero mode and projections; odd rotors are `lowered` [m]."""
-    mode = zero_mode(chain, angles)
-    picture = ChainPicture(axes, chain, angles, mode, projections=True, lowered=lowered)
-    for arrows in (picture.arrows, picture.projections):
-        if arrows is not None:
-            arrows.set_in_layout(False)
-    return picture
 
 
 def _turning_points(

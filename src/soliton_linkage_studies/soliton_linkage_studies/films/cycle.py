@@ -35,8 +35,7 @@ from soliton_linkage_studies.palette import BLACK, BLUE, GREY, RED, WHITE
 from soliton_linkage_studies.settings import Section, chain_from
 
 _AZIMUTH = math.radians(-75)
-"""Initial azimuth of the camera [rad], 15 degrees beside the front, so that no rotor hides its
-bar."""
+"""Initial azimuth of the camera [rad], beside the front so that no rotor hides its bar."""
 _ELEVATION = math.radians(22)
 """Elevation of the camera above the axles [rad]."""
 _ZOOM = 1.9
@@ -215,8 +214,7 @@ def layered(chain: Chain, angles: Array, layer: float) -> Array:
     """Return both end points of each rotor, axle, pin and bar [m], in this order.
 
     The result has shape (3 N + number of springs, 2, 3). Rotor n lies in the plane y = 2 n layer
-    [m], the bar between two rotors halfway between their planes. Pins connect the planes. Bodies
-    that are not joined never lie in the same plane, so that they cannot collide.
+    [m], each bar halfway between two rotors, so that bodies that are not joined cannot collide.
     """
     pivots, masses = pivot_points(chain), mass_points(chain, angles)
     planes: Array = np.linspace(0.0, 2 * layer * chain.number_of_springs, len(pivots))

@@ -84,8 +84,7 @@ def scene_of(film: Film) -> Scene:
 _CODEC = 'libx264'
 _QUALITY = ('-crf', '20', '-preset', 'veryfast', '-movflags', '+faststart')
 SHRINKING = 2
-"""Factor by which width and height of a GIF are smaller [1], because all its frames stay in
-memory."""
+"""Factor by which width and height of a GIF are smaller [1], because it stays in memory."""
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,7 @@ STYLE: Any = {
     'axes.titlelocation': 'left',
     'text.hinting': 'no_hinting',
 }
-"""Settings of matplotlib for scenes. Without hinting, text has the same proportions at every
-resolution."""
+"""Settings of matplotlib. Without hinting, text has the same proportions at every resolution."""
 LEFT, WIDTH, BOTTOM, TOP = 0.07, 0.90, 0.085, 0.88
 """Area for the panels below the title, in fractions of the figure width and height [1]."""
 
@@ -228,11 +227,7 @@ def static_profile(
 
 
 def stacked(figure: Figure, chain: Chain, shares: tuple[float, ...]) -> list[Axes]:
-    """Return axes with the same x range, from top to bottom.
-
-    The first axes are for a picture of the chain to scale. The others divide the remaining height
-    in proportion to `shares`.
-    """
+    """Return axes with the same x range: a picture of the chain to scale, then `shares` below."""
     left, right, bottom, top = limits(chain, projections=True)
     wide, high = (float(length) for length in figure.get_size_inches())
     height = (top - bottom) / (right - left) * WIDTH * wide / high

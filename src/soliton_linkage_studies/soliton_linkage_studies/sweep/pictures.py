@@ -51,8 +51,7 @@ _CLASS_LABELS = {
 }
 """Labels of the classes whose names need an explanation."""
 _ASIDE = 0.16
-"""Horizontal offset between curves, relative to the smallest distance between two points [1]. It
-prevents overlaps of the error bars."""
+"""Offset between the error bars of curves [smallest distance between two points]."""
 _NAMES = {
     'rotor_length_ratio': ('$r/a$', 'rotor length / spacing, $r/a$ [1]'),
     'rotor_length': ('$r$ [m]', 'rotor length $r$ [m]'),

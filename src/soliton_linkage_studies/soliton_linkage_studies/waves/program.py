@@ -237,11 +237,9 @@ _MOVED = 'displacement of the kink [rotor spacings]'
 _SITE = 'site [rotor spacings]'
 _TIME = 'time [s]'
 _FEW = 10.0
-"""Number of rotors below which a vibration is localised [1]. In a wave two thirds of all take
-part."""
+"""Number of rotors below which a vibration is localised [1], far fewer than in a wave."""
 _PACKET = (10.0, 0.01)
-"""Number of cycles [1] and amplitude [rad] of the packet whose velocity is measured, a linear
-wave."""
+"""Number of cycles [1] and amplitude [rad] of a linear packet with measured velocity."""
 _SITES = 33
 """Number of kink sites, over two rotor spacings, at which the spectrum is computed [1]."""
 
