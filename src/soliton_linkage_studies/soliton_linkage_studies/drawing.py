@@ -71,10 +71,7 @@ def mass_points(chain: Chain, angles: Array) -> Array:
 
 
 def mode_arrows(chain: Chain, angles: Array, mode: Array) -> Array:
-    """Return the displacement of each mass in a mode t [m], shape (N, 2).
-
-    It is r t_n (cos(phi_n), -sin(phi_n)). The mode t [rad] has shape (N,).
-    """
+    """Return the displacements r t_n (cos(phi_n), -sin(phi_n)) in a mode t [m], shape (N, 2)."""
     horizontal, vertical = chain.positions(angles)
     return np.column_stack([mode * vertical, -mode * horizontal])
 
@@ -362,7 +359,6 @@ def _stretched(chain: Chain, angles: Array, mode: Array, arrow_length: float | N
 
 
 def _thickness(chain: Chain) -> float:
-    """Return the line width of a rotor [points]."""
     return min(max(50 / chain.number_of_rotors, 0.8), 5.0)
 
 
@@ -381,7 +377,6 @@ def _turned(tilt: float) -> Array:
 
 
 def _between(positions: Array, values: Array, wanted: ArrayLike) -> Array:
-    """Interpolate linearly between positions and extrapolate linearly beyond both ends."""
     at = np.asarray(np.ma.filled(wanted, np.nan), dtype=np.float64)
     inside = np.interp(at, positions, values)
     slopes = np.diff(values)[[0, -1]] / np.diff(positions)[[0, -1]]

@@ -46,10 +46,7 @@ def kick_rates(
 
 
 def record_kick(chain: Chain, kick: float, duration: float, frames: int) -> Recording:
-    """Record the right-leaning elastic chain after a kick at its last rotor.
-
-    The duration [time units sqrt(M / k_e)] is divided into `frames` periods.
-    """
+    """Record a right-leaning chain after a kick at its last rotor for a time [time units]."""
     rest = chain.uniform_state(1)
     rates = kick_rates(chain, rest, kick)
     whole = duration * chain.time_unit
@@ -119,10 +116,7 @@ def snapshots(chain: Chain, recording: Recording, count: int) -> Snapshots:
 
 
 def first_passage(chain: Chain, positions: Array) -> slice:
-    """Return the frames of a wall's first passage through the middle of the chain.
-
-    The wall positions [rotor spacings] have shape (T,). NaN means that a frame has no wall.
-    """
+    """Return the frames of a wall's first passage through mid-chain, by positions (T,)."""
     middle = (chain.number_of_rotors - 1) / 2
     inside = np.abs(positions - middle) < _MIDDLE * middle
     entered = int(np.argmax(np.append(inside, True)))

@@ -168,10 +168,7 @@ def save_caption(caption: str, path: Path) -> None:
 def write_table(
     drawn: Mapping[str, Sequence[Comparison]], path: Path, order: Sequence[str]
 ) -> None:
-    """Write the comparisons of figures as a Markdown table, in the given order of figures.
-
-    Rows of an existing file are kept for figures that are not in `drawn`.
-    """
+    """Write comparisons as Markdown, in figure order, beside the other rows of the file."""
     rows = _rows_by_figure(path)
     for name, comparisons in drawn.items():
         rows[name] = [_row(name, comparison) for comparison in comparisons]

@@ -125,7 +125,6 @@ class _Walker:
         return Leg(direction, arrived == self._last - left, furthest, arc)
 
     def _update(self) -> None:
-        """Update centre and peak of the zero mode, and the side of each edge rotor."""
         chain, angles = self._simulation.chain, self._simulation.angles
         mode = zero_mode(chain, angles)
         first, second = rigidity_bands(chain, angles)

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Move walls to goals in simulated chains; measure position errors and excited phonons.
-
-The study writes a table as Markdown, a picture as PNG and PDF, and the drawn data as CSV.
-"""
+"""Move walls to goals in simulated chains; measure position errors and excited phonons."""
 
 from __future__ import annotations
 

@@ -72,10 +72,7 @@ MOTION_COLOURS = {motion: shades[0] for motion, shades in _SHADES.items()}
 
 
 def chain_colours(chains: Sequence[Chain]) -> list[str]:
-    """Return a colour for each chain: a shade of the colour of its motion class.
-
-    The chain with the largest lean ratio d of its class gets the class colour itself.
-    """
+    """Return a colour per chain, a shade of its class; the largest d has the class colour."""
     order = sorted(range(len(chains)), key=lambda number: -chains[number].lean_ratio)
     found: dict[int, str] = {}
     for number in order:

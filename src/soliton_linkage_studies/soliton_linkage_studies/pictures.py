@@ -164,10 +164,7 @@ def kymograph_figure(chain: Chain, recording: Recording, track: Track) -> Figure
 
 
 def track_figure(chain: Chain, track: Track, crossings: tuple[Crossing, ...]) -> Figure:
-    """Return a figure of the soliton position and velocity over time.
-
-    Standard deviations of the track are shown in bands and in a third panel.
-    """
+    """Return a figure of soliton position, velocity and, if known, their standard deviations."""
     known = len(track.site_deviations) > 0
     figure = Figure(figsize=(8, 7 if known else 5.5), layout='constrained')
     ratios = [2, 2, 1][: 3 if known else 2]

@@ -141,10 +141,9 @@ def installed_settings(name: str) -> Path | None:
 
 
 def select_names(known: Sequence[str], asked: Sequence[str], option: str = '--only') -> list[str]:
-    """Return the known names that a command-line option selects, or all names if it is empty.
+    """Return the names that an option selects, in full or up to the first _; all if it is empty.
 
-    The option contains whole names, or the characters before the first _ of a name. Raises
-    ValueError for an unknown name.
+    Raises ValueError for an unknown name.
     """
     for name in asked:
         if not any(name in _aliases(one) for one in known):
@@ -156,10 +155,7 @@ def select_names(known: Sequence[str], asked: Sequence[str], option: str = '--on
 def run_parallel(
     title: str, tasks: Mapping[Key, Callable[[], Result]], workers: int
 ) -> dict[Key, Result]:
-    """Run picklable tasks in parallel processes; return the results by key.
-
-    Tasks start in the order of the mapping, and the results have the same order.
-    """
+    """Run picklable tasks in parallel processes; return the results by key, in order."""
     progress = ProgressLine(title, len(tasks))
     begin = time.monotonic()
     done: dict[Key, Result] = {}

@@ -175,7 +175,6 @@ class _Arc:
 
 
 def _solved(rate: Callable[..., Array], span: tuple[float, float], start: float) -> Any:
-    """Solve y' = rate(x, y) with y = start at the beginning of the span."""
     return solve_ivp(
         rate,
         span,

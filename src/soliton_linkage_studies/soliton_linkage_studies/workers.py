@@ -310,14 +310,11 @@ def _environment(values: dict[str, str]) -> Iterator[None]:
 
 
 class _RemoteError(Exception):
-    """Traceback of another process as text."""
-
     def __str__(self) -> str:
         return f'\n{self.args[0]}'
 
 
 def _work(connection: Connection) -> None:
-    """Run tasks until the parent closes the pipe or ends."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     with suppress(EOFError, ConnectionError):
         while True:

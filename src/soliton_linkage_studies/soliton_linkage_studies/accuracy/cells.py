@@ -144,7 +144,6 @@ def _drawn(number: int, random: np.random.Generator) -> AccuracyCell:
 
 
 def _chain(motion: Motion, walls: int, random: np.random.Generator) -> Chain:
-    """Draw random chains until one is long enough for its walls."""
     while True:
         rotors = round(_between(_ROTORS, random))
         rest_angle = float(random.uniform(*_REST_ANGLES))
@@ -167,7 +166,6 @@ def chain_of(rotors: int, rest_angle: float, lean_ratio: float) -> Chain:
 
 
 def _between(ends: tuple[float, float], random: np.random.Generator) -> float:
-    """Draw a number whose logarithm is uniformly distributed in a range."""
     return float(np.exp(random.uniform(*np.log(ends))))
 
 
@@ -286,7 +284,6 @@ def _of_class(name: str, chain: Chain) -> list[AccuracyCell]:
 
 
 def _of_few() -> list[AccuracyCell]:
-    """Return the difficult cells that exist only for some of the motion classes."""
     flipper, wobbler, spinner = (chain_of(*lean) for lean in _LEANS.values())
     pair = chain_of(60, 0.9, 0.7)
     cells = [

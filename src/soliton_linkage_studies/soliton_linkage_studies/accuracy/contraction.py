@@ -174,10 +174,7 @@ def passage_of(
 
 
 def rest_width(chain: Chain) -> float:
-    """Return the width of a static wall from a tanh fit, relative to its continuum width [1].
-
-    It is the mean over wall positions within one period of the chain, two spacings.
-    """
+    """Return the mean relative width of static walls over two spacings, from tanh fits [1]."""
     middle = chain.number_of_rotors // 2 - 1
     walls = np.array([static_wall(chain, middle + position) for position in np.arange(0, 2, 0.1)])
     return float(_widths(chain, walls).mean())
@@ -217,7 +214,6 @@ def _walls(name: str, section: Section, quick: bool) -> Walls:
 
 
 def _widths(chain: Chain, angles: Array) -> Array:
-    """Return widths from tanh fits of the frames with one wall, relative to the continuum [1]."""
     found = [find_solitons(chain, frame) for frame in angles]
     widths = np.array([walls[0].width for walls in found if len(walls) == 1])
     return np.asarray(widths[np.isfinite(widths)] / chain.wall_width)

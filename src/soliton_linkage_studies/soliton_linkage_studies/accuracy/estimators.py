@@ -160,7 +160,6 @@ def _crossing_of_shifted_field(orbit: UniformOrbit, angles: Array, _guess: float
 
 
 def _tanh_fit(orbit: UniformOrbit, angles: Array, _guess: float) -> Estimate:
-    """Return the position of `find_solitons`, with an interval for normally distributed errors."""
     walls = find_solitons(orbit.chain, angles)
     if len(walls) != 1:
         return Estimate(math.nan)

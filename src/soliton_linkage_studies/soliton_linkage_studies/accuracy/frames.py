@@ -62,10 +62,7 @@ class FrameStudy:
         draw_bias(biases).save(folder, 'bias_by_position')
 
     def sample(self, chain: int, noise: int, chunk: int) -> dict[str, Array]:
-        """Return error and margin of each frame of a chunk [rotor spacings], by estimator.
-
-        The arguments are indices. The result depends only on them and the seed.
-        """
+        """Return error and margin of each frame of a chunk [rotor spacings], by estimator."""
         frames = min(_CHUNK, self.trial.frames - chunk * _CHUNK)
         trial = replace(self.trial, frames=frames, noise=self.noises[noise])
         generator = np.random.default_rng([self.seed, chain, noise, chunk])
@@ -107,7 +104,6 @@ def read_frame_study(section: Section, quick: bool) -> FrameStudy:
 
 
 def _chain_of(section: Section) -> Chain:
-    """Return a chain. Raises ValueError if no position is two wall widths from both edges."""
     chain = chain_from(section)
     low, high = inner_positions(chain)
     if low >= high:

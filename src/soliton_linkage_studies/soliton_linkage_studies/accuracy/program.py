@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measure the errors of estimators, and check the standard deviations that the analyser states.
 
-The study compares the errors of estimators with the Cramer-Rao bound, and the contraction of walls
-with theory. In random and difficult test cells, it compares the standard deviations that the
-analyser states with its errors. It also measures the errors of a million steps of rigid bars.
-Tables are written as Markdown and CSV, pictures as PNG and PDF. The results depend only on the
-settings and the seed of the cells, not on the number of processes or on interruptions.
+The errors of estimators are compared with the Cramer-Rao bound, the contraction of walls with
+theory, and the stated standard deviations with the errors of the analyser in test cells. The
+errors of a million steps of rigid bars are measured. The results depend only on the settings and
+the seed of the cells, not on the number of processes or on interruptions.
 """
 
 from __future__ import annotations
@@ -101,10 +100,7 @@ def read_parts(
 
 
 def _measure(parts: Sequence[AccuracyPart], folder: Path, workers: int) -> None:
-    """Measure all parts and write their results.
-
-    The tasks have a random order, so that the estimate of the remaining time is realistic.
-    """
+    """Measure all parts in random order, for a realistic estimate of the remaining time."""
     tasks = [task for part in parts for task in part.tasks()]
     order = np.random.default_rng(0).permutation(len(tasks)).tolist()
     done = run_parallel('accuracy', {number: tasks[number] for number in order}, workers)
@@ -114,7 +110,6 @@ def _measure(parts: Sequence[AccuracyPart], folder: Path, workers: int) -> None:
 
 
 def _fill_cells(study: CellStudy, folder: Path, workers: int, against: Path | None) -> list[str]:
-    """Measure the cells that are missing in a folder, and draw all; return a summary."""
     earlier = read_rows(against) if against else []
     if against:
         check_comparable(study.all, study.seed, earlier)
@@ -127,7 +122,6 @@ def _fill_cells(study: CellStudy, folder: Path, workers: int, against: Path | No
 
 
 def _count(text: str) -> int:
-    """Parse a whole number above 0. Raises ArgumentTypeError for any other text."""
     if not (text.isdecimal() and text.isascii() and int(text)):
         raise argparse.ArgumentTypeError(f'{text!r} must be a whole number above 0')
     return int(text)

@@ -125,7 +125,6 @@ class RecordStudy:
         return np.array(found).T
 
     def _begin(self, orbit: UniformOrbit, generator: np.random.Generator) -> float:
-        """Draw the arc length along the orbit at which the wall starts [rad]."""
         last = orbit.chain.number_of_rotors - 1.0
         room = max(last - self.speed * self.frames / self.frame_rate, 0.0)
         clear = min(_CLEAR, room / 2)
@@ -192,5 +191,4 @@ def read_record_study(section: Section, quick: bool) -> RecordStudy:
 
 
 def _root_mean_square(values: Array) -> Array:
-    """Return the root mean square over the first axis, the runs."""
     return np.asarray(np.sqrt(np.mean(values**2, axis=0)))

@@ -131,7 +131,6 @@ def _rotors_with_encoder(
 
 
 def _wrong_rotor(position: float, rotors: int, random: np.random.Generator) -> int:
-    """Draw the rotor with the wrong reading: any one or one near the wall, equally probably."""
     if random.integers(2):
         return int(random.integers(rotors))
     return min(max(round(position + random.uniform(-_NEAR, _NEAR)), 0), rotors - 1)
@@ -167,7 +166,6 @@ def _score(
 
 
 def _matches(cell: AccuracyCell, wall: AnalysedSoliton, position: float) -> bool:
-    """Return whether a reported wall is close to the position of a true wall [rotor spacings]."""
     chain = cell.chain
     deviation = wall.position_deviation / chain.spacing
     if deviation > _LARGEST_DEVIATION * chain.number_of_rotors:
@@ -196,7 +194,6 @@ def _wall_values(
 
 
 def _is_false(cell: AccuracyCell, angles: Array, wall: AnalysedSoliton) -> bool:
-    """Return whether the rotors near a reported wall do not have the shape of a wall."""
     chain = cell.chain
     if (
         cell.invalid_input
@@ -215,7 +212,6 @@ def _is_false(cell: AccuracyCell, angles: Array, wall: AnalysedSoliton) -> bool:
 
 
 def _score_shift(cell: AccuracyCell, analysis: Analysis, clean: Analysis, scores: Scores) -> None:
-    """Score how far a wrong reading moves a single wall, in stated standard deviations."""
     if len(clean.solitons) != 1:
         return
     before = clean.solitons[0]

@@ -98,10 +98,7 @@ class WallScene:
 def scene_of(
     cell: AccuracyCell, frames: int, random: np.random.Generator, impulse_count: int = 0
 ) -> WallScene:
-    """Simulate a scene of `frames` frames, or fewer if several walls meet.
-
-    `impulse_count` is the number of impulses on a single wall.
-    """
+    """Simulate `frames` frames, or fewer if walls meet, with impulses on a single wall."""
     chain = cell.chain
     if cell.noise_only:
         angles = random.uniform(-math.pi, math.pi, (frames, chain.number_of_rotors))
@@ -186,7 +183,6 @@ class _Start:
 def _single_wall(
     cell: AccuracyCell, frames: int, random: np.random.Generator, impulse_count: int
 ) -> WallScene:
-    """Simulate one wall from a random position of its orbit, with impulses at random frames."""
     start = _started(cell, random)
     springs, orbit = start.springs, start.orbit
     chain, last = cell.chain, cell.chain.number_of_rotors - 1

@@ -38,7 +38,6 @@ class Springs:
     """Simulation of an elastic chain, frame by frame."""
 
     def __init__(self, chain: Chain, angles: Array, rates: Array, period: float) -> None:
-        """Start from angles [rad] and rates [rad/s], each (N,), with a frame period [s]."""
         self.chain, self.period = chain, period
         self.angles, self.rates = angles.copy(), rates.copy()
         self._steps = math.ceil(period / (_STEP * chain.time_unit))
@@ -96,7 +95,6 @@ def springs_of(chain: Chain, angles: Array, rates: Array, period: float) -> Spri
 
 @compiled(const_f8_1d, const_f8_1d, const_f8_2d, f8_1d)
 def _pull(angles: Array, lengths: Array, bonds: Array, torques: Array) -> None:
-    """Compute the torques [N m] on the rotors from the spring forces k (l - lbar)."""
     torques[:] = 0.0
     right, up = lengths[0] * math.sin(angles[0]), lengths[0] * math.cos(angles[0])
     for n in range(len(angles) - 1):
@@ -121,7 +119,6 @@ def _advance(
     steps: Array,
     count: int,
 ) -> None:
-    """Advance the rotors by `count` compositions of leapfrog steps of durations `steps` [s]."""
     torques = np.empty(len(angles))
     for _ in range(count):
         for step in steps:

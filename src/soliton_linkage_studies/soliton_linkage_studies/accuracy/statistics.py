@@ -337,10 +337,7 @@ def _less_consistent(name: str, row: Row, old: Row, useful: bool) -> list[str]:
 
 
 def _more_failures(name: str, row: Row, old: Row) -> list[str]:
-    """Return a message if failures have increased significantly.
-
-    A found wall with an error above four stated standard deviations counts as lost.
-    """
+    """Report significantly more failures; a found wall beyond four deviations counts as lost."""
     share, earlier = _rate(row, name), _rate(old, name)
     misplaced = _large_errors(row), _large_errors(old)
     if name == 'lost' and math.isfinite(sum(misplaced)):
@@ -354,7 +351,6 @@ def _more_failures(name: str, row: Row, old: Row) -> list[str]:
 
 
 def _large_errors(row: Row) -> float:
-    """Return the fraction of frames with an error above four stated deviations."""
     found = _number(row['walls_looked_for']) - _number(row['lost'])
     if not found:
         return 0.0

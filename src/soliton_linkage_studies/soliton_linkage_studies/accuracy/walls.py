@@ -39,10 +39,7 @@ _CLOSE = 1e-6
 
 
 def reach(chain: Chain) -> float:
-    """Return the half width of a wall [rotor spacings].
-
-    Beyond this distance from a wall, the wall changes angles by less than 1 %.
-    """
+    """Return the half width of a wall, beyond which angles change by 1 % [rotor spacings]."""
     return 2.5 * max(chain.wall_width, penetration_depth(chain)) / chain.spacing + 3
 
 
@@ -143,10 +140,7 @@ class WallPath:
         return position
 
     def misfit(self, angles: Array, position: float, within: float) -> float:
-        """Return the rms angle difference from a static wall [rad].
-
-        Only rotors closer to the wall than `within` [rotor spacings] contribute.
-        """
+        """Return the rms angle difference from a static wall near it [rad]."""
         first, wall, _ = self.window(position)
         low, high = max(first, 0), min(first + len(wall), len(angles))
         near = np.abs(np.arange(low, high) - position) < within
@@ -249,7 +243,6 @@ def steady_wall(chain: Chain, leg: int, share: float) -> SteadyWall:
 
 
 def _settled(chain: Chain, path: WallPath, speed: float) -> SteadyWall | None:
-    """Simulate a wall until its phonons have left; return None if it stops or is destroyed."""
     near, unit = reach(chain), chain.time_unit
     shortest, longest = _SETTLING
     time = min(max(2 * near / (speed * unit), shortest), longest)
@@ -281,7 +274,6 @@ def _launched(chain: Chain, path: WallPath, position: float, speed: float) -> Sp
 def _positions(
     springs: Springs, path: WallPath, position: float, near: float, frames: int
 ) -> list[float] | None:
-    """Return the positions of a wall while its phonons are absorbed; None if it is destroyed."""
     chain = springs.chain
     rotors = np.arange(chain.number_of_rotors)
     track = [position]

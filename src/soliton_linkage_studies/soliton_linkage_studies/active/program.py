@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Move walls by motors that break reciprocity; compare them with the theory on one page.
-
-The study writes the page as PNG and PDF, the drawn data as CSV, and a table as Markdown.
-"""
+"""Move walls by motors that break reciprocity; compare them with the theory on one page."""
 
 from __future__ import annotations
 

@@ -172,10 +172,7 @@ def _draw_critical(report: FigureReport, axes: Axes, series: dict[str, list[Row]
 
 
 def _outcome(row: Row) -> int | None:
-    """Return the number of overlaps before the walls separate, at most 4.
-
-    Returns None for a captured pair, and -1 if the anti-kink is broken.
-    """
+    """Return the number of overlaps before escape, at most 4; None if captured, -1 if broken."""
     after = escaped_after(row)
     if row.run and row.run.broken:
         return -1
@@ -264,7 +261,6 @@ def _draw(report: FigureReport, axes: Axes, name: str, collision: Collision) -> 
 
 
 def _recorded(collision: Collision) -> tuple[Array, Array]:
-    """Simulate a collision; return times [`Collision.unit`] and angles [rad] to be drawn."""
     duration = (INITIAL_DISTANCE / 2 / collision.speed + _AFTERWARDS) * collision.unit
     times, angles = [], []
     for instants, frame, _ in simulate_frames(collision):
@@ -276,7 +272,6 @@ def _recorded(collision: Collision) -> tuple[Array, Array]:
 
 
 def _label_turns(axes: Axes, collision: Collision, times: Array, angles: Array) -> None:
-    """Label the turns of the middle rotor at the start and at the end, and of an outer rotor."""
     rest = collision.ring.uniform_state(1)
     middle = len(rest) // 2
     outside = min(middle + round(0.42 * _SHOWN * collision.reach), len(rest) - 1)

@@ -249,7 +249,6 @@ def _crossings(fields: Array, rotors: NDArray[np.int64]) -> Array:
 
 
 def _end(task: Collision, path: WallPaths) -> int | None:
-    """Return the index of the last frame of the collision, or None if the collision continues."""
     distances = path.distances / task.reach
     met = np.flatnonzero(~(distances > _NEAR))
     if not met.size:
@@ -301,10 +300,6 @@ def _turns(ring: Chain, path: WallPaths, state: State) -> int:
 
 
 def _broken(task: Collision, path: WallPaths, state: State, escaped: bool) -> bool:
-    """Return whether flipper rotors have turned over, or a spinner anti-kink is destroyed.
-
-    The latter means that the walls have escaped with less than half of the continuum rest energy.
-    """
     ring = task.ring
     if ring.motion is not Motion.SPINNER:
         return bool((np.cos(staggered(state.angles)) < 0).any())
@@ -323,7 +318,6 @@ def _radiated(task: Collision, path: WallPaths, state: State, escaped: bool) -> 
 
 
 def _energies(ring: Chain, state: State) -> Array:
-    """Return the energy of each rotor [J], shape (N,), with half of the energy of its springs."""
     elastic = 0.5 * ring.stiffnesses * ring.spring_extensions(state.angles) ** 2
     kinetic = 0.5 * ring.moments_of_inertia * state.rates**2
     return np.asarray(kinetic + (elastic + np.roll(elastic, 1)) / 2)

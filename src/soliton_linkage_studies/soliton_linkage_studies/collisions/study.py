@@ -115,10 +115,7 @@ class CollisionStudy:
         return len(self.entries)
 
     def cells(self, row: int) -> list[str]:
-        """Compute a row of the table, and return its columns as text.
-
-        If the computation fails, the last column is the error message.
-        """
+        """Compute a row of the table as text; the last column is an error message."""
         entry = self.entries[row]
         collision = entry.task if isinstance(entry.task, Collision) else entry.task.collision
         speed, values, failure = collision.speed, [''] * len(fields(CollisionRun)), ''
@@ -195,7 +192,6 @@ def _named(settings: Section, key: str) -> dict[str, Section]:
 
 
 def _variations(section: Section, common: Section, quick: bool) -> list[Entry]:
-    """Return speed sweeps of one ring, each with one changed setting, and edge searches."""
     section.check_keys('rotor_length_ratio', 'rest_angle', 'speeds', 'changes', 'edges')
     speeds = _speeds(section, quick).tolist()
     entries = []
@@ -211,7 +207,6 @@ def _variations(section: Section, common: Section, quick: bool) -> list[Entry]:
 
 
 def _critical_speeds(section: Section, common: Section, quick: bool) -> list[Entry]:
-    """Return searches for the critical speed, one for each lean ratio d of each kind of ring."""
     section.check_keys('rings', 'inside', 'outside')
     entries = []
     for name, rings in _named(section, 'rings').items():
@@ -238,7 +233,6 @@ def _picture(section: Section, common: Section) -> Collision:
 
 
 def _collision(section: Section, common: Section, change: Section | None = None) -> Collision:
-    """Return a collision with speed 0 on the ring that a section describes."""
     ratio = section.number('rotor_length_ratio', 1e-3, 1e3)
     rest_angle = section.number('rest_angle', 1e-3, 1.57)
     onwards = section.text('turning', TURNING, TURNING[0]) == TURNING[1]
@@ -268,7 +262,6 @@ def _task(
 
 
 def _speeds(section: Section, quick: bool) -> Array:
-    """Return the speeds of a range with both ends, relative to the speed of sound [1]."""
     given = section.section('speeds')
     given.check_keys('from', 'to', 'points')
     first, last = (given.number(end, 1e-3, _FASTEST) for end in ('from', 'to'))

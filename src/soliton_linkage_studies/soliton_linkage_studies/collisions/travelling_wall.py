@@ -167,13 +167,11 @@ class _Grid:
         return np.tile((strength * np.clip(2 * beyond, 0, 1)) ** 2, 2)
 
     def _rest(self, angles: Array) -> Array:
-        """Return the angles of the uniform states on both sides of a wall."""
         half = self.count // 2
         sides = angles.reshape(2, -1)[:, [0, -1]]
         return np.repeat(sides, [half, self.count - half], axis=1).ravel()
 
     def _stiffness(self, angles: Array) -> csr_array:
-        """Return the stiffness matrix on the grid: minus the derivatives of the torques."""
         each = [coo_array(stiffness_matrix(self.chain, angles[row])) for row in self._index]
         rows, columns = (
             np.concatenate([row[sites] for row, sites in zip(self._index, found, strict=True)])
@@ -183,10 +181,7 @@ class _Grid:
         return csr_array((entries, (rows, columns)), shape=(len(angles), len(angles)))
 
     def _derivative(self, weights: tuple[float, ...], mirrored: int) -> csr_array:
-        """Return the finite-difference matrix for both parities, zero near the ends of the grid.
-
-        `mirrored` is the sign of the weights behind the centre.
-        """
+        """Return the matrix of a stencil; `mirrored` is the sign of its weights behind."""
         reach = len(weights) - 1
         offsets = list(range(-reach, reach + 1))
         values = [weights[abs(k)] * (1 if k >= 0 else mirrored) for k in offsets]

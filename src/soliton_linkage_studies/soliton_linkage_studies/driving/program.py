@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drive chains by actuators, by a tilt and by the steering; validate the results on one page.
-
-The study writes the page as PNG and PDF, the drawn data as CSV, and a table as Markdown.
-"""
+"""Drive chains by actuators, by a tilt and by the steering; validate the results on one page."""
 
 from __future__ import annotations
 
@@ -258,7 +255,6 @@ def _balance_findings(results: Results) -> list[Finding]:
 
 
 def _tilt_findings(study: DrivingStudy, results: Results) -> list[Finding]:
-    """Return the largest distance of the wall from the lower end of the chain after a tilt."""
     findings = []
     for name, run in results.tilts.items():
         task = study.tilts[name]
@@ -272,7 +268,6 @@ def _tilt_findings(study: DrivingStudy, results: Results) -> list[Finding]:
 
 
 def _move_findings(results: Results) -> list[Finding]:
-    """Return the largest position error of each chain and condition; NaN if a move failed."""
     findings = []
     for (name, title), runs in results.moves.items():
         reached = all(run.outcome is Outcome.REACHED for run in runs)

@@ -105,10 +105,7 @@ class DrivenChain:
 def driven_chain(
     chain: Chain, actuator: PneumaticActuator, order: EdgeCommand, period: float
 ) -> DrivenChain:
-    """Simulate a command at the first edge of a left-leaning chain, until all torques are 0.
-
-    `period` is the time between frames [s].
-    """
+    """Simulate a command at the first edge of a left-leaning chain; `period` of the frames [s]."""
     start = chain.uniform_state(-1)
     simulation = ElasticSimulation(chain, start, period=period, tolerance=_TOLERANCE)
     drive = TorqueDrive(chain, actuator, timeout=0.0)

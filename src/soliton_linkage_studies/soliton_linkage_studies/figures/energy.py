@@ -66,7 +66,6 @@ def anti_kink_figure(section: Section, quick: bool) -> FigureReport:
 
 
 def _ring_of_lean(ratio: float, lean_ratio: float) -> Chain:
-    """Return a periodic chain that is long enough for two walls without interaction."""
     rest_angle = math.asin(lean_ratio / (2 * ratio))
     depth = 1 / math.log((1 + lean_ratio) / (1 - lean_ratio))
     rotors = 4 * math.ceil(7 * depth + 5)
@@ -74,7 +73,6 @@ def _ring_of_lean(ratio: float, lean_ratio: float) -> Chain:
 
 
 def _anti_kink_cost(ring: Chain) -> float:
-    """Return the energy of an anti-kink at rest [J], as the energy of a kink and anti-kink."""
     rotors, theory = ring.number_of_rotors, FlipperTheory(ring)
     positions = ring.spacing * np.arange(rotors)
     kink, anti_kink = (ring.spacing * (rotors * share - 0.5) for share in (0.25, 0.75))

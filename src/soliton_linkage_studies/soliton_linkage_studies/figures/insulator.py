@@ -123,7 +123,6 @@ def _draw_bands(report: FigureReport, axes: Axes, chains: list[Chain]) -> None:
 
 
 def _compare(report: FigureReport, chain: Chain, rotors: int) -> None:
-    """Compare linear theory with the normal modes of a chain of `rotors` rotors."""
     name, spacing, unit = parameters(chain), chain.spacing, chain.time_unit
     long_chain = Chain(
         rotors, spacing, chain.rotor_length, chain.rest_angle, chain.mass, chain.stiffness

@@ -195,10 +195,7 @@ def _draw_solid_torus(axes: Axes3D, curves: tuple[Array, ...], letter: str) -> N
 
 
 def on_torus(around: Array, across: Array) -> tuple[Array, Array, Array]:
-    """Return the coordinates of points on a torus with minor radius 1.
-
-    The points are given by the angles around the axis and around the tube [rad].
-    """
+    """Return points on a torus with minor radius 1, from the angles around axis and tube [rad]."""
     radius = _RADIUS + np.cos(across)
     return radius * np.cos(around), radius * np.sin(around), np.sin(across)
 
@@ -258,7 +255,6 @@ def _compare(report: FigureReport, chain: Chain, curves: tuple[Array, ...]) -> N
 
 
 def _compare_limits(report: FigureReport, chain: Chain) -> None:
-    """Compare the r/a at which the number of components changes with theory."""
     low, high = 0.1, 100.0
     while high - low > 1e-9 * high:
         ratio = (low + high) / 2

@@ -275,7 +275,6 @@ def _draw_wobbler(report: FigureReport, axes: Axes, chain: Chain) -> None:
 
 
 def _draw_offset(report: FigureReport, axes: Axes, chain: Chain, wall: WallAtSpeed) -> None:
-    """Draw the angles of even and odd rotors in one snapshot, and compare their difference."""
     positions = wall.snapshots.distances[len(wall.snapshots.distances) // 2]
     angles = wall.snapshots.angles[len(wall.snapshots.distances) // 2]
     theta = staggered(angles)

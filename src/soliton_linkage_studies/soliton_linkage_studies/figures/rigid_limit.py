@@ -24,18 +24,14 @@ from soliton_linkage_studies.settings import Section, chain_from
 def convergence_order(stiffnesses: ArrayLike, distances: ArrayLike) -> float:
     """Return the order in 1 / k_e with which springs converge to rigid bars [1].
 
-    It is the slope of a line through the logarithms of the three largest stiffnesses and
-    distances.
+    It is fitted to the three largest stiffnesses.
     """
     stiffest, nearest = np.log(np.asarray(stiffnesses)[-3:]), np.log(np.asarray(distances)[-3:])
     return -float(np.polyfit(stiffest, nearest, 1)[0])
 
 
 def draw_convergence(axes: Axes, stiffnesses: ArrayLike, distances: ArrayLike, label: str) -> None:
-    """Draw the angle deviations from rigid bars [rad] against the stiffness, each of shape (K,).
-
-    A dashed line shows convergence of order 1.
-    """
+    """Draw angle deviations [rad] against the stiffness, each (K,), and a line of order 1."""
     across, up = np.asarray(stiffnesses), np.asarray(distances)
     axes.loglog(across, up, 'o', color=MEASURED, label=label)
     axes.loglog(

@@ -175,7 +175,6 @@ class StaggeredScene(Scene):
         self._space_time.show(frame)
 
     def _looks(self) -> tuple[Array, list[str]]:
-        """Return line widths [points] and colours of the bodies, in the order of `layered`."""
         rotors, bars = self._chain.number_of_rotors, self._chain.number_of_springs
         counts = [rotors, rotors, rotors, bars]
         widths = np.repeat([width for _, _, width in _BODIES], counts)

@@ -130,7 +130,6 @@ def _projected(axes: Axes, chain: Chain, angles: Array, along: tuple[float, floa
 
 
 def _make_room(axes: Axes, chain: Chain, tilt: float) -> None:
-    """Widen the limits for a chain tilted by up to `tilt` [rad] about its middle; draw gravity."""
     left, right, _, top = limits(chain)
     rise = (right - left) / 2 * math.sin(tilt) + top
     axes.set_ylim(-rise, rise)

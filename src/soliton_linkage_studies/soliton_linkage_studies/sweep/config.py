@@ -187,10 +187,7 @@ def trial_of(parameters: Mapping[str, Value], seed: int) -> tuple[Chain, SweepTr
 
 
 def read_sweep_study(path: Path, quick: bool = False) -> SweepStudy:
-    """Read a sweep from a YAML file; `quick` reduces the grid to a few points per axis.
-
-    The message of a ValueError contains the file, the key, its value and the limit.
-    """
+    """Read a sweep from a YAML file; `quick` reduces the grid to a few points per axis."""
     settings = load_settings(path)
     settings.check_keys(*_SECTIONS)
     parameters = _parameters(settings)
@@ -247,7 +244,6 @@ def _axes(section: Section) -> tuple[Axis, ...]:
 
 
 def _axis(section: Section, name: str) -> Axis:
-    """Read an axis from a list of values, or from a range with both ends, points and scale."""
     content = section.values[name]
     if isinstance(content, Mapping):
         axis = _range(section.section(name), name)
@@ -294,7 +290,6 @@ def _thinned(axis: Axis) -> Axis:
 
 
 def _seeds(settings: Section) -> tuple[int, ...]:
-    """Read the seeds: a list of seeds, or a number n for the seeds 0 to n - 1."""
     content = settings.values.get('seeds', 1)
     if not isinstance(content, list):
         return tuple(range(settings.whole_number('seeds', 1, _MOST_POINTS, 1)))

@@ -93,10 +93,7 @@ def draw_sweep(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) ->
 
 
 def shares(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Array:
-    """Return the fraction of seeds in each class at each point, shape (*axes, classes).
-
-    A row with a failure belongs to no class.
-    """
+    """Return the fraction of seeds without failure in each class, shape (*axes, classes)."""
     shown = np.array([row[study.measure.shown] for row in rows])
     each = np.stack([shown == name for name in study.measure.classes], axis=-1)
     return np.asarray(each.reshape(*_shape(study), -1).mean(axis=-2))
@@ -170,7 +167,6 @@ def _draw_limits(axes: Axes, across: Axis, up: Axis) -> None:
 
 
 def _draw_curves(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) -> None:
-    """Draw fractions of the classes, or medians of the numbers, against the longest axis."""
     along, families = curve_axes(study.axes)
     of_classes = bool(study.measure.classes)
     values = shares(study, rows) if of_classes else numbers(study, rows)
@@ -217,14 +213,12 @@ def _curve_colours(family: Axis | None, names: Sequence[str]) -> list[str]:
 def _draw_shares(
     axes: Axes, along: Axis, share: Array, seeds: int, aside: float, style: Mapping[str, Any]
 ) -> None:
-    """Draw fractions with error bars, shifted by `aside` smallest distances between points [1]."""
     positions = _beside(along, aside)
     axes.vlines(positions, *score_interval(share, seeds), color=style['color'], linewidth=1.5)
     axes.plot(positions, share, '-', markersize=5, clip_on=False, zorder=3, **style)
 
 
 def _draw_curve(axes: Axes, along: Axis, curve: Array, style: Mapping[str, Any]) -> None:
-    """Draw the median of the seeds as a line, their range as a band, and each seed as a dot."""
     positions, colour = _positions(along), style['color']
     seen = np.isfinite(curve).any(axis=-1)
     middle, low, high = (
@@ -238,7 +232,6 @@ def _draw_curve(axes: Axes, along: Axis, curve: Array, style: Mapping[str, Any])
 
 
 def _scale_is_fraction(study: SweepStudy) -> bool:
-    """Return whether the scale of the deviations equals the standard deviation of each of them."""
     names = (key for key in study.parameters if key.startswith('deviations.'))
     return all(study.parameters[name] == 1 for name in names)
 
@@ -253,10 +246,7 @@ def _curve_label(study: SweepStudy, families: bool) -> str:
 
 
 def _blended(each: Array, classes: Sequence[str]) -> Array:
-    """Return the colour of the most frequent class at each point, shape (..., 3).
-
-    The colour is paler if fewer seeds are in this class.
-    """
+    """Return the colour of the most frequent class at each point, paler if it is rare."""
     colours = np.array([to_rgb(CLASS_COLOURS[name]) for name in classes])
     share = each.max(axis=-1, keepdims=True)
     commonest = colours[each.argmax(axis=-1)]

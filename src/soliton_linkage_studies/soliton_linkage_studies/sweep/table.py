@@ -107,7 +107,6 @@ class Table:
             ) from None
 
     def _configure(self, folder: Path) -> None:
-        """Raise ValueError if a copy of another configuration is in the folder."""
         copy = folder / _CONFIGURATION
         if not copy.exists():
             _write(copy, yaml.safe_dump(self._study.described(), sort_keys=False))
@@ -205,7 +204,6 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def _write(path: Path, text: str) -> None:
-    """Write a file atomically, by renaming a temporary file."""
     temporary = path.with_name(f'{path.name}.new')
     with temporary.open('w', encoding='utf-8', newline='') as file:
         file.write(text)

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Move and create walls by wave packets from the edge, and show the results on one page.
-
-The study writes the page as PNG and PDF, the drawn data as CSV, and a table as Markdown.
-"""
+"""Move and create walls by wave packets from the edge, and show the results on one page."""
 
 from __future__ import annotations
 
