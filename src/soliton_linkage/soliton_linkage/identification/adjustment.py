@@ -1,14 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Estimation of all lengths and encoder offsets such that every bond closes in every frame.
-
-`solitons.passage` defines limits of the lengths beyond which a bond stops walls. Because of noise,
-the estimated lengths of a bond may exceed a limit although the wall passed this bond in the
-recording. `passable` corrects such lengths by constrained least squares. Let s be the amounts by
-which limits are exceeded, G the derivatives of s, and C the covariance of the lengths. The
-correction is
-
-    dp = C G^T (G C G^T)^-1 s.
-"""
+"""Least-squares estimate of all lengths and encoder offsets with which every bond closes."""
 
 from __future__ import annotations
 
@@ -31,21 +22,19 @@ from soliton_linkage.identification.readings import repeat_counts
 from soliton_linkage.linkage.chain import Array, Chain
 
 _MOST_STEPS = 30
-"""Largest number of Gauss-Newton steps [1]; usually 6 to 15 are taken."""
+"""Largest number of Gauss-Newton steps [1]; 6 to 15 are usual."""
 _RESTARTS = 3
-"""Largest number of runs of the iteration [1]. Two runs suffice unless several bonds are near a
+"""Largest number of runs of the iteration [1]; two suffice unless several bonds are near a
 limit."""
 _HALVINGS = 8
 """Number of fractions 1, 1/2, 1/4, ... of a step that are tried [1]."""
 _NOISE_OF_COST = 1.0
-"""Change of -2 log likelihood that is attributed to the first-order derivatives [1]. A step that
-increases the cost by less than this value is accepted."""
+"""Error of -2 log likelihood due to first-order derivatives [1]; smaller increases are
+accepted."""
 _CONVERGED = 0.05
-"""Threshold of the length of a step, in standard deviations (Mahalanobis distance) [1]: the
-iteration has converged if a step is shorter."""
+"""Length of the last step, in standard deviations (Mahalanobis distance) [1]."""
 _TOLERANCE_CHANGE = 0.05
-"""Threshold of the relative change of the tolerances in a step [1]: the tolerances have converged
-if they change by less."""
+"""Largest relative change of the tolerances in the last step [1]."""
 
 
 @dataclass(frozen=True)
@@ -54,19 +43,17 @@ class Adjustment:
 
     lengths: Lengths
     covariance: Array
-    """Covariance of the unknowns of `lengths`, shape (P, P).
-
-    The mean spacing has no error, because it is the unit of length.
-    """
+    """Covariance of the unknowns of `lengths`, (P, P). The mean spacing, the unit, has no
+    error."""
     information: Array
-    """Fisher information of the readings about the unknowns, without the prior, (P, P)."""
+    """Fisher information of the readings on the unknowns, without the prior, (P, P)."""
     tolerances: Tolerances
     noise: float
-    """Standard deviation of a reading, estimated from the misclosures of all bonds [rad]."""
+    """Standard deviation of a reading, from the misclosures of all bonds [rad]."""
     bond_noise: Array
-    """Standard deviation of a reading, estimated from each bond alone [rad], (N - 1,)."""
+    """Standard deviation of a reading, from each bond alone [rad], (N - 1,)."""
     residuals: Array
-    """Readings minus estimated readings (offset plus angle) [rad], shape (T, N)."""
+    """Readings minus estimated readings [rad], (T, N)."""
     converged: bool
     """Whether the iteration has converged."""
 
@@ -82,16 +69,13 @@ def adjust(
     tolerance: float | None = None,
     relative_deviations: Array | None = None,
 ) -> Adjustment:
-    """Estimate lengths and offsets from the readings in T frames [rad], shape (T, N).
+    """Estimate lengths and offsets from the readings in T frames [rad], (T, N), NaN if missing.
 
-    Missing readings are NaN. The tolerance of lengths [1] is estimated unless it is given. Each
-    relative deviation, (T, N), is the standard deviation of a reading divided by the typical
-    standard deviation [1].
-
-    If a bond is collinear with a rotor in a frame, two nearby configurations close all bonds. With
-    the initial lengths, the iteration may find the wrong configuration. After convergence, the
-    configurations of all frames are therefore computed again, starting from the readings. If this
-    reduces the cost, the iteration is repeated.
+    The tolerance of lengths [1] is estimated if it is None. Relative deviations, (T, N), are
+    standard deviations of readings divided by the typical one [1]. If a bond is collinear with a
+    rotor in a frame, two nearby configurations close all bonds. After convergence, all
+    configurations are therefore computed again from the readings, and the iteration is repeated if
+    the cost decreases.
     """
     for _ in range(_RESTARTS):
         found = _adjust_once(readings, start, tolerance, relative_deviations)
@@ -146,11 +130,7 @@ def _adjust_once(
 
 
 def _stepped(bundle: Bundle, change: Array, prior: Array, noise: float) -> tuple[Bundle, bool]:
-    """Return the bundle after a step of the unknowns, and whether the step is an improvement.
-
-    The step is halved until the cost decreases. Levenberg-Marquardt steps are not used, because
-    they would end far from the minimum if bonds are collinear with rotors.
-    """
+    """Halve a step until the cost decreases; return the bundle, and whether it decreased."""
     before = _cost(bundle, prior, noise)
     for halvings in range(_HALVINGS):
         changed = bundle.closed(bundle.lengths.changed(change / 2**halvings))
@@ -161,15 +141,15 @@ def _stepped(bundle: Bundle, change: Array, prior: Array, noise: float) -> tuple
 
 
 def _cost(bundle: Bundle, prior: Array, noise: float) -> float:
-    """Return the cost that is minimised: -2 times the log likelihood, with the prior [1]."""
+    """Return -2 times the log likelihood, with the prior [1]."""
     unknowns = to_unknowns(bundle.lengths)
     return float(bundle.normal.squares.sum() / noise**2 + unknowns @ prior @ unknowns)
 
 
 def observable_basis(lengths: Lengths) -> Array:
-    """Return an orthonormal basis of the changes that keep the mean spacing, shape (P, P - 1).
+    """Return an orthonormal basis of the changes that keep the mean spacing, (P, P - 1).
 
-    Other changes are not observable, because angles stay the same if all lengths are scaled.
+    Angles stay the same if all lengths are scaled.
     """
     size = UNKNOWNS_PER_ROTOR * lengths.rotors - 2
     scale = np.zeros((size, 1))
@@ -180,10 +160,10 @@ def observable_basis(lengths: Lengths) -> Array:
 def cramer_rao_bound(
     chain: Chain, angles: Array, noise: float, tolerances: Tolerances | None = None
 ) -> Array:
-    """Return the Cramer-Rao bound of the covariance of the unknowns, shape (P, P).
+    """Return the Cramer-Rao bound of the covariance of the unknowns, (P, P).
 
-    `angles` are the true angles in T frames [rad], shape (T, N). `noise` is the standard deviation
-    of a reading [rad]. If tolerances are given, they are used as prior knowledge of the chain.
+    `angles` are the true angles [rad], (T, N). `noise` is the standard deviation of a reading
+    [rad]. Tolerances, if given, are prior knowledge of the chain.
     """
     bundle = Bundle(chain_lengths(chain), angles)
     information = bundle.normal_equations().matrix / noise**2
@@ -193,7 +173,6 @@ def cramer_rao_bound(
 
 
 def _covariance(bundle: Bundle, basis: Array, tolerances: Tolerances) -> tuple[float, Array]:
-    """Return the noise of a reading [rad] and the covariance of the unknowns."""
     normal = bundle.normal
     noise = math.sqrt(float(normal.squares.sum()) / max(bundle.conditions - len(basis.T), 1))
     prior = tolerances.information(bundle.lengths.rotors)
@@ -201,21 +180,20 @@ def _covariance(bundle: Bundle, basis: Array, tolerances: Tolerances) -> tuple[f
 
 
 _CHANCE = 3.0
-"""Threshold of the distance of a bond from a limit, in standard deviations of this distance [1].
-Bonds at smaller distances are reported. Bonds that exceed the limit by less are corrected, because
-noise can explain the excess."""
+"""Distance of a bond from a limit, in its standard deviations, below which it is reported or
+corrected [1]."""
 _MARGIN = 1e-3
-"""Distance from the limit that a corrected bond receives, relative to its spacing [1]."""
+"""Distance from the limit of a corrected bond, relative to its spacing [1]."""
 _ROUNDS = 5
-"""Largest number of corrections [1]. A correction may move a neighbouring bond beyond its limit,
-so that another correction is needed."""
+"""Largest number of corrections [1]; one may move a neighbouring bond beyond its limit."""
 
 
 def passable(lengths: Lengths, covariance: Array) -> Lengths:
-    """Return the most likely lengths for which no bond stops a wall.
+    """Return the most likely lengths with which no bond stops a wall.
 
-    `covariance` is the covariance of the given lengths, (P, P). A bond that exceeds a limit by
-    more than noise can explain is not corrected.
+    `solitons.passage` defines the limits. With the excesses s over the limits, their derivatives G
+    and the covariance C of the lengths, (P, P), the correction is dp = C G^T (G C G^T)^-1 s. A
+    bond that exceeds a limit by more than noise can explain is not corrected.
     """
     for _ in range(_ROUNDS):
         room, slopes = _room(lengths)
@@ -233,11 +211,9 @@ def passable(lengths: Lengths, covariance: Array) -> Lengths:
 
 
 def near_limit_bonds(lengths: Lengths, covariance: Array) -> dict[int, float]:
-    """Return the bonds close to a limit, with the probability that each exceeds the limit [1].
+    """Return the bonds near a limit, with the probability that each exceeds the limit [1].
 
-    The keys are the numbers of the bonds. The probability is computed to first order from the
-    covariance of the lengths (P, P). A bond is omitted if its distance from the limit is large
-    compared with the noise.
+    The probability is computed to first order from the covariance of the lengths, (P, P).
     """
     room, slopes = _room(lengths)
     distances = (room / _deviations(slopes, covariance)).reshape(2, -1).min(axis=0)
@@ -246,15 +222,14 @@ def near_limit_bonds(lengths: Lengths, covariance: Array) -> dict[int, float]:
 
 
 def _deviations(slopes: Array, covariance: Array) -> Array:
-    """Return the standard deviations of K quantities, (K,), with derivatives `slopes`, (K, P)."""
+    """Return the standard deviations, (K,), of K quantities with derivatives `slopes`, (K, P)."""
     return np.asarray(np.sqrt(np.einsum('cp,pq,cq->c', slopes, covariance, slopes)))
 
 
 def _room(lengths: Lengths) -> tuple[Array, Array]:
     """Return the distances of K bonds from both limits [m], (2 K,), and derivatives, (2 K, P).
 
-    The distance from the first limit is l - a - |r_n - r_(n+1)|. The distance from the second
-    limit is a + l - r_n - r_(n+1) for flippers and r_n + r_(n+1) - a - l for spinners.
+    They are l - a - |r_n - r_(n+1)|, and the absolute value of a + l - r_n - r_(n+1).
     """
     r, a, rest = lengths.rotor_lengths, lengths.spacings, lengths.rest_lengths
     left, right = r[:-1], r[1:]

@@ -1,26 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Estimation of the mass ratios of rotors on rigid bars, from the free motion of the wall.
+"""Masses of rotors on rigid bars, relative to their mean, from the free motion of the wall.
 
-A chain of rigid bars has one degree of freedom. Its coordinate is the arc length s [rad] along the
-orbit of configurations phi(s). With the unit tangent t = dphi/ds and the speed variable u,
+A chain of bars has one degree of freedom, the arc length s [rad] along the orbit phi(s) of its
+configurations. With the unit tangent t = dphi/ds and the speed variable u,
 
     sqrt(I) ds/dt = u,    I = sum_n m_n r_n^2 t_n^2,
-    sqrt(I) du/dt = sum_n m_n r_n g sin(phi_n + tilt) t_n - c ds/dt
-                    - b tanh(ds/dt / w) sum_n |t_n|.
+    sqrt(I) du/dt = sum_n m_n r_n g sin(phi_n + tilt) t_n
+                    - c ds/dt - b tanh(ds/dt / w) sum_n |t_n|,
 
-where c is the damping, b the dry friction, and w the rate above which b is nearly constant.
-Without gravity and drag, u is constant, so that a wall moves slowly at heavy rotors. Each frame is
-projected onto the orbit, which gives the arc length of the frame. A least-squares fit of the
-motion s to these arc lengths gives the masses relative to their mean.
+with the damping c and the dry friction b. A wall moves slowly at heavy rotors. The motion s is
+fitted to the arc lengths at which frames project onto the orbit.
 
-Errors dp of the estimated lengths and offsets change the orbit. At a given arc length, the true
-configuration differs from the configuration of the estimated chain by
-
-    dphi = -R^T (R R^T)^-1 (df/dp) dp,
-
-with the misclosures f and their derivatives R by the angles. Errors e of the offsets also shift
-the measured arc lengths by t . e. The fit therefore has additional unknowns: independent
-combinations of the errors of lengths and offsets, each of unit variance.
+Errors dp of lengths and offsets change the configuration at a given arc length by dphi = -R^T (R
+R^T)^-1 (df/dp) dp, with the misclosures f and their derivatives R by the angles. Errors e of the
+offsets shift measured arc lengths by t . e. Independent combinations of these errors, each of unit
+variance, are therefore also unknown.
 """
 
 from __future__ import annotations
@@ -50,30 +44,29 @@ from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.orbit.orbit import Orbit
 
 _GRID = 0.03
-"""Step of the arc length along the orbit between the rows of a table [rad]. Sensitivity: at 0.5x,
-estimated masses change by 1e-4."""
+"""Step of the arc length between the rows of a table [rad]. Sensitivity: at 0.5x, masses change by
+1e-4."""
 _SLIDING = 0.1
-"""Rate w above which dry friction is nearly constant [rad/s]. It is small compared with the rates
-of rotors in a moving wall."""
+"""Rate w above which dry friction is nearly constant [rad/s]; small compared with rates in a
+wall."""
 _ROUNDS = 2
 """Number of times that the standard deviation of masses is estimated [1]."""
 _KNOWN = 1e-6
-"""Prior standard deviation of the logarithm of gravity if gravity is known [1]."""
+"""Prior standard deviation of log gravity if gravity is known [1]."""
 _LARGEST_EXCESS = 1.5
-"""Threshold of the ratio of the residual noise of arc lengths to the reading noise [1]: the motion
-is not free if the ratio is larger."""
+"""Ratio of residual noise to reading noise above which the motion is not free [1]."""
 _MOST_STEPS = 15
-"""Largest number of evaluations of a fit [1]; usually 4 to 6 are needed."""
+"""Largest number of evaluations of a fit [1]; 4 to 6 are usual."""
 _CONVERGED = 1e-4
-"""Threshold of the relative decrease of the sum of squares in a step [1]: the fit ends if the
-decrease is smaller. Noise in 1000 frames changes the sum by ten times as much."""
+"""Relative decrease of the sum of squares in the last step [1]. Noise in 1000 frames changes the
+sum by ten times as much."""
 _RATE_FRAMES = 8
 """Number of frames from which the initial rate is estimated [1]."""
 _STEP = 1e-4
 """Step of the unknowns for finite differences [1]."""
 _INFORMED = 1e-9
-"""Threshold of the variance of a combination, relative to the largest variance [1]: smaller
-variances are rounding errors, and their combinations are omitted."""
+"""Smallest variance of a combination, relative to the largest [1]; below it are rounding
+errors."""
 
 
 def _acceleration(
@@ -86,10 +79,7 @@ def _acceleration(
     grid: Array,
     drags: Array,
 ) -> tuple[float, float]:
-    """Return ds/dt and du/dt at an arc length s and a speed u.
-
-    The tables are interpolated linearly between their rows.
-    """
+    """Return ds/dt and du/dt, with linear interpolation between the rows of the tables."""
     at = (arc - grid[0]) / grid[1]
     row = 0
     if at > 0.0:
@@ -128,11 +118,10 @@ def move_along(
 ) -> None:
     """Integrate K motions along an orbit by the Runge-Kutta method.
 
-    `arcs`, (T, K), receives the arc lengths s at T times. `begin` contains the initial arc lengths
-    and speeds u, (2, K). Three tables have one row for each of G equidistant arc lengths: `roots`,
-    the square roots of the inertias I, (G, K); `gravity`, the forces of gravity, (G, K); and
-    `friction`, the sums of |t_n|, (G,). `grid` contains the first arc length, the step between arc
-    lengths, and the rate w. `drags` contains damping and dry friction, (2, K).
+    `arcs`, (T, K), receives the arc lengths. `begin` contains initial arc lengths and speeds u,
+    (2, K); `grid` the first arc length, the step between arc lengths, and w; `drags` damping and
+    dry friction, (2, K). At G equidistant arc lengths, `roots` contains sqrt(I) and `gravity` the
+    force of gravity, (G, K), and `friction` sum |t_n|, (G,).
     """
     for k in range(begin.shape[1]):
         s, u = begin[0, k], begin[1, k]
@@ -156,19 +145,19 @@ def move_along(
 
 
 class _Sums(NamedTuple):
-    """Sums over the rotors at G arc lengths, for K chains; or their changes by K unknowns."""
+    """Sums over the rotors at G arc lengths, (G, K), for K chains; or their changes."""
 
     inertia: Array
-    """Inertia I = sum m r^2 t^2, shape (G, K)."""
+    """Inertia I = sum m r^2 t^2."""
     weight: NDArray[np.complex128]
-    """Weight sum m r t (cos phi + i sin phi), from which the gravity force follows, (G, K)."""
+    """Weight sum m r t (cos phi + i sin phi), from which the gravity force follows."""
 
 
 class _OrbitTable:
     """Configurations at G equidistant arc lengths along an orbit, and sums over the rotors."""
 
     def __init__(self, orbit: Orbit, lengths: Lengths, arcs: Array) -> None:
-        """Prepare a table for given arc lengths [rad], and one rotor spacing on each side."""
+        """Prepare a table for arc lengths [rad], and one rotor spacing on each side."""
         self._lengths = lengths
         self.begin = float(np.nanmin(arcs)) - orbit.site_arc
         count = math.ceil((float(np.nanmax(arcs)) + orbit.site_arc - self.begin) / _GRID)
@@ -198,9 +187,9 @@ class _OrbitTable:
         return _Sums(self._inertias @ masses, self._weights @ masses)
 
     def changes(self, masses: Array, changes: Array) -> _Sums:
-        """Return how the sums for masses [1], (N,), change if lengths and offsets change.
+        """Return the changes of the sums by K changes of lengths and offsets, (P, K).
 
-        `changes` are K changes of the unknown lengths and offsets, (P, K).
+        The masses [1] have the shape (N,).
         """
         t, r = self._tangents, self._lengths.rotor_lengths
         linearised = misclosures(self._lengths, self._angles.T)
@@ -221,7 +210,7 @@ class _OrbitTable:
 
 
 def _arcs_of(orbit: Orbit, angles: Array, noise: float) -> tuple[Array, Array]:
-    """Return the arc length of each frame and its standard deviation [rad], shape (T,) each."""
+    """Return the arc length of each frame and its standard deviation [rad], (T,) each."""
     arc = fit_anywhere(orbit, angles[0]).arc
     found = []
     for frame in angles:
@@ -233,19 +222,16 @@ def _arcs_of(orbit: Orbit, angles: Array, noise: float) -> tuple[Array, Array]:
 
 
 class BarMotion(NamedTuple):
-    """Masses and forces estimated from a free motion.
-
-    The unit of length is the mean spacing, and the unit of mass is the mean mass.
-    """
+    """Masses and forces from a free motion, in units of the mean spacing and the mean mass."""
 
     masses: Array
-    """Masses [1], shape (N,)."""
+    """Masses [1], (N,)."""
     mass_deviations: Array
-    """Standard deviations of the logarithms of the masses [1], shape (N,)."""
+    """Standard deviations of the logarithms of the masses [1], (N,)."""
     drag: tuple[float, float]
     """Damping [1/s] and dry friction [1/s^2]."""
     drag_deviations: tuple[float, float]
-    """Standard deviations of damping [1/s] and dry friction [1/s^2]."""
+    """Their standard deviations."""
     gravity: float
     """Gravity [1/s^2]."""
     gravity_deviation: float
@@ -257,8 +243,8 @@ def bar_motion(
 ) -> BarMotion | None:
     """Estimate masses and forces from free motions of bars; return None if other forces act.
 
-    The unit of length, also of gravity, is the mean spacing. `covariance` is the covariance of
-    lengths and offsets, (P, P). `noise` is the standard deviation of a reading [rad].
+    The unit of length, also of gravity, is the mean spacing. `covariance` is that of lengths and
+    offsets, (P, P), and `noise` the standard deviation of a reading [rad].
     """
     orbit = orbit_of(lengths.chain(Chain()))
     intervals = free_intervals(readings.times, readings.interruptions)
@@ -290,11 +276,10 @@ def _combinations(covariance: Array) -> Array:
 
 
 class _Fit:
-    """Least-squares fit of simulated motions to the arc lengths of frames along the orbit.
+    """Least-squares fit of simulated motions to the arc lengths of frames.
 
-    The unknowns are the logarithms of the masses, the forces, the initial state of each interval,
-    and combinations of lengths and offsets. `excess` is the ratio of the residual noise of arc
-    lengths to the noise expected from the readings [1].
+    Unknown are log masses, forces, the initial state of each interval, and combinations of lengths
+    and offsets. `excess` is the ratio of residual to expected noise [1].
     """
 
     def __init__(
@@ -321,7 +306,7 @@ class _Fit:
 
     @property
     def masses(self) -> Array:
-        """Logarithms of the masses [1], shape (N,)."""
+        """Logarithms of the masses [1], (N,)."""
         return self._unknowns[: self._rotors]
 
     def _begin(self, interval: slice) -> Array:
@@ -393,11 +378,7 @@ class _Fit:
         self._combined = np.concatenate(rows)
 
     def _moved(self, unknowns: Array, number: int, changes: _Sums | None = None) -> Array:
-        """Return simulated arc lengths in the frames of an interval [rad], (T, K).
-
-        Each of the K columns of `unknowns` gives one motion. If changes of the sums are given, all
-        motions except the first use sums that are changed by one finite-difference step.
-        """
+        """Return simulated arc lengths in the frames of an interval [rad], (T, K)."""
         table = self._table
         damping, friction, log_gravity = unknowns[self._rotors : self._size]
         inertia, weight = table.sums(np.exp(unknowns[: self._rotors]))
@@ -417,7 +398,6 @@ class _Fit:
         return arcs
 
     def result(self) -> BarMotion:
-        """Return the estimates in units of the mean mass."""
         masses, rotors = np.exp(self.masses), self._rotors
         mean = float(masses.mean())
         relative = np.eye(rotors) - masses / (rotors * mean)

@@ -1,26 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bundle adjustment of lengths and offsets: least squares with errors in all readings.
 
-Each frame has N unknown angles and N - 1 conditions, because every bond closes. The angles are
-eliminated frame by frame. Let J be the derivatives of the misclosures w by the unknowns p. The
-change dp of the unknowns minimises
-
-    sum over frames of (w + J dp)^T M^-1 (w + J dp),
-
-and the errors of the readings are v = S R^T M^-1 (w + J dp) (Gauss-Helmert model). At the true
-angles and lengths, the matrix sum J^T M^-1 J is the Fisher information on p. It requires no
-assumption about the motion. Its inverse is the Cramer-Rao bound.
-
-The misclosure of a bond is the distance between its two masses minus the length of its spring or
-bar. With h = r sin(phi), v = r cos(phi) and phi = y - o for a reading y,
+With h = r sin(phi), v = r cos(phi) and phi = y - o for a reading y, the misclosure of a bond is
 
     f_n = |(a_n + h_{n+1} - h_n, v_{n+1} - v_n)| - l_n.
 
-The readings y have independent errors with the variances S. To first order at a configuration x,
-the misclosures are w = f(x) + R (y - o - x), where R are the derivatives of f by the angles. Their
-covariance is M = R S R^T. In each frame M is tridiagonal, so that the Cholesky factor of M has two
-diagonals. This factor whitens the misclosures, that is, transforms them to independent numbers of
-unit variance.
+To first order at a configuration x, the misclosures are w = f(x) + R (y - o - x), with the
+derivatives R of f by the angles. With the variances S of the readings, their covariance M = R S
+R^T is tridiagonal in each frame, so that its Cholesky factor has two diagonals. The change dp of
+the unknowns minimises
+
+    sum over frames of (w + J dp)^T M^-1 (w + J dp),
+
+with the derivatives J of w by the unknowns. The errors of the readings, v = S R^T M^-1 (w + J dp),
+are eliminated frame by frame (Gauss-Helmert model). At the true values, sum J^T M^-1 J is the
+Fisher information on p, and its inverse the Cramer-Rao bound.
 """
 
 from __future__ import annotations
@@ -36,21 +30,20 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.springs import spring_between
 
 _BATCH = 256
-"""Number of frames in a batch [1], so that the arrays of a batch fit into the cache."""
+"""Number of frames in a batch [1]; its arrays fit into the cache."""
 _MISSING_VARIANCE = 1e4
 """Variance of a missing reading, relative to a typical reading [1]."""
 _CLOSINGS = 8
-"""Largest number of corrections of the angles after a step [1]; usually 2 or 3 are needed."""
+"""Largest number of corrections of the angles after a step [1]; 2 or 3 are usual."""
 _CLOSED = 1e-4
-"""Threshold of the change of an angle in a correction [rad]: the bonds are closed if all angles
-change by less. It is far below the noise."""
+"""Change of the angles in the last correction [rad], far below the noise."""
 _LARGEST_ERROR = 0.3
-"""Limit of the difference between angles and readings [rad]. Without this limit, Newton's method
-diverges if lengths are wrong and bonds are nearly collinear with rotors."""
+"""Limit of the difference between angles and readings [rad]; without it Newton's method diverges
+for wrong lengths and nearly collinear bonds."""
 
 
 class Misclosures(NamedTuple):
-    """First-order misclosures of the bonds in T frames, shape (N - 1, T) unless stated."""
+    """First-order misclosures of the bonds in T frames, (N - 1, T) unless stated."""
 
     values: Array
     """Misclosures f [m]."""
@@ -59,10 +52,10 @@ class Misclosures(NamedTuple):
     second: Array
     """Derivatives df_n / dphi_{n+1} [m/rad]."""
     slopes: Array
-    """Derivatives of f_n by the six unknowns of bond n (see `Lengths`), shape (N - 1, T, 6)."""
+    """Derivatives of f_n by the six unknowns of bond n (see `Lengths`), (N - 1, T, 6)."""
 
     def torques(self, forces: Array) -> Array:
-        """Return the torques R^T f on the rotors, (N, T), for forces f in bonds, (N - 1, T)."""
+        """Return the torques R^T f, (N, T), for forces f in bonds, (N - 1, T)."""
         torques = np.zeros((len(forces) + 1, forces.shape[1]))
         torques[:-1] = self.first * forces
         torques[1:] += self.second * forces
@@ -70,7 +63,7 @@ class Misclosures(NamedTuple):
 
 
 def misclosures(lengths: Lengths, angles: Array) -> Misclosures:
-    """Return the misclosures, linearised at the angles of T frames [rad], shape (N, T)."""
+    """Return the misclosures, linearised at the angles of T frames [rad], (N, T)."""
     r, a = lengths.rotor_lengths[:, None], lengths.spacings[:, None]
     rest = lengths.rest_lengths[:, None]
     sine, cosine = np.sin(angles), np.cos(angles)
@@ -93,12 +86,12 @@ class CholeskyFactor(NamedTuple):
     """Cholesky factor of M = R S R^T in each of T frames."""
 
     diagonal: Array
-    """Elements on the diagonal, shape (N - 1, T)."""
+    """Elements on the diagonal, (N - 1, T)."""
     below: Array
-    """Element left of the diagonal in each row, 0 in the first row, shape (N - 1, T)."""
+    """Element left of the diagonal, 0 in the first row, (N - 1, T)."""
 
     def whitened(self, values: Array) -> Array:
-        """Return whitened misclosures, shape (N - 1, T)."""
+        """Return misclosures transformed to unit variance, (N - 1, T)."""
         whitened = np.empty_like(values)
         whitened[0] = values[0] / self.diagonal[0]
         for n in range(1, len(values)):
@@ -106,7 +99,7 @@ class CholeskyFactor(NamedTuple):
         return whitened
 
     def solved(self, whitened: Array) -> Array:
-        """Return M^-1 w, shape (N - 1, T), given the whitened misclosures w."""
+        """Return M^-1 w, (N - 1, T), given whitened misclosures w."""
         solved = np.empty_like(whitened)
         last = len(solved) - 1
         solved[last] = whitened[last] / self.diagonal[last]
@@ -118,8 +111,8 @@ class CholeskyFactor(NamedTuple):
 def cholesky_factor(first: Array, second: Array, variances: Array) -> CholeskyFactor:
     """Return the Cholesky factor of M.
 
-    `first` and `second` are the derivatives of misclosures by angles [m/rad], (N - 1, T).
-    `variances` are the variances of readings [rad^2], (N, T).
+    `first` and `second` are derivatives of misclosures by angles [m/rad], (N - 1, T). `variances`
+    belong to readings [rad^2], (N, T).
     """
     own = first**2 * variances[:-1] + second**2 * variances[1:]
     between = second[:-1] * first[1:] * variances[1:-1]
@@ -135,11 +128,11 @@ class NormalEquations(NamedTuple):
     """Normal equations of the P unknowns, if readings have the variance 1 rad^2."""
 
     matrix: Array
-    """Left side: the information sum J^T M^-1 J [1/rad^2], shape (P, P)."""
+    """Left side: the information sum J^T M^-1 J [1/rad^2], (P, P)."""
     vector: Array
-    """Right side: -sum J^T M^-1 w, shape (P,)."""
+    """Right side: -sum J^T M^-1 w, (P,)."""
     squares: Array
-    """Squared whitened misclosures of each bond, summed over the frames [rad^2], (N - 1,)."""
+    """Squared whitened misclosures of each bond, summed over frames [rad^2], (N - 1,)."""
 
 
 class Bundle:
@@ -152,12 +145,10 @@ class Bundle:
         relative_deviations: Array | None = None,
         repeat_counts: Array | None = None,
     ) -> None:
-        """Start with initial lengths and with readings [rad], shape (T, N).
+        """Start with initial lengths and with readings [rad], (T, N), NaN if missing.
 
-        Missing readings are NaN. Each relative deviation, (T, N), is the standard deviation of a
-        reading divided by the typical standard deviation [1]. A run of equal readings has the
-        weight of one reading; `repeat_counts`, (T, N), contains the length of the run to which
-        each reading belongs [1].
+        Relative deviations, (T, N), are standard deviations divided by the typical one [1].
+        `repeat_counts`, (T, N), are lengths of runs of equal readings, which weigh as one.
         """
         self._readings = np.ascontiguousarray(readings.T)
         self._seen = np.isfinite(self._readings)
@@ -177,7 +168,7 @@ class Bundle:
         """Normal equations. Only bundles that `closed` has returned have this attribute."""
 
     def closed(self, lengths: Lengths) -> Bundle:
-        """Return a bundle with other lengths and with the angles at which all bonds close."""
+        """Return a bundle with other lengths, in which all bonds are closed."""
         moved = copy(self)
         moved.lengths, moved.angles = lengths, self.angles.copy()
         for _ in range(_CLOSINGS):
@@ -190,7 +181,7 @@ class Bundle:
     def conditions(self) -> float:
         """Number of independent conditions on the readings [1].
 
-        One reading per frame determines the configuration and adds no condition.
+        One reading per frame adds none, because it determines the configuration.
         """
         return float(np.sum(self._weights.sum(axis=0) - self._weights.max(axis=0)))
 
@@ -213,10 +204,7 @@ class Bundle:
         return NormalEquations(matrix, vector, squares)
 
     def close(self) -> float:
-        """Take one Newton step towards the nearest closed configuration of each frame.
-
-        Return the largest change of an angle [rad].
-        """
+        """Take one Newton step to closed bonds; return the largest change of an angle [rad]."""
         largest = 0.0
         for frames in self._batches():
             linearised, factors, whitened = self._linearised(frames)
@@ -229,7 +217,7 @@ class Bundle:
         return largest
 
     def residuals(self) -> Array:
-        """Return readings minus offsets minus angles [rad], shape (T, N), 0 for missing ones."""
+        """Return readings minus offsets minus angles [rad], (T, N), 0 for missing ones."""
         residuals = self._readings - self.lengths.offsets[:, None] - self.angles
         return np.asarray(np.where(self._seen, residuals, 0.0).T)
 
@@ -253,8 +241,8 @@ class Bundle:
 
 
 def covariance_in(basis: Array, information: Array) -> Array:
-    """Return the covariance of the unknowns, (P, P), from their information, (P, P).
+    """Return the covariance, (P, P), of unknowns that change only along a basis, (P, K).
 
-    Only changes along the K columns of the orthonormal basis, (P, K), are uncertain.
+    `information`, (P, P), is the information on the unknowns.
     """
     return np.asarray(basis @ np.linalg.inv(basis.T @ information @ basis) @ basis.T)

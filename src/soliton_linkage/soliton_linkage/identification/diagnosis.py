@@ -16,12 +16,11 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.passage import find_obstacles
 
 _LARGEST_SPREADS = 0.2, 0.25
-"""Largest plausible spreads (relative standard deviations) of lengths, and of masses and
-stiffnesses [1]. One rotor with twice the mass of 11 others gives 0.2."""
+"""Largest plausible relative standard deviations of lengths, and of masses and stiffnesses [1].
+One rotor with twice the mass of 11 others gives 0.2."""
 _USUAL_OF_ROTOR, _USUAL_OF_FRAMES = 1.3, 0.3
-"""Typical values if the residuals are random [1]. The first is the mean square of the residuals of
-the worst rotor, relative to the mean of all rotors. The second is the share of the worst tenth of
-the frames in the sum of squared residuals."""
+"""Typical mean square residual of the worst rotor over that of all rotors, and typical share of
+the worst tenth of the frames in the squared residuals [1]."""
 _FAR_SPACING = 1.5
 """Threshold of the ratio between a spacing and the median [1]: larger ratios are reported."""
 _SCALE_PARTS = {'rotor_length', 'spacing', 'rest_length'}
@@ -29,11 +28,11 @@ _SCALE_PARTS = {'rotor_length', 'spacing', 'rest_length'}
 _MOST_NAMED = 4
 """Largest number of weakly observable combinations that are named [1]."""
 _NOT_OBSERVABLE = 1e-4
-"""Threshold of the information on a combination [1]: with less information, the combination is
-called not observable. At the threshold, its standard deviation is 100."""
+"""Information below which a combination is called not observable [1]; its standard deviation is
+then above 100."""
 _WEAK = 0.1
-"""Threshold of the standard deviation of a combination [1]: a combination is weakly observable if
-the readings alone, without the prior, give a larger standard deviation."""
+"""Standard deviation from the readings alone above which a combination is weakly observable
+[1]."""
 
 
 def check_explained(
@@ -41,10 +40,8 @@ def check_explained(
 ) -> None:
     """Raise ValueError with the most likely causes if the model does not explain the readings.
 
-    `noise` is the ratio of the residuals to the noise of the readings [1]. `spreads` are two
-    relative standard deviations within the estimated chain [1]: of lengths, and of masses and
-    stiffnesses. Large spreads indicate wrong readings, because the fit can only reproduce wrong
-    readings by implausible parameters.
+    `noise` is the ratio of residuals to reading noise [1]. `spreads` are relative standard
+    deviations of lengths, and of masses and stiffnesses [1]; large ones indicate wrong readings.
     """
     lengths, masses = spreads
     faults = []
@@ -119,11 +116,11 @@ def obstacle_warnings(chain: Chain, lengths: Lengths, covariance: Array) -> list
 def weakly_observable(
     information: Array, basis: Array, split: Callable[[Array], dict[str, Array]]
 ) -> tuple[str, ...]:
-    """Return descriptions of the weakly observable combinations of unknowns.
+    """Return descriptions of the weakly observable combinations, the least observable first.
 
-    The least observable combination is first. `information` is the information of the readings on
-    all P unknowns, (P, P). `basis` is an orthonormal basis of the changes that are observable in
-    principle, (P, K). `split` divides a vector of the unknowns into named parts.
+    `information`, (P, P), is that of the readings on all unknowns. `basis`, (P, K), is an
+    orthonormal basis of the changes that are observable in principle. `split` divides unknowns
+    into named parts.
     """
     values, vectors = np.linalg.eigh(basis.T @ information @ basis)
     weak = [
@@ -136,7 +133,6 @@ def weakly_observable(
 
 
 def _description(deviation: float, parts: dict[str, Array]) -> str:
-    """Return a text with the quantities, rotors and standard deviation of a combination."""
     size = max(float(np.abs(part).max()) for part in parts.values())
     kinds = [name for name, part in parts.items() if np.abs(part).max() > 0.5 * size]
     sides = [

@@ -43,20 +43,18 @@ from soliton_linkage.linkage.chain import Array
 
 _LONGEST_STEP = 0.4
 """Longest step times the largest rate of vibration and decay [1]. After a wall has crossed 40
-rotors, errors of angles are at most 2e-5 rad. Sensitivity: at 0.5x, they are 2e-6 rad, and the
-computing time doubles."""
+rotors, errors of angles are at most 2e-5 rad. Sensitivity: at 0.5x, 2e-6 rad in twice the time."""
 _BATCH = 32
-"""Number of frames whose sensitivities are computed in one batch [1]. A batch of 40 rotors needs
-3 MB."""
+"""Number of frames in a batch of sensitivities [1]; a batch of 40 rotors needs 3 MB."""
 _SLIDING = 0.1
-"""Rate w above which dry friction is nearly constant [rad/s]. It is small compared with the rates
-of rotors in a moving wall. Sensitivity: at 0.5x, the integration of friction needs more steps."""
+"""Rate w above which dry friction is nearly constant [rad/s]; small compared with rates in a wall.
+Sensitivity: at 0.5x, friction needs more steps."""
 FORCE_UNKNOWNS = 3
 """Number of unknown forces [1]: c, b and log g."""
 
 
 class UnknownSlices(NamedTuple):
-    """Indices of each kind of unknowns among the unknowns of a motion."""
+    """Indices of each kind of unknowns of a motion."""
 
     lengths: slice
     stiffnesses: slice
@@ -67,7 +65,7 @@ class UnknownSlices(NamedTuple):
 
 
 def unknown_slices(rotors: int) -> UnknownSlices:
-    """Return the indices of the unknowns of N rotors: first the chain, then the initial state."""
+    """Return the indices of the unknowns of N rotors: the chain, then the initial state."""
     sizes = [UNKNOWNS_PER_ROTOR * rotors - 2, rotors - 1, rotors, FORCE_UNKNOWNS, rotors, rotors]
     ends = np.cumsum(sizes).tolist()
     return UnknownSlices(*map(slice, [0, *ends[:-1]], ends))
@@ -77,23 +75,22 @@ def unknown_slices(rotors: int) -> UnknownSlices:
 class FreeMotion:
     """A chain of springs, the forces on its rotors, and its initial state.
 
-    Lengths may be in any unit. Masses, stiffnesses, damping and friction are divided by the mean
-    mass.
+    Lengths may be in any unit. Masses, stiffnesses and drag are divided by the mean mass.
     """
 
     lengths: Lengths
     stiffnesses: Array
-    """Stiffnesses k divided by the mean mass [1/s^2], shape (N - 1,)."""
+    """Stiffnesses k [1/s^2], (N - 1,)."""
     masses: Array
-    """Masses m divided by the mean mass [1], shape (N,)."""
+    """Masses m [1], (N,)."""
     damping: float
-    """Damping c of each rotor divided by the mean mass [length^2/s]."""
+    """Damping c of each rotor [length^2/s]."""
     angles: Array
-    """Initial angles [rad], shape (N,)."""
+    """Initial angles [rad], (N,)."""
     rates: Array
-    """Initial rates [rad/s], shape (N,)."""
+    """Initial rates [rad/s], (N,)."""
     friction: float = 0.0
-    """Dry friction b of each rotor divided by the mean mass [length^2/s^2]."""
+    """Dry friction b of each rotor [length^2/s^2]."""
     gravity: float = 0.0
     """Gravity g in the plane of the chain [length/s^2], 0 if gravity does not act."""
     tilt: float = 0.0
@@ -111,12 +108,12 @@ class FreeMotion:
 
     @property
     def inertias(self) -> Array:
-        """Moments of inertia divided by the mean mass [length^2], shape (N,)."""
+        """Moments of inertia [length^2], (N,)."""
         return np.asarray(self.masses * self.lengths.rotor_lengths**2)
 
     @property
     def fastest(self) -> float:
-        """Upper bound of the angular frequencies of vibrations and of the decay rates [rad/s]."""
+        """Upper bound of the angular frequencies and decay rates [rad/s]."""
         vibrations = 2 * math.sqrt(float(self.stiffnesses.max() / self.masses.min()))
         return vibrations + abs(self.friction) / _SLIDING / float(self.inertias.min())
 
@@ -137,7 +134,7 @@ class FreeMotion:
         )
 
     def normalised(self) -> FreeMotion:
-        """Return the motion in units of the mean spacing and the mean mass of its chain."""
+        """Return the motion in units of the mean spacing and the mean mass."""
         spacing, mass = float(self.lengths.spacings.mean()), float(self.masses.mean())
         return replace(
             self,
@@ -182,10 +179,7 @@ def propagate(motion: FreeMotion, times: Array) -> tuple[Array, FreeMotion]:
 
 
 def states_with_sensitivities(motion: FreeMotion, times: Array) -> Iterator[tuple[Array, Array]]:
-    """Yield results for successive batches of B times.
-
-    Each result consists of angles and rates, (B, 2, N), and sensitivities of angles, (Q, B, N).
-    """
+    """Yield states, (B, 2, N), and sensitivities of angles, (Q, B, N), for batches of B times."""
     at = motion.slices
     changes = np.zeros((motion.size, 2, len(motion.masses)))
     changes[at.angles, 0] = changes[at.rates, 1] = np.eye(len(motion.masses))
@@ -211,7 +205,6 @@ def gradient_of(motion: FreeMotion, times: Array, states: Array, weights: Array)
 def _states(
     motion: FreeMotion, times: Array, changes: Array, batch: int
 ) -> Iterator[tuple[Array, Array]]:
-    """Yield states, (B, 2, N), and sensitivities of angles, (Q, B, N), for batches of B times."""
     state = np.array([motion.angles, motion.rates])
     table, forces, sources = _table(motion), _forces(motion), _sources(motion)
     spans = np.diff(times, prepend=times[0])
@@ -241,7 +234,6 @@ def _forces(motion: FreeMotion) -> Array:
 
 
 def _sources(motion: FreeMotion) -> NDArray[np.int64]:
-    """Return the sources of all unknowns for the compiled loops, shape (Q,)."""
     rotors, at = len(motion.masses), motion.slices
     sources = np.full(motion.size, NO_SOURCE)
     for kind, part in zip((R, None, A, L), split(sources[at.lengths]), strict=True):

@@ -135,10 +135,12 @@ def _by_model(
     inputs = found.residuals[frames], found, given, noise, tolerance, spacing_known, stages
     fitted, kicks = _fit_around_kicks(some, inputs, noise)
     if not isinstance(fitted, str):
+        fitter, fitted = fitted
         check_slips(some, fitted.residuals, fitted.noise)
         prior, excess = fitted.prior, fitted.noise / max(noise, LEAST_NOISE)
         spreads = 0.0 if tolerance else prior.tolerances.lengths, prior.mass_deviation
         check_explained('springs', excess, spreads, fitted.residuals, some)
+        fitted = fitter.sampled(fitted)
         given = _scaled(given, readings, fitted.motion.gravity)
         scale = mass_scale(fitted, some, given.spacing)
         result = by_springs(fitted, given, noise, scale, unused)
@@ -204,16 +206,14 @@ def _scaled(given: Chain, readings: Readings, gravity: float) -> Chain:
 
 def _fit_around_kicks(
     some: Readings, inputs: tuple[Any, ...], noise: float
-) -> tuple[MotionFit | str, list[float]]:
-    """Fit springs between unrecorded kicks; return the fit, or the reason, and the kicks [s].
-
-    A kick changes rates suddenly, so that no free motion fits the frames near it.
-    """
+) -> tuple[tuple[MotionFitter, MotionFit] | str, list[float]]:
+    """Fit springs between unrecorded kicks, whose times [s] are also returned."""
     kicks: list[float] = []
     fitted = _fit_springs(some, *inputs)
     while not isinstance(fitted, str) and len(kicks) < _MOST_KICKS:
-        frame, excess = _worst_frames(fitted)
-        if excess < 1 and fitted.noise < _SUSPICIOUS * noise:
+        found = fitted[1]
+        frame, excess = _worst_frames(found)
+        if excess < 1 and found.noise < _SUSPICIOUS * noise:
             break
         time = float(some.times[frame])
         around = [RecordedImpulse(time - _BEFORE_KICK), RecordedImpulse(time)]
@@ -222,7 +222,7 @@ def _fit_around_kicks(
         if isinstance(better, str):
             break
         # By chance, an additional initial state reduces the squares by 2 N, with variance 4 N.
-        gain = some.angles.size * (1 - (better.noise / fitted.noise) ** 2)
+        gain = some.angles.size * (1 - (better[1].noise / found.noise) ** 2)
         states = 2 * some.angles.shape[1]
         if gain < states + _KICKED * math.sqrt(2 * states):
             break
@@ -247,11 +247,8 @@ def _fit_springs(
     tolerance: float | None,
     spacing_known: bool,
     stages: Stages,
-) -> MotionFit | str:
-    """Fit the free motion of springs, or return the reason why there is no such fit.
-
-    The reason is empty if bars fit the readings equally well.
-    """
+) -> tuple[MotionFitter, MotionFit] | str:
+    """Fit the free motion of springs, or return the reason, empty if bars fit equally well."""
     rotors = found.lengths.rotors
     angles = some.filled - found.lengths.offsets - residuals
     stiffness = given.stiffness / given.mass
@@ -271,9 +268,10 @@ def _fit_springs(
     inputs = some.times, some.unwrapped, some.relative_deviations, max(noise, LEAST_NOISE)
     try:
         fitter = MotionFitter(windows, *inputs, tolerance, spacing_known, stages)
-        return fitter.fit(found.noise) or ''
+        fitted = fitter.fit(found.noise)
     except np.linalg.LinAlgError:
         return 'the fit of springs did not converge'
+    return (fitter, fitted) if fitted else ''
 
 
 def _fit_bars(

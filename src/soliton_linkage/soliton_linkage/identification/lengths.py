@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Unknown lengths of a chain and offsets of its encoders: order, initial values and prior.
 
-The order of the unknowns is r_0, o_0, a_0, l_0, r_1, o_1, a_1, l_1, ..., r_{N-1}, o_{N-1}. In this
-order, the six unknowns of a bond are consecutive: r_n, o_n, a_n, l_n, r_{n+1}, o_{n+1}. For a
-length, the unknown is its logarithm, so that a change is relative [1]. For an offset, it is the
-offset itself [rad].
+The order is r_0, o_0, a_0, l_0, r_1, ..., r_{N-1}, o_{N-1}, so that the six unknowns of a bond are
+consecutive. For a length the unknown is its logarithm, for an offset the offset [rad].
 
-The lengths are of three kinds: r, a and l. In the prior, the logarithms of all lengths of one kind
-have a normal distribution about their common mean, and the offsets have a normal distribution
-about 0. The standard deviations of these distributions are called tolerances and are estimated.
+In the prior, the logarithms of all lengths of one kind (r, a or l) have a normal distribution
+about their common mean, and the offsets about 0. Their standard deviations, called tolerances, are
+estimated.
 """
 
 from __future__ import annotations
@@ -25,7 +23,7 @@ UNKNOWNS_PER_ROTOR = 4
 UNKNOWNS_PER_BOND = 6
 """Number of unknowns on which the misclosure of a bond depends [1]."""
 _LONGEST_STEP = 0.2
-"""Largest change in one step: of the logarithm of a length [1], or of an offset [rad]."""
+"""Largest change of a log length [1] or of an offset [rad] in one step."""
 
 
 @dataclass(frozen=True)
@@ -33,13 +31,13 @@ class Lengths:
     """Lengths of a chain of N rotors with free ends, and offsets of its encoders."""
 
     rotor_lengths: Array
-    """Lengths r from pivot to mass [m], shape (N,)."""
+    """Lengths r from pivot to mass [m], (N,)."""
     spacings: Array
-    """Distances a from each pivot to the next [m], shape (N - 1,)."""
+    """Distances a from each pivot to the next [m], (N - 1,)."""
     rest_lengths: Array
-    """Lengths l of relaxed springs or of bars [m], shape (N - 1,)."""
+    """Lengths l of relaxed springs or of bars [m], (N - 1,)."""
     offsets: Array
-    """Offsets o of the encoders, reading minus angle [rad], shape (N,)."""
+    """Offsets o of the encoders, reading minus angle [rad], (N,)."""
 
     @property
     def rotors(self) -> int:
@@ -47,10 +45,7 @@ class Lengths:
         return len(self.rotor_lengths)
 
     def changed(self, change: Array) -> Lengths:
-        """Return the lengths after a change of the unknowns.
-
-        If the largest element of the change exceeds `_LONGEST_STEP`, the change is scaled down.
-        """
+        """Return the lengths after a change of the unknowns, shortened if it is too long."""
         largest = float(np.abs(change).max(initial=0.0))
         rotor, offset, spacing, rest = split(change * min(1.0, _LONGEST_STEP / max(largest, 1e-9)))
         return Lengths(
@@ -73,8 +68,7 @@ class Lengths:
     def chain(self, template: Chain) -> Chain:
         """Return a chain with these lengths; a template supplies all other parameters.
 
-        The mean lengths become the parameters of the chain. The relative differences of single
-        lengths from these means become its deviations.
+        Mean lengths become parameters of the chain, differences from them its deviations.
         """
         spacing, length = float(self.spacings.mean()), float(self.rotor_lengths.mean())
         rest = float(self.rest_lengths.mean())
@@ -108,14 +102,14 @@ def split(unknowns: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def split_lengths(unknowns: Array) -> dict[str, Array]:
-    """Return the unknowns of each kind by name: the names of `Deviations`, and `offset`."""
+    """Return the unknowns of each kind by name; `Deviations` uses the same names."""
     names = 'rotor_length', 'offset', 'spacing', 'rest_length'
     return dict(zip(names, split(unknowns), strict=True))
 
 
 _PASSING = 0.2
-"""Threshold of sin(phi_{n+1}) - sin(phi_n) minus its median, relative to a typical maximum [1]: a
-wall is near a bond if the value is larger."""
+"""Threshold of sin(phi_{n+1}) - sin(phi_n) minus its median, relative to a typical maximum [1]; a
+wall is near the bond if the value is larger."""
 
 
 def initial_lengths(angles: Array) -> Lengths:
@@ -126,8 +120,7 @@ def initial_lengths(angles: Array) -> Lengths:
         cos(phi_n - phi_{n+1}) = K_0 + K_1 (sin(phi_{n+1}) - sin(phi_n)),
         K_0 = (a^2 + 2 r^2 - l^2) / (2 r^2),    K_1 = a / r,
 
-    This equation is linear in K_0 and K_1 (Freudenstein's equation of four-bar linkages). Raises
-    ValueError if no chain has these angles.
+    (Freudenstein's equation of four-bar linkages). Raises ValueError if no chain fits.
     """
     inner = angles[:, 1:-1] if angles.shape[1] > 4 else angles
     differences = np.diff(np.sin(inner), axis=1)
@@ -158,11 +151,10 @@ def initial_lengths(angles: Array) -> Lengths:
 
 
 _INITIAL = 0.04
-"""Initial tolerance of lengths [1] and of offsets [rad]. With larger values, single lengths
-diverge in the first steps."""
+"""Initial tolerance of lengths [1] and of offsets [rad]. With larger ones single lengths
+diverge."""
 _SMALLEST, _LARGEST = 1e-4, 0.3
-"""Limits of the tolerances of lengths [1] and of offsets [rad]. Typical machined parts have
-tolerances of ten times the lower limit."""
+"""Limits of the tolerances [1] or [rad]. Typical machined parts have ten times the lower one."""
 
 
 @dataclass(frozen=True)
@@ -170,12 +162,12 @@ class Tolerances:
     """Prior standard deviations of lengths about the mean of their kind, and of offsets."""
 
     lengths: float = _INITIAL
-    """Relative standard deviation of the lengths of one kind about their mean [1]."""
+    """Relative standard deviation of the lengths of one kind [1]."""
     offsets: float = _INITIAL
-    """Standard deviation of the offsets about 0 [rad]."""
+    """Standard deviation of the offsets [rad]."""
 
     def information(self, rotors: int) -> Array:
-        """Return the prior information on the P unknowns of N rotors, shape (P, P)."""
+        """Return the prior information on the P unknowns of N rotors, (P, P)."""
         size = UNKNOWNS_PER_ROTOR * rotors - 2
         information = np.zeros((size, size))
         for part in (0, 2, 3):
@@ -187,7 +179,7 @@ class Tolerances:
         return information
 
     def is_close(self, other: Tolerances, fraction: float) -> bool:
-        """Return whether both tolerances equal those of `other` up to a relative difference."""
+        """Return whether both tolerances equal those of `other` up to a fraction [1]."""
         return (
             abs(self.lengths - other.lengths) <= fraction * other.lengths
             and abs(self.offsets - other.offsets) <= fraction * other.offsets
@@ -195,7 +187,7 @@ class Tolerances:
 
     @staticmethod
     def estimated(lengths: Lengths, covariance: Array, given: float | None) -> Tolerances:
-        """Return the tolerances estimated from lengths and their covariance (P, P).
+        """Return tolerances estimated from lengths and their covariance, (P, P).
 
         If `given` is not None, it is the tolerance of the lengths [1].
         """
@@ -211,7 +203,7 @@ class Tolerances:
 
 
 def to_unknowns(lengths: Lengths) -> Array:
-    """Return the unknowns: offsets, and logarithms of lengths, in their order, shape (P,)."""
+    """Return offsets and log lengths in the order of the unknowns, (P,)."""
     values = np.empty(UNKNOWNS_PER_ROTOR * lengths.rotors - 2)
     rotor, offset, spacing, rest = split(values)
     rotor[:], offset[:] = np.log(lengths.rotor_lengths), lengths.offsets

@@ -1,15 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimation of the mean mass from known impulses and the changes of rates that they cause.
 
-Free motion determines masses and stiffnesses except for a common factor. Let M be the mean mass
-and m_n the mass of rotor n divided by M. An angular impulse J_n changes the rate of rotor n by J_n
-/ (M m_n r_n^2). A torque is treated as one impulse per frame.
-
-A least-squares fit to the readings near a sequence of impulses estimates M, the state before the
-impulses, and the delay of the impulses. The fit compares two initial values of M. The first
-value follows from the changes of the rates. This value is wrong for long torques, because the
-chain then moves far from its free motion. The second value follows from the work of the impulses,
-nearly all of which becomes kinetic energy.
+Free motion determines masses up to a common factor, the mean mass M. An impulse J_n changes the
+rate of rotor n by J_n / (M m_n r_n^2). A torque is treated as one impulse per frame. A fit to the
+readings near the impulses estimates M, the state before them, and their delay. It begins at the
+better of two values of M: from the changes of the rates, which fails for long torques, and from
+the work of the impulses, nearly all of which becomes kinetic energy.
 """
 
 from __future__ import annotations
@@ -37,12 +33,12 @@ _BEFORE = 50
 """Number of fitted frames before the impulses [1]. Sensitivity: at 2x, rates are 3 times as
 precise."""
 _AFTER = 25
-"""Number of fitted frames after the impulses [1]. These frames show most of the effect."""
+"""Number of fitted frames after the impulses [1], which show most of the effect."""
 _MOST = 5
-"""Largest number of sequences of impulses that are fitted [1]. Each fit takes a second."""
+"""Largest number of sequences of impulses that are fitted [1], a second each."""
 _LONGEST = 500
-"""Largest number of frames between two free motions [1]. After more frames, the motion before the
-impulses no longer determines the motion after the impulses."""
+"""Largest number of frames between two free motions [1]. After more frames, the first no longer
+determines the second."""
 
 
 def mass_scale(
@@ -50,8 +46,8 @@ def mass_scale(
 ) -> tuple[float, float] | None:
     """Estimate the mean mass [kg] and the standard deviation of its logarithm [1].
 
-    Return None if no known impulses act between two free motions. `fitted` is a fit to the
-    readings. Its unit of length is the mean spacing of the pivots, which is `spacing` [m].
+    Return None if no known impulses act between two free motions. The unit of length of the fit is
+    the mean spacing of the pivots, `spacing` [m].
     """
     found: list[tuple[float, float, float]] = []
     for before, after in pairwise(fitted.windows):
@@ -70,10 +66,7 @@ def mass_scale(
 def _impulses_between(
     readings: Readings, before: FreeWindow, after: FreeWindow
 ) -> list[tuple[float, Array]]:
-    """Return the times [s] and the values [N m s] of the impulses between two windows.
-
-    The list is empty if the value of an impulse is unknown or if the impulses last too long.
-    """
+    """Return times [s] and values [N m s] of impulses between windows, if all are known."""
     first, last = before.frames.stop, after.frames.start
     begin, end = readings.times[first - 1], readings.times[last]
     some = sorted(
@@ -92,10 +85,7 @@ def _by_impulses(
     impulses: Sequence[tuple[float, Array]],
     spacing: float,
 ) -> tuple[float, float, float] | None:
-    """Return log(1 / M), its variance due to noise, and its variance due to errors of the chain.
-
-    Return None if neither the changes of rates nor the work give a positive M.
-    """
+    """Return log(1 / M), and its variances due to noise and due to errors of the chain."""
     times = readings.times
     first, last = before.frames.stop, after.frames.start
     begin = max(before.frames.start, first - _BEFORE)
@@ -146,10 +136,7 @@ def _by_impulses(
 
 
 def _work(times: Array, angles: Array, impulses: Sequence[tuple[float, Array]]) -> float:
-    """Return the work of impulses on rotors with known angles [J].
-
-    Return inf instead of 0, because the caller divides by the work.
-    """
+    """Return the work of impulses on rotors with known angles [J], inf instead of 0."""
     rates = np.gradient(angles, times, axis=0)
     frames = np.searchsorted(times, [time for time, _ in impulses])
     work = float(np.sum(np.array([values for _, values in impulses]) * rates[frames]))
@@ -157,10 +144,7 @@ def _work(times: Array, angles: Array, impulses: Sequence[tuple[float, Array]]) 
 
 
 def _kicked(motion: FreeMotion, times: Array, steps: Sequence[tuple[float, Array]]) -> Array:
-    """Return the angles at T times [s] of a motion with impulses [rad], shape (T, N).
-
-    Each step is the time of an impulse [s] and the change of the rates that it causes [rad/s].
-    """
+    """Return the angles of a motion with impulses at T times [rad], (T, N)."""
     parts, now, passed = [], float(times[0]), 0
     for time, change in steps:
         arrival = min(max(time, now), float(times[-1]))

@@ -30,20 +30,19 @@ from soliton_linkage.linkage.chain import Array
 _STATE_DEVIATION = 10.0
 """Prior standard deviation of each initial angle [rad] and each initial rate [rad/s]."""
 _SIGNIFICANT_STAMPS = 6.0
-"""Threshold of the variance of stamp errors, in its standard deviations [1]: a larger variance is
-significant."""
+"""Variance of stamp errors above which it is significant, in its standard deviations [1]."""
 
 
 class WindowEquations(NamedTuple):
     """Normal equations of a window for readings of unit variance.
 
-    Of the Q unknowns, the last 2 N are the initial state.
+    The last 2 N of the Q unknowns are the initial state.
     """
 
     matrix: Array
-    """Left side, shape (Q, Q)."""
+    """Left side, (Q, Q)."""
     vector: Array
-    """Right side, shape (Q,)."""
+    """Right side, (Q,)."""
     squares: float
     """Sum of squared residuals [rad^2]."""
 
@@ -60,10 +59,10 @@ class Eliminated(NamedTuple):
 
 
 def eliminated(matrix: Array, size: int, noise: float, damping: float) -> Eliminated:
-    """Eliminate the initial state of a window, whose unknowns follow the first `size` ones.
+    """Eliminate the unknowns that follow the first `size` ones, which are the initial state.
 
-    `noise` is the standard deviation of a reading [rad]. `damping` is the Levenberg-Marquardt
-    damping factor [1].
+    `noise` is the standard deviation of a reading [rad], `damping` the Levenberg-Marquardt factor
+    [1].
     """
     matrix = matrix / noise**2
     states = np.eye(len(matrix) - size)
@@ -80,7 +79,7 @@ def solver(
     """Return a function that solves the equations of the chain and of all initial states.
 
     `information` is the prior information on the chain. The chain changes only along the columns
-    of `basis`. The right side and the solution contain the chain, then the state of each window.
+    of `basis`. Right side and solution contain the chain, then the state of each window.
     """
     matrix = basis.T @ (information + np.sum([each.matrix for each in parts], axis=0)) @ basis
     matrix += damping * np.diag(np.diag(matrix))
@@ -104,9 +103,9 @@ def solver(
 def quasi_newton_step(
     right: Array, solve: Callable[[Array], Array], pairs: Sequence[tuple[Array, Array]]
 ) -> Array:
-    """Return the step of the method L-BFGS (J. Nocedal, 1980).
+    """Return a step of the method L-BFGS (J. Nocedal, 1980).
 
-    `right` is the negative gradient. `solve` multiplies by the inverse of an approximate Hessian.
+    `right` is the negative gradient, `solve` multiplies by an approximate inverse Hessian, and
     `pairs` contains previous steps with the changes of the gradient.
     """
     factors = []
@@ -122,23 +121,20 @@ def quasi_newton_step(
 class StampErrors(NamedTuple):
     """Errors of the time stamps of T frames, and their estimated variance.
 
-    If the stamp of a frame is late by d, the readings of all rotors differ by -d times the rates
-    of the rotors. Let u be the rates divided by the standard deviations of the readings. Stamp
-    errors of variance v increase the covariance of the weighted readings from I to I + v u u^T.
-    Multiplication by the inverse square root of this matrix reduces the component of the residuals
-    along u.
+    A stamp that is late by d changes the readings by -d times the rates. With the rates u divided
+    by the standard deviations of the readings, stamp errors of variance v change the covariance of
+    weighted readings from I to I + v u u^T. Its inverse square root whitens them.
     """
 
     variance: float
     """Variance of stamp errors over the variance of a reading [s^2/rad^2], 0 if negligible."""
     delays: Array
-    """Estimated time of each frame minus its stamp [s], shape (T,)."""
+    """Estimated time of each frame minus its stamp [s], (T,)."""
 
     def whitened(self, pulls: Array, values: Array) -> Array:
         """Return weighted residuals or sensitivities, (..., B, N), of B frames after whitening.
 
-        `pulls` are the rates divided by the relative deviations of the readings, 0 for missing
-        readings, (B, N).
+        `pulls`, (B, N), are the rates divided by relative deviations, 0 for missing readings.
         """
         if not self.variance:
             return values
@@ -149,14 +145,14 @@ class StampErrors(NamedTuple):
 
 
 class Record(NamedTuple):
-    """Readings of T frames, as a fit of the motion uses them."""
+    """Readings of T frames, as the fit of a motion uses them."""
 
     times: Array
-    """Estimated times of the frames [s], shape (T,)."""
+    """Estimated times of the frames [s], (T,)."""
     readings: Array
-    """Readings [rad], NaN if missing, shape (T, N)."""
+    """Readings [rad], NaN if missing, (T, N)."""
     deviations: Array
-    """Relative standard deviations of the readings [1], shape (T, N)."""
+    """Relative standard deviations of the readings [1], (T, N)."""
     stamps: StampErrors
 
     def weighted(
@@ -164,8 +160,8 @@ class Record(NamedTuple):
     ) -> tuple[Array, ...]:
         """Return weights, rates times weights, and residuals times weights, (B, N) each.
 
-        `some` are the numbers of B frames and `states`, (B, 2, N), the states in these frames;
-        without them all frames of the window are used. Residuals of missing readings are 0.
+        Without the numbers `some` of B frames and their states, (B, 2, N), all frames of the
+        window are used. Residuals of missing readings are 0.
         """
         frames = window.frames if some is None else some
         if states is None:
@@ -183,10 +179,7 @@ class Record(NamedTuple):
 
 
 def window_equations(window: FreeWindow, record: Record, every: int = 1) -> WindowEquations:
-    """Return the normal equations of a window.
-
-    Only each `every`-th frame is used, with a weight of `every` frames.
-    """
+    """Return the normal equations of a window from each `every`-th frame."""
     motion, rotors = window.motion, np.arange(record.readings.shape[1])
     matrix, vector = np.zeros((motion.size, motion.size)), np.zeros(motion.size)
     squares, frames = 0.0, np.arange(window.frames.start, window.frames.stop, every)
@@ -219,9 +212,9 @@ def estimated_stamps(
 ) -> Record | None:
     """Return the record with estimated times, or None if errors of stamps are not significant.
 
-    The component of the residuals along the rates gives the delay of each frame. The variance of
-    stamp errors is computed from second differences of these delays, because model errors also
-    cause delays, but slowly varying ones. `stamps` are the recorded times [s].
+    The component of the residuals along the rates gives the delay of each frame. The variance
+    follows from second differences of these delays, because delays by model errors vary slowly.
+    `stamps` are the recorded times [s].
     """
     delays, weights = np.zeros((2, len(stamps)))
     sums, squares = 0.0, 0.0

@@ -1,18 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimation of a chain of springs and the forces on its rotors from its free motion.
 
-The strain of springs near a moving wall is proportional to the square of the speed of the wall, so
-that the bonds do not close with the relaxed lengths. The equation of motion determines all angles
-from the initial state. The most likely chain minimises the squared differences between these
-angles and the readings.
+The springs near a moving wall are strained, so that the bonds do not close with relaxed lengths.
+The most likely chain minimises the squared differences between the readings and the solution of
+the equation of motion. The frames are divided into windows with separate initial states, so that
+angles are nearly linear in all unknowns (multiple shooting, after Bock). As the estimate improves,
+windows are merged; no window extends over an impulse.
 
-The frames are divided into windows with separate initial states, so that angles are nearly linear
-in all unknowns (multiple shooting, after Bock). As the estimate improves, windows are merged. No
-window extends over an impulse.
-
-The initial states are eliminated from the normal equations of the chain.
-`scipy.optimize.least_squares` is not used, because its Jacobian would contain the initial states
-and need 10 GB for 3000 frames of 40 rotors.
+`scipy.optimize` is not used: for 3000 frames of 40 rotors its Jacobian would need 10 GB, and its
+quasi-Newton methods accept no matrix to begin with.
 """
 
 from __future__ import annotations
@@ -51,46 +47,39 @@ from soliton_linkage.linkage.chain import Array
 
 _GROWTH_MASS_DEVIATION = 0.03
 """Prior standard deviation of masses and stiffnesses while windows are merged [1]. Sensitivity: at
-0.1, two of ten fits of wobbling flippers converged to a local minimum with errors of the stiffness
-of 8 to 10 %."""
+0.1, two of ten fits of wobbling flippers had errors of the stiffness of 8 to 10 %."""
 _STEPS = 6
-"""Largest number of steps before windows are merged again [1]; usually 2 or 3 are taken."""
+"""Largest number of steps before windows are merged again [1]; 2 or 3 are usual."""
 _LAST_STEPS = 40
-"""Largest number of steps with the longest windows before tolerances are estimated [1]. Usually 2
-to 6 steps are taken. In curved valleys of the cost, along which lengths and stiffnesses compensate
-each other, 20 steps are needed."""
+"""Largest number of steps with the longest windows [1]; 2 to 6 are usual, 20 in curved valleys of
+the cost."""
 _ROUNDS = 4
 """Largest number of times that tolerances are estimated [1]."""
 _CONVERGED = 0.1
-"""Threshold of the expected decrease of -2 log likelihood in a step [1]: the steps with the
-longest windows end if it is smaller. The value corresponds to a third of a standard deviation. In
-curved valleys the actual decrease may be much smaller than the expected one."""
+"""Expected decrease of -2 log likelihood in the last step with the longest windows [1]: a third of
+a standard deviation. In curved valleys the actual decrease is smaller."""
 _COARSE = 0.1
 """Expected decrease in the last step with shorter windows, divided by the number of unknowns [1].
-The step changes each unknown by a third of a standard deviation."""
+The step changes each unknown by a tenth of a standard deviation."""
 _STIFFNESS_FACTORS = (1, 1 / 5, 5)
-"""Initial stiffnesses that are tried, relative to the given stiffness [1]. The fit can correct
-errors by a factor of 2 or 3. A stiffness is omitted if its vibrations are faster than the frame
-rate."""
+"""Initial stiffnesses that are tried, relative to the given one [1]. The fit corrects factors of 2
+or 3. Vibrations faster than the frame rate are omitted."""
 _TOLERANCE_CHANGE = 0.05
-"""Threshold of the relative change of the tolerances [1]: they have converged if they change by
-less."""
+"""Relative change of the tolerances at which they have converged [1]."""
 _SAMPLES = 4
-"""Number of samples of the posterior [1]. Sensitivity: at 0.5x, sampling takes half the time, and
-the uncertainty of the standard deviations is 1.4 times as large."""
+"""Number of samples of the posterior [1]. Sensitivity: at 0.5x, the uncertainty of the standard
+deviations is 1.4 times as large."""
 _SAMPLED_STEPS = 20
-"""Largest number of steps for a sample [1]; usually 3 to 10 are taken."""
+"""Largest number of steps for a sample [1]; 3 to 10 are usual."""
 _FITTING = 0.5
-"""Threshold of the rms difference between motion and readings [rad]: windows are merged if the
-difference is smaller. Least squares converges from this difference, which is a third of the
-rotation of a rotor by a wall."""
+"""Largest rms difference between a motion and readings at which windows are merged [rad]: a third
+of the rotation by a wall, from which least squares converges."""
 UNEXPLAINED = 1.5
-"""Threshold of the ratio of residual noise to reading noise [1]: the model does not explain the
-readings if the ratio is larger. The posterior is then not sampled, because this would take most of
-the time."""
+"""Ratio of residual noise to reading noise above which the model does not explain the readings
+[1]."""
 _SIGNIFICANT = 3.0
-"""Threshold of the difference between the residuals of bars and of springs, in its standard
-deviations [1]: a larger difference is significant."""
+"""Difference between the residuals of bars and of springs that is significant, in its standard
+deviations [1]."""
 _NOISE_SCATTER = 2.3
 """Relative standard deviation of the squared noise of n readings, estimated from the median of
 their second differences, times sqrt(n) [1]."""
@@ -98,7 +87,7 @@ _MATRIX_FRAMES = 1000
 """Number of frames from which the matrices of a step are computed [1]. Gradients, and therefore
 the results, use all frames. Sensitivity: at 2x, a fit takes 1.5 times as long."""
 _DAMPINGS = 12
-"""Number of damping factors that are tried for one step [1]; the last factor is 100."""
+"""Number of damping factors that are tried for one step [1]; the last one is 100."""
 _FASTEST = 100.0
 """Largest angular frequency of vibrations times the frame interval [1]; faster ones cannot be
 resolved and take long to integrate."""
@@ -108,14 +97,13 @@ _FAR = 5.0
 """Expected decrease, divided by the number of unknowns, above which matrices are computed again in
 each step [1], because they change much."""
 _SLOW = 0.5
-"""Threshold of the expected decrease in a step, relative to the previous step [1]: the matrices
-are computed again if it is larger."""
+"""Ratio of the expected decreases in successive steps above which matrices are computed again
+[1]."""
 _SHARES = 0.2, 0.5, 0.7, 0.95
 """Fractions of the work that are done when the stiffness is found, when windows are merged, when
 tolerances are estimated, and when the posterior is sampled [1]."""
 _DAMPED = 1e-3
-"""Threshold of the damping factor [1]: with more damping, a small expected decrease does not mean
-convergence, because the step may be too short."""
+"""Damping factor above which a small expected decrease does not mean convergence [1]."""
 
 
 @dataclass(frozen=True)
@@ -124,18 +112,15 @@ class MotionFit:
 
     windows: tuple[FreeWindow, ...]
     covariance: Array
-    """Covariance of the Q - 2 N unknowns of the chain, shape (Q - 2 N, Q - 2 N)."""
+    """Covariance of the Q - 2 N unknowns of the chain."""
     information: Array
-    """Information of the readings on the same unknowns, without the prior, same shape."""
+    """Information of the readings on the same unknowns, without the prior."""
     basis: Array
-    """Orthonormal basis of the changes of a chain that keep its mean spacing and mean mass."""
+    """Orthonormal basis of the changes that keep mean spacing and mean mass."""
     noise: float
-    """Standard deviation of a reading, estimated from the residuals [rad]."""
+    """Standard deviation of a reading, from the residuals [rad]."""
     residuals: Array
-    """Residuals divided by the relative deviations of the readings [rad], shape (T, N).
-
-    Missing readings have the residual 0.
-    """
+    """Residuals divided by relative deviations [rad], 0 for missing readings, (T, N)."""
     prior: MotionPrior
     stamp_deviation: float
     """Standard deviation of the errors of time stamps [s], 0 if negligible."""
@@ -147,7 +132,7 @@ class MotionFit:
 
 
 class MotionFitter:
-    """Levenberg-Marquardt fit to readings; unknown are the chain and the states of windows."""
+    """Quasi-Newton fit to readings; unknown are the chain and the states of windows."""
 
     def __init__(
         self,
@@ -162,15 +147,15 @@ class MotionFitter:
     ) -> None:
         """Start with motions that approximate the readings.
 
-        `readings` [rad] have the shape (T, N); missing readings are NaN. `times` [s] have the
-        shape (T,). The standard deviation of a reading is its relative deviation [1], (T, N),
-        times `noise` [rad]. The tolerance of lengths [1] is estimated if it is None. Gravity is
-        estimated unless `gravity_known`.
+        `readings` [rad], (T, N), are NaN if missing. The standard deviation of a reading is its
+        relative deviation [1], (T, N), times `noise` [rad]. The tolerance of lengths [1] is
+        estimated if it is None, and gravity unless `gravity_known`.
         """
         self._stamps, self._repeats = times, repeat_counts(readings)
         deviations = relative_deviations * np.sqrt(self._repeats)
         exact = StampErrors(0.0, np.zeros_like(times))
         self._record = Record(times, readings, deviations, exact)
+        self._found: list[WindowEquations] = []
         self._interval = float(np.median(np.diff(times)))
         self._noise, self._tolerance = noise, tolerance
         self._windows, self._stages = tuple(windows), stages or Stages()
@@ -181,7 +166,7 @@ class MotionFitter:
         self._basis = observable_changes(motion, gravity_known)
 
     def fit(self, bar_noise: float) -> MotionFit | None:
-        """Fit the chain to all readings; return None if bars explain the readings equally well.
+        """Fit the chain to all readings; return None if bars fit them as well.
 
         `bar_noise` is the standard deviation of a reading if bonds are bars [rad].
         """
@@ -212,10 +197,7 @@ class MotionFitter:
                 break
         if self._noise > bar_noise:
             return None
-        if self._noise <= most:
-            covariance = inflated_covariance(
-                covariance, self._samples(equations), self._motion.slices
-            )
+        self._found = equations
         residuals = np.zeros_like(self._record.readings)
         for window in self._windows:
             repeated = np.sqrt(self._repeats[window.frames])
@@ -231,11 +213,16 @@ class MotionFitter:
             math.sqrt(self._record.stamps.variance) * self._noise,
         )
 
-    def _samples(self, equations: list[WindowEquations]) -> Array:
-        """Return S samples of the posterior, as changes of the chain, shape (S, Q - 2 N).
+    def sampled(self, found: MotionFit) -> MotionFit:
+        """Return the result of `fit` with a covariance that is inflated to samples."""
+        samples = self._samples(self._found)
+        covariance = inflated_covariance(found.covariance, samples, found.motion.slices)
+        return replace(found, covariance=covariance)
 
-        For each sample, random errors are added to the readings and to the prior mean, and the
-        cost is minimised again. The samples are exact if motions are linear in all unknowns
+    def _samples(self, equations: list[WindowEquations]) -> Array:
+        """Return S samples of the posterior, as changes of the chain, (S, Q - 2 N).
+
+        Random errors are added to readings and prior mean, and the cost is minimised again
         (randomized maximum likelihood: Oliver, He and Reynolds 1996).
         """
         found, record, prior = self._windows, self._record, self._prior
@@ -281,7 +268,7 @@ class MotionFitter:
         return bool(found)
 
     def _squared_noise(self) -> float:
-        """Return the variance of a reading, estimated from the residuals [rad^2]."""
+        """Return the variance of a reading, from the residuals [rad^2]."""
         squares = sum(float(np.sum(self._whitened(window) ** 2)) for window in self._windows)
         return float(squares / max(self._freedom() - self._motion.slices.forces.stop, 1.0))
 
@@ -291,14 +278,11 @@ class MotionFitter:
         return sum(float(np.maximum(each - 2, 0).sum()) for each in counts)
 
     def _counts(self, window: FreeWindow) -> Array:
-        """Return the weight of each reading, 1 for an independent reading [1], shape (T, N)."""
+        """Return the weight of each reading, 1 for an independent one [1], (T, N)."""
         return np.asarray(self._seen(window) / self._repeats[window.frames])
 
     def _scatter(self) -> float:
-        """Return the standard deviation of the ratio of residual variances, bars to springs [1].
-
-        The residuals of the two models differ by one independent number per frame.
-        """
+        """Return the standard deviation of the ratio of residual variances, bars to springs."""
         count = sum(float(self._counts(window).sum()) for window in self._windows)
         return math.sqrt(2 / (count * self._rotors))
 
@@ -311,7 +295,6 @@ class MotionFitter:
         return self._windows[0].motion
 
     def _whitened(self, window: FreeWindow) -> Array:
-        """Return the whitened residuals of a window, 0 if missing, (T, N)."""
         _, pulls, errors = self._record.weighted(window)
         return self._record.whitened(window.frames, pulls, errors)
 
@@ -323,7 +306,6 @@ class MotionFitter:
         return found is not None
 
     def _fits(self, window: FreeWindow, frames: slice) -> bool:
-        """Return whether the motion of a window is close to the readings of its last frames."""
         errors = self._record.weighted(window)[2][frames.start - window.frames.start :]
         errors = errors * self._record.deviations[frames]
         return bool(np.sum(errors**2) < _FITTING**2 * len(errors))
@@ -349,8 +331,8 @@ class MotionFitter:
     ) -> None:
         """Take quasi-Newton steps until the expected decrease of the cost is below `converged`.
 
-        Matrices take ten times as long as a gradient. They are computed again only if a step is
-        rejected or if the expected decrease falls slowly. `equations` contains initial matrices.
+        Matrices take several times as long as a gradient. They are computed again only if a step
+        is rejected or progress is slow. `equations` contains initial matrices.
         """
         every = max(1, len(self._stamps) // _MATRIX_FRAMES)
         equations = equations or self._equations(every)
@@ -389,7 +371,7 @@ class MotionFitter:
                 pairs.append((step, previous - right))
 
     def _right(self) -> Array:
-        """Return the negative gradient of half the cost by the chain and all initial states."""
+        """Return the negative gradient of half the cost, by the chain and all initial states."""
         information, values = self._prior.evaluate(self._motion)
         vectors = np.array([window_gradient(each, self._record) for each in self._windows])
         vectors, size = vectors / self._noise**2, len(values)
@@ -409,7 +391,6 @@ class MotionFitter:
         return [eliminated(each.matrix, size, self._noise, damping) for each in equations]
 
     def _changed(self, step: Array) -> tuple[FreeWindow, ...]:
-        """Return the windows after a step of the chain and of all initial states."""
         chain, states = np.split(step, [len(self._basis)])
         changes = states.reshape(len(self._windows), -1)
         return tuple(
@@ -435,9 +416,8 @@ def inflated_covariance(covariance: Array, samples: Array, at: UnknownSlices) ->
     """Return the covariance of a chain, (P, P), inflated to the scatter of samples, (S, P).
 
     Lengths, stiffnesses and masses compensate each other along curved valleys of the cost, so that
-    samples scatter more than the first-order covariance states. Only three factors of standard
-    deviations are estimated, because there are few samples: for lengths and offsets, for
-    stiffnesses, and for masses. Each factor is at least 1.
+    samples scatter more than to first order. Three factors of at least 1 are estimated: for
+    lengths and offsets, for stiffnesses, and for masses.
     """
     variances, factors = np.diag(covariance), np.ones(len(covariance))
     for part in (at.lengths, at.stiffnesses, at.masses):

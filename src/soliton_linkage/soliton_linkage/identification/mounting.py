@@ -6,11 +6,9 @@ The bond between two neighbours closes if their angles follow the curve
     cos(phi_1 - phi_2) = K_0 + K_1 sin(phi_2) - K_2 sin(phi_1),
     K_0 = (a^2 + r_1^2 + r_2^2 - l^2) / (2 r_1 r_2),    K_1 = a / r_1,    K_2 = a / r_2,
 
-(Freudenstein's equation of four-bar linkages), with K_1, K_2 > 0. If the second angle has an error
-of half a turn, K_0 and K_1 change their signs. If the sign of the second angle is reversed, the
-angles do not follow such a curve, or they follow the curve of a bond that no wall can pass. For
-equal rotors, K_0 is near 1 in such a bond. The same holds for the angles of two rotors that are
-not neighbours.
+(Freudenstein's equation of four-bar linkages), with K_1, K_2 > 0. An error of half a turn of the
+second angle changes the signs of K_0 and K_1. With a reversed sign, or if the rotors are not
+neighbours, angles do not follow such a curve, or follow that of a bond that no wall can pass.
 """
 
 from __future__ import annotations
@@ -25,26 +23,25 @@ from numpy.typing import NDArray
 from soliton_linkage.linkage.chain import Array
 
 _LARGEST_MISFIT = 0.04
-"""Threshold of the misfit between a curve and the readings [rad]: the curve does not explain the
-readings if the misfit is larger."""
+"""Misfit above which a curve does not explain the readings [rad]."""
 _LEAST_SWING = 0.15
-"""Threshold of the range of sin(phi) of a rotor, relative to the median range of all rotors [1]: a
-wall has passed the rotor if its range is larger."""
+"""Range of sin(phi) of a rotor above which a wall has passed it, relative to the median range
+[1]."""
 _QUANTILES = 0.02, 0.98
 """Quantiles of sin(phi) whose difference is called the range."""
 _WEIGHTINGS = 4
 """Number of successive fits of a curve, each with weights from the previous fit [1]."""
 _FLATTEST = 0.1
-"""Value added in quadrature to the derivative of the equation by the angles [1]. Without it,
-single frames with a small derivative would dominate the fit."""
+"""Value added in quadrature to the derivatives by the angles, so that no single frame dominates
+[1]."""
 _BETTER = 0.8
-"""Threshold of the misfit with one rotor reversed, relative to the misfit as recorded [1]: the
-rotor counts as reversed if the ratio is smaller."""
+"""Misfit with one rotor reversed below which it counts as reversed, relative to the misfit as
+recorded [1]."""
 _AS_GOOD = 1.25
-"""Threshold of the same ratio if no wall can pass the bond as recorded [1]."""
+"""The same ratio if no wall can pass the bond as recorded [1]."""
 _IMPASSABLE = 0.95
-"""Threshold of l^2, relative to the smallest l^2 in a bond that a wall can pass [1]: no wall can
-pass the bond if the ratio is smaller. Noise changes the ratio by 0.03."""
+"""Threshold of l^2 below which no wall can pass a bond, relative to the smallest l^2 of passable
+bonds [1]. Noise changes the ratio by 0.03."""
 _MOST_NAMED = 4
 """Largest number of absent joints that a text names [1]."""
 _MOST_WRONG = 1 / 4
@@ -52,7 +49,7 @@ _MOST_WRONG = 1 / 4
 
 
 class Mounting(NamedTuple):
-    """Mounting of an encoder, or of one encoder relative to another."""
+    """Mounting of an encoder, or of one relative to another."""
 
     reversed: bool = False
     """Whether the sign is reversed."""
@@ -73,23 +70,22 @@ class _Curve(NamedTuple):
     mounting: Mounting
     """Mounting of the second encoder relative to the first."""
     misfit: float
-    """Root mean square distance of the recorded angles from the curve [rad]."""
+    """Root mean square distance of the angles from the curve [rad]."""
     room: float
-    """Square of l, relative to the smallest square in a bond that a wall can pass [1]."""
+    """Square of l, relative to the smallest square in a passable bond [1]."""
     backward: bool
-    """Whether the two joints are exchanged, or both have an error of half a turn. In both cases
-    K_1 and K_2 are negative."""
+    """Whether the joints are exchanged or both have an error of half a turn (K_1, K_2 < 0)."""
 
     @property
     def strange(self) -> bool:
-        """Whether the curve fits the readings badly and no wall could pass its bond."""
+        """Whether the curve fits badly and no wall could pass its bond."""
         return self.room < _IMPASSABLE and self.misfit > _LARGEST_MISFIT
 
 
 def check_mounting(readings: Array, names: Sequence[str]) -> None:
     """Raise ValueError for exchanged joints, wrong signs, and errors of half a turn.
 
-    `readings` are in T frames of N rotors [rad], shape (T, N).
+    `readings` have the shape (T, N) [rad].
     """
     curves = _curves(readings)
     backward = [n for n, curve in enumerate(curves) if curve.backward]
@@ -153,12 +149,11 @@ def absent_joints(names: Sequence[str]) -> str:
 
 
 def _isolated(rotors: list[int], count: int) -> bool:
-    """Return whether the given rotors are few of `count`, and no two of them are neighbours."""
     return len(rotors) <= _MOST_WRONG * count and bool((np.diff(rotors) > 1).all())
 
 
 def _wrong_rotors(curves: Sequence[_Curve]) -> dict[int, Mounting]:
-    """Return the rotors with unusual mountings, and these mountings relative to the usual one."""
+    """Return the rotors with unusual mountings, relative to the usual one."""
     states = [Mounting()]
     for curve in curves:
         relative = zip(states[-1], curve.mounting, strict=True)
@@ -172,7 +167,7 @@ def _wrong_rotors(curves: Sequence[_Curve]) -> dict[int, Mounting]:
 
 
 def _curves(readings: Array) -> list[_Curve]:
-    """Return the curve of each bond. A bond that no wall has passed is assumed to be correct."""
+    """Return the curve of each bond; bonds that no wall has passed count as correct."""
     low, high = np.quantile(np.sin(readings), _QUANTILES, axis=0)
     swings = high - low > _LEAST_SWING * np.median(high - low)
     return [
@@ -216,18 +211,15 @@ def _fitted(first: Array, second: Array, is_reversed: bool) -> _Curve:
 _CHECKED_FRAMES = 9
 """Number of frames in which the unit is checked [1]."""
 _SMALLEST_IN_DEGREES = 4.0
-"""Threshold of the largest value in a frame: every frame in degrees exceeds it, because one of two
-neighbours is at 90 degrees or more."""
+"""Value that every frame in degrees exceeds, because one of two neighbours is at 90 degrees or
+more."""
 _LARGEST_STAGGER = 0.2
-"""Threshold of the median of 1 + cos(phi_n + phi_{n+1}) [1]: angles in radians give less, even if
-a wall covers half of the chain. Angles in degrees give 0.4 or more."""
+"""Threshold of the median of 1 + cos(phi_n + phi_{n+1}) [1]: radians give less, even if a wall
+covers half of the chain; degrees give 0.4 or more."""
 
 
 def check_unit(readings: Array) -> None:
-    """Raise ValueError if most of the checked frames seem to be in degrees.
-
-    `readings` have the shape (T, N).
-    """
+    """Raise ValueError if most of the checked frames, (T, N), seem to be in degrees."""
     some = readings[:: max(1, len(readings) // _CHECKED_FRAMES)]
     if np.mean([in_degrees(frame) for frame in some]) > 0.5:
         raise ValueError('the angles look like degrees; publish radians')
@@ -236,7 +228,7 @@ def check_unit(readings: Array) -> None:
 def in_degrees(angles: Array) -> bool:
     """Return whether angles fit a chain only if they are interpreted as degrees.
 
-    The criterion is that in any chain most neighbours nearly satisfy phi_n + phi_{n+1} = pi.
+    In any chain most neighbours nearly satisfy phi_n + phi_{n+1} = pi.
     """
     largest = np.nanmax(np.abs(angles), initial=0.0)
     return bool(
@@ -248,7 +240,6 @@ def in_degrees(angles: Array) -> bool:
 
 
 def _stagger(angles: Array) -> float:
-    """Return the median of 1 + cos(phi_n + phi_{n+1}) over neighbours that are both visible."""
     misfits = 1 + np.cos(angles[:-1] + angles[1:])
     seen = misfits[np.isfinite(misfits)]
     return float(np.median(seen)) if len(seen) else np.nan

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Readings of a recording: angles with standard deviations, impulses and tilts.
 
-Encoders round angles to multiples of a step q. The rounding errors are uniformly distributed, with
-the variance q^2 / 12. If an angle changes by more than q from frame to frame, its rounding errors
-are independent, like noise (B. Widrow, I. Kollar, Quantization Noise, Cambridge, 2008). While a
-rotor is at rest, all readings of the rotor have the same rounding error.
+Encoders round angles to a step q. If an angle changes by more than q between frames, its rounding
+errors are independent, with the variance q^2 / 12 (B. Widrow, I. Kollar, Quantization Noise,
+2008). At rest all readings of a rotor have the same rounding error.
 """
 
 from __future__ import annotations
@@ -23,17 +22,15 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 
 _FEWEST_ROTORS = 4
-"""Smallest number of rotors that can be identified [1], because the bonds at the edges contain
-little information."""
+"""Smallest number of rotors [1]; the bonds at the edges contain little information."""
 _LEAST_PRESENT = 0.5
-"""Smallest fraction of the frames in which each rotor must have a reading [1]."""
+"""Smallest fraction of the frames in which each rotor has a reading [1]."""
 _MOST_NAMED = 4
 """Largest number of rotors that an error message names [1]."""
 _PAUSE = 1.0
 """Time between two joined recordings [s]."""
 _LARGEST_RELATIVE_DEVIATION = 100.0
-"""Largest ratio between the standard deviation of a reading and the typical standard deviation
-[1]. The smallest ratio is the inverse."""
+"""Largest ratio of a standard deviation to the typical one [1]; the smallest is its inverse."""
 
 
 class RecordedImpulse(NamedTuple):
@@ -42,7 +39,7 @@ class RecordedImpulse(NamedTuple):
     time: float
     """Time of the command that causes the impulses [s]."""
     values: Array | None = None
-    """Angular impulse on each rotor [N m s], shape (N,); None if the impulses are unknown."""
+    """Angular impulse on each rotor [N m s], (N,); None if unknown."""
 
 
 class RecordedTilt(NamedTuple):
@@ -59,11 +56,11 @@ class Readings:
     """Readings in T frames of N rotors."""
 
     times: Array
-    """Times of the frames [s], shape (T,)."""
+    """Times of the frames [s], (T,)."""
     angles: Array
-    """Recorded readings [rad], NaN if missing, shape (T, N)."""
+    """Recorded readings [rad], NaN if missing, (T, N)."""
     deviations: Array | None = None
-    """Reported standard deviation of each reading [rad], NaN if unknown, shape (T, N)."""
+    """Standard deviation of each reading [rad], NaN if unknown, (T, N)."""
     names: Sequence[str] = ()
     """Names of the joints for error messages."""
     impulses: Sequence[RecordedImpulse] = ()
@@ -73,11 +70,11 @@ class Readings:
     tilts: Sequence[RecordedTilt] = ()
     """Changes of the tilt in the order of their times."""
     parts: tuple[Readings, ...] = ()
-    """Recordings that were joined to this one; empty for a single recording."""
+    """Recordings that were joined to this one."""
 
     @cached_property
     def filled(self) -> Array:
-        """Readings without jumps of 2 pi; missing ones are interpolated [rad], shape (T, N).
+        """Readings without jumps of 2 pi, interpolated where missing [rad], (T, N).
 
         Raises ValueError if there are too few rotors or readings.
         """
@@ -102,15 +99,12 @@ class Readings:
 
     @cached_property
     def unwrapped(self) -> Array:
-        """Readings without jumps of 2 pi; missing ones are NaN [rad], shape (T, N)."""
+        """Readings without jumps of 2 pi, NaN where missing [rad], (T, N)."""
         return np.where(np.isfinite(self.angles), self.filled, np.nan)
 
     @cached_property
     def relative_deviations(self) -> Array:
-        """Standard deviation of each reading divided by the typical one [1], shape (T, N).
-
-        The ratio is 1 if the standard deviation of a reading is unknown.
-        """
+        """Standard deviations divided by the typical one, 1 if unknown [1], (T, N)."""
         deviations = self.deviations
         if deviations is None:
             return np.ones_like(self.angles)
@@ -123,7 +117,7 @@ class Readings:
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
-        """Names of the joints; `rotor 0`, `rotor 1`, ... if no names are given."""
+        """Names of the joints, by default `rotor 0`, `rotor 1`, ..."""
         return tuple(self.names) or tuple(f'rotor {n}' for n in range(self.angles.shape[1]))
 
     @property
@@ -133,7 +127,7 @@ class Readings:
 
     @property
     def interruptions(self) -> list[float]:
-        """Times at which free motion ends [s], because of an impulse or a change of the tilt."""
+        """Times of impulses and changes of the tilt, at which free motion ends [s]."""
         return [*(each.time for each in self.impulses), *(each.time for each in self.tilts)]
 
     def tilt_at(self, time: float) -> float:
@@ -142,7 +136,7 @@ class Readings:
         return before[-1] if before else self.gravity.tilt
 
     def select(self, frames: NDArray[Any]) -> Readings:
-        """Return readings that contain only some frames, given by their numbers or a mask."""
+        """Return the readings in some frames, given by their numbers or a mask."""
         deviations = None if self.deviations is None else self.deviations[frames]
         return replace(
             self, times=self.times[frames], angles=self.angles[frames], deviations=deviations
@@ -150,10 +144,9 @@ class Readings:
 
 
 def join_recordings(recordings: Sequence[Readings]) -> Readings:
-    """Join recordings of one chain with the same encoders.
+    """Join recordings of one chain with the same encoders, separated by unknown impulses.
 
-    A pause with an unknown impulse separates the recordings. Raises ValueError if the recordings
-    have different joints.
+    Raises ValueError if the recordings have different joints.
     """
     first, *others = recordings
     if not others:
@@ -191,15 +184,13 @@ def join_recordings(recordings: Sequence[Readings]) -> Readings:
 
 
 _SMALLEST_STEP = 1e-9
-"""Threshold of the change of a reading [rad]: smaller changes are rounding errors of the computer
-and not steps of the encoder."""
+"""Smallest change that is a step of the encoder and no rounding error of the computer [rad]."""
 
 
 def rounding_noise(readings: Array) -> float:
     """Return the standard deviation of rounding errors [rad], given readings [rad], (T, N).
 
-    The smallest change of a reading is assumed to be the rounding step. The result is 0 if no
-    reading changes.
+    The smallest change of a reading counts as the rounding step.
     """
     steps = np.abs(np.diff(readings, axis=0))
     smallest = float(steps[steps > _SMALLEST_STEP].min(initial=np.inf))
@@ -207,10 +198,9 @@ def rounding_noise(readings: Array) -> float:
 
 
 def repeat_counts(readings: Array) -> Array:
-    """Return, for each reading, the length of the run of equal readings around it [1], (T, N).
+    """Return the length of the run of equal readings around each reading [1], (T, N).
 
-    Missing readings are ignored. A run contains the information of one reading. Callers therefore
-    multiply the variance of each reading by the length of its run.
+    A run contains the information of one reading, so that callers multiply variances by it.
     """
     counts = np.ones_like(readings)
     for column, values in zip(counts.T, readings.T, strict=True):
@@ -228,9 +218,7 @@ _NEAR_IMPULSES = 0.5
 _AVERAGED = 8
 """Number of frames in the moving average from which turning rotors are detected [1]."""
 _TURNING = 0.05
-"""Threshold of the change between two successive averages [rad]: a rotor turns if the change is
-larger. With a noise of 0.03 rad, rotors at rest exceed the threshold in one of thirty recordings
-of 40 rotors."""
+"""Change of a rotor's mean direction above which the rotor turns [1]."""
 _AT_REST = 0.1
 """Density of kept frames while all rotors are at rest, relative to the density while a rotor turns
 [1]. A tenth of the frames suffices to determine offsets and bonds."""
@@ -242,12 +230,11 @@ redistributed to other frames."""
 def informative_frames(
     times: Array, angles: Array, impulses: Sequence[float], most: int
 ) -> NDArray[np.intp]:
-    """Return the numbers of the most informative frames in increasing order, shape (K,).
+    """Return the numbers of at most `most` informative frames in increasing order, (K,).
 
-    At most `most` frames are returned. Frames near impulses are kept, because they show the rates
-    before and after the impulse. The density of the other kept frames is larger while a rotor
-    turns. `angles` [rad], (T, N), are the readings at `times` [s], (T,); missing readings are NaN.
-    `impulses` are the times of impulses [s].
+    Frames near impulses are kept, because they show the rates before and after. The density of the
+    others is larger while a rotor turns. `angles` [rad], (T, N), NaN if missing, are readings at
+    `times` [s], (T,); `impulses` are times [s].
     """
     if len(times) <= most:
         return np.arange(len(times))
@@ -263,10 +250,7 @@ def informative_frames(
 
 
 def _near_impulses(times: Array, impulses: Sequence[float], most: int) -> NDArray[np.bool_]:
-    """Return which of T frames are near an impulse, shape (T,).
-
-    At most `most` frames are returned, those near the first impulses.
-    """
+    """Return which of T frames are near the first impulses, at most `most`, (T,)."""
     near = np.zeros(len(times), dtype=np.bool_)
     for impulse in impulses:
         frame = int(np.searchsorted(times, impulse))
@@ -279,7 +263,7 @@ def _near_impulses(times: Array, impulses: Sequence[float], most: int) -> NDArra
 
 
 def _turning(angles: Array) -> NDArray[np.bool_]:
-    """Return in which of T frames a rotor turns, shape (T,). Jumps of 2 pi have no effect."""
+    """Return in which of T frames a rotor turns, (T,). Jumps of 2 pi have no effect."""
     pointers = np.nan_to_num(np.exp(1j * angles))
     sums = np.cumsum(np.vstack([np.zeros(angles.shape[1]), pointers]), axis=0)
     means = (sums[_AVERAGED:] - sums[:-_AVERAGED]) / _AVERAGED

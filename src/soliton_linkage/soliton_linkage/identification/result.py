@@ -19,9 +19,9 @@ from soliton_linkage.identification.screening import LEAST_NOISE
 from soliton_linkage.linkage.chain import Array, Chain
 
 STRAINED = 1.1
-"""Threshold of the ratio of misclosures to reading noise [1]: above it, bonds do not close."""
+"""Ratio of misclosures to reading noise above which bonds do not close [1]."""
 _WORSE = 1.25
-"""Threshold of `bond_noise` over its median [1]: larger values are reported; 1.1 is usual."""
+"""Ratio of `bond_noise` to its median above which it is reported [1]; 1.1 is usual."""
 
 
 @dataclass(frozen=True)
@@ -31,24 +31,23 @@ class Identification:
     chain: Chain
     """Identified chain; the given chain supplies the values that could not be estimated."""
     deviations: dict[str, Array]
-    """Relative standard deviations of lengths, masses and stiffnesses [1]. The keys are the names
-    of the fields of `Deviations`."""
+    """Relative standard deviations [1] by the names of the fields of `Deviations`."""
     offsets: Array
-    """Offset of each encoder, reading minus angle [rad], shape (N,)."""
+    """Offset of each encoder, reading minus angle [rad], (N,)."""
     offset_deviations: Array
-    """Standard deviations of the offsets [rad], shape (N,)."""
+    """Standard deviations of the offsets [rad], (N,)."""
     noise: float
-    """Standard deviation of a reading, estimated from the residuals of the model [rad]."""
+    """Standard deviation of a reading, from the residuals of the model [rad]."""
     reading_noise: float
-    """Standard deviation of a reading, estimated from its changes between frames [rad]."""
+    """Standard deviation of a reading, from its changes between frames [rad]."""
     bond_noise: Array
-    """Standard deviation of a reading, estimated from each bond alone [rad], shape (N - 1,)."""
+    """Standard deviation of a reading, from each bond alone [rad], (N - 1,)."""
     tolerance: float
-    """Relative standard deviation of lengths of one kind (e.g. of rotors) about their mean [1]."""
+    """Relative standard deviation of lengths of one kind about their mean [1]."""
     rigid: bool
-    """Whether all bonds close within the noise; they then seem rigid, with unknown stiffness."""
+    """Whether all bonds close within the noise, so that stiffnesses are unknown."""
     unused_frames: int
-    """Number of frames that were not used to estimate masses, stiffnesses and drag [1]."""
+    """Number of frames without use for masses, stiffnesses and drag [1]."""
     weakly_observable: tuple[str, ...]
     """Weakly observable combinations of lengths."""
     warnings: tuple[str, ...]
@@ -56,15 +55,15 @@ class Identification:
     outliers: int = 0
     """Number of isolated wrong readings, which were not used [1]."""
     damping_deviation: float = math.nan
-    """Standard deviation of the damping [N m s/rad], NaN if it was not estimated."""
+    """Standard deviation of the damping [N m s/rad], NaN if unknown."""
     friction: float = math.nan
     """Dry friction of each rotor, in addition to the damping [N m], NaN if unknown."""
     friction_deviation: float = math.nan
-    """Standard deviation of the dry friction [N m], NaN if friction was not estimated."""
+    """Standard deviation of the dry friction [N m], NaN if unknown."""
     spacing_deviation: float = math.nan
-    """Standard deviation of the logarithm of the mean spacing [1], NaN if not estimated."""
+    """Standard deviation of the log of the mean spacing [1], NaN if unknown."""
     mass_deviation: float = math.nan
-    """Standard deviation of the logarithm of the mean mass [1], NaN if not estimated."""
+    """Standard deviation of the log of the mean mass [1], NaN if unknown."""
 
     @property
     def worst_bonds(self) -> tuple[int, ...]:

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks of a recording before identification, and of the residuals after identification.
 
-All rotors on one side of a wall lean in the same direction, and all rotors on the other side lean
-in the opposite direction. For any lengths, the staggered angles of a rotor before and after the
-wall passes are therefore symmetric: about 0 for all rotors, or about pi for all rotors. A wrong
-zero of an encoder breaks this symmetry.
+All rotors on one side of a wall lean in one direction, those on the other side in the opposite
+one. The staggered angles of a rotor before and after the wall are therefore symmetric, for all
+rotors about 0 or for all about pi. A wrong zero of an encoder breaks this symmetry.
 """
 
 from __future__ import annotations
@@ -27,14 +26,13 @@ from soliton_linkage.identification.readings import (
 from soliton_linkage.linkage.chain import Array, staggered
 
 _LEANING = 0.5
-"""Threshold of |sin(phi)|, relative to the median of the same rotor [1]: a rotor clearly leans to
-one side if the value is larger."""
+"""Value of |sin(phi)| above which a rotor clearly leans, relative to the median of the same rotor
+[1]."""
 _FAR_OFF = 2.0
-"""Threshold of the apparent zero error [rad]: if it is larger, the joints are probably in a wrong
-order, and no zero error is reported."""
+"""Zero error above which the joints are probably in a wrong order [rad]."""
 _LARGEST_ZERO_ERROR = 0.5
-"""Largest zero error of an encoder for which least squares converges [rad]. In a chain with random
-deviations of 5 % in every length and offsets of 0.05 rad, apparent zero errors reach 0.3 rad."""
+"""Largest zero error for which least squares converges [rad]. With deviations of 5 % in every
+length and offsets of 0.05 rad, apparent zero errors reach 0.3 rad."""
 _TRIMMINGS = 6
 """Number of iterations of the robust mean angle at rest [1]."""
 _SHARPNESS = 20.0
@@ -44,7 +42,7 @@ _SHARPNESS = 20.0
 def check_motion(readings: Array, names: Sequence[str]) -> None:
     """Raise ValueError unless a wall passes all rotors in the order of the joints.
 
-    `readings` [rad] have the shape (T, N).
+    `readings` have the shape (T, N) [rad].
     """
     check_mounting(readings, names)
     check_zeros(readings, names)
@@ -73,8 +71,7 @@ def check_motion(readings: Array, names: Sequence[str]) -> None:
 def check_zeros(readings: Array, names: Sequence[str]) -> None:
     """Raise ValueError if the encoder of an inner rotor has a large zero error.
 
-    Edge rotors are not checked, because an edge rotor of a flipper chain has two possible angles
-    on each side of a wall.
+    An edge rotor of a flipper has two possible angles on each side of a wall.
     """
     errors = _zero_errors(readings)
     wrong = 1 + np.flatnonzero(np.abs(errors[1:-1]) > _LARGEST_ZERO_ERROR)
@@ -88,11 +85,10 @@ def check_zeros(readings: Array, names: Sequence[str]) -> None:
 
 
 def _zero_errors(readings: Array) -> Array:
-    """Return the approximate zero error of each encoder, in staggered angles [rad], shape (N,).
+    """Return the approximate zero error of each encoder, in staggered angles [rad], (N,).
 
-    For flippers, the zero error is the mean of the angles on both sides of the wall. This mean
-    depends on the offset but not on the lengths. Rotors of spinners make half a turn, so that the
-    angles on both sides have the same error.
+    For flippers it is the mean of the angles on both sides of the wall. Rotors of spinners make
+    half a turn, so that the angles on both sides have the same error.
     """
     sine = np.sin(readings)
     clear = np.abs(sine) > _LEANING * np.median(np.abs(sine), axis=0)
@@ -110,10 +106,7 @@ def _zero_errors(readings: Array) -> Array:
 def _direction_at_rest(
     turns: NDArray[np.complex128], some: NDArray[np.bool_]
 ) -> NDArray[np.complex128]:
-    """Return the most frequent direction of each rotor in the frames `some`, shape (N,).
-
-    The result is a complex number of modulus 1, or 0 for a rotor without such frames.
-    """
+    """Return the most frequent direction of each rotor in some frames, (N,), 0 if none."""
     weights = some.astype(np.float64)
     for _ in range(_TRIMMINGS):
         means = np.sum(turns * weights, axis=0)
@@ -123,30 +116,28 @@ def _direction_at_rest(
 
 
 def _leaning_over(readings: Array) -> NDArray[np.bool_]:
-    """Return which rotors clearly lean to one side and, at another time, to the other, (N,)."""
+    """Return which rotors clearly lean to both sides at different times, (N,)."""
     sine = np.sin(readings)
     clear = np.abs(sine) > _LEANING * np.median(np.abs(sine), axis=0)
     return np.asarray((clear & (sine > 0)).any(axis=0) & (clear & (sine < 0)).any(axis=0))
 
 
 LEAST_NOISE = 1e-4
-"""Smallest noise of a reading that the fit of a motion assumes [rad]."""
+"""Smallest noise of a reading in the fit of a motion [rad]."""
 _OUTLIER = 7.0
-"""Threshold of the distance of a reading from a smooth motion, in standard deviations [1]: the
-reading is wrong if its distance is larger."""
+"""Distance of a wrong reading from a smooth motion, in standard deviations [1]."""
 _OF_RANGE = 0.25
-"""Part of this threshold that is proportional to the range of adjacent readings [1]. It is needed
-because fast motions are less smooth."""
+"""Part of this distance that is proportional to the range of adjacent readings [1]; fast motions
+are less smooth."""
 _PASSES = 6
-"""Largest number of searches for wrong readings [1]. A wrong reading near a larger error is found
-only after the larger error has been removed."""
+"""Largest number of searches [1]; a wrong reading is found only after larger errors near it."""
 
 
 def without_outliers(recording: Readings) -> Readings:
     """Return a recording in which isolated wrong readings are replaced by NaN.
 
     A wrong reading differs from the cubic curve through the two previous and the two following
-    readings. A lasting step, for example of a slipping encoder, is not an isolated wrong reading.
+    readings; a lasting step does not.
     """
     noise = noise_of(recording.unwrapped, recording.relative_deviations)
     noise = max(noise, LEAST_NOISE)
@@ -160,10 +151,9 @@ def without_outliers(recording: Readings) -> Readings:
 
 
 def isolated(values: Array, limits: Array) -> NDArray[np.bool_]:
-    """Return which values are outliers in time, shape (T, N).
+    """Return which values, (T, N), differ by more than their limits from a cubic curve in time.
 
-    An outlier differs by more than its limit from the cubic curve through the two previous and the
-    two following values.
+    The curve leads through the two previous and the two following values.
     """
     errors = np.zeros_like(values)
     near, far = values[1:-3] + values[3:-1], values[:-4] + values[4:]
@@ -177,15 +167,13 @@ def isolated(values: Array, limits: Array) -> NDArray[np.bool_]:
 
 
 _STRAY = 6.0
-"""Threshold of the distance of a residual from the median of adjacent residuals, relative to the
-noise [1]: the reading is an outlier if the distance is larger."""
+"""Distance of an outlier from the median of adjacent residuals, relative to the noise [1]."""
 _MEDIAN_FRAMES = 9
-"""Number of frames in the median of residuals [1]. Up to four outliers do not change the median
-much."""
+"""Number of frames in this median [1]; up to four outliers change it little."""
 
 
 def stray_residuals(residuals: Array, noise: float) -> NDArray[np.bool_]:
-    """Return which residuals are outliers, at most one per frame, shape (T, N).
+    """Return which residuals are outliers, at most one per frame, (T, N).
 
     `noise` is the standard deviation of a residual [rad].
     """
@@ -196,30 +184,27 @@ def stray_residuals(residuals: Array, noise: float) -> NDArray[np.bool_]:
 
 
 _SLIP_RANGE = 3.0
-"""Threshold of the cumulative sum of the residuals of a rotor in n frames, relative to noise times
-sqrt(n) [1]: an encoder slips if the sum is larger. In recordings of 40 rotors without slips, noise
-exceeds the threshold in one of a million."""
+"""Cumulative sum of n residuals of a slipping encoder, relative to noise times sqrt(n) [1]. Noise
+exceeds it in one of a million recordings of 40 rotors."""
 _SMALLEST_SLIP = 2.0
-"""Smallest slip that is reported, relative to the noise of a reading [1]."""
+"""Smallest reported slip, relative to the noise of a reading [1]."""
 _JUMP_FRAMES = 15
 """Number of frames that are averaged before and after a jump [1]."""
 _JUMP_OVER_NOISE = 12.0
-"""Smallest jump that is reported, relative to the noise of a reading [1]. Noise alone causes
-apparent jumps of 2.2."""
+"""Smallest reported jump, relative to the noise of a reading [1]. Noise causes jumps of 2.2."""
 _SMALLEST_JUMP = 0.1
-"""Smallest jump that is reported [rad]. No motion changes so suddenly between frames."""
+"""Smallest reported jump [rad]; no motion changes so suddenly between frames."""
 _JUMP_OVER_NEIGHBOURS = 3.0
-"""Increase of the smallest reported jump, relative to the larger jump of the two neighbours [1]. A
-wall moves neighbours similarly."""
+"""Smallest reported jump, relative to the larger jump of both neighbours [1]; a wall moves
+neighbours similarly."""
 
 
 def noise_of(readings: Array, relative_deviations: Array) -> float:
     """Return the noise of a reading whose relative deviation is 1 [rad].
 
-    Readings [rad] and relative deviations [1] have the shape (T, N). The noise is estimated from
-    the second differences of the readings. The median of these differences ignores the few rotors
-    that move. The result is not smaller than the noise due to rounding. The result is NaN if no
-    rotor has readings in three successive frames.
+    Readings [rad] and relative deviations [1] have the shape (T, N). The median of second
+    differences in time ignores the few rotors that move. The result is at least the rounding
+    noise, and NaN if no rotor has readings in three successive frames.
     """
     bends = readings[2:] - 2 * readings[1:-1] + readings[:-2]
     squares = relative_deviations**2
@@ -255,10 +240,10 @@ def check_jumps(recording: Readings, noise: float) -> None:
 
 
 def check_slips(recording: Readings, residuals: Array, noise: float) -> None:
-    """Raise ValueError if the residuals of an encoder have a step, which means that it slips.
+    """Raise ValueError if the residuals of an encoder have a lasting step.
 
-    `residuals`, (T, N), are already divided by the relative deviations of the readings [rad].
-    `noise` is the standard deviation of such a residual [rad].
+    `residuals`, (T, N), are divided by relative deviations; `noise` is their standard deviation
+    [rad].
     """
     single = residuals / np.sqrt(repeat_counts(recording.unwrapped))
     sums = np.cumsum(single - single.mean(axis=0), axis=0) / (noise * math.sqrt(len(residuals)))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Windows of frames of free motion, and the prior of the chain.
 
-`Tolerances` is the prior of the lengths. In the prior of stiffnesses and masses, their logarithms
-have normal distributions. The standard deviation of these distributions is estimated.
+`Tolerances` is the prior of the lengths. In the prior of stiffnesses and masses their logarithms
+have normal distributions, whose standard deviation is estimated.
 """
 
 from __future__ import annotations
@@ -22,20 +22,19 @@ from soliton_linkage.linkage.chain import Array
 
 _INITIAL_FRAMES = 25
 """Number of frames in an initial window [1]. Sensitivity: at 0.5x, initial rates are uncertain; at
-2x, the simulated wall may be too far from the readings if initial lengths have errors of 5 %."""
+2x, the simulated wall may be too far from the readings if lengths have errors of 5 %."""
 _RATE_FRAMES = 8
 """Number of frames from which the initial rates of a window are estimated [1]."""
 _FEWEST_FRAMES = 30
-"""Smallest number of frames between impulses that are used [1]. During these frames a wall passes
-some rotors."""
+"""Smallest number of frames between impulses that are used [1]; a wall passes some rotors."""
 _ARRIVAL = 0.05
 """Largest delay between the command of an impulse and its effect [s]."""
 _MERGED = 4
-"""Largest number of windows that are merged into one at a time [1]. With 2, merging takes more
-rounds; with 8, the simulated wall may be too far from the readings."""
+"""Largest number of windows merged into one at a time [1]. With 2, merging takes more rounds; with
+8, the simulated wall may be too far from the readings."""
 _DENSE_FRAMES = 0.05
-"""Quantile of the frame intervals, each averaged over `_RATE_FRAMES`, that is the typical interval
-of densely recorded frames [1]. Longer intervals may be gaps."""
+"""Quantile of the frame intervals, averaged over `_RATE_FRAMES`, that is typical of dense frames
+[1]; longer intervals may be gaps."""
 
 
 class FreeWindow(NamedTuple):
@@ -43,14 +42,11 @@ class FreeWindow(NamedTuple):
 
     frames: slice
     motion: FreeMotion
-    """Motion whose initial state is in the first frame. All windows have the same chain."""
+    """Motion that begins in the first frame. All windows have the same chain."""
 
 
 def free_intervals(times: Array, interruptions: Sequence[float]) -> list[slice]:
-    """Return the intervals of frames between the times of interruptions [s].
-
-    Intervals with few frames are omitted.
-    """
+    """Return the intervals between interruptions, given by their times [s], with enough frames."""
     begins = [-math.inf, *(time + _ARRIVAL for time in sorted(interruptions))]
     ends = [*sorted(interruptions), math.inf]
     intervals = [
@@ -69,9 +65,8 @@ def initial_windows(
 ) -> list[FreeWindow]:
     """Return short windows, with initial states that are estimated from the angles.
 
-    `angles` [rad], (T, N), are measured at `times` [s]. No window extends over an interruption,
-    given by its time [s], or over a gap between frames that is too long to estimate rates.
-    `tilt_at` returns the tilt of the chain [rad] at a time [s].
+    `angles` [rad], (T, N), are measured at `times` [s]. No window extends over an interruption [s]
+    or a long gap. `tilt_at` returns the tilt of the chain [rad] at a time [s].
     """
     windows = []
     intervals = free_intervals(times, interruptions)
@@ -101,9 +96,8 @@ def _without_gaps(times: Array, interval: slice) -> list[slice]:
 def merge_windows(
     windows: Sequence[FreeWindow], fits: Callable[[FreeWindow, slice], bool]
 ) -> tuple[FreeWindow, ...]:
-    """Merge adjacent windows.
+    """Merge adjacent windows if the motion of the first also fits the frames of the second.
 
-    Two windows are merged if the motion of the first window also fits the frames of the second.
     `fits` returns whether the motion of a window fits some frames.
     """
     merged: list[FreeWindow] = []
@@ -122,24 +116,24 @@ def merge_windows(
 
 
 INITIAL_MASS_DEVIATION = 0.1
-"""Prior standard deviation of the logarithms of masses and stiffnesses before it is estimated [1].
-With 0.3 some fits diverge."""
+"""Prior standard deviation of log masses and stiffnesses before it is estimated [1]. With 0.3 some
+fits diverge."""
 _SMALLEST, _LARGEST = 1e-3, 0.3
 """Limits of this standard deviation when it is estimated [1]."""
 _DAMPING_RATE = 1.0
 """Prior standard deviation of the damping, divided by the moment of inertia of a rotor [1/s]."""
 _FRICTION_DECELERATION = 10.0
 """Prior standard deviation of the dry friction, divided by the moment of inertia of a rotor
-[rad/s^2]. Dry friction of this size stops the rotors in a wall within a second."""
+[rad/s^2]; it stops a wall within a second."""
 _LOG_GRAVITY = 1.0
 """Prior standard deviation of the logarithm of gravity if the mean spacing is unknown [1]."""
 _INFORMED = 1e-12
-"""Threshold of an eigenvalue of the information, relative to the largest eigenvalue [1]: smaller
-eigenvalues are rounding errors."""
+"""Smallest eigenvalue of the information, relative to the largest [1]; below it are rounding
+errors."""
 
 
 def force_deviations(inertia: float) -> Array:
-    """Return the prior standard deviations of damping, dry friction and log gravity, shape (3,).
+    """Return the prior standard deviations of damping, dry friction and log gravity, (3,).
 
     `inertia` is the moment of inertia of a typical rotor, in the unit of the caller.
     """
@@ -162,7 +156,7 @@ class MotionPrior:
     mass_deviation: float = INITIAL_MASS_DEVIATION
     """Prior standard deviation of the logarithms of masses and stiffnesses [1]."""
     shift: Array | float = 0.0
-    """Shift of the prior mean of the unknowns, shape (Q - 2 N,), for samples of the posterior."""
+    """Shift of the prior mean of the unknowns, (Q - 2 N,), for samples of the posterior."""
 
     def evaluate(self, motion: FreeMotion) -> tuple[Array, Array]:
         """Return the prior information and the unknowns minus their prior mean.
@@ -186,11 +180,10 @@ class MotionPrior:
         return information, values - self.shift
 
     def sampled(self, motion: FreeMotion, random: np.random.Generator) -> MotionPrior:
-        """Return the prior with a shifted mean; the shift is a random sample of the prior.
+        """Return the prior with a mean that is shifted by a random sample of the prior.
 
-        The shift has no component along combinations of unknowns without prior information. It is
-        computed by the symmetric root of the covariance, because the result then does not depend
-        on the choice of eigenvectors for equal eigenvalues.
+        The shift has no component without prior information. The symmetric root of the covariance
+        does not depend on the choice of eigenvectors for equal eigenvalues.
         """
         values, vectors = np.linalg.eigh(self.evaluate(motion)[0])
         informed = values > _INFORMED * values[-1]
@@ -203,8 +196,7 @@ class MotionPrior:
     ) -> MotionPrior:
         """Return the prior with standard deviations estimated from a chain and its covariance.
 
-        `tolerance` is the relative tolerance of the lengths [1]. If it is None, the tolerance is
-        estimated too.
+        The tolerance of the lengths [1] is estimated unless it is given.
         """
         at = motion.slices
         lengths = covariance[at.lengths, at.lengths]
@@ -219,8 +211,7 @@ class MotionPrior:
 def observable_changes(motion: FreeMotion, gravity_known: bool) -> Array:
     """Return an orthonormal basis of the changes of a chain that are observable in principle.
 
-    These changes keep the mean spacing and the mean mass. If gravity is known or 0, they also keep
-    gravity.
+    They keep the mean spacing and the mean mass, and gravity if it is known or 0.
     """
     at, rotors = motion.slices, len(motion.masses)
     basis = np.eye(at.forces.stop)
