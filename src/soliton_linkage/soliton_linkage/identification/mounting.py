@@ -145,7 +145,10 @@ def absent_joints(names: Sequence[str]) -> str:
         return ''
     named = ', '.join(f'{parts[0][0]}{number}' for number in absent[:_MOST_NAMED])
     more = f' and {len(absent) - _MOST_NAMED} more' if len(absent) > _MOST_NAMED else ''
-    return f'the recording has no joint {named}{more}; record all rotors, or number joints without gaps'
+    return (
+        f'the recording has no joint {named}{more}; record all rotors, or number the joints '
+        'without gaps'
+    )
 
 
 def _isolated(rotors: list[int], count: int) -> bool:
