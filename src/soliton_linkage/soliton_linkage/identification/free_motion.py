@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 from soliton_linkage.identification.lengths import (
     UNKNOWNS_PER_ROTOR,
     Lengths,
-    split,
     split_lengths,
 )
 from soliton_linkage.identification.motion_loops import (
@@ -236,8 +235,10 @@ def _forces(motion: FreeMotion) -> Array:
 def _sources(motion: FreeMotion) -> NDArray[np.int64]:
     rotors, at = len(motion.masses), motion.slices
     sources = np.full(motion.size, NO_SOURCE)
-    for kind, part in zip((R, None, A, L), split(sources[at.lengths]), strict=True):
-        part[:] = UNMOVED if kind is None else kind * rotors + np.arange(len(part))
+    for first, kind in ((0, R), (2, A), (3, L)):
+        part = sources[at.lengths][first::UNKNOWNS_PER_ROTOR]
+        part[:] = kind * rotors + np.arange(len(part))
+    sources[at.lengths][1::UNKNOWNS_PER_ROTOR] = UNMOVED
     sources[at.stiffnesses] = K * rotors + np.arange(rotors - 1)
     sources[at.masses] = INERTIA * rotors + np.arange(rotors)
     sources[at.forces] = BY_FORCE - np.arange(FORCE_UNKNOWNS)

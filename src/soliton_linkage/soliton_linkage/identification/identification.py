@@ -135,15 +135,15 @@ def _by_model(
     inputs = found.residuals[frames], found, given, noise, tolerance, spacing_known, stages
     fitted, kicks = _fit_around_kicks(some, inputs, noise)
     if not isinstance(fitted, str):
-        fitter, fitted = fitted
-        check_slips(some, fitted.residuals, fitted.noise)
-        prior, excess = fitted.prior, fitted.noise / max(noise, LEAST_NOISE)
+        fitter, fit = fitted
+        check_slips(some, fit.residuals, fit.noise)
+        prior, excess = fit.prior, fit.noise / max(noise, LEAST_NOISE)
         spreads = 0.0 if tolerance else prior.tolerances.lengths, prior.mass_deviation
-        check_explained('springs', excess, spreads, fitted.residuals, some)
-        fitted = fitter.sampled(fitted)
-        given = _scaled(given, readings, fitted.motion.gravity)
-        scale = mass_scale(fitted, some, given.spacing)
-        result = by_springs(fitted, given, noise, scale, unused)
+        check_explained('springs', excess, spreads, fit.residuals, some)
+        fit = fitter.sampled(fit)
+        given = _scaled(given, readings, fit.motion.gravity)
+        scale = mass_scale(fit, some, given.spacing)
+        result = by_springs(fit, given, noise, scale, unused)
         if kicks:
             named = ' and '.join(f'{time - some.times[0]:.3g} s' for time in sorted(kicks))
             result = replace(result, warnings=(_KICK.format(named), *result.warnings))

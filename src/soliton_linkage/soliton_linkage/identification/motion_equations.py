@@ -66,9 +66,8 @@ def eliminated(matrix: Array, size: int, noise: float, damping: float) -> Elimin
     """
     matrix = matrix / noise**2
     states = np.eye(len(matrix) - size)
-    inverse = np.linalg.inv(
-        matrix[size:, size:] * (1 + damping * states) + states / _STATE_DEVIATION**2
-    )
+    own = matrix[size:, size:] * (1 + damping * states) + states / _STATE_DEVIATION**2
+    inverse = np.asarray(np.linalg.inv(own))
     coupling = inverse @ matrix[size:, :size]
     return Eliminated(matrix[:size, :size] - matrix[:size, size:] @ coupling, coupling, inverse)
 

@@ -336,7 +336,8 @@ class MotionFitter:
         """
         every = max(1, len(self._stamps) // _MATRIX_FRAMES)
         equations = equations or self._equations(every)
-        right, pairs, at = self._right(), [], self._motion.slices
+        right, at = self._right(), self._motion.slices
+        pairs: list[tuple[Array, Array]] = []
         damping, before, last, rejected = 0.0, self._cost(self._windows), math.inf, 0
         solve, fresh = self._solver(equations, damping), True
         first = 0.0
