@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from importlib.metadata import distribution
+from itertools import cycle
 from pathlib import Path
 
 import pytest
@@ -72,15 +73,13 @@ def file_of(program: str) -> str:
     return f'/{getattr(programs, program).args[0].replace(".", "/")}.py'
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_every_program_that_is_being_imported(
-    start: Callable[..., Program], number: signal.Signals
+    start: Callable[..., Program],
 ) -> None:
-    running = {
-        name: start(name, command=signalled(f'{file_of(name)}:<module>', number))
-        for name in (*NODES, *TOOLS)
-    }
-    for name, program in running.items():
+    numbers = cycle([signal.SIGINT, signal.SIGTERM])
+    given = list(zip((*NODES, *TOOLS), numbers, strict=False))
+    running = [start(name, command=signalled(f'{file_of(name)}:<module>', n)) for name, n in given]
+    for (name, number), program in zip(given, running, strict=True):
         assert program.wait() == -number, name
         assert program.said == [], name
 

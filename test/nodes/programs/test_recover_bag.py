@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The programs `recover_bag` and `check_bag`, run as processes."""
+"""The programs `recover_bag` and `check_bag`."""
 
 from __future__ import annotations
 
 import json
 import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from programs import Program
@@ -17,17 +19,37 @@ from std_msgs.msg import Float64
 from soliton_linkage_nodes.bags.reading import open_bag
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.programs import check_bag, recover_bag
 from soliton_linkage_nodes.runtime.interfaces import NUDGE
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
+Ran = Callable[..., tuple[int, list[str]]]
+
+
+@pytest.fixture
+def ran(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Ran:
+    """Run a program in this process; return its exit code and its lines of output."""
+    monkeypatch.setattr(recover_bag, 'interrupt_on_signals', lambda: None)
+
+    def run(program: ModuleType, *arguments: object) -> tuple[int, list[str]]:
+        monkeypatch.setattr(sys, 'argv', ['program', *map(str, arguments)])
+        code: object = 0
+        try:
+            program.main()
+        except SystemExit as ended:
+            code = ended.code
+        failure = [code] if isinstance(code, str) else []
+        return 1 if code else 0, [*capsys.readouterr().out.splitlines(), *failure]
+
+    return run
+
 
 def test_a_whole_bag_is_reported_in_the_layout_of_rosbag2(
-    start: Callable[..., Program], named: NamedChain, tmp_path: Path
+    ran: Ran, named: NamedChain, tmp_path: Path
 ) -> None:
-    bag = write_bag(tmp_path / 'run', run_of(named, 50))
-    program = start('check_bag', str(bag))
-    assert program.wait() == 0
-    labels = [line[:19].strip() for line in program.said if line[0] != ' ']
+    code, said = ran(check_bag, write_bag(tmp_path / 'run', run_of(named, 50)))
+    assert code == 0
+    labels = [line[:19].strip() for line in said if line[0] != ' ']
     assert labels == [
         'Files:',
         'Bag size:',
@@ -43,35 +65,35 @@ def test_a_whole_bag_is_reported_in_the_layout_of_rosbag2(
         'Lost:',
         'Result:',
     ]
-    texts = [line[19:] for line in program.said]
+    texts = [line[19:] for line in said]
     assert (texts[0], texts[4], texts[7]) == ('run_0_0.mcap', '0.050000000s', '52')
     assert texts[5].endswith(f' ({START / SECOND:.9f})')
     states = 'Topic: /joint_states | Type: sensor_msgs/msg/JointState | Count: 50'
     assert f'{states} | Serialization Format: cdr' in texts
-    assert program.said[-2:] == [
+    assert said[-2:] == [
         'Lost:              unknown when recorded',
         'Result:            complete',
     ]
 
 
 def test_the_recorded_time_is_reported_without_pauses(
-    start: Callable[..., Program], named: NamedChain, tmp_path: Path
+    ran: Ran, named: NamedChain, tmp_path: Path
 ) -> None:
     pause = (START + SECOND, START + 3 * SECOND)
     bag = write_bag(tmp_path / 'run', run_of(named, 10, SECOND), gaps=[pause])
-    program = start('check_bag', str(bag))
-    assert program.wait() == 0
-    assert 'Duration:          10.000000000s' in program.said
-    assert 'Recorded:          8.000000000s, without 2.000000000s of pauses' in program.said
+    code, said = ran(check_bag, bag)
+    assert code == 0
+    assert 'Duration:          10.000000000s' in said
+    assert 'Recorded:          8.000000000s, without 2.000000000s of pauses' in said
 
 
 def test_a_report_as_json_has_the_same_numbers(
-    start: Callable[..., Program], named: NamedChain, tmp_path: Path
+    ran: Ran, named: NamedChain, tmp_path: Path
 ) -> None:
     bag = write_bag(tmp_path / 'run', run_of(named, 50))
-    program = start('check_bag', str(bag), '--json')
-    assert program.wait() == 0
-    report = json.loads('\n'.join(program.said))
+    code, said = ran(check_bag, bag, '--json')
+    assert code == 0
+    report = json.loads('\n'.join(said))
     assert (report['messages'], report['sound'], report['damage']) == (52, True, [])
     assert sum(topic['count'] for topic in report['topics']) == 52
     assert report['size'] == (bag / 'run_0_0.mcap').stat().st_size
@@ -86,19 +108,17 @@ def test_a_report_as_json_has_the_same_numbers(
     ],
 )
 def test_what_is_no_bag_of_ros_2_is_reported_with_the_remedy(
-    start: Callable[..., Program], tmp_path: Path, name: str, line: str
+    ran: Ran, tmp_path: Path, name: str, line: str
 ) -> None:
     (tmp_path / 'run.bag').write_bytes(b'#ROSBAG V2.0\n')
     (tmp_path / 'empty').mkdir()
-    for program in ('check_bag', 'recover_bag'):
-        started = start(program, str(tmp_path / name))
-        assert started.wait() == 1
-        assert line in started.said[-1]
+    for program in (check_bag, recover_bag):
+        code, said = ran(program, tmp_path / name)
+        assert code == 1
+        assert line in said[-1]
 
 
-def test_recovery_of_no_message_exits_with_1_and_leaves_no_bag(
-    start: Callable[..., Program], tmp_path: Path
-) -> None:
+def test_recovery_of_no_message_exits_with_1_and_leaves_no_bag(ran: Ran, tmp_path: Path) -> None:
     writer = BagWriter(tmp_path / 'run')
     topic = writer.add_topic('/n', 'std_msgs/msg/Float64', NUDGE.qos)
     writer.write(topic, START, serialize_message(Float64(data=1.5)))
@@ -107,35 +127,35 @@ def test_recovery_of_no_message_exits_with_1_and_leaves_no_bag(
     content = data.read_bytes()
     stamp = content.index(serialize_message(Float64(data=1.5)))
     data.write_bytes(content[:stamp] + b'x' + content[stamp + 1 :])
-    program = start('recover_bag', str(writer.path))
-    assert program.wait() == 1
-    assert 'nothing can be recovered' in program.said[-1]
+    code, said = ran(recover_bag, writer.path)
+    assert code == 1
+    assert 'nothing can be recovered' in said[-1]
     assert not list(tmp_path.glob('run_0_recovered*'))
 
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 def test_a_cut_bag_is_recovered_beside_it(
-    start: Callable[..., Program], named: NamedChain, tmp_path: Path, storage: str
+    ran: Ran, named: NamedChain, tmp_path: Path, storage: str
 ) -> None:
     bag = write_bag(tmp_path / 'run', run_of(named, 500), storage)
     (data,) = (path for path in bag.iterdir() if path.suffix != '.yaml')
     data.write_bytes(data.read_bytes()[:100_000])
-    checked = start('check_bag', str(bag))
-    assert checked.wait() == 1
-    assert checked.said[-1][19:].startswith(f'damaged; recover_bag {bag} writes')
-    program = start('recover_bag', str(bag))
-    assert program.wait() == 0
+    code, said = ran(check_bag, bag)
+    assert code == 1
+    assert said[-1][19:].startswith(f'damaged; recover_bag {bag} writes')
+    code, recovered = ran(recover_bag, bag)
+    assert code == 0
     with open_bag(tmp_path / 'run_0_recovered_0') as reader:
         count = reader.message_count
         assert 'damage' in reader.storage.metadata.custom
     assert 100 < count < 500
-    assert program.said[-1].startswith(f'recovered {count} messages')
-    lost = re.search(r', (\d+) lost into', program.said[-1])
-    again = start('check_bag', str(tmp_path / 'run_0_recovered_0'))
-    assert again.wait() == 1
-    assert again.said[-1] == 'Result:            complete'
+    assert recovered[-1].startswith(f'recovered {count} messages')
+    lost = re.search(r', (\d+) lost into', recovered[-1])
+    code, said = ran(check_bag, tmp_path / 'run_0_recovered_0')
+    assert code == 1
+    assert said[-1] == 'Result:            complete'
     told = f'{lost[1] if lost else "an unknown number"} by damage before recovery ('
-    (line,) = (line for line in again.said if line.startswith('Lost:'))
+    (line,) = (line for line in said if line.startswith('Lost:'))
     assert line[19:].startswith(told)
     assert line.endswith('; unknown when recorded')
 

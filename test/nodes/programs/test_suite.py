@@ -78,14 +78,14 @@ def test_nodes_of_several_chains_are_in_their_namespaces(
     graph: Graph, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     names = ['right/soliton_analyser', 'left/soliton_analyser', 'left/edge_actuator']
-    components: list[Any] = []
-    monkeypatch.setattr(suite, 'run_together', lambda those, _: components.extend(those))
+    constructors: list[Any] = []
+    monkeypatch.setattr(suite, 'run_together', lambda those, _: constructors.extend(those))
     rule = ['--ros-args', '-p', 'left/edge_actuator:torque_limit:=2.0']
     monkeypatch.setattr(sys, 'argv', ['suite', *names, *rule])
     suite.main()
-    nodes = [graph.start(component.create) for component in components]
+    nodes = [graph.start(create) for create in constructors]
     assert {node.get_fully_qualified_name() for node in nodes} == {f'/{name}' for name in names}
-    given = [each.create.keywords['parameter_overrides'] for each in components]
+    given = [each.keywords['parameter_overrides'] for each in constructors]
     assert [[(own.name, own.value) for own in each] for each in given if each] == [
         [('torque_limit', 2.0)]
     ]
@@ -115,16 +115,16 @@ def test_a_port_puts_a_controller_in_the_place_of_the_simulator() -> None:
 def test_serial_encoders_publishes_the_chain_unless_configured_otherwise(
     graph: Graph, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    components: list[Any] = []
-    monkeypatch.setattr(suite, 'run_together', lambda those, _: components.extend(those))
+    constructors: list[Any] = []
+    monkeypatch.setattr(suite, 'run_together', lambda those, _: constructors.extend(those))
     for rules, source in (
         (['-p', 'port:=/dev/ttyACM0'], ['parameters']),
         (['-p', 'port:=/dev/ttyACM0', '-p', 'chain_from:=topic'], ['parameters', 'topic']),
     ):
-        components.clear()
+        constructors.clear()
         monkeypatch.setattr(sys, 'argv', ['suite', '--ros-args', *rules])
         suite.main()
-        given = components[-1].create.keywords['parameter_overrides']
+        given = constructors[-1].keywords['parameter_overrides']
         assert [each.value for each in given if each.name == 'chain_from'] == source
 
 

@@ -28,9 +28,7 @@ from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 @pytest.fixture
 def shown(
-    graph: Graph,
-    named: NamedChain,
-    capsys: pytest.CaptureFixture[str],
+    graph: Graph, named: NamedChain, capsys: pytest.CaptureFixture[str]
 ) -> Callable[[SolitonState, str], None]:
     """Publish a left-leaning chain and a state until the program displays them."""
     text = ''

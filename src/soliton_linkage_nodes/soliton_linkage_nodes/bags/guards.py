@@ -145,8 +145,7 @@ def _decompressor(codec: str) -> Any:
 def regular_file(path: Path, folder: Path | None = None) -> Path:
     """Return the path of a regular file with all links resolved.
 
-    Raises ValueError if the path is not a regular file or lies outside `folder`, OSError if it is
-    missing.
+    Raises ValueError if it is no regular file or lies outside `folder`, OSError if it is missing.
     """
     resolved = path.resolve(strict=True)
     if folder is not None and not resolved.is_relative_to(folder.resolve()):

@@ -84,8 +84,7 @@ class BagPlayer(ManagedNode):
     Publishes the topics of the bag, `/diagnostics` and, if `publish_clock` is set, `/clock`.
     Serves `~/pause`, `~/resume`, `~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/burst`,
     `~/seek`, `~/play`, `~/stop`, `~/set_rate` and `~/get_rate`, with the types of
-    rosbag2_interfaces. If that package is not installed, the types are in soliton_linkage_msgs or
-    std_srvs.
+    rosbag2_interfaces or, without that package, of soliton_linkage_msgs or std_srvs.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -95,7 +94,6 @@ class BagPlayer(ManagedNode):
     }
 
     def __init__(self, **kwargs: Any) -> None:
-        """Create the node. Without a lifecycle manager, also configure and activate it."""
         super().__init__('bag_player', **kwargs)
 
     def configure(self) -> None:
@@ -231,12 +229,6 @@ class BagPlayer(ManagedNode):
         )
 
 
-def _finished(player: BagPlayer) -> bool:
-    if player.failure is not None:
-        raise player.failure
-    return player.finished
-
-
 def main() -> None:
     """Run the player until the end of the bag or a signal."""
-    run(BagPlayer, _finished)
+    run(BagPlayer)

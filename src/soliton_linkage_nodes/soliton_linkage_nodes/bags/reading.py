@@ -182,8 +182,7 @@ _KINDS = ('msg', 'srv', 'action')
 def message_class(type_name: str) -> Any:
     """Return the class of a type such as 'sensor_msgs/msg/JointState'.
 
-    Service events have types such as 'std_srvs/srv/Trigger_Event'. Raises ValueError if the class
-    is not found.
+    Service events have types such as 'std_srvs/srv/Trigger_Event'. Raises ValueError if not found.
     """
     try:
         package, kind, name = type_name.split('/')

@@ -73,7 +73,6 @@ class BagRecorder(ManagedNode):
     PARAMETERS: ClassVar[dict[type, str]] = {BagRecorderParameters: '', ManagedParameters: ''}
 
     def __init__(self, **kwargs: Any) -> None:
-        """Create the node. Without a lifecycle manager, also configure and activate it."""
         super().__init__('bag_recorder', **kwargs)
 
     def configure(self) -> None:
@@ -141,9 +140,8 @@ class BagRecorder(ManagedNode):
             self.get_logger().info(
                 f'closed {path}: {self.messages} messages, {self.lost} lost{missed}'
             )
-        failure = self._receiving.failure or self._bag.failure
-        if failure is not None:
-            raise failure
+        if self.failure is not None:
+            raise self.failure
 
     def _record(self, settings: BagRecorderParameters) -> None:
         self._finder = TopicFinder(
@@ -243,12 +241,6 @@ def _create_writer(settings: BagRecorderParameters) -> BagWriter:
     )
 
 
-def _finished(recorder: BagRecorder) -> bool:
-    if recorder.failure is not None:
-        raise recorder.failure
-    return False
-
-
 def main() -> None:
     """Run the recorder until a signal stops it."""
-    run(BagRecorder, _finished)
+    run(BagRecorder)

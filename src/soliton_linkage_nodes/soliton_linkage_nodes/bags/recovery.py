@@ -57,8 +57,8 @@ class BagReport:
     """Content and damage of a bag.
 
     `counts` holds the number of messages of each topic; `start` and `end` are the first and the
-    last receive time [ns]. `damage` and `notes` have one line for each damaged part and for each
-    irregularity that is no damage. `lost` messages cannot be read, `unverified` ones have no
+    last receive time [ns]. `damage` and `notes` have one line for each damage and for each
+    irregularity that is no damage. `lost` messages cannot be read, `unverified` messages have no
     checksum.
     """
 
@@ -97,8 +97,8 @@ def recover_bag(
 ) -> tuple[BagReport, Path]:
     """Write the intact messages of a bag into a new bag; return a report and the new path.
 
-    With `doubtful`, messages with wrong checksums are also recovered. Data that exceeds the limits
-    is omitted. Raises ValueError if nothing can be recovered, and OSError if the new bag cannot be
+    With `doubtful`, messages with wrong checksums are also recovered. Data above the limits is
+    omitted. Raises ValueError if nothing can be recovered, OSError if the new bag cannot be
     written.
     """
     scan = _BagScan(path, output, doubtful, show, limits)
@@ -298,8 +298,7 @@ def unfinished_bag(name: Path) -> Path | None:
 def take_over(bag: Path) -> UnfinishedBag | None:
     """Move the intact messages of a bag into its first file, so that a writer can continue it.
 
-    Returns None if the bag has no intact messages or is not an MCAP bag. If an OSError is raised,
-    the bag is unchanged.
+    Returns None if the bag has no intact messages or is no MCAP bag. An OSError changes nothing.
     """
     try:
         with TemporaryDirectory(prefix=f'.{bag.name}_', dir=bag.parent) as folder:

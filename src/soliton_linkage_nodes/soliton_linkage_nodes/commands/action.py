@@ -93,8 +93,7 @@ def _send_goal(visitor: Visitor, options: argparse.Namespace) -> int:
 def _note_interrupt() -> threading.Event:
     """Return an event that the next Ctrl-C sets. A second Ctrl-C interrupts the command.
 
-    A KeyboardInterrupt inside the executor of rclpy can block the callbacks of the node
-    permanently.
+    A KeyboardInterrupt inside the executor of rclpy could block all later callbacks of the node.
     """
     interrupted = threading.Event()
 

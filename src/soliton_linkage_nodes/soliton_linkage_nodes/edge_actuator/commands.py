@@ -102,7 +102,8 @@ class Commands:
     def trajectory(self, source: str, message: JointTrajectory) -> None:
         """Apply torques that are interpolated linearly between the points of a trajectory.
 
-        A trajectory without points ends the torques of its joints, without joints those of all.
+        A trajectory without points ends the torques of its joints, or of all joints if it has
+        none.
         """
         chain = self._ready()
         if not message.points:

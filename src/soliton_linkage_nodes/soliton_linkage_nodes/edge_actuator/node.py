@@ -58,7 +58,6 @@ class EdgeActuator(ManagedNode):
     PARAMETERS = PARAMETERS
 
     def __init__(self, **kwargs: Any) -> None:
-        """Create the node. Configure and activate it, unless a lifecycle manager does that."""
         super().__init__('edge_actuator', **kwargs)
 
     def declare_parameters_of_node(self) -> None:
@@ -96,7 +95,7 @@ class EdgeActuator(ManagedNode):
         self.output.flush()
 
     def follow_parameters(self) -> None:
-        """Apply the parameters that can change while the node runs: those of nudges."""
+        """Apply the parameters that can change while the node runs, which concern nudges."""
         self.commands.settings = current(self, EdgeActuatorParameters)
 
     def _create_subscriptions(self) -> None:

@@ -80,7 +80,6 @@ class ActuatorPublishers:
     """Publishers of `rotor_impulses`, `rotor_torques` and `last_kick`, with stamps of the node."""
 
     def __init__(self, node: Node) -> None:
-        """Create the publishers of a node."""
         self._node = node
         self._impulses = interfaces.ROTOR_IMPULSES.publisher(node)
         self._torques = interfaces.ROTOR_TORQUES.publisher(node)

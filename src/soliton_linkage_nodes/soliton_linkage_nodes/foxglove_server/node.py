@@ -46,7 +46,6 @@ class FoxgloveServer(GuardedNode):
     PARAMETERS: ClassVar[dict[type, str]] = {FoxgloveServerParameters: ''}
 
     def __init__(self, **kwargs: Any) -> None:
-        """Create the node and start the server."""
         super().__init__('foxglove_server', **kwargs)
         self.settings = settings = declare(self, FoxgloveServerParameters)
         reject_unknown(self)

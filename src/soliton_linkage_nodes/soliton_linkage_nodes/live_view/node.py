@@ -114,6 +114,12 @@ class LiveView(GuardedNode):
         else:
             self.get_logger().info(f'open {self.address}')
 
+    @property
+    def failure(self) -> Exception | None:
+        """Error that ended the web server of the page, or None."""
+        failure = self.server.failure
+        return failure and ValueError(f'the web server of the page ended: {failure}')
+
     def destroy_node(self) -> None:
         """End the streams, the recorder and the player, and destroy the node."""
         self.server.stop()
@@ -157,13 +163,6 @@ class LiveView(GuardedNode):
         )
 
 
-def _finished(node: LiveView) -> bool:
-    failure = node.server.failure
-    if failure is not None:
-        raise ValueError(f'the web server of the page ended: {failure}') from failure
-    return False
-
-
 def main() -> None:
     """Run the node until SIGINT or SIGTERM."""
-    run(LiveView, _finished)
+    run(LiveView)

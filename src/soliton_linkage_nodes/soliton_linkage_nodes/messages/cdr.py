@@ -54,7 +54,6 @@ class Layout:
     """
 
     def __init__(self, frame_id: str, name: tuple[str, ...]) -> None:
-        """Compute the bytes between the stamp and the arrays, and a mask that excludes padding."""
         self.frame_id, self.name = frame_id, name
         texts = [text.encode() + b'\x00' for text in (frame_id, *name)]
         head = [_COUNT.pack(len(text)) + text + bytes(-len(text) % 4) for text in texts]
@@ -204,7 +203,6 @@ class _MessageBuffer:
     """Serialized message whose stamp and last arrays can be overwritten in place."""
 
     def __init__(self, message: Any, arrays: int) -> None:
-        """Serialize a message with `arrays` arrays, each with one double for each joint."""
         self._bytes = bytearray(serialize(message))
         layout = Layout(message.header.frame_id, tuple(message.name))
         self._arrays = layout.arrays(self._bytes, arrays)

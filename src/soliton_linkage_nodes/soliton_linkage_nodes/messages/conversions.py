@@ -148,8 +148,7 @@ def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Fram
     """Return the angles and rates of all rotors, rotor 0 first.
 
     Known encoder offsets are subtracted, other joints ignored. Raises ValueError if a rotor is
-    missing, if a joint is named twice, if an array has the wrong length, or if a value is not
-    finite.
+    missing, a joint is named twice, an array has the wrong length, or a value is not finite.
     """
     order = _order(named.joint_names, message.name)
     angles = np.asarray(message.position, dtype=np.float64)

@@ -41,8 +41,7 @@ class FrameReader:
         """Return the angles and rates of all rotors, rotor 0 first.
 
         Missing values and magnitudes above 1e9 are NaN. Other joints are ignored. Raises
-        ValueError if no rotor is named, if a joint is named twice, or if an array has a wrong
-        length.
+        ValueError if no rotor is named, a joint is named twice, or an array has a wrong length.
         """
         _, _, _, name, position, velocity = joints
         check_length('joint_states.position', name, position)

@@ -42,7 +42,6 @@ class NumberFields:
     def __init__(
         self, names: Iterable[str], filled_by: type, paths: Mapping[str, str] | None = None
     ) -> None:
-        """Map attributes of the class `filled_by` to the fields `names`."""
         self.names = tuple(names)
         paths = {name: (paths or {}).get(name, name) for name in names}
         for name, path in paths.items():
@@ -149,8 +148,8 @@ def state_to_msg(analysis: Analysis, joints: JointStates) -> msg.SolitonState:
 def columns() -> list[str]:
     """Return the column names of a table of states, one for each field of SolitonState.
 
-    Those of a nested message begin with its name, those of the first soliton with `soliton_`.
-    Units are in brackets, for example `soliton_velocity [m/s]`.
+    The name of a nested message, or `soliton_` for the first soliton, precedes the names of its
+    fields. Units are in brackets, for example `soliton_velocity [m/s]`.
     """
     names = ['stamp [ns]']
     for name in list(_STATE)[1:]:

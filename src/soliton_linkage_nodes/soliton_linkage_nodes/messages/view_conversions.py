@@ -117,8 +117,7 @@ def state_numbers(message: msg.SolitonState) -> Numbers:
 def soliton_values(message: msg.SolitonState) -> list[float]:
     """Return three numbers for each soliton.
 
-    These are its site coordinate [rotor spacings], the standard deviation of its position [m], and
-    its charge [1].
+    They are site coordinate [rotor spacings], standard deviation of the position [m], charge [1].
     """
     return [
         value

@@ -48,6 +48,7 @@ from soliton_linkage_nodes.programs.bag_analysis import analyse_frames, read_cha
 from soliton_linkage_nodes.programs.command_line import (
     add_bags,
     add_limits,
+    add_output,
     exit_on_failure,
     limits_of,
 )
@@ -368,12 +369,11 @@ def _within(options: argparse.Namespace) -> Callable[..., int]:
 def _parser() -> PlainParser:
     parser = PlainParser(prog='analyse_bag', description=__doc__)
     add_bags(parser)
-    parser.add_argument(
-        '--output',
-        type=Path,
-        default=Path('out/analysis'),
-        help='folder for soliton_state.csv, soliton_events.csv, kymograph.png and track.png; for '
-        'several bags, one folder for each bag and bags.csv (%(default)s)',
+    add_output(
+        parser,
+        'out/analysis',
+        'folder for soliton_state.csv, soliton_events.csv, kymograph.png and track.png; for '
+        'several bags, one folder for each bag and bags.csv',
     )
     parser.add_argument(
         '--html',

@@ -45,9 +45,9 @@ def analyse_frames(
 ) -> Iterator[tuple[JointStates, Analysis | None]]:
     """Yield each frame of a bag with its analysis, or with None if the frame is late.
 
-    A `given` chain replaces that of the bag, and with `log_time` receive times replace the stamps.
-    Rejected messages are skipped, the first few reported on stderr. Raises ValueError if the bag
-    has no frames or no chain.
+    A `given` chain replaces the recorded one, and with `log_time` receive times replace the
+    stamps. Rejected messages are skipped, the first few reported on stderr. Raises ValueError if
+    the bag has no frames or no chain.
     """
     analysis = analysis or JointStateAnalysis()
     joints = find_topic(reader, interfaces.JOINT_STATES.name)

@@ -19,7 +19,7 @@ from soliton_linkage.vision.camera import calibrate
 from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage.vision.video import read_video
 from soliton_linkage_nodes.messages.picture_conversions import write_camera
-from soliton_linkage_nodes.programs.command_line import exit_on_failure, number
+from soliton_linkage_nodes.programs.command_line import add_output, exit_on_failure, number
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 _PICTURES = ('.jpg', '.jpeg', '.png', '.tif', '.tiff', '.bmp')
@@ -49,12 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         '--square', type=number(_SQUARE), default=0.025, help='side of a square [m] (%(default)s)'
     )
-    parser.add_argument(
-        '--output',
-        type=Path,
-        default=Path('out/camera.yaml'),
-        help='calibration file to write (%(default)s)',
-    )
+    add_output(parser, 'out/camera.yaml', 'calibration file to write')
     options = parser.parse(arguments)
     with exit_on_failure('calibrate_camera'):
         interrupt_on_signals()

@@ -111,13 +111,14 @@ def message_progress(title: str) -> tuple[ProgressLine, Callable[[int, int], Non
 
 def add_bags(parser: argparse.ArgumentParser) -> None:
     """Add a positional argument for the directories of one or more bags."""
-    parser.add_argument(
-        'bags',
-        type=Path,
-        nargs='+',
-        metavar='bag',
-        help='directory of a bag, such as bags/flipper_0',
-    )
+    text = 'directory of a bag, such as bags/flipper_0'
+    parser.add_argument('bags', type=Path, nargs='+', metavar='bag', help=text)
+
+
+def add_output(parser: argparse.ArgumentParser, default: str, description: str) -> None:
+    """Add the option --output with a default path."""
+    text = f'{description} (%(default)s)'
+    parser.add_argument('--output', type=Path, default=Path(default), help=text)
 
 
 def add_limits(parser: argparse.ArgumentParser) -> None:

@@ -24,7 +24,7 @@ from soliton_linkage.linkage.quantities import described_fields
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.reading import open_bag
 from soliton_linkage_nodes.programs.bag_analysis import analyse_frames, read_chain
-from soliton_linkage_nodes.programs.command_line import exit_on_failure
+from soliton_linkage_nodes.programs.command_line import add_output, exit_on_failure
 from soliton_linkage_nodes.runtime.child_processes import (
     START_LIMIT,
     ChildProcesses,
@@ -116,8 +116,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     settings = 'settings file (config/studies/accuracy.yaml of the suite)'
     default = installed_settings('accuracy')
     parser.add_argument('config', type=Path, nargs='?', default=default, help=settings)
-    output = 'folder for the bags, the table and the picture (%(default)s)'
-    parser.add_argument('--output', type=Path, default=Path('out/contraction'), help=output)
+    add_output(parser, 'out/contraction', 'folder for the bags, the table and the picture')
     parser.add_argument('--quick', action='store_true', help='only every fourth soliton')
     options = parser.parse(arguments)
     stopping = stop_on_signals()

@@ -48,7 +48,7 @@ from soliton_linkage_nodes.messages.camera_measurement import (
 from soliton_linkage_nodes.messages.chain_source import chain_of_file, markers_of_file
 from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg, without_offsets
 from soliton_linkage_nodes.messages.picture_conversions import read_camera
-from soliton_linkage_nodes.programs.command_line import exit_on_failure, number
+from soliton_linkage_nodes.programs.command_line import add_output, exit_on_failure, number
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import stop_on_signals
 from soliton_linkage_nodes.runtime.serialization import serialize
@@ -243,12 +243,7 @@ def _parser() -> PlainParser:
     parser.add_argument(
         '--camera-info', type=Path, metavar='FILE', help='calibration by calibrate_camera'
     )
-    parser.add_argument(
-        '--output',
-        type=Path,
-        default=Path('out/film'),
-        help='path of the bag; _0 is appended (%(default)s)',
-    )
+    add_output(parser, 'out/film', 'path of the bag; _0 is appended')
     quantities = described_fields(CameraParameters)
     for name in ('row_time', 'exposure'):
         parser.add_argument(

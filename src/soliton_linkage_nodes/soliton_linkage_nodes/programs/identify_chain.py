@@ -40,6 +40,7 @@ from soliton_linkage_nodes.programs.bag_analysis import read_chain
 from soliton_linkage_nodes.programs.command_line import (
     add_bags,
     add_limits,
+    add_output,
     exit_on_failure,
     limits_of,
     number,
@@ -76,7 +77,7 @@ def identify_bags(
     """Identify a chain from bags, and write the results into a folder.
 
     The results are chain.yaml, lengths.csv, identification.png and identification.pdf. A `given`
-    chain replaces that of the bags.
+    chain replaces the recorded chain.
     """
     spacing = assumptions.spacing
     recordings = []
@@ -125,11 +126,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             options.gravity,
             tuple(options.tilt),
         )
-        print(
-            summary(
-                identify_bags(options.bags, options.output, given, assumptions, limits_of(options))
-            )
-        )
+        limits = limits_of(options)
+        print(summary(identify_bags(options.bags, options.output, given, assumptions, limits)))
 
 
 def _tilted(bags: Sequence[Path], tilts: Sequence[float]) -> Iterator[tuple[Path, float]]:
@@ -150,12 +148,8 @@ def _recorded_chain(reader: Reader) -> NamedChain | None:
 def _parser() -> PlainParser:
     parser = PlainParser(prog='identify_chain', description=__doc__)
     add_bags(parser)
-    parser.add_argument(
-        '--output',
-        type=Path,
-        default=Path('out/identification'),
-        help='folder for chain.yaml, lengths.csv and the report page (%(default)s)',
-    )
+    text = 'folder for chain.yaml, lengths.csv and the report page'
+    add_output(parser, 'out/identification', text)
     parser.add_argument(
         '--chain',
         type=Path,

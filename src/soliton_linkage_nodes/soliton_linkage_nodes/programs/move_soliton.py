@@ -45,7 +45,6 @@ class MoveClient(WaitingNode):
     """Client that sends one goal, shows the progress, and cancels the goal after Ctrl-C."""
 
     def __init__(self, stopping: threading.Event, **kwargs: Any) -> None:
-        """Connect to the action. Setting the event `stopping` interrupts a move."""
         super().__init__('move_soliton', stopping, **kwargs)
         self._client = ActionClient(self, MoveSoliton, interfaces.MOVE_SOLITON, **ACTION_QOS)
         self._line = ChainLine(self)

@@ -39,7 +39,6 @@ class NudgeClient(WaitingNode):
     """Client that nudges a chain and receives the answer of the actuator."""
 
     def __init__(self, stopping: threading.Event, **kwargs: Any) -> None:
-        """Create the publisher and subscriptions. Setting `stopping` interrupts a nudge."""
         super().__init__('nudge', stopping, **kwargs)
         self._reports: dict[str, DiagnosticStatus] = {}
         self._kicks: list[LastKick] = []

@@ -16,19 +16,14 @@ from soliton_linkage.command_line import PlainParser
 from soliton_linkage.vision.layout import MarkerLayout
 from soliton_linkage.vision.sheets import PAPERS, write_sheets
 from soliton_linkage_nodes.messages.chain_source import chain_of_file, markers_of_file
-from soliton_linkage_nodes.programs.command_line import exit_on_failure
+from soliton_linkage_nodes.programs.command_line import add_output, exit_on_failure
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Write the pages as the command line specifies."""
     parser = PlainParser(prog='print_markers', description=__doc__)
     parser.add_argument('config', type=Path, help='parameter file such as config/flipper.yaml')
-    parser.add_argument(
-        '--output',
-        type=Path,
-        default=Path('out/markers.pdf'),
-        help='file to write, .pdf or .svg (%(default)s)',
-    )
+    add_output(parser, 'out/markers.pdf', 'file to write, .pdf or .svg')
     parser.add_argument(
         '--paper', choices=list(PAPERS), default='a4', help='size of the paper (%(default)s)'
     )

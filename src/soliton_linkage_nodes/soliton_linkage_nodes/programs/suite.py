@@ -24,7 +24,7 @@ from soliton_linkage.command_line import PlainParser
 from soliton_linkage_nodes.programs.command_line import parse_own_arguments
 from soliton_linkage_nodes.runtime.command_line import parameter_names
 from soliton_linkage_nodes.runtime.managed import ManagedNode
-from soliton_linkage_nodes.runtime.process import Component, run_together
+from soliton_linkage_nodes.runtime.process import run_together
 
 NODES = {
     'simulator': 'simulator.node:Simulator',
@@ -84,12 +84,12 @@ def main() -> None:
         rest, given = addressed([sys.argv[0], *defaults, *sys.argv[1:]], classes)
     except (TypeError, ValueError) as error:
         parser.error(str(error))
-    components = [
-        Component(partial(create, parameter_overrides=given[name], **_namespace_of(name)), _failed)
+    constructors = [
+        partial(create, parameter_overrides=given[name], **_namespace_of(name))
         for name, create in classes.items()
     ]
     # The simulator starts last and stops first, so that the other nodes receive all messages.
-    run_together(components[::-1], rest)
+    run_together(constructors[::-1], rest)
 
 
 def of_one_chain(arguments: Sequence[str]) -> list[str]:
@@ -173,10 +173,3 @@ def _namespace_of(name: str) -> dict[str, str]:
 def _class_of(name: str) -> Any:
     module, _, name_of_class = NODES[name].partition(':')
     return getattr(import_module(f'soliton_linkage_nodes.{module}'), name_of_class)
-
-
-def _failed(node: Any) -> bool:
-    failure = getattr(node, 'failure', None)
-    if failure is not None:
-        raise failure
-    return False

@@ -155,9 +155,9 @@ def private_domain() -> Iterator[None]:
 def restrict_to_loopback() -> None:
     """Make this process and its children unreachable from other machines.
 
-    With the discovery range LOCALHOST, Fast DDS still opens its sockets on all network interfaces.
-    It also uses shared memory, and if a process is killed while it starts, its segment blocks all
-    others.
+    With the discovery range LOCALHOST, Fast DDS opens its sockets on all network interfaces. It
+    also uses shared memory, whose segment blocks all others if a process is killed while it
+    starts.
     """
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     try:

@@ -51,8 +51,7 @@ class GuardedNode(Node):
     def dispatch(self, subscription: Subscription, dispatched: bool) -> None:
         """Set whether executors take the messages of a subscription, or the node itself does.
 
-        At 1000 messages per second, an executor needs more time to wake up than to read the
-        messages.
+        At 1000 messages per second, the wake-ups of an executor take longer than reading them.
         """
         this = frozenset([subscription])
         self._undispatched = self._undispatched - this if dispatched else self._undispatched | this

@@ -182,9 +182,8 @@ class ManagedNode(GuardedNode, LifecycleNode):
     def _reject_impossible_transitions(self) -> None:
         """Reject a transition that is impossible in the current state.
 
-        In Jazzy, rclpy would raise RCLError in the executor, for example for the id 250, and the
-        process would end. Its handler is private, therefore the callback of the service is
-        replaced.
+        In Jazzy, rclpy would raise RCLError in the executor, and the process would end. Its
+        handler is private, therefore the callback of the service is replaced.
         """
         service = self._service_change_state
         change = service.callback

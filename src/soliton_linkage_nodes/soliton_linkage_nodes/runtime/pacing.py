@@ -39,15 +39,14 @@ def raise_priority(raised: bool, threads: Sequence[int] = (0,)) -> None:
 def yield_core() -> None:
     """Yield the core to other real-time threads; do nothing in an ordinary thread.
 
-    Otherwise, if all cores are busy, threads that a SCHED_FIFO thread has woken would wait until
-    it sleeps.
+    If all cores are busy, threads woken by a SCHED_FIFO thread would else wait until it sleeps.
     """
     if os.sched_getscheduler(0) == os.SCHED_FIFO:
         os.sched_yield()
 
 
 class IdlePriority:
-    """Real-time priority for threads of a process, by default this and those of the middleware.
+    """Real-time priority for threads, by default this thread and the middleware's threads.
 
     An overloaded process loses the priority, so that it does not delay other processes.
     """
@@ -114,7 +113,6 @@ class PacedLoop:
     """
 
     def __init__(self, rate: float, act: Callable[[], object], real_time: bool = False) -> None:
-        """Prepare a loop that calls `act` at a rate [Hz]."""
         self.rate = rate
         self.punctuality = Punctuality(0, 0, 0.0, 0.0)
         self.failure: Exception | None = None

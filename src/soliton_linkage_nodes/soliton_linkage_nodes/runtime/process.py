@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple, TextIO
+from typing import Any, TextIO
 
 import rclpy
 from rclpy.executors import Executor
@@ -127,26 +127,18 @@ def initialise(arguments: list[str] | None = None) -> None:
         raise ValueError(f'wrong ROS arguments: {reason}{hint}') from error
 
 
-def run(create_node: Callable[[], Node], finished: Callable[[Any], bool] | None = None) -> None:
+def run(create_node: Callable[[], Node]) -> None:
     """Create a node, spin it until it finishes or SIGINT or SIGTERM arrives, and end the process.
 
-    `finished` returns whether the node has finished, or raises the error that stopped the node. A
-    callback must not raise this error, because executors then print a traceback. The exit code is
-    0 after a normal end, 1 if the node could not start or continue, with an error in one line, and
-    2 if an argument is unknown.
+    A node may have the attributes `finished` and `failure`, the error that stopped it. A callback
+    must not raise this error, because executors then print a traceback. The exit code is 0 after a
+    normal end, 1 and an error line if the node failed, and 2 if an argument is unknown.
     """
     check_arguments(create_node, sys.argv[1:])
-    run_together([Component(create_node, finished)], sys.argv)
+    run_together([create_node], sys.argv)
 
 
-class Component(NamedTuple):
-    """Constructor of a node, and function that returns whether the node has finished."""
-
-    create: Callable[[], Node]
-    finished: Callable[[Any], bool] | None = None
-
-
-def run_together(components: Sequence[Component], arguments: list[str]) -> None:
+def run_together(constructors: Sequence[Callable[[], Node]], arguments: list[str]) -> None:
     """Spin several nodes in one process, as `run` does with one node, until one finishes."""
     stopping = stop_on_signals()
     code = 0
@@ -159,8 +151,8 @@ def run_together(components: Sequence[Component], arguments: list[str]) -> None:
         executor = EventsExecutor()
         with ExitStack() as stack:
             nodes = []
-            for component in components:
-                nodes.append(component.create())
+            for create_node in constructors:
+                nodes.append(create_node())
                 stack.callback(nodes[-1].destroy_node)
             for node in nodes:
                 for notice in notices(node, arguments, nodes):
@@ -173,7 +165,7 @@ def run_together(components: Sequence[Component], arguments: list[str]) -> None:
             # Exclude the permanent objects from garbage collection, which would take 40 ms with
             # them.
             gc.freeze()
-            _spin(executor, list(zip(components, nodes, strict=True)), stopping)
+            _spin(executor, nodes, stopping)
     except (ValueError, OSError) as error:
         get_logger('soliton_linkage').fatal(str(error))
         code = 1
@@ -211,18 +203,21 @@ def _log_warning(
     )
 
 
-def _spin(
-    executor: Any, nodes: Sequence[tuple[Component, Node]], stopping: threading.Event
-) -> None:
-    for _, node in nodes:
+def _spin(executor: Any, nodes: Sequence[Node], stopping: threading.Event) -> None:
+    for node in nodes:
         executor.add_node(node)
-    priority = IdlePriority(any(getattr(node, 'real_time', False) for _, node in nodes))
+    priority = IdlePriority(any(getattr(node, 'real_time', False) for node in nodes))
     with SpinSlices() as slices:
-        while not stopping.is_set():
-            if any(component.finished and component.finished(node) for component, node in nodes):
-                break
+        while not (stopping.is_set() or any(map(_has_finished, nodes))):
             executor.spin_until_future_complete(slices.begin(), _LONGEST_WAIT)
             priority.update()
+
+
+def _has_finished(node: Node) -> bool:
+    failure = getattr(node, 'failure', None)
+    if failure is not None:
+        raise failure
+    return bool(getattr(node, 'finished', False))
 
 
 class SpinSlices:

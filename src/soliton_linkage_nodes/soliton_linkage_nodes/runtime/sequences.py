@@ -35,8 +35,7 @@ class SequenceGaps:
     publisher. Message n belongs to the publisher whose last message had the number n - 1. If there
     is none, it belongs to a new publisher, unless all publishers are known. Then it belongs to the
     publisher with the largest last number below n, or a new publisher replaces the one that has
-    been silent for longest. Messages before the first received message of a publisher are not
-    counted.
+    been silent for longest. Messages before the first one of a publisher are not counted.
     """
 
     def __init__(self) -> None:
@@ -68,8 +67,7 @@ class SequenceGaps:
 class _Newcomer:
     """First received message of a publisher: sequence number and source time `sent` [ns].
 
-    `elapsed` is the time from the start of the subscription to it, `period` the estimated period
-    [ns].
+    `elapsed` is the time from the start of the subscription, `period` the estimated period [ns].
     """
 
     number: int
@@ -82,8 +80,7 @@ class MissedStarts:
     """Counter of messages that publishers sent before they were matched with a subscription.
 
     If n is the number of the first received message, n - 1 messages were missed. They count only
-    if the publisher started after the subscription, according to n and the period of the
-    publisher.
+    if, according to n and its period, the publisher started after the subscription.
     """
 
     def __init__(self) -> None:
@@ -247,8 +244,9 @@ _ABSENCE = 5.0
 class StreamArbitration:
     """Arbitration of publishers that may each publish a part of a stream, such as some joints.
 
-    Of messages with a common part, only those of one publisher are kept, which one
-    `PublisherArbitration` selects. Messages without a common part do not affect each other.
+    Of messages with a common part, only one publisher's messages are kept. A
+    `PublisherArbitration` selects this publisher. Messages without a common part do not affect
+    each other.
     """
 
     def __init__(self, lost: int = 0, foreign: int = 0) -> None:
@@ -303,7 +301,7 @@ class StreamArbitration:
         return kept
 
     def _share_of(self, parts: Collection[str], count: int, now: float) -> _Share:
-        """Return the publishers of any of these parts, else a new group or, if all exist, one."""
+        """Return the group that publishes any of these parts, or a new one for a new publisher."""
         for share in self._shares:
             if not share.parts or not share.parts.isdisjoint(parts):
                 return share

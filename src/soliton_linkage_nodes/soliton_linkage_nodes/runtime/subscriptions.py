@@ -111,7 +111,7 @@ class AdaptiveSubscription:
     def newest(self) -> Any:
         """Return the next waiting message, with the queue depth 1 the newest, or None.
 
-        For a display of 60 of 1000 messages per second, callbacks take ten times as much processor
+        For a display of 60 of 1000 messages per second, callbacks need ten times the processor
         time.
         """
         message, info = next(self.waiting(), (None, None))

@@ -135,7 +135,7 @@ class SimulationControl:
             return True
 
     def kick(self, impulses: Array) -> str | None:
-        """Apply impulses [N m s], shape (N,), at the next frame; return why not, or None."""
+        """Apply impulses [N m s], shape (N,), at the next frame; return a rejection or None."""
         with self._lock:
             if len(self._commands.kicks) >= _MOST_KICKS:
                 return f'{_MOST_KICKS} kicks already wait for the next frame; wait for a frame'
@@ -160,7 +160,7 @@ class SimulationControl:
             self._non_reciprocity = value
 
     def pause(self, paused: bool) -> str | None:
-        """Pause the simulation immediately, or let it continue; return why not, or None."""
+        """Pause the simulation immediately, or let it continue; return a rejection or None."""
         with self._lock:
             if not paused and self._failure is not None:
                 return self._failure
@@ -168,7 +168,7 @@ class SimulationControl:
             return None
 
     def step(self, periods: int) -> str | None:
-        """Publish some frames of the paused simulation; return why this fails, or None."""
+        """Publish some frames of the paused simulation; return a rejection, a failure or None."""
         if self._stopping:
             return 'the simulation is stopped; activate the simulator first'
         if not self._paused:

@@ -26,8 +26,7 @@ from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
 class SensedJoints:
     """Serialized joint states without missing joints, as simulated encoders measure them.
 
-    Angles contain the known offsets, angles and rates the errors of the encoders. Torques are
-    exact.
+    Angles contain the known offsets and the encoder errors, rates the errors; torques are exact.
     """
 
     def __init__(
@@ -57,8 +56,7 @@ class SensedJoints:
     def fill(self, stamp: int, frame: int, simulation: Simulation) -> bytearray:
         """Return the message of the simulation's current frame with its `stamp` [ns] and number.
 
-        The next call overwrites the message. After a reset, the encoders restart their rate
-        estimates.
+        The next call overwrites the message. A reset restarts the encoders' rate estimates.
         """
         angles, rates = simulation.angles, simulation.rates
         if not self._encoders.errors.none:
@@ -120,7 +118,6 @@ class FramePublisher:
     def __init__(
         self, node: Node, named: NamedChain, joints: SensedJoints, settings: SimulatorParameters
     ) -> None:
-        """Create the publishers of a node."""
         self.epoch: int | None = None
         """Stamp of the first frame [ns]. None before the first frame."""
         self.stamp = 0

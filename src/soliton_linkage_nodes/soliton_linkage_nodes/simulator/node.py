@@ -58,7 +58,6 @@ class Simulator(ManagedNode):
     PARAMETERS = PARAMETERS
 
     def __init__(self, **kwargs: Any) -> None:
-        """Create the node. Configure and activate it, unless a lifecycle manager does that."""
         super().__init__('simulator', **kwargs)
 
     def configure(self) -> None:
@@ -220,15 +219,9 @@ class Simulator(ManagedNode):
         )
 
 
-def _finished(simulator: Simulator) -> bool:
-    if simulator.failure is not None:
-        raise simulator.failure
-    return False
-
-
 def main() -> None:
     """Run the simulator."""
-    run(Simulator, _finished)
+    run(Simulator)
 
 
 _FRAMES_OVERDUE = 3

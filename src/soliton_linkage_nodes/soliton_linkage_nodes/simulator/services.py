@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services that pause, step and reset a simulation, also those of simulation_interfaces."""
+"""Services that pause, step and reset a simulation, also with types of simulation_interfaces."""
 
 from __future__ import annotations
 
@@ -134,7 +134,6 @@ class StandardServices:
     """
 
     def __init__(self, services: SimulationServices, messages: Any, types: Any) -> None:
-        """Use the modules of simulation_interfaces with its message types and service types."""
         self._services = services
         self._control = services.control
         self._messages = messages

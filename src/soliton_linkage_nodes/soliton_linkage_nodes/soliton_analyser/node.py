@@ -98,7 +98,6 @@ class SolitonAnalyser(ManagedNode):
     }
 
     def __init__(self, **kwargs: Any) -> None:
-        """Create the node. Configure and activate it, unless a lifecycle manager does that."""
         super().__init__('soliton_analyser', **kwargs)
 
     def configure(self) -> None:
@@ -271,15 +270,13 @@ def main() -> None:
 _MISFIT_OVER_NOISE = 3.0
 """Ratio of misfit and noise of the angles below which the node does not warn [1]."""
 _CONTRADICTION_CONFIDENCE = 0.999
-"""Confidence in another motion class than that of the parameters above which the node warns [1].
-"""
+"""Confidence above which the node warns of another motion class than the parameters have [1]."""
 
 
 def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bool]:
     """Return a description of the state of the analysis, and whether it is a warning.
 
-    It warns of a misfit of the angles above `misfit_limit` [rad] that neither noise nor phonons
-    explain.
+    It warns of a misfit above `misfit_limit` [rad] that neither noise nor phonons explain.
     """
     analyser, latest = analysis.analyser, analysis.latest
     if analyser is None or latest is None:
@@ -340,8 +337,7 @@ def _disagreement(latest: Analysis) -> str:
 def _swing(analysis: JointStateAnalysis) -> float:
     """Return the largest RMS angle of phonons that is consistent with the rates [rad].
 
-    It is w / omega_0 with the RMS rate w [rad/s] and the lowest angular frequency omega_0 of
-    phonons, the band gap.
+    It is w / omega_0 with the RMS rate w [rad/s] and the band gap omega_0, the lowest frequency.
     """
     frame, analyser = analysis.frame, analysis.analyser
     if frame is None or frame.rates is None or not isinstance(analyser, Analyser):

@@ -165,7 +165,6 @@ class SolitonSteering(ManagedNode):
     PARAMETERS = PARAMETERS
 
     def __init__(self, **kwargs: Any) -> None:
-        """Create the node. Configure and activate it, unless a lifecycle manager does that."""
         super().__init__('soliton_steering', **kwargs)
 
     def configure(self) -> None:

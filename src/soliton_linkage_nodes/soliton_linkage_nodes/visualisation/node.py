@@ -72,7 +72,6 @@ class Visualisation(GuardedNode):
     }
 
     def __init__(self, **kwargs: Any) -> None:
-        """Create the node with its publishers and subscriptions."""
         super().__init__('visualisation', **kwargs)
         self.settings = settings = declare(self, VisualisationParameters)
         self._limits = declare(self, JointLimits, 'limits.')

@@ -141,8 +141,7 @@ class ObservedChain:
     def kick(self, shown: float) -> Array | None:
         """Return the impulses of the last kick [N m s], shape (N,), or None.
 
-        Impulses are shown for `shown` [s] after the end of the kick, or until the next kick if it
-        is 0.
+        They are shown for `shown` [s] after the end of the kick; if it is 0, until the next kick.
         """
         if self._kick is None or self.named is None:
             return None

@@ -49,13 +49,13 @@ _JUMP = 0.25
 
 
 class Kymograph:
-    """Buffer of recent displacements, and their picture: time to the right, rotor 0 at the bottom.
+    """Buffer of the displacements of the last `length` [s], and their picture.
 
-    Rotors that lean right are purple, rotors that lean left are orange.
+    Time runs to the right, and rotor 0 is at the bottom. Rotors that lean right are purple, rotors
+    that lean left are orange.
     """
 
     def __init__(self, chain: Chain, length: float) -> None:
-        """Create an empty buffer for the last `length` [s] of a chain."""
         self.chain = chain
         self.columns = max(2, round(length * _COLUMN_RATE))
         self._every = -(-chain.number_of_rotors // _MOST_ROWS)
@@ -136,7 +136,6 @@ class DrawingPublisher:
     name: str
 
     def __init__(self, publisher: Publisher) -> None:
-        """Create an object that publishes its drawings with a publisher."""
         self.publisher = publisher
         self._published = self._counted = 0
         self._subscribers = 0

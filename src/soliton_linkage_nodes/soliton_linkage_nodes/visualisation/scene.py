@@ -58,7 +58,6 @@ class ChainScene:
     """Drawing of a chain in any configuration."""
 
     def __init__(self, chain: Chain) -> None:
-        """Create the drawing of a chain."""
         self.chain = chain
         self.width = min(chain.spacing, chain.rotor_length) / 12
         """Width of the lines that represent rotors [m]."""
@@ -80,7 +79,7 @@ class ChainScene:
         return np.array([self.chain.pivots + horizontal, np.zeros_like(vertical), vertical]).T
 
     def shapes(self, angles: Array) -> list[Shape]:
-        """Return the shapes of the chain at angles [rad], shape (N,), except those of NaN."""
+        """Return the shapes of the chain at angles [rad], shape (N,), without NaN rotors."""
         masses = self.masses(angles)
         known = np.isfinite(angles)
         return [

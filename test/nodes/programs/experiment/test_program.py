@@ -9,11 +9,7 @@ from typing import Any
 
 import pytest
 
-from soliton_linkage_nodes.programs.experiment.program import (
-    claimed,
-    conclusion,
-    other_scenarios,
-)
+from soliton_linkage_nodes.programs.experiment.program import claimed, conclusion, other_scenarios
 
 CONFIG = Path(__file__).resolve().parents[4] / 'config'
 SUMMARY: dict[str, Any] = {

@@ -30,7 +30,6 @@ class Keyboard:
     """Thread that calls the action of each pressed key. Without a terminal, it does not run."""
 
     def __init__(self, actions: Mapping[str, Callable[[], object]]) -> None:
-        """Start to read keys, if the process has a terminal."""
         self._actions = actions
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None

@@ -109,8 +109,7 @@ class PlaybackClock:
     def burst(self, number: int) -> int:
         """Play `number` messages of a paused playback without delays; 0 means all messages.
 
-        Returns the number of messages played within the time limit. If it is not 0, the rest
-        follows.
+        Returns the number of messages played in time. Unless it is 0, the rest follows.
         """
         with self._changed:
             return self._step(number or sys.maxsize, self._longest_burst)

@@ -73,8 +73,7 @@ class Lockstep:
     def wait_for_turn(self, topic: str, message: bytes, stopped: Callable[[], bool]) -> None:
         """Wait until a message may be published.
 
-        A frame waits until fewer than `window` frames are unanswered, any other message until none
-        is.
+        A frame waits until fewer than `window` frames are unanswered, others wait for all answers.
         """
         if topic != self.frames:
             self.settle(stopped)

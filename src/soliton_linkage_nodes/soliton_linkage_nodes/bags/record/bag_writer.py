@@ -32,8 +32,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 
 COMPRESSIONS = ('none', 'zstd')
 _CUSTOM_DATA_INTERVAL = 1.0
-"""Shortest time between two writes of changed custom data, each of which appends to the file [s].
-"""
+"""Shortest time between two writes of changed custom data [s]. Each write appends to the file."""
 _RESERVE = 'space_for_the_index'
 _RESERVE_BYTES = 2**20
 """Disk space reserved for the index [B]. One day fits, because a chunk needs about 100 bytes."""
@@ -72,8 +71,8 @@ class BagWriter:
     ) -> None:
         """Create the directory, or continue the unfinished bag `begun` in a new file.
 
-        A new file begins at the size `largest_file` [B] or the duration `longest_file` [s]; 0: no
-        limit.
+        A new file begins at the size `largest_file` [B] or the duration `longest_file` [s], if not
+        0.
         """
         if compression not in COMPRESSIONS:
             known = ' or '.join(COMPRESSIONS)

@@ -78,8 +78,7 @@ class RecordedSubscription:
     def adapt(self, query: bool) -> list[ReceivedMessage]:
         """Subscribe again if publishers offer a lower QoS; return the messages that were waiting.
 
-        The ROS graph is queried only if publishers changed, are not matched or offer a lower QoS,
-        or if `query` is set.
+        The ROS graph is queried if publishers changed or are not matched, or if `query` is set.
         """
         unsettled = not self._subscription.as_requested or self.connected != self.publishers
         if not (self._subscription.changed or unsettled or query):

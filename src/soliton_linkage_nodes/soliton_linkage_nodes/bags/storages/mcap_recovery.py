@@ -203,7 +203,7 @@ class RecoveredMcap(RecoveredFile):
         return ''
 
     def _unpack(self, chunk: _Chunk) -> tuple[Bytes, bool]:
-        """Return the records of a chunk, unless all reach the limit, and if it is intact."""
+        """Return the records of a chunk, within the limit of the file, and whether it is whole."""
         if self._budget <= 0:
             return b'', False
         records, whole = mcap.unpack(chunk.head, self._packed(chunk), self._limits.max_unpacked)

@@ -105,8 +105,8 @@ class RecoveredFile(ABC):
     `topics` maps the numbers in the file to topics. `damage` has one line for each damaged part,
     `lost` messages cannot be read, and `unverified` messages have no checksum. These results are
     complete when `messages` has yielded the last message. `stated` is the number of messages in
-    the statistics of the file, 0 if unknown. `records` holds opcodes and contents of MCAP records
-    to copy.
+    the statistics of the file, 0 if unknown. `records` holds opcodes and contents of records to
+    copy.
     """
 
     def __init__(

@@ -96,7 +96,6 @@ class FilmedExperiment:
     """Experiment that films a chain, identifies it, and tracks its soliton."""
 
     def __init__(self, configuration: Path, parameters: BenchParameters, output: Path) -> None:
-        """Create the chain of a parameter file. Results are written to the folder `output`."""
         self._plan = chain_of_file(configuration)
         self._markers = markers_of_file(configuration)
         self._bench = FilmedBench(self._plan.chain, self._markers, parameters)

@@ -4,8 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -61,16 +60,12 @@ class Observer(Node):
         self.rotors_of_walls: list[float] = []
         self.velocity = 0.0
         self._spacing = 1.0
-        topic = interfaces.NUDGE
-        self.nudge_publisher = self.create_publisher(topic.type, topic.name, topic.qos)
-        topic = interfaces.EDGE_COMMAND
-        self.edge_publisher = self.create_publisher(topic.type, topic.name, topic.qos)
-        topic = interfaces.SOLITON_STATE
-        self.state_subscription = self.create_subscription(
-            topic.type, topic.name, self._on_state, interfaces.lossless_stream_qos()
-        )
-        self._subscribe(interfaces.CHAIN, self._on_chain)
-        self._subscribe(interfaces.DIAGNOSTICS, self._on_diagnostics)
+        self.nudge_publisher = interfaces.NUDGE.publisher(self)
+        self.edge_publisher = interfaces.EDGE_COMMAND.publisher(self)
+        states = replace(interfaces.SOLITON_STATE, qos=interfaces.lossless_stream_qos())
+        states.subscribe(self, self._on_state)
+        interfaces.CHAIN.subscribe(self, self._on_chain)
+        interfaces.DIAGNOSTICS.subscribe(self, self._on_diagnostics)
 
     def send_burst(self) -> None:
         """Publish a burst of torque on rotor 0. The parameters specify the burst."""
@@ -107,9 +102,6 @@ class Observer(Node):
     def well(self, node: str) -> bool:
         """Return whether a node has reported and its latest report has no warning."""
         return node in self.reports and self.reports[node].level == DiagnosticStatus.OK
-
-    def _subscribe(self, topic: interfaces.Topic, callback: Callable[[Any], None]) -> Any:
-        return self.create_subscription(topic.type, topic.name, callback, topic.qos)
 
     def _on_chain(self, message: Any) -> None:
         named = chain_from_msg(message)

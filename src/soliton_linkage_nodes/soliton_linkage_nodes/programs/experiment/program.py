@@ -26,7 +26,7 @@ from typing import Any
 import rclpy
 
 from soliton_linkage.command_line import PlainParser
-from soliton_linkage_nodes.programs.command_line import reason
+from soliton_linkage_nodes.programs.command_line import add_output, reason
 from soliton_linkage_nodes.programs.experiment.experiment import Experiment
 from soliton_linkage_nodes.programs.experiment.observer import Observer
 from soliton_linkage_nodes.runtime.child_processes import has_display, private_domain
@@ -233,12 +233,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument(
         'configuration', type=Path, help='parameter file, such as config/flipper.yaml'
     )
-    parser.add_argument(
-        '--output',
-        type=Path,
-        default=Path('out/demo'),
-        help='folder for the results (%(default)s)',
-    )
+    add_output(parser, 'out/demo', 'folder for the results')
     parser.add_argument(
         '--page', action='store_true', help='show the chain in a browser while it runs'
     )
