@@ -41,8 +41,14 @@ def steered(graph: Graph) -> Callable[[], float]:
     return rotor
 
 
-def test_it_ends_when_the_soliton_is_there(graph: Graph, start: Callable[..., Program]) -> None:
+def test_it_ends_when_the_soliton_is_there_or_the_goal_is_rejected(
+    graph: Graph, start: Callable[..., Program]
+) -> None:
     rotor = steered(graph)
+    program = start('move_soliton', '77')
+    graph.until(lambda: program.process.poll() is not None, 'the rejection')
+    assert program.process.returncode == 1
+    assert 'range 0 to 7' in program.said[-1]
     program = start('move_soliton', '2.5')
     graph.until(lambda: program.process.poll() is not None, 'the end of the move')
     assert program.process.returncode == 0
@@ -112,14 +118,6 @@ def test_an_interrupted_move_ends_without_a_response_of_the_server(graph: Graph)
     mover.destroy_node()
     graph.until(lambda: 'move_soliton' not in graph.user.get_node_names(), 'a mover that is gone')
     server.destroy()
-
-
-def test_a_rejection_is_reported(graph: Graph, start: Callable[..., Program]) -> None:
-    steered(graph)
-    program = start('move_soliton', '77')
-    graph.until(lambda: program.process.poll() is not None, 'the refusal')
-    assert program.process.returncode == 1
-    assert 'range 0 to 7' in program.said[-1]
 
 
 def test_it_waits_for_a_steering_that_does_not_know_the_chain_yet(

@@ -130,6 +130,3 @@ def test_a_program_prints_its_help_and_starts_nothing(
     assert program.wait() == 0
     assert any('snapshot_duration:=0.0' in line for line in program.said)
     assert not list(tmp_path.glob('recording_*'))
-    program = start('bag_player', 'bags/flipper_0')
-    assert program.wait() == 2
-    assert len(program.said) == 1
