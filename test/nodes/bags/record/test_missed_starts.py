@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,7 +12,6 @@ import pytest
 from graphs import Graph, values
 from hypothesis import given
 from hypothesis import strategies as st
-from programs import Program
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from recordings import messages_of
 from sensor_msgs.msg import JointState
@@ -19,6 +19,7 @@ from sensor_msgs.msg import JointState
 from soliton_linkage_nodes.bags.reading import open_bag
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.bags.recorder import BagRecorder
+from soliton_linkage_nodes.programs import check_bag
 from soliton_linkage_nodes.runtime.sequences import MissedStarts
 
 MILLISECOND = 10**6
@@ -85,11 +86,13 @@ def test_a_publisher_that_sends_before_it_is_matched_is_reported(
 
 
 def test_check_bag_states_the_missed_messages(
-    start: Callable[..., Program], tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     writer = BagWriter(tmp_path / 'run')
     writer.add_topic('/nudge', 'std_msgs/msg/Float64')
     writer.close({'missed_messages': '{"/nudge": 3}'})
-    program = start('check_bag', str(writer.path))
-    assert program.wait() == 0
-    assert '3 on /nudge, before its publisher was matched' in ''.join(program.said)
+    monkeypatch.setattr(sys, 'argv', ['check_bag', str(writer.path)])
+    with pytest.raises(SystemExit) as ended:
+        check_bag.main()
+    assert not ended.value.code
+    assert '3 on /nudge, before its publisher was matched' in capsys.readouterr().out
