@@ -25,11 +25,12 @@ def test_200_bags_with_two_workers_killed_on_the_way_give_the_same_table(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     tables = []
-    for deadly, output in (((), tmp_path / 'quiet'), (DEADLY, tmp_path / 'killed')):
+    for workers, deadly in enumerate(((), DEADLY), 1):
         for name in deadly:
             (tmp_path / f'{name}.deadly').touch()
+        output = tmp_path / f'{workers}'
         study = BagBatch(named_bags(bags(tmp_path, 200)), output, pretend)
-        assert analyse_many(study, 2) == 1
+        assert analyse_many(study, workers) == 1
         tables.append((output / 'bags.csv').read_text())
     assert tables[0] == tables[1]
     assert len(tables[0].splitlines()) == 201

@@ -55,7 +55,7 @@ def test_it_reports_the_results_of_the_actuator_and_the_simulator(graph: Graph) 
 
 def test_an_actuator_without_a_simulator_names_it(graph: Graph) -> None:
     graph.start(EdgeActuator)
-    said = nudged(graph, 10.0)
+    said = nudged(graph, 10.0, timeout=10.0)
     assert said.startswith(
         '/edge_actuator rejected the nudge: nothing subscribes to rotor_impulses'
     )
