@@ -16,7 +16,10 @@ ROTORS, PERIOD = 41, 0.02
 
 
 class Chain:
-    """View of a chain whose soliton runs between the edges, as fast as it was nudged."""
+    """View of a chain whose soliton runs between the edges, as fast as it was nudged.
+
+    Some frames have no state.
+    """
 
     def __init__(self, turn_back: float) -> None:
         numbers = {'rotor': math.nan, 'zero_mode_rotor': 0.0, 'wall_energy': 1e-3}
@@ -42,7 +45,9 @@ class Chain:
         self._way += self._speed * PERIOD
         legs, part = divmod(self._way / (ROTORS - 1), 1)
         rotor = (ROTORS - 1) * (part if legs % 2 == 0 else 1 - part)
-        model.numbers = {**model.numbers, 'rotor': rotor, 'zero_mode_rotor': rotor}
+        model.numbers = {'rotor': rotor, 'zero_mode_rotor': rotor, 'wall_energy': 1e-3}
+        if model.frames % 7 == 0:
+            model.numbers = {}
         passages = (self._way + (ROTORS - 1) / 2) // (ROTORS - 1)
         model.angles[ROTORS // 2] = 2.0 * (passages == 1) + self._turn_back * (passages >= 2)
         await asyncio.sleep(0)

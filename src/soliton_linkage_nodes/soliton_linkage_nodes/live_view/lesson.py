@@ -181,7 +181,8 @@ class Laboratory:
 
         def passed() -> bool:
             rotor = model.numbers.get('rotor', math.nan)
-            if samples and model.stamp <= samples[-1].stamp:
+            # A frame without a state does not end a passage.
+            if math.isnan(rotor) or (samples and model.stamp <= samples[-1].stamp):
                 return False
             if low < rotor < high:
                 turn = float(model.angles[model.rotors // 2])

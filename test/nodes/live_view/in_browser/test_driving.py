@@ -259,6 +259,7 @@ def test_parameters_are_shown_with_range_and_unit_and_changed(visit: Visit, view
     visit.fill('gravity.acceleration', -1)
     visit.answers('gravity.acceleration = -1.0 must lie in the range 0 to')
     visit.has_value('gravity.acceleration', '0.5')
+    assert 'must lie in the range 0 to' in visit.text('answer')
     visit.fill('gravity.acceleration', 0)
     visit.answers('gravity.acceleration = 0.0')
 

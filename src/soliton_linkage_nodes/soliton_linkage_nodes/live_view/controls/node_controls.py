@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Mapping
 from functools import partial
@@ -139,6 +140,9 @@ class ParameterControls:
 
         if not await attempt(f'Parameters of {node}', read):
             return
+        self._fill(node, found)
+
+    def _fill(self, node: str, found: list[AdjustableParameter]) -> None:
         self._fields.clear()
         with self._fields:
             for parameter in found:
@@ -154,7 +158,9 @@ class ParameterControls:
                 parameter.name, lambda: commands.set_parameter(node, parameter, value)
             )
             if not changed:
-                await self._show()
+                # The answer keeps showing the reason of the rejection.
+                with contextlib.suppress(ValueError, OSError):
+                    self._fill(node, await commands.parameters(node))
 
         entry: Any
         name = parameter.name
