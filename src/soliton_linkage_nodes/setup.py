@@ -29,6 +29,7 @@ PROGRAMS = [
     'analyse_bag',
     'calibrate_camera',
     'check_bag',
+    'check_rig',
     'contraction',
     'experiment',
     'film_encoders',
@@ -43,7 +44,9 @@ PROGRAMS = [
     'suite',
     'watch_soliton',
 ]
-COMMANDS = ['action', 'bag', 'interface', 'lifecycle', 'node', 'param', 'run', 'service', 'topic']
+COMMANDS = [
+    *('action', 'bag', 'interface', 'lifecycle', 'node', 'param', 'rig', 'run', 'service', 'topic')
+]
 # colcon installs programs where `ros2 run` finds them. A wheel would install them on PATH, where
 # such general names can conflict with others. There `soliton-linkage run` starts them.
 EXECUTABLES = [] if {'install', 'develop'}.isdisjoint(sys.argv) else [*NODES, *PROGRAMS]

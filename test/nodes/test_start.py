@@ -36,6 +36,7 @@ TOOLS = (
     'analyse_bag',
     'calibrate_camera',
     'check_bag',
+    'check_rig',
     'contraction',
     'experiment',
     'film_encoders',

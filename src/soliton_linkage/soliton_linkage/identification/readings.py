@@ -92,10 +92,7 @@ class Readings:
                 f'{missing.size} of {rotors} rotors are missing in half of the frames or more: '
                 f'{named}{more}; record all rotors, because bonds without them cannot close'
             )
-        filled = np.empty_like(self.angles)
-        for column, values, seen in zip(filled.T, self.angles.T, present.T, strict=True):
-            column[:] = np.interp(self.times, self.times[seen], np.unwrap(values[seen]))
-        return filled
+        return interpolated(self.angles, self.times)
 
     @cached_property
     def unwrapped(self) -> Array:
@@ -141,6 +138,20 @@ class Readings:
         return replace(
             self, times=self.times[frames], angles=self.angles[frames], deviations=deviations
         )
+
+
+def interpolated(angles: Array, times: Array | None = None) -> Array:
+    """Return readings [rad], (T, N), without jumps of 2 pi; missing ones are interpolated.
+
+    `times` have the shape (T,); None means equal intervals. A rotor without readings stays NaN.
+    """
+    times = np.arange(len(angles), dtype=np.float64) if times is None else times
+    filled = np.full_like(angles, np.nan)
+    present = np.isfinite(angles)
+    for n in np.flatnonzero(present.any(axis=0)):
+        seen = present[:, n]
+        filled[:, n] = np.interp(times, times[seen], np.unwrap(angles[seen, n]))
+    return filled
 
 
 def join_recordings(recordings: Sequence[Readings]) -> Readings:

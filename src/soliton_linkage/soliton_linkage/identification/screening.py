@@ -46,7 +46,7 @@ def check_motion(readings: Array, names: Sequence[str]) -> None:
     """
     check_mounting(readings, names)
     check_zeros(readings, names)
-    inner = _leaning_over(readings)[1:-1]
+    inner = leaning_over(readings)[1:-1]
     if not inner.any():
         raise ValueError(
             'no soliton passes in this recording, because no rotor changes its side; nudge the '
@@ -115,7 +115,7 @@ def _direction_at_rest(
     return np.asarray(middle)
 
 
-def _leaning_over(readings: Array) -> NDArray[np.bool_]:
+def leaning_over(readings: Array) -> NDArray[np.bool_]:
     """Return which rotors clearly lean to both sides at different times, (N,)."""
     sine = np.sin(readings)
     clear = np.abs(sine) > _LEANING * np.median(np.abs(sine), axis=0)

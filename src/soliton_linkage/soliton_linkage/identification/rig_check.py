@@ -1,0 +1,421 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Checks of the joint states of a rig: stamps, readings, turns by hand, and fit to the chain.
+
+In a chain at rest, all bonds have their rest lengths, wherever the wall is. A wrong reading of a
+rotor or a wrong length therefore changes the apparent lengths of the adjacent bonds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from soliton_linkage.estimation.noise import robust_deviation
+from soliton_linkage.identification.mounting import check_unit
+from soliton_linkage.identification.readings import interpolated
+from soliton_linkage.identification.screening import check_motion, leaning_over, noise_of
+from soliton_linkage.linkage.chain import Array, Chain, staggered, wrapped
+
+RIGHT, DOUBTFUL, WRONG = 'right', 'doubtful', 'wrong'
+"""Verdicts of findings."""
+SMALLEST_TURN = 0.15
+"""Smallest rotation that counts as a turn by hand [rad]. It is far above the noise of encoders."""
+_LARGEST_JITTER = 1e-3
+"""Largest jitter of stamps that is right [s]. At 10 rad/s it acts as a noise of 0.01 rad."""
+_LARGEST_AGE = 0.5
+"""Largest age of a frame at its arrival that is right [s]."""
+_LARGEST_LEAD = 0.01
+"""Largest time by which a stamp may be in the future [s]; clocks synchronised by NTP agree
+better."""
+_LARGEST_SLOWNESS = 0.1
+"""Largest relative difference between the speeds of the stamps and of the clock that is right [1].
+Clocks of devices differ by 1 %, but the delays of a busy machine change the measured speed."""
+_LATE = 1.5
+"""Threshold of an interval, relative to the median interval [1]: frames are missing if it is
+larger."""
+_LARGEST_NOISE = 0.05
+"""Largest noise of a reading that is right [rad]."""
+_NOISY = 3.0
+"""Threshold of the noise of a rotor, relative to the median rotor [1]: the rotor is noisy if its
+noise is larger."""
+_SMALLEST_NOISE = 2e-3
+"""Noise below which no rotor is called noisy [rad]."""
+_LEAST_SEEN = 0.99
+"""Smallest fraction of the frames in which a rotor has a reading, if the rotor is right [1]."""
+_LARGEST_STRETCH = 0.02
+"""Largest relative difference between an apparent bond length and its rest length that is right
+[1]. Gravity and friction stretch the bonds of usual rigs less, and a wrong zero of 0.05 rad
+stretches them more."""
+_EXPLAINED = 1 / 3
+"""Largest root mean square stretch after a correction, relative to the one before, if the
+correction explains the stretches [1]."""
+_EQUALLY_GOOD = 1.5
+"""Largest ratio between the stretches after a correction and after the best correction, if both
+corrections are reported [1]."""
+_MOST_FRAMES = 200
+"""Largest number of frames from which stretches are computed [1]."""
+_MOST_NAMED = 4
+"""Largest number of rotors, or of possible causes, that a finding names [1]."""
+
+
+@dataclass(frozen=True)
+class WatchedFrames:
+    """Joint states in T frames of N rotors, in the order of their arrival."""
+
+    stamps: Array
+    """Stamps [s], shape (T,); 0 if a frame has no stamp."""
+    arrivals: Array
+    """Times of arrival [s], on the clock of the stamps, shape (T,)."""
+    angles: Array
+    """Readings [rad], NaN if missing, shape (T, N)."""
+
+
+class Turn(NamedTuple):
+    """Frames after the request to turn a rotor in the positive direction by hand."""
+
+    rotor: int
+    rest: Array
+    """Readings just before the request [rad], shape (N,)."""
+    frames: WatchedFrames
+
+
+class RigFinding(NamedTuple):
+    """Result of one check."""
+
+    verdict: str
+    """`RIGHT`, `DOUBTFUL` or `WRONG`."""
+    subject: str
+    text: str
+
+
+@dataclass(frozen=True)
+class RigFindings:
+    """Results of the check of a rig with N rotors."""
+
+    findings: tuple[RigFinding, ...]
+    noise: Array
+    """Noise of each rotor [rad], shape (N,); NaN if unknown."""
+    stretches: Array
+    """Apparent length of each bond divided by its rest length, minus 1 [1], shape (N - 1,).
+
+    All values are NaN if the chain is unknown.
+    """
+
+    @property
+    def sound(self) -> bool:
+        """Whether nothing is wrong."""
+        return all(each.verdict != WRONG for each in self.findings)
+
+
+def check_rig(
+    watched: WatchedFrames, turns: Sequence[Turn], names: Sequence[str], chain: Chain | None
+) -> RigFindings:
+    """Check frames of a rig that nobody touches, and frames while rotors are turned by hand.
+
+    `names` are the names of the N joints, rotor 0 first. Raises ValueError if `watched` has fewer
+    than four frames.
+    """
+    if len(watched.stamps) < 4:
+        raise ValueError(f'{len(watched.stamps)} frames are too few to check a rig; publish more')
+    findings = [*_stamp_findings(watched)]
+    try:
+        check_unit(watched.angles)
+        findings.append(RigFinding(RIGHT, 'unit', 'the angles are in radians'))
+    except ValueError as error:
+        findings.append(RigFinding(WRONG, 'unit', str(error)))
+        watched, turns = _converted(np.deg2rad, watched, turns)
+    if chain is not None and _is_staggered(chain, interpolated(watched.angles)):
+        text = 'odd rotors have the staggered angle; publish pi - phi for them'
+        findings.append(RigFinding(WRONG, 'angles', text))
+        watched, turns = _converted(staggered, watched, turns)
+    angles = interpolated(watched.angles)
+    seen = np.isfinite(watched.angles).mean(axis=0)
+    findings += _missing_findings(seen, names)
+    noise = np.array([noise_of(column, np.ones_like(column)) for column in angles.T[..., None]])
+    findings += _noise_findings(noise, names)
+    findings += _turn_findings(turns, names)
+    stretches = np.full(len(names) - 1, np.nan)
+    if chain is not None:
+        bonds = _Bonds(chain, angles)
+        stretches = bonds.stretches(bonds.angles)
+        findings += _chain_findings(bonds, names)
+    everything = [watched, *(turn.frames for turn in turns)]
+    findings += _passage_findings(np.concatenate([each.angles for each in everything]), names)
+    return RigFindings(tuple(findings), noise, stretches)
+
+
+def is_resting(angles: Array) -> bool:
+    """Return whether no rotor turns in frames of readings [rad], shape (T, N)."""
+    return not bool((np.ptp(interpolated(angles), axis=0) > SMALLEST_TURN / 2).any())
+
+
+def first_turn(rest: Array, angles: Array) -> tuple[int, float] | None:
+    """Return the rotor that turns first and its rotation [rad]; None if no rotor turns.
+
+    `rest` are the angles before the turn [rad], (N,), and `angles` the angles in the following
+    frames [rad], (T, N). A turn of an edge rotor also turns its neighbours, but less.
+    """
+    turned = np.nan_to_num(wrapped(angles - rest))
+    frames = np.flatnonzero(np.abs(turned).max(axis=1, initial=0.0) > SMALLEST_TURN)
+    if not frames.size:
+        return None
+    rotor = int(np.argmax(np.abs(turned[frames[0]])))
+    return rotor, float(turned[frames[0], rotor])
+
+
+def _converted(
+    convert: Callable[[Array], Array], watched: WatchedFrames, turns: Sequence[Turn]
+) -> tuple[WatchedFrames, list[Turn]]:
+    """Convert all readings, so that one fault does not appear in the later checks."""
+
+    def frames(given: WatchedFrames) -> WatchedFrames:
+        return replace(given, angles=convert(given.angles))
+
+    return frames(watched), [Turn(n, convert(rest), frames(each)) for n, rest, each in turns]
+
+
+def _stamp_findings(frames: WatchedFrames) -> Iterator[RigFinding]:
+    stamps, arrivals = frames.stamps, frames.arrivals
+    elapsed = float(arrivals[-1] - arrivals[0])
+    if not stamps.all():
+        yield RigFinding(WRONG, 'rate', f'{len(stamps) / elapsed:.3g} frames per second arrive')
+        yield RigFinding(
+            WRONG,
+            'stamps',
+            'frames have no stamps; stamp each frame with the time of its measurement, or set the '
+            'parameter stamps of soliton_analyser to arrival',
+        )
+        return
+    intervals = np.diff(stamps)
+    repeated, backward = int((intervals == 0).sum()), int((intervals < 0).sum())
+    intervals = intervals[intervals > 0]
+    period = float(np.median(intervals)) if len(intervals) else elapsed / len(stamps)
+    lost = intervals[intervals > _LATE * period]
+    missing = int(np.rint(lost / period - 1).sum())
+    rate = f'{1 / period:.4g} frames per second'
+    if missing:
+        rate += f', of which {missing} of {len(stamps) + missing} are missing'
+    yield RigFinding(DOUBTFUL if missing else RIGHT, 'rate', rate)
+    if repeated or backward:
+        yield RigFinding(
+            WRONG,
+            'stamps',
+            f'{repeated} of {len(stamps)} stamps are repeated and {backward} are earlier than the '
+            'stamp before; publish each frame once, in the order of the stamps',
+        )
+    whole = intervals[intervals < _LATE * period]
+    jitter = robust_deviation(np.abs(whole - period)) / np.sqrt(2)
+    steady = jitter < _LARGEST_JITTER
+    remedy = '; stamp frames where they are measured, not where they arrive'
+    text = f'the stamps jitter by {1e3 * jitter:.2g} ms{"" if steady else remedy}'
+    yield RigFinding(RIGHT if steady else DOUBTFUL, 'jitter', text)
+    speed = float(stamps[-1] - stamps[0]) / elapsed
+    age = float(np.median(arrivals - stamps))
+    if abs(speed - 1) > _LARGEST_SLOWNESS:
+        yield RigFinding(
+            DOUBTFUL,
+            'clock',
+            f'the stamps advance by {speed:.3g} s in a second of the clock: they come from a '
+            'simulation or a bag, or the clock of the stamps is wrong',
+        )
+    elif not -_LARGEST_LEAD < age < _LARGEST_AGE:
+        side = 'behind' if age > 0 else 'ahead of'
+        yield RigFinding(
+            WRONG,
+            'clock',
+            f'the stamps are {abs(age):.3g} s {side} the clock of this machine; synchronise the '
+            'clocks, for example by NTP, or set use_sim_time if the stamps are simulated',
+        )
+    else:
+        yield RigFinding(RIGHT, 'clock', f'frames arrive {1e3 * age:.2g} ms after their stamps')
+
+
+def _listed(names: Sequence[str], rotors: Sequence[int]) -> str:
+    more = f' and {len(rotors) - _MOST_NAMED} more' if len(rotors) > _MOST_NAMED else ''
+    return f'{", ".join(names[n] for n in rotors[:_MOST_NAMED])}{more}'
+
+
+def _missing_findings(seen: Array, names: Sequence[str]) -> Iterator[RigFinding]:
+    absent = np.flatnonzero(seen == 0).tolist()
+    gaps = np.flatnonzero((seen > 0) & (seen < _LEAST_SEEN)).tolist()
+    if absent:
+        text = f'{_listed(names, absent)} never arrive; publish all rotors, or set joint_names'
+        yield RigFinding(WRONG, 'rotors', text)
+    if gaps:
+        least = float(seen[gaps].min())
+        text = f'{_listed(names, gaps)} are missing in up to {1 - least:.0%} of the frames'
+        yield RigFinding(DOUBTFUL, 'rotors', text)
+    if not (absent or gaps):
+        yield RigFinding(RIGHT, 'rotors', f'all {len(names)} rotors have readings')
+
+
+def _noise_findings(noise: Array, names: Sequence[str]) -> Iterator[RigFinding]:
+    known = np.isfinite(noise)
+    if not known.any():
+        return
+    usual = float(np.median(noise[known]))
+    loud = np.nan_to_num(noise) > max(_NOISY * usual, _SMALLEST_NOISE)
+    noisy = np.flatnonzero(loud | (np.nan_to_num(noise) > _LARGEST_NOISE)).tolist()
+    if noisy:
+        text = (
+            f'{_listed(names, noisy)} have a noise of up to {np.max(noise[noisy]):.2g} rad, the '
+            f'median rotor {usual:.2g} rad; check the cables, magnets and supplies'
+        )
+        yield RigFinding(DOUBTFUL, 'noise', text)
+    else:
+        yield RigFinding(RIGHT, 'noise', f'the noise of the median rotor is {usual:.2g} rad')
+
+
+def _turn_findings(turns: Sequence[Turn], names: Sequence[str]) -> Iterator[RigFinding]:
+    """Compare the rotors that turned with the rotors that had to be turned."""
+    for rotor in {0, len(names) - 1} - {turn.rotor for turn in turns}:
+        text = f'{names[rotor]} was not turned by hand, so that its order and sign are unknown'
+        yield RigFinding(DOUBTFUL, 'order', text)
+    for turn in turns:
+        found = first_turn(turn.rest, turn.frames.angles)
+        asked = names[turn.rotor]
+        if found is None:
+            text = (
+                f'no rotor turned by {SMALLEST_TURN:g} rad when you had to turn {asked}: turn it '
+                'further, or check the cable and the magnet of its encoder'
+            )
+            yield RigFinding(WRONG, 'order', text)
+            continue
+        rotor, step = found
+        if rotor != turn.rotor:
+            text = f'{names[rotor]} turned by {step:+.2g} rad when you had to turn {asked}'
+            yield RigFinding(WRONG, 'order', f'{text}; name the joints from rotor 0 to the last')
+            continue
+        yield RigFinding(RIGHT, 'order', f'{asked} turned when you had to turn it')
+        if step < 0:
+            text = (
+                f'{asked} decreases when it turns in the positive direction; publish -phi for it, '
+                'or set its entry of encoders.signs to -1'
+            )
+            yield RigFinding(WRONG, 'sign', text)
+        else:
+            yield RigFinding(RIGHT, 'sign', f'{asked} increases in the positive direction')
+
+
+class _Bonds:
+    """Apparent bond lengths for changed readings and lengths."""
+
+    def __init__(self, chain: Chain, angles: Array) -> None:
+        self.angles = angles[:: -(-len(angles) // _MOST_FRAMES)]
+        self._pivots, self._lengths = chain.pivots, chain.rotor_lengths
+        self._rest = chain.rest_lengths[: chain.number_of_rotors - 1]
+
+    def stretches(self, angles: Array, of_rotors: float | Array = 1.0) -> Array:
+        """Return the median relative stretch of each bond, (N - 1,), for angles (T, N).
+
+        Rotor lengths are multiplied by `of_rotors`.
+        """
+        lengths = self._lengths * of_rotors
+        x = self._pivots + lengths * np.sin(angles)
+        apart = np.hypot(np.diff(x, axis=1), np.diff(lengths * np.cos(angles), axis=1))
+        return np.asarray(np.median(apart / self._rest - 1, axis=0))
+
+    def corrections(self, names: Sequence[str]) -> Iterator[tuple[Array, str]]:
+        """Yield the stretches after each possible correction, and its cause."""
+        angles, ones = self.angles, np.eye(len(names))
+        yield self.stretches(angles[:, ::-1]), 'the joints are in the reverse order'
+        common, value = _fitted(lambda step: self.stretches(angles - step), np.pi)
+        yield common, f'all readings are too large by {value:.2g} rad'
+        for n, one in enumerate(ones):
+            yield self.stretches(angles * (1 - 2 * one)), f'{names[n]} has the wrong sign: -phi'
+            yield self.stretches(angles - np.pi * one), f'{names[n]} is turned by half a turn'
+        for n in range(len(names) - 1):
+            order = np.arange(len(names))
+            order[[n, n + 1]] = n + 1, n
+            text = f'{names[n]} and {names[n + 1]} are exchanged'
+            yield self.stretches(angles[:, order]), text
+        for n, one in enumerate(ones):
+            found, value = _fitted(
+                lambda step, one=one: self.stretches(angles - step * one), np.pi
+            )
+            yield found, f'the reading of {names[n]} is too large by {value:.2g} rad'
+            found, value = _fitted(
+                lambda step, one=one: self.stretches(angles, 1 + step * one), 0.3
+            )
+            yield found, f'the length of {names[n]} differs by {value:+.1%}'
+        found, value = _fitted(lambda step: self.stretches(angles, 1 + step), 0.3)
+        yield found, f'all rotor lengths or rest lengths differ, rotors by {value:+.1%}'
+        now = self.stretches(angles)
+        for n, stretch in enumerate(now):
+            text = f'the rest length of the bond {names[n]} to {names[n + 1]} differs by'
+            yield now * (1 - np.eye(len(now))[n]), f'{text} {stretch:+.1%}'
+
+
+def _is_staggered(chain: Chain, angles: Array) -> bool:
+    """Return whether the bonds fit the chain only with pi minus the readings of odd rotors."""
+    bonds = _Bonds(chain, angles)
+    now, other = (_size(bonds.stretches(each)) for each in (bonds.angles, staggered(bonds.angles)))
+    return now > _LARGEST_STRETCH and other < _EXPLAINED * now
+
+
+def _size(stretches: Array) -> float:
+    known = stretches[np.isfinite(stretches)]
+    return float(np.sqrt(np.mean(known**2))) if len(known) else 0.0
+
+
+def _fitted(stretches: Callable[[float], Array], largest: float) -> tuple[Array, float]:
+    """Return the stretches for the best value of a correction, and this value.
+
+    The value is between -largest and largest.
+    """
+    grid = np.linspace(-largest, largest, 25)
+    best = grid[np.argmin([_size(stretches(float(value))) for value in grid])]
+    near = best - grid[1] + grid[0], best + grid[1] - grid[0]
+    found = minimize_scalar(lambda value: _size(stretches(value)), bounds=near, method='bounded')
+    return stretches(float(found.x)), float(found.x)
+
+
+def _chain_findings(bonds: _Bonds, names: Sequence[str]) -> Iterator[RigFinding]:
+    now = bonds.stretches(bonds.angles)
+    if not np.isfinite(now).any():
+        return
+    largest = float(np.nanmax(np.abs(now)))
+    if largest < _LARGEST_STRETCH:
+        text = f'all bonds fit the configured chain; the largest difference is {largest:.2%}'
+        yield RigFinding(RIGHT, 'chain', text)
+        return
+    n = int(np.nanargmax(np.abs(now)))
+    text = f'the bond {names[n]} to {names[n + 1]} differs by {now[n]:+.1%} from the chain'
+    corrected = bonds.corrections(names)
+    sizes = [(_size(np.where(np.isnan(to), now, to)), cause) for to, cause in corrected]
+    least = max(min(size for size, _ in sizes), _LARGEST_STRETCH / 10)
+    if least < _EXPLAINED * _size(now):
+        causes = [cause for size, cause in sizes if size < _EQUALLY_GOOD * least]
+        yield RigFinding(WRONG, 'chain', f'{text}: {"; or ".join(causes[:_MOST_NAMED])}')
+        return
+    count = int(np.nansum(np.abs(now) > _LARGEST_STRETCH))
+    text += (
+        f', and {count} bonds by more than {_LARGEST_STRETCH:.0%}; no single cause explains this: '
+        'set the zeros of the encoders, and measure spacing, rotor length and rest angle'
+    )
+    yield RigFinding(WRONG, 'chain', text)
+
+
+def _passage_findings(angles: Array, names: Sequence[str]) -> Iterator[RigFinding]:
+    """Check zeros, signs and order of all rotors if a soliton has passed all of them."""
+    readings = interpolated(angles)
+    if len(names) < 4 or not np.isfinite(readings).all():
+        return
+    if not leaning_over(readings)[1:-1].all():
+        text = (
+            'no soliton passed all rotors during this check; record one, and identify_chain '
+            'checks zeros, signs and order of the inner rotors'
+        )
+        yield RigFinding(DOUBTFUL, 'passage', text)
+        return
+    try:
+        check_motion(readings, names)
+        yield RigFinding(
+            RIGHT, 'passage', 'a soliton passed, and all rotors moved like neighbours'
+        )
+    except ValueError as error:
+        yield RigFinding(WRONG, 'passage', str(error))

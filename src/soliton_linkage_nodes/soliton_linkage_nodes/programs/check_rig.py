@@ -1,0 +1,240 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Check the joint states of a rig, and write a report page.
+
+The program receives joint_states for ten seconds while nobody touches the rig. Then it asks you to
+turn rotor 0 and the last rotor by hand, and waits for each motion. The chain comes from the topic
+chain, or from a parameter file after --ros-args with -p chain_from:=parameters.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
+from soliton_linkage.command_line import PlainParser
+from soliton_linkage.identification.readings import interpolated
+from soliton_linkage.identification.rig_check import (
+    RigFindings,
+    Turn,
+    WatchedFrames,
+    check_rig,
+    first_turn,
+    is_resting,
+)
+from soliton_linkage.linkage.quantities import Quantity
+from soliton_linkage.progress import ProgressLine
+from soliton_linkage_msgs import msg
+from soliton_linkage_nodes.messages.chain_source import (
+    ChainSourceParameters,
+    declare_chain,
+    describe_chain,
+    with_joints,
+)
+from soliton_linkage_nodes.messages.conversions import (
+    NamedChain,
+    chain_from_msg,
+    joint_states_from_msg,
+)
+from soliton_linkage_nodes.messages.frame_assembler import FrameAssembler
+from soliton_linkage_nodes.messages.frame_reader import FrameReader
+from soliton_linkage_nodes.programs.command_line import (
+    number,
+    parse_own_arguments,
+    ros_client,
+)
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
+from soliton_linkage_nodes.runtime.process import spin_until
+from soliton_linkage_nodes.runtime.stamps import SECOND, nanoseconds_of
+from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
+from soliton_linkage_studies.rig_page import rig_page
+
+_CHAIN_WAIT = 3.0
+"""Longest wait for the topic chain after the first frame [s]."""
+_LATEST = 20
+"""Number of messages from which the present angles are taken [1]. Rotors may be missing in single
+frames, and frames may consist of several messages."""
+_AFTER_TURN = 2.0
+"""Time for which frames are recorded after a rotor has turned [s]."""
+
+
+class CheckRig(Node):
+    """Node that records joint states while a person turns rotors of the rig."""
+
+    def __init__(self, stopping: threading.Event, **kwargs: Any) -> None:
+        """Subscribe to the joint states and the chain. `stopping` ends each wait."""
+        super().__init__('check_rig', **kwargs)
+        source, given = declare(self, ChainSourceParameters), declare_chain(self)
+        reject_unknown(self)
+        self.named: NamedChain | None = None
+        """Configured chain, None if it is unknown."""
+        self._joints = source.joint_names
+        self._stopping = stopping
+        self._received: list[tuple[int, JointState]] = []
+        self._topics = [AdaptiveSubscription(self, interfaces.JOINT_STATES, self._on_joints)]
+        if source.chain_from == 'parameters':
+            self.named = with_joints(given, self._joints)
+        else:
+            self._topics.append(AdaptiveSubscription(self, interfaces.CHAIN, self._on_chain))
+        self._executor = EventsExecutor(context=self.context)
+        self._executor.add_node(self)
+
+    def destroy_node(self) -> None:
+        """Destroy the node and its executor."""
+        self._executor.shutdown()
+        super().destroy_node()
+
+    def check(self, seconds: float, limit: float, turn: bool) -> RigFindings | None:
+        """Watch the rig for `seconds` [s], ask for the turns, and return the findings.
+
+        `limit` is the longest wait for frames and for each turn [s]. Without `turn`, nobody has to
+        turn rotors. Returns None if `stopping` is set. Raises ValueError without frames.
+        """
+        if not self._wait(lambda: self._received, limit) and not self._stopping.is_set():
+            raise ValueError(
+                f'no joint_states within {limit:g} s; start serial_encoders, camera_encoders or '
+                'your own driver'
+            )
+        self._wait(lambda: self.named, _CHAIN_WAIT)
+        self._received.clear()
+        self._watch(seconds, 'watching; do not touch the rig')
+        names = self.joint_names
+        watched = self._frames(0)
+        turns = []
+        for rotor in (0, len(names) - 1) if turn else ():
+            if not self._wait(lambda: is_resting(self._latest().angles), limit):
+                print('The chain does not come to rest; add friction or stop it by hand.')
+                break
+            turns.append(self._turn(rotor, limit))
+        if self._stopping.is_set():
+            return None
+        return check_rig(watched, turns, names, self.named.chain if self.named else None)
+
+    def _turn(self, rotor: int, limit: float) -> Turn:
+        """Ask a person to turn a rotor, and return the frames of the motion."""
+        begin, rest = len(self._received), interpolated(self._latest().angles)[-1]
+        print(
+            f'Turn {self.joint_names[rotor]} by hand in the positive direction: clockwise, if you '
+            'see rotor 0 on the left and the last rotor on the right '
+            f'(within {limit:g} s) ...',
+            flush=True,
+        )
+
+        def turned() -> bool:
+            newest = self._frames(max(begin, len(self._received) - _LATEST))
+            return first_turn(rest, newest.angles) is not None
+
+        if self._wait(turned, limit):
+            print('A rotor has turned. Release it.', flush=True)
+            self._watch(_AFTER_TURN, 'recording the motion')
+        return Turn(rotor, rest, self._frames(begin))
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Joint names of the chain, otherwise of `joint_names` or the first message."""
+        if self.named is not None:
+            return self.named.joint_names
+        return self._joints or tuple(self._received[0][1].name)
+
+    def _on_joints(self, message: JointState) -> None:
+        self._received.append((nanoseconds_of(self.get_clock()), message))
+
+    def _on_chain(self, message: msg.Chain) -> None:
+        self.named = with_joints(chain_from_msg(message), self._joints)
+
+    def _wait(self, condition: Any, seconds: float) -> bool:
+        return spin_until(self._executor, condition, seconds, self._stopping.is_set)
+
+    def _watch(self, seconds: float, title: str) -> None:
+        """Record for a time, with a progress line."""
+        progress, begin = ProgressLine(title, round(10 * seconds)), time.monotonic()
+
+        def over() -> bool:
+            elapsed = time.monotonic() - begin
+            progress.show(round(10 * elapsed), f'{len(self._received)} messages')
+            return elapsed > seconds
+
+        self._wait(over, 2 * seconds)
+        progress.clear()
+
+    def _latest(self) -> WatchedFrames:
+        return self._frames(max(len(self._received) - _LATEST, 0))
+
+    def _frames(self, begin: int) -> WatchedFrames:
+        """Return the frames of all messages from the number `begin` on."""
+        names = self.joint_names
+        assembler = FrameAssembler(names)
+        reader = FrameReader(names, self.named.encoder_offsets if self.named else ())
+        stamps, arrivals, angles = [], [], []
+        arrived = 0
+        for arrived, message in self._received[begin:]:
+            for frame in assembler.add(joint_states_from_msg(message)):
+                stamps.append(frame.stamp / SECOND)
+                arrivals.append(arrived / SECOND)
+                angles.append(reader.read(frame).angles)
+        for frame in assembler.flush():
+            stamps.append(frame.stamp / SECOND)
+            arrivals.append(arrived / SECOND)
+            angles.append(reader.read(frame).angles)
+        values = np.array(angles).reshape(-1, len(names))
+        return WatchedFrames(np.array(stamps), np.array(arrivals), values)
+
+
+def main() -> None:
+    """Check the rig; exit with 1 if something is wrong, with 130 after Ctrl-C."""
+    options = parse_own_arguments(_parser())
+    with ros_client('check_rig') as stopping:
+        node = CheckRig(stopping)
+        try:
+            found = node.check(options.seconds, options.limit, not options.no_turn)
+            described = describe_chain(node.named.chain) if node.named else 'no chain is known'
+            names = node.joint_names if found else ()
+        finally:
+            node.destroy_node()
+        if found is not None:
+            _report(found, names, described, options.output)
+            if not found.sound:
+                sys.exit(1)
+
+
+def _report(found: RigFindings, names: tuple[str, ...], chain: str, path: Path) -> None:
+    for each in found.findings:
+        print(f'{each.verdict:9}{each.subject:9}{each.text}')
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(rig_page(found, names, chain), encoding='utf-8')
+    print(f'the report page is {path}')
+
+
+def _parser() -> PlainParser:
+    parser = PlainParser(
+        prog='check_rig', description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    time_limit = Quantity('time', 's', 0.1, 3600.0)
+    parser.add_argument(
+        '--no-turn', action='store_true', help='only watch; nobody turns rotors by hand'
+    )
+    parser.add_argument(
+        '--seconds',
+        type=number(time_limit),
+        default=10.0,
+        help='time of watching [s] (%(default)g)',
+    )
+    parser.add_argument(
+        '--limit',
+        type=number(time_limit),
+        default=60.0,
+        help='longest wait for frames and for each turn [s] (%(default)g)',
+    )
+    parser.add_argument(
+        '--output', type=Path, default=Path('out/rig.html'), help='report page (%(default)s)'
+    )
+    return parser

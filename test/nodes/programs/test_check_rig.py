@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The program check_rig watches a running simulator while a hand turns its edge rotors."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+from graphs import Graph
+from programs import Program
+
+from soliton_linkage.identification.rig_check import DOUBTFUL, RIGHT, RigFindings
+from soliton_linkage_msgs.msg import RotorImpulses
+from soliton_linkage_nodes.programs.check_rig import CheckRig
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.simulator.node import Simulator
+from soliton_linkage_studies.rig_page import rig_page
+
+ROTORS = 6
+DAMPED = {
+    'chain.number_of_rotors': ROTORS,
+    'chain.damping': 3e-4,
+    'publish_rate': 100.0,
+    'real_time_factor': 0.5,
+    'initial_state': 'left_leaning',
+    'sensors.noise': 0.003,
+}
+
+
+def checked(graph: Graph, capfd: pytest.CaptureFixture[str]) -> RigFindings:
+    """Check a running simulator, and turn each rotor that the program asks for."""
+    hand = graph.speak(interfaces.ROTOR_IMPULSES)
+    program = CheckRig(threading.Event(), context=graph.context)
+    text, asked = '', 0
+
+    def ended() -> bool:
+        nonlocal text, asked
+        text += capfd.readouterr().out
+        if text.count('Turn rotor_') > asked:
+            name = text.rpartition('Turn ')[2].partition(' ')[0]
+            asked += 1
+            hand.publish(RotorImpulses(name=[name], impulse=[1e-3]))
+        return answer.done()
+
+    try:
+        with ThreadPoolExecutor(1) as pool:
+            answer = pool.submit(program.check, 2.0, 120.0, True)
+            graph.until(ended, 'the findings', lambda: text)
+        found = answer.result()
+        assert found is not None
+        return found
+    finally:
+        program.destroy_node()
+
+
+def test_a_right_rig_is_right_and_its_page_lists_every_finding(
+    graph: Graph, capfd: pytest.CaptureFixture[str]
+) -> None:
+    graph.start(Simulator, DAMPED)
+    found = checked(graph, capfd)
+    verdicts = {each.subject: each.verdict for each in found.findings}
+    assert verdicts.pop('clock') == DOUBTFUL
+    verdicts.pop('passage')
+    verdicts.pop('rate')
+    assert set(verdicts.values()) == {RIGHT}, found.findings
+    assert found.sound
+    page = rig_page(found, [f'rotor_{n}' for n in range(ROTORS)], 'a chain')
+    assert all(each.text in page for each in found.findings)
+    assert '<svg' in page
+    assert 'src=' not in page
+
+
+def test_a_wrong_encoder_is_reported_with_exit_code_1(
+    graph: Graph, start: Callable[..., Program]
+) -> None:
+    offsets = [0.0, 0.0, 0.3, 0.0, 0.0, 0.0]
+    graph.start(Simulator, {**DAMPED, 'sensors.offsets': offsets})
+    program = start('check_rig', '--no-turn', '--seconds', '2', '--output', 'rig.html')
+    graph.until(lambda: program.process.poll() is not None, 'an end', lambda: program.said)
+    assert program.wait() == 1
+    text = '\n'.join(program.said)
+    assert 'the reading of rotor_2 is too large by 0.3 rad' in text
+    assert 'rotor_0 was not turned by hand' in text
+
+
+def test_no_joint_states_are_an_error_of_one_line(start: Callable[..., Program]) -> None:
+    program = start('check_rig', '--limit', '0.5')
+    assert program.wait() == 1
+    assert program.said[-1].startswith('check_rig: no joint_states within 0.5 s; start ')

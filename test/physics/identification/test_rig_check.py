@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The check of a rig names each fault of simulated joint states once, and no other fault."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from soliton_linkage.dynamics.elastic import simulate
+from soliton_linkage.identification.rig_check import (
+    DOUBTFUL,
+    RIGHT,
+    WRONG,
+    RigFindings,
+    Turn,
+    WatchedFrames,
+    check_rig,
+)
+from soliton_linkage.linear.rigidity import Edge, edge_mode
+from soliton_linkage.linkage.chain import Chain, staggered
+from soliton_linkage.linkage.deviations import Deviations
+
+CHAIN = Chain(number_of_rotors=12)
+NAMES = [f'rotor_{n}' for n in range(12)]
+PERIOD, NOISE = 0.01, 0.003
+ONES = np.ones(12)
+
+
+def turned(rotor: int) -> np.ndarray:
+    """Angles of the chain after a hand has turned its edge rotor in the positive direction."""
+    lean, edge = (-1, Edge.FIRST) if rotor == 0 else (1, Edge.LAST)
+    rest = CHAIN.uniform_state(lean)
+    return simulate(CHAIN, rest, 10.0 * edge_mode(CHAIN, rest, edge), 2.0, PERIOD).angles
+
+
+def frames(angles: np.ndarray, seed: int) -> WatchedFrames:
+    random = np.random.default_rng(seed)
+    stamps = 1000 + PERIOD * np.arange(len(angles))
+    noise = random.normal(0, NOISE, angles.shape)
+    return WatchedFrames(stamps, stamps + random.exponential(1e-3, len(angles)), angles + noise)
+
+
+def at_rest(chain: Chain = CHAIN) -> WatchedFrames:
+    return frames(np.tile(chain.uniform_state(-1), (1000, 1)), 0)
+
+
+def turns() -> list[Turn]:
+    hands = [frames(turned(rotor), 1 + rotor) for rotor in (0, 11)]
+    return [Turn(rotor, each.angles[0], each) for rotor, each in zip((0, 11), hands, strict=True)]
+
+
+def changed(change) -> RigFindings:
+    """Check the chain whose readings are changed in all frames."""
+    watched = replace(at_rest(), angles=change(at_rest().angles))
+    hands = [
+        Turn(rotor, change(rest[None])[0], replace(each, angles=change(each.angles)))
+        for rotor, rest, each in turns()
+    ]
+    return check_rig(watched, hands, NAMES, CHAIN)
+
+
+def not_right(found: RigFindings) -> dict[str, str]:
+    """Texts of the findings that are not right, by their subjects, except for omitted steps."""
+    return {
+        each.subject: each.text
+        for each in found.findings
+        if not (each.verdict == RIGHT or each.subject == 'passage' or 'not turned' in each.text)
+    }
+
+
+def test_nothing_is_wrong_with_a_right_rig() -> None:
+    found = check_rig(at_rest(), turns(), NAMES, CHAIN)
+    assert not not_right(found)
+    assert found.sound
+    assert found.noise == pytest.approx(NOISE * ONES, rel=0.2)
+    assert np.abs(found.stretches).max() < 1e-3
+    texts = {each.subject: each.text for each in found.findings}
+    assert texts['rate'] == '100 frames per second'
+    assert texts['order'] == 'rotor_11 turned when you had to turn it'
+
+
+@pytest.mark.parametrize(
+    ('change', 'subject', 'text'),
+    [
+        (lambda angles: np.rad2deg(angles), 'unit', 'degrees'),
+        (lambda angles: -angles, 'sign', 'publish -phi'),
+        (lambda angles: angles * (1 - 2 * np.eye(12)[5]), 'chain', 'rotor_5 has the wrong sign'),
+        (
+            lambda angles: angles + 0.2 * np.eye(12)[5],
+            'chain',
+            'the reading of rotor_5 is too large by 0.2 rad',
+        ),
+        (
+            lambda angles: angles + np.pi * np.eye(12)[5],
+            'chain',
+            'rotor_5 is turned by half a turn',
+        ),
+        (lambda angles: angles + np.pi / 2, 'chain', 'all readings are too large by'),
+        (staggered, 'angles', 'pi - phi'),
+        (lambda angles: angles[:, [*range(5), 6, 5, *range(7, 12)]], 'chain', 'exchanged'),
+        (
+            lambda angles: np.where(np.arange(12) == 5, np.nan, angles),
+            'rotors',
+            'rotor_5 never arrive',
+        ),
+        (
+            lambda angles: np.where(
+                np.arange(len(angles))[:, None] % 4 < ONES * 2, angles, np.nan
+            ),
+            'rotors',
+            'missing in up to 50% of the frames',
+        ),
+        (
+            lambda angles: (
+                angles + np.random.default_rng(5).normal(0, 0.03, angles.shape) * np.eye(12)[5]
+            ),
+            'noise',
+            'rotor_5 have a noise of up to 0.03 rad',
+        ),
+    ],
+)
+def test_a_fault_of_the_readings_is_named_and_no_other(change, subject: str, text: str) -> None:
+    found = not_right(changed(change))
+    assert text in found.pop(subject)
+    assert not found
+
+
+def test_joints_in_the_reverse_order_are_seen_when_edge_rotors_turn() -> None:
+    found = changed(lambda angles: angles[:, ::-1])
+    assert not found.sound
+    orders = [each.text for each in found.findings if each.subject == 'order']
+    assert 'rotor_11 turned by' in orders[0]
+    assert 'had to turn rotor_0' in orders[0]
+    assert 'rotor_0 turned by' in orders[1]
+
+
+def test_a_hand_that_turns_no_encoder_is_reported() -> None:
+    still = Turn(0, CHAIN.uniform_state(-1), at_rest())
+    found = not_right(check_rig(at_rest(), [still, turns()[1]], NAMES, CHAIN))
+    assert list(found) == ['order']
+    assert 'no rotor turned by 0.15 rad when you had to turn rotor_0' in found['order']
+
+
+@pytest.mark.parametrize('rotor', [3, 6])
+def test_a_rotor_of_another_length_is_named(rotor: int) -> None:
+    made = replace(CHAIN, deviations=Deviations(rotor_length=tuple(0.1 * np.eye(12)[rotor])))
+    # A simulated chain of the other length, at rest after its motion has been damped.
+    made = replace(made, damping=3e-4)
+    rest = simulate(made, CHAIN.uniform_state(-1), 0 * ONES, 20.0, 0.1).angles[-1]
+    found = not_right(check_rig(frames(np.tile(rest, (500, 1)), 3), [], NAMES, CHAIN))
+    assert list(found) == ['chain']
+    assert f'the length of rotor_{rotor} differs by +1' in found['chain']
+
+
+def test_a_wrong_rest_angle_is_one_cause() -> None:
+    other = replace(CHAIN, rest_angle=CHAIN.rest_angle + 0.15)
+    found = not_right(check_rig(at_rest(), [], NAMES, other))
+    assert list(found) == ['chain']
+    assert 'all rotor lengths or rest lengths differ' in found['chain']
+
+
+def test_many_wrong_zeros_are_told_as_no_single_cause() -> None:
+    offsets = np.random.default_rng(7).normal(0, 0.2, 12)
+    found = not_right(changed(lambda angles: angles + offsets))
+    assert 'no single cause' in found['chain']
+
+
+def stamped(change, arrive=lambda arrivals: arrivals) -> dict[str, str]:
+    watched = at_rest()
+    watched = replace(watched, stamps=change(watched.stamps), arrivals=arrive(watched.arrivals))
+    return not_right(check_rig(watched, [], NAMES, CHAIN))
+
+
+def test_dropped_frames_are_counted() -> None:
+    kept = np.random.default_rng(3).random(1000) > 0.1
+    kept[[0, -1]] = True
+    watched = at_rest()
+    some = WatchedFrames(watched.stamps[kept], watched.arrivals[kept], watched.angles[kept])
+    found = not_right(check_rig(some, [], NAMES, CHAIN))
+    assert found == {
+        'rate': f'100 frames per second, of which {1000 - kept.sum()} of 1000 are missing'
+    }
+
+
+@pytest.mark.parametrize('jitter', [0.5e-3, 2e-3])
+def test_jitter_of_stamps_is_estimated(jitter: float) -> None:
+    random = np.random.default_rng(4)
+    found = check_rig(
+        replace(at_rest(), stamps=at_rest().stamps + random.normal(0, jitter, 1000)),
+        [],
+        NAMES,
+        CHAIN,
+    )
+    verdict, _, text = next(each for each in found.findings if each.subject == 'jitter')
+    assert verdict == (DOUBTFUL if jitter > 1e-3 else RIGHT)
+    assert float(text.split(' by ')[1].split()[0]) == pytest.approx(1e3 * jitter, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ('change', 'subject', 'text'),
+    [
+        (lambda stamps: 0 * stamps, 'stamps', 'no stamps'),
+        (lambda stamps: np.repeat(stamps[::2], 2), 'stamps', '500 of 1000 stamps are repeated'),
+        (
+            lambda stamps: stamps[[*range(500), 501, 500, *range(502, 1000)]],
+            'stamps',
+            '0 of 1000 stamps are repeated and 1 are earlier',
+        ),
+        (lambda stamps: stamps - 3.0, 'clock', '3 s behind the clock'),
+        (lambda stamps: stamps + 3.0, 'clock', '3 s ahead of the clock'),
+        (lambda stamps: stamps / 4, 'clock', '0.25 s in a second'),
+    ],
+)
+def test_wrong_stamps_are_reported(change, subject: str, text: str) -> None:
+    assert text in stamped(change)[subject]
+
+
+def test_a_soliton_that_passes_shows_a_wrong_sign_that_the_rest_hides() -> None:
+    rest, motion = CHAIN.uniform_state(-1), turned(0)
+    right = check_rig(at_rest(), [Turn(0, rest, frames(motion, 9))], NAMES, CHAIN)
+    assert next(each for each in right.findings if each.subject == 'passage').verdict == RIGHT
+    sign = 1 - 2 * np.eye(12)[7]
+    watched = replace(at_rest(), angles=sign * at_rest().angles)
+    wrong = check_rig(watched, [Turn(0, sign * rest, frames(sign * motion, 9))], NAMES, None)
+    verdict, _, text = next(each for each in wrong.findings if each.subject == 'passage')
+    assert verdict == WRONG
+    assert 'rotor_7 is mounted backwards' in text
+
+
+def test_too_few_frames_are_an_error() -> None:
+    few = WatchedFrames(np.arange(2.0), np.arange(2.0), np.zeros((2, 12)))
+    with pytest.raises(ValueError, match='2 frames are too few'):
+        check_rig(few, [], NAMES, CHAIN)
