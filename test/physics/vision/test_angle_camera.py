@@ -44,8 +44,26 @@ def test_errors_of_angles_agree_with_the_stated_deviations_and_have_no_bias() ->
     errors, stated = errors[3:], np.array([frame.deviations for frame in seen[3:]])
     own = errors - errors.mean(axis=0)
     assert np.sqrt(np.mean(own**2)) < 1e-3
-    assert 0.85 < np.sqrt(np.mean((own / stated) ** 2)) < 1.15
+    assert 0.85 < np.sqrt(np.mean((errors / stated) ** 2)) < 1.15
     assert abs(errors.mean()) < 0.1 * np.sqrt(np.mean(own**2))
+
+
+def test_dots_that_differ_within_their_sheets_increase_the_stated_deviations() -> None:
+    layout, film, _ = renderer(CHAIN)
+    shifts = np.random.default_rng(2).normal(0, 1e-4, layout.frame_dots.shape)
+    stated = []
+    for moved in (0 * shifts, shifts):
+        # The layout of the camera differs from the printed one by the shifts of the dots.
+        own, _, _ = renderer(CHAIN)
+        object.__setattr__(own, 'frame_dots', layout.frame_dots + moved)
+        camera = AngleCamera(own, CAMERA)
+        for time in TIMES[:4].tolist():
+            frame = camera.measure(time, film.picture(time))
+        stated.append(frame.deviations)
+        error = camera.frame_markers.fit_error
+    scale = np.median(camera.frame_markers.plane.pixels_per_metre(camera.pivots.positions))
+    assert error == pytest.approx(1e-4 * scale, rel=0.3)
+    assert (stated[1] > stated[0]).all()
 
 
 def test_errors_in_a_compressed_clip_are_small_and_correlated(tmp_path: Path) -> None:

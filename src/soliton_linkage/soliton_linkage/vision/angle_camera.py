@@ -31,6 +31,8 @@ from soliton_linkage.vision.rotor_tracks import Pivots, RotorTracks
 
 _DOT_DEVIATION = 0.7
 """Standard deviation of the position of a dot that the assignment of dots assumes [pixels]."""
+_SEARCHED = 5.0
+"""Largest accepted error of a predicted angle, relative to its standard deviation [1]."""
 _MIN_RADIUS = 1.5
 """Smallest radius of dots that can be fitted [pixels]."""
 
@@ -170,7 +172,10 @@ class AngleCamera:
         assert self.frame_markers.placing is not None
         placing = self.frame_markers.placing.deviations(self.pivots.positions, arms)
         placing *= self._layout.settings.placing_tolerance
-        deviations = np.hypot(np.hypot(factors * tangential, rate_errors * since), placing)
+        of_pivots = self.frame_markers.fit_error * self._metres / lengths
+        deviations = np.sqrt(
+            (factors * tangential) ** 2 + (rate_errors * since) ** 2 + placing**2 + of_pivots**2
+        )
         hidden = int(self._rotors - seen.sum())
         hiding = f'{hidden} of {self._rotors} rotors are hidden' if hidden else ''
         status = '; '.join(filter(None, (self.frame_markers.complaint, hiding)))
@@ -205,7 +210,8 @@ class AngleCamera:
 
     def _find_dots(self, time: float, grey: Picture, picture: Picture, plane: ChainPlane) -> Dots:
         """Return the dots; fit each with the motion smear predicted for the nearest dot."""
-        angles, _ = self.tracks.predict_angles(np.full(self._rotors, time + self._delay))
+        now = np.full(self._rotors, time + self._delay)
+        angles, angle_deviations = self.tracks.predict_angles(now)
         rates, _, _ = self.tracks.motion()
 
         def mass_pixels(turned: Array) -> Array:
@@ -218,7 +224,12 @@ class AngleCamera:
         smears = np.concatenate([smears, np.zeros_like(smears)])
         heights = np.concatenate([self._layout.heights] * 2)
         outlines = plane.metres_per_pixel(starts, heights) / self._layout.dot_radius
-        dots = find_dots(grey, picture, self._region, starts, outlines, smears)
+        # Only dots near their predictions are fitted. The prediction of a hidden rotor becomes
+        # uncertain, so that the dot is searched on its whole circle.
+        arms = _SEARCHED * angle_deviations * self.tracks.lengths / self._metres
+        label = self._radius / DOT_SHARE
+        reaches = label + np.concatenate([arms, np.where(self.pivots.known, 0.0, np.inf)])
+        dots = find_dots(grey, picture, self._region, starts, outlines, smears, reaches)
         return replace(dots, centres=plane.circle_centres(dots.centres, self._layout.dot_radius))
 
     def _adopt(self, plane: ChainPlane) -> float:

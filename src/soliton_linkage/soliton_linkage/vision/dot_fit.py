@@ -134,15 +134,16 @@ def _add_pixel(
     squared: Array,
     last: bool,
 ) -> None:
-    """Add a weighted residual to the normal equations."""
+    """Add a weighted residual to the upper triangles of the normal equations."""
     for i in range(_PARAMETERS):
         weighted = weight * derivatives[i]
         right[i] += weighted * left
-        for j in range(_PARAMETERS):
+        for j in range(i, _PARAMETERS):
             normal[i, j] += weighted * derivatives[j]
-        if last:
-            for j in range(_PARAMETERS):
-                squared[i, j] += weight * weighted * derivatives[j]
+    if last:
+        for i in range(_PARAMETERS):
+            for j in range(i, _PARAMETERS):
+                squared[i, j] += weight * weight * derivatives[i] * derivatives[j]
 
 
 cover_of_dot = compile_loop(_cover, inlined=True)
@@ -205,13 +206,16 @@ def normal_loop(
 
 @compiled(f8_2d, f8_1d)
 def solve_loop(matrix: Array, right: Array) -> None:
-    """Solve a symmetric positive definite system in place; the solution replaces `right`."""
+    """Solve a symmetric positive definite system in place; the solution replaces `right`.
+
+    Only the upper triangle of the matrix is used.
+    """
     size = len(right)
     for i in range(size):
         pivot = max(matrix[i, i], 1e-12)
         for j in range(i + 1, size):
-            factor = matrix[j, i] / pivot
-            for k in range(i, size):
+            factor = matrix[i, j] / pivot
+            for k in range(j, size):
                 matrix[j, k] -= factor * matrix[i, k]
             right[j] -= factor * right[i]
     for i in range(size - 1, -1, -1):
@@ -265,7 +269,7 @@ def fit_loop(grey: NDArray[np.uint8], dots: Array, found: Array) -> None:
             total = 0.0
             for i in range(_PARAMETERS):
                 for j in range(_PARAMETERS):
-                    total += one[i] * squared[i, j] * other[j]
+                    total += one[i] * squared[min(i, j), max(i, j)] * other[j]
             found[n, 4 + k] = variance * total
         found[n, 7] = math.sqrt(variance)
 

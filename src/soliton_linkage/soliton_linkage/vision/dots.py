@@ -54,10 +54,12 @@ def find_dots(
     predicted: Array,
     outlines: Array,
     smears: Array,
+    reaches: Array,
 ) -> Dots:
     """Return the dots in a region (left, top, right, bottom) [pixels].
 
-    Dots are predicted at M positions `predicted` [pixels], (M, 2). Each dot is fitted with the
+    Dots are predicted at M positions `predicted` [pixels], (M, 2). Only dots that are nearer than
+    `reaches` [pixels], (M,), to a predicted position are returned. Each dot is fitted with the
     outline and the smear of the nearest predicted position. The smear is the displacement during
     the exposure [pixels], (M, 2). `fit_dots` explains the outlines, (M, 2, 2).
     """
@@ -65,10 +67,13 @@ def find_dots(
     left, top, right, bottom = region
     longest = float(np.hypot(*smears.T).max(initial=0.0))
     spots = _spots(grey[top:bottom, left:right], radius, longest) + np.array([left, top])
+    distances = _distances(spots, predicted)
+    near = (distances < reaches).any(axis=1)
+    spots, distances = spots[near], distances[near]
     surroundings = _sampled(grey, spots, _label_ring(radius))
     darker = surroundings - _sampled(grey, spots, np.zeros((1, 2))) > _THRESHOLD
-    spots = spots[darker.mean(axis=1) > 0.5]
-    nearest = np.argmin(_distances(spots, predicted), axis=1)
+    dark = darker.mean(axis=1) > 0.5
+    spots, nearest = spots[dark], np.argmin(distances[dark], axis=1)
     fitted = fit_dots(grey, spots, outlines[nearest], DOT_SHARE, smears[nearest])
     good = np.flatnonzero(_accepted(fitted, spots, smears[nearest]))
     centres = fitted.centres[good]

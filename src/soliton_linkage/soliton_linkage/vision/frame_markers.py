@@ -103,6 +103,11 @@ class FrameMarkers:
         """Plane of the chain, None until enough markers have been visible."""
         self.deviation = 0.0
         """Standard deviation of the position of the plane in the picture [pixels]."""
+        self.fit_error = 0.0
+        """Standard deviation of the constant error of a fitted centre [pixels].
+
+        It is estimated from the dots of each marker, whose printed distances are exact.
+        """
         self.placing: PlacingErrors | None = None
         """Errors due to the positions of the frame markers, None until the plane is known."""
         self.print_scale = 1.0
@@ -120,6 +125,7 @@ class FrameMarkers:
         self._centres = np.full((len(self._points), 2), np.nan)
         self._noise = _MIN_OUTLIER
         self._pictures = self._since_search = 0
+        self._variance = 0.0
         self._detector = marker_detector(opencv())
 
     @property
@@ -219,6 +225,7 @@ class FrameMarkers:
         good = (fitted.contrasts > MIN_CONTRAST) & (
             fitted.residuals < _MAX_RESIDUAL * fitted.contrasts + 2.0
         )
+        self._variance = float(np.median(fitted.covariances[:, [0, 1], [0, 1]]))
         shifts = outlines @ (fitted.centres - starts)[..., None]
         good &= np.hypot(shifts[:, 0, 0], shifts[:, 1, 0]) < 2
         return plane.circle_centres(fitted.centres, radius), good
@@ -233,6 +240,10 @@ class FrameMarkers:
             seen = self.plane.points(self._centres.reshape(-1, 4, 2)[whole])
             size, distance = np.divide(_spreads(seen), _spreads(self._layout.frame_dots[whole]))
             self.print_scale = float(size / distance)
+        if whole.any():
+            expected = self.plane.pixels(self._points).reshape(-1, 4, 2)[whole]
+            error = _shape_error(self._centres.reshape(-1, 4, 2)[whole], expected)
+            self.fit_error = float(np.sqrt(max(error**2 - self._variance / self._pictures, 0.0)))
 
     def _detect(self, grey: Picture) -> dict[int, Array]:
         """Return the corners of each detected marker [pixels], shape (4, 2).
@@ -254,6 +265,21 @@ def _spreads(dots: Array) -> tuple[float, float]:
     centres = dots.mean(axis=1)
     within = np.linalg.norm(dots - centres[:, None]) / np.sqrt(len(dots))
     return float(within), float(np.linalg.norm(centres - centres.mean(axis=0)))
+
+
+def _shape_error(dots: Array, expected: Array) -> float:
+    """Return the standard deviation of M markers of 4 dots from their expected shapes [pixels].
+
+    Both arrays have the shape (M, 4, 2). Displacements, rotations and scales of the markers are
+    removed, because they are errors of the positions and of the print.
+    """
+    one, other = (
+        np.ascontiguousarray(each).view(np.complex128)[..., 0] for each in (dots, expected)
+    )
+    one, other = (each - each.mean(axis=1, keepdims=True) for each in (one, other))
+    turned = np.sum(one * other.conj(), axis=1) / np.sum(np.abs(other) ** 2, axis=1)
+    errors = one - turned[:, None] * other
+    return float(np.sqrt(np.sum(np.abs(errors) ** 2) / (4 * len(dots))))
 
 
 def marker_detector(cv2: Any) -> Any:

@@ -38,6 +38,11 @@ class ChainPlane:
     def _unit(self) -> float:
         return float(np.sqrt(np.linalg.norm(np.cross(self.columns[:, 0], self.columns[:, 1]))))
 
+    @cached_property
+    def _towards_camera(self) -> Array:
+        normal = np.cross(self.columns[:, 0], self.columns[:, 1])
+        return np.asarray(normal / np.linalg.norm(normal) * self._unit)
+
     def pixels(self, points: Array, heights: ArrayLike = 0.0) -> Array:
         """Return the pixels that show given points of the plane, shape (..., 2).
 
@@ -93,9 +98,7 @@ class ChainPlane:
 
     def _origins(self, points: Array, heights: ArrayLike) -> Array:
         up = np.broadcast_to(np.asarray(heights, dtype=np.float64), points.shape[:-1])
-        normal = np.cross(self.columns[:, 0], self.columns[:, 1])
-        towards_camera = normal / np.linalg.norm(normal) * self._unit
-        return np.asarray(self.columns[:, 2] + up[..., None] * towards_camera)
+        return np.asarray(self.columns[:, 2] + up[..., None] * self._towards_camera)
 
 
 def fit_plane(camera: Camera, points: Array, pixels: Array) -> tuple[ChainPlane, float]:

@@ -232,12 +232,16 @@ class Renderer:
             cells = np.floor((positions * [1, -1] + 0.5) * MODULES).astype(int)
             on = np.all((cells >= 0) & (cells < MODULES), axis=-1)
             inside = np.clip(cells, 0, MODULES - 1)
-            black = on & (bits[inside[..., 1], inside[..., 0]] == 0)
-            black |= from_dot < layout.dot_radius
+            cell = on & (bits[inside[..., 1], inside[..., 0]] == 0)
+            # The coverage of each sample by a dot is a ramp, because steps would displace dots.
+            sharpness = fine * self._plane.pixels_per_metre(centre[None])[0]
+            black = np.maximum(
+                cell, np.clip(0.5 + sharpness * (layout.dot_radius - from_dot), 0, 1)
+            )
             shape = (bottom - top, fine, right - left, fine)
             of_black, of_white = (
                 each.reshape(shape).mean(axis=(1, 3))[..., None]
-                for each in (black, paper & ~black)
+                for each in (black, paper * (1 - black))
             )
             board, white = np.array(_BOARD[::-1]), np.array(_WHITE[::-1])
             rest = 1 - of_black - of_white
