@@ -69,6 +69,17 @@ def test_a_film_that_was_cut_is_reported_after_its_pictures(tmp_path: Path, suff
         list(film)
 
 
+def test_an_avi_film_of_the_suite_that_was_cut_is_reported(tmp_path: Path) -> None:
+    pytest.importorskip('av', reason='needs PyAV: pip install av')
+    path, random = tmp_path / 'film.avi', np.random.default_rng(1)
+    pictures = (random.integers(0, 256, (48, 64, 3), dtype=np.uint8) for _ in range(90))
+    write_video(path, (TimedPicture(n / 60, picture) for n, picture in enumerate(pictures)))
+    assert len(list(read_video(path).pictures)) == 90
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(ValueError, match='before its stated end'):
+        list(read_video(path).pictures)
+
+
 def test_rows_of_a_turned_film_are_rows_of_the_sensor(tmp_path: Path) -> None:
     pytest.importorskip('av', reason='needs PyAV: pip install av')
     path, upper = tmp_path / 'film.mp4', np.zeros((48, 64, 3), dtype=np.uint8)

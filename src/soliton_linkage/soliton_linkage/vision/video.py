@@ -193,11 +193,12 @@ def _checked(
         )
     size = path.stat().st_size
     with path.open('rb') as file:
-        transport = file.read(1) == _SYNC and file.seek(_PACKET) and file.read(1) == _SYNC
-    if transport and size % _PACKET:
-        raise ValueError(
-            f'film {str(path)!r} ends after {last:.2f} s within a packet; copy it again'
-        )
+        head = file.read(_PACKET + 1)
+    # An AVI file states its size. A transport stream consists of packets of equal size.
+    cut = head[:4] == b'RIFF' and int.from_bytes(head[4:8], 'little') + 8 > size
+    if cut or (head[:1] == head[_PACKET:] == _SYNC and size % _PACKET):
+        part = 'before its stated end' if cut else 'within a packet'
+        raise ValueError(f'film {str(path)!r} ends after {last:.2f} s {part}; copy it again')
 
 
 def _opened_camera(number: int) -> Any:
