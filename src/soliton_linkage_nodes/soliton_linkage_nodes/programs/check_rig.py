@@ -79,12 +79,13 @@ class CheckRig(Node):
         """Configured chain, None if it is unknown."""
         self._joints = source.joint_names
         self._stopping = stopping
+        self._chains: list[msg.Chain] = []
         self._received: list[tuple[int, JointState]] = []
         self._topics = [AdaptiveSubscription(self, interfaces.JOINT_STATES, self._on_joints)]
         if source.chain_from == 'parameters':
             self.named = with_joints(given, self._joints)
         else:
-            self._topics.append(AdaptiveSubscription(self, interfaces.CHAIN, self._on_chain))
+            self._topics.append(AdaptiveSubscription(self, interfaces.CHAIN, self._chains.append))
         self._executor = EventsExecutor(context=self.context)
         self._executor.add_node(self)
 
@@ -104,7 +105,8 @@ class CheckRig(Node):
                 f'no joint_states within {limit:g} s; start serial_encoders, camera_encoders or '
                 'your own driver'
             )
-        self._wait(lambda: self.named, _CHAIN_WAIT)
+        if self._wait(lambda: self.named or self._chains, _CHAIN_WAIT) and self._chains:
+            self.named = with_joints(chain_from_msg(self._chains[-1]), self._joints)
         self._received.clear()
         self._watch(seconds, 'watching; do not touch the rig')
         names = self.joint_names
@@ -147,9 +149,6 @@ class CheckRig(Node):
 
     def _on_joints(self, message: JointState) -> None:
         self._received.append((nanoseconds_of(self.get_clock()), message))
-
-    def _on_chain(self, message: msg.Chain) -> None:
-        self.named = with_joints(chain_from_msg(message), self._joints)
 
     def _wait(self, condition: Any, seconds: float) -> bool:
         return spin_until(self._executor, condition, seconds, self._stopping.is_set)
