@@ -120,7 +120,8 @@ class WaveControls(ChainControls):
         if known == replace(named.chain, non_reciprocity=known.non_reciprocity if known else 0.0):
             return
         largest = 2 * abs(kappa) or _LARGEST_COUPLING
-        self._coupling.props(f'min={-largest:.4g} max={largest:.4g} step={largest / 100:.4g}')
+        # The slider rounds to the digits after the decimal point of the step.
+        self._coupling.props(f'min={-largest:.4g} max={largest:.4g} step={largest / 100:.12f}')
         self._coupling.value = kappa
         low, high = band_edges(named.chain)
         end = 2 * high
