@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -319,11 +320,17 @@ class _Bonds:
         apart = np.hypot(np.diff(x, axis=1), np.diff(lengths * np.cos(angles), axis=1))
         return np.asarray(np.median(apart / self._rest - 1, axis=0))
 
+    def _shifted(self, rotors: float | Array, step: float) -> Array:
+        return self.stretches(self.angles - step * rotors)
+
+    def _lengthened(self, rotors: float | Array, step: float) -> Array:
+        return self.stretches(self.angles, 1 + step * rotors)
+
     def corrections(self, names: Sequence[str]) -> Iterator[tuple[Array, str]]:
         """Yield the stretches after each possible correction, and its cause."""
         angles, ones = self.angles, np.eye(len(names))
         yield self.stretches(angles[:, ::-1]), 'the joints are in the reverse order'
-        common, value = _fitted(lambda step: self.stretches(angles - step), np.pi)
+        common, value = _fitted(partial(self._shifted, 1.0), np.pi)
         yield common, f'all readings are too large by {value:.2g} rad'
         for n, one in enumerate(ones):
             yield self.stretches(angles * (1 - 2 * one)), f'{names[n]} has the wrong sign: -phi'
@@ -334,15 +341,11 @@ class _Bonds:
             text = f'{names[n]} and {names[n + 1]} are exchanged'
             yield self.stretches(angles[:, order]), text
         for n, one in enumerate(ones):
-            found, value = _fitted(
-                lambda step, one=one: self.stretches(angles - step * one), np.pi
-            )
+            found, value = _fitted(partial(self._shifted, one), np.pi)
             yield found, f'the reading of {names[n]} is too large by {value:.2g} rad'
-            found, value = _fitted(
-                lambda step, one=one: self.stretches(angles, 1 + step * one), 0.3
-            )
+            found, value = _fitted(partial(self._lengthened, one), 0.3)
             yield found, f'the length of {names[n]} differs by {value:+.1%}'
-        found, value = _fitted(lambda step: self.stretches(angles, 1 + step), 0.3)
+        found, value = _fitted(partial(self._lengthened, 1.0), 0.3)
         yield found, f'all rotor lengths or rest lengths differ, rotors by {value:+.1%}'
         now = self.stretches(angles)
         for n, stretch in enumerate(now):
