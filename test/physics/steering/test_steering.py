@@ -36,12 +36,15 @@ def steering_of(orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> Steering
     return Steering(orbit, TorqueAllocation(orbit, torque_limit=0.1), settings)
 
 
-def rigid_loop(example: tuple[float, float], place: float, leg: int = 0, **wall: float) -> Loop:
-    """Return a loop that has observed a rigid-bar wall for a while."""
+def rigid_loop(
+    example: tuple[float, float], place: float, disturbance: float = 0.0
+) -> tuple[Loop, RigidWall]:
+    """Return a loop that has observed a rigid-bar wall for a while, and the wall."""
     orbit = orbit_of_example(example, ROTORS)
-    loop = Loop(steering_of(orbit), RigidWall(orbit, orbit.arc_at(place, leg), **wall), PERIOD)
+    wall = RigidWall(orbit, orbit.arc_at(place, 0), disturbance=disturbance)
+    loop = Loop(steering_of(orbit), wall, PERIOD)
     loop.go_on(SEEN)
-    return loop
+    return loop, wall
 
 
 def spring_wall(chain: Chain, angles: Array, gravity: float = 0.0) -> SpringWall:
@@ -141,52 +144,49 @@ def test_a_wall_is_held_against_gravity(example: tuple[float, float]) -> None:
 @pytest.mark.parametrize('example', CLASSES)
 def test_a_wall_is_moved_out_of_its_edge_and_back(example: tuple[float, float]) -> None:
     orbit = orbit_of_example(example, ROTORS)
-    loop = rigid_loop(example, 0.0)
-    assert isinstance(loop.wall, RigidWall)
-    loop.wall.arc = fit_anywhere(orbit, orbit.chain.uniform_state(-1)).arc
+    loop, wall = rigid_loop(example, 0.0)
+    wall.arc = fit_anywhere(orbit, orbit.chain.uniform_state(-1)).arc
     loop.steering = steering_of(orbit)
     loop.go_on(SEEN)
     for goal in (4.5, 9.0, 0.0):
         assert loop.steering.move(goal) is None
         assert loop.until_ended().outcome is Outcome.REACHED
-        assert loop.wall.place == pytest.approx(goal, abs=0.01)
+        assert wall.place == pytest.approx(goal, abs=0.01)
 
 
 def test_the_wall_follows_its_reference() -> None:
-    loop = rigid_loop(FLIPPER, 2.0)
-    assert isinstance(loop.wall, RigidWall)
+    loop, wall = rigid_loop(FLIPPER, 2.0)
     assert loop.steering.move(7.0) is None
     trajectory = loop.steering.trajectory
     assert trajectory is not None
     for _ in range(round(trajectory.duration / PERIOD)):
         loop.step()
-        assert loop.wall.arc == pytest.approx(trajectory.at(loop.time).arc, abs=0.02)
+        assert wall.arc == pytest.approx(trajectory.at(loop.time).arc, abs=0.02)
 
 
 @pytest.mark.parametrize('example', CLASSES)
 def test_a_constant_force_causes_no_steady_error(example: tuple[float, float]) -> None:
-    loop = rigid_loop(example, 4.0, disturbance=2.0)
+    loop, wall = rigid_loop(example, 4.0, disturbance=2.0)
     assert loop.steering.move(4.0) is None
     assert loop.until_ended().outcome is Outcome.REACHED
     loop.go_on(2.0)
-    assert loop.wall.place == pytest.approx(4.0, abs=1e-3)
+    assert wall.place == pytest.approx(4.0, abs=1e-3)
 
 
 @pytest.mark.parametrize('example', CLASSES)
 def test_the_error_after_an_impulse_decays_with_the_bandwidth(
     example: tuple[float, float],
 ) -> None:
-    loop = rigid_loop(example, 4.0)
-    assert isinstance(loop.wall, RigidWall)
+    loop, wall = rigid_loop(example, 4.0)
     loop.steering.move(4.0)
     loop.until_ended()
-    rest = loop.wall.arc
-    loop.wall.rate = 1.0
+    rest = wall.arc
+    wall.rate = 1.0
     b = bandwidth(loop.steering.orbit, PERIOD)
     offsets = []
     for _ in range(round(20 / b / PERIOD)):
         loop.step()
-        offsets.append(abs(loop.wall.arc - rest))
+        offsets.append(abs(wall.arc - rest))
     # A critically damped error after an impulse w peaks at w / (e b); the observer adds a delay.
     assert 1 / (math.e * b) < max(offsets) < 3 / (math.e * b)
     assert max(offsets[-100:]) < 1e-3 * max(offsets)
@@ -215,8 +215,7 @@ def test_the_loop_is_stable_at_any_frame_rate(period: float) -> None:
 
 
 def test_the_speed_limit_of_a_move_is_respected() -> None:
-    loop = rigid_loop(FLIPPER, 2.0)
-    assert isinstance(loop.wall, RigidWall)
+    loop, _ = rigid_loop(FLIPPER, 2.0)
     assert loop.steering.move(7.0, 1.0) is None
     speeds = []
     while loop.ended is None:
@@ -229,51 +228,48 @@ def test_the_speed_limit_of_a_move_is_respected() -> None:
 
 
 def test_stop_brakes_within_the_shortest_time_and_holds() -> None:
-    loop = rigid_loop(FLIPPER, 1.0)
-    assert isinstance(loop.wall, RigidWall)
+    loop, wall = rigid_loop(FLIPPER, 1.0)
     loop.steering.move(8.0)
     loop.go_on(1.5)
-    place, rate = loop.wall.place, loop.wall.rate
+    place, rate = wall.place, wall.rate
     shortest = DEFAULTS.min_duration / bandwidth(loop.steering.orbit, PERIOD)
     way = rate * shortest / 2 / loop.steering.orbit.site_arc
     loop.steering.stop()
     ended = loop.until_ended()
     assert rate > 1
     assert ended.outcome is Outcome.STOPPED
-    assert loop.wall.place == pytest.approx(place + way, rel=0.1)
+    assert wall.place == pytest.approx(place + way, rel=0.1)
     assert loop.steering.holding
-    stopped = loop.wall.place
+    stopped = wall.place
     loop.go_on(1.0)
-    assert loop.wall.place == pytest.approx(stopped, abs=1e-3)
+    assert wall.place == pytest.approx(stopped, abs=1e-3)
 
 
 def test_a_new_goal_during_a_move_changes_the_reference_smoothly() -> None:
-    loop = rigid_loop(FLIPPER, 1.0)
-    assert isinstance(loop.wall, RigidWall)
+    loop, wall = rigid_loop(FLIPPER, 1.0)
     loop.steering.move(8.0)
     loop.go_on(1.0)
     before = np.abs(loop.steering.torques()).max()
-    rate = loop.wall.rate
+    rate = wall.rate
     assert loop.steering.move(2.0) is None
     loop.step()
     assert np.abs(loop.steering.torques()).max() < 2 * before + 1e-5
-    assert loop.wall.rate == pytest.approx(rate, rel=0.05)
+    assert wall.rate == pytest.approx(rate, rel=0.05)
     assert loop.until_ended().outcome is Outcome.REACHED
-    assert loop.wall.place == pytest.approx(2.0, abs=0.01)
+    assert wall.place == pytest.approx(2.0, abs=0.01)
 
 
 def test_a_released_wall_moves_freely() -> None:
-    loop = rigid_loop(FLIPPER, 1.0)
-    assert isinstance(loop.wall, RigidWall)
+    loop, wall = rigid_loop(FLIPPER, 1.0)
     loop.steering.move(8.0)
     loop.go_on(1.0)
     loop.steering.release()
     loop.step()
-    rate = loop.wall.rate
+    rate = wall.rate
     assert not loop.steering.holding
     assert not loop.steering.torques().any()
     loop.go_on(0.2)
-    assert loop.wall.rate == rate
+    assert wall.rate == rate
     assert loop.ended is None
 
 
@@ -289,7 +285,7 @@ def test_an_upside_down_chain_is_steered_as_well() -> None:
 
 def test_a_goal_outside_the_chain_is_rejected() -> None:
     for place in [-0.1, 9.1, math.nan, math.inf]:
-        loop = rigid_loop(FLIPPER, 3.0)
+        loop, _ = rigid_loop(FLIPPER, 3.0)
         refused = loop.steering.move(place)
         assert refused is not None
         assert refused.outcome is Outcome.OUT_OF_CHAIN
@@ -300,7 +296,7 @@ def test_a_goal_outside_the_chain_is_rejected() -> None:
 
 def test_an_invalid_speed_is_rejected() -> None:
     for speed in [-1.0, math.nan, math.inf]:
-        refused = rigid_loop(FLIPPER, 3.0).steering.move(4.0, speed)
+        refused = rigid_loop(FLIPPER, 3.0)[0].steering.move(4.0, speed)
         assert refused is not None
         assert refused.outcome is Outcome.INVALID_SPEED
         assert '0 or more' in refused.message
@@ -320,12 +316,12 @@ def test_a_move_without_a_wall_is_rejected() -> None:
 
 
 def test_a_rejected_move_does_not_change_the_current_one() -> None:
-    loop = rigid_loop(FLIPPER, 2.0)
+    loop, wall = rigid_loop(FLIPPER, 2.0)
     loop.steering.move(6.0)
     loop.go_on(0.5)
     assert loop.steering.move(100.0) is not None
     assert loop.until_ended().outcome is Outcome.REACHED
-    assert loop.wall.place == pytest.approx(6.0, abs=0.01)
+    assert wall.place == pytest.approx(6.0, abs=0.01)
 
 
 def test_an_edge_actuator_reaches_as_far_as_the_edge_mode() -> None:
@@ -369,11 +365,10 @@ def test_far_from_the_actuators_the_bandwidth_decreases_to_limit_noise_torques()
 
 
 def test_a_wall_that_jumps_is_lost_and_released() -> None:
-    loop = rigid_loop(FLIPPER, 2.0)
-    assert isinstance(loop.wall, RigidWall)
+    loop, wall = rigid_loop(FLIPPER, 2.0)
     loop.steering.move(6.0)
     loop.go_on(0.5)
-    loop.wall.arc += 4 * loop.steering.orbit.site_arc
+    wall.arc += 4 * loop.steering.orbit.site_arc
     ended = loop.until_ended()
     assert ended.outcome is Outcome.SOLITON_LOST
     assert not loop.steering.holding
@@ -381,11 +376,10 @@ def test_a_wall_that_jumps_is_lost_and_released() -> None:
 
 
 def test_a_wall_that_leaves_its_hold_is_lost() -> None:
-    loop = rigid_loop(FLIPPER, 2.0)
-    assert isinstance(loop.wall, RigidWall)
+    loop, wall = rigid_loop(FLIPPER, 2.0)
     loop.steering.move(3.0)
     loop.until_ended()
-    loop.wall.rate = 200.0
+    wall.rate = 200.0
     ended = loop.until_ended()
     assert ended.outcome is Outcome.SOLITON_LOST
     assert not loop.steering.holding
@@ -421,7 +415,7 @@ def test_a_wall_that_does_not_settle_is_reported_as_not_held() -> None:
 
 
 def test_decreasing_stamps_lose_the_wall() -> None:
-    loop = rigid_loop(FLIPPER, 2.0)
+    loop, _ = rigid_loop(FLIPPER, 2.0)
     loop.steering.move(6.0)
     loop.go_on(1.0)
     loop.frames = 0
@@ -452,7 +446,7 @@ def test_a_moving_wall_is_braked_and_moved_despite_missing_frames(
 
 
 def test_a_gap_between_frames_does_not_lower_the_bandwidth() -> None:
-    loop = rigid_loop(FLIPPER, 2.0)
+    loop, _ = rigid_loop(FLIPPER, 2.0)
     loop.steering.move(6.0)
     loop.until_ended()
     loop.frames += 15
@@ -464,14 +458,14 @@ def test_a_gap_between_frames_does_not_lower_the_bandwidth() -> None:
 
 
 def test_after_a_reset_the_estimate_equals_a_new_one() -> None:
-    loop = rigid_loop(WOBBLER, 3.0)
+    loop, wall = rigid_loop(WOBBLER, 3.0)
     assert loop.steering.move(6.0) is None
     loop.go_on(0.5)
     loop.steering.reset()
     assert (loop.steering.wall, loop.steering.holding) == (None, False)
     other = steering_of(loop.steering.orbit)
     for time in np.arange(1.0, 1.3, PERIOD):
-        angles = loop.wall.frame()
+        angles = wall.frame()
         for each in (loop.steering, other):
             each.observe(time, angles)
             assert not each.torques().any()
