@@ -22,19 +22,16 @@ from soliton_linkage.identification.readings import repeat_counts
 from soliton_linkage.linkage.chain import Array, Chain
 
 _MOST_STEPS = 30
-"""Largest number of Gauss-Newton steps [1]; 6 to 15 are usual."""
+"""Largest number of Gauss-Newton steps; 6 to 15 are usual."""
 _RESTARTS = 3
-"""Largest number of runs of the iteration [1]; two suffice unless several bonds are near a
-limit."""
+"""Largest number of runs of the iteration; two suffice unless several bonds are near a limit."""
 _HALVINGS = 8
-"""Number of fractions 1, 1/2, 1/4, ... of a step that are tried [1]."""
+"""Number of fractions 1, 1/2, 1/4, ... of a step that are tried."""
 _NOISE_OF_COST = 1.0
-"""Error of -2 log likelihood due to first-order derivatives [1]; smaller increases are
-accepted."""
+"""Error of -2 log likelihood due to first-order derivatives; smaller increases are accepted."""
 _CONVERGED = 0.05
 """Length of the last step, in standard deviations (Mahalanobis distance) [1]."""
 _TOLERANCE_CHANGE = 0.05
-"""Largest relative change of the tolerances in the last step [1]."""
 
 
 @dataclass(frozen=True)
@@ -43,10 +40,10 @@ class Adjustment:
 
     lengths: Lengths
     covariance: Array
-    """Covariance of the unknowns of `lengths`, (P, P). The mean spacing, the unit, has no
-    error."""
+    """Covariance of the unknowns of `lengths`, (P, P); the mean spacing, the unit, has no error.
+    """
     information: Array
-    """Fisher information of the readings on the unknowns, without the prior, (P, P)."""
+    """Fisher information of the readings, without the prior, (P, P)."""
     tolerances: Tolerances
     noise: float
     """Standard deviation of a reading, from the misclosures of all bonds [rad]."""
@@ -55,11 +52,10 @@ class Adjustment:
     residuals: Array
     """Readings minus estimated readings [rad], (T, N)."""
     converged: bool
-    """Whether the iteration has converged."""
 
     @property
     def deviations(self) -> Array:
-        """Standard deviation of each unknown, shape (P,)."""
+        """Standard deviation of each unknown, (P,)."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
@@ -69,13 +65,12 @@ def adjust(
     tolerance: float | None = None,
     relative_deviations: Array | None = None,
 ) -> Adjustment:
-    """Estimate lengths and offsets from the readings in T frames [rad], (T, N), NaN if missing.
+    """Estimate lengths and offsets from readings [rad], (T, N), NaN if missing.
 
-    The tolerance of lengths [1] is estimated if it is None. Relative deviations, (T, N), are
-    standard deviations of readings divided by the typical one [1]. If a bond is collinear with a
-    rotor in a frame, two nearby configurations close all bonds. After convergence, all
-    configurations are therefore computed again from the readings, and the iteration is repeated if
-    the cost decreases.
+    The tolerance of lengths [1] is estimated if it is None. `relative_deviations`, (T, N), are
+    standard deviations divided by the typical one [1]. If a bond is collinear with a rotor, two
+    nearby configurations close all bonds; therefore all configurations are computed again from the
+    readings after convergence, and the iteration is repeated if the cost decreases.
     """
     for _ in range(_RESTARTS):
         found = _adjust_once(readings, start, tolerance, relative_deviations)
@@ -147,10 +142,7 @@ def _cost(bundle: Bundle, prior: Array, noise: float) -> float:
 
 
 def observable_basis(lengths: Lengths) -> Array:
-    """Return an orthonormal basis of the changes that keep the mean spacing, (P, P - 1).
-
-    Angles stay the same if all lengths are scaled.
-    """
+    """Return an orthonormal basis of the changes that keep the mean spacing, (P, P - 1)."""
     size = UNKNOWNS_PER_ROTOR * lengths.rotors - 2
     scale = np.zeros((size, 1))
     split(scale[:, 0])[2][:] = lengths.spacings
@@ -162,8 +154,8 @@ def cramer_rao_bound(
 ) -> Array:
     """Return the Cramer-Rao bound of the covariance of the unknowns, (P, P).
 
-    `angles` are the true angles [rad], (T, N). `noise` is the standard deviation of a reading
-    [rad]. Tolerances, if given, are prior knowledge of the chain.
+    `angles` are the true angles [rad], (T, N); `noise` is the standard deviation of a reading
+    [rad].
     """
     bundle = Bundle(chain_lengths(chain), angles)
     information = bundle.normal_equations().matrix / noise**2
@@ -180,20 +172,19 @@ def _covariance(bundle: Bundle, basis: Array, tolerances: Tolerances) -> tuple[f
 
 
 _CHANCE = 3.0
-"""Distance of a bond from a limit, in its standard deviations, below which it is reported or
-corrected [1]."""
+"""Distance from a limit, in standard deviations, below which a bond is reported or corrected."""
 _MARGIN = 1e-3
 """Distance from the limit of a corrected bond, relative to its spacing [1]."""
 _ROUNDS = 5
-"""Largest number of corrections [1]; one may move a neighbouring bond beyond its limit."""
+"""Largest number of corrections; one may move a neighbouring bond beyond its limit."""
 
 
 def passable(lengths: Lengths, covariance: Array) -> Lengths:
-    """Return the most likely lengths with which no bond stops a wall.
+    """Return the most likely lengths with which no bond stops a wall (`solitons.passage`).
 
-    `solitons.passage` defines the limits. With the excesses s over the limits, their derivatives G
-    and the covariance C of the lengths, (P, P), the correction is dp = C G^T (G C G^T)^-1 s. A
-    bond that exceeds a limit by more than noise can explain is not corrected.
+    With the excesses s over the limits, their derivatives G and the covariance C, (P, P), the
+    correction is dp = C G^T (G C G^T)^-1 s. A bond that exceeds a limit by more than noise can
+    explain is not corrected.
     """
     for _ in range(_ROUNDS):
         room, slopes = _room(lengths)
@@ -211,10 +202,7 @@ def passable(lengths: Lengths, covariance: Array) -> Lengths:
 
 
 def near_limit_bonds(lengths: Lengths, covariance: Array) -> dict[int, float]:
-    """Return the bonds near a limit, with the probability that each exceeds the limit [1].
-
-    The probability is computed to first order from the covariance of the lengths, (P, P).
-    """
+    """Return the bonds near a limit, with the probability that each exceeds the limit [1]."""
     room, slopes = _room(lengths)
     distances = (room / _deviations(slopes, covariance)).reshape(2, -1).min(axis=0)
     near = np.flatnonzero((distances > 0) & (distances < _CHANCE))
@@ -222,15 +210,11 @@ def near_limit_bonds(lengths: Lengths, covariance: Array) -> dict[int, float]:
 
 
 def _deviations(slopes: Array, covariance: Array) -> Array:
-    """Return the standard deviations, (K,), of K quantities with derivatives `slopes`, (K, P)."""
     return np.asarray(np.sqrt(np.einsum('cp,pq,cq->c', slopes, covariance, slopes)))
 
 
 def _room(lengths: Lengths) -> tuple[Array, Array]:
-    """Return the distances of K bonds from both limits [m], (2 K,), and derivatives, (2 K, P).
-
-    They are l - a - |r_n - r_(n+1)|, and the absolute value of a + l - r_n - r_(n+1).
-    """
+    """Return l - a - |r_n - r_(n+1)| and |a + l - r_n - r_(n+1)| [m], (2 K,), and derivatives."""
     r, a, rest = lengths.rotor_lengths, lengths.spacings, lengths.rest_lengths
     left, right = r[:-1], r[1:]
     longer = np.where(left > right, 1.0, -1.0)

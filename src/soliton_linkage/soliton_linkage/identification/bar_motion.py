@@ -1,20 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Masses of rotors on rigid bars, relative to their mean, from the free motion of the wall.
 
-A chain of bars has one degree of freedom, the arc length s [rad] along the orbit phi(s) of its
-configurations. With the unit tangent t = dphi/ds and the speed variable u,
+The arc length s [rad] along the orbit phi(s) of configurations is the only degree of freedom. With
+the unit tangent t = dphi/ds and the speed variable u,
 
     sqrt(I) ds/dt = u,    I = sum_n m_n r_n^2 t_n^2,
     sqrt(I) du/dt = sum_n m_n r_n g sin(phi_n + tilt) t_n
                     - c ds/dt - b tanh(ds/dt / w) sum_n |t_n|,
 
-with the damping c and the dry friction b. A wall moves slowly at heavy rotors. The motion s is
-fitted to the arc lengths at which frames project onto the orbit.
-
-Errors dp of lengths and offsets change the configuration at a given arc length by dphi = -R^T (R
-R^T)^-1 (df/dp) dp, with the misclosures f and their derivatives R by the angles. Errors e of the
-offsets shift measured arc lengths by t . e. Independent combinations of these errors, each of unit
-variance, are therefore also unknown.
+with the damping c and the dry friction b. The motion s is fitted to the arc lengths at which
+frames project onto the orbit. Errors dp of lengths and offsets change the configuration by dphi =
+-R^T (R R^T)^-1 (df/dp) dp, with the misclosures f and their derivatives R by the angles. Errors e
+of the offsets shift measured arc lengths by t . e. Independent combinations of these errors, each
+of unit variance, are also unknown.
 """
 
 from __future__ import annotations
@@ -44,28 +42,23 @@ from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.orbit.orbit import Orbit
 
 _GRID = 0.03
-"""Step of the arc length between the rows of a table [rad]. Sensitivity: at 0.5x, masses change by
-1e-4."""
+"""Step of the arc length in a table [rad]. Sensitivity: at 0.5x, masses change by 1e-4."""
 _SLIDING = 0.1
-"""Rate w above which dry friction is nearly constant [rad/s]; small compared with rates in a
-wall."""
+"""Rate w above which dry friction is nearly constant [rad/s]; small compared with walls."""
 _ROUNDS = 2
-"""Number of times that the standard deviation of masses is estimated [1]."""
 _KNOWN = 1e-6
 """Prior standard deviation of log gravity if gravity is known [1]."""
 _LARGEST_EXCESS = 1.5
 """Ratio of residual noise to reading noise above which the motion is not free [1]."""
 _MOST_STEPS = 15
-"""Largest number of evaluations of a fit [1]; 4 to 6 are usual."""
+"""Largest number of evaluations of a fit; 4 to 6 are usual."""
 _CONVERGED = 1e-4
-"""Relative decrease of the sum of squares in the last step [1]. Noise in 1000 frames changes the
-sum by ten times as much."""
+"""Relative decrease of the squares in the last step [1]; noise changes them by 10 times as much.
+"""
 _RATE_FRAMES = 8
-"""Number of frames from which the initial rate is estimated [1]."""
 _STEP = 1e-4
-"""Step of the unknowns for finite differences [1]."""
 _INFORMED = 1e-9
-"""Smallest variance of a combination, relative to the largest [1]; below it are rounding
+"""Smallest variance of a combination, relative to the largest [1]; smaller ones are rounding
 errors."""
 
 
@@ -118,10 +111,10 @@ def move_along(
 ) -> None:
     """Integrate K motions along an orbit by the Runge-Kutta method.
 
-    `arcs`, (T, K), receives the arc lengths. `begin` contains initial arc lengths and speeds u,
-    (2, K); `grid` the first arc length, the step between arc lengths, and w; `drags` damping and
-    dry friction, (2, K). At G equidistant arc lengths, `roots` contains sqrt(I) and `gravity` the
-    force of gravity, (G, K), and `friction` sum |t_n|, (G,).
+    `arcs`, (T, K), receives the arc lengths. `begin`, (2, K), contains initial arc lengths and
+    speeds u; `grid` the first arc length, the step between arc lengths, and w; `drags`, (2, K),
+    damping and dry friction. At G equidistant arc lengths, `roots`, (G, K), is sqrt(I), `gravity`,
+    (G, K), the force of gravity, and `friction`, (G,), sum |t_n|.
     """
     for k in range(begin.shape[1]):
         s, u = begin[0, k], begin[1, k]
@@ -168,7 +161,7 @@ class _OrbitTable:
         self._inertias = (r * self._tangents) ** 2
         self._weights = r * self._tangents * np.exp(1j * self._angles)
         self.friction = np.abs(self._tangents).sum(axis=1)
-        """Sum of |t| over the rotors, shape (G,)."""
+        """Sum of |t| over the rotors, (G,)."""
 
     def locate(self, arcs: Array) -> tuple[NDArray[np.intp], Array]:
         """Return the row before each arc length [rad], and the fraction of a step from it [1]."""
@@ -177,7 +170,7 @@ class _OrbitTable:
         return row, np.clip(at - row, 0.0, 1.0)
 
     def tangents(self, arcs: Array) -> Array:
-        """Return the unit tangents of the orbit at T arc lengths [rad], shape (T, N)."""
+        """Return the unit tangents of the orbit at T arc lengths [rad], (T, N)."""
         row, part = self.locate(arcs)
         before, after = self._tangents[row], self._tangents[row + 1]
         return np.asarray(before + part[:, None] * (after - before))
@@ -187,10 +180,7 @@ class _OrbitTable:
         return _Sums(self._inertias @ masses, self._weights @ masses)
 
     def changes(self, masses: Array, changes: Array) -> _Sums:
-        """Return the changes of the sums by K changes of lengths and offsets, (P, K).
-
-        The masses [1] have the shape (N,).
-        """
+        """Return the changes of the sums by K changes of lengths and offsets, (P, K)."""
         t, r = self._tangents, self._lengths.rotor_lengths
         linearised = misclosures(self._lengths, self._angles.T)
         factors = cholesky_factor(linearised.first, linearised.second, np.ones_like(t.T))
@@ -231,7 +221,7 @@ class BarMotion(NamedTuple):
     drag: tuple[float, float]
     """Damping [1/s] and dry friction [1/s^2]."""
     drag_deviations: tuple[float, float]
-    """Their standard deviations."""
+    """Standard deviations of damping [1/s] and dry friction [1/s^2]."""
     gravity: float
     """Gravity [1/s^2]."""
     gravity_deviation: float
@@ -243,8 +233,8 @@ def bar_motion(
 ) -> BarMotion | None:
     """Estimate masses and forces from free motions of bars; return None if other forces act.
 
-    The unit of length, also of gravity, is the mean spacing. `covariance` is that of lengths and
-    offsets, (P, P), and `noise` the standard deviation of a reading [rad].
+    The unit of length, also of gravity, is the mean spacing. `covariance`, (P, P), is that of
+    lengths and offsets, and `noise` the standard deviation of a reading [rad].
     """
     orbit = orbit_of(lengths.chain(Chain()))
     intervals = free_intervals(readings.times, readings.interruptions)
@@ -279,7 +269,7 @@ class _Fit:
     """Least-squares fit of simulated motions to the arc lengths of frames.
 
     Unknown are log masses, forces, the initial state of each interval, and combinations of lengths
-    and offsets. `excess` is the ratio of residual to expected noise [1].
+    and offsets.
     """
 
     def __init__(
@@ -306,7 +296,6 @@ class _Fit:
 
     @property
     def masses(self) -> Array:
-        """Logarithms of the masses [1], (N,)."""
         return self._unknowns[: self._rotors]
 
     def _begin(self, interval: slice) -> Array:

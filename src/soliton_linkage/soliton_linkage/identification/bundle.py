@@ -5,16 +5,14 @@ With h = r sin(phi), v = r cos(phi) and phi = y - o for a reading y, the misclos
 
     f_n = |(a_n + h_{n+1} - h_n, v_{n+1} - v_n)| - l_n.
 
-To first order at a configuration x, the misclosures are w = f(x) + R (y - o - x), with the
-derivatives R of f by the angles. With the variances S of the readings, their covariance M = R S
-R^T is tridiagonal in each frame, so that its Cholesky factor has two diagonals. The change dp of
-the unknowns minimises
+At a configuration x, the first-order misclosures are w = f(x) + R (y - o - x), R = df/dphi. With
+the variances S of the readings, their covariance M = R S R^T is tridiagonal in each frame. The
+change dp of the unknowns minimises, with J = dw/dp,
 
-    sum over frames of (w + J dp)^T M^-1 (w + J dp),
+    sum over frames of (w + J dp)^T M^-1 (w + J dp).
 
-with the derivatives J of w by the unknowns. The errors of the readings, v = S R^T M^-1 (w + J dp),
-are eliminated frame by frame (Gauss-Helmert model). At the true values, sum J^T M^-1 J is the
-Fisher information on p, and its inverse the Cramer-Rao bound.
+The errors of the readings, v = S R^T M^-1 (w + J dp), are eliminated frame by frame (Gauss-Helmert
+model). At the true values, sum J^T M^-1 J is the Fisher information on p.
 """
 
 from __future__ import annotations
@@ -30,16 +28,15 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.springs import spring_between
 
 _BATCH = 256
-"""Number of frames in a batch [1]; its arrays fit into the cache."""
+"""Number of frames in a batch, whose arrays fit into the cache."""
 _MISSING_VARIANCE = 1e4
 """Variance of a missing reading, relative to a typical reading [1]."""
 _CLOSINGS = 8
-"""Largest number of corrections of the angles after a step [1]; 2 or 3 are usual."""
+"""Largest number of corrections of the angles after a step; 2 or 3 are usual."""
 _CLOSED = 1e-4
 """Change of the angles in the last correction [rad], far below the noise."""
 _LARGEST_ERROR = 0.3
-"""Limit of the difference between angles and readings [rad]; without it Newton's method diverges
-for wrong lengths and nearly collinear bonds."""
+"""Limit of angles minus readings [rad]; otherwise Newton's method diverges for wrong lengths."""
 
 
 class Misclosures(NamedTuple):
@@ -111,8 +108,8 @@ class CholeskyFactor(NamedTuple):
 def cholesky_factor(first: Array, second: Array, variances: Array) -> CholeskyFactor:
     """Return the Cholesky factor of M.
 
-    `first` and `second` are derivatives of misclosures by angles [m/rad], (N - 1, T). `variances`
-    belong to readings [rad^2], (N, T).
+    `first` and `second` are derivatives of misclosures by angles [m/rad], (N - 1, T), and
+    `variances` those of readings [rad^2], (N, T).
     """
     own = first**2 * variances[:-1] + second**2 * variances[1:]
     between = second[:-1] * first[1:] * variances[1:-1]
@@ -147,7 +144,7 @@ class Bundle:
     ) -> None:
         """Start with initial lengths and with readings [rad], (T, N), NaN if missing.
 
-        Relative deviations, (T, N), are standard deviations divided by the typical one [1].
+        `relative_deviations`, (T, N), are standard deviations divided by the typical one [1].
         `repeat_counts`, (T, N), are lengths of runs of equal readings, which weigh as one.
         """
         self._readings = np.ascontiguousarray(readings.T)
@@ -163,9 +160,9 @@ class Bundle:
             for values, seen in zip(self._readings, self._seen, strict=True)
         ]
         self.angles = np.array(interpolated) - lengths.offsets[:, None]
-        """Estimated true angles [rad], shape (N, T)."""
+        """Estimated true angles [rad], (N, T)."""
         self.normal: NormalEquations
-        """Normal equations. Only bundles that `closed` has returned have this attribute."""
+        """Normal equations; only bundles that `closed` has returned have this attribute."""
 
     def closed(self, lengths: Lengths) -> Bundle:
         """Return a bundle with other lengths, in which all bonds are closed."""
@@ -179,10 +176,7 @@ class Bundle:
 
     @property
     def conditions(self) -> float:
-        """Number of independent conditions on the readings [1].
-
-        One reading per frame adds none, because it determines the configuration.
-        """
+        """Number of independent conditions on the readings; one reading per frame adds none."""
         return float(np.sum(self._weights.sum(axis=0) - self._weights.max(axis=0)))
 
     def normal_equations(self) -> NormalEquations:
@@ -241,8 +235,5 @@ class Bundle:
 
 
 def covariance_in(basis: Array, information: Array) -> Array:
-    """Return the covariance, (P, P), of unknowns that change only along a basis, (P, K).
-
-    `information`, (P, P), is the information on the unknowns.
-    """
+    """Return the covariance, (P, P), of unknowns that change only along a basis, (P, K)."""
     return np.asarray(basis @ np.linalg.inv(basis.T @ information @ basis) @ basis.T)

@@ -16,23 +16,19 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.passage import find_obstacles
 
 _LARGEST_SPREADS = 0.2, 0.25
-"""Largest plausible relative standard deviations of lengths, and of masses and stiffnesses [1].
-One rotor with twice the mass of 11 others gives 0.2."""
+"""Largest plausible relative standard deviations of lengths, and of masses and stiffnesses [1]."""
 _USUAL_OF_ROTOR, _USUAL_OF_FRAMES = 1.3, 0.3
-"""Typical mean square residual of the worst rotor over that of all rotors, and typical share of
-the worst tenth of the frames in the squared residuals [1]."""
+"""Typical mean square of the worst rotor over all, and share of the worst tenth of the frames."""
 _FAR_SPACING = 1.5
-"""Threshold of the ratio between a spacing and the median [1]: larger ratios are reported."""
+"""Ratio between a spacing and the median [1] above which the spacing is reported."""
 _SCALE_PARTS = {'rotor_length', 'spacing', 'rest_length'}
 """Quantities that change together if a part of the chain is scaled."""
 _MOST_NAMED = 4
-"""Largest number of weakly observable combinations that are named [1]."""
 _NOT_OBSERVABLE = 1e-4
-"""Information below which a combination is called not observable [1]; its standard deviation is
-then above 100."""
+"""Information below which a combination is called not observable (standard deviation 100) [1]."""
 _WEAK = 0.1
-"""Standard deviation from the readings alone above which a combination is weakly observable
-[1]."""
+"""Standard deviation from the readings alone above which a combination is weakly observable [1].
+"""
 
 
 def check_explained(

@@ -6,9 +6,9 @@ The equation of motion of rotor n is
     m_n r_n^2 phi_n'' = -sum over both springs of k f df/dphi_n + g m_n r_n sin(phi_n + tilt)
                         - c phi_n' - b tanh(phi_n' / w),
 
-where f is the extension of a spring, c the damping, and b the dry friction. The torque of dry
-friction is nearly constant at rates above w. The Q unknowns are the unknowns of `Lengths`, log k
-of each spring, log m of each rotor, c, b, log g, the initial angles and the initial rates.
+where f is the extension of a spring, c the damping, and b the dry friction. The Q unknowns are
+those of `Lengths`, log k of each spring, log m of each rotor, c, b, log g, the initial angles and
+rates.
 """
 
 from __future__ import annotations
@@ -21,11 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.identification.lengths import (
-    UNKNOWNS_PER_ROTOR,
-    Lengths,
-    split_lengths,
-)
+from soliton_linkage.identification.lengths import UNKNOWNS_PER_ROTOR, Lengths, split_lengths
 from soliton_linkage.identification.motion_loops import (
     BY_FORCE,
     INERTIA,
@@ -41,15 +37,14 @@ from soliton_linkage.identification.motion_loops import (
 from soliton_linkage.linkage.chain import Array
 
 _LONGEST_STEP = 0.4
-"""Longest step times the largest rate of vibration and decay [1]. After a wall has crossed 40
-rotors, errors of angles are at most 2e-5 rad. Sensitivity: at 0.5x, 2e-6 rad in twice the time."""
+"""Longest step times the largest rate of vibration and decay [1]; angles have errors below 2e-5
+rad."""
 _BATCH = 32
-"""Number of frames in a batch of sensitivities [1]; a batch of 40 rotors needs 3 MB."""
+"""Number of frames in a batch of sensitivities; a batch of 40 rotors needs 3 MB."""
 _SLIDING = 0.1
-"""Rate w above which dry friction is nearly constant [rad/s]; small compared with rates in a wall.
-Sensitivity: at 0.5x, friction needs more steps."""
+"""Rate w above which dry friction is nearly constant [rad/s]; at 0.5x, it needs more steps."""
 FORCE_UNKNOWNS = 3
-"""Number of unknown forces [1]: c, b and log g."""
+"""Number of unknown forces: c, b and log g."""
 
 
 class UnknownSlices(NamedTuple):
@@ -72,9 +67,9 @@ def unknown_slices(rotors: int) -> UnknownSlices:
 
 @dataclass(frozen=True)
 class FreeMotion:
-    """A chain of springs, the forces on its rotors, and its initial state.
+    """Chain of springs, forces on its rotors, and its initial state, in any unit of length.
 
-    Lengths may be in any unit. Masses, stiffnesses and drag are divided by the mean mass.
+    Masses, stiffnesses and drag are divided by the mean mass.
     """
 
     lengths: Lengths
@@ -161,12 +156,12 @@ def split_chain(unknowns: Array) -> dict[str, Array]:
 
 
 def angles_at(motion: FreeMotion, times: Array) -> Array:
-    """Return the angles at each time [rad], shape (T, N)."""
+    """Return the angles at each time [rad], (T, N)."""
     return states_at(motion, times)[:, 0]
 
 
 def states_at(motion: FreeMotion, times: Array) -> Array:
-    """Return the angles [rad] and the rates [rad/s] at each time, shape (T, 2, N)."""
+    """Return the angles [rad] and the rates [rad/s] at each time, (T, 2, N)."""
     return next(_states(motion, times, np.empty((0, 2, len(motion.masses))), len(times)))[0]
 
 

@@ -46,16 +46,15 @@ _NOT_CLOSED = (
 _ADJUSTED = 0.05
 """Share of the work that is done when the lengths close all bonds [1]."""
 _MOST_KICKS = 3
-"""Largest number of unrecorded kicks that are searched [1]; each requires another fit."""
+"""Largest number of unrecorded kicks that are searched; each requires another fit."""
 _KICK_FRAMES = 7
-"""Number of frames whose residuals are averaged to find a kick [1]."""
+"""Number of frames whose residuals are averaged to find a kick."""
 _BEFORE_KICK = 0.06
 """Unused time before an estimated kick [s]; 0.05 s after the kick are also unused."""
 _SUSPICIOUS = 1.05
-"""Threshold of residual noise over reading noise [1]: above it, a kick is searched."""
+"""Residual noise over reading noise above which a kick is searched [1]."""
 _KICKED = 5.5
-"""Threshold of the mean residual of `_KICK_FRAMES` frames, in standard deviations [1]: a kick acts
-there if the mean is larger. In 1 of 300 recordings (40 rotors, 2000 frames), noise exceeds it."""
+"""Mean residual of `_KICK_FRAMES` frames, in standard deviations, above which a kick acts [1]."""
 _KICK = (
     'a kick that was not recorded acts near {}; the frames near it were not used for masses, '
     'springs and drag'
@@ -65,9 +64,9 @@ _RIGID = (
     'impulses'
 )
 _ADJUSTMENTS = 6
-"""Largest number of adjustments [1]; each may reveal outliers that were hidden by larger ones."""
+"""Largest number of adjustments; each may reveal outliers that were hidden by larger ones."""
 _MOST_FITTED = 3000
-"""Largest number of frames in the fit of a motion [1]; 40 rotors then take one or two minutes."""
+"""Largest number of frames in the fit of a motion; 40 rotors then take one or two minutes."""
 
 
 def identify(
@@ -79,12 +78,11 @@ def identify(
 ) -> Identification:
     """Identify a chain from a recording.
 
-    Angles alone determine neither the mean spacing nor the mean mass, and sometimes not the
-    damping. Gravity determines the mean spacing unless `spacing_known`. Known impulses determine
-    the mean mass. The given chain supplies the values that the recording does not determine; its
-    number of rotors and its other lengths are ignored. The tolerance of lengths [1] is estimated
-    unless it is given. `progress` is called with the fraction of the work that is done [1]. Raises
-    ValueError, in one line, if the recording determines no chain.
+    Angles alone determine neither the mean spacing nor the mean mass. Gravity determines the
+    spacing unless `spacing_known`; known impulses determine the mass. `given` supplies all
+    undetermined values; its number of rotors and its other lengths are ignored. The tolerance of
+    lengths [1] is estimated if it is None. `progress` receives the fraction of the work that is
+    done [1]. Raises ValueError if the recording determines no chain.
     """
     absent = absent_joints(readings.joints)
     try:
@@ -96,11 +94,7 @@ def identify(
 
 
 def _identified(
-    readings: Readings,
-    given: Chain,
-    tolerance: float | None,
-    spacing_known: bool,
-    stages: Stages,
+    readings: Readings, given: Chain, tolerance: float | None, spacing_known: bool, stages: Stages
 ) -> Identification:
     for recording in readings.recordings:
         check_unit(recording.angles)
@@ -186,7 +180,6 @@ def _adjusted(
 
 
 def _check_passage(recordings: Sequence[Readings]) -> None:
-    """Raise ValueError unless a wall passes all rotors in at least one recording."""
     errors = []
     for each in recordings:
         try:

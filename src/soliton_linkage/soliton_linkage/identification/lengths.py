@@ -1,12 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Unknown lengths of a chain and offsets of its encoders: order, initial values and prior.
 
-The order is r_0, o_0, a_0, l_0, r_1, ..., r_{N-1}, o_{N-1}, so that the six unknowns of a bond are
-consecutive. For a length the unknown is its logarithm, for an offset the offset [rad].
-
-In the prior, the logarithms of all lengths of one kind (r, a or l) have a normal distribution
-about their common mean, and the offsets about 0. Their standard deviations, called tolerances, are
-estimated.
+The order is r_0, o_0, a_0, l_0, r_1, ..., o_{N-1}: logarithms of lengths, and offsets [rad]. In
+the prior, logarithms of lengths of one kind (r, a or l) have a normal distribution about their
+mean, and offsets about 0. Their standard deviations, called tolerances, are estimated.
 """
 
 from __future__ import annotations
@@ -19,9 +16,9 @@ import numpy as np
 from soliton_linkage.linkage.chain import Array, Chain
 
 UNKNOWNS_PER_ROTOR = 4
-"""Number of unknowns per rotor [1]: r, o, a and l."""
+"""Number of unknowns per rotor: r, o, a and l."""
 UNKNOWNS_PER_BOND = 6
-"""Number of unknowns on which the misclosure of a bond depends [1]."""
+"""Number of unknowns on which the misclosure of a bond depends."""
 _LONGEST_STEP = 0.2
 """Largest change of a log length [1] or of an offset [rad] in one step."""
 
@@ -66,10 +63,7 @@ class Lengths:
         )
 
     def chain(self, template: Chain) -> Chain:
-        """Return a chain with these lengths; a template supplies all other parameters.
-
-        Mean lengths become parameters of the chain, differences from them its deviations.
-        """
+        """Return a chain with these lengths; a template supplies all other parameters."""
         spacing, length = float(self.spacings.mean()), float(self.rotor_lengths.mean())
         rest = float(self.rest_lengths.mean())
         cosine = math.sqrt(max(rest**2 - spacing**2, 0.0)) / (2 * length)
@@ -108,12 +102,12 @@ def split_lengths(unknowns: Array) -> dict[str, Array]:
 
 
 _PASSING = 0.2
-"""Threshold of sin(phi_{n+1}) - sin(phi_n) minus its median, relative to a typical maximum [1]; a
-wall is near the bond if the value is larger."""
+"""Relative sin(phi_{n+1}) - sin(phi_n) minus its median above which a wall is near the bond [1].
+"""
 
 
 def initial_lengths(angles: Array) -> Lengths:
-    """Return lengths of a chain of equal rotors with spacing 1 that fit angles [rad], (T, N).
+    """Return lengths of equal rotors with spacing 1 that fit angles [rad], (T, N).
 
     A bond between two equal rotors closes if
 
@@ -151,10 +145,9 @@ def initial_lengths(angles: Array) -> Lengths:
 
 
 _INITIAL = 0.04
-"""Initial tolerance of lengths [1] and of offsets [rad]. With larger ones single lengths
-diverge."""
+"""Initial tolerance of lengths [1] and offsets [rad]; with larger ones single lengths diverge."""
 _SMALLEST, _LARGEST = 1e-4, 0.3
-"""Limits of the tolerances [1] or [rad]. Typical machined parts have ten times the lower one."""
+"""Limits of the tolerances [1] or [rad]; typical machined parts have ten times the lower one."""
 
 
 @dataclass(frozen=True)
@@ -189,7 +182,7 @@ class Tolerances:
     def estimated(lengths: Lengths, covariance: Array, given: float | None) -> Tolerances:
         """Return tolerances estimated from lengths and their covariance, (P, P).
 
-        If `given` is not None, it is the tolerance of the lengths [1].
+        `given` is the tolerance of the lengths [1] if it is known.
         """
         rotor, offset, spacing, rest = split(np.diag(covariance))
         squares = [

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimation of the mean mass from known impulses and the changes of rates that they cause.
 
-Free motion determines masses up to a common factor, the mean mass M. An impulse J_n changes the
-rate of rotor n by J_n / (M m_n r_n^2). A torque is treated as one impulse per frame. A fit to the
-readings near the impulses estimates M, the state before them, and their delay. It begins at the
-better of two values of M: from the changes of the rates, which fails for long torques, and from
-the work of the impulses, nearly all of which becomes kinetic energy.
+An impulse J_n changes the rate of rotor n by J_n / (M m_n r_n^2), with the mean mass M. A torque
+is one impulse per frame. A fit to the readings near the impulses estimates M, the state before
+them, and their delay. It begins at the better of two values of M: from the changes of the rates,
+which fails for long torques, and from the work of the impulses.
 """
 
 from __future__ import annotations
@@ -30,15 +29,14 @@ from soliton_linkage.identification.windows import FreeWindow
 from soliton_linkage.linkage.chain import Array
 
 _BEFORE = 50
-"""Number of fitted frames before the impulses [1]. Sensitivity: at 2x, rates are 3 times as
-precise."""
+"""Number of fitted frames before the impulses. Sensitivity: at 2x, rates are 3 times as precise.
+"""
 _AFTER = 25
-"""Number of fitted frames after the impulses [1], which show most of the effect."""
+"""Number of fitted frames after the impulses, which show most of the effect."""
 _MOST = 5
-"""Largest number of sequences of impulses that are fitted [1], a second each."""
+"""Largest number of sequences of impulses that are fitted, a second each."""
 _LONGEST = 500
-"""Largest number of frames between two free motions [1]. After more frames, the first no longer
-determines the second."""
+"""Largest number of frames between two free motions for which the first determines the second."""
 
 
 def mass_scale(
@@ -46,8 +44,8 @@ def mass_scale(
 ) -> tuple[float, float] | None:
     """Estimate the mean mass [kg] and the standard deviation of its logarithm [1].
 
-    Return None if no known impulses act between two free motions. The unit of length of the fit is
-    the mean spacing of the pivots, `spacing` [m].
+    Returns None if no known impulses act between two free motions. `spacing` is the mean spacing
+    [m].
     """
     found: list[tuple[float, float, float]] = []
     for before, after in pairwise(fitted.windows):

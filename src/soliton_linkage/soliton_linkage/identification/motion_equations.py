@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Normal equations of the chain and of the initial states of all windows.
 
-The unknowns of a window are the parameters q of the chain and the initial state s of the window.
-With the blocks A_qq, A_qs, A_sq, A_ss of the normal equations and the right sides b_q, b_s,
-elimination of s leaves
+With the blocks A_qq, A_qs, A_sq, A_ss for the parameters q of the chain and the initial state s of
+a window, and the right sides b_q, b_s, elimination of s leaves
 
     sum over windows of (A_qq - A_qs A_ss^-1 A_sq) dq = sum of (b_q - A_qs A_ss^-1 b_s),
 
@@ -34,10 +33,7 @@ _SIGNIFICANT_STAMPS = 6.0
 
 
 class WindowEquations(NamedTuple):
-    """Normal equations of a window for readings of unit variance.
-
-    The last 2 N of the Q unknowns are the initial state.
-    """
+    """Normal equations of a window for readings of unit variance; the initial state is last."""
 
     matrix: Array
     """Left side, (Q, Q)."""
@@ -77,8 +73,8 @@ def solver(
 ) -> Callable[[Array], Array]:
     """Return a function that solves the equations of the chain and of all initial states.
 
-    `information` is the prior information on the chain. The chain changes only along the columns
-    of `basis`. Right side and solution contain the chain, then the state of each window.
+    `information` is the prior information on the chain, which changes only along the columns of
+    `basis`. Right side and solution contain the chain, then the state of each window.
     """
     matrix = basis.T @ (information + np.sum([each.matrix for each in parts], axis=0)) @ basis
     matrix += damping * np.diag(np.diag(matrix))
@@ -120,9 +116,8 @@ def quasi_newton_step(
 class StampErrors(NamedTuple):
     """Errors of the time stamps of T frames, and their estimated variance.
 
-    A stamp that is late by d changes the readings by -d times the rates. With the rates u divided
-    by the standard deviations of the readings, stamp errors of variance v change the covariance of
-    weighted readings from I to I + v u u^T. Its inverse square root whitens them.
+    A stamp that is late by d changes readings by -d times the rates. With weighted rates u, stamp
+    errors of variance v change the covariance of weighted readings from I to I + v u u^T.
     """
 
     variance: float
@@ -157,10 +152,10 @@ class Record(NamedTuple):
     def weighted(
         self, window: FreeWindow, some: NDArray[np.intp] | None = None, states: Array | None = None
     ) -> tuple[Array, ...]:
-        """Return weights, rates times weights, and residuals times weights, (B, N) each.
+        """Return weights, weighted rates and weighted residuals, (B, N), 0 for missing readings.
 
         Without the numbers `some` of B frames and their states, (B, 2, N), all frames of the
-        window are used. Residuals of missing readings are 0.
+        window are used.
         """
         frames = window.frames if some is None else some
         if states is None:
@@ -211,9 +206,8 @@ def estimated_stamps(
 ) -> Record | None:
     """Return the record with estimated times, or None if errors of stamps are not significant.
 
-    The component of the residuals along the rates gives the delay of each frame. The variance
-    follows from second differences of these delays, because delays by model errors vary slowly.
-    `stamps` are the recorded times [s].
+    Residuals along the rates give the delay of each frame. The variance follows from second
+    differences of these delays, because delays by model errors vary slowly. `stamps` are in [s].
     """
     delays, weights = np.zeros((2, len(stamps)))
     sums, squares = 0.0, 0.0

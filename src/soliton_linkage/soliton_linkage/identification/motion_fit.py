@@ -1,14 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimation of a chain of springs and the forces on its rotors from its free motion.
 
-The springs near a moving wall are strained, so that the bonds do not close with relaxed lengths.
-The most likely chain minimises the squared differences between the readings and the solution of
-the equation of motion. The frames are divided into windows with separate initial states, so that
-angles are nearly linear in all unknowns (multiple shooting, after Bock). As the estimate improves,
-windows are merged; no window extends over an impulse.
-
-`scipy.optimize` is not used: for 3000 frames of 40 rotors its Jacobian would need 10 GB, and its
-quasi-Newton methods accept no matrix to begin with.
+Strained springs near a moving wall do not close with relaxed lengths. Therefore the solution of
+the equation of motion is fitted to the readings by least squares. Windows of frames have separate
+initial states, so that angles are nearly linear in all unknowns (multiple shooting, after Bock),
+and are merged as the estimate improves. `scipy.optimize` is not used: for 3000 frames of 40 rotors
+its Jacobian would need 10 GB, and its quasi-Newton methods accept no initial matrix.
 """
 
 from __future__ import annotations
@@ -47,61 +44,47 @@ from soliton_linkage.linkage.chain import Array
 
 _GROWTH_MASS_DEVIATION = 0.03
 """Prior standard deviation of masses and stiffnesses while windows are merged [1]. Sensitivity: at
-0.1, two of ten fits of wobbling flippers had errors of the stiffness of 8 to 10 %."""
+3x, two of ten fits of wobbling flippers had errors of the stiffness of 8 to 10 %."""
 _STEPS = 6
-"""Largest number of steps before windows are merged again [1]; 2 or 3 are usual."""
+"""Largest number of steps before windows are merged again; 2 or 3 are usual."""
 _LAST_STEPS = 40
-"""Largest number of steps with the longest windows [1]; 2 to 6 are usual, 20 in curved valleys of
-the cost."""
+"""Largest number of steps with the longest windows; 2 to 6 are usual, 20 in curved valleys."""
 _ROUNDS = 4
-"""Largest number of times that tolerances are estimated [1]."""
 _CONVERGED = 0.1
-"""Expected decrease of -2 log likelihood in the last step with the longest windows [1]: a third of
-a standard deviation. In curved valleys the actual decrease is smaller."""
+"""Expected decrease of -2 log likelihood in the last step with the longest windows [1]."""
 _COARSE = 0.1
-"""Expected decrease in the last step with shorter windows, divided by the number of unknowns [1].
-The step changes each unknown by a tenth of a standard deviation."""
+"""Expected decrease in the last step with shorter windows, per unknown [1]."""
 _STIFFNESS_FACTORS = (1, 1 / 5, 5)
-"""Initial stiffnesses that are tried, relative to the given one [1]. The fit corrects factors of 2
-or 3. Vibrations faster than the frame rate are omitted."""
+"""Initial stiffnesses that are tried, relative to the given one [1]."""
 _TOLERANCE_CHANGE = 0.05
 """Relative change of the tolerances at which they have converged [1]."""
 _SAMPLES = 4
-"""Number of samples of the posterior [1]. Sensitivity: at 0.5x, the uncertainty of the standard
-deviations is 1.4 times as large."""
+"""Number of samples of the posterior; at 0.5x, standard deviations are 1.4 times as uncertain."""
 _SAMPLED_STEPS = 20
-"""Largest number of steps for a sample [1]; 3 to 10 are usual."""
+"""Largest number of steps for a sample; 3 to 10 are usual."""
 _FITTING = 0.5
-"""Largest rms difference between a motion and readings at which windows are merged [rad]: a third
-of the rotation by a wall, from which least squares converges."""
+"""Largest rms difference between motion and readings at which windows are merged [rad]."""
 UNEXPLAINED = 1.5
-"""Ratio of residual noise to reading noise above which the model does not explain the readings
-[1]."""
+"""Ratio of residual noise to reading noise above which the model does not explain the readings."""
 _SIGNIFICANT = 3.0
-"""Difference between the residuals of bars and of springs that is significant, in its standard
-deviations [1]."""
+"""Significant difference between residuals of bars and springs, in standard deviations [1]."""
 _NOISE_SCATTER = 2.3
-"""Relative standard deviation of the squared noise of n readings, estimated from the median of
-their second differences, times sqrt(n) [1]."""
+"""Relative standard deviation of the squared noise of n readings times sqrt(n) [1]."""
 _MATRIX_FRAMES = 1000
-"""Number of frames from which the matrices of a step are computed [1]. Gradients, and therefore
-the results, use all frames. Sensitivity: at 2x, a fit takes 1.5 times as long."""
+"""Number of frames in matrices (gradients use all frames); at 2x, a fit takes 1.5 times as long.
+"""
 _DAMPINGS = 12
-"""Number of damping factors that are tried for one step [1]; the last one is 100."""
+"""Number of damping factors that are tried for one step; the last one is 100."""
 _FASTEST = 100.0
-"""Largest angular frequency of vibrations times the frame interval [1]; faster ones cannot be
-resolved and take long to integrate."""
+"""Largest angular frequency of vibrations times the frame interval [1]; faster ones take long."""
 _LONGEST_STEP = 1.0
 """Largest change of the logarithm of a length, stiffness or mass in one step [1]."""
 _FAR = 5.0
-"""Expected decrease, divided by the number of unknowns, above which matrices are computed again in
-each step [1], because they change much."""
+"""Expected decrease per unknown above which matrices are computed again in each step [1]."""
 _SLOW = 0.5
-"""Ratio of the expected decreases in successive steps above which matrices are computed again
-[1]."""
+"""Ratio of successive expected decreases above which matrices are computed again [1]."""
 _SHARES = 0.2, 0.5, 0.7, 0.95
-"""Fractions of the work that are done when the stiffness is found, when windows are merged, when
-tolerances are estimated, and when the posterior is sampled [1]."""
+"""Fractions of the work at the ends of the stages: stiffness, merging, tolerances, samples [1]."""
 _DAMPED = 1e-3
 """Damping factor above which a small expected decrease does not mean convergence [1]."""
 
@@ -145,11 +128,11 @@ class MotionFitter:
         gravity_known: bool = True,
         stages: Stages | None = None,
     ) -> None:
-        """Start with motions that approximate the readings.
+        """Start with motions that approximate the readings [rad], (T, N), NaN if missing.
 
-        `readings` [rad], (T, N), are NaN if missing. The standard deviation of a reading is its
-        relative deviation [1], (T, N), times `noise` [rad]. The tolerance of lengths [1] is
-        estimated if it is None, and gravity unless `gravity_known`.
+        The standard deviation of a reading is its relative deviation [1], (T, N), times `noise`
+        [rad]. The tolerance of lengths [1] is estimated if it is None, and gravity unless
+        `gravity_known`.
         """
         self._stamps, self._repeats = times, repeat_counts(readings)
         deviations = relative_deviations * np.sqrt(self._repeats)
@@ -299,7 +282,6 @@ class MotionFitter:
         return self._record.whitened(window.frames, pulls, errors)
 
     def _correct_stamps(self) -> bool:
-        """Estimate the errors of time stamps; return whether they are significant."""
         found = estimated_stamps(self._record, self._windows, self._stamps, self._noise)
         if found is not None:
             self._record = found
@@ -331,8 +313,8 @@ class MotionFitter:
     ) -> None:
         """Take quasi-Newton steps until the expected decrease of the cost is below `converged`.
 
-        Matrices take several times as long as a gradient. They are computed again only if a step
-        is rejected or progress is slow. `equations` contains initial matrices.
+        Matrices, which take longer than gradients, are computed again only if a step is rejected
+        or progress is slow.
         """
         every = max(1, len(self._stamps) // _MATRIX_FRAMES)
         equations = equations or self._equations(every)
@@ -416,9 +398,8 @@ class MotionFitter:
 def inflated_covariance(covariance: Array, samples: Array, at: UnknownSlices) -> Array:
     """Return the covariance of a chain, (P, P), inflated to the scatter of samples, (S, P).
 
-    Lengths, stiffnesses and masses compensate each other along curved valleys of the cost, so that
-    samples scatter more than to first order. Three factors of at least 1 are estimated: for
-    lengths and offsets, for stiffnesses, and for masses.
+    Lengths, stiffnesses and masses compensate each other along curved valleys of the cost. Each of
+    these kinds has its own factor of at least 1.
     """
     variances, factors = np.diag(covariance), np.ones(len(covariance))
     for part in (at.lengths, at.stiffnesses, at.masses):

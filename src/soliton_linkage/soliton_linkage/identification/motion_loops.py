@@ -1,23 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled loops that integrate a free motion, its sensitivities, and the gradient of a sum.
 
-`free_motion` states the equation of motion. The classical Runge-Kutta method integrates the angles
-and rates. The sensitivities X = dphi/dq and V = X' to an unknown q satisfy
+`free_motion` states the equation of motion; the integrator is the classical Runge-Kutta method.
+The sensitivities X = dphi/dq and V = X' to an unknown q satisfy
 
     X' = V,    V' = (dphi''/dphi) X + (dphi''/dphi') V + dphi''/dq.
 
-For a sum of angles with given weights, `pull_back` computes the derivatives by all unknowns in one
-integration backwards in time (adjoint of the Runge-Kutta method).
+`pull_back` is the adjoint integration, backwards in time. Arguments of the loops, for N rotors and
+Q unknowns:
 
-Arguments of the loops, for N rotors and Q unknowns:
-
-- `table`, (5, N): r, a, l, k, and the moments of inertia;
-- `forces`, (6,): c, b, w, gravity along the chain and across it, and the longest step;
-- `work`, (8, N): accelerations and their derivatives by angles, rates and forces;
-- `direct`, (5 N, 3): derivatives dphi''/dq of the rotors n - 1, n and n + 1 by r, a, l, log k and
-  log m of rotor or bond n;
-- `sources`, (Q,): row of each unknown in `direct`; or `NO_SOURCE` for an initial state, `UNMOVED`
-  for an offset, and `BY_FORCE` minus the number of a force.
+    table, (5, N): r, a, l, k, and the moments of inertia;
+    forces, (6,): c, b, w, gravity along the chain and across it, and the longest step;
+    work, (8, N): accelerations and their derivatives by angles, rates and forces;
+    direct, (5 N, 3): derivatives dphi''/dq of the rotors n - 1, n and n + 1 by r, a, l, log k
+    and log m of rotor or bond n;
+    sources, (Q,): row of each unknown in direct; or `NO_SOURCE` for an initial state,
+    `UNMOVED` for an offset, and `BY_FORCE` minus the number of a force.
 """
 
 from __future__ import annotations
@@ -46,8 +44,8 @@ R, A, L, K, INERTIA = range(5)
 M = INERTIA
 """Number of log m among the five unknowns of a rotor in `direct`; the first four are R to K."""
 ACCELERATION, BELOW, MAIN, ABOVE, DRAG, BY_DAMPING, BY_FRICTION, FALL = range(8)
-"""Rows of `work`: acceleration; its derivatives by the angles of the rotors n - 1, n and n + 1, by
-the rate, by c and b, and by log g (which is the acceleration by gravity)."""
+"""Rows of `work`: acceleration; derivatives by the angles n - 1, n, n + 1, the rate, c, b and log
+g."""
 DAMPING, FRICTION, SLIDING, ALONG, DOWN, LONGEST = range(6)
 """Indices in `forces`."""
 NO_SOURCE, UNMOVED, BY_FORCE = -1, -2, -3
@@ -157,7 +155,7 @@ def advance_sensitivities(
 ) -> None:
     """Take one step of the sensitivities x and v, (Q, 2, N), in place.
 
-    `own`, (5, N + 2), is a workspace. Its first row must begin and end with 0.
+    `own`, (5, N + 2), is a workspace, whose first row must begin and end with 0.
     """
     rotors = changes.shape[2]
     x_at, v_at, acceleration, x_sum, v_sum = own[0], own[1], own[2], own[3], own[4]
@@ -210,9 +208,8 @@ def integrate(
 ) -> None:
     """Integrate over T successive spans of time [s], and store the results after each span.
 
-    `state`, (2, N), and the sensitivities `changes`, (Q, 2, N), change in place. `states`,
-    (T, 2, N), receives angles and rates. `slopes`, (Q, T, N), receives x. With Q = 0 only the
-    motion is integrated.
+    `state`, (2, N), and the sensitivities `changes`, (Q, 2, N), change in place. `states`, (T, 2,
+    N), receives angles and rates, `slopes`, (Q, T, N), receives x. Q may be 0.
     """
     rotors, size = state.shape[1], changes.shape[0]
     at, works = np.empty((4, 2, rotors)), np.empty((4, 8, rotors))
@@ -278,8 +275,8 @@ def pull_back(
 ) -> None:
     """Compute the derivatives of the sum of angles times weights, (T, N), over T frames.
 
-    `states`, (T, 2, N), are the results of `integrate`. `pull`, (2, N), receives the derivatives
-    by the initial angles and rates. `gradient` is described in `reverse`. Both must begin as 0.
+    `states`, (T, 2, N), are those of `integrate`. `pull`, (2, N), receives the derivatives by the
+    initial state, `gradient` those of `reverse`; both must begin as 0.
     """
     rotors = pull.shape[1]
     at, works = np.empty((4, 2, rotors)), np.empty((4, 8, rotors))

@@ -8,7 +8,7 @@ The bond between two neighbours closes if their angles follow the curve
 
 (Freudenstein's equation of four-bar linkages), with K_1, K_2 > 0. An error of half a turn of the
 second angle changes the signs of K_0 and K_1. With a reversed sign, or if the rotors are not
-neighbours, angles do not follow such a curve, or follow that of a bond that no wall can pass.
+neighbours, the angles follow no such curve, or that of a bond that no wall can pass.
 """
 
 from __future__ import annotations
@@ -25,25 +25,20 @@ from soliton_linkage.linkage.chain import Array
 _LARGEST_MISFIT = 0.04
 """Misfit above which a curve does not explain the readings [rad]."""
 _LEAST_SWING = 0.15
-"""Range of sin(phi) of a rotor above which a wall has passed it, relative to the median range
-[1]."""
+"""Range of sin(phi) above which a wall has passed a rotor, relative to the median range [1]."""
 _QUANTILES = 0.02, 0.98
 """Quantiles of sin(phi) whose difference is called the range."""
 _WEIGHTINGS = 4
-"""Number of successive fits of a curve, each with weights from the previous fit [1]."""
+"""Number of successive fits of a curve, each with weights from the previous fit."""
 _FLATTEST = 0.1
-"""Value added in quadrature to the derivatives by the angles, so that no single frame dominates
-[1]."""
+"""Value added in quadrature to derivatives, so that no single frame dominates [1]."""
 _BETTER = 0.8
-"""Misfit with one rotor reversed below which it counts as reversed, relative to the misfit as
-recorded [1]."""
+"""Relative misfit with one rotor reversed below which it counts as reversed [1]."""
 _AS_GOOD = 1.25
 """The same ratio if no wall can pass the bond as recorded [1]."""
 _IMPASSABLE = 0.95
-"""Threshold of l^2 below which no wall can pass a bond, relative to the smallest l^2 of passable
-bonds [1]. Noise changes the ratio by 0.03."""
+"""Relative l^2 below which no wall can pass a bond [1]; noise changes the ratio by 0.03."""
 _MOST_NAMED = 4
-"""Largest number of absent joints that a text names [1]."""
 _MOST_WRONG = 1 / 4
 """Largest fraction of wrongly mounted rotors that an error names one by one [1]."""
 
@@ -59,11 +54,9 @@ class Mounting(NamedTuple):
     @property
     def remedy(self) -> str:
         """Formula that converts a reading phi to the angle."""
-        return {
-            (False, True): 'phi - pi',
-            (True, False): '-phi',
-            (True, True): 'pi - phi',
-        }.get(self, 'phi')
+        return {(False, True): 'phi - pi', (True, False): '-phi', (True, True): 'pi - phi'}.get(
+            self, 'phi'
+        )
 
 
 class _Curve(NamedTuple):
@@ -212,13 +205,10 @@ def _fitted(first: Array, second: Array, is_reversed: bool) -> _Curve:
 
 
 _CHECKED_FRAMES = 9
-"""Number of frames in which the unit is checked [1]."""
 _SMALLEST_IN_DEGREES = 4.0
-"""Value that every frame in degrees exceeds, because one of two neighbours is at 90 degrees or
-more."""
+"""Value that every frame in degrees exceeds: one of two neighbours is at 90 degrees or more."""
 _LARGEST_STAGGER = 0.2
-"""Threshold of the median of 1 + cos(phi_n + phi_{n+1}) [1]: radians give less, even if a wall
-covers half of the chain; degrees give 0.4 or more."""
+"""Median of 1 + cos(phi_n + phi_{n+1}) [1]: radians give less, degrees 0.4 or more."""
 
 
 def check_unit(readings: Array) -> None:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Readings of a recording: angles with standard deviations, impulses and tilts.
 
-Encoders round angles to a step q. If an angle changes by more than q between frames, its rounding
-errors are independent, with the variance q^2 / 12 (B. Widrow, I. Kollar, Quantization Noise,
-2008). At rest all readings of a rotor have the same rounding error.
+If an angle changes by more than the rounding step q between frames, rounding errors are
+independent, with the variance q^2 / 12 (B. Widrow, I. Kollar, Quantization Noise, 2008). At rest
+all readings of a rotor have the same rounding error.
 """
 
 from __future__ import annotations
@@ -22,11 +22,10 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 
 _FEWEST_ROTORS = 4
-"""Smallest number of rotors [1]; the bonds at the edges contain little information."""
+"""Smallest number of rotors; the bonds at the edges contain little information."""
 _LEAST_PRESENT = 0.5
 """Smallest fraction of the frames in which each rotor has a reading [1]."""
 _MOST_NAMED = 4
-"""Largest number of rotors that an error message names [1]."""
 _PAUSE = 1.0
 """Time between two joined recordings [s]."""
 _LARGEST_RELATIVE_DEVIATION = 100.0
@@ -143,7 +142,7 @@ class Readings:
 def interpolated(angles: Array, times: Array | None = None) -> Array:
     """Return readings [rad], (T, N), without jumps of 2 pi; missing ones are interpolated.
 
-    `times` have the shape (T,); None means equal intervals. A rotor without readings stays NaN.
+    A rotor without readings stays NaN.
     """
     times = np.arange(len(angles), dtype=np.float64) if times is None else times
     filled = np.full_like(angles, np.nan)
@@ -209,7 +208,7 @@ def rounding_noise(readings: Array) -> float:
 
 
 def repeat_counts(readings: Array) -> Array:
-    """Return the length of the run of equal readings around each reading [1], (T, N).
+    """Return the length of the run of equal readings around each reading, (T, N).
 
     A run contains the information of one reading, so that callers multiply variances by it.
     """
@@ -223,19 +222,17 @@ def repeat_counts(readings: Array) -> Array:
 
 
 _NEAR = 100
-"""Number of frames kept before each impulse, and also after each impulse [1]."""
+"""Number of frames kept before each impulse, and also after each impulse."""
 _NEAR_IMPULSES = 0.5
 """Largest fraction of the kept frames that may be near impulses [1]."""
 _AVERAGED = 8
-"""Number of frames in the moving average from which turning rotors are detected [1]."""
+"""Number of frames in the moving average from which turning rotors are detected."""
 _TURNING = 0.05
 """Change of a rotor's mean direction above which the rotor turns [1]."""
 _AT_REST = 0.1
-"""Density of kept frames while all rotors are at rest, relative to the density while a rotor turns
-[1]. A tenth of the frames suffices to determine offsets and bonds."""
+"""Density of kept frames at rest, relative to the density while a rotor turns [1]."""
 _FILLINGS = 5
-"""Number of iterations in which densities are limited to one frame per frame [1]. The excess is
-redistributed to other frames."""
+"""Number of iterations in which densities are limited to 1 and the excess is redistributed."""
 
 
 def informative_frames(
@@ -243,9 +240,8 @@ def informative_frames(
 ) -> NDArray[np.intp]:
     """Return the numbers of at most `most` informative frames in increasing order, (K,).
 
-    Frames near impulses are kept, because they show the rates before and after. The density of the
-    others is larger while a rotor turns. `angles` [rad], (T, N), NaN if missing, are readings at
-    `times` [s], (T,); `impulses` are times [s].
+    Frames near impulses [s] are kept, because they show the rates before and after. The density of
+    the others is larger while a rotor turns. `angles` [rad], (T, N), are NaN if missing.
     """
     if len(times) <= most:
         return np.arange(len(times))

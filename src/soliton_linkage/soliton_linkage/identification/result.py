@@ -26,7 +26,7 @@ _WORSE = 1.25
 
 @dataclass(frozen=True)
 class Identification:
-    """An identified chain with its uncertainties."""
+    """Identified chain with its uncertainties."""
 
     chain: Chain
     """Identified chain; the given chain supplies the values that could not be estimated."""
@@ -47,13 +47,13 @@ class Identification:
     rigid: bool
     """Whether all bonds close within the noise, so that stiffnesses are unknown."""
     unused_frames: int
-    """Number of frames without use for masses, stiffnesses and drag [1]."""
+    """Number of frames without use for masses, stiffnesses and drag."""
     weakly_observable: tuple[str, ...]
     """Weakly observable combinations of lengths."""
     warnings: tuple[str, ...]
     """Warnings for the user, one line each."""
     outliers: int = 0
-    """Number of isolated wrong readings, which were not used [1]."""
+    """Number of isolated wrong readings, which were not used."""
     damping_deviation: float = math.nan
     """Standard deviation of the damping [N m s/rad], NaN if unknown."""
     friction: float = math.nan

@@ -22,45 +22,35 @@ from soliton_linkage.identification.screening import check_motion, leaning_over,
 from soliton_linkage.linkage.chain import Array, Chain, staggered, wrapped
 
 RIGHT, DOUBTFUL, WRONG = 'right', 'doubtful', 'wrong'
-"""Verdicts of findings."""
 SMALLEST_TURN = 0.15
-"""Smallest rotation that counts as a turn by hand [rad]. It is far above the noise of encoders."""
+"""Smallest rotation that counts as a turn by hand [rad]; it is far above the noise of encoders."""
 _LARGEST_JITTER = 1e-3
-"""Largest jitter of stamps that is right [s]. At 10 rad/s it acts as a noise of 0.01 rad."""
+"""Largest jitter of stamps that is right [s]; at 10 rad/s it acts as a noise of 0.01 rad."""
 _LARGEST_AGE = 0.5
 """Largest age of a frame at its arrival that is right [s]."""
 _LARGEST_LEAD = 0.01
-"""Largest time by which a stamp may be in the future [s]; clocks synchronised by NTP agree
-better."""
+"""Largest time by which a stamp may be in the future [s]; clocks synchronised by NTP agree better.
+"""
 _LARGEST_SLOWNESS = 0.1
-"""Largest relative difference between the speeds of the stamps and of the clock that is right [1].
-Clocks of devices differ by 1 %, but the delays of a busy machine change the measured speed."""
+"""Largest relative difference between the speeds of stamps and clock that is right [1]."""
 _LATE = 1.5
-"""Threshold of an interval, relative to the median interval [1]: frames are missing if it is
-larger."""
+"""Interval, relative to the median interval, above which frames are missing [1]."""
 _LARGEST_NOISE = 0.05
 """Largest noise of a reading that is right [rad]."""
 _NOISY = 3.0
-"""Threshold of the noise of a rotor, relative to the median rotor [1]: the rotor is noisy if its
-noise is larger."""
+"""Noise of a rotor, relative to the median rotor, above which it is called noisy [1]."""
 _SMALLEST_NOISE = 2e-3
 """Noise below which no rotor is called noisy [rad]."""
 _LEAST_SEEN = 0.99
-"""Smallest fraction of the frames in which a rotor has a reading, if the rotor is right [1]."""
+"""Smallest fraction of the frames in which a right rotor has a reading [1]."""
 _LARGEST_STRETCH = 0.02
-"""Largest relative difference between an apparent bond length and its rest length that is right
-[1]. Gravity and friction stretch the bonds of usual rigs less, and a wrong zero of 0.05 rad
-stretches them more."""
+"""Largest relative bond stretch that is right [1]; a wrong zero of 0.05 rad stretches more."""
 _EXPLAINED = 1 / 3
-"""Largest root mean square stretch after a correction, relative to the one before, if the
-correction explains the stretches [1]."""
+"""Largest relative rms stretch after a correction that explains the stretches [1]."""
 _EQUALLY_GOOD = 1.5
-"""Largest ratio between the stretches after a correction and after the best correction, if both
-corrections are reported [1]."""
+"""Largest ratio to the stretches after the best correction at which another is reported [1]."""
 _MOST_FRAMES = 200
-"""Largest number of frames from which stretches are computed [1]."""
 _MOST_NAMED = 4
-"""Largest number of rotors, or of possible causes, that a finding names [1]."""
 
 
 @dataclass(frozen=True)
@@ -101,10 +91,8 @@ class RigFindings:
     noise: Array
     """Noise of each rotor [rad], shape (N,); NaN if unknown."""
     stretches: Array
-    """Apparent length of each bond divided by its rest length, minus 1 [1], shape (N - 1,).
-
-    All values are NaN if the chain is unknown.
-    """
+    """Apparent length of each bond divided by its rest length, minus 1 [1], (N - 1,); NaN if
+    unknown."""
 
     @property
     def sound(self) -> bool:
@@ -157,8 +145,8 @@ def is_resting(angles: Array) -> bool:
 def first_turn(rest: Array, angles: Array) -> tuple[int, float] | None:
     """Return the rotor that turns first and its rotation [rad]; None if no rotor turns.
 
-    `rest` are the angles before the turn [rad], (N,), and `angles` the angles in the following
-    frames [rad], (T, N). A turn of an edge rotor also turns its neighbours, but less.
+    `rest`, (N,), are the angles before the turn, `angles`, (T, N), those in the following frames
+    [rad].
     """
     turned = np.nan_to_num(wrapped(angles - rest))
     frames = np.flatnonzero(np.abs(turned).max(axis=1, initial=0.0) > SMALLEST_TURN)
@@ -272,7 +260,6 @@ def _noise_findings(noise: Array, names: Sequence[str]) -> Iterator[RigFinding]:
 
 
 def _turn_findings(turns: Sequence[Turn], names: Sequence[str]) -> Iterator[RigFinding]:
-    """Compare the rotors that turned with the rotors that had to be turned."""
     for rotor in {0, len(names) - 1} - {turn.rotor for turn in turns}:
         text = f'{names[rotor]} was not turned by hand, so that its order and sign are unknown'
         yield RigFinding(DOUBTFUL, 'order', text)
@@ -311,10 +298,7 @@ class _Bonds:
         self._rest = chain.rest_lengths[: chain.number_of_rotors - 1]
 
     def stretches(self, angles: Array, of_rotors: float | Array = 1.0) -> Array:
-        """Return the median relative stretch of each bond, (N - 1,), for angles (T, N).
-
-        Rotor lengths are multiplied by `of_rotors`.
-        """
+        """Return the median relative stretch of each bond, (N - 1,), for angles (T, N)."""
         lengths = self._lengths * of_rotors
         x = self._pivots + lengths * np.sin(angles)
         apart = np.hypot(np.diff(x, axis=1), np.diff(lengths * np.cos(angles), axis=1))
@@ -366,10 +350,7 @@ def _size(stretches: Array) -> float:
 
 
 def _fitted(stretches: Callable[[float], Array], largest: float) -> tuple[Array, float]:
-    """Return the stretches for the best value of a correction, and this value.
-
-    The value is between -largest and largest.
-    """
+    """Return the stretches for the best value of a correction, and this value."""
     grid = np.linspace(-largest, largest, 25)
     best = grid[np.argmin([_size(stretches(float(value))) for value in grid])]
     near = best - grid[1] + grid[0], best + grid[1] - grid[0]

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks of a recording before identification, and of the residuals after identification.
 
-All rotors on one side of a wall lean in one direction, those on the other side in the opposite
-one. The staggered angles of a rotor before and after the wall are therefore symmetric, for all
-rotors about 0 or for all about pi. A wrong zero of an encoder breaks this symmetry.
+Rotors on both sides of a wall lean in opposite directions. The staggered angles of a rotor before
+and after the wall are therefore symmetric, for all rotors about 0 or for all about pi. A wrong
+zero of an encoder breaks this symmetry.
 """
 
 from __future__ import annotations
@@ -18,23 +18,17 @@ from scipy.ndimage import median_filter
 
 from soliton_linkage.estimation.noise import robust_deviation
 from soliton_linkage.identification.mounting import check_mounting, check_neighbours
-from soliton_linkage.identification.readings import (
-    Readings,
-    repeat_counts,
-    rounding_noise,
-)
+from soliton_linkage.identification.readings import Readings, repeat_counts, rounding_noise
 from soliton_linkage.linkage.chain import Array, staggered
 
 _LEANING = 0.5
-"""Value of |sin(phi)| above which a rotor clearly leans, relative to the median of the same rotor
-[1]."""
+"""|sin(phi)| above which a rotor clearly leans, relative to the median of the same rotor [1]."""
 _FAR_OFF = 2.0
 """Zero error above which the joints are probably in a wrong order [rad]."""
 _LARGEST_ZERO_ERROR = 0.5
-"""Largest zero error for which least squares converges [rad]. With deviations of 5 % in every
-length and offsets of 0.05 rad, apparent zero errors reach 0.3 rad."""
+"""Largest zero error for which least squares converges [rad]; apparent ones reach 0.3 rad."""
 _TRIMMINGS = 6
-"""Number of iterations of the robust mean angle at rest [1]."""
+"""Number of iterations of the robust mean angle at rest."""
 _SHARPNESS = 20.0
 """Sharpness of the weights in the robust mean: 1 / (0.22 rad)^2 [1/rad^2]."""
 
@@ -127,18 +121,13 @@ LEAST_NOISE = 1e-4
 _OUTLIER = 7.0
 """Distance of a wrong reading from a smooth motion, in standard deviations [1]."""
 _OF_RANGE = 0.25
-"""Part of this distance that is proportional to the range of adjacent readings [1]; fast motions
-are less smooth."""
+"""Part of this distance proportional to the range of adjacent readings [1]."""
 _PASSES = 6
-"""Largest number of searches [1]; a wrong reading is found only after larger errors near it."""
+"""Largest number of searches; a wrong reading is found only after larger errors near it."""
 
 
 def without_outliers(recording: Readings) -> Readings:
-    """Return a recording in which isolated wrong readings are replaced by NaN.
-
-    A wrong reading differs from the cubic curve through the two previous and the two following
-    readings; a lasting step does not.
-    """
+    """Return a recording in which isolated wrong readings are replaced by NaN."""
     noise = noise_of(recording.unwrapped, recording.relative_deviations)
     noise = max(noise, LEAST_NOISE)
     for _ in range(_PASSES):
@@ -169,7 +158,7 @@ def isolated(values: Array, limits: Array) -> NDArray[np.bool_]:
 _STRAY = 6.0
 """Distance of an outlier from the median of adjacent residuals, relative to the noise [1]."""
 _MEDIAN_FRAMES = 9
-"""Number of frames in this median [1]; up to four outliers change it little."""
+"""Number of frames in this median; up to four outliers change it little."""
 
 
 def stray_residuals(residuals: Array, noise: float) -> NDArray[np.bool_]:
@@ -184,27 +173,24 @@ def stray_residuals(residuals: Array, noise: float) -> NDArray[np.bool_]:
 
 
 _SLIP_RANGE = 3.0
-"""Cumulative sum of n residuals of a slipping encoder, relative to noise times sqrt(n) [1]. Noise
-exceeds it in one of a million recordings of 40 rotors."""
+"""Cumulative sum of n residuals of a slipping encoder, relative to noise times sqrt(n) [1]."""
 _SMALLEST_SLIP = 2.0
 """Smallest reported slip, relative to the noise of a reading [1]."""
 _JUMP_FRAMES = 15
-"""Number of frames that are averaged before and after a jump [1]."""
+"""Number of frames that are averaged before and after a jump."""
 _JUMP_OVER_NOISE = 12.0
-"""Smallest reported jump, relative to the noise of a reading [1]. Noise causes jumps of 2.2."""
+"""Smallest reported jump, relative to the noise of a reading [1]; noise causes jumps of 2.2."""
 _SMALLEST_JUMP = 0.1
 """Smallest reported jump [rad]; no motion changes so suddenly between frames."""
 _JUMP_OVER_NEIGHBOURS = 3.0
-"""Smallest reported jump, relative to the larger jump of both neighbours [1]; a wall moves
-neighbours similarly."""
+"""Smallest reported jump, relative to the larger jump of both neighbours [1]."""
 
 
 def noise_of(readings: Array, relative_deviations: Array) -> float:
-    """Return the noise of a reading whose relative deviation is 1 [rad].
+    """Return the noise of a reading whose relative deviation is 1 [rad], from arrays (T, N).
 
-    Readings [rad] and relative deviations [1] have the shape (T, N). The median of second
-    differences in time ignores the few rotors that move. The result is at least the rounding
-    noise, and NaN if no rotor has readings in three successive frames.
+    The median of second differences in time ignores the few rotors that move. The result is at
+    least the rounding noise, and NaN if no rotor has readings in three successive frames.
     """
     bends = readings[2:] - 2 * readings[1:-1] + readings[:-2]
     squares = relative_deviations**2

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Windows of frames of free motion, and the prior of the chain.
 
-`Tolerances` is the prior of the lengths. In the prior of stiffnesses and masses their logarithms
-have normal distributions, whose standard deviation is estimated.
+Logarithms of stiffnesses and masses have normal prior distributions with estimated standard
+deviation; `Tolerances` is the prior of the lengths.
 """
 
 from __future__ import annotations
@@ -21,20 +21,18 @@ from soliton_linkage.identification.lengths import Tolerances, to_unknowns
 from soliton_linkage.linkage.chain import Array
 
 _INITIAL_FRAMES = 25
-"""Number of frames in an initial window [1]. Sensitivity: at 0.5x, initial rates are uncertain; at
-2x, the simulated wall may be too far from the readings if lengths have errors of 5 %."""
+"""Number of frames in an initial window. Sensitivity: at 0.5x, initial rates are uncertain; at 2x,
+the simulated wall may be too far from the readings if lengths have errors of 5 %."""
 _RATE_FRAMES = 8
-"""Number of frames from which the initial rates of a window are estimated [1]."""
+"""Number of frames from which the initial rates of a window are estimated."""
 _FEWEST_FRAMES = 30
-"""Smallest number of frames between impulses that are used [1]; a wall passes some rotors."""
+"""Smallest number of frames between impulses that are used; a wall passes some rotors."""
 _ARRIVAL = 0.05
 """Largest delay between the command of an impulse and its effect [s]."""
 _MERGED = 4
-"""Largest number of windows merged into one at a time [1]. With 2, merging takes more rounds; with
-8, the simulated wall may be too far from the readings."""
+"""Largest number of windows merged at a time; at 2x, the wall may be too far from the readings."""
 _DENSE_FRAMES = 0.05
-"""Quantile of the frame intervals, averaged over `_RATE_FRAMES`, that is typical of dense frames
-[1]; longer intervals may be gaps."""
+"""Quantile of the averaged frame intervals that is typical of dense frames [1]."""
 
 
 class FreeWindow(NamedTuple):
@@ -63,10 +61,10 @@ def initial_windows(
     interruptions: Sequence[float],
     tilt_at: Callable[[float], float] = lambda _: 0.0,
 ) -> list[FreeWindow]:
-    """Return short windows, with initial states that are estimated from the angles.
+    """Return short windows, with initial states that are estimated from the angles [rad], (T, N).
 
-    `angles` [rad], (T, N), are measured at `times` [s]. No window extends over an interruption [s]
-    or a long gap. `tilt_at` returns the tilt of the chain [rad] at a time [s].
+    No window extends over an interruption [s] or a long gap. `tilt_at` returns the tilt of the
+    chain [rad] at a time [s].
     """
     windows = []
     intervals = free_intervals(times, interruptions)
@@ -116,20 +114,17 @@ def merge_windows(
 
 
 INITIAL_MASS_DEVIATION = 0.1
-"""Prior standard deviation of log masses and stiffnesses before it is estimated [1]. With 0.3 some
-fits diverge."""
+"""Prior standard deviation of log masses and stiffnesses [1]; at 3x, some fits diverge."""
 _SMALLEST, _LARGEST = 1e-3, 0.3
 """Limits of this standard deviation when it is estimated [1]."""
 _DAMPING_RATE = 1.0
 """Prior standard deviation of the damping, divided by the moment of inertia of a rotor [1/s]."""
 _FRICTION_DECELERATION = 10.0
-"""Prior standard deviation of the dry friction, divided by the moment of inertia of a rotor
-[rad/s^2]; it stops a wall within a second."""
+"""Prior standard deviation of the dry friction over the moment of inertia [rad/s^2]."""
 _LOG_GRAVITY = 1.0
 """Prior standard deviation of the logarithm of gravity if the mean spacing is unknown [1]."""
 _INFORMED = 1e-12
-"""Smallest eigenvalue of the information, relative to the largest [1]; below it are rounding
-errors."""
+"""Smallest eigenvalue of the information, relative to the largest [1]."""
 
 
 def force_deviations(inertia: float) -> Array:
@@ -159,10 +154,7 @@ class MotionPrior:
     """Shift of the prior mean of the unknowns, (Q - 2 N,), for samples of the posterior."""
 
     def evaluate(self, motion: FreeMotion) -> tuple[Array, Array]:
-        """Return the prior information and the unknowns minus their prior mean.
-
-        Their shapes are (Q - 2 N, Q - 2 N) and (Q - 2 N,).
-        """
+        """Return the prior information on Q - 2 N unknowns, and these minus their prior mean."""
         at, rotors = motion.slices, len(motion.masses)
         size = at.forces.stop
         information, values = np.zeros((size, size)), np.zeros(size)
@@ -182,8 +174,8 @@ class MotionPrior:
     def sampled(self, motion: FreeMotion, random: np.random.Generator) -> MotionPrior:
         """Return the prior with a mean that is shifted by a random sample of the prior.
 
-        The shift has no component without prior information. The symmetric root of the covariance
-        does not depend on the choice of eigenvectors for equal eigenvalues.
+        The symmetric root of the covariance does not depend on the choice of eigenvectors for
+        equal eigenvalues.
         """
         values, vectors = np.linalg.eigh(self.evaluate(motion)[0])
         informed = values > _INFORMED * values[-1]
@@ -196,7 +188,7 @@ class MotionPrior:
     ) -> MotionPrior:
         """Return the prior with standard deviations estimated from a chain and its covariance.
 
-        The tolerance of the lengths [1] is estimated unless it is given.
+        The tolerance of the lengths [1] is estimated if it is None.
         """
         at = motion.slices
         lengths = covariance[at.lengths, at.lengths]

@@ -44,8 +44,7 @@ class RotaryEncoders:
         (), 'reading minus angle [rad], one per rotor; an empty list means 0 for every rotor'
     )
     wrapped: bool = quantity(
-        True,
-        'whether readings wrap after a turn; a turn must then take more than two frames',
+        True, 'whether readings wrap after a turn; a turn must then take more than two frames'
     )
 
     def __post_init__(self) -> None:

@@ -184,12 +184,7 @@ class AngleCamera:
         return AngleFrame(self._delay, at_stamp, deviations, pixels, known, frame_dots, status)
 
     def _pixel_errors(
-        self,
-        plane: ChainPlane,
-        seen: NDArray[np.bool_],
-        pixels: Array,
-        noise: Array,
-        arms: Array,
+        self, plane: ChainPlane, seen: NDArray[np.bool_], pixels: Array, noise: Array, arms: Array
     ) -> tuple[Array, Array]:
         """Return the standard deviations due to pixel noise for K visible rotors.
 

@@ -26,14 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erfc
 
-from soliton_linkage.compiling import (
-    b1,
-    compile_loop,
-    compiled,
-    const_u1_2d,
-    f8_1d,
-    f8_2d,
-)
+from soliton_linkage.compiling import b1, compile_loop, compiled, const_u1_2d, f8_1d, f8_2d
 from soliton_linkage.linkage.chain import Array
 
 _BLUR = 0.6

@@ -46,10 +46,7 @@ class WallMark(NamedTuple):
 
 
 def draw_overlay(
-    picture: Picture,
-    frame: AngleFrame,
-    names: Sequence[str],
-    walls: Sequence[WallMark] = (),
+    picture: Picture, frame: AngleFrame, names: Sequence[str], walls: Sequence[WallMark] = ()
 ) -> Picture:
     """Return a copy of a picture on which the measurement of the picture is drawn.
 
