@@ -22,11 +22,8 @@ from soliton_linkage.identification.readings import repeat_counts
 from soliton_linkage.linkage.chain import Array, Chain
 
 _MOST_STEPS = 30
-"""Largest number of Gauss-Newton steps; 6 to 15 are usual."""
 _RESTARTS = 3
-"""Largest number of runs of the iteration; two suffice unless several bonds are near a limit."""
 _HALVINGS = 8
-"""Number of fractions 1, 1/2, 1/4, ... of a step that are tried."""
 _NOISE_OF_COST = 1.0
 """Error of -2 log likelihood due to first-order derivatives; smaller increases are accepted."""
 _CONVERGED = 0.05
@@ -40,8 +37,7 @@ class Adjustment:
 
     lengths: Lengths
     covariance: Array
-    """Covariance of the unknowns of `lengths`, (P, P); the mean spacing, the unit, has no error.
-    """
+    """Covariance of the unknowns of `lengths`, (P, P); the mean spacing is exact."""
     information: Array
     """Fisher information of the readings, without the prior, (P, P)."""
     tolerances: Tolerances
@@ -67,10 +63,9 @@ def adjust(
 ) -> Adjustment:
     """Estimate lengths and offsets from readings [rad], (T, N), NaN if missing.
 
-    The tolerance of lengths [1] is estimated if it is None. `relative_deviations`, (T, N), are
-    standard deviations divided by the typical one [1]. If a bond is collinear with a rotor, two
-    nearby configurations close all bonds; therefore all configurations are computed again from the
-    readings after convergence, and the iteration is repeated if the cost decreases.
+    The tolerance of lengths [1] is estimated if it is None. All configurations are computed again
+    after convergence, because two configurations close all bonds where a bond is collinear with a
+    rotor.
     """
     for _ in range(_RESTARTS):
         found = _adjust_once(readings, start, tolerance, relative_deviations)
@@ -125,7 +120,6 @@ def _adjust_once(
 
 
 def _stepped(bundle: Bundle, change: Array, prior: Array, noise: float) -> tuple[Bundle, bool]:
-    """Halve a step until the cost decreases; return the bundle, and whether it decreased."""
     before = _cost(bundle, prior, noise)
     for halvings in range(_HALVINGS):
         changed = bundle.closed(bundle.lengths.changed(change / 2**halvings))
@@ -136,7 +130,6 @@ def _stepped(bundle: Bundle, change: Array, prior: Array, noise: float) -> tuple
 
 
 def _cost(bundle: Bundle, prior: Array, noise: float) -> float:
-    """Return -2 times the log likelihood, with the prior [1]."""
     unknowns = to_unknowns(bundle.lengths)
     return float(bundle.normal.squares.sum() / noise**2 + unknowns @ prior @ unknowns)
 
@@ -152,11 +145,7 @@ def observable_basis(lengths: Lengths) -> Array:
 def cramer_rao_bound(
     chain: Chain, angles: Array, noise: float, tolerances: Tolerances | None = None
 ) -> Array:
-    """Return the Cramer-Rao bound of the covariance of the unknowns, (P, P).
-
-    `angles` are the true angles [rad], (T, N); `noise` is the standard deviation of a reading
-    [rad].
-    """
+    """Return the Cramer-Rao bound of the unknowns, (P, P), at true angles [rad], (T, N)."""
     bundle = Bundle(chain_lengths(chain), angles)
     information = bundle.normal_equations().matrix / noise**2
     if tolerances is not None:
@@ -176,15 +165,13 @@ _CHANCE = 3.0
 _MARGIN = 1e-3
 """Distance from the limit of a corrected bond, relative to its spacing [1]."""
 _ROUNDS = 5
-"""Largest number of corrections; one may move a neighbouring bond beyond its limit."""
 
 
 def passable(lengths: Lengths, covariance: Array) -> Lengths:
     """Return the most likely lengths with which no bond stops a wall (`solitons.passage`).
 
     With the excesses s over the limits, their derivatives G and the covariance C, (P, P), the
-    correction is dp = C G^T (G C G^T)^-1 s. A bond that exceeds a limit by more than noise can
-    explain is not corrected.
+    correction is dp = C G^T (G C G^T)^-1 s. Excesses that noise cannot explain are not corrected.
     """
     for _ in range(_ROUNDS):
         room, slopes = _room(lengths)

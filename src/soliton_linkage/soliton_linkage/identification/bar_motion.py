@@ -1,18 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Masses of rotors on rigid bars, relative to their mean, from the free motion of the wall.
 
-The arc length s [rad] along the orbit phi(s) of configurations is the only degree of freedom. With
-the unit tangent t = dphi/ds and the speed variable u,
+With the arc length s [rad] along the orbit of configurations, its unit tangent t, and a speed u,
 
     sqrt(I) ds/dt = u,    I = sum_n m_n r_n^2 t_n^2,
     sqrt(I) du/dt = sum_n m_n r_n g sin(phi_n + tilt) t_n
                     - c ds/dt - b tanh(ds/dt / w) sum_n |t_n|,
 
-with the damping c and the dry friction b. The motion s is fitted to the arc lengths at which
-frames project onto the orbit. Errors dp of lengths and offsets change the configuration by dphi =
--R^T (R R^T)^-1 (df/dp) dp, with the misclosures f and their derivatives R by the angles. Errors e
-of the offsets shift measured arc lengths by t . e. Independent combinations of these errors, each
-of unit variance, are also unknown.
+with the damping c and the dry friction b. Errors dp of lengths and offsets change configurations
+by -R^T (R R^T)^-1 (df/dp) dp, with the misclosures f and R = df/dphi, and errors e of offsets
+shift measured arc lengths by t . e.
 """
 
 from __future__ import annotations
@@ -47,19 +44,14 @@ _SLIDING = 0.1
 """Rate w above which dry friction is nearly constant [rad/s]; small compared with walls."""
 _ROUNDS = 2
 _KNOWN = 1e-6
-"""Prior standard deviation of log gravity if gravity is known [1]."""
 _LARGEST_EXCESS = 1.5
 """Ratio of residual noise to reading noise above which the motion is not free [1]."""
 _MOST_STEPS = 15
-"""Largest number of evaluations of a fit; 4 to 6 are usual."""
 _CONVERGED = 1e-4
-"""Relative decrease of the squares in the last step [1]; noise changes them by 10 times as much.
-"""
+"""Relative decrease of the squares in the last step [1]; noise changes them 10 times as much."""
 _RATE_FRAMES = 8
 _STEP = 1e-4
 _INFORMED = 1e-9
-"""Smallest variance of a combination, relative to the largest [1]; smaller ones are rounding
-errors."""
 
 
 def _acceleration(
@@ -109,12 +101,12 @@ def move_along(
     begin: Array,
     arcs: Array,
 ) -> None:
-    """Integrate K motions along an orbit by the Runge-Kutta method.
+    """Integrate K motions along an orbit by the Runge-Kutta method to arc lengths `arcs`, (T, K).
 
-    `arcs`, (T, K), receives the arc lengths. `begin`, (2, K), contains initial arc lengths and
-    speeds u; `grid` the first arc length, the step between arc lengths, and w; `drags`, (2, K),
-    damping and dry friction. At G equidistant arc lengths, `roots`, (G, K), is sqrt(I), `gravity`,
-    (G, K), the force of gravity, and `friction`, (G,), sum |t_n|.
+    `begin`, (2, K), contains initial arc lengths and speeds u; `grid` the first arc length, the
+    step between arc lengths, and w; `drags`, (2, K), damping and dry friction. At G arc lengths,
+    `roots`, (G, K), is sqrt(I), `gravity`, (G, K), the force of gravity, and `friction`, (G,), sum
+    |t_n|.
     """
     for k in range(begin.shape[1]):
         s, u = begin[0, k], begin[1, k]
@@ -138,19 +130,14 @@ def move_along(
 
 
 class _Sums(NamedTuple):
-    """Sums over the rotors at G arc lengths, (G, K), for K chains; or their changes."""
+    """Inertia I and sum m r t exp(i phi) of K chains at G arc lengths, (G, K), or changes."""
 
     inertia: Array
-    """Inertia I = sum m r^2 t^2."""
     weight: NDArray[np.complex128]
-    """Weight sum m r t (cos phi + i sin phi), from which the gravity force follows."""
 
 
 class _OrbitTable:
-    """Configurations at G equidistant arc lengths along an orbit, and sums over the rotors."""
-
     def __init__(self, orbit: Orbit, lengths: Lengths, arcs: Array) -> None:
-        """Prepare a table for arc lengths [rad], and one rotor spacing on each side."""
         self._lengths = lengths
         self.begin = float(np.nanmin(arcs)) - orbit.site_arc
         count = math.ceil((float(np.nanmax(arcs)) + orbit.site_arc - self.begin) / _GRID)
@@ -161,7 +148,6 @@ class _OrbitTable:
         self._inertias = (r * self._tangents) ** 2
         self._weights = r * self._tangents * np.exp(1j * self._angles)
         self.friction = np.abs(self._tangents).sum(axis=1)
-        """Sum of |t| over the rotors, (G,)."""
 
     def locate(self, arcs: Array) -> tuple[NDArray[np.intp], Array]:
         """Return the row before each arc length [rad], and the fraction of a step from it [1]."""
@@ -170,13 +156,11 @@ class _OrbitTable:
         return row, np.clip(at - row, 0.0, 1.0)
 
     def tangents(self, arcs: Array) -> Array:
-        """Return the unit tangents of the orbit at T arc lengths [rad], (T, N)."""
         row, part = self.locate(arcs)
         before, after = self._tangents[row], self._tangents[row + 1]
         return np.asarray(before + part[:, None] * (after - before))
 
     def sums(self, masses: Array) -> _Sums:
-        """Return the sums for K chains whose masses [1] have the shape (N, K)."""
         return _Sums(self._inertias @ masses, self._weights @ masses)
 
     def changes(self, masses: Array, changes: Array) -> _Sums:
@@ -200,7 +184,6 @@ class _OrbitTable:
 
 
 def _arcs_of(orbit: Orbit, angles: Array, noise: float) -> tuple[Array, Array]:
-    """Return the arc length of each frame and its standard deviation [rad], (T,) each."""
     arc = fit_anywhere(orbit, angles[0]).arc
     found = []
     for frame in angles:
@@ -223,7 +206,6 @@ class BarMotion(NamedTuple):
     drag_deviations: tuple[float, float]
     """Standard deviations of damping [1/s] and dry friction [1/s^2]."""
     gravity: float
-    """Gravity [1/s^2]."""
     gravity_deviation: float
     """Standard deviation of the logarithm of gravity [1], 0 if gravity is known."""
 
@@ -233,8 +215,7 @@ def bar_motion(
 ) -> BarMotion | None:
     """Estimate masses and forces from free motions of bars; return None if other forces act.
 
-    The unit of length, also of gravity, is the mean spacing. `covariance`, (P, P), is that of
-    lengths and offsets, and `noise` the standard deviation of a reading [rad].
+    The unit of length is the mean spacing. `noise` is the standard deviation of a reading [rad].
     """
     orbit = orbit_of(lengths.chain(Chain()))
     intervals = free_intervals(readings.times, readings.interruptions)
@@ -266,11 +247,7 @@ def _combinations(covariance: Array) -> Array:
 
 
 class _Fit:
-    """Least-squares fit of simulated motions to the arc lengths of frames.
-
-    Unknown are log masses, forces, the initial state of each interval, and combinations of lengths
-    and offsets.
-    """
+    """Least-squares fit of masses, forces and initial states to the arc lengths of frames."""
 
     def __init__(
         self,
@@ -299,7 +276,6 @@ class _Fit:
         return self._unknowns[: self._rotors]
 
     def _begin(self, interval: slice) -> Array:
-        """Return the arc length and the speed u at the start of an interval."""
         few = slice(interval.start, interval.start + _RATE_FRAMES)
         rate, arc = np.polyfit(self._times[few] - self._times[interval.start], self._arcs[few], 1)
         row, _ = self._table.locate(np.array(arc))
@@ -307,7 +283,6 @@ class _Fit:
         return np.array([arc, rate * math.sqrt(float(inertia))])
 
     def solve(self, mass_deviation: float) -> None:
-        """Estimate the unknowns, given the prior standard deviation of log masses [1]."""
         inertia = float(self._table.sums(np.ones(self._rotors)).inertia.mean())
         forces = force_deviations(inertia)
         if self._known:
@@ -354,7 +329,6 @@ class _Fit:
         self.covariance = np.linalg.inv(found.jac.T @ found.jac) * max(self.excess, 1.0) ** 2
 
     def add_combinations(self, combinations: Array) -> None:
-        """Add K combinations of lengths and offsets, (P, K), to the unknowns."""
         changes = self._table.changes(np.exp(self.masses), combinations)
         offsets = split(combinations.T)[1].T
         rows = []
@@ -367,7 +341,6 @@ class _Fit:
         self._combined = np.concatenate(rows)
 
     def _moved(self, unknowns: Array, number: int, changes: _Sums | None = None) -> Array:
-        """Return simulated arc lengths in the frames of an interval [rad], (T, K)."""
         table = self._table
         damping, friction, log_gravity = unknowns[self._rotors : self._size]
         inertia, weight = table.sums(np.exp(unknowns[: self._rotors]))

@@ -5,14 +5,12 @@ With h = r sin(phi), v = r cos(phi) and phi = y - o for a reading y, the misclos
 
     f_n = |(a_n + h_{n+1} - h_n, v_{n+1} - v_n)| - l_n.
 
-At a configuration x, the first-order misclosures are w = f(x) + R (y - o - x), R = df/dphi. With
-the variances S of the readings, their covariance M = R S R^T is tridiagonal in each frame. The
-change dp of the unknowns minimises, with J = dw/dp,
+To first order at x, w = f(x) + R (y - o - x), R = df/dphi. With the variances S of the readings
+and M = R S R^T, tridiagonal in each frame, the change dp of the unknowns minimises
 
-    sum over frames of (w + J dp)^T M^-1 (w + J dp).
+    sum over frames of (w + J dp)^T M^-1 (w + J dp),    J = dw/dp
 
-The errors of the readings, v = S R^T M^-1 (w + J dp), are eliminated frame by frame (Gauss-Helmert
-model). At the true values, sum J^T M^-1 J is the Fisher information on p.
+(Gauss-Helmert model). At the true values, sum J^T M^-1 J is the Fisher information on p.
 """
 
 from __future__ import annotations
@@ -28,22 +26,18 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.springs import spring_between
 
 _BATCH = 256
-"""Number of frames in a batch, whose arrays fit into the cache."""
 _MISSING_VARIANCE = 1e4
 """Variance of a missing reading, relative to a typical reading [1]."""
 _CLOSINGS = 8
-"""Largest number of corrections of the angles after a step; 2 or 3 are usual."""
 _CLOSED = 1e-4
-"""Change of the angles in the last correction [rad], far below the noise."""
 _LARGEST_ERROR = 0.3
 """Limit of angles minus readings [rad]; otherwise Newton's method diverges for wrong lengths."""
 
 
 class Misclosures(NamedTuple):
-    """First-order misclosures of the bonds in T frames, (N - 1, T) unless stated."""
+    """First-order misclosures f [m] of the bonds in T frames, (N - 1, T) unless stated."""
 
     values: Array
-    """Misclosures f [m]."""
     first: Array
     """Derivatives df_n / dphi_n [m/rad]."""
     second: Array
@@ -80,10 +74,9 @@ def misclosures(lengths: Lengths, angles: Array) -> Misclosures:
 
 
 class CholeskyFactor(NamedTuple):
-    """Cholesky factor of M = R S R^T in each of T frames."""
+    """Diagonal, (N - 1, T), of the Cholesky factor of M = R S R^T in each of T frames."""
 
     diagonal: Array
-    """Elements on the diagonal, (N - 1, T)."""
     below: Array
     """Element left of the diagonal, 0 in the first row, (N - 1, T)."""
 
@@ -106,11 +99,7 @@ class CholeskyFactor(NamedTuple):
 
 
 def cholesky_factor(first: Array, second: Array, variances: Array) -> CholeskyFactor:
-    """Return the Cholesky factor of M.
-
-    `first` and `second` are derivatives of misclosures by angles [m/rad], (N - 1, T), and
-    `variances` those of readings [rad^2], (N, T).
-    """
+    """Return the Cholesky factor of M, given R [m/rad], (N - 1, T), and S [rad^2], (N, T)."""
     own = first**2 * variances[:-1] + second**2 * variances[1:]
     between = second[:-1] * first[1:] * variances[1:-1]
     diagonal, below = np.empty_like(own), np.zeros_like(own)
@@ -142,11 +131,7 @@ class Bundle:
         relative_deviations: Array | None = None,
         repeat_counts: Array | None = None,
     ) -> None:
-        """Start with initial lengths and with readings [rad], (T, N), NaN if missing.
-
-        `relative_deviations`, (T, N), are standard deviations divided by the typical one [1].
-        `repeat_counts`, (T, N), are lengths of runs of equal readings, which weigh as one.
-        """
+        """Start with readings [rad], (T, N), NaN if missing; a run of equal ones weighs as one."""
         self._readings = np.ascontiguousarray(readings.T)
         self._seen = np.isfinite(self._readings)
         squared = 1.0 if relative_deviations is None else relative_deviations.T**2
@@ -160,7 +145,6 @@ class Bundle:
             for values, seen in zip(self._readings, self._seen, strict=True)
         ]
         self.angles = np.array(interpolated) - lengths.offsets[:, None]
-        """Estimated true angles [rad], (N, T)."""
         self.normal: NormalEquations
         """Normal equations; only bundles that `closed` has returned have this attribute."""
 
@@ -225,7 +209,6 @@ class Bundle:
         return linearised, factors, factors.whitened(values)
 
     def _corrected(self, frames: slice) -> Array:
-        """Return readings minus offsets, or angles where readings are missing [rad], (N, T)."""
         read = self._readings[:, frames] - self.lengths.offsets[:, None]
         return np.where(self._seen[:, frames], read, self.angles[:, frames])
 

@@ -20,15 +20,12 @@ _LARGEST_SPREADS = 0.2, 0.25
 _USUAL_OF_ROTOR, _USUAL_OF_FRAMES = 1.3, 0.3
 """Typical mean square of the worst rotor over all, and share of the worst tenth of the frames."""
 _FAR_SPACING = 1.5
-"""Ratio between a spacing and the median [1] above which the spacing is reported."""
 _SCALE_PARTS = {'rotor_length', 'spacing', 'rest_length'}
-"""Quantities that change together if a part of the chain is scaled."""
 _MOST_NAMED = 4
 _NOT_OBSERVABLE = 1e-4
 """Information below which a combination is called not observable (standard deviation 100) [1]."""
 _WEAK = 0.1
-"""Standard deviation from the readings alone above which a combination is weakly observable [1].
-"""
+"""Standard deviation from the readings alone above which a combination is reported [1]."""
 
 
 def check_explained(
@@ -36,8 +33,8 @@ def check_explained(
 ) -> None:
     """Raise ValueError with the most likely causes if the model does not explain the readings.
 
-    `noise` is the ratio of residuals to reading noise [1]. `spreads` are relative standard
-    deviations of lengths, and of masses and stiffnesses [1]; large ones indicate wrong readings.
+    `noise` is relative to reading noise [1]; `spreads` are standard deviations of lengths and
+    masses [1].
     """
     lengths, masses = spreads
     faults = []
@@ -114,9 +111,7 @@ def weakly_observable(
 ) -> tuple[str, ...]:
     """Return descriptions of the weakly observable combinations, the least observable first.
 
-    `information`, (P, P), is that of the readings on all unknowns. `basis`, (P, K), is an
-    orthonormal basis of the changes that are observable in principle. `split` divides unknowns
-    into named parts.
+    `basis`, (P, K), is orthonormal; `split` divides the unknowns into named parts.
     """
     values, vectors = np.linalg.eigh(basis.T @ information @ basis)
     weak = [

@@ -6,9 +6,8 @@ The equation of motion of rotor n is
     m_n r_n^2 phi_n'' = -sum over both springs of k f df/dphi_n + g m_n r_n sin(phi_n + tilt)
                         - c phi_n' - b tanh(phi_n' / w),
 
-where f is the extension of a spring, c the damping, and b the dry friction. The Q unknowns are
-those of `Lengths`, log k of each spring, log m of each rotor, c, b, log g, the initial angles and
-rates.
+where f is the extension of a spring. The Q unknowns are those of `Lengths`, log k of each spring,
+log m of each rotor, damping c, dry friction b, log g, the initial angles and rates.
 """
 
 from __future__ import annotations
@@ -37,14 +36,12 @@ from soliton_linkage.identification.motion_loops import (
 from soliton_linkage.linkage.chain import Array
 
 _LONGEST_STEP = 0.4
-"""Longest step times the largest rate of vibration and decay [1]; angles have errors below 2e-5
-rad."""
+"""Longest step times the fastest rate [1]; angles then have errors below 2e-5 rad."""
 _BATCH = 32
 """Number of frames in a batch of sensitivities; a batch of 40 rotors needs 3 MB."""
 _SLIDING = 0.1
 """Rate w above which dry friction is nearly constant [rad/s]; at 0.5x, it needs more steps."""
 FORCE_UNKNOWNS = 3
-"""Number of unknown forces: c, b and log g."""
 
 
 class UnknownSlices(NamedTuple):
@@ -67,22 +64,16 @@ def unknown_slices(rotors: int) -> UnknownSlices:
 
 @dataclass(frozen=True)
 class FreeMotion:
-    """Chain of springs, forces on its rotors, and its initial state, in any unit of length.
-
-    Masses, stiffnesses and drag are divided by the mean mass.
-    """
+    """Chain of springs and its initial state; masses, stiffnesses, drag are over the mean mass."""
 
     lengths: Lengths
     stiffnesses: Array
     """Stiffnesses k [1/s^2], (N - 1,)."""
     masses: Array
-    """Masses m [1], (N,)."""
     damping: float
     """Damping c of each rotor [length^2/s]."""
     angles: Array
-    """Initial angles [rad], (N,)."""
     rates: Array
-    """Initial rates [rad/s], (N,)."""
     friction: float = 0.0
     """Dry friction b of each rotor [length^2/s^2]."""
     gravity: float = 0.0
@@ -181,10 +172,7 @@ def states_with_sensitivities(motion: FreeMotion, times: Array) -> Iterator[tupl
 
 
 def gradient_of(motion: FreeMotion, times: Array, states: Array, weights: Array) -> Array:
-    """Return the derivatives of the sum of angles times weights, (T, N), by all unknowns, (Q,).
-
-    `states`, (T, 2, N), is the result of `states_at`.
-    """
+    """Return the gradient of sum(angles * weights), (Q,), given `states_at`, (T, 2, N)."""
     rotors, at = len(motion.masses), motion.slices
     pull, gradient = np.zeros((2, rotors)), np.zeros(5 * rotors + FORCE_UNKNOWNS)
     spans = np.diff(times, prepend=times[0])

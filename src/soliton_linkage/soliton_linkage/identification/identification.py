@@ -44,11 +44,8 @@ _NOT_CLOSED = (
     'the joints, and whether a rotor was held'
 )
 _ADJUSTED = 0.05
-"""Share of the work that is done when the lengths close all bonds [1]."""
 _MOST_KICKS = 3
-"""Largest number of unrecorded kicks that are searched; each requires another fit."""
 _KICK_FRAMES = 7
-"""Number of frames whose residuals are averaged to find a kick."""
 _BEFORE_KICK = 0.06
 """Unused time before an estimated kick [s]; 0.05 s after the kick are also unused."""
 _SUSPICIOUS = 1.05
@@ -64,7 +61,6 @@ _RIGID = (
     'impulses'
 )
 _ADJUSTMENTS = 6
-"""Largest number of adjustments; each may reveal outliers that were hidden by larger ones."""
 _MOST_FITTED = 3000
 """Largest number of frames in the fit of a motion; 40 rotors then take one or two minutes."""
 
@@ -76,13 +72,11 @@ def identify(
     spacing_known: bool = True,
     progress: Callable[[float], None] = lambda done: None,
 ) -> Identification:
-    """Identify a chain from a recording.
+    """Identify a chain from a recording; raise ValueError if the recording determines no chain.
 
-    Angles alone determine neither the mean spacing nor the mean mass. Gravity determines the
-    spacing unless `spacing_known`; known impulses determine the mass. `given` supplies all
-    undetermined values; its number of rotors and its other lengths are ignored. The tolerance of
-    lengths [1] is estimated if it is None. `progress` receives the fraction of the work that is
-    done [1]. Raises ValueError if the recording determines no chain.
+    Gravity determines the mean spacing unless `spacing_known`, and known impulses the mean mass;
+    `given` supplies all other undetermined values. The tolerance of lengths [1] is estimated if it
+    is None. `progress` receives the fraction of the work that is done [1].
     """
     absent = absent_joints(readings.joints)
     try:
@@ -121,7 +115,6 @@ def _by_model(
     spacing_known: bool,
     stages: Stages,
 ) -> Identification:
-    """Return the chain with springs or with rigid bars, whichever fits the readings best."""
     impulses = [impulse.time for impulse in readings.impulses]
     frames = informative_frames(readings.times, readings.unwrapped, impulses, _MOST_FITTED)
     unused = len(readings.times) - len(frames)
@@ -161,7 +154,6 @@ def _by_model(
 def _adjusted(
     readings: Readings, noise: float, tolerance: float | None
 ) -> tuple[Readings, Adjustment]:
-    """Adjust the lengths; return the readings without outliers, and the adjustment."""
     start = initial_lengths(readings.filled)
     deviations = readings.relative_deviations
     for _ in range(_ADJUSTMENTS):
@@ -192,7 +184,6 @@ def _check_passage(recordings: Sequence[Readings]) -> None:
 
 
 def _scaled(given: Chain, readings: Readings, gravity: float) -> Chain:
-    """Return the chain with mean spacing g / `gravity` [m], where `gravity` is in [1/s^2]."""
     acceleration = readings.gravity.acceleration
     return replace(given, spacing=acceleration / gravity) if acceleration else given
 
@@ -225,7 +216,6 @@ def _fit_around_kicks(
 
 
 def _worst_frames(fitted: MotionFit) -> tuple[int, float]:
-    """Return the frame with the largest mean residual of a rotor, and the ratio to its limit."""
     means = np.abs(uniform_filter1d(fitted.residuals, _KICK_FRAMES, axis=0))
     frame = int(np.argmax(means.max(axis=1)))
     return frame, float(means[frame].max() * math.sqrt(_KICK_FRAMES) / (_KICKED * fitted.noise))
@@ -270,7 +260,6 @@ def _fit_springs(
 def _fit_bars(
     some: Readings, found: Adjustment, given: Chain, spacing_known: bool
 ) -> BarMotion | None:
-    """Fit the free motion of bars; return None if the bars do not move freely."""
     acceleration = some.gravity.acceleration / given.spacing
     some = replace(some, gravity=replace(some.gravity, acceleration=acceleration))
     noise = max(found.noise, LEAST_NOISE)

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Unknown lengths of a chain and offsets of its encoders: order, initial values and prior.
 
-The order is r_0, o_0, a_0, l_0, r_1, ..., o_{N-1}: logarithms of lengths, and offsets [rad]. In
-the prior, logarithms of lengths of one kind (r, a or l) have a normal distribution about their
-mean, and offsets about 0. Their standard deviations, called tolerances, are estimated.
+The order is r_0, o_0, a_0, l_0, r_1, ..., o_{N-1}: logarithms of lengths, and offsets [rad]. The
+prior of the logarithms of one kind is normal about their mean, that of the offsets about 0.
 """
 
 from __future__ import annotations
@@ -20,7 +19,6 @@ UNKNOWNS_PER_ROTOR = 4
 UNKNOWNS_PER_BOND = 6
 """Number of unknowns on which the misclosure of a bond depends."""
 _LONGEST_STEP = 0.2
-"""Largest change of a log length [1] or of an offset [rad] in one step."""
 
 
 @dataclass(frozen=True)
@@ -102,19 +100,15 @@ def split_lengths(unknowns: Array) -> dict[str, Array]:
 
 
 _PASSING = 0.2
-"""Relative sin(phi_{n+1}) - sin(phi_n) minus its median above which a wall is near the bond [1].
-"""
 
 
 def initial_lengths(angles: Array) -> Lengths:
     """Return lengths of equal rotors with spacing 1 that fit angles [rad], (T, N).
 
-    A bond between two equal rotors closes if
+    Raises ValueError if no chain fits. Freudenstein's equation of the bond between two rotors is
 
         cos(phi_n - phi_{n+1}) = K_0 + K_1 (sin(phi_{n+1}) - sin(phi_n)),
-        K_0 = (a^2 + 2 r^2 - l^2) / (2 r^2),    K_1 = a / r,
-
-    (Freudenstein's equation of four-bar linkages). Raises ValueError if no chain fits.
+        K_0 = (a^2 + 2 r^2 - l^2) / (2 r^2),    K_1 = a / r.
     """
     inner = angles[:, 1:-1] if angles.shape[1] > 4 else angles
     differences = np.diff(np.sin(inner), axis=1)
@@ -152,12 +146,10 @@ _SMALLEST, _LARGEST = 1e-4, 0.3
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Prior standard deviations of lengths about the mean of their kind, and of offsets."""
+    """Prior standard deviations of the lengths of one kind [1], and of the offsets [rad]."""
 
     lengths: float = _INITIAL
-    """Relative standard deviation of the lengths of one kind [1]."""
     offsets: float = _INITIAL
-    """Standard deviation of the offsets [rad]."""
 
     def information(self, rotors: int) -> Array:
         """Return the prior information on the P unknowns of N rotors, (P, P)."""
@@ -180,10 +172,7 @@ class Tolerances:
 
     @staticmethod
     def estimated(lengths: Lengths, covariance: Array, given: float | None) -> Tolerances:
-        """Return tolerances estimated from lengths and their covariance, (P, P).
-
-        `given` is the tolerance of the lengths [1] if it is known.
-        """
+        """Return tolerances estimated from lengths and their covariance, (P, P), or given."""
         rotor, offset, spacing, rest = split(np.diag(covariance))
         squares = [
             _squares(np.log(lengths.rotor_lengths), rotor),

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimation of the mean mass from known impulses and the changes of rates that they cause.
 
-An impulse J_n changes the rate of rotor n by J_n / (M m_n r_n^2), with the mean mass M. A torque
-is one impulse per frame. A fit to the readings near the impulses estimates M, the state before
-them, and their delay. It begins at the better of two values of M: from the changes of the rates,
-which fails for long torques, and from the work of the impulses.
+An impulse J_n changes the rate of rotor n by J_n / (M m_n r_n^2), with the mean mass M. A fit to
+the readings near the impulses estimates M, the state before them, and their delay. It begins at
+the better of two values: from the changes of rates, and from the work of the impulses.
 """
 
 from __future__ import annotations
@@ -29,10 +28,8 @@ from soliton_linkage.identification.windows import FreeWindow
 from soliton_linkage.linkage.chain import Array
 
 _BEFORE = 50
-"""Number of fitted frames before the impulses. Sensitivity: at 2x, rates are 3 times as precise.
-"""
+"""Number of fitted frames before the impulses; at 2x, rates are 3 times as precise."""
 _AFTER = 25
-"""Number of fitted frames after the impulses, which show most of the effect."""
 _MOST = 5
 """Largest number of sequences of impulses that are fitted, a second each."""
 _LONGEST = 500
@@ -42,11 +39,7 @@ _LONGEST = 500
 def mass_scale(
     fitted: MotionFit, readings: Readings, spacing: float
 ) -> tuple[float, float] | None:
-    """Estimate the mean mass [kg] and the standard deviation of its logarithm [1].
-
-    Returns None if no known impulses act between two free motions. `spacing` is the mean spacing
-    [m].
-    """
+    """Return the mean mass [kg] and the standard deviation of its log, or None if unknown."""
     found: list[tuple[float, float, float]] = []
     for before, after in pairwise(fitted.windows):
         impulses = _impulses_between(readings, before, after)
@@ -134,7 +127,6 @@ def _by_impulses(
 
 
 def _work(times: Array, angles: Array, impulses: Sequence[tuple[float, Array]]) -> float:
-    """Return the work of impulses on rotors with known angles [J], inf instead of 0."""
     rates = np.gradient(angles, times, axis=0)
     frames = np.searchsorted(times, [time for time, _ in impulses])
     work = float(np.sum(np.array([values for _, values in impulses]) * rates[frames]))
@@ -142,7 +134,6 @@ def _work(times: Array, angles: Array, impulses: Sequence[tuple[float, Array]]) 
 
 
 def _kicked(motion: FreeMotion, times: Array, steps: Sequence[tuple[float, Array]]) -> Array:
-    """Return the angles of a motion with impulses at T times [rad], (T, N)."""
     parts, now, passed = [], float(times[0]), 0
     for time, change in steps:
         arrival = min(max(time, now), float(times[-1]))

@@ -27,20 +27,16 @@ from soliton_linkage.identification.windows import FreeWindow
 from soliton_linkage.linkage.chain import Array
 
 _STATE_DEVIATION = 10.0
-"""Prior standard deviation of each initial angle [rad] and each initial rate [rad/s]."""
 _SIGNIFICANT_STAMPS = 6.0
 """Variance of stamp errors above which it is significant, in its standard deviations [1]."""
 
 
 class WindowEquations(NamedTuple):
-    """Normal equations of a window for readings of unit variance; the initial state is last."""
+    """Normal equations of a window, for readings of unit variance, and squared residuals."""
 
     matrix: Array
-    """Left side, (Q, Q)."""
     vector: Array
-    """Right side, (Q,)."""
     squares: float
-    """Sum of squared residuals [rad^2]."""
 
 
 class Eliminated(NamedTuple):
@@ -55,11 +51,7 @@ class Eliminated(NamedTuple):
 
 
 def eliminated(matrix: Array, size: int, noise: float, damping: float) -> Eliminated:
-    """Eliminate the unknowns that follow the first `size` ones, which are the initial state.
-
-    `noise` is the standard deviation of a reading [rad], `damping` the Levenberg-Marquardt factor
-    [1].
-    """
+    """Eliminate the initial state, whose unknowns follow the first `size` ones."""
     matrix = matrix / noise**2
     states = np.eye(len(matrix) - size)
     own = matrix[size:, size:] * (1 + damping * states) + states / _STATE_DEVIATION**2
@@ -73,8 +65,8 @@ def solver(
 ) -> Callable[[Array], Array]:
     """Return a function that solves the equations of the chain and of all initial states.
 
-    `information` is the prior information on the chain, which changes only along the columns of
-    `basis`. Right side and solution contain the chain, then the state of each window.
+    The chain changes only along the columns of `basis`. Right side and solution contain the chain,
+    then the state of each window.
     """
     matrix = basis.T @ (information + np.sum([each.matrix for each in parts], axis=0)) @ basis
     matrix += damping * np.diag(np.diag(matrix))
@@ -98,11 +90,7 @@ def solver(
 def quasi_newton_step(
     right: Array, solve: Callable[[Array], Array], pairs: Sequence[tuple[Array, Array]]
 ) -> Array:
-    """Return a step of the method L-BFGS (J. Nocedal, 1980).
-
-    `right` is the negative gradient, `solve` multiplies by an approximate inverse Hessian, and
-    `pairs` contains previous steps with the changes of the gradient.
-    """
+    """Return an L-BFGS step (J. Nocedal, 1980), given previous steps and gradient changes."""
     factors = []
     for step, change in reversed(pairs):
         factors.append(step @ right / (step @ change))
@@ -114,11 +102,7 @@ def quasi_newton_step(
 
 
 class StampErrors(NamedTuple):
-    """Errors of the time stamps of T frames, and their estimated variance.
-
-    A stamp that is late by d changes readings by -d times the rates. With weighted rates u, stamp
-    errors of variance v change the covariance of weighted readings from I to I + v u u^T.
-    """
+    """Errors of time stamps; for weighted rates u they add v u u^T to the covariance."""
 
     variance: float
     """Variance of stamp errors over the variance of a reading [s^2/rad^2], 0 if negligible."""
@@ -126,10 +110,7 @@ class StampErrors(NamedTuple):
     """Estimated time of each frame minus its stamp [s], (T,)."""
 
     def whitened(self, pulls: Array, values: Array) -> Array:
-        """Return weighted residuals or sensitivities, (..., B, N), of B frames after whitening.
-
-        `pulls`, (B, N), are the rates divided by relative deviations, 0 for missing readings.
-        """
+        """Whiten residuals or sensitivities, (..., B, N), given weighted rates, (B, N)."""
         if not self.variance:
             return values
         squares = np.sum(pulls**2, axis=1)
@@ -139,24 +120,17 @@ class StampErrors(NamedTuple):
 
 
 class Record(NamedTuple):
-    """Readings of T frames, as the fit of a motion uses them."""
+    """Estimated times [s], readings [rad] and relative deviations [1] of T frames."""
 
     times: Array
-    """Estimated times of the frames [s], (T,)."""
     readings: Array
-    """Readings [rad], NaN if missing, (T, N)."""
     deviations: Array
-    """Relative standard deviations of the readings [1], (T, N)."""
     stamps: StampErrors
 
     def weighted(
         self, window: FreeWindow, some: NDArray[np.intp] | None = None, states: Array | None = None
     ) -> tuple[Array, ...]:
-        """Return weights, weighted rates and weighted residuals, (B, N), 0 for missing readings.
-
-        Without the numbers `some` of B frames and their states, (B, 2, N), all frames of the
-        window are used.
-        """
+        """Return weights, weighted rates and residuals, (B, N), 0 for missing readings."""
         frames = window.frames if some is None else some
         if states is None:
             states = states_at(window.motion, self.times[frames])
@@ -206,8 +180,8 @@ def estimated_stamps(
 ) -> Record | None:
     """Return the record with estimated times, or None if errors of stamps are not significant.
 
-    Residuals along the rates give the delay of each frame. The variance follows from second
-    differences of these delays, because delays by model errors vary slowly. `stamps` are in [s].
+    Residuals along the rates give the delay of each frame; second differences of these delays give
+    their variance, because delays by model errors vary slowly.
     """
     delays, weights = np.zeros((2, len(stamps)))
     sums, squares = 0.0, 0.0

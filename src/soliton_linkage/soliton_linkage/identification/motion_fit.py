@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimation of a chain of springs and the forces on its rotors from its free motion.
 
-Strained springs near a moving wall do not close with relaxed lengths. Therefore the solution of
-the equation of motion is fitted to the readings by least squares. Windows of frames have separate
-initial states, so that angles are nearly linear in all unknowns (multiple shooting, after Bock),
-and are merged as the estimate improves. `scipy.optimize` is not used: for 3000 frames of 40 rotors
-its Jacobian would need 10 GB, and its quasi-Newton methods accept no initial matrix.
+The solution of the equation of motion is fitted to the readings in windows with separate initial
+states, so that angles are nearly linear in all unknowns (multiple shooting, after Bock). Windows
+are merged as the estimate improves. `scipy.optimize` would need 10 GB for 3000 frames of 40
+rotors.
 """
 
 from __future__ import annotations
@@ -43,25 +42,18 @@ from soliton_linkage.identification.windows import (
 from soliton_linkage.linkage.chain import Array
 
 _GROWTH_MASS_DEVIATION = 0.03
-"""Prior standard deviation of masses and stiffnesses while windows are merged [1]. Sensitivity: at
-3x, two of ten fits of wobbling flippers had errors of the stiffness of 8 to 10 %."""
+"""Prior standard deviation while windows are merged [1]; at 3x, some flippers fit 10 % worse."""
 _STEPS = 6
-"""Largest number of steps before windows are merged again; 2 or 3 are usual."""
 _LAST_STEPS = 40
-"""Largest number of steps with the longest windows; 2 to 6 are usual, 20 in curved valleys."""
 _ROUNDS = 4
 _CONVERGED = 0.1
 """Expected decrease of -2 log likelihood in the last step with the longest windows [1]."""
 _COARSE = 0.1
-"""Expected decrease in the last step with shorter windows, per unknown [1]."""
 _STIFFNESS_FACTORS = (1, 1 / 5, 5)
-"""Initial stiffnesses that are tried, relative to the given one [1]."""
 _TOLERANCE_CHANGE = 0.05
-"""Relative change of the tolerances at which they have converged [1]."""
 _SAMPLES = 4
 """Number of samples of the posterior; at 0.5x, standard deviations are 1.4 times as uncertain."""
 _SAMPLED_STEPS = 20
-"""Largest number of steps for a sample; 3 to 10 are usual."""
 _FITTING = 0.5
 """Largest rms difference between motion and readings at which windows are merged [rad]."""
 UNEXPLAINED = 1.5
@@ -71,18 +63,13 @@ _SIGNIFICANT = 3.0
 _NOISE_SCATTER = 2.3
 """Relative standard deviation of the squared noise of n readings times sqrt(n) [1]."""
 _MATRIX_FRAMES = 1000
-"""Number of frames in matrices (gradients use all frames); at 2x, a fit takes 1.5 times as long.
-"""
+"""Number of frames from which the matrices of a step are computed; gradients use all."""
 _DAMPINGS = 12
-"""Number of damping factors that are tried for one step; the last one is 100."""
 _FASTEST = 100.0
 """Largest angular frequency of vibrations times the frame interval [1]; faster ones take long."""
 _LONGEST_STEP = 1.0
-"""Largest change of the logarithm of a length, stiffness or mass in one step [1]."""
 _FAR = 5.0
-"""Expected decrease per unknown above which matrices are computed again in each step [1]."""
 _SLOW = 0.5
-"""Ratio of successive expected decreases above which matrices are computed again [1]."""
 _SHARES = 0.2, 0.5, 0.7, 0.95
 """Fractions of the work at the ends of the stages: stiffness, merging, tolerances, samples [1]."""
 _DAMPED = 1e-3
@@ -99,7 +86,6 @@ class MotionFit:
     information: Array
     """Information of the readings on the same unknowns, without the prior."""
     basis: Array
-    """Orthonormal basis of the changes that keep mean spacing and mean mass."""
     noise: float
     """Standard deviation of a reading, from the residuals [rad]."""
     residuals: Array
@@ -131,8 +117,7 @@ class MotionFitter:
         """Start with motions that approximate the readings [rad], (T, N), NaN if missing.
 
         The standard deviation of a reading is its relative deviation [1], (T, N), times `noise`
-        [rad]. The tolerance of lengths [1] is estimated if it is None, and gravity unless
-        `gravity_known`.
+        [rad].
         """
         self._stamps, self._repeats = times, repeat_counts(readings)
         deviations = relative_deviations * np.sqrt(self._repeats)
@@ -149,10 +134,7 @@ class MotionFitter:
         self._basis = observable_changes(motion, gravity_known)
 
     def fit(self, bar_noise: float) -> MotionFit | None:
-        """Fit the chain to all readings; return None if bars fit them as well.
-
-        `bar_noise` is the standard deviation of a reading if bonds are bars [rad].
-        """
+        """Fit the chain; return None if bars, with noise `bar_noise` [rad], fit as well."""
         show, (begun, merged, estimated, _) = self._stages, _SHARES
         show.enter(0.0, begun)
         if not self._begin(bar_noise):
@@ -203,11 +185,7 @@ class MotionFitter:
         return replace(found, covariance=covariance)
 
     def _samples(self, equations: list[WindowEquations]) -> Array:
-        """Return S samples of the posterior, as changes of the chain, (S, Q - 2 N).
-
-        Random errors are added to readings and prior mean, and the cost is minimised again
-        (randomized maximum likelihood: Oliver, He and Reynolds 1996).
-        """
+        """Return samples by randomized maximum likelihood (Oliver, He, Reynolds 1996)."""
         found, record, prior = self._windows, self._record, self._prior
         random, values = np.random.default_rng(0), prior.evaluate(self._motion)[1]
         samples = []
@@ -224,7 +202,6 @@ class MotionFitter:
         return np.array(samples)
 
     def _begin(self, bar_noise: float) -> bool:
-        """Find the best initial stiffness; return whether springs fit better than bars."""
         given, found = self._windows, []
         stiffest = self._interval**-2
         for factor in _STIFFNESS_FACTORS:
@@ -251,21 +228,17 @@ class MotionFitter:
         return bool(found)
 
     def _squared_noise(self) -> float:
-        """Return the variance of a reading, from the residuals [rad^2]."""
         squares = sum(float(np.sum(self._whitened(window) ** 2)) for window in self._windows)
         return float(squares / max(self._freedom() - self._motion.slices.forces.stop, 1.0))
 
     def _freedom(self) -> float:
-        """Return the number of independent readings minus the number of initial values."""
         counts = (self._counts(window).sum(axis=0) for window in self._windows)
         return sum(float(np.maximum(each - 2, 0).sum()) for each in counts)
 
     def _counts(self, window: FreeWindow) -> Array:
-        """Return the weight of each reading, 1 for an independent one [1], (T, N)."""
         return np.asarray(self._seen(window) / self._repeats[window.frames])
 
     def _scatter(self) -> float:
-        """Return the standard deviation of the ratio of residual variances, bars to springs."""
         count = sum(float(self._counts(window).sum()) for window in self._windows)
         return math.sqrt(2 / (count * self._rotors))
 
@@ -293,7 +266,6 @@ class MotionFitter:
         return bool(np.sum(errors**2) < _FITTING**2 * len(errors))
 
     def _cost(self, windows: Sequence[FreeWindow]) -> float:
-        """Return -2 log likelihood, or infinity if a motion diverges."""
         if not windows[0].motion.fastest * self._interval < _FASTEST:
             return math.inf
         information, values = self._prior.evaluate(windows[0].motion)
@@ -311,11 +283,7 @@ class MotionFitter:
     def _improve(
         self, steps: int, converged: float, equations: list[WindowEquations] | None = None
     ) -> None:
-        """Take quasi-Newton steps until the expected decrease of the cost is below `converged`.
-
-        Matrices, which take longer than gradients, are computed again only if a step is rejected
-        or progress is slow.
-        """
+        """Take quasi-Newton steps until the expected decrease of the cost is below `converged`."""
         every = max(1, len(self._stamps) // _MATRIX_FRAMES)
         equations = equations or self._equations(every)
         right, at = self._right(), self._motion.slices
@@ -354,7 +322,6 @@ class MotionFitter:
                 pairs.append((step, previous - right))
 
     def _right(self) -> Array:
-        """Return the negative gradient of half the cost, by the chain and all initial states."""
         information, values = self._prior.evaluate(self._motion)
         vectors = np.array([window_gradient(each, self._record) for each in self._windows])
         vectors, size = vectors / self._noise**2, len(values)
@@ -382,7 +349,6 @@ class MotionFitter:
         )
 
     def _reestimate(self, equations: Sequence[WindowEquations]) -> tuple[Array, Array]:
-        """Estimate noise and prior again; return covariance and information of the chain."""
         motion = self._motion
         parts = self._eliminated(equations, 0.0)
         information = np.sum([each.matrix for each in parts], axis=0)
@@ -396,10 +362,10 @@ class MotionFitter:
 
 
 def inflated_covariance(covariance: Array, samples: Array, at: UnknownSlices) -> Array:
-    """Return the covariance of a chain, (P, P), inflated to the scatter of samples, (S, P).
+    """Return the covariance, (P, P), inflated to the scatter of samples, (S, P).
 
-    Lengths, stiffnesses and masses compensate each other along curved valleys of the cost. Each of
-    these kinds has its own factor of at least 1.
+    Lengths, stiffnesses and masses have one factor each; they compensate each other in curved
+    valleys.
     """
     variances, factors = np.diag(covariance), np.ones(len(covariance))
     for part in (at.lengths, at.stiffnesses, at.masses):

@@ -1,21 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled loops that integrate a free motion, its sensitivities, and the gradient of a sum.
 
-`free_motion` states the equation of motion; the integrator is the classical Runge-Kutta method.
-The sensitivities X = dphi/dq and V = X' to an unknown q satisfy
+With the classical Runge-Kutta method, the sensitivities X = dphi/dq and V = X' satisfy
 
-    X' = V,    V' = (dphi''/dphi) X + (dphi''/dphi') V + dphi''/dq.
+    X' = V,    V' = (dphi''/dphi) X + (dphi''/dphi') V + dphi''/dq,
 
-`pull_back` is the adjoint integration, backwards in time. Arguments of the loops, for N rotors and
-Q unknowns:
+and `pull_back` is the adjoint of this integration. Arguments for N rotors and Q unknowns:
 
     table, (5, N): r, a, l, k, and the moments of inertia;
     forces, (6,): c, b, w, gravity along the chain and across it, and the longest step;
     work, (8, N): accelerations and their derivatives by angles, rates and forces;
-    direct, (5 N, 3): derivatives dphi''/dq of the rotors n - 1, n and n + 1 by r, a, l, log k
-    and log m of rotor or bond n;
-    sources, (Q,): row of each unknown in direct; or `NO_SOURCE` for an initial state,
-    `UNMOVED` for an offset, and `BY_FORCE` minus the number of a force.
+    direct, (5 N, 3): dphi''/dq of the rotors n - 1, n, n + 1 by r, a, l, log k and log m of n;
+    sources, (Q,): row of each unknown in direct, or one of the negative constants.
 """
 
 from __future__ import annotations
@@ -40,16 +36,12 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.springs import spring_between
 
 R, A, L, K, INERTIA = range(5)
-"""Rows of `table`."""
 M = INERTIA
 """Number of log m among the five unknowns of a rotor in `direct`; the first four are R to K."""
 ACCELERATION, BELOW, MAIN, ABOVE, DRAG, BY_DAMPING, BY_FRICTION, FALL = range(8)
-"""Rows of `work`: acceleration; derivatives by the angles n - 1, n, n + 1, the rate, c, b and log
-g."""
+"""Rows of `work`: acceleration and its derivatives; FALL is the acceleration by gravity."""
 DAMPING, FRICTION, SLIDING, ALONG, DOWN, LONGEST = range(6)
-"""Indices in `forces`."""
 NO_SOURCE, UNMOVED, BY_FORCE = -1, -2, -3
-"""Values in `sources`."""
 
 spring = compile_loop(spring_between, inlined=True)
 
@@ -123,11 +115,7 @@ def accelerate(
 def advance(
     table: Array, forces: Array, step: float, state: Array, at: Array, works: Array, directs: Array
 ) -> None:
-    """Take one step [s] of the state, (2, N), in place.
-
-    `at`, (4, 2, N), `works` and `directs` receive the states, `work` and `direct` of the four
-    stages.
-    """
+    """Take one step [s] of the state, (2, N); store 4 stages in `at`, `works`, `directs`."""
     rotors = state.shape[1]
     at[0] = state
     for stage in range(4):
@@ -153,10 +141,7 @@ def advance_sensitivities(
     own: Array,
     changes: Array,
 ) -> None:
-    """Take one step of the sensitivities x and v, (Q, 2, N), in place.
-
-    `own`, (5, N + 2), is a workspace, whose first row must begin and end with 0.
-    """
+    """Take one step of x and v, (Q, 2, N); row 0 of `own`, (5, N + 2), has ends 0."""
     rotors = changes.shape[2]
     x_at, v_at, acceleration, x_sum, v_sum = own[0], own[1], own[2], own[3], own[4]
     for q in range(changes.shape[0]):
@@ -206,10 +191,9 @@ def integrate(
     states: Array,
     slopes: Array,
 ) -> None:
-    """Integrate over T successive spans of time [s], and store the results after each span.
+    """Integrate state, (2, N), and sensitivities, (Q, 2, N), over T successive spans [s].
 
-    `state`, (2, N), and the sensitivities `changes`, (Q, 2, N), change in place. `states`, (T, 2,
-    N), receives angles and rates, `slopes`, (Q, T, N), receives x. Q may be 0.
+    `states`, (T, 2, N), receives angles and rates, `slopes`, (Q, T, N), receives x.
     """
     rotors, size = state.shape[1], changes.shape[0]
     at, works = np.empty((4, 2, rotors)), np.empty((4, 8, rotors))
@@ -230,10 +214,7 @@ def integrate(
 
 @compiled(f8, f8_3d, f8_3d, f8_2d, f8_1d)
 def reverse(step: float, works: Array, directs: Array, pull: Array, gradient: Array) -> None:
-    """Take one step backwards in time of the adjoint state `pull`, (2, N), in place.
-
-    `gradient`, (5 N + 3,), collects the derivatives by the rows of `direct` and by the forces.
-    """
+    """Take one step of the adjoint state `pull`, (2, N), and of `gradient`, (5 N + 3,)."""
     rotors = pull.shape[1]
     after, torque, total = np.zeros((2, rotors)), np.zeros(rotors + 2), pull.copy()
     for stage in range(3, -1, -1):
@@ -273,11 +254,7 @@ def pull_back(
     pull: Array,
     gradient: Array,
 ) -> None:
-    """Compute the derivatives of the sum of angles times weights, (T, N), over T frames.
-
-    `states`, (T, 2, N), are those of `integrate`. `pull`, (2, N), receives the derivatives by the
-    initial state, `gradient` those of `reverse`; both must begin as 0.
-    """
+    """Add derivatives of sum(angles * weights) to `pull` and `gradient`, like `reverse`."""
     rotors = pull.shape[1]
     at, works = np.empty((4, 2, rotors)), np.empty((4, 8, rotors))
     directs = np.zeros((4, 5 * rotors, 3))

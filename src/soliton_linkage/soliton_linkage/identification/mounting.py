@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks of the order and the mounting of encoders, from the angles of neighbouring rotors.
 
-The bond between two neighbours closes if their angles follow the curve
+The angles of two neighbours follow Freudenstein's equation of four-bar linkages,
 
     cos(phi_1 - phi_2) = K_0 + K_1 sin(phi_2) - K_2 sin(phi_1),
-    K_0 = (a^2 + r_1^2 + r_2^2 - l^2) / (2 r_1 r_2),    K_1 = a / r_1,    K_2 = a / r_2,
+    K_0 = (a^2 + r_1^2 + r_2^2 - l^2) / (2 r_1 r_2),    K_1 = a / r_1,    K_2 = a / r_2.
 
-(Freudenstein's equation of four-bar linkages), with K_1, K_2 > 0. An error of half a turn of the
-second angle changes the signs of K_0 and K_1. With a reversed sign, or if the rotors are not
-neighbours, the angles follow no such curve, or that of a bond that no wall can pass.
+An error of half a turn of phi_2 changes the signs of K_0 and K_1. With a reversed sign, or between
+other rotors, no such curve fits, or that of a bond that no wall can pass.
 """
 
 from __future__ import annotations
@@ -23,24 +22,18 @@ from numpy.typing import NDArray
 from soliton_linkage.linkage.chain import Array
 
 _LARGEST_MISFIT = 0.04
-"""Misfit above which a curve does not explain the readings [rad]."""
 _LEAST_SWING = 0.15
 """Range of sin(phi) above which a wall has passed a rotor, relative to the median range [1]."""
 _QUANTILES = 0.02, 0.98
-"""Quantiles of sin(phi) whose difference is called the range."""
 _WEIGHTINGS = 4
-"""Number of successive fits of a curve, each with weights from the previous fit."""
 _FLATTEST = 0.1
 """Value added in quadrature to derivatives, so that no single frame dominates [1]."""
 _BETTER = 0.8
-"""Relative misfit with one rotor reversed below which it counts as reversed [1]."""
 _AS_GOOD = 1.25
-"""The same ratio if no wall can pass the bond as recorded [1]."""
 _IMPASSABLE = 0.95
 """Relative l^2 below which no wall can pass a bond [1]; noise changes the ratio by 0.03."""
 _MOST_NAMED = 4
 _MOST_WRONG = 1 / 4
-"""Largest fraction of wrongly mounted rotors that an error names one by one [1]."""
 
 
 class Mounting(NamedTuple):
@@ -61,7 +54,6 @@ class Mounting(NamedTuple):
 
 class _Curve(NamedTuple):
     mounting: Mounting
-    """Mounting of the second encoder relative to the first."""
     misfit: float
     """Root mean square distance of the angles from the curve [rad]."""
     room: float
@@ -71,15 +63,11 @@ class _Curve(NamedTuple):
 
     @property
     def strange(self) -> bool:
-        """Whether the curve fits badly and no wall could pass its bond."""
         return self.room < _IMPASSABLE and self.misfit > _LARGEST_MISFIT
 
 
 def check_mounting(readings: Array, names: Sequence[str]) -> None:
-    """Raise ValueError for exchanged joints, wrong signs, and errors of half a turn.
-
-    `readings` have the shape (T, N) [rad].
-    """
+    """Raise ValueError for exchanged joints, wrong signs or half turns in readings, (T, N)."""
     curves = _curves(readings)
     backward = [n for n, curve in enumerate(curves) if curve.backward]
     if 0 < len(backward) < len(curves) / 2:
@@ -149,7 +137,6 @@ def _isolated(rotors: list[int], count: int) -> bool:
 
 
 def _wrong_rotors(curves: Sequence[_Curve]) -> dict[int, Mounting]:
-    """Return the rotors with unusual mountings, relative to the usual one."""
     states = [Mounting()]
     for curve in curves:
         relative = zip(states[-1], curve.mounting, strict=True)
@@ -219,10 +206,7 @@ def check_unit(readings: Array) -> None:
 
 
 def in_degrees(angles: Array) -> bool:
-    """Return whether angles fit a chain only if they are interpreted as degrees.
-
-    In any chain most neighbours nearly satisfy phi_n + phi_{n+1} = pi.
-    """
+    """Return whether phi_n + phi_{n+1} = pi nearly holds only if angles are in degrees."""
     largest = np.nanmax(np.abs(angles), initial=0.0)
     return bool(
         np.isfinite(largest)

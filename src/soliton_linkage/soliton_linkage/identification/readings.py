@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Readings of a recording: angles with standard deviations, impulses and tilts.
 
-If an angle changes by more than the rounding step q between frames, rounding errors are
-independent, with the variance q^2 / 12 (B. Widrow, I. Kollar, Quantization Noise, 2008). At rest
-all readings of a rotor have the same rounding error.
+Rounding errors of changing angles are independent, with the variance q^2 / 12 of a step q (B.
+Widrow, I. Kollar, Quantization Noise, 2008). At rest all readings have the same rounding error.
 """
 
 from __future__ import annotations
@@ -22,12 +21,9 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 
 _FEWEST_ROTORS = 4
-"""Smallest number of rotors; the bonds at the edges contain little information."""
 _LEAST_PRESENT = 0.5
-"""Smallest fraction of the frames in which each rotor has a reading [1]."""
 _MOST_NAMED = 4
 _PAUSE = 1.0
-"""Time between two joined recordings [s]."""
 _LARGEST_RELATIVE_DEVIATION = 100.0
 """Largest ratio of a standard deviation to the typical one [1]; the smallest is its inverse."""
 
@@ -45,17 +41,15 @@ class RecordedTilt(NamedTuple):
     """Change of the tilt of the chain."""
 
     time: float
-    """Time of the change [s]."""
     tilt: float
     """Tilt after the change, positive if the last rotor is lower [rad]."""
 
 
 @dataclass(frozen=True)
 class Readings:
-    """Readings in T frames of N rotors."""
+    """Readings in T frames of N rotors at times [s], (T,)."""
 
     times: Array
-    """Times of the frames [s], (T,)."""
     angles: Array
     """Recorded readings [rad], NaN if missing, (T, N)."""
     deviations: Array | None = None
@@ -63,9 +57,7 @@ class Readings:
     names: Sequence[str] = ()
     """Names of the joints for error messages."""
     impulses: Sequence[RecordedImpulse] = ()
-    """Impulses during the recording."""
     gravity: Gravity = NO_GRAVITY
-    """Gravity at the start of the recording."""
     tilts: Sequence[RecordedTilt] = ()
     """Changes of the tilt in the order of their times."""
     parts: tuple[Readings, ...] = ()
@@ -73,10 +65,7 @@ class Readings:
 
     @cached_property
     def filled(self) -> Array:
-        """Readings without jumps of 2 pi, interpolated where missing [rad], (T, N).
-
-        Raises ValueError if there are too few rotors or readings.
-        """
+        """Readings without jumps of 2 pi, interpolated [rad]; ValueError if there are too few."""
         names, rotors = self.joints, self.angles.shape[1]
         if rotors < _FEWEST_ROTORS:
             raise ValueError(
@@ -140,10 +129,7 @@ class Readings:
 
 
 def interpolated(angles: Array, times: Array | None = None) -> Array:
-    """Return readings [rad], (T, N), without jumps of 2 pi; missing ones are interpolated.
-
-    A rotor without readings stays NaN.
-    """
+    """Return readings, (T, N), without jumps of 2 pi, interpolated; NaN without readings."""
     times = np.arange(len(angles), dtype=np.float64) if times is None else times
     filled = np.full_like(angles, np.nan)
     present = np.isfinite(angles)
@@ -154,10 +140,7 @@ def interpolated(angles: Array, times: Array | None = None) -> Array:
 
 
 def join_recordings(recordings: Sequence[Readings]) -> Readings:
-    """Join recordings of one chain with the same encoders, separated by unknown impulses.
-
-    Raises ValueError if the recordings have different joints.
-    """
+    """Join recordings with unknown impulses between them; ValueError if joints differ."""
     first, *others = recordings
     if not others:
         return first
@@ -198,20 +181,14 @@ _SMALLEST_STEP = 1e-9
 
 
 def rounding_noise(readings: Array) -> float:
-    """Return the standard deviation of rounding errors [rad], given readings [rad], (T, N).
-
-    The smallest change of a reading counts as the rounding step.
-    """
+    """Return the standard deviation of rounding [rad], from the smallest change."""
     steps = np.abs(np.diff(readings, axis=0))
     smallest = float(steps[steps > _SMALLEST_STEP].min(initial=np.inf))
     return smallest / math.sqrt(12) if math.isfinite(smallest) else 0.0
 
 
 def repeat_counts(readings: Array) -> Array:
-    """Return the length of the run of equal readings around each reading, (T, N).
-
-    A run contains the information of one reading, so that callers multiply variances by it.
-    """
+    """Return the length of the run of equal readings around each, with which variances grow."""
     counts = np.ones_like(readings)
     for column, values in zip(counts.T, readings.T, strict=True):
         seen = np.flatnonzero(np.isfinite(values))
@@ -224,7 +201,6 @@ def repeat_counts(readings: Array) -> Array:
 _NEAR = 100
 """Number of frames kept before each impulse, and also after each impulse."""
 _NEAR_IMPULSES = 0.5
-"""Largest fraction of the kept frames that may be near impulses [1]."""
 _AVERAGED = 8
 """Number of frames in the moving average from which turning rotors are detected."""
 _TURNING = 0.05
@@ -232,7 +208,6 @@ _TURNING = 0.05
 _AT_REST = 0.1
 """Density of kept frames at rest, relative to the density while a rotor turns [1]."""
 _FILLINGS = 5
-"""Number of iterations in which densities are limited to 1 and the excess is redistributed."""
 
 
 def informative_frames(
@@ -240,8 +215,7 @@ def informative_frames(
 ) -> NDArray[np.intp]:
     """Return the numbers of at most `most` informative frames in increasing order, (K,).
 
-    Frames near impulses [s] are kept, because they show the rates before and after. The density of
-    the others is larger while a rotor turns. `angles` [rad], (T, N), are NaN if missing.
+    Frames near impulses [s] are kept. The density of the others is larger while a rotor turns.
     """
     if len(times) <= most:
         return np.arange(len(times))
@@ -257,7 +231,6 @@ def informative_frames(
 
 
 def _near_impulses(times: Array, impulses: Sequence[float], most: int) -> NDArray[np.bool_]:
-    """Return which of T frames are near the first impulses, at most `most`, (T,)."""
     near = np.zeros(len(times), dtype=np.bool_)
     for impulse in impulses:
         frame = int(np.searchsorted(times, impulse))

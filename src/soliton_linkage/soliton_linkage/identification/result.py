@@ -49,9 +49,7 @@ class Identification:
     unused_frames: int
     """Number of frames without use for masses, stiffnesses and drag."""
     weakly_observable: tuple[str, ...]
-    """Weakly observable combinations of lengths."""
     warnings: tuple[str, ...]
-    """Warnings for the user, one line each."""
     outliers: int = 0
     """Number of isolated wrong readings, which were not used."""
     damping_deviation: float = math.nan
@@ -128,7 +126,6 @@ def by_springs(
 
 
 def _with_motion(chain: Chain, motion: FreeMotion, mass: float) -> Chain:
-    """Return a chain with a mean mass [kg] and the relative masses and forces of a motion."""
     unit = mass / float(motion.masses.mean())
     deviations = replace(
         chain.deviations,

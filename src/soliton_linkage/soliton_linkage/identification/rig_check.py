@@ -27,22 +27,14 @@ SMALLEST_TURN = 0.15
 _LARGEST_JITTER = 1e-3
 """Largest jitter of stamps that is right [s]; at 10 rad/s it acts as a noise of 0.01 rad."""
 _LARGEST_AGE = 0.5
-"""Largest age of a frame at its arrival that is right [s]."""
 _LARGEST_LEAD = 0.01
-"""Largest time by which a stamp may be in the future [s]; clocks synchronised by NTP agree better.
-"""
+"""Largest time by which a stamp may be in the future [s]; NTP is better."""
 _LARGEST_SLOWNESS = 0.1
-"""Largest relative difference between the speeds of stamps and clock that is right [1]."""
 _LATE = 1.5
-"""Interval, relative to the median interval, above which frames are missing [1]."""
 _LARGEST_NOISE = 0.05
-"""Largest noise of a reading that is right [rad]."""
 _NOISY = 3.0
-"""Noise of a rotor, relative to the median rotor, above which it is called noisy [1]."""
 _SMALLEST_NOISE = 2e-3
-"""Noise below which no rotor is called noisy [rad]."""
 _LEAST_SEEN = 0.99
-"""Smallest fraction of the frames in which a right rotor has a reading [1]."""
 _LARGEST_STRETCH = 0.02
 """Largest relative bond stretch that is right [1]; a wrong zero of 0.05 rad stretches more."""
 _EXPLAINED = 1 / 3
@@ -78,7 +70,6 @@ class RigFinding(NamedTuple):
     """Result of one check."""
 
     verdict: str
-    """`RIGHT`, `DOUBTFUL` or `WRONG`."""
     subject: str
     text: str
 
@@ -103,11 +94,7 @@ class RigFindings:
 def check_rig(
     watched: WatchedFrames, turns: Sequence[Turn], names: Sequence[str], chain: Chain | None
 ) -> RigFindings:
-    """Check frames of a rig that nobody touches, and frames while rotors are turned by hand.
-
-    `names` are the names of the N joints, rotor 0 first. Raises ValueError if `watched` has fewer
-    than four frames.
-    """
+    """Check frames of a resting rig, and turns by hand; raise ValueError below four frames."""
     if len(watched.stamps) < 4:
         raise ValueError(f'{len(watched.stamps)} frames are too few to check a rig; publish more')
     findings = [*_stamp_findings(watched)]
@@ -143,11 +130,7 @@ def is_resting(angles: Array) -> bool:
 
 
 def first_turn(rest: Array, angles: Array) -> tuple[int, float] | None:
-    """Return the rotor that turns first and its rotation [rad]; None if no rotor turns.
-
-    `rest`, (N,), are the angles before the turn, `angles`, (T, N), those in the following frames
-    [rad].
-    """
+    """Return the rotor that turns first from `rest`, (N,), and its rotation [rad], or None."""
     turned = np.nan_to_num(wrapped(angles - rest))
     frames = np.flatnonzero(np.abs(turned).max(axis=1, initial=0.0) > SMALLEST_TURN)
     if not frames.size:
@@ -290,8 +273,6 @@ def _turn_findings(turns: Sequence[Turn], names: Sequence[str]) -> Iterator[RigF
 
 
 class _Bonds:
-    """Apparent bond lengths for changed readings and lengths."""
-
     def __init__(self, chain: Chain, angles: Array) -> None:
         self.angles = angles[:: -(-len(angles) // _MOST_FRAMES)]
         self._pivots, self._lengths = chain.pivots, chain.rotor_lengths
@@ -311,7 +292,6 @@ class _Bonds:
         return self.stretches(self.angles, 1 + step * rotors)
 
     def corrections(self, names: Sequence[str]) -> Iterator[tuple[Array, str]]:
-        """Yield the stretches after each possible correction, and its cause."""
         angles, ones = self.angles, np.eye(len(names))
         yield self.stretches(angles[:, ::-1]), 'the joints are in the reverse order'
         common, value = _fitted(partial(self._shifted, 1.0), np.pi)

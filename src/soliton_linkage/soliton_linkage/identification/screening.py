@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks of a recording before identification, and of the residuals after identification.
 
-Rotors on both sides of a wall lean in opposite directions. The staggered angles of a rotor before
-and after the wall are therefore symmetric, for all rotors about 0 or for all about pi. A wrong
-zero of an encoder breaks this symmetry.
+The staggered angles of a rotor before and after a wall are symmetric, for all rotors about 0 or
+for all about pi, unless the zero of its encoder is wrong.
 """
 
 from __future__ import annotations
@@ -24,20 +23,15 @@ from soliton_linkage.linkage.chain import Array, staggered
 _LEANING = 0.5
 """|sin(phi)| above which a rotor clearly leans, relative to the median of the same rotor [1]."""
 _FAR_OFF = 2.0
-"""Zero error above which the joints are probably in a wrong order [rad]."""
 _LARGEST_ZERO_ERROR = 0.5
 """Largest zero error for which least squares converges [rad]; apparent ones reach 0.3 rad."""
 _TRIMMINGS = 6
-"""Number of iterations of the robust mean angle at rest."""
 _SHARPNESS = 20.0
 """Sharpness of the weights in the robust mean: 1 / (0.22 rad)^2 [1/rad^2]."""
 
 
 def check_motion(readings: Array, names: Sequence[str]) -> None:
-    """Raise ValueError unless a wall passes all rotors in the order of the joints.
-
-    `readings` have the shape (T, N) [rad].
-    """
+    """Raise ValueError unless a wall passes all rotors in the order of the joints, (T, N)."""
     check_mounting(readings, names)
     check_zeros(readings, names)
     inner = leaning_over(readings)[1:-1]
@@ -63,10 +57,7 @@ def check_motion(readings: Array, names: Sequence[str]) -> None:
 
 
 def check_zeros(readings: Array, names: Sequence[str]) -> None:
-    """Raise ValueError if the encoder of an inner rotor has a large zero error.
-
-    An edge rotor of a flipper has two possible angles on each side of a wall.
-    """
+    """Raise ValueError if the encoder of an inner rotor has a large zero error."""
     errors = _zero_errors(readings)
     wrong = 1 + np.flatnonzero(np.abs(errors[1:-1]) > _LARGEST_ZERO_ERROR)
     if wrong.size and np.abs(errors[wrong]).max() < _FAR_OFF:
@@ -79,11 +70,7 @@ def check_zeros(readings: Array, names: Sequence[str]) -> None:
 
 
 def _zero_errors(readings: Array) -> Array:
-    """Return the approximate zero error of each encoder, in staggered angles [rad], (N,).
-
-    For flippers it is the mean of the angles on both sides of the wall. Rotors of spinners make
-    half a turn, so that the angles on both sides have the same error.
-    """
+    """Return approximate zero errors, in staggered angles [rad]; spinners make half a turn."""
     sine = np.sin(readings)
     clear = np.abs(sine) > _LEANING * np.median(np.abs(sine), axis=0)
     turns = np.exp(1j * staggered(readings))
@@ -100,7 +87,6 @@ def _zero_errors(readings: Array) -> Array:
 def _direction_at_rest(
     turns: NDArray[np.complex128], some: NDArray[np.bool_]
 ) -> NDArray[np.complex128]:
-    """Return the most frequent direction of each rotor in some frames, (N,), 0 if none."""
     weights = some.astype(np.float64)
     for _ in range(_TRIMMINGS):
         means = np.sum(turns * weights, axis=0)
@@ -121,9 +107,7 @@ LEAST_NOISE = 1e-4
 _OUTLIER = 7.0
 """Distance of a wrong reading from a smooth motion, in standard deviations [1]."""
 _OF_RANGE = 0.25
-"""Part of this distance proportional to the range of adjacent readings [1]."""
 _PASSES = 6
-"""Largest number of searches; a wrong reading is found only after larger errors near it."""
 
 
 def without_outliers(recording: Readings) -> Readings:
@@ -140,10 +124,7 @@ def without_outliers(recording: Readings) -> Readings:
 
 
 def isolated(values: Array, limits: Array) -> NDArray[np.bool_]:
-    """Return which values, (T, N), differ by more than their limits from a cubic curve in time.
-
-    The curve leads through the two previous and the two following values.
-    """
+    """Return which values, (T, N), exceed limits around the cubic curve through 4 others."""
     errors = np.zeros_like(values)
     near, far = values[1:-3] + values[3:-1], values[:-4] + values[4:]
     errors[2:-2] = np.abs(values[2:-2] - (4 * near - far) / 6)
@@ -158,14 +139,10 @@ def isolated(values: Array, limits: Array) -> NDArray[np.bool_]:
 _STRAY = 6.0
 """Distance of an outlier from the median of adjacent residuals, relative to the noise [1]."""
 _MEDIAN_FRAMES = 9
-"""Number of frames in this median; up to four outliers change it little."""
 
 
 def stray_residuals(residuals: Array, noise: float) -> NDArray[np.bool_]:
-    """Return which residuals are outliers, at most one per frame, (T, N).
-
-    `noise` is the standard deviation of a residual [rad].
-    """
+    """Return which residuals are outliers, at most one per frame, (T, N); noise in [rad]."""
     usual = median_filter(residuals, (_MEDIAN_FRAMES, 1), mode='nearest')
     distances = np.abs(residuals - usual)
     largest = distances == distances.max(axis=1, keepdims=True)
@@ -175,9 +152,7 @@ def stray_residuals(residuals: Array, noise: float) -> NDArray[np.bool_]:
 _SLIP_RANGE = 3.0
 """Cumulative sum of n residuals of a slipping encoder, relative to noise times sqrt(n) [1]."""
 _SMALLEST_SLIP = 2.0
-"""Smallest reported slip, relative to the noise of a reading [1]."""
 _JUMP_FRAMES = 15
-"""Number of frames that are averaged before and after a jump."""
 _JUMP_OVER_NOISE = 12.0
 """Smallest reported jump, relative to the noise of a reading [1]; noise causes jumps of 2.2."""
 _SMALLEST_JUMP = 0.1
@@ -187,10 +162,9 @@ _JUMP_OVER_NEIGHBOURS = 3.0
 
 
 def noise_of(readings: Array, relative_deviations: Array) -> float:
-    """Return the noise of a reading whose relative deviation is 1 [rad], from arrays (T, N).
+    """Return the noise of a reading whose relative deviation is 1 [rad], NaN if unknown.
 
-    The median of second differences in time ignores the few rotors that move. The result is at
-    least the rounding noise, and NaN if no rotor has readings in three successive frames.
+    The median of second differences in time, (T, N), ignores the few rotors that move.
     """
     bends = readings[2:] - 2 * readings[1:-1] + readings[:-2]
     squares = relative_deviations**2
@@ -203,10 +177,7 @@ def noise_of(readings: Array, relative_deviations: Array) -> float:
 
 
 def check_jumps(recording: Readings, noise: float) -> None:
-    """Raise ValueError for an inner rotor that jumps while its neighbours do not.
-
-    `noise` is the standard deviation of a reading whose relative deviation is 1 [rad].
-    """
+    """Raise ValueError for an inner rotor that jumps while its neighbours do not."""
     times, readings, deviations = recording.times, recording.filled, recording.relative_deviations
     width = min(_JUMP_FRAMES, len(readings) // 4)
     rates = np.diff(readings, axis=0)
@@ -226,11 +197,7 @@ def check_jumps(recording: Readings, noise: float) -> None:
 
 
 def check_slips(recording: Readings, residuals: Array, noise: float) -> None:
-    """Raise ValueError if the residuals of an encoder have a lasting step.
-
-    `residuals`, (T, N), are divided by relative deviations; `noise` is their standard deviation
-    [rad].
-    """
+    """Raise ValueError if the residuals of an encoder, over relative deviations, have a step."""
     single = residuals / np.sqrt(repeat_counts(recording.unwrapped))
     sums = np.cumsum(single - single.mean(axis=0), axis=0) / (noise * math.sqrt(len(residuals)))
     largest = np.abs(sums).max(axis=0)

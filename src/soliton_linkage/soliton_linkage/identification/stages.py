@@ -11,7 +11,6 @@ class Stages:
     """Reporter of the fraction of the work that is done [1]; the fraction never decreases."""
 
     def __init__(self, report: Callable[[float], None] = lambda done: None) -> None:
-        """Call `report` with each new fraction."""
         self._report, self._done = report, 0.0
         self._begin, self._end = 0.0, 1.0
 

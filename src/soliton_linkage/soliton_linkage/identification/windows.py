@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Windows of frames of free motion, and the prior of the chain.
-
-Logarithms of stiffnesses and masses have normal prior distributions with estimated standard
-deviation; `Tolerances` is the prior of the lengths.
-"""
+"""Windows of frames of free motion, and the normal prior of the unknowns of a chain."""
 
 from __future__ import annotations
 
@@ -21,10 +17,8 @@ from soliton_linkage.identification.lengths import Tolerances, to_unknowns
 from soliton_linkage.linkage.chain import Array
 
 _INITIAL_FRAMES = 25
-"""Number of frames in an initial window. Sensitivity: at 0.5x, initial rates are uncertain; at 2x,
-the simulated wall may be too far from the readings if lengths have errors of 5 %."""
+"""Number of frames in an initial window; with fewer, initial rates are uncertain."""
 _RATE_FRAMES = 8
-"""Number of frames from which the initial rates of a window are estimated."""
 _FEWEST_FRAMES = 30
 """Smallest number of frames between impulses that are used; a wall passes some rotors."""
 _ARRIVAL = 0.05
@@ -32,7 +26,6 @@ _ARRIVAL = 0.05
 _MERGED = 4
 """Largest number of windows merged at a time; at 2x, the wall may be too far from the readings."""
 _DENSE_FRAMES = 0.05
-"""Quantile of the averaged frame intervals that is typical of dense frames [1]."""
 
 
 class FreeWindow(NamedTuple):
@@ -61,11 +54,7 @@ def initial_windows(
     interruptions: Sequence[float],
     tilt_at: Callable[[float], float] = lambda _: 0.0,
 ) -> list[FreeWindow]:
-    """Return short windows, with initial states that are estimated from the angles [rad], (T, N).
-
-    No window extends over an interruption [s] or a long gap. `tilt_at` returns the tilt of the
-    chain [rad] at a time [s].
-    """
+    """Return short windows between interruptions [s], with states from angles [rad], (T, N)."""
     windows = []
     intervals = free_intervals(times, interruptions)
     for interval in (part for each in intervals for part in _without_gaps(times, each)):
@@ -82,7 +71,6 @@ def initial_windows(
 
 
 def _without_gaps(times: Array, interval: slice) -> list[slice]:
-    """Divide an interval at gaps between frames; return the parts that have enough frames."""
     averages = (times[_RATE_FRAMES:] - times[:-_RATE_FRAMES]) / _RATE_FRAMES
     gaps = np.diff(times) > _RATE_FRAMES * np.quantile(averages, _DENSE_FRAMES)
     inner = 1 + interval.start + np.flatnonzero(gaps[interval.start : interval.stop - 1])
@@ -94,10 +82,7 @@ def _without_gaps(times: Array, interval: slice) -> list[slice]:
 def merge_windows(
     windows: Sequence[FreeWindow], fits: Callable[[FreeWindow, slice], bool]
 ) -> tuple[FreeWindow, ...]:
-    """Merge adjacent windows if the motion of the first also fits the frames of the second.
-
-    `fits` returns whether the motion of a window fits some frames.
-    """
+    """Merge adjacent windows if the motion of the first `fits` the frames of the second."""
     merged: list[FreeWindow] = []
     count = 0
     for window in windows:
@@ -116,22 +101,16 @@ def merge_windows(
 INITIAL_MASS_DEVIATION = 0.1
 """Prior standard deviation of log masses and stiffnesses [1]; at 3x, some fits diverge."""
 _SMALLEST, _LARGEST = 1e-3, 0.3
-"""Limits of this standard deviation when it is estimated [1]."""
 _DAMPING_RATE = 1.0
 """Prior standard deviation of the damping, divided by the moment of inertia of a rotor [1/s]."""
 _FRICTION_DECELERATION = 10.0
 """Prior standard deviation of the dry friction over the moment of inertia [rad/s^2]."""
 _LOG_GRAVITY = 1.0
-"""Prior standard deviation of the logarithm of gravity if the mean spacing is unknown [1]."""
 _INFORMED = 1e-12
-"""Smallest eigenvalue of the information, relative to the largest [1]."""
 
 
 def force_deviations(inertia: float) -> Array:
-    """Return the prior standard deviations of damping, dry friction and log gravity, (3,).
-
-    `inertia` is the moment of inertia of a typical rotor, in the unit of the caller.
-    """
+    """Return prior standard deviations of damping, dry friction and log gravity, (3,)."""
     return np.array([_DAMPING_RATE * inertia, _FRICTION_DECELERATION * inertia, _LOG_GRAVITY])
 
 
@@ -147,7 +126,6 @@ class MotionPrior:
     gravity: float
     """Prior median of gravity [length/s^2], 0 if gravity does not act."""
     tolerances: Tolerances
-    """Prior standard deviations of lengths and offsets."""
     mass_deviation: float = INITIAL_MASS_DEVIATION
     """Prior standard deviation of the logarithms of masses and stiffnesses [1]."""
     shift: Array | float = 0.0
@@ -172,11 +150,7 @@ class MotionPrior:
         return information, values - self.shift
 
     def sampled(self, motion: FreeMotion, random: np.random.Generator) -> MotionPrior:
-        """Return the prior with a mean that is shifted by a random sample of the prior.
-
-        The symmetric root of the covariance does not depend on the choice of eigenvectors for
-        equal eigenvalues.
-        """
+        """Return the prior with a mean that is shifted by a random sample."""
         values, vectors = np.linalg.eigh(self.evaluate(motion)[0])
         informed = values > _INFORMED * values[-1]
         values, vectors = values[informed], vectors[:, informed]
@@ -186,10 +160,7 @@ class MotionPrior:
     def reestimated(
         self, motion: FreeMotion, covariance: Array, tolerance: float | None
     ) -> MotionPrior:
-        """Return the prior with standard deviations estimated from a chain and its covariance.
-
-        The tolerance of the lengths [1] is estimated if it is None.
-        """
+        """Return the prior with standard deviations estimated from a chain and its covariance."""
         at = motion.slices
         lengths = covariance[at.lengths, at.lengths]
         tolerances = Tolerances.estimated(motion.lengths, lengths, tolerance)
@@ -201,10 +172,7 @@ class MotionPrior:
 
 
 def observable_changes(motion: FreeMotion, gravity_known: bool) -> Array:
-    """Return an orthonormal basis of the changes of a chain that are observable in principle.
-
-    They keep the mean spacing and the mean mass, and gravity if it is known or 0.
-    """
+    """Return an orthonormal basis of the changes that keep mean spacing and mean mass."""
     at, rotors = motion.slices, len(motion.masses)
     basis = np.eye(at.forces.stop)
     equal_sum = np.linalg.qr(np.ones((rotors, 1)), mode='complete')[0][:, 1:]
