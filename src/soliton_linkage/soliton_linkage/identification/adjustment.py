@@ -22,13 +22,17 @@ from soliton_linkage.identification.readings import repeat_counts
 from soliton_linkage.linkage.chain import Array, Chain
 
 _MOST_STEPS = 30
+"""Largest number of Gauss-Newton steps; 6 to 15 are usual."""
 _RESTARTS = 3
+"""Largest number of runs of the iteration; two suffice unless several bonds are near a limit."""
 _HALVINGS = 8
+"""Number of fractions 1, 1/2, 1/4, ... of a step that are tried."""
 _NOISE_OF_COST = 1.0
 """Error of -2 log likelihood due to first-order derivatives; smaller increases are accepted."""
 _CONVERGED = 0.05
 """Length of the last step, in standard deviations (Mahalanobis distance) [1]."""
 _TOLERANCE_CHANGE = 0.05
+"""Largest relative change of the tolerances in the last step [1]."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,6 @@ class Adjustment:
     bond_noise: Array
     """Standard deviation of a reading, from each bond alone [rad], (N - 1,)."""
     residuals: Array
-    """Readings minus estimated readings [rad], (T, N)."""
     converged: bool
 
     @property
@@ -165,6 +168,7 @@ _CHANCE = 3.0
 _MARGIN = 1e-3
 """Distance from the limit of a corrected bond, relative to its spacing [1]."""
 _ROUNDS = 5
+"""Largest number of corrections; one may move a neighbouring bond beyond its limit."""
 
 
 def passable(lengths: Lengths, covariance: Array) -> Lengths:

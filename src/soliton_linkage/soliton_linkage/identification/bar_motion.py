@@ -43,15 +43,21 @@ _GRID = 0.03
 _SLIDING = 0.1
 """Rate w above which dry friction is nearly constant [rad/s]; small compared with walls."""
 _ROUNDS = 2
+"""Number of times that the standard deviation of masses is estimated [1]."""
 _KNOWN = 1e-6
+"""Prior standard deviation of log gravity if gravity is known [1]."""
 _LARGEST_EXCESS = 1.5
 """Ratio of residual noise to reading noise above which the motion is not free [1]."""
 _MOST_STEPS = 15
+"""Largest number of evaluations of a fit; 4 to 6 are usual."""
 _CONVERGED = 1e-4
 """Relative decrease of the squares in the last step [1]; noise changes them 10 times as much."""
 _RATE_FRAMES = 8
+"""Number of frames from which the initial rate is estimated [1]."""
 _STEP = 1e-4
+"""Step of the unknowns for finite differences [1]."""
 _INFORMED = 1e-9
+"""Smallest relative variance of a combination [1]; smaller ones are rounding errors."""
 
 
 def _acceleration(
@@ -64,7 +70,6 @@ def _acceleration(
     grid: Array,
     drags: Array,
 ) -> tuple[float, float]:
-    """Return ds/dt and du/dt, with linear interpolation between the rows of the tables."""
     at = (arc - grid[0]) / grid[1]
     row = 0
     if at > 0.0:
@@ -198,13 +203,11 @@ class BarMotion(NamedTuple):
     """Masses and forces from a free motion, in units of the mean spacing and the mean mass."""
 
     masses: Array
-    """Masses [1], (N,)."""
     mass_deviations: Array
     """Standard deviations of the logarithms of the masses [1], (N,)."""
     drag: tuple[float, float]
     """Damping [1/s] and dry friction [1/s^2]."""
     drag_deviations: tuple[float, float]
-    """Standard deviations of damping [1/s] and dry friction [1/s^2]."""
     gravity: float
     gravity_deviation: float
     """Standard deviation of the logarithm of gravity [1], 0 if gravity is known."""

@@ -26,10 +26,13 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.springs import spring_between
 
 _BATCH = 256
+"""Number of frames in a batch, whose arrays fit into the cache."""
 _MISSING_VARIANCE = 1e4
 """Variance of a missing reading, relative to a typical reading [1]."""
 _CLOSINGS = 8
+"""Largest number of corrections of the angles after a step; 2 or 3 are usual."""
 _CLOSED = 1e-4
+"""Change of the angles in the last correction [rad], far below the noise."""
 _LARGEST_ERROR = 0.3
 """Limit of angles minus readings [rad]; otherwise Newton's method diverges for wrong lengths."""
 
@@ -74,11 +77,10 @@ def misclosures(lengths: Lengths, angles: Array) -> Misclosures:
 
 
 class CholeskyFactor(NamedTuple):
-    """Diagonal, (N - 1, T), of the Cholesky factor of M = R S R^T in each of T frames."""
+    """Diagonal and lower diagonal, (N - 1, T), of the Cholesky factor of M = R S R^T."""
 
     diagonal: Array
     below: Array
-    """Element left of the diagonal, 0 in the first row, (N - 1, T)."""
 
     def whitened(self, values: Array) -> Array:
         """Return misclosures transformed to unit variance, (N - 1, T)."""

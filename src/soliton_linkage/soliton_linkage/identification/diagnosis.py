@@ -20,8 +20,10 @@ _LARGEST_SPREADS = 0.2, 0.25
 _USUAL_OF_ROTOR, _USUAL_OF_FRAMES = 1.3, 0.3
 """Typical mean square of the worst rotor over all, and share of the worst tenth of the frames."""
 _FAR_SPACING = 1.5
+"""Ratio between a spacing and the median [1] above which the spacing is reported."""
 _SCALE_PARTS = {'rotor_length', 'spacing', 'rest_length'}
 _MOST_NAMED = 4
+"""Largest number of weakly observable combinations that are named [1]."""
 _NOT_OBSERVABLE = 1e-4
 """Information below which a combination is called not observable (standard deviation 100) [1]."""
 _WEAK = 0.1

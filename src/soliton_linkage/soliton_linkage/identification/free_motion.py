@@ -42,6 +42,7 @@ _BATCH = 32
 _SLIDING = 0.1
 """Rate w above which dry friction is nearly constant [rad/s]; at 0.5x, it needs more steps."""
 FORCE_UNKNOWNS = 3
+"""Number of unknown forces: c, b and log g."""
 
 
 class UnknownSlices(NamedTuple):

@@ -44,8 +44,11 @@ _NOT_CLOSED = (
     'the joints, and whether a rotor was held'
 )
 _ADJUSTED = 0.05
+"""Share of the work that is done when the lengths close all bonds [1]."""
 _MOST_KICKS = 3
+"""Largest number of unrecorded kicks that are searched; each requires another fit."""
 _KICK_FRAMES = 7
+"""Number of frames whose residuals are averaged to find a kick."""
 _BEFORE_KICK = 0.06
 """Unused time before an estimated kick [s]; 0.05 s after the kick are also unused."""
 _SUSPICIOUS = 1.05
@@ -61,6 +64,7 @@ _RIGID = (
     'impulses'
 )
 _ADJUSTMENTS = 6
+"""Largest number of adjustments; each may reveal outliers that were hidden by larger ones."""
 _MOST_FITTED = 3000
 """Largest number of frames in the fit of a motion; 40 rotors then take one or two minutes."""
 
@@ -191,7 +195,6 @@ def _scaled(given: Chain, readings: Readings, gravity: float) -> Chain:
 def _fit_around_kicks(
     some: Readings, inputs: tuple[Any, ...], noise: float
 ) -> tuple[tuple[MotionFitter, MotionFit] | str, list[float]]:
-    """Fit springs between unrecorded kicks, whose times [s] are also returned."""
     kicks: list[float] = []
     fitted = _fit_springs(some, *inputs)
     while not isinstance(fitted, str) and len(kicks) < _MOST_KICKS:

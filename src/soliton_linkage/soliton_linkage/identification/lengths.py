@@ -19,6 +19,7 @@ UNKNOWNS_PER_ROTOR = 4
 UNKNOWNS_PER_BOND = 6
 """Number of unknowns on which the misclosure of a bond depends."""
 _LONGEST_STEP = 0.2
+"""Largest change of a log length [1] or of an offset [rad] in one step."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +101,7 @@ def split_lengths(unknowns: Array) -> dict[str, Array]:
 
 
 _PASSING = 0.2
+"""Relative sin(phi_{n+1}) - sin(phi_n) above which a wall is near the bond [1]."""
 
 
 def initial_lengths(angles: Array) -> Lengths:

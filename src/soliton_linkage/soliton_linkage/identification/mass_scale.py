@@ -30,6 +30,7 @@ from soliton_linkage.linkage.chain import Array
 _BEFORE = 50
 """Number of fitted frames before the impulses; at 2x, rates are 3 times as precise."""
 _AFTER = 25
+"""Number of fitted frames after the impulses, which show most of the effect."""
 _MOST = 5
 """Largest number of sequences of impulses that are fitted, a second each."""
 _LONGEST = 500
@@ -57,7 +58,6 @@ def mass_scale(
 def _impulses_between(
     readings: Readings, before: FreeWindow, after: FreeWindow
 ) -> list[tuple[float, Array]]:
-    """Return times [s] and values [N m s] of impulses between windows, if all are known."""
     first, last = before.frames.stop, after.frames.start
     begin, end = readings.times[first - 1], readings.times[last]
     some = sorted(

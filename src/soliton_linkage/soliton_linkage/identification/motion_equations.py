@@ -27,6 +27,7 @@ from soliton_linkage.identification.windows import FreeWindow
 from soliton_linkage.linkage.chain import Array
 
 _STATE_DEVIATION = 10.0
+"""Prior standard deviation of each initial angle [rad] and each initial rate [rad/s]."""
 _SIGNIFICANT_STAMPS = 6.0
 """Variance of stamp errors above which it is significant, in its standard deviations [1]."""
 
@@ -40,14 +41,11 @@ class WindowEquations(NamedTuple):
 
 
 class Eliminated(NamedTuple):
-    """Matrices of a window after elimination of its initial state."""
+    """A_qq - A_qs A_ss^-1 A_sq, A_ss^-1 A_sq and A_ss^-1 of a window."""
 
     matrix: Array
-    """A_qq - A_qs A_ss^-1 A_sq."""
     coupling: Array
-    """A_ss^-1 A_sq."""
     inverse: Array
-    """A_ss^-1."""
 
 
 def eliminated(matrix: Array, size: int, noise: float, damping: float) -> Eliminated:
@@ -105,9 +103,8 @@ class StampErrors(NamedTuple):
     """Errors of time stamps; for weighted rates u they add v u u^T to the covariance."""
 
     variance: float
-    """Variance of stamp errors over the variance of a reading [s^2/rad^2], 0 if negligible."""
+    """Variance of stamp errors over that of a reading [s^2/rad^2], 0 if negligible."""
     delays: Array
-    """Estimated time of each frame minus its stamp [s], (T,)."""
 
     def whitened(self, pulls: Array, values: Array) -> Array:
         """Whiten residuals or sensitivities, (..., B, N), given weighted rates, (B, N)."""

@@ -44,16 +44,23 @@ from soliton_linkage.linkage.chain import Array
 _GROWTH_MASS_DEVIATION = 0.03
 """Prior standard deviation while windows are merged [1]; at 3x, some flippers fit 10 % worse."""
 _STEPS = 6
+"""Largest number of steps before windows are merged again; 2 or 3 are usual."""
 _LAST_STEPS = 40
+"""Largest number of steps with the longest windows; 2 to 6 are usual, 20 in curved valleys."""
 _ROUNDS = 4
+"""Largest number of times that tolerances are estimated [1]."""
 _CONVERGED = 0.1
 """Expected decrease of -2 log likelihood in the last step with the longest windows [1]."""
 _COARSE = 0.1
+"""Expected decrease in the last step with shorter windows, per unknown [1]."""
 _STIFFNESS_FACTORS = (1, 1 / 5, 5)
+"""Initial stiffnesses that are tried, relative to the given one [1]."""
 _TOLERANCE_CHANGE = 0.05
+"""Relative change of the tolerances at which they have converged [1]."""
 _SAMPLES = 4
 """Number of samples of the posterior; at 0.5x, standard deviations are 1.4 times as uncertain."""
 _SAMPLED_STEPS = 20
+"""Largest number of steps for a sample; 3 to 10 are usual."""
 _FITTING = 0.5
 """Largest rms difference between motion and readings at which windows are merged [rad]."""
 UNEXPLAINED = 1.5
@@ -65,11 +72,15 @@ _NOISE_SCATTER = 2.3
 _MATRIX_FRAMES = 1000
 """Number of frames from which the matrices of a step are computed; gradients use all."""
 _DAMPINGS = 12
+"""Number of damping factors that are tried for one step; the last one is 100."""
 _FASTEST = 100.0
 """Largest angular frequency of vibrations times the frame interval [1]; faster ones take long."""
 _LONGEST_STEP = 1.0
+"""Largest change of the logarithm of a length, stiffness or mass in one step [1]."""
 _FAR = 5.0
+"""Expected decrease per unknown above which matrices are computed again in each step [1]."""
 _SLOW = 0.5
+"""Ratio of successive expected decreases above which matrices are computed again [1]."""
 _SHARES = 0.2, 0.5, 0.7, 0.95
 """Fractions of the work at the ends of the stages: stiffness, merging, tolerances, samples [1]."""
 _DAMPED = 1e-3
@@ -87,7 +98,6 @@ class MotionFit:
     """Information of the readings on the same unknowns, without the prior."""
     basis: Array
     noise: float
-    """Standard deviation of a reading, from the residuals [rad]."""
     residuals: Array
     """Residuals divided by relative deviations [rad], 0 for missing readings, (T, N)."""
     prior: MotionPrior

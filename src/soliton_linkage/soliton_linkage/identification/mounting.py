@@ -22,25 +22,31 @@ from numpy.typing import NDArray
 from soliton_linkage.linkage.chain import Array
 
 _LARGEST_MISFIT = 0.04
+"""Misfit above which a curve does not explain the readings [rad]."""
 _LEAST_SWING = 0.15
 """Range of sin(phi) above which a wall has passed a rotor, relative to the median range [1]."""
 _QUANTILES = 0.02, 0.98
+"""Quantiles of sin(phi) whose difference is called the range."""
 _WEIGHTINGS = 4
+"""Number of successive fits of a curve, each with weights from the previous fit."""
 _FLATTEST = 0.1
 """Value added in quadrature to derivatives, so that no single frame dominates [1]."""
 _BETTER = 0.8
+"""Relative misfit with one rotor reversed below which it counts as reversed [1]."""
 _AS_GOOD = 1.25
+"""The same ratio if no wall can pass the bond as recorded [1]."""
 _IMPASSABLE = 0.95
 """Relative l^2 below which no wall can pass a bond [1]; noise changes the ratio by 0.03."""
 _MOST_NAMED = 4
+"""Largest number of absent joints that a text names [1]."""
 _MOST_WRONG = 1 / 4
+"""Largest fraction of wrongly mounted rotors that an error names one by one [1]."""
 
 
 class Mounting(NamedTuple):
     """Mounting of an encoder, or of one relative to another."""
 
     reversed: bool = False
-    """Whether the sign is reversed."""
     turned: bool = False
     """Whether the zero has an error of half a turn."""
 
@@ -55,7 +61,6 @@ class Mounting(NamedTuple):
 class _Curve(NamedTuple):
     mounting: Mounting
     misfit: float
-    """Root mean square distance of the angles from the curve [rad]."""
     room: float
     """Square of l, relative to the smallest square in a passable bond [1]."""
     backward: bool
@@ -150,7 +155,6 @@ def _wrong_rotors(curves: Sequence[_Curve]) -> dict[int, Mounting]:
 
 
 def _curves(readings: Array) -> list[_Curve]:
-    """Return the curve of each bond; bonds that no wall has passed count as correct."""
     low, high = np.quantile(np.sin(readings), _QUANTILES, axis=0)
     swings = high - low > _LEAST_SWING * np.median(high - low)
     return [
@@ -162,7 +166,6 @@ def _curves(readings: Array) -> list[_Curve]:
 
 
 def _curve(first: Array, second: Array) -> _Curve:
-    """Return the better of two fits: with the second angle as recorded, or reversed."""
     plain = _fitted(first, second, False)
     other = _fitted(first, -second, True)
     passable = other.room > _IMPASSABLE
@@ -192,6 +195,7 @@ def _fitted(first: Array, second: Array, is_reversed: bool) -> _Curve:
 
 
 _CHECKED_FRAMES = 9
+"""Number of frames in which the unit is checked [1]."""
 _SMALLEST_IN_DEGREES = 4.0
 """Value that every frame in degrees exceeds: one of two neighbours is at 90 degrees or more."""
 _LARGEST_STAGGER = 0.2

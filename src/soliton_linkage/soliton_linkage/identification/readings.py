@@ -21,9 +21,13 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 
 _FEWEST_ROTORS = 4
+"""Smallest number of rotors; the bonds at the edges contain little information."""
 _LEAST_PRESENT = 0.5
+"""Smallest fraction of the frames in which each rotor has a reading [1]."""
 _MOST_NAMED = 4
+"""Largest number of rotors that an error message names [1]."""
 _PAUSE = 1.0
+"""Time between two joined recordings [s]."""
 _LARGEST_RELATIVE_DEVIATION = 100.0
 """Largest ratio of a standard deviation to the typical one [1]; the smallest is its inverse."""
 
@@ -32,7 +36,6 @@ class RecordedImpulse(NamedTuple):
     """Angular impulses that act on the rotors at one time."""
 
     time: float
-    """Time of the command that causes the impulses [s]."""
     values: Array | None = None
     """Angular impulse on each rotor [N m s], (N,); None if unknown."""
 
@@ -55,13 +58,10 @@ class Readings:
     deviations: Array | None = None
     """Standard deviation of each reading [rad], NaN if unknown, (T, N)."""
     names: Sequence[str] = ()
-    """Names of the joints for error messages."""
     impulses: Sequence[RecordedImpulse] = ()
     gravity: Gravity = NO_GRAVITY
     tilts: Sequence[RecordedTilt] = ()
-    """Changes of the tilt in the order of their times."""
     parts: tuple[Readings, ...] = ()
-    """Recordings that were joined to this one."""
 
     @cached_property
     def filled(self) -> Array:
@@ -201,6 +201,7 @@ def repeat_counts(readings: Array) -> Array:
 _NEAR = 100
 """Number of frames kept before each impulse, and also after each impulse."""
 _NEAR_IMPULSES = 0.5
+"""Largest fraction of the kept frames that may be near impulses [1]."""
 _AVERAGED = 8
 """Number of frames in the moving average from which turning rotors are detected."""
 _TURNING = 0.05
@@ -208,6 +209,7 @@ _TURNING = 0.05
 _AT_REST = 0.1
 """Density of kept frames at rest, relative to the density while a rotor turns [1]."""
 _FILLINGS = 5
+"""Number of iterations in which densities are limited to 1 and the excess is redistributed."""
 
 
 def informative_frames(
@@ -243,7 +245,6 @@ def _near_impulses(times: Array, impulses: Sequence[float], most: int) -> NDArra
 
 
 def _turning(angles: Array) -> NDArray[np.bool_]:
-    """Return in which of T frames a rotor turns, (T,). Jumps of 2 pi have no effect."""
     pointers = np.nan_to_num(np.exp(1j * angles))
     sums = np.cumsum(np.vstack([np.zeros(angles.shape[1]), pointers]), axis=0)
     means = (sums[_AVERAGED:] - sums[:-_AVERAGED]) / _AVERAGED

@@ -27,14 +27,21 @@ SMALLEST_TURN = 0.15
 _LARGEST_JITTER = 1e-3
 """Largest jitter of stamps that is right [s]; at 10 rad/s it acts as a noise of 0.01 rad."""
 _LARGEST_AGE = 0.5
+"""Largest age of a frame at its arrival that is right [s]."""
 _LARGEST_LEAD = 0.01
 """Largest time by which a stamp may be in the future [s]; NTP is better."""
 _LARGEST_SLOWNESS = 0.1
+"""Largest relative difference between the speeds of stamps and clock that is right [1]."""
 _LATE = 1.5
+"""Interval, relative to the median interval, above which frames are missing [1]."""
 _LARGEST_NOISE = 0.05
+"""Largest noise of a reading that is right [rad]."""
 _NOISY = 3.0
+"""Noise of a rotor, relative to the median rotor, above which it is called noisy [1]."""
 _SMALLEST_NOISE = 2e-3
+"""Noise below which no rotor is called noisy [rad]."""
 _LEAST_SEEN = 0.99
+"""Smallest fraction of the frames in which a right rotor has a reading [1]."""
 _LARGEST_STRETCH = 0.02
 """Largest relative bond stretch that is right [1]; a wrong zero of 0.05 rad stretches more."""
 _EXPLAINED = 1 / 3
@@ -42,7 +49,9 @@ _EXPLAINED = 1 / 3
 _EQUALLY_GOOD = 1.5
 """Largest ratio to the stretches after the best correction at which another is reported [1]."""
 _MOST_FRAMES = 200
+"""Largest number of frames from which stretches are computed [1]."""
 _MOST_NAMED = 4
+"""Largest number of rotors, or of possible causes, that a finding names [1]."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +63,7 @@ class WatchedFrames:
     arrivals: Array
     """Times of arrival [s], on the clock of the stamps, shape (T,)."""
     angles: Array
-    """Readings [rad], NaN if missing, shape (T, N)."""
+    """Readings [rad], NaN if missing, (T, N)."""
 
 
 class Turn(NamedTuple):
@@ -62,7 +71,7 @@ class Turn(NamedTuple):
 
     rotor: int
     rest: Array
-    """Readings just before the request [rad], shape (N,)."""
+    """Readings just before the request [rad], (N,)."""
     frames: WatchedFrames
 
 
@@ -80,7 +89,7 @@ class RigFindings:
 
     findings: tuple[RigFinding, ...]
     noise: Array
-    """Noise of each rotor [rad], shape (N,); NaN if unknown."""
+    """Noise of each rotor [rad], (N,); NaN if unknown."""
     stretches: Array
     """Apparent length of each bond divided by its rest length, minus 1 [1], (N - 1,); NaN if
     unknown."""
@@ -142,8 +151,6 @@ def first_turn(rest: Array, angles: Array) -> tuple[int, float] | None:
 def _converted(
     convert: Callable[[Array], Array], watched: WatchedFrames, turns: Sequence[Turn]
 ) -> tuple[WatchedFrames, list[Turn]]:
-    """Convert all readings, so that one fault does not appear in the later checks."""
-
     def frames(given: WatchedFrames) -> WatchedFrames:
         return replace(given, angles=convert(given.angles))
 
@@ -318,7 +325,6 @@ class _Bonds:
 
 
 def _is_staggered(chain: Chain, angles: Array) -> bool:
-    """Return whether the bonds fit the chain only with pi minus the readings of odd rotors."""
     bonds = _Bonds(chain, angles)
     now, other = (_size(bonds.stretches(each)) for each in (bonds.angles, staggered(bonds.angles)))
     return now > _LARGEST_STRETCH and other < _EXPLAINED * now
@@ -330,7 +336,6 @@ def _size(stretches: Array) -> float:
 
 
 def _fitted(stretches: Callable[[float], Array], largest: float) -> tuple[Array, float]:
-    """Return the stretches for the best value of a correction, and this value."""
     grid = np.linspace(-largest, largest, 25)
     best = grid[np.argmin([_size(stretches(float(value))) for value in grid])]
     near = best - grid[1] + grid[0], best + grid[1] - grid[0]

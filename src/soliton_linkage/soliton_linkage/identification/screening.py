@@ -23,9 +23,11 @@ from soliton_linkage.linkage.chain import Array, staggered
 _LEANING = 0.5
 """|sin(phi)| above which a rotor clearly leans, relative to the median of the same rotor [1]."""
 _FAR_OFF = 2.0
+"""Zero error above which the joints are probably in a wrong order [rad]."""
 _LARGEST_ZERO_ERROR = 0.5
 """Largest zero error for which least squares converges [rad]; apparent ones reach 0.3 rad."""
 _TRIMMINGS = 6
+"""Number of iterations of the robust mean angle at rest."""
 _SHARPNESS = 20.0
 """Sharpness of the weights in the robust mean: 1 / (0.22 rad)^2 [1/rad^2]."""
 
@@ -107,7 +109,9 @@ LEAST_NOISE = 1e-4
 _OUTLIER = 7.0
 """Distance of a wrong reading from a smooth motion, in standard deviations [1]."""
 _OF_RANGE = 0.25
+"""Part of this distance proportional to the range of adjacent readings [1]."""
 _PASSES = 6
+"""Largest number of searches; a wrong reading is found only after larger errors near it."""
 
 
 def without_outliers(recording: Readings) -> Readings:
@@ -139,6 +143,7 @@ def isolated(values: Array, limits: Array) -> NDArray[np.bool_]:
 _STRAY = 6.0
 """Distance of an outlier from the median of adjacent residuals, relative to the noise [1]."""
 _MEDIAN_FRAMES = 9
+"""Number of frames in this median; up to four outliers change it little."""
 
 
 def stray_residuals(residuals: Array, noise: float) -> NDArray[np.bool_]:
@@ -152,7 +157,9 @@ def stray_residuals(residuals: Array, noise: float) -> NDArray[np.bool_]:
 _SLIP_RANGE = 3.0
 """Cumulative sum of n residuals of a slipping encoder, relative to noise times sqrt(n) [1]."""
 _SMALLEST_SLIP = 2.0
+"""Smallest reported slip, relative to the noise of a reading [1]."""
 _JUMP_FRAMES = 15
+"""Number of frames that are averaged before and after a jump."""
 _JUMP_OVER_NOISE = 12.0
 """Smallest reported jump, relative to the noise of a reading [1]; noise causes jumps of 2.2."""
 _SMALLEST_JUMP = 0.1

@@ -19,6 +19,7 @@ from soliton_linkage.linkage.chain import Array
 _INITIAL_FRAMES = 25
 """Number of frames in an initial window; with fewer, initial rates are uncertain."""
 _RATE_FRAMES = 8
+"""Number of frames from which the initial rates of a window are estimated."""
 _FEWEST_FRAMES = 30
 """Smallest number of frames between impulses that are used; a wall passes some rotors."""
 _ARRIVAL = 0.05
@@ -26,6 +27,7 @@ _ARRIVAL = 0.05
 _MERGED = 4
 """Largest number of windows merged at a time; at 2x, the wall may be too far from the readings."""
 _DENSE_FRAMES = 0.05
+"""Quantile of the averaged frame intervals that is typical of dense frames [1]."""
 
 
 class FreeWindow(NamedTuple):
@@ -106,7 +108,9 @@ _DAMPING_RATE = 1.0
 _FRICTION_DECELERATION = 10.0
 """Prior standard deviation of the dry friction over the moment of inertia [rad/s^2]."""
 _LOG_GRAVITY = 1.0
+"""Prior standard deviation of the logarithm of gravity if the mean spacing is unknown [1]."""
 _INFORMED = 1e-12
+"""Smallest eigenvalue of the information, relative to the largest [1]."""
 
 
 def force_deviations(inertia: float) -> Array:
@@ -124,7 +128,6 @@ class MotionPrior:
     """Normal distribution of the unknowns of a chain of springs."""
 
     gravity: float
-    """Prior median of gravity [length/s^2], 0 if gravity does not act."""
     tolerances: Tolerances
     mass_deviation: float = INITIAL_MASS_DEVIATION
     """Prior standard deviation of the logarithms of masses and stiffnesses [1]."""
