@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node that replaces encoders: it measures the angles of the rotors in camera pictures."""
+"""Node that measures the angles of the rotors in camera pictures."""
 
 from __future__ import annotations
 
@@ -52,11 +52,10 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
 
 _MOST_CAMERAS = 63
-"""Largest device number of a camera on Linux [1]."""
 _LONGEST_STATE_AGE = 1.0
-"""Threshold of the age of a `soliton_state` [s]: it is drawn into pictures if it is younger."""
+"""Age above which a `soliton_state` is not drawn into pictures [s]."""
 _STOP_LIMIT = 5.0
-"""Longest wait for the end of the camera thread [s]. The thread may be waiting for a picture."""
+"""Longest wait for the camera thread [s], which may be waiting for a picture."""
 
 
 @dataclass(frozen=True)
@@ -83,18 +82,12 @@ class CameraEncodersParameters:
 
 
 class CameraEncoders(ManagedNode):
-    """Node that measures the angles of the rotors in camera pictures and publishes them.
+    """Node that measures the angles of the rotors in camera pictures.
 
-    The node reads a camera of this machine, or subscribes to `image` or `image/compressed`. It
-    subscribes to `camera_info` unless a calibration file is set, and to `soliton_state` for the
-    overlay. If parameters describe the chain, the node publishes `chain` (latched). Otherwise it
-    subscribes to `chain`.
-
-    The node publishes `joint_states` [rad], `joint_state_deviations` and `/diagnostics`. The stamp
-    of `joint_states` is the time of the exposure, and angles of hidden rotors are NaN. The
-    position field of `joint_state_deviations` contains the standard deviations of the angles
-    [rad]. While `camera_overlay` has a subscriber, the node publishes on it pictures with the
-    detected markers.
+    It reads a camera of this machine, `image` or `image/compressed`. It publishes `joint_states`
+    [rad] with the time of the exposure and NaN for hidden rotors, their standard deviations [rad]
+    as `joint_state_deviations`, and `camera_overlay` while subscribed. Without a description of
+    the chain in parameters it subscribes to `chain`; otherwise it publishes `chain`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -107,7 +100,6 @@ class CameraEncoders(ManagedNode):
     }
 
     def __init__(self, **kwargs: Any) -> None:
-        """Create the node. Configure and activate it, unless a lifecycle manager does that."""
         super().__init__('camera_encoders', **kwargs)
 
     @property
@@ -145,7 +137,7 @@ class CameraEncoders(ManagedNode):
         self.get_logger().info(f'measuring {self._source.description} in {self._pictures_name}')
 
     def activate(self) -> None:
-        """Start the thread that reads a camera of this machine."""
+        """Start the camera thread."""
         if self.settings.pictures_from == 'camera':
             self._closing = threading.Event()
             self._camera_thread = threading.Thread(
@@ -162,10 +154,9 @@ class CameraEncoders(ManagedNode):
         self._reset_measurement()
 
     def measure(self, stamp: int, picture: Picture) -> None:
-        """Measure the angles in a picture and publish them.
+        """Measure and publish the angles in a picture; ValueError if it is rejected.
 
-        `stamp` is the time at which the exposure began [ns]. Raises ValueError if the picture is
-        rejected.
+        `stamp` is the time at which the exposure began [ns].
         """
         if self._measurement is None or self._named is None:
             return
@@ -182,7 +173,6 @@ class CameraEncoders(ManagedNode):
     def _publish_overlay(
         self, named: NamedChain, picture: Picture, reading: CameraReading
     ) -> None:
-        """Publish an overlay if it has a subscriber and the overlay period has elapsed."""
         period = round(SECOND / self.settings.overlay_rate)
         if not self._overlay.get_subscription_count():
             return
@@ -200,7 +190,6 @@ class CameraEncoders(ManagedNode):
         self._overlay.publish(picture_to_compressed_msg(reading.stamp, FRAME, drawn))
 
     def _read_camera(self) -> None:
-        """Measure pictures of a camera of this machine until the node is deactivated."""
         closing, take = self._closing, self.diagnostics.guarded('picture', self.measure)
         try:
             for taken in capture_camera(self.settings.camera):

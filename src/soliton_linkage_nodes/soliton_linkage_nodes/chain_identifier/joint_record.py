@@ -27,14 +27,10 @@ from soliton_linkage_nodes.messages.frame_reader import FrameReader
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
 _MOST_IMPULSES = 10_000
-"""Largest number of stored impulses [1]. The number of stored tilts has the same limit."""
+"""Largest number of stored impulses, and of stored tilts [1]."""
 _MOST_UNMATCHED = 100
-"""Largest number of stored messages of `joint_state_deviations` without a stored frame [1]."""
 _Impulses = deque[tuple[int, Array | None]]
-"""Pairs of a stamp [ns] and angular impulses [N m s], shape (N,).
-
-None in place of the impulses means that only their time is known.
-"""
+"""Stamp [ns] and angular impulses [N m s], shape (N,), or None if only their time is known."""
 
 
 def _no_impulses() -> _Impulses:
@@ -44,20 +40,14 @@ def _no_impulses() -> _Impulses:
 class JointRecord:
     """Record of a limited number of frames, with the impulses and tilts between them.
 
-    If delivered impulses were received, the commanded impulses are ignored. Delivered impulses
-    have the stamps of frames. The stamps of commands may come from another clock, because not
-    every simulator publishes `/clock`.
+    Delivered impulses replace commanded ones, because the stamps of commands may come from another
+    clock.
     """
 
     def __init__(self, joint_names: Sequence[str], most: int) -> None:
-        """Create a record of at most `most` frames.
-
-        `joint_names` contains the names of the joints in the order of the rotors. If it is empty,
-        the names and the order of the first message are used.
-        """
+        """Create a record of at most `most` frames; the first message names unnamed joints."""
         self.joint_names = tuple(joint_names)
         self.frames = 0
-        """Number of received frames."""
         self._assembler = FrameAssembler(joint_names)
         self._reader = FrameReader(joint_names) if joint_names else None
         self._most = most
@@ -73,15 +63,15 @@ class JointRecord:
         return len(self._angles)
 
     def add(self, joints: JointStates) -> None:
-        """Store the frames that a message completes. Raises ValueError for an invalid frame.
+        """Store the frames that a message completes; ValueError for an invalid frame.
 
-        Frames that are not later than the latest stored frame are dropped.
+        Frames not later than the latest stored frame are dropped.
         """
         for frame in self._assembler.add(joints):
             self._keep(frame)
 
     def finish(self) -> None:
-        """Store the last frame although it is incomplete. Raises ValueError if it is invalid."""
+        """Store the last frame although it is incomplete; ValueError if it is invalid."""
         for frame in self._assembler.flush():
             self._keep(frame)
 
@@ -96,10 +86,7 @@ class JointRecord:
         self.frames += 1
 
     def add_deviations(self, joints: JointStates) -> None:
-        """Store the standard deviations of the angles in a frame.
-
-        Raises ValueError if the message is invalid.
-        """
+        """Store the standard deviations of the angles in a frame; ValueError if invalid."""
         named = self._reader is not None
         self._deviations[joints.stamp] = self._read(joints)
         if not named:
@@ -108,11 +95,7 @@ class JointRecord:
             self._drop_unmatched_deviations()
 
     def add_command(self, message: RotorImpulses | JointState, received: int) -> None:
-        """Store commanded impulses or torques, unless all of them are 0.
-
-        If the message has no stamp, `received` [ns] is used instead. Torques are dropped if the
-        joint names are not known yet.
-        """
+        """Store commanded impulses or torques; `received` [ns] replaces a missing stamp."""
         stamp = time_from_msg(message.header.stamp) or received
         if isinstance(message, RotorImpulses):
             self._add_impulses(self._commanded_impulses, stamp, message)
@@ -125,7 +108,7 @@ class JointRecord:
         self._add_impulses(self._delivered_impulses, stamp, message)
 
     def add_delivery(self, message: Delivery) -> None:
-        """Store the angular impulse of the torques since the previous message of `delivery`."""
+        """Store the impulse of the torques since the previous message of `delivery`."""
         before, now = self._delivered, delivery_from_msg(message)
         self._delivered = now
         if before is not None and len(now.impulse_of_torques) == len(self.joint_names):
@@ -138,10 +121,7 @@ class JointRecord:
         self._tilts.append((received, tilt))
 
     def readings(self, gravity: Gravity = NO_GRAVITY) -> Readings:
-        """Return the record for an identification. Times are counted from the first frame [s].
-
-        `gravity` is the gravity until the first recorded tilt.
-        """
+        """Return the record for an identification, with `gravity` until the first tilt."""
         begin = next(iter(self._angles), 0)
         unknown = np.full(len(self.joint_names), np.nan)
         deviations = [self._deviations.get(stamp, unknown) for stamp in self._angles]
@@ -169,7 +149,6 @@ class JointRecord:
 
     @property
     def _impulses(self) -> list[tuple[int, Array | None]]:
-        """Delivered impulses if any were received, otherwise commanded impulses."""
         torques = self._commanded_torques
         if self._delivered is not None:
             torques = self._delivered_torques
@@ -178,7 +157,6 @@ class JointRecord:
         return [*(self._delivered_impulses or self._commanded_impulses), *torques]
 
     def _keep_most_informative(self) -> None:
-        """Drop the less informative half of the frames."""
         stamps = np.array(list(self._angles))
         impulses = [(stamp - stamps[0]) / SECOND for stamp, _ in self._impulses]
         times, angles = (stamps - stamps[0]) / SECOND, np.array(list(self._angles.values()))
@@ -187,7 +165,6 @@ class JointRecord:
         self._drop_unmatched_deviations()
 
     def _drop_unmatched_deviations(self) -> None:
-        """Drop standard deviations of frames that are not stored, except the latest ones."""
         recent = set(list(self._deviations)[-_MOST_UNMATCHED:])
         self._deviations = {
             stamp: values

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node that estimates the lengths of a chain after a soliton has passed through the chain."""
+"""Node that estimates the lengths of a chain after a soliton has passed through it."""
 
 from __future__ import annotations
 
@@ -40,7 +40,6 @@ from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
 
 _POLL_PERIOD = 0.1
-"""Poll interval for the result of an identification [s]."""
 
 
 @dataclass(frozen=True)
@@ -86,20 +85,14 @@ class ChainIdentifierParameters:
 class ChainIdentifier(ManagedNode):
     """Node that estimates every length of a chain from the angles of its joints.
 
-    The node subscribes to `joint_states` [rad] and to `joint_state_deviations` [rad], the standard
-    deviations of the angles. It also subscribes to the inputs of the chain: `delivered_impulses`,
-    `delivery`, `tilt`, `rotor_impulses` and `rotor_torques`. The last two are used only if no node
-    publishes delivered impulses. The node publishes `identified_chain` and `/diagnostics`.
-
-    The service `~/identify` starts an identification. The service `~/save` writes the last result
-    with its standard deviations to the file of the parameter `output`. The service `~/forget`
-    drops all frames.
+    It subscribes to `joint_states`, `joint_state_deviations` and the inputs of the chain, and
+    publishes `identified_chain`. Services: `~/identify` starts an identification, `~/save` writes
+    the last result to the file `output`, `~/forget` drops all frames.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {ChainIdentifierParameters: '', ManagedParameters: ''}
 
     def __init__(self, **kwargs: Any) -> None:
-        """Create the node. Configure and activate it, unless a lifecycle manager does that."""
         super().__init__('chain_identifier', **kwargs)
 
     def configure(self) -> None:
@@ -107,7 +100,6 @@ class ChainIdentifier(ManagedNode):
         settings = self.settings = current(self, ChainIdentifierParameters)
         check_names('parameter joint_names', settings.joint_names)
         self.found: Identification | None = None
-        """Result of the last successful identification, or None."""
         self._failure = ''
         self._record = self._new_record()
         self._identified_frames, self._progress = 0, 0.0
@@ -148,7 +140,7 @@ class ChainIdentifier(ManagedNode):
 
     @property
     def frames(self) -> int:
-        """Number of frames received since the start, or since the last call of `~/forget`."""
+        """Number of frames received since the start or the last call of `~/forget`."""
         return self._record.frames
 
     def _new_record(self) -> JointRecord:
@@ -170,10 +162,7 @@ class ChainIdentifier(ManagedNode):
             self._record.add_tilt(message.data, self.get_clock().now().nanoseconds)
 
     def _start_identification(self) -> None:
-        """Start an identification in a thread.
-
-        Do nothing if an identification is running or no frames were received since the last one.
-        """
+        """Start an identification in a thread if it is idle and has new frames."""
         record = self._record
         idle = self.active and not self._working and record.frames
         if not idle or record.frames == self._identified_frames:

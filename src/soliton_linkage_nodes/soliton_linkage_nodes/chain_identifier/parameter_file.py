@@ -13,7 +13,7 @@ from soliton_linkage.identification.result import Identification
 from soliton_linkage_nodes.messages.conversions import default_joint_names
 
 _NODES = ('edge_actuator', 'soliton_analyser', 'soliton_steering', 'visualisation')
-"""Nodes whose parameter `chain_from` the file sets, so that they read the chain from the file."""
+"""Nodes whose parameter `chain_from` the file sets."""
 _PARAMETERS = ('spacing', 'rotor_length', 'rest_angle', 'mass', 'stiffness', 'damping')
 _MEANINGS = {
     'spacing': 'distances from each rotor to the next',
@@ -28,7 +28,7 @@ _MEANINGS = {
 def write_parameters(
     found: Identification, joint_names: Sequence[str], source: str, path: Path
 ) -> None:
-    """Write the parameter file. Its first line names the source of the identification."""
+    """Write the parameter file; its first line names the source of the identification."""
     path.write_text('\n'.join(_lines(found, joint_names, source)) + '\n', encoding='utf-8')
 
 

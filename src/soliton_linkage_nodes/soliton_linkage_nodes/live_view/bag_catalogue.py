@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Catalogue of the bags in the configured folders, and the track of the soliton in a bag."""
+"""Catalogue of the bags in the configured folders, and the trajectory of the soliton in a bag."""
 
 from __future__ import annotations
 
@@ -28,13 +28,10 @@ PLAYED = (
     interfaces.SOLITON_STATE.name,
     interfaces.LAST_KICK.name,
 )
-"""Names of the topics that a replay publishes. Topics with commands are omitted, because they
-could drive other chains."""
+"""Topics that a replay publishes. Command topics are omitted: they could drive other chains."""
 _MOST_BAGS = 200
-"""Largest number of listed bags [1]. If there are more bags, the newest ones are listed."""
 _TRACK_POINTS = 500
-"""Approximate number of points of the soliton's track on the time line [1], about one per
-pixel."""
+"""Approximate number of points of the trajectory on the time line [1], about one per pixel."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +39,6 @@ class CataloguedBag:
     """Contents of a bag according to its metadata."""
 
     name: str
-    """Name of the folder of the bag."""
     path: Path
     start: int
     """Time of the first message [ns]."""
@@ -51,9 +47,7 @@ class CataloguedBag:
     gaps: tuple[tuple[int, int], ...]
     """Start and end of each pause of the recorder [ns]."""
     topics: dict[str, int]
-    """Number of messages of each topic."""
     lost: int
-    """Number of messages that were lost during the recording."""
 
     @property
     def duration(self) -> float:
@@ -80,11 +74,10 @@ class CataloguedBag:
 
 @dataclass(frozen=True)
 class BagTrack:
-    """Track of the soliton in a bag."""
+    """Trajectory of the soliton in a bag."""
 
     points: tuple[tuple[float, float | None], ...]
-    """Recorded time [s] and site coordinate of the soliton [rotor spacings] for each point. The
-    site coordinate is None if there is no soliton."""
+    """Recorded time [s] and site coordinate [rotor spacings], None without a soliton."""
     delay: float
     """Time between the stamp and the reception of the first joint_states message [s]."""
 
@@ -107,7 +100,7 @@ class BagCatalogue:
         return found[:_MOST_BAGS]
 
     def bag(self, name: str) -> CataloguedBag:
-        """Return the bag with a name; raise ValueError if no folder contains it."""
+        """Return the bag with a name; ValueError if no folder contains it."""
         for bag in self.bags():
             if bag.name == name:
                 return bag
@@ -118,7 +111,7 @@ class BagCatalogue:
 
 
 def track_of(bag: CataloguedBag) -> BagTrack:
-    """Read the track of the soliton from a bag; ValueError if the bag cannot be read."""
+    """Read the trajectory of the soliton from a bag; ValueError if the bag cannot be read."""
     with open_bag(bag.path) as reader:
         connections = {c.topic.rpartition('/')[2]: c for c in reader.connections}
         delay = 0.0

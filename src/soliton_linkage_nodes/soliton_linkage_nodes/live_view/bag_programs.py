@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Processes of the recorder and the player. The page starts, controls and stops them."""
+"""Processes of the recorder and the player."""
 
 from __future__ import annotations
 
@@ -26,14 +26,12 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 _RECORDER = 'bag_recorder'
 _PLAYER = 'bag_player'
 _POLL_INTERVAL = 0.05
-"""Poll interval for the first report of a recorder [s]."""
 _RESULTS = {
     'pause': 'paused',
     'resume': 'resumed',
     'split_bagfile': 'started a new file',
     'snapshot': 'wrote the snapshot',
 }
-"""Answer that is shown after each successful request."""
 
 
 class _BagProgram:
@@ -41,14 +39,13 @@ class _BagProgram:
 
     def __init__(self, node: str, finder: ChainFinder, read_only: bool) -> None:
         self.running = False
-        """Whether a process that this page started is still running."""
         self._node = node
         self._finder = finder
         self._read_only = read_only
         self._processes: ChildProcesses | None = None
 
     def poll(self) -> str:
-        """Check whether the process has ended; return the text of a new failure, otherwise ''."""
+        """Return the text of a new failure, otherwise ''."""
         if self._processes is None or not self.running:
             return ''
         try:
@@ -60,7 +57,6 @@ class _BagProgram:
         return ''
 
     def close(self) -> None:
-        """End the process."""
         if self._processes is not None and self.running:
             self._processes.stop()
 
@@ -70,7 +66,6 @@ class _BagProgram:
         self.running = True
 
     async def _stop(self) -> int:
-        """Stop the process and return its exit code."""
         self.running = False
         codes = await asyncio.to_thread(self._processes.stop) if self._processes else {}
         return codes.get(self._node, 0)
@@ -93,14 +88,12 @@ class _BagProgram:
 
 
 class BagRecording(_BagProgram):
-    """Recorder of one chain. The page or another program has started the recorder process."""
+    """Recorder of one chain, started by the page or by another program."""
 
     def __init__(self, folder: Path | None, finder: ChainFinder, read_only: bool) -> None:
-        """Prepare recordings into `folder`. If `folder` is None, recording is disabled."""
         super().__init__(_RECORDER, finder, read_only)
         self.namespace = '/'
         self.finished = 0
-        """Number of bags that this page finished."""
         self._folder = folder
 
     @property
@@ -117,7 +110,7 @@ class BagRecording(_BagProgram):
 
     @property
     def rejection(self) -> str:
-        """Reason why no recorder can be started, or '' if a recorder can be started."""
+        """Reason why no recorder can be started, or ''."""
         if self._read_only:
             return READ_ONLY
         if self._folder is None:
@@ -136,10 +129,7 @@ class BagRecording(_BagProgram):
         return f'recording to {name}_0'
 
     def begin(self, namespace: str, snapshot: float = 0.0) -> str:
-        """Start a recorder of a chain, and return the name of the recording.
-
-        If `snapshot` is above 0, the recorder keeps only so many last seconds.
-        """
+        """Start a recorder and return its name; `snapshot` > 0 keeps only the last seconds [s]."""
         if self._folder is None or self.rejection:
             raise ValueError(self.rejection)
         if self.running:
@@ -169,14 +159,13 @@ class BagRecording(_BagProgram):
 
 
 class BagReplay(_BagProgram):
-    """Player of one bag. The player publishes in the namespace /replay."""
+    """Player of one bag, in the namespace /replay."""
 
     def __init__(
         self, catalogue: BagCatalogue, log_folder: Path, finder: ChainFinder, read_only: bool
     ) -> None:
         super().__init__(_PLAYER, finder, read_only)
         self.played = 0
-        """Number of times that a different bag was selected for the replay."""
         self.bag: CataloguedBag | None = None
         self.track = BagTrack((), 0.0)
         self.paused = False

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Present state of one chain. The state is packed into frames for the page."""
+"""Present state of one chain, packed into frames for the page."""
 
 from __future__ import annotations
 
@@ -22,24 +22,18 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 MOST_ANGLES = 1500
 """Largest number of rotors that are drawn one by one [1]."""
 _GROUPS = 1024
-"""Number of groups into which the rotors of a longer chain are divided [1], about one group per
-pixel."""
+"""Number of groups of rotors in a longer chain [1], about one per pixel."""
 _STATE_TIMEOUT = 1.0
-"""Threshold for a silent analyser [s]: the analyser is assumed to have stopped if its last state
-is older."""
+"""Age of the last state above which the analyser is assumed to have stopped [s]."""
 _HISTORY_PERIOD = 1 / 30
-"""Time between two columns of the history [s]."""
 _HISTORY_COLUMNS = 600
-"""Largest number of columns in the history [1]. This number of columns spans 20 s."""
+"""Largest number of columns in the history [1]; they span 20 s."""
 _MINUTE = 60.0
-"""Longest time that a shared file spans [s]."""
 _MINUTE_COLUMNS = round(_MINUTE / _HISTORY_PERIOD)
-"""Largest number of frames in a shared file [1]."""
 _MINUTE_NUMBERS = 1_800_000
-"""Largest number of angles in a shared file [1]. They need 7 MB of memory."""
+"""Largest number of angles in a shared file [1] (7 MB of memory)."""
 _HISTORY_NUMBERS = 400_000
-"""Largest number of values in all columns of the history [1]. They need 1.6 MB of memory. The
-history of a long chain is therefore shorter than 20 s."""
+"""Largest number of values in the history [1] (1.6 MB). It shortens the history of long chains."""
 
 
 class Moment(NamedTuple):
@@ -56,31 +50,25 @@ class Moment(NamedTuple):
 
 
 class ChainModel:
-    """Model of one chain. It stores the newest messages and packs them into frames."""
+    """Newest messages of one chain."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self.named: NamedChain | None = None
         self.error = ''
         """Reason why joint_states cannot be shown."""
         self.version = 0
-        """Number of changes of `description`."""
         self.rate = math.nan
-        """Rate of joint_states [Hz]."""
         self.frames = 0
-        """Number of processed joint_states messages."""
         self.goal = math.nan
         """Goal of the current move [rotor spacings]."""
         self.history: deque[Column] = deque(maxlen=_HISTORY_COLUMNS)
-        """Recent states of the chain. They are sent to a page that is opened later."""
+        """Recent states, for a page that is opened later."""
         self.stamp = math.nan
-        """Stamp of the latest joint_states [s]."""
         self.angles = np.zeros(0)
-        """Latest angles [rad], shape (N,). The angle of a missing joint is NaN."""
+        """Latest angles [rad], shape (N,), NaN for missing joints."""
         self.rates: Array | None = None
-        """Latest angular velocities [rad/s], shape (N,), or None if joint_states contains no
-        velocities."""
+        """Latest angular velocities [rad/s], shape (N,), or None if they are not published."""
         self.numbers: dict[str, float] = {}
-        """Quantities of the latest soliton_state."""
         self._minute: deque[Moment] = deque()
         self._clock = clock
         self._reader: FrameReader | None = None
@@ -135,10 +123,7 @@ class ChainModel:
         self._update_derived()
 
     def extend_history(self, joints: JointStates, numbers: Mapping[str, float]) -> None:
-        """Add joint states that are not shown, and the quantities of their state, to the history.
-
-        Joint states are omitted if they are less than one period of the history after the last.
-        """
+        """Add joint states that are not shown to the history, at most one per history period."""
         stamp = joints.stamp / SECOND
         if self._reader is None or not stamp >= self._column_stamp + _HISTORY_PERIOD:
             return
@@ -151,8 +136,8 @@ class ChainModel:
     def update_state(self, numbers: dict[str, float], solitons: list[float]) -> None:
         """Store a new state of the analyser.
 
-        `numbers` contains its quantities by name. `solitons` contains position [rotor spacings],
-        standard deviation [m] and charge of each soliton.
+        `solitons` contains position [rotor spacings], standard deviation [m] and charge of each
+        soliton.
         """
         self.numbers, self._solitons = numbers, solitons
         self._state_received_at = self._clock()
@@ -163,7 +148,7 @@ class ChainModel:
         self._state_received_at = -math.inf
 
     def update_rate(self, sequence: int | None) -> None:
-        """Update the rate of joint_states from a sequence number. None means an unknown number."""
+        """Update the rate of joint_states from a sequence number, None if unknown."""
         now = self._clock()
         if sequence is None:
             return
@@ -238,7 +223,6 @@ class ChainModel:
         self.error = error
 
     def _update_derived(self) -> None:
-        """Compute the quantities that depend on the angles, and extend the history."""
         angles, chain = self.angles, self.named.chain if self.named else None
         self._overview = overview(self._lean(angles))
         if chain is not None:
@@ -275,7 +259,7 @@ class ChainModel:
 
 
 def overview(lean: Array) -> Floats:
-    """Return the leans; of more than 2048, the smallest and the largest in each of 1024 groups."""
+    """Return the leans; above 2048 rotors, the smallest and the largest of each of 1024 groups."""
     if len(lean) <= 2 * _GROUPS:
         return np.asarray(lean, dtype=np.float32)
     starts = np.linspace(0, len(lean), _GROUPS, endpoint=False).astype(np.intp)

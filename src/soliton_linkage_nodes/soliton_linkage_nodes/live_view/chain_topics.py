@@ -31,38 +31,28 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, subscribe_newest
 
 REPORT_TIMEOUT = 3.5
-"""Threshold for silent nodes [s]: a node is assumed to have stopped if its last report is older.
-Nodes report once per second."""
+"""Age of a report above which its node is assumed to have stopped [s]. Nodes report every 1 s."""
 _SEARCH_INTERVAL = 0.5
-"""Time between two searches for new chains and nodes in the graph [s]. A search takes about 1
-ms."""
+"""Time between two searches of the graph [s]. One search takes about 1 ms."""
 _MOST_REPORTS = 200
-"""Largest number of diagnostics messages that one call of `update` processes [1]."""
 _PAIRED = 200
-"""Largest number of stored frames without a state, and of stored states without a frame [1]. At
-1000 Hz, 200 states span 0.2 s. At the default rate of at most 60 drawn frames per second, 200
-frames span 3 s."""
+"""Largest number of unpaired frames and of unpaired states [1]."""
 _SILENCE = 0.5
-"""Longest wait for a state [s]. After a longer wait, frames are shown without states."""
+"""Longest wait for a state [s], after which frames are shown alone."""
 _LONGEST_WAIT = 2.0
-"""Longest wait for a frame and a state with the same stamp [s]. After a longer wait, the newest
-frame and the newest state are shown although their stamps differ. This happens, for example, if
-the analyser replaces the stamps."""
+"""Longest wait for a pair with equal stamps [s], for example if the analyser replaces stamps."""
 _LATE_SPAN = 10.0
-"""Length of the time window in which missed deadlines are counted [s]."""
+"""Time window for the fraction of missed deadlines [s]."""
 _MOST_CHAINS = 16
-"""Largest number of chains shown."""
 _MOST_BYTES = 4_000_000
-"""Largest size of a camera picture that is sent to a page [B]. A sharp picture of 12 million
-pixels has this size."""
+"""Largest camera picture that is sent to a page [B], about 12 megapixels."""
 
 
 class CameraTopic:
-    """Topic `camera_overlay` of a namespace. It is subscribed only while a page shows it."""
+    """Topic `camera_overlay` of a namespace, subscribed only while a page shows it."""
 
     def __init__(self, node: Node, namespace: str) -> None:
         self.pictures = 0
-        """Number of pictures received since the subscription began."""
         self._node = node
         self._name = f'{namespace}{interfaces.CAMERA_OVERLAY.name}'
         self._publishers = 0
@@ -74,13 +64,13 @@ class CameraTopic:
 
     @property
     def reason(self) -> str:
-        """Reason why no picture can be received, or '' if pictures can be received."""
+        """Reason why no picture can be received, or ''."""
         if self._error or self._publishers:
             return self._error
         return f'no node publishes {interfaces.CAMERA_OVERLAY.name}; start camera_encoders'
 
     def show(self, shown: bool) -> None:
-        """Subscribe if a page shows the pictures, and unsubscribe otherwise."""
+        """Subscribe if a page shows the pictures, otherwise unsubscribe."""
         if shown and self._publishers and self._subscription is None:
             self._subscription = subscribe_newest(
                 self._node, interfaces.CAMERA_OVERLAY, self._name
@@ -126,18 +116,15 @@ class CameraTopic:
 
 
 class ChainTopics:
-    """Topics of the chain in one namespace. The name of the namespace ends with a slash."""
+    """Topics of the chain in one namespace, whose name ends with a slash."""
 
     def __init__(self, node: Node, namespace: str) -> None:
         self.namespace = namespace
         self.model = ChainModel()
         self.camera = CameraTopic(node, namespace)
         self.publishers = 0
-        """Number of publishers of `joint_states`."""
         self.kick: LastKick | None = None
-        """Latest message on the topic last_kick, or None before the first message."""
         self.kicks = 0
-        """Number of messages received on the topic last_kick."""
         self._chain = subscribe_newest(node, interfaces.CHAIN, f'{namespace}chain')
         self._joints = NewestFrame(node, f'{namespace}joint_states')
         self._states = subscribe_newest(
@@ -186,12 +173,7 @@ class ChainTopics:
         self._show_frame(frame is not None)
 
     def _show_frame(self, fresh: bool) -> None:
-        """Update the model with the newest frame whose state has also arrived.
-
-        `fresh` is whether a new frame has arrived. If no analyser runs, each new frame is shown.
-        If no frame and state with the same stamp are found for two seconds, the newest frame and
-        the newest state are shown.
-        """
+        """Show the newest pair of frame and state; after a long wait, the newest of each."""
         now = time.monotonic()
         if fresh and self._shown_at == -math.inf:
             self._shown_at = now
@@ -235,25 +217,22 @@ class ChainTopics:
 
 
 def _until(kept: Mapping[int, object], last: int) -> list[int]:
-    """Return the stamps that arrived before the stamp `last`, and `last` itself."""
     stamps = list(kept)
     return stamps[: stamps.index(last) + 1]
 
 
 class ChainFinder:
-    """All chains that are published in the ROS graph, and the latest report of each node.
+    """Chains in the ROS graph and the latest report of each node.
 
-    No executor may spin `node`, because this class takes the messages itself. The chain in the
-    namespace `expected` is listed first, even if no node publishes this chain.
+    This class takes the messages itself, so no executor may spin `node`. The chain in the
+    namespace `expected` is always listed, as the first one.
     """
 
     def __init__(self, node: Node, expected: str) -> None:
         self.chains: dict[str, ChainTopics] = {expected: ChainTopics(node, expected)}
         self.reports: dict[str, tuple[float, NodeReport]] = {}
-        """Time of reception on the monotonic clock [s] and last report, by the full name of the
-        node."""
+        """Time of reception on the monotonic clock [s] and last report, by full node name."""
         self.nodes: list[str] = []
-        """Full names of all nodes in the graph."""
         self._node = node
         self._deadlines: dict[str, deque[tuple[float, ...]]] = {}
         self._searched = 0.0
@@ -292,7 +271,7 @@ class ChainFinder:
         return max(0.0, min(1.0, (missed - missed_before) / (frames - before)))
 
     def drop(self, namespace: str) -> None:
-        """Remove a chain from the list. A later search adds the chain again if it is published."""
+        """Remove a chain from the list until it is found again."""
         chain = self.chains.pop(namespace, None)
         if chain is not None:
             chain.close()

@@ -29,19 +29,14 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import ACTION_QOS, SERVICE_QOS
 
 _ANSWER_TIMEOUT = 60.0
-"""Longest wait for the answer to a command [s]. The page warns after 2 s without an answer."""
 _ACCEPTED_TIME = 2.0
 """Longest wait for the effect of a command that the actuator has accepted [s]."""
 _PARAMETERS_TIMEOUT = 3.0
-"""Longest wait for the parameter services of a node [s]."""
 _POLL_INTERVAL = 0.02
-"""Poll interval for an answer [s]."""
 _TILT_RESOLUTION = 1e-5
-"""Resolution of the reported tilt [rad]."""
 _CARRIED_OUT = 'commands carried out'
-"""Name of the value in the reports of edge_actuator that counts its commands."""
+"""Value in the reports of edge_actuator that counts its commands."""
 READ_ONLY = 'this page is read-only; start live_view with read_only:=false to send commands'
-"""Reason for the rejection of a command if the page is read-only."""
 _PUBLISHED = (
     *(interfaces.NUDGE, interfaces.EDGE_COMMAND, interfaces.TILT),
     interfaces.JOINT_COMMANDS,
@@ -64,10 +59,10 @@ _PARAMETER_SERVICES = {
 
 
 class ChainCommands:
-    """Commands to the nodes in a namespace. The name of the namespace ends with a slash.
+    """Commands to the nodes in a namespace, whose name ends with a slash.
 
-    Each command waits for its answer and returns it as text, or raises ValueError with the reason
-    for its rejection. `finder` provides the reports of nodes, which answer commands on topics.
+    Each command returns its answer as text, or raises ValueError with the reason for its
+    rejection.
     """
 
     def __init__(self, node: Node, namespace: str, read_only: bool, finder: ChainFinder) -> None:
@@ -75,7 +70,6 @@ class ChainCommands:
         self.read_only = read_only
         self.move = Move()
         self.holding = False
-        """Whether soliton_steering moves or holds a soliton."""
         self._finder = finder
         self._edge = asyncio.Lock()
         self._tilt = math.nan
@@ -130,7 +124,7 @@ class ChainCommands:
         )
 
     async def pull(self, pull: Pull, updated: Callable[[], Awaitable[None]]) -> str:
-        """Pull a rotor until the user releases the button. Each new frame updates the torque."""
+        """Pull a rotor until the user releases the button."""
         self.check_writable()
         chain = self._finder.chains.get(self.namespace)
         named = chain.model.named if chain else None
@@ -157,7 +151,6 @@ class ChainCommands:
         return await self._actuate(topic, act)
 
     async def _torque_limit(self, joint: str) -> float:
-        """Return the largest torque that the actuator may apply to a joint [N m]."""
         for name in (f'torque_limits.{joint}', 'torque_limit'):
             request = GetParameters.Request(names=[name])
             node = f'{self.namespace}edge_actuator'
@@ -167,7 +160,7 @@ class ChainCommands:
         raise ValueError(f'edge_actuator has no torque limit for {joint}')
 
     async def tilt(self, angle: float) -> str:
-        """Tilt the chain to `angle` [rad]; return '' if a newer tilt is sent before the answer."""
+        """Tilt the chain to `angle` [rad]; return '' if a newer tilt replaces it."""
         message = views.number_to_msg(angle)
         before = self._report('simulator')
         self._publish('tilt', message, 'simulator')
@@ -199,11 +192,7 @@ class ChainCommands:
         velocity: float = 0.0,
         joints: Mapping[str, float] | None = None,
     ) -> str:
-        """Reset the chain to a state.
-
-        `position` [rotor spacings] and `velocity` [m/s] apply to the state `soliton`. `joints`
-        contains the angles [rad] by joint name.
-        """
+        """Reset the chain; `position` in [rotor spacings], `velocity` [m/s], `joints` [rad]."""
         request = views.reset_request(state, position, velocity, joints)
         answer = await self._call_own('simulator/reset', request)
         self._forget_move()
@@ -255,7 +244,7 @@ class ChainCommands:
         raise ValueError(f'{move.state}: {move.message}')
 
     def follow(self, received_at: float, figures: Mapping[str, str]) -> None:
-        """Show a move that another client requested, from the `figures` of a steering report."""
+        """Show a move of another client, from the `figures` of a steering report."""
         if received_at <= self._reported_at or 'moves begun' not in figures:
             return
         self._reported_at = received_at
@@ -273,7 +262,6 @@ class ChainCommands:
             self.move = Move()
 
     def _forget_move(self) -> None:
-        """Discard the outcome of the last move. It does not apply after a reset or a release."""
         if not self.move.under_way:
             self.move = Move()
 
@@ -294,7 +282,7 @@ class ChainCommands:
         )
 
     async def parameters(self, node: str) -> list[AdjustableParameter]:
-        """Return the adjustable parameters of a node, specified by its full name."""
+        """Return the adjustable parameters of the node with a full name."""
         listed = await self._call_parameters(node, ListParameters, ListParameters.Request())
         request = DescribeParameters.Request(names=sorted(listed.result.names))
         answer = await self._call_parameters(node, DescribeParameters, request)
@@ -315,14 +303,13 @@ class ChainCommands:
         return f'{parameter.name} = {value}'
 
     async def call(self, name: str, service_type: Any, request: Any) -> Any:
-        """Call a service by its full name; raise ValueError if no node serves it."""
+        """Call a service by its full name; ValueError if no node serves it."""
         client = self._client(name, service_type)
         if not client.service_is_ready():
             raise ValueError(f'no node serves {name}')
         return await self._result_of(lambda: client.call_async(request))
 
     def _report(self, node: str) -> NodeReport | None:
-        """Return the last report of a node in this namespace, or None without a report."""
         return self._finder.reports.get(f'{self.namespace}{node}', (0.0, None))[1]
 
     def _kicks(self) -> tuple[int, LastKick | None]:
@@ -335,7 +322,6 @@ class ChainCommands:
     async def _actuate(
         self, topic: str, act: Callable[[], Awaitable[None]], lasting: bool = False
     ) -> str:
-        """Call `act`, which sends a command to the edge actuator, and return the answer."""
         # Send one command at a time, so that each answer belongs to its command.
         async with self._edge:
             before, kicks = self._report('edge_actuator'), self._kicks()[0]
@@ -361,7 +347,6 @@ class ChainCommands:
             return await self._until(answer, 'edge_actuator')
 
     async def _until(self, answer: Callable[[], str | None], node: str) -> str:
-        """Poll `answer` until it returns a text. `answer` raises ValueError for a rejection."""
         deadline = time.monotonic() + _ANSWER_TIMEOUT
         while time.monotonic() < deadline:
             if (text := answer()) is not None:
@@ -394,7 +379,7 @@ class ChainCommands:
         raise ValueError(f'{node} has no parameter services; it may have ended')
 
     async def _result_of(self, send: Callable[[], Any]) -> Any:
-        """Call `send` on the executor's thread, and return the result of the future it creates."""
+        """Return the result of the future that `send` creates on the executor's thread."""
         loop = asyncio.get_running_loop()
         result: asyncio.Future[Any] = loop.create_future()
 

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Layout of the binary messages to the page: frames, histories and camera pictures of a chain.
+"""Layout of the binary messages to the page: frames, histories and camera pictures.
 
-All numbers are little-endian. Each message begins with a double that specifies the kind of the
-message. In a frame, the next doubles are the `FIELDS`, followed by the number of elements of each
-array in `ARRAYS`. The elements of all arrays follow as float32.
+All numbers are little-endian. The first double is the kind of the message. In a frame, the
+`FIELDS` and the sizes of `ARRAYS` follow as doubles, then the arrays as float32.
 """
 
 from __future__ import annotations
@@ -55,20 +54,15 @@ ARRAYS = (
 
 
 class Column(NamedTuple):
-    """State of a chain at one past time, which is one column of the history."""
+    """State of a chain at one past time."""
 
     numbers: tuple[float, ...]
-    """Stamp of the angles [s], stamp of the state [s], position of the soliton [rotor spacings],
-    and `ENERGIES` [J]."""
+    """Stamps of angles and state [s], soliton position [rotor spacings], and `ENERGIES` [J]."""
     overview: Floats
 
 
 def pack(numbers: Mapping[str, float], arrays: Mapping[str, Array | Floats]) -> bytes:
-    """Return a frame as bytes.
-
-    Missing fields become NaN, missing arrays become empty, and numbers that are too large for
-    float32 become infinite.
-    """
+    """Return a frame as bytes; missing fields become NaN, missing arrays empty."""
     empty = np.zeros(0, dtype='<f4')
     with np.errstate(over='ignore'):
         parts = [np.asarray(arrays.get(name, empty), dtype='<f4') for name in ARRAYS]
@@ -90,12 +84,11 @@ def unpack(frame: bytes) -> tuple[dict[str, float], dict[str, Floats]]:
 
 
 def pack_history(chain: int, columns: Iterable[Column]) -> bytes:
-    """Return the history of a chain as bytes. `chain` is the index of the chain in the status.
+    """Return the history of the chain with index `chain` as bytes.
 
-    The message begins with doubles: the kind of the message, the index of the chain, the number
-    of columns, the number of overview values per column, the number of other numbers per column,
-    and these other numbers of all columns. The overview values of all columns follow as float32.
-    Columns with another number of overview values than the latest column are omitted.
+    The doubles are the kind, the index, the number of columns, the number of lean values per
+    column, the number of other values per column, and these other values. The lean values follow
+    as float32. Columns of another height than the latest one are omitted.
     """
     kept = list(columns)
     height = kept[-1].overview.size if kept else 0
@@ -107,11 +100,7 @@ def pack_history(chain: int, columns: Iterable[Column]) -> bytes:
 
 
 def pack_camera(chain: int, stamp: float, age: float, jpeg: bytes) -> bytes:
-    """Return a camera picture as bytes.
-
-    The message contains doubles for its kind, the index of the chain, the stamp [s] and the age
-    [s], followed by the JPEG file.
-    """
+    """Return a camera picture: doubles (kind, chain index, stamp [s], age [s]), then the JPEG."""
     return np.array([CAMERA, chain, stamp, age], dtype='<f8').tobytes() + jpeg
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Guided experiments on a simulated chain. Each experiment measures the answer to a question."""
+"""Guided experiments on a simulated chain."""
 
 from __future__ import annotations
 
@@ -19,29 +19,22 @@ from soliton_linkage_nodes.live_view.view import View
 from soliton_linkage_nodes.runtime.child_processes import ChildProcesses
 
 DISORDERED = '/disordered/'
-"""Namespace of the disordered chain."""
 _SPEED = 10.0
-"""Angular speed of a nudge [rad/s], the same as in the demo."""
 _SPEEDS = (5.0, 10.0, 20.0)
-"""Angular speeds of the three nudges in the second experiment [rad/s]."""
 _DISORDER = 0.02
 """Relative standard deviation of the lengths of the disordered chain [1]."""
 _MIDDLE = (0.3, 0.7)
-"""First and last position at which the speed of a soliton is measured [chain lengths]. Positions
-near the edges are excluded."""
+"""Range of positions in which the speed is measured [chain lengths], away from the edges."""
 _TIMEOUT = 60.0
-"""Longest wait in each step of an experiment [s], for example for a passage of the soliton."""
 _NODES = ('simulator', 'edge_actuator', 'soliton_analyser')
 _TURN = 1.0
-"""Threshold for spinning [rad]: a rotor spins if its angle after the return of the soliton differs
-from its initial angle by more than this value."""
+"""Change of angle over two passages above which a rotor spins [rad]."""
 
 
 class Sample(NamedTuple):
     """State of the soliton at one time."""
 
     stamp: float
-    """Stamp of joint_states [s]."""
     rotor: float
     """Position of the soliton [rotor spacings]."""
     zero_mode: float
@@ -65,14 +58,13 @@ class Passage:
 
 
 class Laboratory:
-    """Experiments on the chain in a namespace."""
+    """Experiments on the chain in a namespace. `watch` shows another chain on the page."""
 
     def __init__(self, view: View, namespace: str, watch: Callable[[str], None]) -> None:
-        """Prepare experiments on a chain. `watch` shows the chain in a namespace on the page."""
         self._view, self._namespace, self._watch = view, namespace, watch
 
     async def nudge(self) -> str:
-        """Send a soliton through the chain, and return its speed and energy as text."""
+        """Send a soliton through the chain; return its speed and energy as text."""
         passage = await self._send(_SPEED)
         energy = self._view.chains[self._namespace].model.numbers.get('wall_energy', math.nan)
         return (
@@ -116,7 +108,7 @@ class Laboratory:
         )
 
     async def disorder(self) -> str:
-        """Compare the soliton speed with the speed in a chain whose lengths deviate at random."""
+        """Compare the soliton speed with that in a chain whose lengths deviate at random."""
         named = self._view.chains[self._namespace].model.named
         if named is None:
             raise ValueError('the chain is unknown: no node publishes the topic chain')
@@ -174,7 +166,6 @@ class Laboratory:
         await commands.drive('kick', 'nearest', speed, (0.0, 0.0, 0.0))
 
     async def _passage(self) -> Passage:
-        """Wait for the next passage of a soliton through the middle of the chain and return it."""
         model = self._view.chains[self._namespace].model
         low, high = (share * (model.rotors - 1) for share in _MIDDLE)
         samples: list[Sample] = []
@@ -206,7 +197,7 @@ class Laboratory:
 
 
 class GuidedExperiment(NamedTuple):
-    """Guided experiment: its title, its question, and the method that measures the answer."""
+    """Title and question of an experiment, and the method that measures the answer."""
 
     title: str
     question: str

@@ -12,18 +12,16 @@ from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_nodes.messages import view_conversions as views
 
 UNDER_WAY = 'under way'
-"""State of a move in progress."""
 _HELD = (MoveSoliton.Result.REACHED, MoveSoliton.Result.CANCELLED)
 """Outcomes after which the steering node holds the soliton."""
 
 
 @dataclass
 class Move:
-    """Last move of the soliton. This page or another client requested the move."""
+    """Last move of the soliton, requested by this page or another client."""
 
     state: str = ''
-    """State of the move: empty before the first move, UNDER_WAY during the move, and afterwards
-    the name of the outcome."""
+    """Name of the outcome, UNDER_WAY during the move, '' before it."""
     goal: float = math.nan
     """Site coordinate of the goal [rotor spacings]."""
     start: float = math.nan
@@ -34,7 +32,7 @@ class Move:
     foreign: bool = False
     """Whether another client requested the move."""
     ended_at: float = math.inf
-    """Time of the outcome on the monotonic clock [s], infinite while the move has no outcome."""
+    """Time of the outcome on the monotonic clock [s], infinite before it."""
     handle: Any = field(default=None, repr=False)
 
     @property

@@ -23,7 +23,6 @@ from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 from soliton_linkage_nodes.runtime.process import run
 
 _IDLE_PERIOD = 0.1
-"""Time between two ticks while no browser is connected [s]."""
 
 
 @dataclass(frozen=True)
@@ -51,19 +50,16 @@ class LiveViewParameters:
 
 
 class LiveView(GuardedNode):
-    """Node that serves a web page. The page shows chains and sends commands to them.
+    """Node that serves a web page, which shows all chains and sends commands to them.
 
-    In every namespace with `joint_states`, the node subscribes to `joint_states`, `soliton_state`,
-    `chain` and `last_kick`, and to `camera_overlay` while a browser shows the camera. There it
-    publishes `nudge`, `edge_command`, `tilt` and `joint_commands`, calls services of the suite's
-    nodes, and uses the action `move_soliton`. The node reads `/diagnostics` and publishes its own
-    report there. It starts a `bag_recorder`, and a `bag_player` in the namespace `/replay`.
+    In each namespace with `joint_states`, it subscribes to the topics of the chain, publishes
+    `nudge`, `edge_command`, `tilt` and `joint_commands`, and uses the services and actions of the
+    suite. It starts a `bag_recorder`, and a `bag_player` in the namespace `/replay`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {LiveViewParameters: ''}
 
     def __init__(self, **kwargs: Any) -> None:
-        """Serve the page."""
         super().__init__('live_view', **kwargs)
         self.settings = settings = declare(self, LiveViewParameters)
         reject_unknown(self)
@@ -116,7 +112,7 @@ class LiveView(GuardedNode):
 
     @property
     def failure(self) -> Exception | None:
-        """Error that ended the web server of the page, or None."""
+        """Error that ended the web server, or None."""
         failure = self.server.failure
         return failure and ValueError(f'the web server of the page ended: {failure}')
 
@@ -138,7 +134,6 @@ class LiveView(GuardedNode):
             self._sent_before += stream.sent
 
     def _tick(self) -> float:
-        """Process the newest messages, and return the time to the next tick [s]."""
         begin = time.perf_counter()
         self.view.update({stream.watched for stream in self.streams if stream.shows_camera})
         self._busy += time.perf_counter() - begin

@@ -63,11 +63,9 @@ class LessonControls:
 
 
 _REFRESH_PERIOD = 0.25
-"""Time between two updates of the controls [s]."""
 _BUILD_TIMEOUT = 60.0
-"""Longest time to build a page on a busy machine [s]."""
 _RECONNECT_TIMEOUT = 15.0
-"""Longest interruption of the connection after which a browser still keeps its page [s]."""
+"""Longest interruption of the connection after which a browser keeps its page [s]."""
 _TABS = ('Drive', 'Run', 'Settings', 'Bags', 'Identify')
 _LESSON = 'Lesson'
 _LESSON_TABS = (_LESSON, 'Drive', 'Run')
@@ -75,14 +73,13 @@ _SHARING = (
     ('photo_camera', 'save the view as a picture', 'live.savePicture()'),
     ('download', 'save the last minute as one HTML file', 'live.saveMinute()'),
 )
-"""Icon, label and script of each save button."""
 _PLOTS = Path(__file__).with_name('browser') / 'plots.html'
 _MARKDOWN = ['fenced-code-blocks', 'header-ids', 'tables']
 _DOCUMENTS = Path(__file__).with_name('docs')
 
 
 def add(served: FastAPI, view: View, lesson: bool) -> None:
-    """Add the page to an application. If `lesson` is true, the page begins with the lesson."""
+    """Add the page to an application; with `lesson` it begins with the guided experiments."""
     plots = _PLOTS.read_text(encoding='utf-8')
 
     @ui.page('/', response_timeout=_BUILD_TIMEOUT)
@@ -205,7 +202,6 @@ class Page:
         self._show_lesson()
 
     def _show_lesson(self) -> None:
-        """Show the tabs of the lesson in large type if a lesson is active, or all other tabs."""
         lesson = self._in_lesson
         for name, tab in self._tabs.items():
             tab.set_visibility(name in _LESSON_TABS if lesson else name != _LESSON)

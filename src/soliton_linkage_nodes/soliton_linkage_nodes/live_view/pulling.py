@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pull of a rotor by the pointer. The pull acts like a spring with limited torque."""
+"""Pull of a rotor by the pointer, like a spring with limited torque."""
 
 from __future__ import annotations
 
@@ -11,15 +11,13 @@ import numpy as np
 from soliton_linkage.linkage.chain import Array, Chain
 
 _ACCELERATION = 200.0
-"""Angular acceleration that the largest torque of a pull gives to a free rotor [rad/s^2]. After
-0.05 s the rotor has an angular speed of 10 rad/s, the same as after the default nudge."""
+"""Largest angular acceleration of a free rotor [rad/s^2]; it reaches 10 rad/s in 0.05 s."""
 _STRETCH = 1.0
 """Angle between rotor and pointer at which the spring reaches its largest torque [rad]."""
 _TOP_SPEED = 20.0
 """Angular speed of the rotor at which the damping cancels the largest torque [rad/s]."""
 _DEAD_ZONE = 0.2
-"""Radius of the dead zone around the pivot [rotor lengths]. A pointer in the dead zone causes no
-torque."""
+"""Radius around the pivot within which the pointer causes no torque [rotor lengths]."""
 
 
 @dataclass
@@ -28,23 +26,19 @@ class Pull:
 
     rotor: int
     x: float
-    """Position of the pointer along the chain from the first pivot [m]."""
+    """Coordinate of the pointer along the chain from the first pivot [m]."""
     z: float
     """Height of the pointer above the pivots [m]."""
     held: bool = True
-    """Whether the button is still down."""
 
     def point_to(self, x: float, z: float) -> None:
-        """Move the pointer to `x` and `z` [m]; ValueError if a coordinate is not finite."""
+        """Move the pointer to `x` and `z` [m]; ValueError unless both are finite."""
         if not (math.isfinite(x) and math.isfinite(z)):
             raise ValueError(f'position ({x}, {z}) m of the pointer must be finite')
         self.x, self.z = float(x), float(z)
 
     def torque(self, chain: Chain, angles: Array, rates: Array | None, limit: float) -> float:
-        """Return the torque of the pull on the rotor [N m], at most `limit`.
-
-        `angles` [rad] and `rates` [rad/s] have shape (N,). Without rates there is no damping.
-        """
+        """Return the torque on the rotor [N m], at most `limit`; arrays have shape (N,)."""
         pivot = float(np.sum(chain.spacings[: self.rotor]))
         length = float(chain.rotor_lengths[self.rotor])
         angle = float(angles[self.rotor])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Web server of the page. The server has its own thread and controls access to the page."""
+"""Web server of the page on its own thread, with access control."""
 
 from __future__ import annotations
 
@@ -33,21 +33,18 @@ if TYPE_CHECKING:
 _SCRIPTS = Path(__file__).with_name('browser')
 _PICTURES = Path(__file__).parent / 'docs' / 'pictures'
 _START_TIMEOUT = 30.0
-"""Longest time for the start of the server [s]. NiceGUI needs several seconds to start on a busy
-machine."""
+"""Longest start time of the server [s]. NiceGUI needs several seconds on a busy machine."""
 _LONGEST_PERIOD = 0.2
-"""Upper limit of the time between two ticks when browsers need much processor time [s]."""
+"""Longest time between two ticks if browsers need much processor time [s]."""
 _LARGEST_MESSAGE = 65536
-"""Largest message of a browser [bytes]."""
 _COOKIE = 'soliton_linkage_live_view'
 _PUNCTUATION = '.,;:)\'"'
-"""Punctuation marks that may follow an address in a text. A terminal may include these marks when
-the user opens the address."""
+"""Characters that a terminal may append to an address."""
 _REMEDY = 'open the address that live_view printed'
 
 
 def listening_socket(host: str, port: int) -> socket.socket:
-    """Return a socket that is bound to a host and a port. Port 0 selects any free port."""
+    """Return a socket bound to a host and a port (0 for any free one); ValueError on failure."""
     family = socket.AF_INET6 if ':' in host else socket.AF_INET
     bound = socket.socket(family, socket.SOCK_STREAM)
     bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -65,7 +62,7 @@ def listening_socket(host: str, port: int) -> socket.socket:
 def application(
     serve: Callable[[WebSocket], Awaitable[None]], share: Callable[[str], str]
 ) -> FastAPI:
-    """Return an application that serves the files of the page and a stream to each browser.
+    """Return the application that serves the page.
 
     `serve` runs the stream of one browser. `share` returns an HTML page with the last minute of
     the chain in a namespace, or raises ValueError.
@@ -101,7 +98,7 @@ def application(
 
 
 class PageServer:
-    """Server that runs an application on its own thread. The thread calls `tick` periodically."""
+    """Web server on its own thread, which also calls `tick` periodically."""
 
     def __init__(
         self,
@@ -111,10 +108,10 @@ class PageServer:
         tick: Callable[[], float],
         share: float,
     ) -> None:
-        """Serve on a bound socket. `tick` returns the time until its next call [s].
+        """Serve on a bound socket; an empty `token` gives free access.
 
-        The thread uses at most the fraction `share` of a processor core [1]. An empty `token`
-        means that no token is needed.
+        `tick` returns the time until its next call [s]. The thread uses at most the fraction
+        `share` of a processor core [1].
         """
         config = uvicorn.Config(
             Gate(served, token),
@@ -170,7 +167,7 @@ class PageServer:
 
 
 def tick_period(wanted: float, spent: float, share: float) -> float:
-    """Return the time to the next tick [s], longer than `wanted` [s] to use a `share` [1] at most.
+    """Return the time to the next tick [s]: `wanted` [s], or more to use at most a `share` [1].
 
     `spent` is the processor time of the last tick [s].
     """
@@ -190,10 +187,9 @@ def is_loopback(host: str) -> bool:
 class Gate:
     """Middleware that rejects requests and streams that do not come from the live page.
 
-    Without this check, another web page in the same browser could send commands to the chain, for
-    example with a host name that resolves to 127.0.0.1. If no token is configured, the middleware
-    accepts only host names of this machine. If a token is configured, each request must contain
-    the token, either in the address or in the cookie that the first response sets.
+    Otherwise another web page in the same browser could send commands to the chain (DNS
+    rebinding). Without a token only host names of this machine are accepted. With a token, each
+    request must contain it in the address or in the cookie.
     """
 
     def __init__(self, guarded: ASGIApp, token: str = '') -> None:
@@ -201,7 +197,7 @@ class Gate:
         self._token = token
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Forward a request, or reject it and state the reason in one line."""
+        """Forward a request, or reject it with a reason."""
         answer: ASGIApp = self._application
         if scope['type'] in ('http', 'websocket'):
             connection = HTTPConnection(scope)

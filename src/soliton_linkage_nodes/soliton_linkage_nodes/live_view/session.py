@@ -27,12 +27,9 @@ _IDENTIFIER = 'chain_identifier'
 _NODES = (*('simulator', 'edge_actuator', 'soliton_analyser', 'soliton_steering'), _IDENTIFIER)
 _PAGE = 'live_view'
 _RESTART_DELAY = 1.0
-"""Time from the end of a node to its restart [s]."""
 _MOST_RESTARTS = 100
-"""Largest total number of restarts [1]. The program stops at this number, because nodes then fail
-repeatedly."""
+"""Number of restarts at which the program gives up [1]."""
 _POLL_INTERVAL = 0.1
-"""Poll interval for ended processes [s]."""
 
 
 def main() -> None:
@@ -73,7 +70,6 @@ def _start(processes: ChildProcesses, arguments: argparse.Namespace) -> None:
 
 
 def _respawn(processes: ChildProcesses, stopping: threading.Event) -> None:
-    """Restart each node that ends, as the launch files do, until `stopping` is set."""
     restarts = 0
     while not stopping.wait(_POLL_INTERVAL):
         for node, how in processes.ended().items():
@@ -89,7 +85,6 @@ def _respawn(processes: ChildProcesses, stopping: threading.Event) -> None:
 
 
 def _open_page(processes: ChildProcesses, stopping: threading.Event, show: bool) -> None:
-    """Print the address of the page, and open the page if `show` is set and a display exists."""
     deadline = time.monotonic() + START_LIMIT
     while not stopping.is_set():
         processes.ended()

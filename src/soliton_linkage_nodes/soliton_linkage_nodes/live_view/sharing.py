@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Export of a recorded run to one HTML file. The file contains a viewer and needs no server."""
+"""Export of a recorded run to one HTML file that needs no server."""
 
 from __future__ import annotations
 
@@ -22,12 +22,11 @@ if TYPE_CHECKING:
 
 _BROWSER = Path(__file__).with_name('browser')
 _MODULES = ('drawing.js', 'frames.js', 'chain.js', 'plots.js', 'share.js')
-"""Scripts of the viewer. A script is listed after all scripts that it imports."""
+"""Scripts of the viewer, each after the scripts that it imports."""
 _MOST_VALUES = 850_000
-"""Largest number of angles and energies in a file [1]. With this number a file stays below 5
-MB."""
+"""Largest number of angles and energies in a file [1], about 5 MB."""
 _MOST_FRAMES = 6000
-"""Largest number of frames in a file [1]. At 60 frames per second they span 100 s."""
+"""Largest number of frames in a file [1], 100 s at 60 Hz."""
 _IMPORT = re.compile(r'^import .*?;\n', re.MULTILINE | re.DOTALL)
 
 
@@ -63,12 +62,11 @@ def shared_page(
     solitons: Sequence[Sequence[float]],
     energies: Mapping[str, Array] | None = None,
 ) -> str:
-    """Return an HTML page that shows T frames of N rotors.
+    """Return an HTML page that shows T frames of N rotors; ValueError if T = 0.
 
-    `times` [s] has shape (T,) and `angles` [rad] has shape (T, N). `energies` maps each name to
-    the energy [J] of each frame, shape (T,). If `energies` is None, the elastic energy is
-    computed. `solitons` contains the `soliton_numbers` of each frame. If the recording is long,
-    only every n-th frame is written. Raises ValueError if there are no frames.
+    `times` [s] has shape (T,), `angles` [rad] shape (T, N), each of the `energies` [J] shape (T,);
+    by default the elastic energy is shown. `solitons` contains the `soliton_numbers` of each
+    frame. Only every n-th frame of a long recording is written.
     """
     if not len(times):
         raise ValueError('no frame is recorded yet; wait until joint_states are received')

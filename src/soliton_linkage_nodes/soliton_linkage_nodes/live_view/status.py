@@ -15,17 +15,14 @@ from soliton_linkage_nodes.live_view.commands import READ_ONLY, ChainCommands
 from soliton_linkage_nodes.messages.view_conversions import NodeReport, figure
 
 REPLAY = '/replay/'
-"""Namespace in which a bag is played."""
 _DROP_AGE = 30.0
-"""Largest age of a report that is used [s]. Older reports of silent nodes are ignored."""
+"""Age above which a report is ignored [s]."""
 _LONGEST_DELAY = 0.2
-"""Threshold of the delay of soliton_state behind joint_states [s]: the page warns if the delay
-exceeds both this time and `_FRAMES_BEHIND` frames."""
+"""Delay of soliton_state above which the page warns [s], if it also exceeds `_FRAMES_BEHIND`."""
 _FRAMES_BEHIND = 2
-"""Threshold of the delay of soliton_state behind joint_states [frames]. The threshold is above 1,
-because the state of one frame is always in transit."""
+"""Delay of soliton_state above which the page warns [frames]. One frame is always in transit."""
 _LATE = re.compile('deadlines missed in the last second')
-"""Text of a warning that the page omits. The page shows the share of late frames instead."""
+"""Warning that the page replaces by the share of late frames."""
 _ACTUATOR = 'start edge_actuator'
 _SIMULATOR = 'only a simulator can do this; no simulator of this chain is running'
 _STEERING = 'no node serves {}; start soliton_steering'
@@ -34,7 +31,6 @@ _TOPICS = {
     'drive': ('edge_command', _ACTUATOR),
     'tilt': ('tilt', _SIMULATOR),
 }
-"""Topic of each control that publishes, and the remedy if the topic has no subscriber."""
 _SERVICES = {
     'pause': ('simulator/pause', _SIMULATOR),
     'step': ('simulator/step', _SIMULATOR),
@@ -42,13 +38,11 @@ _SERVICES = {
     'move': ('move_soliton', _STEERING.format('move_soliton')),
     'identify': ('chain_identifier/identify', 'no node serves identify; start chain_identifier'),
 }
-"""Service or action of each other control, and the reason that is shown if it has no server."""
 CONTROLS = (*_TOPICS, *_SERVICES)
-"""Names of all controls that `reasons` contains."""
 
 
 def reasons(chain: ChainTopics, commands: ChainCommands) -> dict[str, str]:
-    """Return the reason why each control of a chain is disabled, empty if it is enabled."""
+    """Return the reason why each control of a chain is disabled, '' if it is enabled."""
     if commands.read_only:
         return dict.fromkeys(CONTROLS, READ_ONLY)
     if chain.namespace.startswith(REPLAY):
@@ -112,7 +106,7 @@ def health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
 
 
 def gravity_of(finder: ChainFinder, namespace: str) -> tuple[float, float]:
-    """Return gravity [m/s^2] and tilt [rad] of a simulator, NaN if no simulator reports."""
+    """Return gravity [m/s^2] and tilt [rad] of a simulator, NaN if none reports."""
     for _, report in reports_of(finder, namespace):
         if 'gravity [m/s^2]' in report.figures:
             figures = report.figures

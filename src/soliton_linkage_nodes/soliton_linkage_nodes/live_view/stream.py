@@ -30,14 +30,11 @@ if TYPE_CHECKING:
     from fastapi import WebSocket
 
 _MOST_PENDING = 2
-"""Largest number of frames of a chain that were sent and are not drawn yet [1]. The browser draws
-one of them while the other is in transit."""
+"""Largest number of sent frames that the browser has not drawn [1]: one is in transit."""
 _HEARTBEAT = 0.2
-"""Time after which the same frame is sent again if no new frame has arrived [s]. The repeated
-frame contains its present age."""
+"""Time after which an unchanged frame is sent again with its present age [s]."""
 _MOST_TILE_ANGLES = 200
-"""Largest number of rotors for which a chain is drawn rotor by rotor if several chains are shown
-side by side [1]."""
+"""Largest number of rotors that are drawn one by one if chains are side by side [1]."""
 
 
 async def carry_out(view: View, name: str, arguments: Mapping[str, Any]) -> str:
@@ -67,20 +64,13 @@ async def carry_out(view: View, name: str, arguments: Mapping[str, Any]) -> str:
 
 
 class BrowserStream:
-    """Connection that sends frames to one browser and receives the actions of its user.
-
-    Whenever the browser reports that it has drawn a frame, the newest frame is sent.
-    """
+    """Connection to one browser; each drawn frame triggers the next newest frame."""
 
     def __init__(self, socket: WebSocket, source: View) -> None:
-        """Select the first chain for display."""
         self.watched = next(iter(source.chains), '')
         self.pending = 0
-        """Number of frames that were sent and that the browser has not drawn yet."""
         self.sent = 0
-        """Total number of frames sent."""
         self.shows_camera = False
-        """Whether the browser shows the camera of its chain."""
         self._socket = socket
         self._source = source
         self._window = (0, MOST_ANGLES)
@@ -140,7 +130,7 @@ class BrowserStream:
         await self._socket.send_bytes(packed)
 
     def _skipped(self, chain: ChainTopics) -> list[Column]:
-        """Return the columns between the last sent frame and the newest column of the history."""
+        """Return the columns between the last sent frame and the newest column."""
         last = self._sent_stamps.get(chain.namespace, math.inf)
         self._sent_stamps[chain.namespace] = chain.model.stamp
         skipped = list(
@@ -156,7 +146,6 @@ class BrowserStream:
         await self._socket.send_bytes(chain.camera.packed(index))
 
     async def _send_status(self) -> None:
-        """Send the status, and the constants of all chains, if they have changed."""
         status, versions = self._source.status, self._source.versions
         if versions != self._sent_status[1]:
             await self._socket.send_text(json.dumps(self._source.descriptions()))

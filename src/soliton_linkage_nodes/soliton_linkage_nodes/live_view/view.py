@@ -19,32 +19,26 @@ from soliton_linkage_nodes.live_view.commands import ChainCommands
 from soliton_linkage_nodes.live_view.status import reasons, status
 
 ALL = '*'
-"""Special value of a namespace that selects the view of all chains side by side."""
+"""Namespace that selects all chains side by side."""
 _STATUS_PERIOD = 0.25
-"""Time between two updates of the status [s]. Nodes report once per second."""
 _MOST_FAILURES = 3
-"""Largest number of failures of the recorder and the player that the page shows [1]."""
 
 
 class View:
-    """Present state of all chains. The pages of all browsers share it."""
+    """Present state of all chains, shared by the pages of all browsers."""
 
     def __init__(
         self, node: Node, finder: ChainFinder, folders: Sequence[Path], logs: Path, read_only: bool
     ) -> None:
-        """Show the chains of `finder`; `node` sends commands, and `folders` contain the bags."""
         self.finder = finder
         self.read_only = read_only
         self.logs = logs
-        """Folder of the logs of started nodes."""
         self.catalogue = BagCatalogue(folders)
         self.recording = BagRecording(folders[0] if folders else None, finder, read_only)
         self.replay = BagReplay(self.catalogue, logs, finder, read_only)
         self.status = ''
-        """Status of all chains as JSON."""
         self.reasons: dict[str, dict[str, str]] = {}
-        """Reason why a control is disabled, by the namespace of the chain and the name of the
-        control. An empty reason means that the control is enabled."""
+        """Reason why a control is disabled, '' if it is enabled, by namespace and control."""
         self._node = node
         self._failures: list[str] = []
         self._packed: dict[tuple[int, int, int], bytes] = {}
@@ -54,7 +48,7 @@ class View:
 
     @property
     def chains(self) -> Mapping[str, ChainTopics]:
-        """Chains by namespace. Their order defines the indices of the chains."""
+        """Chains by namespace, in the order of their indices."""
         return self.finder.chains
 
     def commands(self, namespace: str) -> ChainCommands:
@@ -67,11 +61,11 @@ class View:
 
     @property
     def versions(self) -> list[int]:
-        """Version numbers. At least one of them changes whenever `descriptions` changes."""
+        """Version numbers; one of them changes whenever `descriptions` changes."""
         return [self.replay.played, *(c.model.version for c in self.chains.values())]
 
     def descriptions(self) -> dict[str, Any]:
-        """Return the constants of each chain and the track of the played bag."""
+        """Return the constants of each chain and the soliton trajectory of the played bag."""
         chains = [
             {'name': namespace, **chain.model.description()}
             for namespace, chain in self.chains.items()

@@ -63,11 +63,10 @@ class CameraMeasurement:
         parameters: CameraParameters,
         camera: Camera | None = None,
     ) -> None:
-        """Prepare the measurement with a calibrated camera. If it is None, the lens is ideal."""
+        """Prepare the measurement; without a calibrated `camera` the lens is ideal."""
         self.gaps = GapCounter()
-        """Counter of missing pictures."""
         self.detector: AngleCamera | DarkRotors | None = None
-        """Detector of markers or of dark rotors. None before the first picture."""
+        """Detector of markers or of dark rotors, None before the first picture."""
         self._named, self._markers, self._parameters = named, markers, parameters
         self._camera = camera
         self._first: int | None = None
@@ -81,7 +80,7 @@ class CameraMeasurement:
     def measure(self, stamp: int, picture: Picture) -> CameraReading:
         """Return the angles in a picture whose exposure began at `stamp` [ns].
 
-        Raises ValueError if the picture is not later than the previous one, or if its size differs
+        Raises ValueError if the picture is not later than the previous one, or differs in size
         from the calibration.
         """
         if stamp <= self._last:
@@ -121,7 +120,7 @@ def deviations_to_msg(named: NamedChain, seen: CameraReading) -> JointState:
 
 
 def describe_reading(measurement: CameraMeasurement, seen: CameraReading) -> str:
-    """Describe the visible rotors of a picture, and earlier camera moves and missing pictures."""
+    """Describe the visible rotors of a picture, earlier camera moves and missing pictures."""
     parts = [seen.frame.status or 'all rotors are visible']
     if measurement.moves:
         times = 'once' if measurement.moves == 1 else f'{measurement.moves} times'

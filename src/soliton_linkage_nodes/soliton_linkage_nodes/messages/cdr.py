@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Faster CDR decoding and encoding of messages with a stamp, joint names and arrays of doubles.
+"""Fast CDR decoding and encoding of messages with a stamp, joint names and arrays of doubles.
 
-Decoding the names takes most of the time. If their bytes are as in the previous message, a decoder
-decodes only stamp and arrays. A buffer overwrites stamp and arrays of an encoded message in place.
+Names take most of the time. While their bytes stay the same, only stamp and arrays are decoded; an
+encoded message is overwritten in place.
 """
 
 from __future__ import annotations
@@ -36,21 +36,18 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 _LITTLE_ENDIAN = b'\x00\x01'
 _STAMP = struct.Struct('<4xiI')
 _SHORTEST = 12
-"""Size of the encapsulation header and a stamp [B]."""
 _COUNT = struct.Struct('<I')
 _ENCAPSULATION_BYTES = 4
-"""Size of the encapsulation header [B]."""
 _DOUBLES = np.dtype('<f8')
 _EMPTY = np.zeros(0)
-"""Empty sequence of doubles."""
 
 
 class Layout:
     """Byte layout of messages with a given frame id and given joint names.
 
-    CDR encodes a string as its length, its bytes and a zero byte, and a sequence as the number of
-    elements and the elements. Offsets are counted from the end of the encapsulation header,
-    aligned to 4 bytes for lengths and to 8 bytes for doubles. Padding bytes have arbitrary values.
+    CDR encodes a string as length, bytes and a zero byte, a sequence as count and elements.
+    Offsets count from the end of the encapsulation header, aligned to 4 bytes for lengths and 8
+    for doubles.
     """
 
     def __init__(self, frame_id: str, name: tuple[str, ...]) -> None:
@@ -98,16 +95,13 @@ class Layout:
 
 
 class JointStateDecoder:
-    """Decoder of joint states, fast for the same frame id and names as in the previous message."""
+    """Decoder of joint states, fast while frame id and names stay the same."""
 
     def __init__(self) -> None:
         self._layout: Layout | None = None
 
     def decode(self, serialized: bytes) -> JointStates:
-        """Return joint states. Their arrays are views of `serialized` and may be unaligned.
-
-        Raises ValueError if the message is damaged.
-        """
+        """Return joint states whose arrays are unaligned views; ValueError if damaged."""
         layout = self._layout
         try:
             if layout is not None and layout.fits(serialized):
@@ -125,7 +119,7 @@ class JointStateDecoder:
         return self._layout is not None and self._layout.fits(serialized)
 
     def stamp(self, serialized: bytes) -> int:
-        """Return only the stamp [ns]. Raises ValueError if the message is damaged."""
+        """Return only the stamp [ns]; ValueError if the message is damaged."""
         layout = self._layout
         if layout is not None and layout.fits(serialized):
             seconds, nanoseconds = layout.stamp(serialized)
@@ -134,10 +128,7 @@ class JointStateDecoder:
 
 
 def stamp_of(serialized: bytes) -> int:
-    """Return the stamp [ns] of a message that begins with a header.
-
-    Raises ValueError if the message is too short or big-endian.
-    """
+    """Return the stamp [ns] of a message with a header; ValueError if short or big-endian."""
     if len(serialized) < _SHORTEST or not serialized[1] & 1:
         raise ValueError('a message is shorter than its header, or big-endian')
     seconds, nanoseconds = _STAMP.unpack_from(serialized)
@@ -145,23 +136,20 @@ def stamp_of(serialized: bytes) -> int:
 
 
 class _RotorDecoder:
-    """Decoder of messages with one value for each joint name, fast for the previous names."""
+    """Decoder of one value per joint name, fast while the names stay the same."""
 
     _type: Any
     _topic: str
     _arrays: int
-    """Position of the array with the values, counted from 1."""
     _from_msg: Callable[[Mapping[str, int], Any, float], Array]
 
     def __init__(self, rotors: Mapping[str, int], largest: float) -> None:
-        """Accept values up to `largest` for joint names with rotor numbers."""
         self._rotors = rotors
         self._largest = largest
         self._layout: Layout | None = None
         self._order = np.zeros(0, dtype=np.intp)
 
     def decode(self, serialized: bytes) -> Array:
-        """Return the value of each rotor, shape (N,). Raises ValueError if one is rejected."""
         layout = self._layout
         try:
             if layout is not None and layout.fits(serialized):
@@ -180,14 +168,14 @@ class _RotorDecoder:
 
 
 class ImpulseDecoder(_RotorDecoder):
-    """Decoder of rotor_impulses messages, which hold angular impulses [N m s]."""
+    """Decoder of rotor_impulses: angular impulses [N m s]."""
 
     _type, _topic, _arrays = RotorImpulses, 'rotor_impulses', 1
     _from_msg = staticmethod(impulses_from_msg)
 
 
 class TorqueDecoder(_RotorDecoder):
-    """Decoder of rotor_torques messages, which are joint states with torques [N m] as efforts."""
+    """Decoder of rotor_torques: joint states with torques [N m] as efforts."""
 
     _type, _topic, _arrays = JointState, 'rotor_torques', 3
     _from_msg = staticmethod(torques_from_msg)
@@ -212,19 +200,17 @@ class _MessageBuffer:
         return len(self._bytes)
 
     def fill(self, stamp: int, *values: Array) -> bytearray:
-        """Write a stamp [ns] and values; return the message, which the next call overwrites."""
         self._stamp[0], self._stamp[1] = divmod(stamp, SECOND)
         for array, filling in zip(self._arrays[-len(values) :], values, strict=True):
             array[...] = filling
         return self._bytes
 
     def write(self, stamp: int, *values: Array) -> bytes:
-        """Write a stamp [ns] and values; return a copy of the message."""
         return bytes(self.fill(stamp, *values))
 
 
 class JointStateBuffer(_MessageBuffer):
-    """Buffer for joint states: angles [rad], rates [rad/s] and torques [N m] of all joints."""
+    """Buffer for joint states: angles [rad], rates [rad/s] and torques [N m]."""
 
     def __init__(self, named: NamedChain) -> None:
         zeros = np.zeros(len(named.joint_names))
@@ -239,14 +225,14 @@ class ImpulseBuffer(_MessageBuffer):
 
 
 class TorqueBuffer(_MessageBuffer):
-    """Buffer for the torques on all rotors [N m], sent as joint states that hold efforts only."""
+    """Buffer for the torques on all rotors [N m], as efforts of joint states."""
 
     def __init__(self, named: NamedChain) -> None:
         super().__init__(torques_to_msg(named, np.zeros(named.rotors), Time()), arrays=3)
 
 
 def read_stamp(serialized: bytes) -> int:
-    """Return the stamp [ns] of a message that begins with a header, 0 if it is big-endian."""
+    """Return the stamp [ns] of a message with a header, 0 if it is big-endian."""
     if not serialized.startswith(_LITTLE_ENDIAN):
         return 0
     seconds, nanoseconds = _STAMP.unpack_from(serialized)
@@ -254,14 +240,14 @@ def read_stamp(serialized: bytes) -> int:
 
 
 def stamped(serialized: bytes, stamp: int) -> bytes:
-    """Return a copy of a message that begins with a header, with this stamp [ns]."""
+    """Return a copy of a message with a header, with this stamp [ns]."""
     order = '<' if serialized[1:2] == _LITTLE_ENDIAN[1:] else '>'
     head = serialized[:_ENCAPSULATION_BYTES]
     return head + struct.pack(f'{order}iI', *divmod(stamp, SECOND)) + serialized[_STAMP.size :]
 
 
 def publish_buffer(publisher: Publisher, serialized: bytearray) -> None:
-    """Publish a serialized message without the copy that `Publisher.publish` needs."""
+    """Publish a serialized message without the copy of `Publisher.publish`."""
     handle = publisher.handle
     with handle:
         handle.publish_raw(serialized)

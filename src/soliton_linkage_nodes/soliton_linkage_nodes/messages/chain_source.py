@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Description of the chain for a node, from the topic `chain` or from parameters of the node."""
+"""Description of the chain from the topic `chain` or from parameters."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ Group = TypeVar('Group')
 
 @dataclass(frozen=True)
 class ChainSourceParameters:
-    """Parameters for the source of the chain description, and for the names of the joints."""
+    """Source of the chain description, and names of the joints."""
 
     chain_from: str = quantity(
         'topic',
@@ -50,7 +50,7 @@ class ChainSourceParameters:
 
 @dataclass(frozen=True)
 class OptionalChainSourceParameters(ChainSourceParameters):
-    """Parameters as in `ChainSourceParameters`, for a node that also works without a chain."""
+    """Source of the chain for a node that also works without a chain."""
 
     chain_from: str = quantity(
         'topic',
@@ -67,16 +67,15 @@ CHAIN_PARAMETERS: dict[type, str] = {
     Disorder: 'chain.disorder.',
     KnownEncoders: 'chain.encoders.',
 }
-"""Prefix of the parameters of each dataclass that describes a chain."""
 
 
 def declare_chain(node: Node) -> NamedChain:
-    """Declare the parameters `chain.*`; return the chain. Raises ValueError if one is invalid."""
+    """Declare the parameters `chain.*` and return the chain; ValueError if one is invalid."""
     return chain_of(lambda kind: declare(node, kind, CHAIN_PARAMETERS[kind]))
 
 
 def chain_of(read: Callable[[Any], Any]) -> NamedChain:
-    """Return the chain, its deviations and encoder offsets from dataclasses that `read` fills."""
+    """Return the chain from dataclasses that `read` fills."""
     chain: Chain = read(Chain)
     given: Deviations = read(Deviations)
     disorder: Disorder = read(Disorder)
@@ -98,13 +97,13 @@ def describe_chain(chain: Chain) -> str:
 
 
 def declare_chain_source(node: Node) -> None:
-    """Declare the parameters of a `ChainSource`. Raises ValueError if they describe no chain."""
+    """Declare the parameters of a `ChainSource`; ValueError if they describe no chain."""
     check_names('parameter joint_names', declare(node, ChainSourceParameters).joint_names)
     declare_chain(node)
 
 
 class ChainSource:
-    """Current chain of a node, from the topic `chain` or from parameters of the node."""
+    """Current chain of a node, from the topic `chain` or from parameters."""
 
     def __init__(
         self,
@@ -113,13 +112,11 @@ class ChainSource:
         on_chain: Callable[[NamedChain], None] = lambda named: None,
         parameters: type[ChainSourceParameters] = ChainSourceParameters,
     ) -> None:
-        """Read the chain from the parameters, or subscribe to the topic `chain`.
+        """Read the parameters or subscribe to `chain`; ValueError if they describe no chain.
 
-        `on_chain` is called with each chain. A changed chain from the topic is logged. Raises
-        ValueError if the parameters describe no chain.
+        `on_chain` is called with each chain.
         """
         self.named: NamedChain | None = None
-        """Current chain, None until a chain is known."""
         self._subscription: StreamSubscription | None = None
         self._logger = node.get_logger()
         self._topic = node.resolve_topic_name(interfaces.CHAIN.name)
@@ -171,10 +168,7 @@ class ChainSource:
 def with_joints(
     named: NamedChain, joints: tuple[str, ...], source: str = 'parameter joint_names'
 ) -> NamedChain:
-    """Return the chain with joints renamed to `joints`, unless that is empty.
-
-    Raises ValueError if the number of names differs from the number of rotors.
-    """
+    """Rename the joints, unless `joints` is empty; ValueError for a wrong number of names."""
     if joints and len(joints) != named.rotors:
         raise ValueError(
             f'{source} has {len(joints)} names for {named.rotors} rotors; give one name for each '
@@ -184,14 +178,13 @@ def with_joints(
 
 
 _LONGEST_VALUE = 40
-"""Length at which a printed value, perhaps a list of thousands, is cut [characters]."""
 
 
 class ParameterFile:
     """Parameter values of a file by name, from the sections of all nodes."""
 
     def __init__(self, path: Path) -> None:
-        """Read a file. Raises ValueError if the file is no parameter file."""
+        """Read a file; ValueError if it is no parameter file."""
         self.path = path
         try:
             sections = read_sections(path).values()
@@ -221,7 +214,7 @@ class ParameterFile:
 
 
 def chain_of_file(path: Path) -> NamedChain:
-    """Return the chain of a parameter file. Raises ValueError if the file or chain is invalid."""
+    """Return the chain of a parameter file; ValueError if file or chain is invalid."""
     file = ParameterFile(path)
     file.check('chain.', CHAIN_PARAMETERS)
     named = chain_of(lambda kind: file.read(kind, CHAIN_PARAMETERS[kind]))
@@ -231,10 +224,7 @@ def chain_of_file(path: Path) -> NamedChain:
 
 
 def markers_of_file(path: Path) -> MarkerSettings:
-    """Return the settings of the printed markers from a parameter file.
-
-    Raises ValueError if a parameter with the prefix `markers.` is unknown.
-    """
+    """Return the marker settings of a parameter file; ValueError if one is unknown."""
     file = ParameterFile(path)
     file.check('markers.', {MarkerSettings: 'markers.'})
     settings = file.read(MarkerSettings, 'markers.')
@@ -242,7 +232,7 @@ def markers_of_file(path: Path) -> MarkerSettings:
 
 
 def differences(one: NamedChain, other: NamedChain) -> str:
-    """List the parameters in which two chains differ, with the values of both chains."""
+    """List the parameters in which two chains differ, with both values."""
     pairs = [
         (name, getattr(one.chain, name), getattr(other.chain, name))
         for name in (field.name for field in fields(Chain))

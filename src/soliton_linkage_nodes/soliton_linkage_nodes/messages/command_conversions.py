@@ -32,25 +32,22 @@ _CHOICES: dict[str, dict[int, Any]] = {
         ('window', WaveWindow),
     )
 }
-"""Choices of each field that a message holds as an integer code."""
 _NUMBERS = ('joint', 'frequency', 'last_frequency', 'cycles', 'seed')
-"""Fields with the same name in a `Waveform` and in its message."""
 
 
 @dataclass(frozen=True)
 class JointActuators:
-    """Joints with an actuator, and their rotors and torque limits [N m]."""
+    """Joints with an actuator, their rotors and torque limits [N m]."""
 
     names: tuple[str, ...]
     rotors: Rotors
     limits: Array
 
     def checked(self, source: str, names: Sequence[str], torques: Array) -> tuple[Rotors, Array]:
-        """Return the rotors of the named joints, and the torques [N m] unchanged.
+        """Return the rotors of the named joints and the torques [N m], shape (..., names).
 
-        The last axis of `torques` has one entry for each name. Raises ValueError, which names
-        `source`, if a joint has no actuator or is named twice, or if a torque is missing, not
-        finite or too large.
+        Raises ValueError, naming `source`, if a joint has no actuator or is named twice, or if a
+        torque is missing, not finite or too large.
         """
         check_names(source, names)
         index_of = {name: index for index, name in enumerate(self.names)}
@@ -81,10 +78,7 @@ class JointActuators:
 def joint_actuators(
     named: NamedChain, names: Sequence[str], limit_of: Callable[[str], float]
 ) -> JointActuators:
-    """Return the actuators of the named joints, by default all, with the torque limits [N m].
-
-    Raises ValueError for an unknown joint.
-    """
+    """Return the actuators of the named joints, by default all; ValueError if unknown."""
     chosen = tuple(names) or named.joint_names
     for name in chosen:
         if name not in named.numbers:
@@ -100,7 +94,7 @@ def joint_actuators(
 
 
 def edge_command_from_msg(message: msg.EdgeCommand) -> EdgeCommand:
-    """Return the command to an edge actuator. Raises ValueError if a field is invalid."""
+    """Return the command to an edge actuator; ValueError if a field is invalid."""
     codes: dict[str, dict[int, Any]] = {'edge': _EDGES, 'kind': _KINDS, **_CHOICES}
     for name, known in codes.items():
         code = getattr(message, name)
@@ -152,7 +146,7 @@ def _code(known: dict[int, Any], value: Any) -> int:
 def efforts_from_msg(
     actuators: JointActuators, source: str, message: JointState
 ) -> tuple[Rotors, Array]:
-    """Return rotors and torques [N m] from a message. Raises ValueError if one is rejected."""
+    """Return rotors and torques [N m] from a message; ValueError if one is rejected."""
     if message.position or message.velocity:
         raise ValueError(
             f'{source} commands positions or velocities; the actuators accept only effort'
@@ -166,10 +160,7 @@ def efforts_from_msg(
 def efforts_from_array(
     actuators: JointActuators, source: str, message: Float64MultiArray
 ) -> tuple[Rotors, Array]:
-    """Return the rotors with actuators and their torques [N m] from a message, in its order.
-
-    Raises ValueError if a torque is rejected.
-    """
+    """Return all actuated rotors and their torques [N m]; ValueError if one is rejected."""
     torques = np.asarray(message.data, dtype=np.float64)
     return actuators.checked(f'{source}.data', actuators.names, torques)
 
@@ -177,9 +168,8 @@ def efforts_from_array(
 def trajectory_from_msg(
     actuators: JointActuators, source: str, message: JointTrajectory
 ) -> tuple[Rotors, Array, Array]:
-    """Return the rotors, the times and the torques of a trajectory.
+    """Return rotors, times [s], shape (points,), and torques [N m], shape (points, rotors).
 
-    The times from the start [s] have the shape (points,), the torques [N m] (points, rotors).
     Raises ValueError if a joint, time or torque is rejected.
     """
     if not message.joint_names:
@@ -206,7 +196,7 @@ def trajectory_from_msg(
 
 
 def delivery_to_msg(delivered: DeliveryTotals) -> msg.Delivery:
-    """Return the message that holds the total impulse and work delivered to the chain."""
+    """Return the message with the total impulse and work delivered to the chain."""
     return msg.Delivery(
         header=Header(stamp=time_to_msg(delivered.stamp), frame_id=FRAME),
         impulses=delivered.impulses,
@@ -218,7 +208,7 @@ def delivery_to_msg(delivered: DeliveryTotals) -> msg.Delivery:
 
 
 def delivery_from_msg(message: msg.Delivery) -> DeliveryTotals:
-    """Return the total impulse and work delivered to the chain, from a message."""
+    """Return the total impulse and work delivered to the chain."""
     return DeliveryTotals(
         time_from_msg(message.header.stamp),
         message.impulses,
@@ -230,7 +220,7 @@ def delivery_from_msg(message: msg.Delivery) -> DeliveryTotals:
 
 
 def last_kick_to_msg(named: NamedChain, kick: KickReport) -> msg.LastKick:
-    """Return the message that reports a finished kick, without the joints that had no impulse."""
+    """Return the message that reports a finished kick, with the joints that had an impulse."""
     acted_on = np.flatnonzero(kick.impulse)
     return msg.LastKick(
         header=Header(stamp=time_to_msg(kick.stamp), frame_id=FRAME),
@@ -249,17 +239,16 @@ def last_kick_to_msg(named: NamedChain, kick: KickReport) -> msg.LastKick:
 
 @dataclass(frozen=True)
 class StampRule:
-    """Limits for the stamps and durations of commands. A command with the stamp 0 starts now.
+    """Limits for the stamps and durations of commands. The stamp 0 means now.
 
-    oldest: largest age of a command [s]. If `oldest` is 0, the limit is `longest`. longest:
-    largest time from now to the end of a command [s].
+    `oldest` is the largest age [s], 0 for `longest`; `longest` the longest time to the end [s].
     """
 
     oldest: float
     longest: float
 
     def check_at_once(self, source: str, stamp: int, now: int) -> None:
-        """Raise ValueError if an immediate command's stamp [ns] is too far before or after now."""
+        """Raise ValueError if an immediate command's stamp [ns] is too far from now."""
         age = self._age(stamp, now)
         limit = self.oldest or self.longest
         if age > limit:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Chains with joint names, frames of joint states, and their conversions to and from messages."""
+"""Chains with joint names, frames of joint states, and their conversions to messages."""
 
 from __future__ import annotations
 
@@ -27,10 +27,8 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 FRAME = 'linkage'
 """Name of the coordinate frame whose x axis runs along the pivots."""
 _LARGEST_ANGLE = 1e6
-"""Largest angle of a reset [rad]. Above it, rounding errors exceed the change in a solver's step.
-"""
+"""Largest angle of a reset [rad]. Rounding errors of larger ones exceed the change in a step."""
 _LARGEST_RATE = 1e6
-"""Largest rate of a reset [rad/s]."""
 _CHAIN_FIELDS = tuple(
     f.name for f in fields(Chain) if f.name not in ('number_of_rotors', 'deviations', 'feedback')
 )
@@ -40,15 +38,12 @@ _DEVIATIONS = tuple(f.name for f in fields(Deviations))
 
 @dataclass(frozen=True)
 class NamedChain:
-    """A chain with the names of its joints, rotor 0 first.
-
-    Raises ValueError if encoder offsets are given, but not one for each rotor.
-    """
+    """Chain with joint names, rotor 0 first; ValueError for a wrong number of offsets."""
 
     chain: Chain
     joint_names: tuple[str, ...]
     encoder_offsets: tuple[float, ...] = ()
-    """Known encoder offsets, position minus angle [rad], one for each rotor, or empty."""
+    """Known encoder offsets (position minus angle) [rad], one per rotor, or empty."""
 
     def __post_init__(self) -> None:
         check_one_each(KnownEncoders(self.encoder_offsets).offsets, self.rotors)
@@ -108,7 +103,7 @@ def chain_to_msg(named: NamedChain, stamp: Time) -> msg.Chain:
 
 
 def chain_from_msg(message: msg.Chain) -> NamedChain:
-    """Return the chain that a message describes. Raises ValueError if the chain is invalid."""
+    """Return the chain that a message describes; ValueError if it is invalid."""
     names = tuple(message.joint_names)
     check_names('chain.joint_names', names)
     parameters = {name: getattr(message, name) for name in _CHAIN_FIELDS}
@@ -134,7 +129,7 @@ def joint_states_from_msg(message: JointState) -> JointStates:
 
 
 def frame_to_msg(named: NamedChain, frame: Frame, efforts: Array, stamp: Time) -> JointState:
-    """Return a message with the angles and rates of a frame, and with torques [N m] as efforts."""
+    """Return a message with the angles and rates of a frame, and torques [N m] as efforts."""
     return JointState(
         header=Header(stamp=stamp, frame_id=FRAME),
         name=list(named.joint_names),
@@ -145,10 +140,10 @@ def frame_to_msg(named: NamedChain, frame: Frame, efforts: Array, stamp: Time) -
 
 
 def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Frame:
-    """Return the angles and rates of all rotors, rotor 0 first.
+    """Return the angles and rates of all rotors without the known encoder offsets.
 
-    Known encoder offsets are subtracted, other joints ignored. Raises ValueError if a rotor is
-    missing, a joint is named twice, an array has the wrong length, or a value is not finite.
+    Other joints are ignored. Raises ValueError if a rotor is missing, a joint is named twice, an
+    array has the wrong length, or a value is not finite.
     """
     order = _order(named.joint_names, message.name)
     angles = np.asarray(message.position, dtype=np.float64)
@@ -162,12 +157,12 @@ def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Fram
 
 
 def without_offsets(positions: Array, encoder_offsets: Sequence[float] | Array) -> Array:
-    """Return encoder positions [rad] minus known offsets [rad], shape (N,), if there are any."""
+    """Return encoder positions [rad] minus known offsets [rad], if any, shape (N,)."""
     return positions - encoder_offsets if len(encoder_offsets) else positions
 
 
 def impulses_to_msg(named: NamedChain, impulses: Array, stamp: Time) -> msg.RotorImpulses:
-    """Return the message that holds the angular impulses on all rotors [N m s]."""
+    """Return the message with the angular impulses on all rotors [N m s]."""
     return msg.RotorImpulses(
         header=Header(stamp=stamp, frame_id=FRAME),
         name=list(named.joint_names),
@@ -181,17 +176,16 @@ def impulses_from_msg(
     """Return the angular impulse on each rotor [N m s], 0 for rotors that are not named.
 
     Raises ValueError if a joint is unknown or named twice, or if an impulse is missing, not finite
-    or larger in magnitude than `largest`.
+    or above `largest`.
     """
     return _by_rotor(rotors, 'rotor_impulses.impulse', message.name, message.impulse, largest)
 
 
 def state_from_reset(named: NamedChain, request: Any, now: State) -> State:
-    """Return the state of the chain after a `Reset.Request`.
+    """Return the state after a `Reset.Request`; joints that are not named keep their angle.
 
-    Other joints keep the angle of the state `now`; their rate, and all rates if the request has
-    none, become 0. Raises ValueError if a joint is unknown or named twice, or if an angle or rate
-    is missing, not finite or too large.
+    Rates that are not given become 0. Raises ValueError if a joint is unknown or named twice, or
+    if an angle or rate is missing, not finite or too large.
     """
     rotors = named.numbers
     remedy = 'reset to smaller angles and rates'
@@ -206,7 +200,7 @@ def state_from_reset(named: NamedChain, request: Any, now: State) -> State:
 
 
 def torques_to_msg(named: NamedChain, torques: Array, stamp: Time) -> JointState:
-    """Return joint states that hold only the torques on all rotors [N m], as efforts."""
+    """Return joint states with only the torques on all rotors [N m], as efforts."""
     return JointState(
         header=Header(stamp=stamp, frame_id=FRAME),
         name=list(named.joint_names),
@@ -215,10 +209,7 @@ def torques_to_msg(named: NamedChain, torques: Array, stamp: Time) -> JointState
 
 
 def torques_from_msg(rotors: Mapping[str, int], message: JointState, largest: float) -> Array:
-    """Return the torque on each rotor [N m], 0 for rotors that are not named.
-
-    Raises ValueError as `impulses_from_msg` does.
-    """
+    """Return the torque on each rotor [N m], 0 if not named; errors as in `impulses_from_msg`."""
     return _by_rotor(rotors, 'rotor_torques.effort', message.name, message.effort, largest)
 
 

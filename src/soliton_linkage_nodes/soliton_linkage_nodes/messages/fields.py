@@ -14,13 +14,12 @@ import yaml
 
 _SEQUENCE = re.compile(r'^(?:sequence<(?P<item>[^,>]+)(?:, \d+)?>|(?P<element>.+)\[\d+\])$')
 _WIDTH = 100
-"""Largest length of a line of YAML [characters]."""
 
 
 def interface_type(name: str, kind: str) -> Any:
-    """Return the Python class of an interface type of `kind` 'msg', 'srv' or 'action'.
+    """Return the class of a type such as 'std_msgs/Float64'; ValueError if it does not exist.
 
-    Raises ValueError if the type, such as 'std_msgs/Float64', does not exist.
+    `kind` is 'msg', 'srv' or 'action'.
     """
     package, _, rest = name.partition('/')
     middle, _, last = rest.rpartition('/')
@@ -48,7 +47,7 @@ def plain(value: Any) -> Any:
 
 
 def to_yaml(value: Any) -> str:
-    """Return the YAML text of a message or field, with each list of plain values in one line."""
+    """Return the YAML text of a message or field, with each plain list in one line."""
     text: str = yaml.dump(
         plain(value), Dumper=_Dumper, sort_keys=False, width=_WIDTH, allow_unicode=True
     )
@@ -65,7 +64,7 @@ _Dumper.add_representer(list, _list_in_lines)
 
 
 def read(message_type: Any, text: str) -> Any:
-    """Return the message of a YAML text such as '{data: 0.25}'. Raises ValueError if invalid."""
+    """Return the message of a YAML text such as '{data: 0.25}'; ValueError if invalid."""
     try:
         values = yaml.safe_load(text or '{}')
     except yaml.YAMLError as error:
@@ -74,10 +73,7 @@ def read(message_type: Any, text: str) -> Any:
 
 
 def built(message_type: Any, values: Any) -> Any:
-    """Return a message whose fields have the values of a mapping, or else their defaults.
-
-    Raises ValueError if a field is invalid.
-    """
+    """Return a message with the values of a mapping, or else defaults; ValueError if invalid."""
     types = message_type.get_fields_and_field_types()
     name = _name(message_type)
     if not isinstance(values, Mapping):

@@ -17,21 +17,19 @@ from soliton_linkage_nodes.messages.conversions import JointStates, check_length
 from soliton_linkage_nodes.runtime.serialization import serialize
 
 _SHORT_FRAMES = 10
-"""Consecutive incomplete frames after which frames no longer wait for the missing joints [1].
-Sensitivity: at 0.5x, one more frame lacks the joints of an encoder board after its pause. At 2x,
-frames are delayed by a period for longer after a board has failed."""
+"""Consecutive incomplete frames after which frames no longer wait [1]. Sensitivity: at 0.5x, one
+more frame is incomplete after a pause of an encoder board. At 2x, frames are late for longer."""
 
 
 class FrameAssembler:
     """Assembler of joint states with equal stamps and disjoint joints into frames.
 
-    A frame is complete when it has all joints of the chain, or all joints of earlier assembled
-    frames. Otherwise it ends with the next stamp. If such a frame consists of one message, each
-    later message is returned as a frame, until two messages have the same stamp.
+    A frame is complete with all joints of the chain, or all joints of earlier assembled frames.
+    Otherwise it ends with the next stamp. If it then has only one message, later messages are
+    returned as frames, until two messages have the same stamp.
     """
 
     def __init__(self, joint_names: Sequence[str] = ()) -> None:
-        """Assemble frames of these joints. If `joint_names` is empty, accept any joints."""
         self._rotors = frozenset(joint_names)
         self._parts: list[JointStates] = []
         self._joints: frozenset[str] = frozenset()
@@ -39,19 +37,18 @@ class FrameAssembler:
         self._short = 0
         self._last: tuple[int, frozenset[str]] | None = None
         self.whole: tuple[str, ...] | None = None
-        """Joint names in the last message that had all joints of the chain, None without such a
-        message."""
+        """Joint names in the last message with all joints of the chain, or None."""
 
     @property
     def waiting_since(self) -> int | None:
-        """Stamp of the incomplete frame [ns], None if no frame is incomplete."""
+        """Stamp of the incomplete frame [ns], or None."""
         return self._parts[0].stamp if self._parts else None
 
     def add(self, joints: JointStates) -> list[JointStates]:
-        """Add a message and return zero, one or two frames that are finished now.
+        """Add a message and return zero, one or two finished frames.
 
         A message without a joint of the chain is returned unchanged. Raises ValueError if a joint
-        is named twice, or if a message with some of the joints has arrays of wrong lengths.
+        is named twice or an array has a wrong length.
         """
         if not self._parts and joints.name is self.whole:
             self._last = joints.stamp, self._rotors
@@ -83,7 +80,7 @@ class FrameAssembler:
         yield from self.flush()
 
     def flush(self) -> list[JointStates]:
-        """Return the incomplete frame in a list, which is empty if no frame is incomplete."""
+        """Return the incomplete frame in a list, or an empty list."""
         if not self._parts:
             return []
         self._short += 1
@@ -142,15 +139,15 @@ class SerializedFrames:
         self._assembler, self._all_alike = FrameAssembler(joint_names), False
 
     def parts(self, serialized: bytes) -> tuple[str, ...]:
-        """Return the joint names in a message, nothing if the message is damaged."""
+        """Return the joint names in a message, () if it is damaged."""
         with suppress(ValueError):
             return self._decoder.decode(serialized).name
         return ()
 
     def add(self, serialized: bytes) -> list[bytes]:
-        """Add a message and return the frames that are finished now.
+        """Add a message and return the finished frames.
 
-        A message is returned unchanged if it is invalid or before the call of `set_joints`.
+        A message is returned unchanged if it is invalid or before `set_joints`.
         """
         if self._assembler is None:
             return [serialized]

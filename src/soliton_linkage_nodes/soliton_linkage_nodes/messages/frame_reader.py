@@ -24,10 +24,7 @@ class FrameReader:
     """Reader of the angles and rates of all rotors. Missing values are NaN."""
 
     def __init__(self, joint_names: Sequence[str], encoder_offsets: Sequence[float] = ()) -> None:
-        """Read these joints, rotor 0 first, and subtract known encoder offsets [rad].
-
-        Raises ValueError if `joint_names` is empty.
-        """
+        """Read these joints minus encoder offsets [rad]; ValueError if `joint_names` is empty."""
         if not joint_names:
             raise ValueError('joint_states.name is empty; name the joints')
         self._offsets = np.array(encoder_offsets, dtype=np.float64)
@@ -38,10 +35,10 @@ class FrameReader:
         self._in_order = False
 
     def read(self, joints: JointStates) -> Frame:
-        """Return the angles and rates of all rotors, rotor 0 first.
+        """Return the angles and rates of all rotors, NaN if missing or above 1e9.
 
-        Missing values and magnitudes above 1e9 are NaN. Other joints are ignored. Raises
-        ValueError if no rotor is named, a joint is named twice, or an array has a wrong length.
+        Other joints are ignored. Raises ValueError if no rotor is named, a joint is named twice,
+        or an array has a wrong length.
         """
         _, _, _, name, position, velocity = joints
         check_length('joint_states.position', name, position)
@@ -78,18 +75,16 @@ class FrameReader:
 
 
 _LONGEST_LATENESS = SECOND
-"""Decrease of the stamp up to which a frame counts as late [ns]. A larger decrease means that the
-clock was reset, for example by a replayed bag."""
+"""Decrease of the stamp up to which a frame is late [ns]. Above it, the clock was reset."""
 _UNIT_CHECK_INTERVAL = 100
-"""Frames between two checks of the angle unit [1]. A check takes 80 us, too long for every frame.
-"""
+"""Frames between two checks of the angle unit [1], because a check takes 80 us."""
 
 
 class EncoderMonitor:
     """Monitor that warns of wrong stamps and units of joint states."""
 
     def __init__(self, warn: Callable[[str], object]) -> None:
-        """Call `warn` once for each kind of fault, with the fault and the remedy."""
+        """Call `warn` once for each kind of fault, with the remedy."""
         self._warn = warn
         self._warned: set[str] = set()
         self._last: int | None = None

@@ -18,7 +18,6 @@ from soliton_linkage_nodes.messages.frame_assembler import FrameAssembler
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 
 _MOST_WAITING = 1000
-"""Largest number of standard deviations that wait for their frame [messages]."""
 
 
 class JointStateAnalysis:
@@ -34,12 +33,10 @@ class JointStateAnalysis:
         self._deviations: dict[int, Array] = {}
         self.analyser: FrameAnalyser | None = None
         self.assembler = FrameAssembler()
-        """Assembler that prepares frames for `analyse` if their joints arrive in several messages.
-        """
+        """Assembler that prepares frames for `analyse`."""
         self._unseen: set[int] = set()
         self.latest: Analysis | None = None
         self.frame: Frame | None = None
-        """Last frame that `analyse` read."""
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -75,10 +72,9 @@ class JointStateAnalysis:
         self._impulses = self._deviation_reader = None
 
     def add_impulses(self, serialized: bytes) -> None:
-        """Add the impulses in the CDR bytes of a message of the topic `delivered_impulses`.
+        """Add the impulses of a serialized message of `delivered_impulses`; ValueError if invalid.
 
-        They act at the stamp of the message, and are ignored if the chain is unknown. Raises
-        ValueError if an impulse is invalid.
+        They are ignored if the chain is unknown.
         """
         if isinstance(self.analyser, Analyser) and self._impulses is not None:
             impulses = self._impulses.decode(serialized)
@@ -100,7 +96,7 @@ class JointStateAnalysis:
             del self._deviations[next(iter(self._deviations))]
 
     def analyse(self, joints: JointStates) -> Analysis | None:
-        """Analyse a frame; return None if the frame is not later than the previous frame.
+        """Analyse a frame; return None if it is not later than the previous frame.
 
         Raises ValueError if the joint states are invalid, or before `set_chain` and `set_joints`.
         """

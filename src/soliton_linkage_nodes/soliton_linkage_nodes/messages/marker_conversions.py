@@ -34,9 +34,9 @@ class Wall(NamedTuple):
 def lines_to_msg(
     header: Header, name: str, points: Array, colours: Array, width: float, spheres: bool = False
 ) -> Marker:
-    """Return a marker with lines between pairs of points [m], or with `spheres` at the points.
+    """Return a marker with lines between pairs of points [m], or `spheres` at the points.
 
-    Each point has its own colour. `width` is the width of the lines or the diameter [m].
+    Each point has its own colour. `width` is the line width or the diameter [m].
     """
     return Marker(
         header=header,
@@ -58,10 +58,7 @@ def box_to_msg(
     size: Sequence[float],
     colour: Sequence[float],
 ) -> Marker:
-    """Return a marker for a box with this centre and size [m].
-
-    `colour` consists of red, green, blue and opacity, each from 0 to 1.
-    """
+    """Return a marker for a box with centre and size [m]; `colour` is RGBA, each 0 to 1."""
     red, green, blue, opacity = colour
     x, y, z = size
     pose = _upright()
@@ -101,7 +98,7 @@ def walls_from_msg(message: msg.SolitonState) -> list[Wall]:
 
 
 def pose_to_msg(header: Header, position: float, deviation: float) -> PoseWithCovarianceStamped:
-    """Return a pose on the axis of the chain with its position and standard deviation [m]."""
+    """Return a pose on the axis of the chain with position and standard deviation [m]."""
     pose = _upright()
     pose.position.x = position
     covariance = np.zeros((6, 6))

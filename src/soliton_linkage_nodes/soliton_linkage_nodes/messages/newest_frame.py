@@ -15,8 +15,7 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.subscriptions import subscribe_newest
 
 _DEPTH = 200
-"""Queue depth if each frame arrives in several messages [messages]: 0.1 s of two messages for each
-frame at 1000 Hz."""
+"""Queue depth if each frame arrives in several messages, 0.1 s at 1000 Hz."""
 _LONGEST_ASSEMBLY = 0.3
 """Time without messages after which an incomplete frame is returned [s]."""
 
@@ -24,14 +23,13 @@ _LONGEST_ASSEMBLY = 0.3
 class NewestFrame:
     """Subscription of a display to the newest frame, for a node that no executor spins.
 
-    The queue has one message, because a display needs only 60 of 1000 frames per second. After a
-    message without some joints of the chain, it holds 200 messages, which are all assembled.
+    The queue has one message. After a message without some joints of the chain, it holds 200
+    messages, which are assembled.
     """
 
     def __init__(self, node: Node, name: str) -> None:
-        """Subscribe to the joint states on the topic with the full name `name`."""
         self.number: int | None = None
-        """Number of the newest frame, one more for each published frame, None if unknown."""
+        """Number of the newest frame, or None if unknown."""
         self._node, self._name = node, name
         self._decoder = JointStateDecoder()
         self._assembler = FrameAssembler()
@@ -51,7 +49,7 @@ class NewestFrame:
         self._assembler = FrameAssembler(joint_names)
 
     def take(self) -> JointStates | None:
-        """Return the newest frame since the last call, or None. Raises ValueError if damaged."""
+        """Return the newest frame since the last call, or None; ValueError if it is damaged."""
         return self._assembled() if self._divided else self._last()
 
     def adapt(self) -> None:

@@ -17,7 +17,7 @@ from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 _QUALITY = 80
-"""JPEG quality on a scale to 100 [1]. Text is sharp, and 1280 x 720 pixels have about 150 kB."""
+"""JPEG quality [%]. Text is sharp, and 1280 x 720 pixels have about 150 kB."""
 
 _CHANNELS = {
     'bgr8': (3, [0, 1, 2]),
@@ -28,16 +28,14 @@ _CHANNELS = {
     'mono8': (1, [0]),
     '8UC1': (1, [0]),
 }
-"""For each encoding, bytes of a pixel and the indices of blue, green and red."""
+"""Bytes of a pixel and the indices of blue, green and red, for each encoding."""
 _JPEG_HEADER = b'\xff\xd8\xff'
 _MODELS = {'plumb_bob': 5, 'rational_polynomial': 8}
-"""Distortion coefficients of each lens model [1]."""
 
 
 def picture_from_msg(message: Image) -> Picture:
-    """Return the pixels of an image message.
+    """Return pixels, shape (rows, columns, 3) in blue, green, red, or (rows, columns) if grey.
 
-    The shape is (rows, columns, 3) with blue, green and red, or (rows, columns) of a grey picture.
     Raises ValueError if the encoding is not supported or the message has too few bytes.
     """
     if message.encoding not in _CHANNELS:
@@ -58,7 +56,7 @@ def picture_from_msg(message: Image) -> Picture:
 
 
 def jpeg_from_msg(message: CompressedImage, most: int) -> bytes:
-    """Return the JPEG bytes of a message, at most `most`. Raises ValueError otherwise."""
+    """Return the JPEG bytes of a message; ValueError if it is no JPEG or larger than `most`."""
     data = bytes(message.data)
     if len(data) > most:
         raise ValueError(
@@ -70,10 +68,7 @@ def jpeg_from_msg(message: CompressedImage, most: int) -> bytes:
 
 
 def picture_from_compressed_msg(message: CompressedImage) -> Picture:
-    """Return the pixels of a compressed picture, shape (rows, columns, 3): blue, green, red.
-
-    Raises ValueError if the data cannot be decoded.
-    """
+    """Return pixels, shape (rows, columns, 3) in blue, green, red; ValueError if damaged."""
     cv2 = opencv()
     data = np.frombuffer(message.data, dtype=np.uint8)
     picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
@@ -96,7 +91,7 @@ def picture_to_compressed_msg(stamp: int, frame_id: str, picture: Picture) -> Co
 
 
 def read_camera(path: Path) -> Camera:
-    """Return the camera of a calibration file. Raises ValueError if the file is invalid."""
+    """Return the camera of a calibration file; ValueError if the file is invalid."""
     try:
         content = yaml.safe_load(path.read_text(encoding='utf-8'))
         return _camera(
@@ -143,10 +138,7 @@ def write_camera(path: Path, camera: Camera) -> None:
 
 
 def camera_from_msg(message: CameraInfo) -> Camera | None:
-    """Return the calibrated camera from a message, None if it has no calibration.
-
-    Raises ValueError if the calibration is invalid.
-    """
+    """Return the camera, None without calibration; ValueError if the calibration is invalid."""
     if not message.k[0]:
         return None
     return _camera(message.width, message.height, message.distortion_model, message.k, message.d)

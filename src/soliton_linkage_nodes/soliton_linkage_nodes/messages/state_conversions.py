@@ -35,8 +35,8 @@ _STATUSES = {status: getattr(msg.SolitonState, status.name) for status in Tracki
 class NumberFields:
     """Mapping from attributes of a class to two or more numeric fields of a message.
 
-    A field gets the attribute with the same name, or with its attribute path in `paths`. Raises
-    TypeError if an attribute does not exist.
+    `paths` maps fields to attribute paths of another name. Raises TypeError for a missing
+    attribute.
     """
 
     def __init__(
@@ -72,7 +72,6 @@ def _check_path(filled_by: Any, field: str, path: str) -> None:
 
 
 def _kinds(message_type: Any) -> dict[str, str]:
-    """Return a mapping from the field names of a message to their types, in message order."""
     return dict(message_type.get_fields_and_field_types())
 
 
@@ -102,7 +101,6 @@ _REST = NumberFields(
     {'noise': 'estimate.noise', 'misfit': 'estimate.misfit'},
 )
 _NO_SIDES = (0, 0, math.nan, math.nan, 0, math.nan)
-"""First six fields of a Topology message if the topology is unknown."""
 _NO_EDGES = (False, False, math.nan, math.nan)
 _ROTORS = 'rotor spacings'
 _UNITS = {
@@ -123,7 +121,6 @@ _UNITS = {
     **dict.fromkeys(_ENERGIES.names, 'J'),
     **dict.fromkeys(_WOBBLE.names, 'm'),
 }
-"""Units of the fields of SolitonState and its nested messages, if they have one."""
 
 
 def state_to_msg(analysis: Analysis, joints: JointStates) -> msg.SolitonState:
@@ -148,8 +145,8 @@ def state_to_msg(analysis: Analysis, joints: JointStates) -> msg.SolitonState:
 def columns() -> list[str]:
     """Return the column names of a table of states, one for each field of SolitonState.
 
-    The name of a nested message, or `soliton_` for the first soliton, precedes the names of its
-    fields. Units are in brackets, for example `soliton_velocity [m/s]`.
+    The name of a nested message, or `soliton_` for the first soliton, precedes its fields. Units
+    are in brackets: `soliton_velocity [m/s]`.
     """
     names = ['stamp [ns]']
     for name in list(_STATE)[1:]:
@@ -168,7 +165,7 @@ def _column(message: str, field: str) -> str:
 
 
 def row(analysis: Analysis, joints: JointStates) -> tuple[Any, ...]:
-    """Return a state as a row of the table. Without a soliton, its cells are NaN."""
+    """Return a state as a row of the table, with NaN cells without a soliton."""
     solitons = analysis.solitons
     return (
         joints.stamp,
@@ -180,7 +177,6 @@ def row(analysis: Analysis, joints: JointStates) -> tuple[Any, ...]:
 
 
 def _leading(analysis: Analysis) -> tuple[int, str, int, float, int]:
-    """Return the values of the fields between the header and the solitons of a SolitonState."""
     motion, measured = analysis.motion, analysis.measured_motion
     return (
         _MOTIONS[motion],
@@ -220,7 +216,6 @@ def solitons_from_msg(message: msg.SolitonState) -> tuple[AnalysedSoliton, ...]:
 
 
 KINDS = {kind: getattr(msg.SolitonEvent, kind.name) for kind in EventKind}
-"""Code of each kind of event in messages."""
 _EVENT_FIELDS = (
     *('rotor', 'ids_before', 'ids_after', 'charge_before', 'charge_after'),
     *('energy_before', 'energy_after', 'collisions'),

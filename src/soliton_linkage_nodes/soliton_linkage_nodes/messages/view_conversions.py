@@ -22,7 +22,6 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 Numbers = dict[str, float]
 
 _INT64_END = 2**63
-"""Largest value of an int64 parameter plus 1."""
 
 OUTCOMES = {
     getattr(MoveSoliton.Result, name): name.lower().replace('_', ' ')
@@ -39,7 +38,6 @@ STATES = {
     name: getattr(Reset.Request, name.upper().replace('-', '_'))
     for name in ('initial', 'left-leaning', 'right-leaning', 'soliton', 'angles')
 }
-"""Code of each state to which a request can reset the chain."""
 _EDGES = {name: getattr(msg.EdgeCommand, name.upper()) for name in ('nearest', 'first', 'last')}
 _KINDS, _SHAPES, _QUANTITIES = (
     {name: getattr(msg.EdgeCommand, name.upper()) for name in names}
@@ -57,7 +55,7 @@ _TYPES: Mapping[int, tuple[type[bool | int | float | str], str]] = {
     ParameterType.PARAMETER_DOUBLE: (float, 'double_value'),
     ParameterType.PARAMETER_STRING: (str, 'string_value'),
 }
-"""For each type of ROS parameter, the Python type and the message field of the value."""
+"""Python type and message field of the value, for each type of ROS parameter."""
 _SOLITON = (
     *('rotor', 'position', 'position_deviation', 'velocity', 'velocity_deviation', 'width'),
 )
@@ -90,11 +88,10 @@ class AdjustableParameter:
     value: bool | int | float | str
     description: str
     range: Quantity
-    """Allowed values."""
 
 
 def state_numbers(message: msg.SolitonState) -> Numbers:
-    """Return the numbers of a state and of its first soliton, else NaN, by name."""
+    """Return the numbers of a state and of its first soliton by name, NaN if unknown."""
     first = message.solitons[0] if message.solitons else None
     cycle, energies = message.cycle, message.energies
     return {
@@ -115,10 +112,7 @@ def state_numbers(message: msg.SolitonState) -> Numbers:
 
 
 def soliton_values(message: msg.SolitonState) -> list[float]:
-    """Return three numbers for each soliton.
-
-    They are site coordinate [rotor spacings], standard deviation of the position [m], charge [1].
-    """
+    """Return site [rotor spacings], standard deviation [m] and charge of each soliton."""
     return [
         value
         for soliton in message.solitons
@@ -170,10 +164,9 @@ def edge_command_of(
     quantity: str = 'torque',
     **numbers: float,
 ) -> msg.EdgeCommand:
-    """Return a command to an edge actuator.
+    """Return a command to an edge actuator; ValueError for an unknown name or infinite number.
 
     `shape`, `quantity` and `numbers` (frequency, last_frequency, cycles) describe a waveform.
-    Raises ValueError if a name is unknown or a number is not finite.
     """
     return msg.EdgeCommand(
         shape=_chosen('shape', shape, _SHAPES),
@@ -191,10 +184,9 @@ def edge_command_of(
 def reset_request(
     state: str, rotor: float, velocity: float, joints: Mapping[str, float] | None = None
 ) -> Reset.Request:
-    """Return a request to reset the chain.
+    """Return a request to reset the chain to a state.
 
-    A soliton starts at the site coordinate `rotor` [rotor spacings] with `velocity` [m/s].
-    `joints` maps joint names to angles [rad].
+    A soliton starts at `rotor` [rotor spacings] with `velocity` [m/s]; `joints` are angles [rad].
     """
     named = joints or {}
     return Reset.Request(
@@ -207,17 +199,14 @@ def reset_request(
 
 
 def step_request(periods: float) -> Step.Request:
-    """Return a request to advance a paused simulation by some periods.
-
-    Raises ValueError if `periods` is not a positive whole number.
-    """
+    """Return a request to advance a paused simulation; ValueError unless `periods` is a count."""
     if not (_finite('periods', periods) == int(periods) and 1 <= periods < 2**32):
         raise ValueError(f'periods = {periods} must be a whole number of 1 or more')
     return Step.Request(periods=int(periods))
 
 
 def describe_kick(kick: msg.LastKick) -> str:
-    """Describe the effect of a kick. Raises ValueError if no impulse was delivered."""
+    """Describe the effect of a kick; ValueError if no impulse was delivered."""
     if kick.cut_short and not kick.name:
         raise ValueError('the simulator did not execute the command; see its log')
     command = kick.command
@@ -279,7 +268,7 @@ def adjustable_parameters(
 
 
 def parameter_value(parameter: AdjustableParameter, value: Any) -> ParameterValue:
-    """Return the message with a new value of a parameter. Raises ValueError if not allowed."""
+    """Return the message with a new value of a parameter; ValueError if it is not allowed."""
     code, kind, field = next(
         (code, kind, field)
         for code, (kind, field) in _TYPES.items()

@@ -25,18 +25,16 @@ _PACKAGE = 'soliton_linkage_nodes'
 START_LIMIT = 180.0
 """Longest time that nodes need to start and discover each other on a busy machine [s]."""
 _PARENT_DEATH_SIGNAL = 1
-"""Option PR_SET_PDEATHSIG of prctl(2): the system signals a node when its parent is killed."""
+"""PR_SET_PDEATHSIG of prctl(2): the kernel signals a node when its parent is killed."""
 _STOP_LIMIT = 10.0
-"""Longest time from SIGTERM to SIGKILL [s]. A recorder may need it to write to a slow disk."""
+"""Longest time from SIGTERM to SIGKILL [s]; a recorder writes to a slow disk."""
 _LOG_TAIL = 5
-"""Log lines in the error message about a node that has ended [1]."""
 _DOMAINS = 100
-"""Largest number of a private ROS domain [1]."""
 _C_LIBRARY = ctypes.CDLL(None)
 
 
 class ChildProcesses:
-    """Processes that run nodes of the suite. Each process writes its output to a log file."""
+    """Processes that run nodes of the suite, each with a log file."""
 
     def __init__(self, log_folder: Path) -> None:
         self._log_folder = log_folder
@@ -65,10 +63,10 @@ class ChildProcesses:
             )
 
     def ended(self) -> dict[str, str]:
-        """Return the name of each ended process, with a text about its exit code.
+        """Return a text with the exit code of each ended process, by name.
 
-        The caller can pass the names to `restart`. Raises RuntimeError with the last log lines if
-        a process failed within a minute after its start, because it would fail again.
+        Raises RuntimeError with the last log lines if a process failed within three minutes after
+        its start, because it would fail again.
         """
         found = {}
         for node, process in self._running.items():
@@ -92,10 +90,7 @@ class ChildProcesses:
                 raise RuntimeError(self._ended(node, process.returncode))
 
     def wait(self, node: str, seconds: float) -> bool:
-        """Wait up to `seconds` for a process to end; return whether it has ended.
-
-        Raises RuntimeError with the last log lines if the process failed.
-        """
+        """Wait up to `seconds`; return whether a process has ended. RuntimeError if it failed."""
         try:
             code = self._running[node].wait(seconds)
         except subprocess.TimeoutExpired:
@@ -106,7 +101,7 @@ class ChildProcesses:
         return True
 
     def stop(self, nodes: Sequence[str] | None = None) -> dict[str, int]:
-        """Terminate the named processes, by default all, or kill them; return their exit codes."""
+        """Terminate or kill the named processes, by default all; return their exit codes."""
         named = nodes or tuple(self._running)
         chosen = {node: self._running.pop(node) for node in named if node in self._running}
         for process in chosen.values():
@@ -127,7 +122,7 @@ class ChildProcesses:
 
 
 def page_address(output: str) -> str | None:
-    """Return the address of the page of live_view from its output, None if it is not there yet."""
+    """Return the address of the page of live_view from its output, or None."""
     found = re.search(r'open (http://\S+)', output)
     return found[1] if found else None
 
@@ -142,7 +137,7 @@ def private_domain() -> Iterator[None]:
     """Put this process and its children into a free ROS domain of this machine.
 
     The domain is random, because nodes of an earlier run may still use theirs. The block must not
-    raise OSError, because the coordinator would then try another domain.
+    raise OSError: the coordinator would try another domain.
     """
     with domain_coordinator.domain_id(lambda: random.randint(1, _DOMAINS)) as domain:
         os.environ['ROS_DOMAIN_ID'] = str(domain)
@@ -155,9 +150,8 @@ def private_domain() -> Iterator[None]:
 def restrict_to_loopback() -> None:
     """Make this process and its children unreachable from other machines.
 
-    With the discovery range LOCALHOST, Fast DDS opens its sockets on all network interfaces. It
-    also uses shared memory, whose segment blocks all others if a process is killed while it
-    starts.
+    With the discovery range LOCALHOST, Fast DDS opens sockets on all network interfaces. Its
+    shared memory can block all nodes if a process is killed while it starts.
     """
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     try:

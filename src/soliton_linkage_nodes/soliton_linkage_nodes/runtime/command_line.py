@@ -25,11 +25,9 @@ from soliton_linkage_nodes.runtime.parameters import (
 )
 
 NodeClass = Callable[[], Node]
-"""Class of a node whose constructor needs no arguments."""
 USAGE = 2
 """Exit code of a program with wrong arguments, as in argparse."""
 _WIDTH = 96
-"""Longest line of the help text [characters]."""
 _ROS_OPTIONS = ('--params-file', '-p', '--param', '-r', '--remap', '--log-level')
 _EXAMPLES = ('-p NAME:=VALUE', '--params-file FILE', '-r NAME:=OTHER_NAME')
 _PATHS = ('bag', 'output')
@@ -37,7 +35,7 @@ _PATHS = ('bag', 'output')
 
 
 def check_arguments(node: NodeClass, arguments: Sequence[str]) -> None:
-    """Print the help of a node and exit, or reject arguments that neither it nor ROS knows."""
+    """Print the help of a node and exit, or reject unknown arguments."""
     if {'-h', '--help'} & set(arguments):
         try:
             print(help_text(node), flush=True)
@@ -122,7 +120,6 @@ def _command(node: NodeClass) -> str:
 
 
 def _proposal(node: NodeClass, unknown: Sequence[str]) -> str | None:
-    """Return the arguments that the user probably meant, or None if they cannot be guessed."""
     first, rest = unknown[0], unknown[1:]
     known = parameter_names(node)
     option, _, value = first.partition('=')

@@ -18,7 +18,6 @@ from soliton_linkage_nodes.runtime.guarded import describe_error
 from soliton_linkage_nodes.runtime.interfaces import DIAGNOSTICS
 
 _PERIOD = 1.0
-"""Period of the reports [s], as in diagnostic_updater."""
 MOST_LINES = 100
 """Largest number of lines that a `LogThrottle` logs in one period [1]."""
 _NUMBERS = re.compile(r'[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b|\bnan\b)')
@@ -27,8 +26,7 @@ _NUMBERS = re.compile(r'[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b|\bnan\b)')
 class LogThrottle:
     """Filter that logs each kind of message at most once per period [s].
 
-    Messages that differ only in their numbers are of one kind. The next line of a kind reports how
-    many messages were dropped.
+    Messages that differ only in numbers are of one kind. The next line reports the dropped ones.
     """
 
     def __init__(self, log: Callable[[str], object], period: float) -> None:
@@ -43,7 +41,7 @@ class LogThrottle:
         return len(self._suppressed)
 
     def log(self, message: str) -> None:
-        """Log a message unless one of the same kind was logged in the current period."""
+        """Log a message unless one of the same kind was logged in this period."""
         now = time.monotonic()
         if now - self._start >= self._period:
             self._start = now
@@ -76,9 +74,9 @@ class Report:
 
 
 class Diagnostics:
-    """Publisher of a node's report once a second, and counter of rejected inputs and of failures.
+    """Publisher of a node's report once a second, and counter of rejections and failures.
 
-    Each function in `monitors` adds a warning text, empty for no warning, and values by name.
+    Each function in `monitors` adds a warning, '' for none, and values by name.
     """
 
     def __init__(self, node: Node, task: str, report: Callable[[], Report]) -> None:
@@ -115,8 +113,8 @@ class Diagnostics:
     def guarded(self, source: str, take: Callable[..., Any]) -> Callable[..., Any]:
         """Return a callback that calls `take` and rejects the message if `take` raises an error.
 
-        ValueError and ArithmeticError count as rejected input, other errors as failures of the
-        node. MemoryError is not caught.
+        ValueError and ArithmeticError count as rejected input, others as failures. MemoryError is
+        raised.
         """
 
         @wraps(take)

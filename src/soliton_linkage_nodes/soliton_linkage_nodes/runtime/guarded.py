@@ -17,14 +17,13 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 SERVICE_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-"""Quality of service of services and clients. Each client receives the responses to all clients of
-a service. With the ten entries of the default queue, a client of a busy service loses responses.
-"""
+"""Quality of service of services. Each client receives all responses, so a queue of 10 loses
+some."""
 ACTION_QOS = {f'{call}_service_qos_profile': SERVICE_QOS for call in ('goal', 'result', 'cancel')}
 
 
 def describe_error(error: BaseException) -> str:
-    """Describe an unexpected error and the line of code that raised it, in one line of text."""
+    """Describe an unexpected error and its line of code, in one line of text."""
     frames = traceback.extract_tb(error.__traceback__)
     where = f' ({Path(frames[-1].filename).name}:{frames[-1].lineno})' if frames else ''
     return f'{type(error).__name__}: {" ".join(str(error).split())}{where}'
@@ -51,7 +50,7 @@ class GuardedNode(Node):
     def dispatch(self, subscription: Subscription, dispatched: bool) -> None:
         """Set whether executors take the messages of a subscription, or the node itself does.
 
-        At 1000 messages per second, the wake-ups of an executor take longer than reading them.
+        At 1000 messages per second, the wake-ups of an executor take longer than reading.
         """
         this = frozenset([subscription])
         self._undispatched = self._undispatched - this if dispatched else self._undispatched | this
@@ -73,14 +72,14 @@ class GuardedNode(Node):
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Callable[..., Any], *args: Any, **kwargs: Any
     ) -> Any:
-        """Create a subscription. An exception of the callback is logged."""
+        """Create a subscription that logs an exception of the callback."""
         guarded = self.guarded(f'process a message of {topic}', callback)
         return super().create_subscription(msg_type, topic, guarded, *args, **kwargs)
 
     def create_timer(
         self, timer_period_sec: float, callback: Callable[[], Any], *args: Any, **kwargs: Any
     ) -> Any:
-        """Create a timer. An exception of the callback is logged."""
+        """Create a timer that logs an exception of the callback."""
         guarded = self.guarded('run a timer', callback)
         timer: Any = None
 
@@ -95,7 +94,7 @@ class GuardedNode(Node):
     def create_service(
         self, srv_type: Any, srv_name: str, callback: Callable[[Any, Any], Any], **kwargs: Any
     ) -> Any:
-        """Create a service with a queue of 1000 calls. An exception rejects the request."""
+        """Create a service with a queue of 1000 calls; an exception rejects the request."""
 
         def answer(request: Any, response: Any) -> Any:
             try:
@@ -110,7 +109,7 @@ class GuardedNode(Node):
         )
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Set all parameters, or none if one is rejected, for example because it is unknown."""
+        """Set all parameters, or none if one is rejected or unknown."""
         for parameter in parameter_list:
             if not self.has_parameter(parameter.name):
                 known = self.get_parameters_by_prefix('')

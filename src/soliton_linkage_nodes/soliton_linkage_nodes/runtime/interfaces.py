@@ -32,16 +32,13 @@ from soliton_linkage_msgs.msg import (
 )
 
 _DEEPEST_QUEUE = 1000
-"""Largest queue depth of a stream [messages], one second at 1000 Hz."""
 _QUEUE_BYTES = 64 * 2**20
 """Memory limit for the queue of a stream, in the publisher and in each subscriber [B]."""
 _LONGEST_RECORD = 100_000
-"""Queue depth for a whole recording [messages], 100 s at 1000 Hz. Unused entries take no memory.
-"""
+"""Queue depth for a recording of 100 s at 1000 Hz. Unused entries take no memory."""
 ACKNOWLEDGEMENT_LIMIT = 0.5
 """Longest wait for acknowledgements when a node ends, enough on a busy machine [s]."""
 _POLL_INTERVAL = 0.02
-"""Poll interval while waiting for subscribers [s]."""
 _DISCOVERY_TIME = 1.0
 """Time without a new subscriber after which discovery counts as complete [s]."""
 
@@ -54,17 +51,14 @@ def reliable_qos(depth: int) -> QoSProfile:
 def stream_qos(message_size: int = 0) -> QoSProfile:
     """Return a reliable quality of service for messages of `message_size` [B].
 
-    The queue depth is 1000, for large messages less, but at least 10, to take at most 64 MiB.
+    The queue depth is 1000, or less (at least 10) to take at most 64 MiB.
     """
     affordable = _QUEUE_BYTES // max(message_size, 1)
     return reliable_qos(int(min(_DEEPEST_QUEUE, max(10, affordable))))
 
 
 def lossless_stream_qos() -> QoSProfile:
-    """Return a reliable quality of service whose queue holds a whole recording.
-
-    To prevent losses, publisher and subscriber must both use this quality of service.
-    """
+    """Return a quality of service whose queue holds a whole recording, for both ends."""
     return reliable_qos(_LONGEST_RECORD)
 
 
@@ -74,7 +68,7 @@ def command_qos() -> QoSProfile:
 
 
 def image_qos() -> QoSProfile:
-    """Return a quality of service with a short queue. A display needs only new pictures."""
+    """Return a quality of service with a short queue, because displays need new pictures."""
     return reliable_qos(5)
 
 
@@ -137,7 +131,6 @@ COMPRESSED_IMAGE = Topic('image/compressed', CompressedImage, image_qos())
 CAMERA_INFO = Topic('camera_info', CameraInfo, image_qos())
 CAMERA_OVERLAY = Topic('camera_overlay', CompressedImage, image_qos())
 MOVE_SOLITON = 'move_soliton'
-"""Name of the action that moves a soliton."""
 
 SUITE_TOPICS = (
     *(CHAIN, IDENTIFIED_CHAIN, JOINT_STATES, JOINT_STATE_DEVIATIONS, NUDGE, EDGE_COMMAND),
@@ -162,7 +155,7 @@ def wait_for_subscriber(
 ) -> bool:
     """Wait for `fewest` subscribers, then until their number is constant for a second.
 
-    Returns False if fewer are found within `seconds` or if `stopping` is set, otherwise True.
+    Returns False if fewer are found within `seconds` or if `stopping` is set.
     """
     stopped = stopping or threading.Event()
     deadline = time.monotonic() + seconds

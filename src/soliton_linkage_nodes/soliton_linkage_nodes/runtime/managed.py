@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lifecycle nodes. A node activates itself, or a lifecycle manager activates it."""
+"""Lifecycle nodes, which activate themselves or are activated by a lifecycle manager."""
 
 from __future__ import annotations
 
@@ -35,15 +35,14 @@ class ManagedNode(GuardedNode, LifecycleNode):
     """Node with the lifecycle of ROS: unconfigured, inactive, active.
 
     A subclass lists its parameters in `PARAMETERS` and overrides `configure`, `activate`,
-    `deactivate` and `cleanup`. After `cleanup`, this class destroys the topics, timers and
-    services that `configure` created. If `configure` or `activate` raises an error, the node logs
-    it and keeps its state. During an autostart, the constructor raises the error instead.
+    `deactivate` and `cleanup`. After `cleanup`, the topics, timers and services of `configure` are
+    destroyed. An error is logged and the state kept; during an autostart, the constructor raises
+    it.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {}
 
     def __init__(self, name: str, **kwargs: Any) -> None:
-        """Declare the parameters. With the parameter `autostart`, also activate the node."""
         super().__init__(name, **kwargs)
         self.active = False
         self.configured = False
@@ -53,7 +52,6 @@ class ManagedNode(GuardedNode, LifecycleNode):
         managed = declare(self, ManagedParameters)
         self.real_time = managed.real_time
         self.starting = managed.autostart
-        """Whether the node is currently configuring or activating itself."""
         self.declare_parameters_of_node()
         reject_unknown(self)
 
@@ -67,7 +65,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
             self._start()
 
     def declare_parameters_of_node(self) -> None:
-        """Declare all of `PARAMETERS`. Raises ValueError if a value is not allowed."""
+        """Declare all of `PARAMETERS`; ValueError if a value is not allowed."""
         for group, prefix in self.PARAMETERS.items():
             declare(self, group, prefix)
 
@@ -78,7 +76,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
         """Start the work of the node."""
 
     def deactivate(self) -> None:
-        """Stop the work immediately. `active` is already False."""
+        """Stop the work immediately; `active` is already False."""
 
     def cleanup(self) -> None:
         """Close the resources that `configure` opened, except topics, timers and services."""
@@ -173,18 +171,13 @@ class ManagedNode(GuardedNode, LifecycleNode):
         return TransitionCallbackReturn.SUCCESS if done else TransitionCallbackReturn.FAILURE
 
     def _destroy_entities(self) -> None:
-        """Destroy the topics, timers and services that `configure` created."""
         self._undispatched = frozenset()
         for kind, destroy in _DESTROYERS.items():
             for entity in [each for each in getattr(self, kind) if each not in self._permanent]:
                 destroy(self, entity)
 
     def _reject_impossible_transitions(self) -> None:
-        """Reject a transition that is impossible in the current state.
-
-        In Jazzy, rclpy would raise RCLError in the executor, and the process would end. Its
-        handler is private, therefore the callback of the service is replaced.
-        """
+        """Reject a transition that is impossible in the current state; Jazzy ends the process."""
         service = self._service_change_state
         change = service.callback
 
@@ -211,4 +204,4 @@ _DESTROYERS: dict[str, Callable[[Any, Any], Any]] = {
     'clients': Node.destroy_client,
     'publishers': Node.destroy_publisher,
 }
-"""Destructors for each kind of entity of a node, those with callbacks first."""
+"""Destructors for each kind of entity, those with callbacks first."""

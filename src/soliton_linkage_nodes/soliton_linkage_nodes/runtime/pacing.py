@@ -15,10 +15,10 @@ from typing import NamedTuple
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _LOWEST_PRIORITY = 1
-"""Lowest priority of SCHED_FIFO, which is above all ordinary threads [1]."""
+"""Lowest priority of SCHED_FIFO, above all ordinary threads [1]."""
 _INTERVAL = 0.05
-"""Shortest interval between two measurements of the processor share [s]. The kernel stops
-real-time threads after 0.95 s without sleep."""
+"""Shortest interval between two measurements of the processor share [s], below the 0.95 s after
+which the kernel stops real-time threads."""
 _LARGEST_SHARE = 0.8
 """Processor share of a process above which it loses its priority [cores]."""
 
@@ -27,7 +27,7 @@ def raise_priority(raised: bool, threads: Sequence[int] = (0,)) -> None:
     """Give threads the lowest priority of SCHED_FIFO if `raised`, otherwise remove it.
 
     `threads` holds system thread numbers, 0 for the calling thread. New threads inherit the
-    priority. If the limit rtprio of the system does not permit it, nothing changes.
+    priority. Without permission (limit rtprio), nothing changes.
     """
     priority = _LOWEST_PRIORITY if raised else 0
     policy = os.SCHED_FIFO if raised else os.SCHED_OTHER
@@ -39,20 +39,20 @@ def raise_priority(raised: bool, threads: Sequence[int] = (0,)) -> None:
 def yield_core() -> None:
     """Yield the core to other real-time threads; do nothing in an ordinary thread.
 
-    If all cores are busy, threads woken by a SCHED_FIFO thread would else wait until it sleeps.
+    If all cores are busy, threads woken by a SCHED_FIFO thread would otherwise wait until it
+    sleeps.
     """
     if os.sched_getscheduler(0) == os.SCHED_FIFO:
         os.sched_yield()
 
 
 class IdlePriority:
-    """Real-time priority for threads, by default this thread and the middleware's threads.
+    """Real-time priority for threads, by default this one and those of the middleware.
 
-    An overloaded process loses the priority, so that it does not delay other processes.
+    An overloaded process loses it, so that it does not delay other processes.
     """
 
     def __init__(self, real_time: bool, threads: Sequence[int] | None = None) -> None:
-        """Give priority to the threads. If `real_time` is False, this object does nothing."""
         self._real_time = real_time
         self._raised = True
         self._since = (time.monotonic(), time.process_time())
@@ -93,7 +93,6 @@ class Punctuality(NamedTuple):
     """Statistics of the deadlines of a loop since its start."""
 
     ticks: int
-    """Number of calls."""
     missed: int
     """Number of calls that were more than one period late."""
     largest_lateness: float
@@ -103,13 +102,12 @@ class Punctuality(NamedTuple):
 
 
 class PacedLoop:
-    """Thread that calls a function at the times t0 + k / rate, with k = 0, 1, ...
+    """Thread that calls a function at the times t0 + k / rate, k = 0, 1, ...
 
-    After a late call, the next deadlines stay the same. Only if a call is more than 0.1 s late,
-    all later deadlines are postponed, because the missed calls would follow in a burst. A change
-    of the rate sets t0. At an infinite rate, the calls follow without pauses, except 5 ms after a
-    call that returns False. With `real_time`, the thread has real-time priority while it is less
-    than 10 ms late. A stopped loop can be started again.
+    A call more than 0.1 s late postpones all later deadlines; otherwise the missed calls would
+    follow in a burst. A change of the rate sets t0. At an infinite rate, calls follow without
+    pauses, except 5 ms after a call that returns False. With `real_time`, the thread has real-time
+    priority while it is less than 10 ms late. A stopped loop can be started again.
     """
 
     def __init__(self, rate: float, act: Callable[[], object], real_time: bool = False) -> None:
@@ -170,7 +168,6 @@ class PacedLoop:
             self._count(late, late > period, postponed)
 
     def _sleep_until(self, due: int, rate: float) -> bool:
-        """Sleep until the time `due` [ns]; return False if the loop stops or its rate changes."""
         while not self._stopping.is_set() and self.rate == rate:
             early = (due - time.monotonic_ns()) / SECOND
             if early <= 0:

@@ -26,10 +26,7 @@ class Notice(NamedTuple):
 
 
 def resolve_path(argument: str, value: str, known: Mapping[str, Path]) -> Path:
-    """Return the path of a launch argument, whose value is a path or a name in `known`.
-
-    Raises ValueError if the path does not exist.
-    """
+    """Return the path of a launch argument, a path or a name in `known`; ValueError if missing."""
     path = known.get(value, Path(value))
     if not path.exists():
         raise ValueError(
@@ -51,7 +48,7 @@ def check_files(arguments: Sequence[str]) -> None:
 def read_sections(path: Path) -> dict[str, dict[str, Any]]:
     """Return the parameter values by name in each section of a file, by node pattern.
 
-    Raises OSError if the file cannot be read, and ValueError if it is no parameter file.
+    Raises OSError if the file cannot be read, ValueError if it is no parameter file.
     """
     try:
         sections = dict(_sections(yaml.safe_load(path.read_text(encoding='utf-8')), ''))
@@ -73,8 +70,8 @@ def matches(pattern: str, node: str) -> bool:
 def notices(node: Node, arguments: Sequence[str], others: Sequence[Node] = ()) -> Iterator[Notice]:
     """Yield notices about the parameter files and the `-p` arguments of a node.
 
-    A notice reports a file without parameters for `node` or for `others`, the nodes with the same
-    arguments. Another one reports which value `node` uses if a file and `-p` differ.
+    They report a file without parameters for `node` and `others` (nodes with the same arguments),
+    and which value is used if a file and `-p` differ.
     """
     name = node.get_fully_qualified_name()
     started = [name, *(other.get_fully_qualified_name() for other in others)]
@@ -95,7 +92,6 @@ def notices(node: Node, arguments: Sequence[str], others: Sequence[Node] = ()) -
 
 
 def _conflict(node: Node, name: str, filed: Any, rule: str, path: Path) -> Iterator[Notice]:
-    """Yield a notice which value is used if a file and a `-p` argument differ."""
     if name not in overrides(node):
         return
     used, typed = overrides(node)[name].value, rule.partition(':=')[2]

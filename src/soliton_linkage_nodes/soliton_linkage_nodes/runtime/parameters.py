@@ -43,9 +43,7 @@ _EXAMPLES = {
 }
 _SHARED = 'chain.'
 _CONVERTING: WeakSet[Node] = WeakSet()
-"""Nodes with a callback that converts the types of parameters changed at run time."""
 _LARGEST_INTEGER = 2**63 - 1
-"""Largest integer parameter, which ROS stores as int64."""
 
 
 def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Parameters:
@@ -91,10 +89,7 @@ def make_adjustable(node: Node, name: str) -> None:
 
 
 def reject_unknown(node: Node) -> None:
-    """Raise ValueError if the user has set a parameter that a node has not declared.
-
-    A node without parameters `chain.*` accepts them, because nodes share parameter files.
-    """
+    """Raise ValueError for a parameter that a node has not declared, except shared `chain.*`."""
     declared = set(node.get_parameters_by_prefix(''))
     knows_chain = any(name.startswith(_SHARED) for name in declared)
     for name in sorted(overrides(node).keys() - declared):
@@ -109,7 +104,7 @@ def overrides(node: Node) -> Mapping[str, Parameter]:
 
 
 def type_name(kind: Any) -> str:
-    """Return the name of the ROS parameter type for a field with the Python type `kind`."""
+    """Return the name of the ROS parameter type of a Python type."""
     return _TYPES[kind].name.lower()
 
 
@@ -119,7 +114,7 @@ def description_with_unit(described: Quantity) -> str:
 
 
 def describe_range(described: Quantity) -> str:
-    """Describe the allowed values of a parameter; empty if all values are allowed."""
+    """Describe the allowed values of a parameter, '' if all values are allowed."""
     low, high = described.minimum, described.maximum
     if described.choices:
         return f'one of {", ".join(described.choices)}'
@@ -131,7 +126,7 @@ def describe_range(described: Quantity) -> str:
 def _check(
     adjustable: Mapping[str, Quantity], changes: Sequence[Parameter]
 ) -> SetParametersResult:
-    """Check changes at run time, because rclpy does not reject unknown choices, for example."""
+    """Check changes at run time, because rclpy does not reject unknown choices."""
     for change in changes:
         complaint = change.name in adjustable and adjustable[change.name].complaint(change.value)
         if complaint:
@@ -159,7 +154,7 @@ def _convert_change(node: Node, change: Parameter) -> Parameter:
 
 
 def _convert(kind: Parameter.Type, value: Any) -> Any:
-    """Convert integers to a declared float, and empty lists, whose type in ROS may be wrong."""
+    """Convert integers to floats, and empty lists, whose type in ROS may be wrong."""
     if kind in _LISTS and isinstance(value, (NoneType, list, tuple, array)):
         elements = list(value or ())
         whole = all(type(element) is int for element in elements)

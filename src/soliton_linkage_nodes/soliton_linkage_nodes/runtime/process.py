@@ -29,17 +29,15 @@ from soliton_linkage_nodes.runtime.parameter_files import check_files, notices
 from soliton_linkage_nodes.runtime.parameters import reject_unknown
 
 _SPIN = 0.02
-"""Longest time between two checks of a condition while no message arrives [s]."""
 _SHARE_OF_PERIOD = 0.1
-"""Switch interval of the Python interpreter divided by the frame period [1]. At 1000 Hz, the
-default of 5 ms delays frames by five periods. Sensitivity: at 0.5x, waiting threads wake twice as
-often. At 2x, frames are delayed by another tenth of a period."""
+"""Switch interval of the interpreter divided by the frame period [1]; 5 ms would delay frames by
+five periods at 1000 Hz. Sensitivity: at 0.5x, twice as many wake-ups; at 2x, 0.1 periods more
+delay."""
 _SHORTEST_INTERVAL = 1e-4
-"""Shortest switch interval of the Python interpreter [s]. One switch takes a few microseconds."""
+"""Shortest switch interval of the interpreter [s]. One switch takes a few microseconds."""
 _MIXED = 'Sequence should be of same type'
 """Text in the error of rcl for a list of mixed types, such as [1, 0.5]."""
 _LONGEST_WAIT = 0.1
-"""Longest time between two checks for a signal [s]."""
 
 
 def spin_until(
@@ -48,10 +46,7 @@ def spin_until(
     seconds: float,
     give_up: Callable[[], bool] = lambda: False,
 ) -> bool:
-    """Spin until `condition` returns True.
-
-    Returns False if it does not hold after `seconds`, or if `give_up` returns True.
-    """
+    """Spin until `condition` is true; return False after `seconds` or if `give_up` is true."""
     deadline = time.monotonic() + seconds
     while not condition():
         if give_up() or time.monotonic() > deadline:
@@ -61,10 +56,9 @@ def spin_until(
 
 
 class WaitingNode(Node):
-    """Node without parameters of a program that spins only while the program waits."""
+    """Node of a program that spins only while the program waits, without parameters."""
 
     def __init__(self, name: str, stopping: threading.Event, **kwargs: Any) -> None:
-        """Create the node. `wait` returns when `stopping` is set."""
         super().__init__(name, **kwargs)
         self.stopping = stopping
         reject_unknown(self)
@@ -72,11 +66,11 @@ class WaitingNode(Node):
         self._waiting.add_node(self)
 
     def wait(self, condition: Callable[[], Any], seconds: float) -> bool:
-        """Spin until `condition` returns True; return False after `seconds` or if stopping."""
+        """Spin until `condition` is true; return False after `seconds` or if stopping."""
         return spin_until(self._waiting, condition, seconds, self.stopping.is_set)
 
     def wait_uninterrupted(self, condition: Callable[[], Any], seconds: float) -> bool:
-        """Spin until `condition` returns True, even if stopping; return False after `seconds`."""
+        """Spin until `condition` is true, even if stopping; return False after `seconds`."""
         return spin_until(self._waiting, condition, seconds)
 
     def destroy_node(self) -> None:
@@ -86,9 +80,9 @@ class WaitingNode(Node):
 
 
 def stop_on_signals() -> threading.Event:
-    """Return an event that is set when the process receives SIGINT or SIGTERM.
+    """Return an event that is set on SIGINT or SIGTERM.
 
-    The handlers of rclpy would shut the context down at once, so that queued messages are lost.
+    The handlers of rclpy would shut the context down and lose queued messages.
     """
     stopping = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -117,7 +111,7 @@ def interruptible(stopping: threading.Event) -> Iterator[None]:
 
 
 def initialise(arguments: list[str] | None = None) -> None:
-    """Initialise ROS from arguments, by default the command line. Raises ValueError if wrong."""
+    """Initialise ROS from arguments, by default the command line; ValueError if wrong."""
     check_files(sys.argv if arguments is None else arguments)
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
@@ -130,16 +124,16 @@ def initialise(arguments: list[str] | None = None) -> None:
 def run(create_node: Callable[[], Node]) -> None:
     """Create a node, spin it until it finishes or SIGINT or SIGTERM arrives, and end the process.
 
-    A node may have the attributes `finished` and `failure`, the error that stopped it. A callback
-    must not raise this error, because executors then print a traceback. The exit code is 0 after a
-    normal end, 1 and an error line if the node failed, and 2 if an argument is unknown.
+    A node may have the attributes `finished` and `failure`, the error that stopped it; a callback
+    must not raise this error, because executors print a traceback. The exit code is 0 after a
+    normal end, 1 after a failure, 2 for an unknown argument.
     """
     check_arguments(create_node, sys.argv[1:])
     run_together([create_node], sys.argv)
 
 
 def run_together(constructors: Sequence[Callable[[], Node]], arguments: list[str]) -> None:
-    """Spin several nodes in one process, as `run` does with one node, until one finishes."""
+    """Spin several nodes in one process, as `run` does, until one finishes."""
     stopping = stop_on_signals()
     code = 0
     try:
@@ -180,7 +174,7 @@ def run_together(constructors: Sequence[Callable[[], Node]], arguments: list[str
 def end_process(code: int) -> None:
     """Exit immediately, even if a thread with a long computation is running.
 
-    Exit handlers of Python and of libraries could wait forever for a lock of such a thread.
+    Exit handlers could wait forever for a lock of such a thread.
     """
     if any(thread.daemon for thread in threading.enumerate() if thread.is_alive()):
         sys.stdout.flush()
@@ -223,8 +217,8 @@ def _has_finished(node: Node) -> bool:
 class SpinSlices:
     """Thread that ends each slice of spinning after 0.1 s.
 
-    One slice for each callback would be slower. The time limit of the executor does not suffice,
-    because the executor checks it only while no message is waiting.
+    One slice per callback would be slower. The executor checks its time limit only while no
+    message is waiting.
     """
 
     def __init__(self) -> None:

@@ -11,31 +11,26 @@ from dataclasses import dataclass
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _SILENCE = 0.5
-"""Time without messages after which another publisher replaces the selected publisher [s]. The ROS
-graph lists a killed publisher for another 20 s."""
+"""Silence after which another publisher is selected [s]. The graph lists a killed one for 20 s."""
 _SILENT_PERIODS = 5
 """Message periods after which a slow publisher without new messages is replaced [1]."""
 _MEMORY = 20
 """Messages over which the period of a publisher is averaged [1]."""
 _GAP_RATIO = 3.0
-"""Threshold for the time since the last message of a publisher, divided by the time that its
-period predicts, or the inverse [1]. Above it, the message probably comes from another publisher.
-"""
+"""Ratio of measured to predicted time between messages, or its inverse, above which another
+publisher is more probable [1]."""
 _NANOSECOND = 1e-9
-"""One nanosecond [s]."""
 _OFFSET_WINDOW = 10.0
-"""Time over which the offset between two clocks is estimated [s]. In a longer time, clocks drift.
-"""
+"""Time over which the offset between two clocks is estimated [s]. Later, clocks drift."""
 
 
 class SequenceGaps:
     """Counter of the messages of a topic that were published and never received.
 
-    Each publisher numbers its messages 1, 2, 3, ..., but a message does not identify its
-    publisher. Message n belongs to the publisher whose last message had the number n - 1. If there
-    is none, it belongs to a new publisher, unless all publishers are known. Then it belongs to the
-    publisher with the largest last number below n, or a new publisher replaces the one that has
-    been silent for longest. Messages before the first one of a publisher are not counted.
+    Each publisher numbers its messages 1, 2, 3, ... Message n belongs to the publisher with the
+    last number n - 1, otherwise to a new publisher. If all publishers are known, it belongs to the
+    one with the largest last number below n, or a new one replaces the one that was silent for
+    longest. Messages before the first one of a publisher are not counted.
     """
 
     def __init__(self) -> None:
@@ -65,10 +60,7 @@ class SequenceGaps:
 
 @dataclass
 class _Newcomer:
-    """First received message of a publisher: sequence number and source time `sent` [ns].
-
-    `elapsed` is the time from the start of the subscription, `period` the estimated period [ns].
-    """
+    """First message of a publisher: number, source time, elapsed time and period [ns]."""
 
     number: int
     sent: int
@@ -79,8 +71,7 @@ class _Newcomer:
 class MissedStarts:
     """Counter of messages that publishers sent before they were matched with a subscription.
 
-    If n is the number of the first received message, n - 1 messages were missed. They count only
-    if, according to n and its period, the publisher started after the subscription.
+    They count only if, by number and period, the publisher started after the subscription.
     """
 
     def __init__(self) -> None:
@@ -96,10 +87,7 @@ class MissedStarts:
         )
 
     def add(self, number: int, sent: int, elapsed: int) -> None:
-        """Add the first message of a publisher with its source time `sent` [ns].
-
-        `elapsed` is the time from the start of the subscription to the message [ns].
-        """
+        """Add a publisher's first message, sent at `sent`, `elapsed` after subscribing [ns]."""
         if number > 1:
             self._newcomers.append(_Newcomer(number, sent, elapsed))
 
@@ -136,11 +124,7 @@ class _Publisher:
         return missing
 
     def time_mismatch(self, number: int, sent: int) -> float:
-        """Return how badly a message fits the period of this publisher [1].
-
-        The result is |log(time since the last message / predicted time)|, or infinite if the
-        number is not larger than the last number.
-        """
+        """Return |log(time since last message / predicted time)|, infinite for an old number."""
         count, took = number - self.number, sent - self.sent
         if count <= 0:
             return math.inf
@@ -153,15 +137,13 @@ class _Publisher:
 class PublisherArbitration:
     """Filter that keeps only the messages of one selected publisher of a topic.
 
-    The first received message selects its publisher. Another publisher replaces it when it becomes
-    silent. Message n belongs to the publisher whose last message had the number n - 1. If messages
-    were lost, so that there is none, it belongs to the publisher whose period best predicts its
-    time. Lost messages of the selected publisher are counted.
+    The first message selects its publisher, another one replaces it when it becomes silent.
+    Message n belongs to the publisher with the last number n - 1, otherwise to the one whose
+    period best predicts its time. Lost messages of the selected publisher are counted.
     """
 
     def __init__(self) -> None:
         self.lost = 0
-        """Number of messages that were published and never received."""
         self.foreign = 0
         """Number of messages of other publishers."""
         self.successions = 0
@@ -211,7 +193,6 @@ class PublisherArbitration:
     def _owner(
         self, selected: _Publisher, number: int, sent: int, publishers: int
     ) -> _Publisher | None:
-        """Return the known publisher that a message fits best, None for a new publisher."""
         alone = publishers < 2 and not self._others
         if (
             alone
@@ -238,19 +219,15 @@ class _Share:
 
 
 _ABSENCE = 5.0
-"""Time without messages after which the publishers of a part of a stream are removed [s]."""
 
 
 class StreamArbitration:
     """Arbitration of publishers that may each publish a part of a stream, such as some joints.
 
-    Of messages with a common part, only one publisher's messages are kept. A
-    `PublisherArbitration` selects this publisher. Messages without a common part do not affect
-    each other.
+    Of messages with a common part, only one publisher's messages are kept.
     """
 
     def __init__(self, lost: int = 0, foreign: int = 0) -> None:
-        """Start with these numbers of lost messages and of messages from other publishers."""
         self._counts = [lost, foreign, 0]
         self._shares = [_Share(PublisherArbitration(), set(), 0.0)]
         self._latest: Callable[[], Collection[str]] = tuple
@@ -301,7 +278,6 @@ class StreamArbitration:
         return kept
 
     def _share_of(self, parts: Collection[str], count: int, now: float) -> _Share:
-        """Return the group that publishes any of these parts, or a new one for a new publisher."""
         for share in self._shares:
             if not share.parts or not share.parts.isdisjoint(parts):
                 return share
@@ -319,8 +295,7 @@ class StreamArbitration:
 class Lag:
     """Monitor of the time by which a node lags behind the messages that it receives.
 
-    The offset between the clocks of publisher and subscriber is unknown. Therefore the smallest
-    delay in the last 10 to 20 s counts as zero lag.
+    The offset between clocks is unknown, so the smallest delay in 10 to 20 s counts as zero lag.
     """
 
     def __init__(self, longest: float) -> None:
@@ -331,10 +306,7 @@ class Lag:
         self._behind_since: float | None = None
 
     def too_long(self, sent: int) -> bool:
-        """Add a message with source time `sent` [ns]; return whether the lag is too long.
-
-        This is the case if it has been larger than `longest` for at least the time `longest`.
-        """
+        """Add a message sent at `sent` [ns]; return if the lag exceeds `longest` for that time."""
         now = time.monotonic()
         apart = time.time_ns() - sent
         if not self._least or now - self._since > _OFFSET_WINDOW:

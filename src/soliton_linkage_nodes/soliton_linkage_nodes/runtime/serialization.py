@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Serialization of messages to CDR without the extra bytes that rclpy appends.
 
-rclpy returns the whole buffer of the middleware, with up to eight unused bytes for each empty
-array. Strict readers such as rosbags reject such messages.
+rclpy adds up to eight unused bytes per empty array. Strict readers such as rosbags reject them.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ from typing import Any
 from rclpy.serialization import serialize_message
 
 _ENCAPSULATION_BYTES = 4
-"""Size of the encapsulation header [B]."""
 _SIZES = {
     **dict.fromkeys(('boolean', 'octet', 'char', 'uint8', 'int8'), 1),
     **dict.fromkeys(('uint16', 'int16'), 2),

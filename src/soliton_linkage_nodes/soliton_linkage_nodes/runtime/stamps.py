@@ -10,7 +10,6 @@ from builtin_interfaces.msg import Time
 from rclpy.clock import Clock
 
 SECOND = 10**9
-"""One second [ns]."""
 
 
 def time_to_msg(nanoseconds: int) -> Time:
@@ -58,15 +57,14 @@ class Freshness:
 
 
 _DRIFT_TIME = 10.0
-"""Shortest time over which the drift between two clocks is estimated [s]. Transport times vary by
-1 ms, which makes an error of 100 ppm, the drift of a cheap quartz."""
+"""Shortest time for an estimate of the clock drift [s]; jitter of 1 ms then makes 100 ppm."""
 
 
 class ClockMonitor:
     """Monitor of the offset between message stamps and the clock, for diagnostics only.
 
-    The offset is the smallest difference between arrival time and stamp. A pause of the simulation
-    and stamps from a bag also cause an offset.
+    The offset is the smallest difference between arrival time and stamp. A paused simulation or a
+    bag also causes an offset.
     """
 
     def __init__(self) -> None:

@@ -23,7 +23,6 @@ from soliton_linkage_nodes.runtime.sequences import Lag, SequenceGaps, StreamArb
 LONGEST_LAG = 0.5
 """Default lag of a node above which it skips waiting messages [s]."""
 _POLL_PERIOD = 0.5
-"""Time between two checks for new publishers [s]."""
 _NAMELESS = '_NODE_NAME_UNKNOWN_'
 """Node name in the ROS graph until a process has announced its nodes."""
 _PUBLISHERS_CHANGE = (
@@ -40,10 +39,7 @@ def _ignore(_message: Any) -> None:
 
 
 def _with_info(take: Callable[[Any, Info], None]) -> Callable[..., None]:
-    """Return a callback that passes a message and its `Info` to `take`.
-
-    Most executors call it with two arguments, the EventsExecutor with one pair.
-    """
+    """Return a callback for `take`. The EventsExecutor passes one pair, others two arguments."""
 
     @wraps(take)
     def take_both(*given: Any) -> None:
@@ -102,28 +98,21 @@ class AdaptiveSubscription:
         return changed
 
     def waiting(self) -> Iterator[tuple[Any, Info]]:
-        """Yield each waiting message and the information about it, the oldest message first."""
+        """Yield each waiting message and the information about it, oldest first."""
         handle = self.subscription.handle
         with handle:
             while (taken := handle.take_message(self.topic.type, self._raw)) is not None:
                 yield taken
 
     def newest(self) -> Any:
-        """Return the next waiting message, with the queue depth 1 the newest, or None.
-
-        For a display of 60 of 1000 messages per second, callbacks need ten times the processor
-        time.
-        """
+        """Return the next waiting message, or None; for queue depth 1 it is the newest."""
         message, info = next(self.waiting(), (None, None))
         if info is not None:
             self.sequence = info['publication_sequence_number']
         return message
 
     def adapt(self, before: Callable[[], object] = lambda: None) -> bool:
-        """Subscribe again if publishers require another quality of service.
-
-        Before the subscription is replaced, `before` is called. Returns whether it was replaced.
-        """
+        """Subscribe again if publishers require it, after `before`; return whether it did."""
         self.publishers = self._query_publishers()
         qos = self._qos_for_all() if self.publishers else self.qos
         if _same_offer(qos, self.qos):
@@ -208,10 +197,10 @@ def subscribe_newest(
 class StreamSubscription:
     """Subscription of a node to a stream of messages from one publisher at a time.
 
-    If several nodes publish the same parts of the stream, such as joints, only the publisher that
-    was received first is used, until it becomes silent or ends. Logs and diagnostics report
-    several publishers and lost messages. If the node lags by more than `longest_lag` [s] for
-    longer than this time, it skips all waiting messages except the newest.
+    If several nodes publish the same parts of the stream, such as joints, only the first publisher
+    is used until it becomes silent or ends. Diagnostics report several publishers and lost
+    messages. If the node lags by more than `longest_lag` [s] for this time, it skips all waiting
+    messages but the newest.
     """
 
     def __init__(
@@ -230,17 +219,14 @@ class StreamSubscription:
     ) -> None:
         """Pass each message of a topic, or its CDR bytes if `raw`, to `take`.
 
-        With `latest`, only the newest waiting message is passed, without a warning. `on_takeover`
-        is called when another publisher replaces the selected one. `parts` returns the parts of
-        the stream in a message, such as joint names. `assemble` receives each message and returns
-        the assembled messages for `take`, such as frames with all joints.
+        With `latest`, only the newest waiting message is passed. `on_takeover` is called when
+        another publisher replaces the selected one. `parts` returns the parts of the stream in a
+        message. `assemble` turns each message into the messages for `take`.
         """
         self.skipped = 0
         """Number of received messages that were not passed to `take`."""
         self.dispatched = True
-        """Whether the executor takes each message when it arrives."""
         self.received_at = 0
-        """Time at which the last message was received [ns]."""
         self._node = node
         self._topic = topic
         self._parts = parts
@@ -379,7 +365,6 @@ class CountedSubscription:
         diagnostics: Diagnostics,
         raw: bool = False,
     ) -> None:
-        """Pass each message, or its CDR bytes if `raw`, to `take`."""
         self._gaps = SequenceGaps()
         self._take = take
         self._topic, self._raw = topic, raw

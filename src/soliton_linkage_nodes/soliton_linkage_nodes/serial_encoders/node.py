@@ -44,22 +44,13 @@ from soliton_linkage_nodes.serial_encoders.port import ReopenedPort, describe_po
 from soliton_linkage_nodes.serial_encoders.valves import ValveParameters, Valves
 
 _CLOCK_READINGS = 3
-"""Largest number of attempts to read two clocks at the same time [1].
-
-An attempt is repeated if the thread was interrupted between the two readings.
-"""
+"""Largest number of attempts to read two clocks at the same time [1]."""
 _CLOCK_READING_LIMIT = 20_000
-"""Threshold of the duration of an attempt to read two clocks [ns].
-
-The attempt counts as not interrupted if it takes less time. This is ten times the usual duration.
-"""
+"""Duration below which reading two clocks was not interrupted [ns], ten times the usual
+duration."""
 _WARNING_PERIOD = 1.0
-"""Shortest time between warnings about restarts of the controller [s]."""
 _LONGEST_DELAY = 0.5
-"""Threshold of the delay of a frame [s].
-
-The node warns if the delay is longer, because the analyser skips such frames.
-"""
+"""Delay above which the node warns [s], because the analyser skips such frames."""
 
 
 @dataclass(frozen=True)
@@ -88,8 +79,6 @@ class SerialEncodersParameters:
 
 
 class _LineCounts(NamedTuple):
-    """Numbers of bytes, frames and errors on the serial line."""
-
     bytes: int = 0
     frames: int = 0
     corrupted: int = 0
@@ -101,15 +90,11 @@ class _LineCounts(NamedTuple):
 class SerialEncoders(ManagedNode):
     """Node that publishes the angles of a microcontroller and sends torques to its valves.
 
-    The node publishes `joint_states` [rad] and `/diagnostics`. The stamp of `joint_states` is the
-    time of the measurement, and angles of missing rotors are NaN. Before a message of
-    `joint_states`, the node publishes the impulses of the valves since the previous message on
-    `delivered_impulses` [N m s], unless all of them are 0.
-
-    The node subscribes to `rotor_torques` [N m]. If the chain has feedback, the node sends the
-    torques of the feedback after each frame, in addition to those of `rotor_torques`. If
-    parameters describe the chain, the node publishes `chain` (latched). Otherwise it subscribes to
-    `chain`.
+    It publishes `joint_states` [rad] with the time of the measurement and NaN for missing rotors.
+    Before each of them, it publishes the impulses of the valves since the previous one on
+    `delivered_impulses` [N m s], unless all are 0. It subscribes to `rotor_torques` [N m] and adds
+    the torques of the chain's feedback after each frame. Without a description of the chain in
+    parameters it subscribes to `chain`; otherwise it publishes `chain`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -122,7 +107,6 @@ class SerialEncoders(ManagedNode):
     }
 
     def __init__(self, **kwargs: Any) -> None:
-        """Create the node. Configure and activate it, unless a lifecycle manager does that."""
         super().__init__('serial_encoders', **kwargs)
 
     def configure(self) -> None:
@@ -205,10 +189,6 @@ class SerialEncoders(ManagedNode):
         self._named, self.stream, self.valves = named, AngleStream(reader), valves
 
     def _on_port(self, reason: str) -> None:
-        """Log that the port was lost for a reason, or that it is open again if `reason` is ''.
-
-        The thread of the port calls this method.
-        """
         if reason:
             self.get_logger().warning(
                 f'{self.settings.port} was lost: {reason}; plug the controller in'
@@ -220,10 +200,6 @@ class SerialEncoders(ManagedNode):
             self.get_logger().info(f'{self.settings.port} is open again')
 
     def _read(self, chunk: bytes, arrival: int) -> None:
-        """Publish the frames in a chunk of bytes that arrived at a monotonic time [ns].
-
-        The thread of the port calls this method.
-        """
         self._bytes += len(chunk)
         for frame in self.decoder.feed(chunk):
             self._take(frame, arrival)
@@ -300,10 +276,6 @@ class SerialEncoders(ManagedNode):
             self._command_timer.cancel()
 
     def _send_command(self) -> None:
-        """Send the present torques.
-
-        The thread of the port and the thread of the node call this method.
-        """
         with self._sending:
             if self.valves is None or self._port is None or self.decoder.protocol is None:
                 return

@@ -20,20 +20,16 @@ from typing import Any
 from soliton_linkage_nodes.runtime.pacing import raise_priority
 
 _READ_TIMEOUT = 0.1
-"""Longest time for which the thread waits for input [s].
-
-After this time the thread checks whether the port is to be closed.
-"""
+"""Longest wait for input [s], after which the thread checks whether to close the port."""
 _WRITE_TIMEOUT = 0.05
-"""Longest time for writing a command [s]. It is half of the controller's default hold time."""
+"""Longest time for writing a command [s], half of the controller's default hold time."""
 _REOPEN_INTERVAL = 0.2
-"""Interval between two attempts to reopen a lost port [s]."""
 _READ_SIZE = 2**16
-"""Largest number of bytes that are read at once. It exceeds the buffer of the system."""
+"""Largest number of bytes per read; it exceeds the buffer of the system."""
 
 
 def pyserial() -> ModuleType:
-    """Return the module of pyserial. Raises ValueError if pyserial is not installed."""
+    """Return the module of pyserial; ValueError if it is not installed."""
     try:
         return import_module('serial')
     except ImportError as error:
@@ -55,7 +51,7 @@ def describe_ports() -> str:
 
 
 class ReopenedPort:
-    """Serial port that is read by a thread and reopened after a loss of the connection."""
+    """Serial port that a thread reads and reopens after a loss of the connection."""
 
     def __init__(
         self,
@@ -67,17 +63,11 @@ class ReopenedPort:
         hang_up: bool = True,
         real_time: bool = False,
     ) -> None:
-        """Open the port and start the thread. Raises ValueError if the port cannot be opened.
+        """Open the port and start the thread; ValueError if the port cannot be opened.
 
-        Args:
-            path: Path of the port, for example /dev/ttyACM0.
-            baud_rate: Baud rate of a UART.
-            take: Function that the thread calls with each chunk of bytes and with the monotonic
-                time at which the chunk arrived [ns].
-            changed: Function that the thread calls with the reason if the port is lost, and with
-                an empty text when the port is open again.
-            hang_up: Whether the line DTR is released when the port is closed.
-            real_time: Whether the thread has a real-time priority.
+        The thread calls `take` with each chunk of bytes and its monotonic arrival time [ns]. It
+        calls `changed` with the reason if the port is lost, and with '' when the port is open
+        again. With `hang_up`, DTR is released when the port closes.
         """
         self._serial = pyserial()
         self._path, self._baud_rate = path, baud_rate
@@ -100,7 +90,7 @@ class ReopenedPort:
         return self._port is not None
 
     def write(self, data: bytes) -> None:
-        """Send bytes if the port is open. Raises OSError if they cannot be sent."""
+        """Send bytes if the port is open; OSError if they cannot be sent."""
         port = self._port
         if port is None:
             return
@@ -162,7 +152,6 @@ class ReopenedPort:
 
 
 def _remedy(error: Exception, path: str) -> str:
-    """Return the remedy if the user lacks the permission to open the port, otherwise ''."""
     errors = [getattr(each, 'errno', None) for each in (error.__context__, error)]
     if errno.EACCES not in errors:
         return ''
@@ -174,10 +163,7 @@ def _remedy(error: Exception, path: str) -> str:
 
 
 def _reason(error: Exception) -> str:
-    """Return the text of an error of pyserial in one line.
-
-    If the error contains an error of the operating system, its text is returned instead.
-    """
+    """Return one line: the error of the operating system, otherwise that of pyserial."""
     for each in (error.__context__, error):
         if isinstance(each, OSError) and each.strerror:
             return str(each.strerror)

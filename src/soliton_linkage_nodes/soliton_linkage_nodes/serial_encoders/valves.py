@@ -14,15 +14,12 @@ from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.microcontroller.frames import SEQUENCES, FrameKind, SerialFrame
 
 _MOST_COMMANDS = 1000
-"""Largest number of commands whose impulses are not read yet [1].
-
-At a command rate of 100 Hz these are the commands of 10 s.
-"""
+"""Largest number of commands whose impulses are not read yet [1], 10 s at 100 Hz."""
 
 
 @dataclass(frozen=True)
 class ValveParameters:
-    """Parameters that define how messages of rotor_torques become commands to the valves."""
+    """Conversion of rotor_torques to commands for the valves."""
 
     torque_per_pressure: tuple[float, ...] = quantity(
         (),
@@ -77,34 +74,25 @@ class ValveParameters:
 
 
 class Valves:
-    """Torques for the valves. They are sent in repeated commands until they time out."""
+    """Torques for the valves, sent in repeated commands until they time out."""
 
     def __init__(self, parameters: ValveParameters, rotors: int) -> None:
-        """Start with closed valves. Raises ValueError for parameters that `check_fit` rejects."""
         parameters.check_fit(rotors)
         self.commands = 0
-        """Number of commands so far."""
         self.closed = True
         """Whether all torques of the last command were 0."""
         self._parameters = parameters
         self._torques = self._feedback = self._sent = np.zeros(rotors)
         self._until = self._feedback_until = 0.0
         self._acting: deque[tuple[float, float, Array]] = deque(maxlen=_MOST_COMMANDS)
-        """Start time [s], end time [s] and torques [N m] of each command.
-
-        A command ends earlier if another command replaces it.
-        """
+        """Start [s], latest end [s] and torques [N m] of each command."""
 
     def hold(self, torques: Array, now: float) -> None:
         """Set torques [N m], shape (N,), that end `command_timeout` after the time `now` [s]."""
         self._torques, self._until = torques, now + self._parameters.command_timeout
 
     def feed_back(self, torques: Array, now: float) -> None:
-        """Set the torques of the feedback [N m], shape (N,).
-
-        They act in addition to the torques of `hold`. They end with the hold time of a command
-        after the time `now` [s].
-        """
+        """Add the torques of the feedback [N m], shape (N,), for one hold time from `now` [s]."""
         self._feedback, self._feedback_until = torques, now + self._parameters.hold
 
     def release(self) -> None:
@@ -130,11 +118,10 @@ class Valves:
         self._acting.append((now, now + self._parameters.hold, self._sent))
 
     def delivered(self, until: float) -> Array:
-        """Return the angular impulses [N m s], shape (N,), that the valves have delivered.
+        """Return the impulses [N m s], shape (N,), delivered from the last call to `until`.
 
-        They are the torques of `hold` integrated over time, from the time of the previous call to
-        the time `until` [s]. A command acts until the next command, but no longer than its hold
-        time. The feedback is not included, because it is a term of the chain.
+        A command acts until the next one, at most for its hold time. The feedback is not included,
+        because it is a term of the chain.
         """
         impulses = np.zeros_like(self._torques)
         while self._acting and self._acting[0][0] < until:

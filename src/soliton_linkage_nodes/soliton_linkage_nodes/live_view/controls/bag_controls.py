@@ -23,17 +23,15 @@ from soliton_linkage_nodes.live_view.status import REPLAY
 from soliton_linkage_nodes.live_view.view import View
 
 _RATES = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
-"""Selectable speeds of a replay relative to the recorded speed [1]."""
 _REQUESTS = (
     ('Pause', 'pause', 'pause'),
     ('New file', 'split_bagfile', 'call_split'),
     ('Snapshot', 'snapshot', 'photo_camera'),
 )
-"""Text, request and icon of each button that controls a running recorder."""
 
 
 class RecordControls:
-    """Buttons that start, pause, split and stop a recording, and that write a snapshot."""
+    """Buttons that control a recording."""
 
     def __init__(self, view: View, page: Shown) -> None:
         self._view, self._page = view, page
@@ -53,7 +51,6 @@ class RecordControls:
         self._summary = ui.label().classes('live-hint').props('id=live-recording role=status')
 
     async def _record(self, kept: ui.number) -> str:
-        """Start a recorder, or resume one that is paused."""
         recording = self._view.recording
         if recording.report is not None:
             return await self._request('resume')

@@ -20,13 +20,10 @@ _KINDS = {'kick': 'kick [rad/s]', 'pulse': 'pulse [N m]', 'pressure': 'pressure 
 _DEFAULT_VALUES = {'kick': 10.0, 'pulse': 0.002, 'pressure': 20_000.0}
 """Default value of each kind of edge command [rad/s, N m, Pa]. Each value starts a soliton."""
 _DEFAULT_NUDGE = 10.0
-"""Default angular speed of a nudge [rad/s], the same as in the guided experiments."""
 _FASTEST_NUDGE = 50.0
-"""Largest angular speed of a nudge on the slider [rad/s]."""
 _LARGEST_TILT = 0.5
-"""Largest tilt on the slider [rad]."""
 _FACTORS = (0.01, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 0.0)
-"""Selectable real-time factors [1]. With the factor 0, the simulation runs as fast as possible."""
+"""Selectable real-time factors [1]; 0 runs as fast as possible."""
 _EXAMPLE = 'write joint and angle, for example rotor_0: 1.2'
 
 _numbers = itertools.count()
@@ -40,9 +37,9 @@ class Shown(Protocol):
 
 
 async def attempt(name: str, action: Action, long: bool = False) -> bool:
-    """Carry out an action and show its answer; return False if the action was rejected.
+    """Carry out an action and show its answer; return False if it was rejected.
 
-    If `long` is true, the page does not warn when the answer takes more than two seconds.
+    If `long` is set, the page does not warn when the answer takes more than two seconds.
     """
     number = next(_numbers)
     show_answer(number, name, long=long)
@@ -72,7 +69,7 @@ def button(
     primary: bool = False,
     long: bool = False,
 ) -> ui.button:
-    """Add a button that carries out an action by `attempt`. One button per tab is `primary`."""
+    """Add a button that carries out an action by `attempt`; one per tab is `primary`."""
 
     async def press() -> None:
         await attempt(text, action, long)
@@ -107,7 +104,7 @@ def value_of(entry: ui.number) -> float:
 
 
 class ControlGroup:
-    """Controls under one heading, disabled together with the reason `reason_of` of the status."""
+    """Controls under one heading, which the reason `reason_of` of the status disables."""
 
     def __init__(self, title: str, reason_of: str) -> None:
         self.reason_of = reason_of
@@ -118,7 +115,7 @@ class ControlGroup:
             self._reason = ui.label().classes('live-reason')
 
     def disable_for(self, reason: str) -> None:
-        """Show a reason and disable the controls. An empty reason enables the controls."""
+        """Show a reason and disable the controls; '' enables them."""
         if reason == self._shown:
             return
         self._shown = reason
@@ -333,10 +330,7 @@ class RunControls(ChainControls):
 
 
 def joint_angles(text: str) -> dict[str, float]:
-    """Return the angle [rad] of each joint in a text such as 'rotor_0: 1.2'.
-
-    Raises ValueError if the text has another form.
-    """
+    """Return the angle [rad] of each joint in 'rotor_0: 1.2, ...'; ValueError otherwise."""
     angles = {}
     for part in filter(None, (p.strip() for p in text.split(','))):
         name, _, value = part.partition(':')
@@ -350,6 +344,6 @@ def joint_angles(text: str) -> dict[str, float]:
 
 
 def reasons_for(view: View, namespace: str) -> dict[str, str]:
-    """Return the reason why each control of a chain is disabled, empty if it is enabled."""
+    """Return the reason why each control of a chain is disabled, '' if it is enabled."""
     missing = 'this chain is no longer published' if namespace else 'select one chain'
     return view.reasons.get(namespace) or dict.fromkeys(CONTROLS, missing)

@@ -23,11 +23,10 @@ from soliton_linkage_nodes.live_view.view import View
 
 _UNITS = {'torque': 'N m', 'angle': 'rad'}
 _AMPLITUDES = {'torque': 0.002, 'angle': 0.1}
-"""Default amplitude for each quantity [N m, rad]. A packet with this amplitude moves a kink."""
+"""Default amplitude for each quantity [N m, rad], which moves a kink."""
 
 
 _LARGEST_COUPLING = 1e-3
-"""Largest non-reciprocity on the slider if the chain has no motors [N m/rad]."""
 
 
 class WaveControls(ChainControls):
