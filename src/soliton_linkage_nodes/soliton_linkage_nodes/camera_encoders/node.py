@@ -52,6 +52,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
 
 _MOST_CAMERAS = 63
+"""Largest device number of a camera on Linux [1]."""
 _LONGEST_STATE_AGE = 1.0
 """Age above which a `soliton_state` is not drawn into pictures [s]."""
 _STOP_LIMIT = 5.0

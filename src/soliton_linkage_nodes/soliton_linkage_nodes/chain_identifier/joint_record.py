@@ -29,6 +29,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 _MOST_IMPULSES = 10_000
 """Largest number of stored impulses, and of stored tilts [1]."""
 _MOST_UNMATCHED = 100
+"""Largest number of stored messages of `joint_state_deviations` without a stored frame [1]."""
 _Impulses = deque[tuple[int, Array | None]]
 """Stamp [ns] and angular impulses [N m s], shape (N,), or None if only their time is known."""
 

@@ -40,6 +40,7 @@ from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
 
 _POLL_PERIOD = 0.1
+"""Poll interval for the result of an identification [s]."""
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 _RECORDER = 'bag_recorder'
 _PLAYER = 'bag_player'
 _POLL_INTERVAL = 0.05
+"""Poll interval for the first report of a recorder [s]."""
 _RESULTS = {
     'pause': 'paused',
     'resume': 'resumed',

@@ -26,9 +26,11 @@ _GROUPS = 1024
 _STATE_TIMEOUT = 1.0
 """Age of the last state above which the analyser is assumed to have stopped [s]."""
 _HISTORY_PERIOD = 1 / 30
+"""Time between two columns of the history [s]."""
 _HISTORY_COLUMNS = 600
 """Largest number of columns in the history [1]; they span 20 s."""
 _MINUTE = 60.0
+"""Longest time that a shared file spans [s]."""
 _MINUTE_COLUMNS = round(_MINUTE / _HISTORY_PERIOD)
 _MINUTE_NUMBERS = 1_800_000
 """Largest number of angles in a shared file [1] (7 MB of memory)."""

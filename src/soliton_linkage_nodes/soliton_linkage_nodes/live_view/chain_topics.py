@@ -35,6 +35,7 @@ REPORT_TIMEOUT = 3.5
 _SEARCH_INTERVAL = 0.5
 """Time between two searches of the graph [s]. One search takes about 1 ms."""
 _MOST_REPORTS = 200
+"""Largest number of diagnostics messages that one call of `update` processes [1]."""
 _PAIRED = 200
 """Largest number of unpaired frames and of unpaired states [1]."""
 _SILENCE = 0.5
@@ -44,6 +45,7 @@ _LONGEST_WAIT = 2.0
 _LATE_SPAN = 10.0
 """Time window for the fraction of missed deadlines [s]."""
 _MOST_CHAINS = 16
+"""Largest number of chains shown."""
 _MOST_BYTES = 4_000_000
 """Largest camera picture that is sent to a page [B], about 12 megapixels."""
 

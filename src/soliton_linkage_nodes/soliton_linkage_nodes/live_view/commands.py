@@ -29,11 +29,15 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import ACTION_QOS, SERVICE_QOS
 
 _ANSWER_TIMEOUT = 60.0
+"""Longest wait for the answer to a command [s]. The page warns after 2 s without an answer."""
 _ACCEPTED_TIME = 2.0
 """Longest wait for the effect of a command that the actuator has accepted [s]."""
 _PARAMETERS_TIMEOUT = 3.0
+"""Longest wait for the parameter services of a node [s]."""
 _POLL_INTERVAL = 0.02
+"""Poll interval for an answer [s]."""
 _TILT_RESOLUTION = 1e-5
+"""Resolution of the reported tilt [rad]."""
 _CARRIED_OUT = 'commands carried out'
 """Value in the reports of edge_actuator that counts its commands."""
 READ_ONLY = 'this page is read-only; start live_view with read_only:=false to send commands'

@@ -20,12 +20,15 @@ from soliton_linkage_nodes.runtime.child_processes import ChildProcesses
 
 DISORDERED = '/disordered/'
 _SPEED = 10.0
+"""Angular speed of a nudge [rad/s], the same as in the demo."""
 _SPEEDS = (5.0, 10.0, 20.0)
+"""Angular speeds of the three nudges in the second experiment [rad/s]."""
 _DISORDER = 0.02
 """Relative standard deviation of the lengths of the disordered chain [1]."""
 _MIDDLE = (0.3, 0.7)
 """Range of positions in which the speed is measured [chain lengths], away from the edges."""
 _TIMEOUT = 60.0
+"""Longest wait in each step of an experiment [s], for example for a passage of the soliton."""
 _NODES = ('simulator', 'edge_actuator', 'soliton_analyser')
 _TURN = 1.0
 """Change of angle over two passages above which a rotor spins [rad]."""

@@ -23,6 +23,7 @@ from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 from soliton_linkage_nodes.runtime.process import run
 
 _IDLE_PERIOD = 0.1
+"""Time between two ticks while no browser is connected [s]."""
 
 
 @dataclass(frozen=True)

@@ -63,7 +63,9 @@ class LessonControls:
 
 
 _REFRESH_PERIOD = 0.25
+"""Time between two updates of the controls [s]."""
 _BUILD_TIMEOUT = 60.0
+"""Longest time to build a page on a busy machine [s]."""
 _RECONNECT_TIMEOUT = 15.0
 """Longest interruption of the connection after which a browser keeps its page [s]."""
 _TABS = ('Drive', 'Run', 'Settings', 'Bags', 'Identify')

@@ -37,6 +37,7 @@ _START_TIMEOUT = 30.0
 _LONGEST_PERIOD = 0.2
 """Longest time between two ticks if browsers need much processor time [s]."""
 _LARGEST_MESSAGE = 65536
+"""Largest message of a browser [bytes]."""
 _COOKIE = 'soliton_linkage_live_view'
 _PUNCTUATION = '.,;:)\'"'
 """Characters that a terminal may append to an address."""

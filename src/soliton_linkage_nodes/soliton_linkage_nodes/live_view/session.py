@@ -27,9 +27,11 @@ _IDENTIFIER = 'chain_identifier'
 _NODES = (*('simulator', 'edge_actuator', 'soliton_analyser', 'soliton_steering'), _IDENTIFIER)
 _PAGE = 'live_view'
 _RESTART_DELAY = 1.0
+"""Time from the end of a node to its restart [s]."""
 _MOST_RESTARTS = 100
 """Number of restarts at which the program gives up [1]."""
 _POLL_INTERVAL = 0.1
+"""Poll interval for ended processes [s]."""
 
 
 def main() -> None:

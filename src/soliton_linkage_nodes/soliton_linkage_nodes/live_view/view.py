@@ -21,7 +21,9 @@ from soliton_linkage_nodes.live_view.status import reasons, status
 ALL = '*'
 """Namespace that selects all chains side by side."""
 _STATUS_PERIOD = 0.25
+"""Time between two updates of the status [s]. Nodes report once per second."""
 _MOST_FAILURES = 3
+"""Largest number of failures of the recorder and the player that the page shows [1]."""
 
 
 class View:

@@ -36,10 +36,13 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 _LITTLE_ENDIAN = b'\x00\x01'
 _STAMP = struct.Struct('<4xiI')
 _SHORTEST = 12
+"""Size of the encapsulation header and a stamp [B]."""
 _COUNT = struct.Struct('<I')
 _ENCAPSULATION_BYTES = 4
+"""Size of the encapsulation header [B]."""
 _DOUBLES = np.dtype('<f8')
 _EMPTY = np.zeros(0)
+"""Empty sequence of doubles."""
 
 
 class Layout:

@@ -178,6 +178,7 @@ def with_joints(
 
 
 _LONGEST_VALUE = 40
+"""Length at which a printed value, perhaps a list of thousands, is cut [characters]."""
 
 
 class ParameterFile:

@@ -29,6 +29,7 @@ FRAME = 'linkage'
 _LARGEST_ANGLE = 1e6
 """Largest angle of a reset [rad]. Rounding errors of larger ones exceed the change in a step."""
 _LARGEST_RATE = 1e6
+"""Largest rate of a reset [rad/s]."""
 _CHAIN_FIELDS = tuple(
     f.name for f in fields(Chain) if f.name not in ('number_of_rotors', 'deviations', 'feedback')
 )

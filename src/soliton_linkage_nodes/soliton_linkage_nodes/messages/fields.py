@@ -14,6 +14,7 @@ import yaml
 
 _SEQUENCE = re.compile(r'^(?:sequence<(?P<item>[^,>]+)(?:, \d+)?>|(?P<element>.+)\[\d+\])$')
 _WIDTH = 100
+"""Largest length of a line of YAML [characters]."""
 
 
 def interface_type(name: str, kind: str) -> Any:

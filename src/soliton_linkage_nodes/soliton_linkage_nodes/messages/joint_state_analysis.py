@@ -18,6 +18,7 @@ from soliton_linkage_nodes.messages.frame_assembler import FrameAssembler
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 
 _MOST_WAITING = 1000
+"""Largest number of standard deviations that wait for their frame [messages]."""
 
 
 class JointStateAnalysis:

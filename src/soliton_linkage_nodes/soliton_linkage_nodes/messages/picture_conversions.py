@@ -31,6 +31,7 @@ _CHANNELS = {
 """Bytes of a pixel and the indices of blue, green and red, for each encoding."""
 _JPEG_HEADER = b'\xff\xd8\xff'
 _MODELS = {'plumb_bob': 5, 'rational_polynomial': 8}
+"""Distortion coefficients of each lens model [1]."""
 
 
 def picture_from_msg(message: Image) -> Picture:

@@ -22,6 +22,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 Numbers = dict[str, float]
 
 _INT64_END = 2**63
+"""Largest value of an int64 parameter plus 1."""
 
 OUTCOMES = {
     getattr(MoveSoliton.Result, name): name.lower().replace('_', ' ')

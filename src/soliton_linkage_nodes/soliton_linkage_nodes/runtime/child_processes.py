@@ -29,7 +29,9 @@ _PARENT_DEATH_SIGNAL = 1
 _STOP_LIMIT = 10.0
 """Longest time from SIGTERM to SIGKILL [s]; a recorder writes to a slow disk."""
 _LOG_TAIL = 5
+"""Log lines in the error message about a node that has ended [1]."""
 _DOMAINS = 100
+"""Largest number of a private ROS domain [1]."""
 _C_LIBRARY = ctypes.CDLL(None)
 
 

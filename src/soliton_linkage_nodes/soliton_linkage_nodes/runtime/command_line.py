@@ -28,6 +28,7 @@ NodeClass = Callable[[], Node]
 USAGE = 2
 """Exit code of a program with wrong arguments, as in argparse."""
 _WIDTH = 96
+"""Longest line of the help text [characters]."""
 _ROS_OPTIONS = ('--params-file', '-p', '--param', '-r', '--remap', '--log-level')
 _EXAMPLES = ('-p NAME:=VALUE', '--params-file FILE', '-r NAME:=OTHER_NAME')
 _PATHS = ('bag', 'output')

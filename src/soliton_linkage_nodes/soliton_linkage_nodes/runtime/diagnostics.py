@@ -18,6 +18,7 @@ from soliton_linkage_nodes.runtime.guarded import describe_error
 from soliton_linkage_nodes.runtime.interfaces import DIAGNOSTICS
 
 _PERIOD = 1.0
+"""Period of the reports [s], as in diagnostic_updater."""
 MOST_LINES = 100
 """Largest number of lines that a `LogThrottle` logs in one period [1]."""
 _NUMBERS = re.compile(r'[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b|\bnan\b)')

@@ -32,6 +32,7 @@ from soliton_linkage_msgs.msg import (
 )
 
 _DEEPEST_QUEUE = 1000
+"""Largest queue depth of a stream [messages], one second at 1000 Hz."""
 _QUEUE_BYTES = 64 * 2**20
 """Memory limit for the queue of a stream, in the publisher and in each subscriber [B]."""
 _LONGEST_RECORD = 100_000
@@ -39,6 +40,7 @@ _LONGEST_RECORD = 100_000
 ACKNOWLEDGEMENT_LIMIT = 0.5
 """Longest wait for acknowledgements when a node ends, enough on a busy machine [s]."""
 _POLL_INTERVAL = 0.02
+"""Poll interval while waiting for subscribers [s]."""
 _DISCOVERY_TIME = 1.0
 """Time without a new subscriber after which discovery counts as complete [s]."""
 

@@ -44,6 +44,7 @@ _EXAMPLES = {
 _SHARED = 'chain.'
 _CONVERTING: WeakSet[Node] = WeakSet()
 _LARGEST_INTEGER = 2**63 - 1
+"""Largest integer parameter, which ROS stores as int64."""
 
 
 def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Parameters:

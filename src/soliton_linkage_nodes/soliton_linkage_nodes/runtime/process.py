@@ -29,6 +29,7 @@ from soliton_linkage_nodes.runtime.parameter_files import check_files, notices
 from soliton_linkage_nodes.runtime.parameters import reject_unknown
 
 _SPIN = 0.02
+"""Longest time between two checks of a condition while no message arrives [s]."""
 _SHARE_OF_PERIOD = 0.1
 """Switch interval of the interpreter divided by the frame period [1]; 5 ms would delay frames by
 five periods at 1000 Hz. Sensitivity: at 0.5x, twice as many wake-ups; at 2x, 0.1 periods more
@@ -38,6 +39,7 @@ _SHORTEST_INTERVAL = 1e-4
 _MIXED = 'Sequence should be of same type'
 """Text in the error of rcl for a list of mixed types, such as [1, 0.5]."""
 _LONGEST_WAIT = 0.1
+"""Longest time between two checks for a signal [s]."""
 
 
 def spin_until(

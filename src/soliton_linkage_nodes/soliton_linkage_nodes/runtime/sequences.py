@@ -20,6 +20,7 @@ _GAP_RATIO = 3.0
 """Ratio of measured to predicted time between messages, or its inverse, above which another
 publisher is more probable [1]."""
 _NANOSECOND = 1e-9
+"""One nanosecond [s]."""
 _OFFSET_WINDOW = 10.0
 """Time over which the offset between two clocks is estimated [s]. Later, clocks drift."""
 
@@ -219,6 +220,7 @@ class _Share:
 
 
 _ABSENCE = 5.0
+"""Time without messages after which the publishers of a part of a stream are removed [s]."""
 
 
 class StreamArbitration:

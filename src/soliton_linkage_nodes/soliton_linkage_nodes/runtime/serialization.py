@@ -12,6 +12,7 @@ from typing import Any
 from rclpy.serialization import serialize_message
 
 _ENCAPSULATION_BYTES = 4
+"""Size of the encapsulation header [B]."""
 _SIZES = {
     **dict.fromkeys(('boolean', 'octet', 'char', 'uint8', 'int8'), 1),
     **dict.fromkeys(('uint16', 'int16'), 2),

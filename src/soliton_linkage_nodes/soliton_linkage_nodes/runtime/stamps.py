@@ -10,6 +10,7 @@ from builtin_interfaces.msg import Time
 from rclpy.clock import Clock
 
 SECOND = 10**9
+"""One second [ns]."""
 
 
 def time_to_msg(nanoseconds: int) -> Time:

@@ -23,6 +23,7 @@ from soliton_linkage_nodes.runtime.sequences import Lag, SequenceGaps, StreamArb
 LONGEST_LAG = 0.5
 """Default lag of a node above which it skips waiting messages [s]."""
 _POLL_PERIOD = 0.5
+"""Time between two checks for new publishers [s]."""
 _NAMELESS = '_NODE_NAME_UNKNOWN_'
 """Node name in the ROS graph until a process has announced its nodes."""
 _PUBLISHERS_CHANGE = (

@@ -49,6 +49,7 @@ _CLOCK_READING_LIMIT = 20_000
 """Duration below which reading two clocks was not interrupted [ns], ten times the usual
 duration."""
 _WARNING_PERIOD = 1.0
+"""Shortest time between warnings about restarts of the controller [s]."""
 _LONGEST_DELAY = 0.5
 """Delay above which the node warns [s], because the analyser skips such frames."""
 

@@ -24,6 +24,7 @@ _READ_TIMEOUT = 0.1
 _WRITE_TIMEOUT = 0.05
 """Longest time for writing a command [s], half of the controller's default hold time."""
 _REOPEN_INTERVAL = 0.2
+"""Interval between two attempts to reopen a lost port [s]."""
 _READ_SIZE = 2**16
 """Largest number of bytes per read; it exceeds the buffer of the system."""
 

@@ -23,6 +23,7 @@ from soliton_linkage_nodes.live_view.status import REPLAY
 from soliton_linkage_nodes.live_view.view import View
 
 _RATES = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
+"""Selectable speeds of a replay relative to the recorded speed [1]."""
 _REQUESTS = (
     ('Pause', 'pause', 'pause'),
     ('New file', 'split_bagfile', 'call_split'),

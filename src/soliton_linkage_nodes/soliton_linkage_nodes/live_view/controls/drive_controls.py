@@ -20,8 +20,11 @@ _KINDS = {'kick': 'kick [rad/s]', 'pulse': 'pulse [N m]', 'pressure': 'pressure 
 _DEFAULT_VALUES = {'kick': 10.0, 'pulse': 0.002, 'pressure': 20_000.0}
 """Default value of each kind of edge command [rad/s, N m, Pa]. Each value starts a soliton."""
 _DEFAULT_NUDGE = 10.0
+"""Default angular speed of a nudge [rad/s], the same as in the guided experiments."""
 _FASTEST_NUDGE = 50.0
+"""Largest angular speed of a nudge on the slider [rad/s]."""
 _LARGEST_TILT = 0.5
+"""Largest tilt on the slider [rad]."""
 _FACTORS = (0.01, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 0.0)
 """Selectable real-time factors [1]; 0 runs as fast as possible."""
 _EXAMPLE = 'write joint and angle, for example rotor_0: 1.2'

@@ -27,6 +27,7 @@ _AMPLITUDES = {'torque': 0.002, 'angle': 0.1}
 
 
 _LARGEST_COUPLING = 1e-3
+"""Largest non-reciprocity on the slider if the chain has no motors [N m/rad]."""
 
 
 class WaveControls(ChainControls):
