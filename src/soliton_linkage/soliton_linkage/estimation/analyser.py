@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Analyser of the frames of a known chain, live and offline.
 
-An `OrbitFilter` locates a single wall on the orbit of the chain. If there are several walls, a
-`ShapeMeasurementModel` fits the shape of each wall. In both cases a `WallTracker` identifies the
-walls and reports events.
+An `OrbitFilter` locates a single wall. Otherwise a `ShapeMeasurementModel` fits the shape of each
+wall.
 """
 
 from __future__ import annotations
@@ -70,11 +69,10 @@ _UNKNOWN_WIDTH = math.nan, math.nan
 
 
 class Analyser:
-    """Analyser of the frames of a chain in the order of their time.
+    """Analyser of the frames of a chain with known parameters, in the order of their time.
 
-    The parameters of the chain must be known, including the deviations of single rotors and
-    springs from the uniform chain. If the chain has no orbit, `limitation` gives the reason. Then
-    the analyser fits the shapes of the walls to each frame.
+    If the chain has no orbit, `limitation` gives the reason, and the shapes of the walls are
+    fitted.
     """
 
     def __init__(
@@ -83,12 +81,10 @@ class Analyser:
         noise: float | None = None,
         settings: EstimationSettings = DEFAULTS,
     ) -> None:
-        """Compute the orbit of the chain.
+        """Compute the orbit, which may take seconds for a chain with deviations.
 
-        The computation may take seconds for a chain that deviates from a uniform chain. `noise` is
-        the standard deviation of the measured angles [rad]. If `noise` is None, the analyser
-        estimates this standard deviation from the frames. Raises ValueError for a noise that is
-        infinite or not above 0.
+        `noise` is the standard deviation of the angles [rad]; None means that it is estimated.
+        Raises ValueError if it is infinite or not above 0.
         """
         if noise is not None and not 0 < noise < math.inf:
             raise ValueError(
@@ -136,15 +132,14 @@ class Analyser:
 
     @property
     def late_impulses(self) -> int:
-        """Number of impulses that arrived too late, after the frame in which they must act."""
+        """Number of impulses that arrived after the frame in which they must act."""
         return self._impulses.late
 
     def apply_impulse(self, stamp: int | None, impulses: Array) -> None:
         """Apply angular impulses [N m s], shape (N,), that act at the time `stamp` [ns].
 
-        The impulses take effect in the first frame at or after this time. If `stamp` is None, they
-        take effect in the next frame. Impulses that arrive after the frame in which they must act
-        are counted in `late_impulses` and have no effect. Raises ValueError for an array of
+        They take effect in the first frame at or after this time, or in the next frame if `stamp`
+        is None. Late impulses are counted in `late_impulses` and ignored. Raises ValueError for
         another shape and for values that are not finite.
         """
         self._impulses.add(stamp, self.chain.check_angles(impulses, 'impulse'))
@@ -190,17 +185,15 @@ class Analyser:
         rates: Array | None = None,
         deviations: Array | None = None,
     ) -> Analysis | None:
-        """Analyse a frame that was measured at the time `stamp` [ns].
+        """Analyse a frame that was measured at a time `stamp` [ns]; return None if it is late.
 
-        Returns None for a late frame, whose stamp is not later than the last stamp. If a
-        stamp is earlier than the last one by more than the clock limit of the settings, the
-        analyser starts a new record.
+        A frame is late if its stamp is not later than the last one. A stamp that is earlier by
+        more than the clock limit of the settings starts a new record.
 
-        Angles [rad] and rates [rad/s] have shape (N,). Unknown values are NaN or infinite. Angles
-        may be wrapped. `deviations` are the standard deviations of the angles [rad], shape (N,),
-        NaN if unknown. If there is a single wall, these standard deviations determine the weights
-        of the angles, and `noise` is the standard deviation of a typical angle. Raises ValueError
-        for arrays of another shape, and for standard deviations that are infinite or not above 0.
+        Angles [rad], wrapped or unwrapped, and rates [rad/s] have shape (N,), NaN or infinite if
+        unknown. `deviations` are the standard deviations of the angles [rad], shape (N,), NaN if
+        unknown; they weight the angles of a single wall. Raises ValueError for another shape, and
+        for standard deviations that are infinite or not above 0.
         """
         rotors = self.chain.number_of_rotors
         angles = np.ascontiguousarray(angles, dtype=np.float64)
@@ -298,7 +291,6 @@ class Analyser:
         single: bool,
         errors: FrameErrors,
     ) -> tuple[tuple[AnalysedSoliton, ...], tuple[SolitonEvent, ...], TrackingStatus]:
-        """Return the walls of a frame, the new events, and the status of the first wall."""
         scene = WallFrame(self._reporter, self._line, known, frame.rates, errors)
         seen: list[WallMeasurement] = []
         if single:
@@ -333,7 +325,6 @@ class Analyser:
         )
 
     def _width(self, estimate: OrbitEstimate, frame: CompletedFrame) -> tuple[float, float]:
-        """Return the width [m] of the wall on the orbit, and the standard deviation [m]."""
         if frame.others or self._widths is None:
             return _UNKNOWN_WIDTH
         angles = math.pi - frame.seen if estimate.upside_down else frame.seen

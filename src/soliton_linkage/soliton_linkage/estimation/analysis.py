@@ -24,19 +24,15 @@ from soliton_linkage.orbit.orbit import Orbit
 
 
 class CyclePhase(NamedTuple):
-    """Phase of a chain in the cycle of its orbit.
-
-    In a leg of the cycle the wall passes along the chain once. If the phase is unknown, the leg is
-    -1 and the other quantities are NaN.
+    """Phase of a chain in the cycle of its orbit; unknown quantities are NaN.
 
     phase: phase from 0 to 2 pi over a cycle [rad].
     rate: rate of change of the phase [rad/s].
     phase_deviation: standard deviation of the phase [rad].
     rate_deviation: standard deviation of the rate of the phase [rad/s].
-    completed: number of completed cycles since the start; the number changes when the phase jumps
-        by 2 pi.
-    leg: number of the leg. While the phase increases, the wall moves away from rotor 0 in even
-        legs and towards rotor 0 in odd legs.
+    completed: number of completed cycles since the start.
+    leg: number of the leg of the orbit, -1 if unknown. While the phase increases, the wall moves
+        away from rotor 0 in even legs and towards rotor 0 in odd legs.
     """
 
     phase: float
@@ -48,12 +44,10 @@ class CyclePhase(NamedTuple):
 
 
 class Analysis(NamedTuple):
-    """Result of the analysis of a frame, which also uses the preceding frames.
+    """Result of the analysis of a frame; unknown quantities are None or NaN.
 
-    Unknown quantities are None or NaN.
-
-    motion: class of motion from the parameters of the chain. If the parameters are unknown, the
-        class of motion is determined from the angles.
+    motion: class of motion from the parameters of the chain, or from the angles if they are
+        unknown.
     measured_motion: class of motion from the angles alone.
     status: tracking status of the first wall; if `solitons` is empty, status of `estimate`.
     estimate: estimated state of the chain on its orbit.
@@ -84,9 +78,8 @@ class Analysis(NamedTuple):
 def cycle_phase(estimate: OrbitEstimate, orbit: Orbit | None) -> CyclePhase:
     """Return the phase in the cycle of the orbit for an estimated arc length along the orbit.
 
-    If a spinner was assembled upside down, the phase decreases with the arc length. Thus the
-    phase has the same meaning in both assemblies: a wall that starts at rotor 0 in the
-    left-leaning state is in leg 0, and its phase increases.
+    In both assemblies of a spinner, the phase increases while a wall moves from rotor 0 in the
+    left-leaning state.
     """
     if orbit is None or not estimate.leg_known:
         return CyclePhase(math.nan, math.nan, math.nan, math.nan, 0, -1)
@@ -105,17 +98,11 @@ def cycle_phase(estimate: OrbitEstimate, orbit: Orbit | None) -> CyclePhase:
 
 
 class FrameAnalyser(Protocol):
-    """Interface of an analyser that receives the frames of a chain in the order of their time.
-
-    The parameters of the chain may be known or unknown.
-    """
+    """Interface of an analyser that receives the frames of a chain in the order of their time."""
 
     @property
     def limitation(self) -> str:
-        """Reason why the analyser cannot locate walls on the orbit of the chain.
-
-        The text is empty if the analyser can locate walls on the orbit.
-        """
+        """Reason why walls cannot be located on the orbit of the chain; empty if they can."""
 
     @property
     def late(self) -> int:
@@ -123,7 +110,7 @@ class FrameAnalyser(Protocol):
 
     @property
     def late_impulses(self) -> int:
-        """Number of impulses that arrived too late, after the frame in which they must act."""
+        """Number of impulses that arrived after the frame in which they must act."""
 
     @property
     def starts(self) -> int:
@@ -152,18 +139,14 @@ class FrameAnalyser(Protocol):
         rates: Array | None = None,
         deviations: Array | None = None,
     ) -> Analysis | None:
-        """Analyse a frame that was measured at the time `stamp` [ns].
-
-        Returns None for a late frame, whose stamp is not later than the last stamp.
-        """
+        """Analyse a frame that was measured at a time `stamp` [ns]; return None if it is late."""
 
 
 class UnknownChainAnalyser:
     """Analyser of a chain with unknown parameters; only the order of the joints is known.
 
-    The analyser reports the class of motion and an approximate site of the wall. This site is the
-    point at which the displacement u = r sin(phi) changes its sign. The error of the site may
-    exceed one rotor spacing.
+    The site of the wall is the point at which u = r sin(phi) changes its sign. The error of the
+    site may exceed one rotor spacing.
     """
 
     limitation = 'the parameters of the chain are unknown'
@@ -211,10 +194,6 @@ class UnknownChainAnalyser:
 
 
 def _crossing(site: float, angles: Array) -> tuple[AnalysedSoliton, ...]:
-    """Return a wall of which only the site and the charge are known.
-
-    If the site is NaN, no wall is returned.
-    """
     if math.isnan(site):
         return ()
     leans = np.sin(staggered(angles))[: math.floor(site) + 1]

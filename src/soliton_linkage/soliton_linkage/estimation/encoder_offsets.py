@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Constant offsets of single encoders, estimated from the residuals of rotors far from the wall.
+"""Constant offsets of encoders, estimated from the residuals of rotors far from the wall.
 
-Far from the wall the residual of a rotor is x = o + side * delta + noise. Here o is the offset of
-the encoder, and delta is the error of the rest angle. The side is +1 before the wall and -1 beyond
-the wall. Therefore o and delta can be separated only after the wall has passed the rotor.
+Far from the wall the residual of a rotor is x = o + side * delta + noise with the offset o of the
+encoder and the error delta of the rest angle. The side is +1 before and -1 beyond the wall.
+Therefore o and delta can be separated only after the wall has passed the rotor.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from soliton_linkage.linear.bands import penetration_depth, tail_ratio
 from soliton_linkage.linkage.chain import Array, Chain
 
 _DEPTHS_BESIDE = 3.0
-"""Least distance of a far rotor from the wall [penetration depths]. At this distance the tail of
-the wall has decayed to less than 5 %."""
+"""Least distance of a far rotor from the wall [penetration depths]; the tail is below 5 %
+there."""
 _FEWEST_MEANS = 5
-"""Smallest number of block means of a rotor for which its offset can be corrected [1]."""
+"""Least number of block means of a rotor for a correction of its offset [1]."""
 _FEWEST_ROTORS = 5
-"""Smallest number of mean residuals for an estimate of the common error of the rest angles [1]."""
+"""Least number of mean residuals for an estimate of the common error of the rest angles [1]."""
 _WAVE_TIME = 10.0
 """Assumed correlation time of waves [time units of the chain]."""
 _EVENNESS = 4e-3
@@ -37,24 +37,19 @@ _EVENNESS = 4e-3
 _LEAST_DISTANCE = 0.01
 """Least distance of a rotor from the orbit [rad] at which an offset makes the rotor doubtful."""
 _LEAST_ERROR = 3e-4
-"""Lower limit of the persistent error of a residual [rad]; smaller offsets may be rounding errors.
-"""
+"""Lower limit of the persistent error of a residual [rad], which covers rounding errors."""
 _CONTRADICTION = 0.3
-"""Threshold of the residual of a rotor near the wall, relative to its corrected offset [1]: a
-larger residual of opposite sign contradicts the offset."""
+"""Threshold of an opposite residual near the wall, relative to the offset that it contradicts
+[1]."""
 _FROM_EDGE = 2.0
-"""Threshold of the distance between a wall and an edge [rotor spacings]: only if the distance is
-larger, rotors near the wall are tested for an offset."""
+"""Least distance of a wall from the edges for tests of rotors near the wall [rotor spacings]."""
 _STUCK, _MOST_STUCK = 1e-5, 0.2
-"""Two thresholds. A rotor is at rest if its reading changes by at most `_STUCK` [rad] from block
-to block. The chain is at rest if the share of rotors at rest exceeds `_MOST_STUCK` [1]."""
+"""Largest change of a reading at rest from block to block [rad], and largest share of rotors at
+rest in a chain that moves [1]."""
 
 
 class EncoderOffsets:
-    """Maximum-a-posteriori estimate of the encoder offsets.
-
-    The prior distributions of the offsets and of the errors of the rest angles are normal.
-    """
+    """Maximum-a-posteriori estimate of encoder offsets and rest angle errors; normal priors."""
 
     def __init__(self, number_of_rotors: int, settings: OffsetSettings = DEFAULTS.offsets) -> None:
         self.settings = settings
@@ -62,19 +57,18 @@ class EncoderOffsets:
         self.means = np.zeros(rotors)
         """Number of block means of each rotor [1], shape (N,)."""
         self.weights, self.sums = np.zeros((2, rotors)), np.zeros((2, rotors))
-        """Sum of the weights [1/rad^2] and weighted sum of the residuals [1/rad], shape (2, N)
-        each. Row 0 holds residuals before the wall, and row 1 residuals beyond the wall."""
+        """Weights [1/rad^2] and weighted residuals [1/rad], shape (2, N): before and beyond the
+        wall."""
         self.update(np.full(rotors, np.nan), np.zeros(rotors), 1.0)
 
     def update(
         self, residuals: Array, sides: Array, variance: float, persistent: float = 0.0
     ) -> None:
-        """Update the offsets with the residuals of the readings from the orbit.
+        """Update the offsets with residuals [rad], shape (N,), NaN if unknown.
 
-        Residuals [rad] have shape (N,), NaN if unknown. Sides [1], shape (N,), are +1 for rotors
-        before the wall, -1 for rotors beyond the wall, and 0 for rotors near the wall. `variance`
-        is the variance of the noise of a residual [rad^2]. `persistent` is the variance of the
-        error that all frames have in common [rad^2].
+        Sides [1], shape (N,), are +1 before, -1 beyond and 0 near the wall. `variance` is the
+        variance of the noise of a residual, and `persistent` that of the common error of all
+        frames [rad^2].
         """
         given = self.settings
         known = np.isfinite(residuals)
@@ -101,10 +95,7 @@ class EncoderOffsets:
         """Offset to subtract from each angle [rad], shape (N,); 0 if it is not significant."""
 
     def predict(self, sides: Array) -> tuple[Array, Array]:
-        """Return the expected mean residual of each rotor [rad] and its variance [rad^2].
-
-        Sides have the same meaning as in `update`.
-        """
+        """Return mean [rad] and variance [rad^2] of each residual; sides as in `update`."""
         of_offset, mixed, of_rest = self._covariance
         expected = self.values + sides * self.rest_angles
         return expected, of_offset + sides * (2 * mixed + sides * of_rest)
@@ -113,8 +104,7 @@ class EncoderOffsets:
     def rest_angle_error(self) -> float:
         """Common error of all rest angles [rad]; 0 if the error is not significant.
 
-        The estimate is the median over the rotors on both sides of the wall. Encoder offsets have
-        random signs and therefore hardly change this median.
+        The median over both sides of the wall is robust against encoder offsets of random sign.
         """
         signs = np.where(np.arange(len(self.means)) % 2, -1.0, 1.0) * np.array([[1.0], [-1.0]])
         seen = self.weights > 0
@@ -128,9 +118,7 @@ class EncoderOffsets:
     def retest(self, rotors: Flags, errors: Array) -> None:
         """Reduce the weight of the evidence about rotors whose latest block contradicts it.
 
-        The standard deviation of this evidence becomes at least the contradiction `errors` [rad].
-        One more block mean is required before such an offset is corrected. `rotors` are flags.
-        Both arrays have shape (N,).
+        Its standard deviation becomes at least the contradiction `errors` [rad], shape (N,).
         """
         self.means[rotors] = np.minimum(self.means[rotors], _FEWEST_MEANS) - 1
         kept = 1 / np.maximum(self.weights[:, rotors] * errors[rotors] ** 2, 1.0)
@@ -139,17 +127,12 @@ class EncoderOffsets:
 
 
 class FarFieldResiduals:
-    """Means of the residuals of far rotors over blocks of frames.
-
-    A residual that contradicts earlier blocks is excluded, because the encoder may be stuck or
-    another wall may be near the rotor.
-    """
+    """Means of the residuals of far rotors over blocks of frames."""
 
     def __init__(self, offsets: EncoderOffsets, chain: Chain, strong: float) -> None:
-        """Start without frames.
+        """Start without frames; `strong` is the mean square residual of ignored blocks [rad^2].
 
-        Blocks whose mean square residual exceeds `strong` [rad^2] are ignored, because strong
-        waves have disturbed them.
+        Strong waves cause such residuals.
         """
         self._offsets, self._settings = offsets, offsets.settings
         self._margin = 1 + _DEPTHS_BESIDE * penetration_depth(chain) / chain.spacing
@@ -159,9 +142,8 @@ class FarFieldResiduals:
         self._read, self._means, self._residuals = np.full((3, rotors), np.nan)
         self._uneven, self._first = False, True
         self.disorder = 0.0
-        """Standard deviation of the angles of far rotors due to unmodelled deviations from the
-        uniform chain [rad]. During the first block, this value includes all persistent
-        residuals. If the first block is ignored, the same is true for the second block."""
+        """Standard deviation of the angles of far rotors due to unmodelled deviations of the chain
+        [rad]. Until a block has been used, it includes all persistent residuals."""
         self.stuck = np.zeros(rotors, dtype=np.bool_)
         self.doubtful = np.zeros(rotors, dtype=np.bool_)
         self._outlying: Flags | None = None
@@ -183,12 +165,9 @@ class FarFieldResiduals:
     ) -> bool:
         """Add the residuals of a frame [rad], shape (N,), and return whether the block is full.
 
-        For an outlier, the mean of its earlier residuals in the block replaces the residual in two
-        cases: the rotor was no outlier in the preceding frame, or the residual has changed much.
-        `outlying` are the flags of outliers,
-        shape (N,), or None without outliers. `site` is the site of the wall [rotor spacings].
-        `elapsed` is the time since the last frame [s]. `variance` is a lower limit of the noise
-        variance [rad^2].
+        A new or changed outlier is replaced by the mean of the block, because another wall may be
+        near. `site` is that of the wall [rotor spacings], `elapsed` the time since the last frame
+        [s], and `variance` a lower limit of the noise variance [rad^2].
         """
         self._sums += residuals
         if outlying is not None:
@@ -209,9 +188,7 @@ class FarFieldResiduals:
     def learn(self, sign: int, variance: float) -> None:
         """Update the offsets with the current block, and start a new block.
 
-        The residuals are those of angles from which the known offsets were subtracted. `sign` is
-        -1 if the chain is upside down, else 1. `variance` is the variance of the noise of an angle
-        [rad^2].
+        `sign` is -1 if the chain is upside down, else 1. `variance` is the noise variance [rad^2].
         """
         offsets, given = self._offsets, self._settings
         sides = self._sides()
@@ -262,13 +239,10 @@ class FarFieldResiduals:
         self.restart()
 
     def find_doubtful(self, read: Array, outlying: Flags) -> None:
-        """Find doubtful rotors, given the readings [rad] and the flags of outliers, shape (N,).
+        """Find stuck encoders and unknown offsets, given readings [rad] and outliers.
 
-        An encoder is stuck if it repeats its reading of the previous block. If many encoders
-        repeat their readings, the chain is at rest; then only outliers without a corrected
-        offset count as stuck. A rotor that is much further from the orbit than most rotors has an
-        offset. This offset is unknown until the wall has passed the rotor, so the rotor is
-        doubtful until then.
+        An encoder is stuck if it repeats its reading of the previous block while most encoders do
+        not.
         """
         still = np.count_nonzero(np.abs(read - self._read) <= _STUCK)
         at_rest = still > _MOST_STUCK * np.count_nonzero(np.isfinite(read))
@@ -294,16 +268,11 @@ class FarFieldResiduals:
         return before.astype(np.float64) - beyond
 
     def _block_disorder(self, variance: float) -> float:
-        """Return the disorder [rad] in the mean residuals of the current block.
-
-        `variance` is the variance of the noise of an angle [rad^2].
-        """
         sides, means = self._sides(), self._sums / self._frames
         rows = np.array([np.where(sides == side, means, np.nan) for side in (1, -1)])
         return self._disorder(rows, math.sqrt(variance / self._frames))
 
     def _persistent_disorder(self) -> float:
-        """Return the disorder [rad] in the mean residuals of all blocks."""
         weights = self._offsets.weights
         chances = 1 / np.sqrt(weights[weights > 0])
         with np.errstate(invalid='ignore'):
@@ -311,13 +280,7 @@ class FarFieldResiduals:
         return self._disorder(rows, median(chances) if len(chances) else 0.0)
 
     def _disorder(self, means: Array, noise: float) -> float:
-        """Return the disorder [rad] of the rotors, without the effect of the tail of the wall.
-
-        The disorder is the standard deviation of Student's distribution of the mean residuals. A
-        disorder that does not significantly exceed the noise of a mean, `noise` [rad], is returned
-        as 0. The mean residuals before and beyond the wall [rad] have shape (2, N), NaN if
-        unknown.
-        """
+        """Return the standard deviation of means [rad] (Student's distribution) without noise."""
         (before, beyond), tail = means, self._tail
         added = np.concatenate([before[:-1] - tail * before[1:], beyond[1:] - tail * beyond[:-1]])
         sizes = np.abs(added[np.isfinite(added)])
@@ -330,10 +293,7 @@ class FarFieldResiduals:
 
 
 def _trimmed_mean(squares: Array) -> float:
-    """Return the mean of squared residuals [rad^2] without the two largest ones.
-
-    Encoder offsets may have caused the two largest squares.
-    """
+    """Return the mean without the two largest squares, which encoder offsets may have caused."""
     count = len(squares) - 2
     if count <= 0:
         return 0.0

@@ -10,26 +10,21 @@ from typing import NamedTuple
 
 
 class TrackingStatus(enum.Enum):
-    """Status that shows which frames an estimate is based on."""
+    """Basis of an estimate: this frame, earlier frames or both."""
 
     LOST = 'lost'
-    """No estimate exists, because no frame has matched the orbit since the start or since the
-    loss of the wall."""
+    """No estimate exists, because no frame has matched the orbit since the start or the last
+    loss."""
     ACQUIRED = 'acquired'
-    """The estimate is based on one frame, which a search along the whole orbit has located. Only
-    the order of magnitude of the rate is known."""
+    """The estimate is based on one frame; only the order of magnitude of the rate is known."""
     TRACKING = 'tracking'
     """The estimate is based on this frame and earlier frames."""
     COASTING = 'coasting'
-    """The estimate is based on earlier frames only, because this frame was empty or implausible.
-    """
+    """The estimate is based on earlier frames, because this frame was empty or implausible."""
 
 
 class OrbitEstimate(NamedTuple):
-    """Estimated state of a chain on its orbit.
-
-    In a leg of the orbit the wall passes along the chain once. While the chain is lost, the leg is
-    -1 and all other unknown quantities are NaN.
+    """Estimated state of a chain on its orbit; unknown quantities are NaN.
 
     time: time of the estimate [s].
     status: status that shows which frames the estimate is based on.
@@ -42,16 +37,12 @@ class OrbitEstimate(NamedTuple):
     site_rate: rate of change of the site [rotor spacings / s]; 0 while the wall is at an edge.
     site_deviation: standard deviation of the site [rotor spacings].
     site_rate_deviation: standard deviation of the rate of the site [rotor spacings / s].
-    leg: number of the leg of the orbit.
-    leg_known: whether the frames exclude all other legs that have the wall at the same site. If
-        edge rotors of a flipper are unseen, two or four legs are possible. Then the reported leg,
-        arc length and rate are those of the leading hypothesis.
+    leg: number of the leg of the orbit, in which the wall passes along the chain once; -1 if lost.
+    leg_known: whether the frames exclude all other legs that have the wall at the same site.
     noise: standard deviation of the noise of an angle [rad], either given or estimated.
     misfit: root mean square residual of the rotors near the wall in recent frames [rad].
-    frame_misfit: root mean square residual of the rotors near the wall in this frame alone [rad];
-        NaN if the frame is empty.
-    upside_down: whether the chain is upside down, that is, the mirror image phi -> pi - phi of
-        the chain for which the orbit was computed.
+    frame_misfit: the same residual in this frame alone [rad]; NaN if the frame is empty.
+    upside_down: whether the chain is the mirror image phi -> pi - phi of the chain of the orbit.
     """
 
     time: float
@@ -74,26 +65,20 @@ class OrbitEstimate(NamedTuple):
 
 
 def lost(time: float, noise: float = math.nan) -> OrbitEstimate:
-    """Return the estimate of a lost chain at a time [s].
-
-    `noise` is the standard deviation of the noise of an angle [rad], NaN if unknown.
-    """
+    """Return the estimate of a lost chain at a time [s], with the noise of an angle [rad]."""
     return OrbitEstimate(time, TrackingStatus.LOST, noise=noise)
 
 
 class AnalysedSoliton(NamedTuple):
     """One measured wall; an unknown quantity and its standard deviation are NaN.
 
-    id: identifier of the wall, 1 or more. The identifier is 0 if the analyser does not track
-        walls from frame to frame.
+    id: identifier of the wall, 1 or more; 0 if walls are not tracked from frame to frame.
     rotor: distance from rotor 0 to the centre of the wall [rotor spacings].
     position: distance from the pivot of rotor 0 to the centre of the wall [m].
     velocity: velocity of the centre [m/s], positive towards the last rotor.
-    width: measured width w of the profile tanh(x / w) [m]; NaN if the rotors and springs of the
-        chain deviate from the uniform chain.
+    width: measured width w of the profile tanh(x / w) [m]; NaN if the chain has deviations.
     theory_width: width that continuum theory predicts at this velocity [m].
-    charge: +1 if the rotors between rotor 0 and the wall lean right and the rotors on the other
-        side lean left; -1 in the opposite case.
+    charge: +1 if the rotors before the wall lean right and those beyond it lean left, else -1.
     position_deviation: standard deviation of the position [m].
     velocity_deviation: standard deviation of the velocity [m/s].
     width_deviation: standard deviation of the width [m].
@@ -115,8 +100,7 @@ class EventKind(enum.Enum):
     """Kind of event that changes the number, the identity or the motion of walls."""
 
     FOUND = 'found'
-    """A wall was present in the first frame, or appeared inside the chain for no visible reason.
-    """
+    """A wall was in the first frame, or appeared inside the chain for no visible reason."""
     LOST = 'lost'
     """A wall disappeared inside the chain for no visible reason."""
     BIRTH_AT_EDGE = 'birth at an edge'
@@ -146,8 +130,7 @@ class SolitonEvent:
     kind: kind of the event.
     time: time of the event, counted from the first frame [s].
     rotor: site of the event [rotor spacings].
-    ids_before: identifiers of the walls before the event, in ascending order of their sites. A
-        breather has one identifier of its own.
+    ids_before: identifiers of the walls before the event, sorted by site; a breather has its own.
     ids_after: identifiers of the walls after the event, in the same order.
     charge_before: sum of the charges of these walls before the event.
     charge_after: sum of the charges of these walls after the event.

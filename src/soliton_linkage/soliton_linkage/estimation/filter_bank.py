@@ -2,8 +2,8 @@
 """Compiled loops over the Kalman filters of a `MultipleModelFilter`.
 
 The state of each filter is (s, w, b, d): arc length s along the orbit [rad], its rate w [rad/s],
-bias b of the measurement [rad] and disturbance d [rad/s^2]. The state d is a damping rate [1/s]
-if the settings include no disturbance.
+bias b of the measurement [rad] and disturbance d [rad/s^2], or damping rate d [1/s] if the
+settings include no disturbance.
 """
 
 from __future__ import annotations
@@ -28,12 +28,11 @@ from soliton_linkage.linkage.chain import Array
 Records = NDArray[np.void]
 
 LEAST_ODDS, _LEAST_ODDS_AT_EDGES = -9.0, -2.0
-"""Lower limits of the log odds against the steady filter [1], inside the chain and at edges. The
-limit at edges is higher, because springs exchange energy with a wall at an edge."""
+"""Lower limits of the log odds against the steady filter [1], inside the chain and at edges, where
+springs exchange energy with the wall."""
 _LEAST_EVIDENCE = 0.5
-"""Threshold of the log odds of an impulse [1]: a filter that assumes a less likely impulse has no
-weight. Sensitivity: without a threshold, the stated standard deviations of a steady wall grow
-by 3 %."""
+"""Threshold of the log odds of an impulse hypothesis with a weight [1]. Sensitivity: without it,
+the stated standard deviations of a steady wall grow by 3 %."""
 
 ARC, RATE, BIAS, DISTURBANCE = range(4)
 FILTER = np.dtype(
@@ -49,15 +48,13 @@ FILTER = np.dtype(
         ),
     ]
 )
-"""Record of one filter. In a bank, the first filter is the steady one, and the last filters assume
-an impulse with ascending age. Fields:
+"""Record of one filter. A bank begins with the steady filter and ends with impulse filters by age.
 
 state, covariance: mean and covariance of (s, w, b, d).
 bias_variance: stationary variance m^2 of the bias [rad^2].
 rate_noise, edge_rate_noise: process noise e^2 of the rate inside the chain and at edges [1].
 weight: weight of the filter in the mixture of all filters [1].
-prior, probability: prior and current probability of the filter [1]. The steady filter and the
-    filters that assume an impulse do not use these probabilities.
+prior, probability: prior and current probability of a filter that is not steady [1].
 likelihood: log likelihood of recent measurements [1].
 odds: log odds of the impulse that the filter assumes [1].
 """
@@ -70,7 +67,7 @@ STATUS = np.dtype(
         )
     ]
 )
-"""Record of the state of the whole bank of filters. Fields:
+"""Record of the state of the whole bank of filters.
 
 base: number of filters that assume no impulse [1].
 site_arc: arc length per rotor spacing [rad].
@@ -81,8 +78,7 @@ elapsed: time step of the last prediction [s].
 at_edge: 1 if the wall is at an edge, else 0.
 rate: rate of the mixture of all filters [rad/s].
 log_odds: log odds against the steady filter [1].
-frames: number of frames since all filters restarted from an impulse [1].
-impulses: number of restarts from an impulse [1].
+frames, impulses: number of frames since, and number of, restarts from an impulse [1].
 """
 _FILTERS = records(FILTER, writable=True)
 _STATUS = records(STATUS, writable=True)
@@ -90,10 +86,7 @@ _NUMBERS = records(record_dtype(FilterSettings))
 
 
 def _transform(transition: Array, covariance: Array, product: Array) -> None:
-    """Replace a covariance P by F P F^T with the transition F.
-
-    `product` is storage for F P. All arrays have shape (4, 4).
-    """
+    """Replace P by F P F^T; `product` is storage for F P."""
     for i in range(4):
         for j in range(4):
             total = 0.0
@@ -144,10 +137,7 @@ def predict(
     acceleration: float,
     bandwidth: float,
 ) -> tuple[float, float]:
-    """Predict all filters over a time step, and return the `expected_measurement`.
-
-    `MultipleModelFilter.predict` explains the arguments.
-    """
+    """Predict all filters as `MultipleModelFilter.predict`, and return `expected_measurement`."""
     status[0]['elapsed'], status[0]['at_edge'] = elapsed, at_edge
     speed, site = abs(status[0]['rate']), status[0]['site_arc']
     way = speed * elapsed / site
@@ -224,8 +214,7 @@ def update(
 ) -> tuple[float, float]:
     """Update all filters and their probabilities with a measurement, and return two log odds.
 
-    The first result is the log likelihood ratio of this measurement: filters 1 to `base` - 1
-    against the steady filter 0. The second result is the largest log odds of an impulse.
+    They are those of this measurement against the steady filter, and the largest of an impulse.
     """
     likely = _update_filters(filters, arc, variance, freedoms)
     probabilities, weights = np.empty(base - 1), np.empty(base)
@@ -256,8 +245,7 @@ def update(
 def set_weights(filters: Records, settings: Records, base: int, log_odds: float) -> None:
     """Set the weights of all filters, given the log odds against the steady filter.
 
-    The filter that assumes an impulse in the latest frame gets no weight, because noise can also
-    explain a single unexpected measurement.
+    The newest impulse filter has no weight, because noise can explain one unexpected measurement.
     """
     doubted = 1 / (1 + math.exp(-log_odds))
     filters[0]['weight'] = 1 - doubted
@@ -277,10 +265,7 @@ def set_weights(filters: Records, settings: Records, base: int, log_odds: float)
 
 @compiled(_FILTERS, i8)
 def mixture(filters: Records, count: int) -> tuple[float, float, float, float, float]:
-    """Return the moments of s and w, averaged over the first `count` filters by weight.
-
-    The moments are: mean of s, mean of w, variance of s, covariance, and variance of w.
-    """
+    """Return the moments of the first `count` filters: means, var(s), cov(s, w), var(w)."""
     whole, arc, rate = 0.0, 0.0, 0.0
     of_arc, both, of_rate = 0.0, 0.0, 0.0
     for n in range(count):
@@ -316,10 +301,9 @@ def _copy_state(filters: Records, source: int, target: int) -> None:
 def assume_impulse(
     filters: Records, base: int, older: int, elapsed: float, least_impulse: float
 ) -> None:
-    """Add a filter that assumes an impulse in this frame.
+    """Add a filter that assumes an impulse in this frame, and shift the `older` latest ones.
 
-    First, the `older` latest filters with an impulse move to the next age. The variance of the
-    rate in the new filter increases by the square of the rate plus `least_impulse` [rad^2/s^2].
+    The variance of its rate increases by the square of the rate plus `least_impulse` [rad^2/s^2].
     """
     likeliest = 0
     for n in range(1, base):
@@ -356,10 +340,7 @@ def restart_steady(filters: Records, base: int) -> None:
 
 @compiled(_FILTERS, i8)
 def restart_from_impulse(filters: Records, base: int) -> None:
-    """Restart all filters from the filter with the likeliest impulse.
-
-    Each filter keeps its own stationary variance of the bias.
-    """
+    """Restart all filters from the likeliest impulse, each with its own variance of the bias."""
     likeliest = base
     for n in range(base, filters.size):
         if filters[n]['odds'] > filters[likeliest]['odds']:
@@ -386,10 +367,9 @@ def measure(
     freedoms: float,
     calm: float,
 ) -> tuple[float, float, float, float, float]:
-    """Update all filters with a measurement after a prediction, and return the `mixture`.
+    """Update all filters as `MultipleModelFilter.update`, and return the `mixture`.
 
-    The filter that assumes an impulse about 2^k frames ago moves to the next age in every
-    2^(k + 1)th frame. `MultipleModelFilter.update` explains the arguments.
+    The impulse filter of age 2^k moves to the next age in every 2^(k + 1)th frame.
     """
     given, now = settings[0], status[0]
     base, frames = int(now['base']), int(now['frames'])

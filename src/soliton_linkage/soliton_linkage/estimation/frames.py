@@ -19,13 +19,10 @@ from soliton_linkage.orbit.orbit import Orbit
 Flags = NDArray[np.bool_]
 
 _TURN = 2 * math.pi
-"""Angle of one turn [rad]."""
 _SHARE_OF_A_TURN = 0.5 / math.pi
-"""Number of turns per radian [1/rad]."""
 
 
 def _wrapped(angle: float) -> float:
-    """Return the equivalent angle between -pi and pi [rad]."""
     return float(angle - _TURN * np.rint(angle * _SHARE_OF_A_TURN))
 
 
@@ -39,11 +36,9 @@ def rotor_swing(chain: Chain) -> float:
 
 @compiled(const_f8_1d, f8_1d, f8_1d, f8_1d)
 def unwrap(angles: Array, last: Array, turns: Array, seen: Array) -> None:
-    """Unwrap the angles of a frame, so that they continue the angles of the preceding frame.
+    """Unwrap angles [rad] to continue the last frame; invalid ones give NaN in `seen`, shape (N,).
 
-    Sets `seen` to the unwrapped angles [rad]; invalid readings, which are NaN, infinite or too
-    large, give NaN. Updates the last valid readings [rad] and the numbers of turns [1]. All arrays
-    have shape (N,).
+    Updates the last valid readings [rad] and the numbers of turns [1], shape (N,) each.
     """
     for n in range(angles.size):
         angle = angles[n]
@@ -68,18 +63,13 @@ def all_within(values: Array, limit: float) -> bool:
 
 
 _NANOSECOND = 1e-9
-"""Unit of stamps [s]."""
 
 
 class FrameClock:
     """Clock that accepts the stamps of frames in ascending order and rejects late stamps."""
 
     def __init__(self, limit: float = DEFAULTS.tracking.clock_limit) -> None:
-        """Start without a stamp.
-
-        The clock restarts if a stamp is earlier than the last accepted one by more than `limit`
-        [s].
-        """
+        """Start without a stamp; a stamp that is earlier by more than `limit` [s] restarts it."""
         self._limit = limit
         self.time = -math.inf
         """Time from the first frame to the last accepted frame [s]."""
@@ -90,12 +80,7 @@ class FrameClock:
         self._epoch: int | None = None
 
     def advance(self, stamp: int) -> bool:
-        """Advance to a stamp [ns], and return whether the clock has accepted the stamp.
-
-        A stamp is rejected if it is not later than the last accepted stamp. There is one
-        exception: a stamp that is earlier by more than the limit is accepted and restarts the
-        clock.
-        """
+        """Advance to a stamp [ns]; return whether it is later than the last one, or a restart."""
         if self._epoch is None:
             self._epoch = stamp
         time = (stamp - self._epoch) * _NANOSECOND
@@ -108,17 +93,12 @@ class FrameClock:
 
 
 _NEAR = 3600 * 10**9
-"""Threshold of the difference between two stamps [ns]: stamps that differ by more come from two
-clocks. An analyser lags by seconds or minutes, but clocks with different origins differ by years.
-"""
+"""Threshold of the difference between two stamps of one clock [ns]. Clocks with different origins
+differ by years."""
 
 
 class FrameImpulse(NamedTuple):
-    """Impulses that act on the rotors of a chain at the same time.
-
-    impulses: angular impulses [N m s], shape (N,).
-    ago: time from the impulses to the first frame that includes their effect [s].
-    """
+    """Angular impulses [N m s], shape (N,), and the time from them to their first frame [s]."""
 
     impulses: Array
     ago: float = 0.0
@@ -127,17 +107,17 @@ class FrameImpulse(NamedTuple):
 class ImpulseQueue:
     """Queue that keeps impulses until the first frame at or after their time.
 
-    Impulses take effect in the next frame if they have no stamp, or a stamp of another clock.
+    Impulses without a stamp, or with a stamp of another clock, take effect in the next frame.
     """
 
     def __init__(self) -> None:
         self.late = 0
-        """Number of impulses that arrived too late, after the frame in which they must act."""
+        """Number of impulses that arrived after the frame in which they must act."""
         self._waiting: list[tuple[int | None, Array]] = []
         self._frame: int | None = None
 
     def add(self, stamp: int | None, impulses: Array) -> None:
-        """Add impulses to the queue; `stamp` is their time [ns], None if unknown."""
+        """Add impulses [N m s] with their time [ns], None if unknown."""
         after = None if stamp is None or self._frame is None else stamp - self._frame
         if after is not None and -_NEAR < after <= 0:
             self.late += 1
@@ -164,10 +144,9 @@ class ImpulseQueue:
 
 
 def check_deviations(deviations: Array, rotors: int) -> Array:
-    """Return the standard deviations of readings as a contiguous array.
+    """Return standard deviations [rad] as a contiguous array, shape (N,), NaN if unknown.
 
-    The standard deviations [rad] have shape (N,), NaN if unknown. Raises ValueError for an array
-    of another shape, and for values that are infinite or not above 0.
+    Raises ValueError for another shape, and for values that are infinite or not above 0.
     """
     deviations = np.ascontiguousarray(deviations, dtype=np.float64)
     check_shape(deviations, rotors, 'deviation')
@@ -185,22 +164,19 @@ class CompletedFrame(NamedTuple):
     """Angles and rates of all rotors of a frame; estimates replace missing values."""
 
     angles: Array
-    """Actual angles [rad], shape (N,). All angles are NaN if no rotor was seen and the orbit
-    cannot predict the angles."""
+    """Actual angles [rad], shape (N,); all NaN if neither a rotor nor the orbit is known."""
     rates: Array | None
     """Rates of the rotors [rad/s], shape (N,); None if unknown."""
     filled: Flags
-    """Flags of filled rotors, whose angles are estimates, shape (N,). These rotors were unseen, or
-    their readings were implausible."""
+    """Flags of filled rotors, whose readings were missing or implausible, shape (N,)."""
     from_orbit: bool
-    """Whether the angles of filled rotors come from the orbit. If not, they are interpolated
-    between neighbouring rotors."""
+    """Whether filled angles come from the orbit; if not, they are interpolated between
+    neighbours."""
     others: bool
-    """Whether two adjacent rotors differ from the orbit by more than half of their swing. Such a
-    difference indicates another wall."""
+    """Whether two adjacent rotors are off the orbit by half of their swing, as at another wall."""
 
     number_filled: int
-    """Number of filled rotors, whose angles are estimates."""
+    """Number of filled rotors."""
 
     @property
     def seen(self) -> Array:
@@ -209,7 +185,7 @@ class CompletedFrame(NamedTuple):
 
 
 class OnOrbit(NamedTuple):
-    """Angles and rates of all rotors as predicted by the orbit; each array has shape (N,)."""
+    """Angles and rates of all rotors as predicted by the orbit, shape (N,) each."""
 
     angles: Array
     """Predicted actual angles [rad], up to whole turns."""
@@ -222,7 +198,7 @@ class OnOrbit(NamedTuple):
 def on_orbit(orbit: Orbit, estimate: OrbitEstimate, residuals: Array) -> OnOrbit:
     """Return the angles and rates that the orbit predicts for an estimate.
 
-    `residuals` are the residuals of the frame in the orientation of the orbit [rad], shape (N,).
+    `residuals` [rad], shape (N,), are in the orientation of the orbit.
     """
     angles = orbit.configuration(estimate.arc)
     rates = orbit.tangent(estimate.arc) * estimate.rate
@@ -240,17 +216,11 @@ class Unwrapper:
 
     @property
     def last(self) -> Array:
-        """Last valid unwrapped angle of each rotor [rad], shape (N,).
-
-        The value is NaN if the rotor was never seen.
-        """
+        """Last valid unwrapped angle of each rotor [rad], shape (N,), NaN if never seen."""
         return np.asarray(self._last + 2 * math.pi * self._turns)
 
     def unwrapped(self, angles: Array) -> Array:
-        """Return unwrapped angles [rad], shape (N,).
-
-        A reading that is not finite or too large gives NaN.
-        """
+        """Return unwrapped angles [rad], shape (N,), NaN for invalid readings."""
         seen = np.empty(len(self._last))
         read = np.ascontiguousarray(angles, dtype=np.float64)
         unwrap(read, self._last, self._turns, seen)
@@ -260,13 +230,10 @@ class Unwrapper:
 def complete(
     chain: Chain, angles: Array, rates: Array | None, expected: OnOrbit | None, last: Array
 ) -> CompletedFrame:
-    """Replace the missing values of a frame by estimates.
+    """Replace the missing angles [rad] and rates [rad/s], shape (N,), of a frame by estimates.
 
-    The estimates come from `expected`, the prediction of the orbit. If `expected` is None, missing
-    angles are interpolated between neighbouring rotors. Angles [rad] and rates [rad/s] have shape
-    (N,), NaN if unknown. The last angles determine the whole turns of replaced angles. A rotor
-    counts as unseen if only this rotor, and neither of its neighbours, differs from the orbit by
-    more than half of its swing.
+    They come from the orbit or, if `expected` is None, from neighbouring rotors. Last angles give
+    the whole turns. A reading that alone is off the orbit by half a swing counts as missing.
     """
     unseen = ~np.isfinite(angles)
     if expected is None:
@@ -302,10 +269,7 @@ def complete(
 def whole_frame(
     chain: Chain, angles: Array, rates: Array | None, largest: float
 ) -> CompletedFrame | None:
-    """Return a complete frame with unchanged angles and rates if all residuals are small.
-
-    Returns None if the largest residual [rad] exceeds half of the swing of a rotor or is NaN.
-    """
+    """Return an unchanged frame, or None if a residual exceeds half a swing or is NaN."""
     if not largest <= rotor_swing(chain) / 2:
         return None
     return CompletedFrame(angles, rates, np.zeros(len(angles), dtype=np.bool_), True, False, 0)

@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hypotheses about the position of a chain on its orbit, and the weighted mean over them.
+"""Hypotheses about the position of a chain on its orbit, weighted by the likelihood of all frames.
 
-Each hypothesis has its own bank of filters. The weight of a hypothesis is its likelihood, given
-all frames. Two hypotheses may differ, for example, in the state of an unseen edge rotor or in the
-turning sense of a spinner.
+Two hypotheses may differ in the state of an unseen edge rotor or in the sense of a spinner.
 """
 
 from __future__ import annotations
@@ -20,13 +18,11 @@ from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.orbit.orbit import Orbit
 
 _LEAD = 3.0
-"""Threshold of the log odds [1]: another hypothesis becomes the leading one if its log odds
-against the leading one exceed this threshold. The value 3 means a probability of 95 %."""
+"""Log odds of another hypothesis at which it replaces the leading one [1]; a probability of 95
+%."""
 _STEP = 1e-3
-"""Step for the derivative of the arc length per rotor spacing [rotor spacings]."""
 _NEAR = 0.5
-"""Threshold of the distance [rotor spacings]: two similar hypotheses can be merged only if the
-distance between their walls is smaller."""
+"""Largest distance between the walls of two hypotheses that can be merged [rotor spacings]."""
 
 
 @dataclass
@@ -37,7 +33,7 @@ class Hypothesis:
     upside_down: bool
     view: LinearisedMeasurement
     evidence: float
-    """Log likelihood of all frames minus that of the likeliest hypothesis [1]."""
+    """Log likelihood of all frames, relative to the likeliest hypothesis [1]."""
 
 
 class MixtureMoments(NamedTuple):
@@ -54,11 +50,7 @@ class MixtureMoments(NamedTuple):
 
 
 class Hypotheses:
-    """Competing hypotheses.
-
-    The first hypothesis is the leading one. Its arc length along the orbit, rate and leg are
-    reported.
-    """
+    """Competing hypotheses, of which the first one is leading and reported."""
 
     def __init__(self, orbit: Orbit, settings: EstimationSettings) -> None:
         self._orbit, self._settings = orbit, settings
@@ -66,15 +58,11 @@ class Hypotheses:
 
     @property
     def leader(self) -> Hypothesis:
-        """Leading hypothesis."""
+        """Hypothesis whose arc length, rate and leg of the orbit are reported."""
         return self.all[0]
 
     def weigh(self, likelihoods: list[float]) -> None:
-        """Add the log likelihood of a frame to the evidence of each hypothesis.
-
-        Hypotheses that have become too unlikely are removed, and equal ones are merged.
-        `likelihoods` are the log likelihoods of the frame, one for each hypothesis.
-        """
+        """Add the log likelihood of a frame to each hypothesis; remove unlikely and equal ones."""
         if len(self.all) == 1:
             return
         for each, likelihood in zip(self.all, likelihoods, strict=True):
@@ -93,10 +81,9 @@ class Hypotheses:
         self.all = kept
 
     def add_toggled(self) -> None:
-        """Add a hypothesis for each edge rotor that contradicts the leading hypothesis.
+        """Add a hypothesis for each edge rotor of a flipper that contradicts the leader.
 
-        Such a hypothesis assumes that the edge rotor of a flipper has toggled (has turned to the
-        opposite edge state), so that the chain is in another leg of the orbit.
+        It assumes that this rotor has toggled, so that the chain is in another leg of the orbit.
         """
         orbit, leader = self._orbit, self.leader
         view = leader.view
@@ -114,10 +101,7 @@ class Hypotheses:
             self.all.append(Hypothesis(motion, leader.upside_down, view, evidence))
 
     def leg_is_known(self) -> bool:
-        """Return whether the frames exclude all legs of the orbit except the leading one.
-
-        The leading leg is that of the leading hypothesis.
-        """
+        """Return whether the frames exclude all legs of the orbit except that of the leader."""
         if len(self.all) == 1:
             return True
         legs = np.array([self._orbit.leg(each.motion.arc) for each in self.all])
@@ -128,8 +112,7 @@ class Hypotheses:
     def mixture(self, arc_variance: float, rate_variance: float) -> MixtureMoments:
         """Return site and rate of the wall, averaged over all hypotheses.
 
-        `arc_variance` is added to the variance of the arc length along the orbit [rad^2].
-        `rate_variance` is added to the variance of the rate of the arc length [rad^2/s^2].
+        The arguments are added to the variances of arc length [rad^2] and rate [rad^2/s^2].
         """
         if len(self.all) == 1:
             site, site_var, rate, rate_var = self._row(self.all[0], arc_variance, rate_variance)
