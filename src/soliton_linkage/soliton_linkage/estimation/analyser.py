@@ -76,10 +76,7 @@ class Analyser:
     """
 
     def __init__(
-        self,
-        chain: Chain,
-        noise: float | None = None,
-        settings: EstimationSettings = DEFAULTS,
+        self, chain: Chain, noise: float | None = None, settings: EstimationSettings = DEFAULTS
     ) -> None:
         """Compute the orbit, which may take seconds for a chain with deviations.
 

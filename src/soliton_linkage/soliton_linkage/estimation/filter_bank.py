@@ -13,15 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.compiling import (
-    b1,
-    compile_loop,
-    compiled,
-    const_f8_1d,
-    f8,
-    i8,
-    records,
-)
+from soliton_linkage.compiling import b1, compile_loop, compiled, const_f8_1d, f8, i8, records
 from soliton_linkage.estimation.settings import FilterSettings, record_dtype
 from soliton_linkage.linkage.chain import Array
 

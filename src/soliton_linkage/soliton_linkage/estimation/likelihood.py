@@ -1,16 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled loops that compute the likelihood of a frame at a point of the orbit.
 
-The difference d between the angle of a rotor and the orbit has the variance V. In standard
-deviations the difference is r = d / sqrt(V). The density of d is
+The difference d between the angle of a rotor and the orbit has the variance V and, with r = d /
+sqrt(V), the density
 
     p(d) = (1 - e) C / sqrt(V) exp(-rho(r)) + e / 2 pi,
-    rho(r) = r^2 / 2                     for |r| <= k,
-    rho(r) = k^2 (1/2 + log(|r| / k))    for |r| > k,
+    rho(r) = r^2 / 2 for |r| <= k,    rho(r) = k^2 (1/2 + log(|r| / k)) for |r| > k,
 
 where e is the share of readings without information. The slope of log p is -w d / V with the
-weight w = min(1, k^2 / r^2) P. Here P is the probability that the reading contains information.
-Because sqrt(w) |r| <= k, the influence of a single reading on the arc length is limited.
+weight w = min(1, k^2 / r^2) P, where P is the probability that the reading contains information.
 """
 
 from __future__ import annotations
@@ -53,11 +51,10 @@ def compare(
     first: int,
     differences: Array,
 ) -> None:
-    """Set the differences between corrected angles and a wall on the orbit.
+    """Set the differences between corrected angles and a wall on the orbit, -pi to pi [rad], (N,).
 
-    Differences are in the range from -pi to pi [rad], shape (N,). `about` are the angles of the
-    orbit near the wall, starting at rotor `first`. `before` and `beyond` are the angles of the
-    uniform states before and beyond the wall, shape (N,) each.
+    `about` are the angles near the wall from rotor `first` on; `before` and `beyond` are those of
+    the uniform states on its two sides, shape (N,).
     """
     end = first + about.size
     for n in range(angles.size):
@@ -84,10 +81,6 @@ def _log_likelihood(square: float, bound: float, floor: float) -> float:
 
 @compiled(f8, f8, f8, f8)
 def _of_rotor(apart: float, variance: float, bound: float, floor: float) -> float:
-    """Return the log likelihood of a difference [rad] that has a given variance [rad^2].
-
-    A difference that is NaN gives 0.
-    """
     if not math.isfinite(apart):
         return 0.0
     return _log_likelihood(apart * apart / variance, bound, floor)
@@ -95,7 +88,6 @@ def _of_rotor(apart: float, variance: float, bound: float, floor: float) -> floa
 
 @compiled(f8, f8, f8)
 def _weight(square: float, bound: float, floor: float) -> float:
-    """Return the weight w of a rotor as a function of r^2 [1]."""
     inner = bound * bound
     if square <= inner:
         return 1.0
@@ -106,7 +98,6 @@ DENSITY = np.dtype(
     [(name, np.float64) for name in ('variance', 'spread', 'bound', 'floor', 'gross')]
 )
 """Record with the parameters of the density of the difference between a rotor and the orbit.
-Fields:
 
 variance: variance V of the difference [rad^2].
 spread: variance of the arc length along the orbit [rad^2].
@@ -126,12 +117,7 @@ def _weigh(
     doubtful: Flags,
     weights: Array,
 ) -> tuple[float, float, float]:
-    """Set the weights w of all rotors [1], shape (N,), given the tangent t of the orbit.
-
-    Unknown and doubtful rotors have weight 0. Returns three numbers: the information on the arc
-    length, sum w t^2 [1]; the step to the most likely arc length [rad]; and the information that
-    the frame would contain without outliers [1].
-    """
+    """Set the weights w; return sum w t^2, the step to the likeliest arc length, and sum t^2."""
     end = first + tangent.size
     information, ahead, whole = 0.0, 0.0, 0.0
     for n in range(differences.size):
@@ -151,26 +137,15 @@ def _weigh(
 
 @compiled(f8_1d, i8, const_f8_1d, _DENSITY, const_b1_1d, f8_2d)
 def weigh_frame(
-    differences: Array,
-    first: int,
-    tangent: Array,
-    density: Records,
-    doubtful: Flags,
-    rows: Array,
+    differences: Array, first: int, tangent: Array, density: Records, doubtful: Flags, rows: Array
 ) -> tuple[tuple[float, float, float], tuple[int, int, int, int, int], tuple[float, float, float]]:
-    """Compute the weights of all rotors and the residuals of a frame.
+    """Compute weights and residuals of a frame, given its differences from the orbit [rad], (N,).
 
-    Differences [rad], shape (N,), are NaN if unknown. They become the residuals at the most likely
-    arc length along the orbit. The tangent starts at rotor `first`. Doubtful flags have shape (N,)
-    or (0,). An inlier is a rotor with a weight of at least 0.5. Sets `rows`, shape (2, N). Row 0
-    holds the weights [1]. Row 1 holds the residuals [rad] of inliers near the wall, else 0.
-
-    Returns three tuples:
-    1. the results of `_weigh`;
-    2. five numbers of rotors: inliers near the wall; known rotors; outliers with a gross
-       difference; longest run of adjacent outliers of this kind; all known outliers;
-    3. the sum of the squares in row 1 [rad^2], the log likelihood of the frame [1], and the
-       largest residual [rad], which is infinite if a rotor is unknown.
+    The differences become the residuals at the most likely arc length, NaN if unknown. Row 0 of
+    `rows` is set to the weights, row 1 to the residuals of inliers (weight of at least 0.5) near
+    the wall, else 0. Returns the results of `_weigh`; the numbers of inliers near the wall, known
+    rotors, gross errors, adjacent gross errors and outliers; and the sum of squares [rad^2], log
+    likelihood [1] and largest residual [rad], infinite if a rotor is unknown.
     """
     weights, left = rows[0], rows[1]
     information, ahead, whole = _weigh(differences, first, tangent, density, doubtful, weights)
@@ -210,11 +185,7 @@ def weigh_frame(
 def sum_likelihoods(
     angles: Array, states: Array, variance: float, bound: float, floor: float, sums: Array
 ) -> None:
-    """Set the cumulative sums of the log likelihoods over the rotors, shape (S, N + 1).
-
-    Each row of the sums belongs to one state of the chain. `states` are the angles of these states
-    [rad], shape (S, N).
-    """
+    """Set the cumulative log likelihoods over the rotors for S states, shape (S, N + 1)."""
     for row in range(states.shape[0]):
         sums[row, 0] = 0.0
         for n in range(angles.size):
@@ -225,10 +196,7 @@ def sum_likelihoods(
 
 @compiled(f8, f8, f8, f8_1d)
 def tabulate(variance: float, bound: float, floor: float, table: Array) -> None:
-    """Fill a table with the log likelihoods of evenly spaced differences from 0 to pi.
-
-    The first entry belongs to the difference 0, and the last entry to pi.
-    """
+    """Fill a table with the log likelihoods of evenly spaced differences from 0 to pi."""
     for n in range(table.size):
         apart = math.pi * n / (table.size - 1)
         table[n] = _of_rotor(apart, variance, bound, floor)
@@ -251,8 +219,7 @@ class SampledWalls(NamedTuple):
     firsts: Counts
     """Index of the first rotor near each wall, shape (S,)."""
     begins: Counts
-    """Index in `angles` of the first angle of each wall, shape (S + 1,). The last entry is the
-    length of `angles`."""
+    """Index in `angles` of the first angle of each wall and of the end, shape (S + 1,)."""
     angles: Array
     """Angles of the rotors near the walls [rad], wall after wall."""
 
@@ -271,8 +238,8 @@ def scan(
 ) -> None:
     """Set the log likelihood of a frame at each sample of the orbit, shape (S,).
 
-    `before` and `beyond` are the sums from `sum_likelihoods` for the uniform states before and
-    beyond the wall, shape (legs, N + 1). `tabulate` computes the table.
+    `before` and `beyond` come from `sum_likelihoods` for the uniform states on the two sides of
+    the wall, shape (legs, N + 1), and the table from `tabulate`.
     """
     for sample in range(likelihoods.size):
         leg, first, begin = walls.legs[sample], walls.firsts[sample], walls.begins[sample]

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measurement of the arc length along the orbit from one frame, and tests of frames.
-
-The measurement is linear in the residuals. The tests use the likelihood of the frame and an
-innovation gate.
-"""
+"""Measurement of the arc length along the orbit from one frame, and tests of frames."""
 
 from __future__ import annotations
 
@@ -19,17 +15,12 @@ from soliton_linkage.estimation.settings import EstimationSettings, LikelihoodSe
 from soliton_linkage.linkage.chain import Array
 
 NO_FLAGS: Flags = np.zeros(0, dtype=np.bool_)
-"""Empty array of flags, which means that no rotor is doubtful."""
 LEAST_INFORMATION = 1e-6
-"""Threshold of the information [1]: a frame with less information does not determine the arc
-length along the orbit."""
+"""Least information of a frame that determines the arc length along the orbit [1]."""
 LONGEST_STEP = 0.5
-"""Longest Gauss-Newton step along the orbit [rad]. The linearisation is invalid for longer steps,
-which would move the wall by about one rotor."""
+"""Longest Gauss-Newton step along the orbit [rad], about half a rotor of displacement."""
 _MOST_STEPS = 20
-"""Largest number of Gauss-Newton steps [1]."""
 _LONGEST_RUN = 2
-"""Largest number of adjacent rotors that may have gross errors in an accepted frame [1]."""
 
 
 class LinearisedMeasurement(NamedTuple):
@@ -40,20 +31,18 @@ class LinearisedMeasurement(NamedTuple):
     first: int
     """Index of the first rotor near the wall."""
     tangent: Array
-    """Derivative of the angles near the wall by the arc length [1], shape (n,). Each derivative is
-    divided by the scale of the reading."""
+    """Derivative of the angles near the wall by the arc length, divided by the scales [1], shape
+    (n,)."""
     residuals: Array
     """Measured angles minus the angles of the orbit at `arc` [rad], shape (N,), NaN if unknown."""
     weights: Array
     """Weight of each rotor, from 0 to 1, shape (N,)."""
     inlying: Array
-    """Residuals of inliers near the wall [rad], shape (N,), 0 for all other rotors. Each residual
-    is divided by the scale of the reading."""
+    """Residuals of inliers near the wall divided by the scales [rad], shape (N,), else 0."""
     information: float
     """Information on the arc length for a noise of 1 rad [1]."""
     full_information: float
-    """Information that the frame would contain if no known rotor were an outlier [1]. Doubtful
-    rotors are excluded."""
+    """Information without outliers and doubtful rotors [1]."""
     squares: float
     """Sum of the squares of the residuals in `inlying` [rad^2]."""
     degrees_of_freedom: int
@@ -73,8 +62,7 @@ class LinearisedMeasurement(NamedTuple):
     largest: float
     """Largest absolute residual [rad]; infinite if a rotor is unknown."""
     unseen_share: float = 1.0
-    """Share of the variance due to unseen rotors that remains after `UnseenRotorCorrection` [1].
-    The share is 1 without this correction."""
+    """Share of the variance due to unseen rotors that remains after a correction [1]."""
 
     @property
     def mean_square(self) -> float:
@@ -83,16 +71,12 @@ class LinearisedMeasurement(NamedTuple):
 
     @property
     def outlying(self) -> Flags:
-        """Flags of outliers, which are known rotors with a weight below 0.5, shape (N,)."""
+        """Flags of known rotors with a weight below 0.5, shape (N,)."""
         return np.asarray((self.weights < 0.5) & np.isfinite(self.residuals))
 
 
 def search_arc(arc: float, target: Callable[[float], float], close: float) -> float:
-    """Search the most likely arc length along the orbit [rad] by Gauss-Newton steps.
-
-    The search ends with a step shorter than `close` [rad]. `target` linearises the measurement of
-    a frame at a given arc length, and returns the most likely arc length.
-    """
+    """Search the likeliest arc length [rad] until a step to `target` is below `close` [rad]."""
     for _ in range(_MOST_STEPS):
         step = target(arc) - arc
         arc += min(max(step, -LONGEST_STEP), LONGEST_STEP)
@@ -102,12 +86,10 @@ def search_arc(arc: float, target: Callable[[float], float], close: float) -> fl
 
 
 CORE = 2.5
-"""Range on either side of a wall whose rotors show whether the wall still exists [rotor spacings].
-"""
+"""Range beside a wall whose rotors show whether the wall still exists [rotor spacings]."""
 _FAR, _FAR_NOISE, _FAR_SHARE = 0.75, 2.0, 0.3
-"""Thresholds of the test whether a wall still exists [1]. The residual of a rotor is excessive if
-it exceeds `_FAR` gross errors plus `_FAR_NOISE` standard deviations of the noise. At most the
-share `_FAR_SHARE` of the rotors near a wall may have an excessive residual."""
+"""A wall no longer exists if more than `_FAR_SHARE` of the rotors near it have residuals above
+`_FAR` gross errors plus `_FAR_NOISE` standard deviations of the noise [1]."""
 
 
 class FrameLikelihood:
@@ -117,7 +99,7 @@ class FrameLikelihood:
         """Compute the density, given the swing of a rotor while a wall passes [rad]."""
         self._settings = settings
         self.gross = settings.gross_share * swing
-        """Least size of a gross error [rad], which the deformation of springs cannot cause."""
+        """Least size of a gross error [rad], which springs cannot cause."""
         self._density = np.zeros(1, DENSITY)
         bound, wrong = settings.bound, settings.wrong
         core = math.sqrt(2 * math.pi) * math.erf(bound / math.sqrt(2))
@@ -125,22 +107,14 @@ class FrameLikelihood:
         self._log_wrong = math.log(wrong)
         self._floor = math.log(wrong / (1 - wrong) * (core + tails) / (2 * math.pi))
         self.scales: Array | None = None
-        """Scale of each reading from `ReadingScales` [1], shape (N,).
-
-        None means that all scales are 1."""
+        """Scale of each reading from `ReadingScales` [1], shape (N,); None if all scales are 1."""
 
     def floor(self, variance: float) -> float:
-        """Return the log density of a reading without information, relative to the peak [1].
-
-        `variance` is the variance of a rotor [rad^2].
-        """
+        """Return the log density of a reading without information, relative to the peak [1]."""
         return self._floor + 0.5 * math.log(variance)
 
     def random(self, known: int, variance: float) -> float:
-        """Return the log likelihood of `known` random angles [1].
-
-        `variance` is the variance of a rotor [rad^2].
-        """
+        """Return the log likelihood of `known` random angles [1]."""
         return known * (self.floor(variance) - self._log_wrong)
 
     def linearise(
@@ -155,9 +129,8 @@ class FrameLikelihood:
     ) -> LinearisedMeasurement:
         """Return the measurement of a frame, linearised at an arc length along the orbit [rad].
 
-        `differences` are the measured angles minus the angles of the orbit [rad], shape (N,); this
-        array is overwritten. `variance` is the variance of a rotor [rad^2]. `spread` is the
-        variance of the arc length [rad^2].
+        `differences` from the orbit [rad], shape (N,), are overwritten. `variance` is that of a
+        rotor, and `spread` that of the arc length [rad^2].
         """
         rows, floor = np.empty((2, len(differences))), self.floor(variance)
         self._density[0] = variance, spread, self._settings.bound, floor, self.gross
@@ -197,8 +170,7 @@ class FrameLikelihood:
     def over_random(self, residuals: Array, variance: float) -> float:
         """Return the log likelihood ratio of residuals [rad], shape (n,), against random angles.
 
-        `variance` is the variance of a rotor [rad^2]. Residuals that are NaN have no effect. For
-        random angles, the probability that the ratio exceeds x is at most exp(-x) (Markov's
+        For random angles, the probability of a ratio above x is at most exp(-x) (Markov's
         inequality).
         """
         bound, floor = self._settings.bound, self.floor(variance)
@@ -206,10 +178,9 @@ class FrameLikelihood:
         return likelihood - self.random(int(np.isfinite(residuals).sum()), variance)
 
     def explains(self, view: LinearisedMeasurement, largest: float) -> bool:
-        """Return whether single wrong readings can explain the outliers of a frame.
+        """Return whether at most two adjacent wrong readings can explain the outliers of a frame.
 
-        At most two adjacent readings may be wrong, and the frame must be likelier than random
-        angles. `largest` is the largest possible variance of a rotor [rad^2].
+        `largest` is the largest possible variance of a rotor [rad^2].
         """
         if view.run > _LONGEST_RUN:
             return False
@@ -219,12 +190,7 @@ class FrameLikelihood:
         return True
 
     def fits(self, residuals: Array, first: int, site: float, noise: float) -> bool:
-        """Return whether the rotors near a site still form a wall.
-
-        `residuals` are the differences from the wall [rad], starting at rotor `first`. `noise` is
-        the standard deviation of the noise [rad]. After a wall has broken up, several rotors
-        differ from any wall by more than the deformation of springs can cause.
-        """
+        """Return whether the rotors near a site form a wall, given residuals from `first` on."""
         beside = np.abs(np.arange(first, first + len(residuals)) - site)
         core = np.abs(residuals[beside <= CORE])
         far = np.count_nonzero(core > _FAR * self.gross + _FAR_NOISE * noise)
@@ -240,21 +206,12 @@ class ReadingScales:
     """Standard deviations of the readings of a frame, relative to a typical reading."""
 
     def __init__(self, usual: float | None = None) -> None:
-        """Start with the standard deviation of a typical reading [rad], None if unknown.
-
-        If this value is unknown, it is computed as 1 / sqrt(mean of 1 / sigma^2) from the standard
-        deviations sigma of the readings in the first frame. A frame with this standard deviation
-        for all readings would contain the same information.
-        """
+        """Start with the standard deviation of a typical reading [rad]; None for frame 1."""
         self._usual = usual
         self._squares: Array | None = None
 
     def set_deviations(self, deviations: Array | None) -> None:
-        """Set the standard deviations of the readings of a frame [rad], shape (N,).
-
-        A standard deviation that is NaN means a typical reading. None means that all readings are
-        typical.
-        """
+        """Set the standard deviations of a frame [rad], shape (N,); NaN or None if typical."""
         self._squares = None
         if deviations is None:
             return
@@ -268,9 +225,7 @@ class ReadingScales:
     def of_frame(self, noise: float, variance: float) -> Array | None:
         """Return the scale of each reading [1], shape (N,), or None if all scales are 1.
 
-        The scale is the standard deviation of a rotor relative to a typical rotor.
-        `variance` is the variance of a typical rotor [rad^2]. `noise` is the part of this
-        variance that is due to noise [rad^2]; only this part differs from reading to reading.
+        Only the part `noise` of the variance of a rotor [rad^2] differs from reading to reading.
         """
         if self._squares is None:
             return None
@@ -278,10 +233,7 @@ class ReadingScales:
 
 
 class InnovationGate:
-    """Gate that accepts or rejects frames because of their outliers.
-
-    The gate also uses the outliers of the preceding frame.
-    """
+    """Gate that rejects frames because of their outliers and those of the last frame."""
 
     def __init__(
         self, rotors: int, likelihood: FrameLikelihood, settings: EstimationSettings
@@ -296,18 +248,14 @@ class InnovationGate:
         self._outliers, self._strained = self._no_outliers, 0 * self._no_outliers
 
     def is_informative(self, view: LinearisedMeasurement) -> bool:
-        """Return whether a frame without its outliers still contains most of its information.
-
-        The information refers to the arc length along the orbit.
-        """
+        """Return whether a frame without its outliers contains most of its information."""
         return view.information >= self._settings.informative_share * view.full_information
 
     def is_strained(self, view: LinearisedMeasurement) -> bool:
         """Return whether the prediction is wrong, for example after an unmodelled impulse.
 
-        A prediction is wrong if three adjacent rotors are outliers, or if one rotor is an outlier
-        in several successive frames. Rotors with gross errors do not count. Most of the wall must
-        be seen, and the outliers must contain much of the information of the frame.
+        The criterion is three adjacent outliers, or one rotor that is an outlier in several
+        frames.
         """
         if (
             self.is_informative(view)
@@ -321,11 +269,9 @@ class InnovationGate:
         return bool(adjacent.any() or (self._strained >= self._frames).any())
 
     def accepts(self, view: LinearisedMeasurement, largest: float, doubtful: Flags) -> bool:
-        """Return whether a frame shows the wall.
+        """Return whether a frame shows the wall, given the largest variance of a rotor [rad^2].
 
-        `largest` is the largest possible variance of a rotor [rad^2]. Random gross errors occur in
-        single frames. Therefore a frame is rejected if two or more rotors have a gross error in
-        both this frame and the preceding one. Doubtful rotors do not count.
+        A frame is rejected if two rotors repeat a gross error, because random ones do not repeat.
         """
         outliers, repeated = self._no_outliers, 0
         if view.gross:

@@ -1,24 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Class of motion of a wall from the angles alone, without the parameters of the chain.
 
-A wall is where u = r sin(phi) changes its sign. Far from the wall, the rotors on one side lean
-right and the rotors on the other side lean left, by the same angle. The angle theta is the
-staggered angle of a rotor.
-
-- The rotors of a flipper pass through the top or the bottom. Then theta_right = -theta_left, and
-  cos(theta) has the same sign on both sides.
-- The rotors of a spinner turn over. Then theta_right = theta_left + pi, and cos(theta) has
-  opposite signs on the two sides.
+A wall is where u = r sin(phi) changes its sign. In terms of the staggered angle theta far from the
+wall, theta_right = -theta_left in a flipper, and theta_right = theta_left + pi in a spinner.
 
 In a wobbling flipper, rotors beside the wall lean by more than the rest angle. Let e be the
-deviation of a rotor from the rest angle, and e' that of its outer neighbour. For bars of fixed
-length and d = 1, the function `next_deviation` gives e' = F(e). F has a maximum of 0 at e = 0. For
-any lean ratio d,
+deviation of a rotor from the rest angle, e' that of its outer neighbour, F(e) the `next_deviation`
+for d = 1, and d the lean ratio. Then
 
-    e' = F(e) + lambda e + ...,    lambda = (1 - d) / (1 + d).
+    e' = F(e) + lambda e + ...,    lambda = (1 - d) / (1 + d),
 
-A chain wobbles if lambda < 0. Extended springs do not change the sign of lambda. A term in
-e^2 models the effect of extended springs on the curvature of F.
+and the chain wobbles if lambda < 0. Extended springs change the curvature of F, modelled by a term
+in e^2, but not the sign of lambda.
 """
 
 from __future__ import annotations
@@ -47,41 +40,30 @@ Records = NDArray[np.void]
 
 _NUMBERS = records(record_dtype(MotionSettings))
 _LEAST_NOISE = 1e-6
-"""Lower limit of the noise of a frame [rad]."""
 _LEANING = 3.0
-"""Threshold of the lean on either side of a wall [standard deviations]: a frame shows a wall only
-if the lean on both sides exceeds this threshold."""
+"""Least lean on both sides of a wall [standard deviations]."""
 _FLAT, _FLAT_IN_NOISE, _NOISIEST = 0.02, 2.0, 0.15
-"""Limits of the use of tails [1]. A tail ends where the deviation is below `_FLAT` rest angles or
-below `_FLAT_IN_NOISE` standard deviations of the noise. A frame is not used if its noise exceeds
-`_NOISIEST` rest angles."""
+"""A tail ends at a deviation of `_FLAT` rest angles or `_FLAT_IN_NOISE` standard deviations of the
+noise; it is not used if the noise exceeds `_NOISIEST` rest angles [1]."""
 _BEND, _NEGLECTED = 0.1, 0.01
-"""Two assumed effects of extended springs [1]. `_BEND` is the prior standard deviation of the
-coefficient of e^2, multiplied by the rest angle. `_NEGLECTED` is the standard deviation of the
-tail ratio."""
+"""Prior standard deviation of the coefficient of e^2 times the rest angle, and error of the tail
+ratio due to extended springs [1]."""
 _SPREAD = 1.2
-"""Ratio of the variance of e' - F(e) to the variance of the noise [1]."""
 _LEAST_LEVER = 1e-9
-"""Lever that replaces a zero lever [1], so that the slope stays finite. The lever is zero if a bar
-is in line with its outer rotor."""
+"""Lever of a bar in line with its outer rotor [1], so that the slope stays finite."""
 _LEAST_WEIGHT = 1e-300
-"""Weight of the rest angle of a frame whose tails contain no information [1/rad^2]. A weight of 0
-would make the mean rest angle undefined."""
+"""Least weight of the rest angle of a frame [1/rad^2], so that the mean is always defined."""
 _NO_EVIDENCE = (math.nan, 0.0, math.nan)
-"""Site, log likelihood ratio and rest angle of a frame that contains no information."""
 
 
 @compiled(f8, f8, f8)
 def next_deviation(inner: float, rest_angle: float, k: float) -> tuple[float, float]:
     """Return the deviation F(e) of the outer neighbour of a rotor [rad], and the slope F'(e) [1].
 
-    All bars have their relaxed length. A rotor leans by alpha = theta_bar + e, and its neighbour
-    further from the wall leans by alpha' = theta_bar + F(e). With k = a / r, the bar between these
-    two rotors has the relaxed length if
+    A rotor leans by alpha = theta_bar + e and its outer neighbour by alpha' = theta_bar + F(e).
+    With k = a / r, the bar between them has its relaxed length if
 
         cos(alpha + alpha') + k (sin(alpha) - sin(alpha')) = cos(2 theta_bar).
-
-    The slope at e = 0 is lambda = (1 - d) / (1 + d) for k = 2 sin(theta_bar) / d.
     """
     lean, up = math.sin(rest_angle + inner), math.cos(rest_angle + inner)
     across = k + lean
@@ -96,8 +78,7 @@ def next_deviation(inner: float, rest_angle: float, k: float) -> tuple[float, fl
 def bond_of_wall(sines: Array) -> tuple[int, float, float]:
     """Return the number of rotors before the wall, and the sines of the two rotors beside it.
 
-    The wall is at the bond at which the sums of sin(theta) on the two sides differ most. An
-    unknown sine is returned as 0.
+    On the two sides of the wall, the sums of sin(theta) differ most. An unknown sine is 0.
     """
     whole, running, most, bond = 0.0, 0.0, -1.0, 0
     for n in range(sines.size):
@@ -110,11 +91,7 @@ def bond_of_wall(sines: Array) -> tuple[int, float, float]:
     if not 0 < bond < sines.size:
         return bond, 0.0, 0.0
     left, right = sines[bond - 1], sines[bond]
-    return (
-        bond,
-        left if math.isfinite(left) else 0.0,
-        right if math.isfinite(right) else 0.0,
-    )
+    return (bond, left if math.isfinite(left) else 0.0, right if math.isfinite(right) else 0.0)
 
 
 @compiled(const_f8_1d, i8)
@@ -144,10 +121,7 @@ _PART = named_tuple(UniformPart, f8)
 def uniform_part(
     angles: Array, sines: Array, cosines: Array, nearest: int, edge: int
 ) -> UniformPart:
-    """Return statistics of the outer half of the rotors between a wall and an edge.
-
-    `nearest` is the rotor next to the wall. The edge rotor `edge` is excluded.
-    """
+    """Return statistics of the outer half of the rotors from a wall to an edge (excluded)."""
     way = 1 if edge > nearest else -1
     inner = nearest + way * (abs(edge - nearest) // 2)
     low, high = (inner, edge) if way > 0 else (edge + 1, inner + 1)
@@ -167,11 +141,9 @@ def uniform_part(
 
 @compiled(const_f8_1d, f8, f8)
 def tail_of_side(deviations: Array, large: float, small: float) -> tuple[int, int]:
-    """Return the index at which a tail begins and the index at which it ends.
+    """Return the begin and the end of a tail, given deviations [rad] from the wall outwards.
 
-    `deviations` [rad] are those of the rotors on one side of a wall, from the wall outwards. The
-    tail begins after the last rotor whose absolute deviation exceeds `large` [rad]. It ends before
-    the first later rotor whose absolute deviation is at most `small` [rad].
+    It begins after the last deviation above `large` and ends at the first one up to `small`.
     """
     begin = 0
     for n in range(deviations.size):
@@ -185,21 +157,9 @@ def tail_of_side(deviations: Array, large: float, small: float) -> tuple[int, in
 
 @compiled(const_f8_1d, i8, i8, _PART, f8, f8_2d)
 def tail_products(
-    angles: Array,
-    nearest: int,
-    edge: int,
-    part: UniformPart,
-    noise: float,
-    sums: Array,
+    angles: Array, nearest: int, edge: int, part: UniformPart, noise: float, sums: Array
 ) -> None:
-    """Add the products of a tail to the sums, shape (3, 3).
-
-    Each product is that of two entries of the vector (e, e^2, e' - F(e)), divided by the variance
-    of the last entry. The deviation e of a rotor is the difference between theta and the mean of
-    theta on the same side [rad]; e is positive for a larger lean. Only the inner half of the
-    rotors on a side is used, up to the first rotor with a negligible deviation. If the noise
-    exceeds `_NOISIEST` rest angles, the sums do not change.
-    """
+    """Add the products of (e, e^2, e' - F(e)) in a tail, divided by the variance, to the sums."""
     mean, handed = part.mean, 1.0 if (part.sine > 0) == (part.cosine > 0) else -1.0
     rest_angle = math.pi / 2 - abs(math.asin(math.cos(mean)))
     if noise > _NOISIEST * rest_angle:
@@ -223,12 +183,7 @@ def tail_products(
 
 @compiled(f8, f8, f8)
 def _flipping(left: float, right: float, variance: float) -> float:
-    """Return the log likelihood ratio of a flipper against a spinner.
-
-    A flipper has theta_right = -theta_left, and a spinner has theta_right = theta_left + pi. If
-    neither condition is satisfied within the noise, for example in a wake, the smaller squared
-    error replaces `variance`.
-    """
+    """Return the log likelihood ratio of a flipper against a spinner."""
     flipped, spun = wrapped(right + left), wrapped(right - left - math.pi)
     flipped, spun = flipped * flipped, spun * spun
     likelihood = (spun - flipped) / (2 * max(variance, min(flipped, spun)))
@@ -239,11 +194,7 @@ def _flipping(left: float, right: float, variance: float) -> float:
 def evidence(
     settings: Records, angles: Array, sines: Array, cosines: Array, noise: float, tails: Array
 ) -> tuple[float, float, float]:
-    """Return site, log likelihood ratio and rest angle of a frame, as in `MotionEvidence`.
-
-    Adds the products of the tails of the frame to `tails`, shape (3, 3). `noise` is a lower bound
-    of the noise of the angles [rad].
-    """
+    """Return site, log likelihood ratio and rest angle of a frame; add its tails to `tails`."""
     rotors, fewest = angles.size, settings[0]['fewest_rotors']
     bond, before, beyond = bond_of_wall(sines)
     if not fewest < bond < rotors - fewest:
@@ -272,11 +223,7 @@ def evidence(
 
 @compiled(const_f8_2d, f8)
 def tail_ratio(tails: Array, rest_angle: float) -> tuple[float, float]:
-    """Return the ratio lambda of the tails and the standard deviation of this ratio [1].
-
-    If the tails contain no information, the ratio is NaN and its standard deviation is infinite.
-    The prior standard deviation of the coefficient of e^2 is `_BEND` / theta_bar.
-    """
+    """Return the tail ratio lambda and its standard deviation [1]; NaN and inf if unknown."""
     if tails[0, 0] <= 0:
         return math.nan, math.inf
     first, both = tails[0, 0] + 1, tails[0, 1]
@@ -295,11 +242,7 @@ def observe(
     rest_angle: float,
     tails: Array,
 ) -> tuple[tuple[float, float, float], tuple[float, float]]:
-    """Add the `evidence` of a frame to the evidence of earlier frames, and update the tails.
-
-    Returns two tuples. The first one is site, log likelihood ratio and rest angle. The second one
-    is the `tail_ratio`. All results except the site include the earlier frames.
-    """
+    """Add the `evidence` of a frame to the earlier evidence; return it and the `tail_ratio`."""
     known = tails[0, 0]
     sines, cosines = np.full(angles.size, math.nan), np.full(angles.size, math.nan)
     for n in range(angles.size):
@@ -321,9 +264,8 @@ class MotionClass(NamedTuple):
     """Class of motion, determined from the angles.
 
     motion: class of motion; None if no class is probable enough, for example without a wall.
-    confidence: probability of the likeliest class, from 0 to 1. The spinner has the prior
-        probability 1/3; the two classes of flippers share 2/3.
-    spinning: probability that the chain is a spinner, from 0 to 1.
+    confidence: probability of the likeliest class, with the prior 1/3 for each class.
+    spinning: probability that the chain is a spinner.
     """
 
     motion: Motion | None
@@ -334,17 +276,12 @@ class MotionClass(NamedTuple):
 class MotionEvidence(NamedTuple):
     """Evidence about the class of motion from all frames.
 
-    site: site at which u changes its sign in the last frame [rotor spacings]; NaN if that frame
-        shows no wall.
-    flipping: log likelihood ratio of a flipper against a spinner [1]. The ratio is limited,
-        because all frames may have the same error.
+    site: site at which u changes its sign in the last frame [rotor spacings]; NaN without a wall.
+    flipping: limited log likelihood ratio of a flipper against a spinner [1].
     rest_angle: mean lean of the rotors far from the wall [rad]; NaN if no frame has shown a wall.
-    tails: sums of the products of two entries of the vector (e, e^2, e' - F(e)), divided by the
-        variance of the last entry, shape (3, 3).
-    tail_ratio: ratio lambda of the deviations of neighbouring rotors in the tails [1]; NaN if
-        unknown.
-    tail_ratio_deviation: standard deviation of the tail ratio [1], including the effect of
-        extended springs; infinite if unknown.
+    tails: sums of the products of (e, e^2, e' - F(e)), divided by the variance, shape (3, 3).
+    tail_ratio: ratio lambda of the deviations of neighbouring rotors [1]; NaN if unknown.
+    tail_ratio_deviation: standard deviation of the tail ratio [1]; infinite if unknown.
     """
 
     site: float
@@ -355,11 +292,7 @@ class MotionEvidence(NamedTuple):
     tail_ratio_deviation: float
 
     def verdict(self, settings: MotionSettings = DEFAULTS.motion) -> MotionClass:
-        """Return the class of motion.
-
-        The field `motion` is None unless the probability of a class reaches the least probability
-        of the settings.
-        """
+        """Return the class of motion, if its probability reaches the least probability."""
         determined = math.isfinite(self.tail_ratio)
         scaled = self.tail_ratio / self.tail_ratio_deviation if determined else 0.0
         wobbling = math.erfc(scaled / math.sqrt(2)) / 2
@@ -375,14 +308,12 @@ class MotionEvidence(NamedTuple):
 
 
 NO_EVIDENCE = MotionEvidence(math.nan, 0.0, math.nan, np.zeros((3, 3)), math.nan, math.inf)
-"""Evidence before the first frame."""
 
 
 class MotionObserver:
     """Observer that accumulates the evidence of all frames since the last restart.
 
-    A frame contains no information in three cases: the frame shows no wall, the wall is within
-    four rotors of an edge, or too few angles are known.
+    Walls within four rotors of an edge are ignored.
     """
 
     def __init__(self, settings: MotionSettings = DEFAULTS.motion) -> None:
@@ -396,9 +327,9 @@ class MotionObserver:
     def observe(self, angles: Array, noise: float = 0.0) -> MotionClass:
         """Add the evidence of a frame, and return the class of motion.
 
-        Angles [rad], shape (N,), are NaN if unknown. They may be wrapped or unwrapped. `noise` is
-        a lower bound of the standard deviation of the angles [rad]. Raises ValueError for a
-        negative or infinite noise, and for angles that are not one-dimensional.
+        Angles [rad], shape (N,), wrapped or unwrapped, are NaN if unknown. `noise` is a lower
+        bound of their standard deviation [rad]. Raises ValueError for another shape, and for a
+        noise that is negative or infinite.
         """
         angles = np.asarray(angles, dtype=np.float64, order='C')
         if angles.ndim != 1:
@@ -409,12 +340,7 @@ class MotionObserver:
             raise ValueError(f'noise = {noise} rad must be a finite number of 0 or more')
         before, tails = self.evidence, self.evidence.tails.copy()
         found, ratio = observe(
-            self._settings.record,
-            angles,
-            noise,
-            before.flipping,
-            before.rest_angle,
-            tails,
+            self._settings.record, angles, noise, before.flipping, before.rest_angle, tails
         )
         self.evidence = MotionEvidence(*found, tails, *ratio)
         return self.evidence.verdict(self._settings)

@@ -1,38 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Multiple-model filter of the motion along the orbit: a bank of Kalman filters.
+"""Multiple-model filter of the motion along the orbit (Blom and Bar-Shalom).
 
-The state of each filter is (s, w, b, d): arc length s along the orbit [rad], its rate w [rad/s],
-bias b of the measurement [rad] and disturbance d [rad/s^2]. A measurement is z = s + b + noise.
-The bias b persists while the wall moves by about half a rotor spacing, or for the time tau:
+The state of each Kalman filter is (s, w, b, d): arc length s along the orbit [rad], its rate w
+[rad/s], bias b of the measurement [rad] and disturbance d [rad/s^2]. A measurement is z = s + b +
+noise. The bias persists over half a rotor spacing or the time tau:
 
     ds = w dt,   dw = sqrt(q) dB,   b' = a b + noise of variance m^2 (1 - a^2),
 
 with a = exp(-|w| dt / (Lambda / 2) - dt / tau) and q = e^2 |w|^3 / Lambda. Lambda is the arc
-length per rotor spacing, and e is the relative change of the rate per rotor spacing.
+length per rotor spacing, and e the relative change of the rate per rotor spacing.
 
-Filters with different values of e and m run in parallel (Blom and Bar-Shalom). The estimate is the
-mean of all filters, weighted by the likelihood of recent measurements. The steady filter has
-e = m = 0 and uses the whole record. The steady filter has a high weight until the likelihood of
-all measurements contradicts it. Then it restarts from the mean of the other filters, with a low
-weight.
+Filters with different e and m are weighted by the likelihood of recent measurements. The steady
+filter has e = m = 0 and uses the whole record. If the measurements contradict it, it restarts from
+the mean of the others with a low weight. At edges, e is larger, because springs exchange energy
+with the wall. There and in strong waves, the weight of the steady filter is limited.
 
-At edges, springs exchange energy with the wall. Therefore the other filters have a larger e at
-edges, and the weight of the steady filter is limited. The weight of the steady filter is also
-limited if waves are as strong as the motion of the wall.
+Several filters assume an impulse about 1, 2, 4, 8, ... frames ago, after which the rate is almost
+unknown. Their weights are the prior probability of an impulse times the likelihood ratio since. If
+the odds of an impulse become decisive, all filters restart from it.
 
-An impulse changes the rate instantly. Several filters assume an impulse about 1, 2, 4, 8, ...
-frames ago. In these filters the rate after the impulse is almost unknown. The weight of such a
-filter is the prior probability of an impulse times the likelihood ratio of all measurements since
-that impulse. If the odds of an impulse become decisive, all filters restart from the filter that
-assumes this impulse.
+If the settings include a disturbance, with the modelled acceleration u,
 
-If the settings include a disturbance, s, w and d have process noise. The variance of this noise is
-proportional to r, which is the variance of a measurement times the time step:
+    ds = w dt + sqrt(3 r) W dB_1,   dw = (u + d) dt + sqrt(3 r) W^2 dB_2,   dd = sqrt(r) W^3 dB_3,
 
-    ds = w dt + sqrt(3 r) W dB_1,   dw = (u + d) dt + sqrt(3 r) W^2 dB_2,   dd = sqrt(r) W^3 dB_3.
-
-Here u is the modelled acceleration. The steady filter then has three poles at -W for any r
-(Riccati equation); W is the bandwidth of the disturbance.
+where r is the variance of a measurement times the time step. The steady filter then has three
+poles at -W for any r (Riccati equation); W is the bandwidth of the disturbance.
 """
 
 from __future__ import annotations
@@ -60,10 +52,9 @@ from soliton_linkage.estimation.settings import DEFAULTS, FilterSettings
 
 _Summary = tuple[float, float, float, float, float]
 _FIRST_ODDS = 5.5
-"""Prior log odds of the steady model, which assumes no unmodelled damping [1]."""
+"""Prior log odds of the steady model without unmodelled damping [1]."""
 _LEAST_IMPULSE = 0.1
-"""Lower limit of the standard deviation by which an impulse changes the rate, relative to the rate
-scale [1]."""
+"""Least standard deviation of the change of the rate by an impulse, relative to the scale [1]."""
 
 
 class MultipleModelFilter:
@@ -77,16 +68,15 @@ class MultipleModelFilter:
         site_arc: float,
         settings: FilterSettings = DEFAULTS.filter,
     ) -> None:
-        """Start all filters at the same arc length along the orbit [rad].
+        """Start at an arc length [rad] with its variance [rad^2] and the scale of rates [rad/s].
 
-        `variance` is the variance of this arc length [rad^2]. `scale` is a typical absolute rate
-        [rad/s]. `site_arc` is the arc length per rotor spacing [rad].
+        `site_arc` is the arc length per rotor spacing [rad].
         """
         self._settings = settings
         self.site_arc = site_arc
         self._base = 1 + len(settings.rate_changes) * len(settings.biases)
         self.filters = self._models()
-        """One record of type `FILTER` for each filter, shape (F,)."""
+        """Records of type `FILTER`, shape (F,)."""
         self.filters['state'][:, ARC] = arc
         covariances = self.filters['covariance']
         covariances[:, ARC, ARC] = variance
@@ -107,7 +97,6 @@ class MultipleModelFilter:
         set_weights(self.filters, settings.record, self._base, odds)
         self._refresh()
         self.expected_rate = 0.0
-        """Rate of the arc length after the last prediction [rad/s]."""
 
     def _models(self) -> Records:
         settings, base = self._settings, self._base
@@ -127,7 +116,7 @@ class MultipleModelFilter:
         return models
 
     def mirrored(self, arc: float) -> MultipleModelFilter:
-        """Return a copy of the bank at another arc length [rad], with the opposite rate."""
+        """Return a copy at another arc length [rad], with the opposite rate."""
         other = copy.copy(self)
         other.filters, other._status = self.filters.copy(), self._status.copy()
         other.filters['state'] *= -1
@@ -173,9 +162,9 @@ class MultipleModelFilter:
     ) -> None:
         """Predict all filters over the time `elapsed` [s].
 
-        `at_edge` is whether the wall is at an edge of the chain. `ratio` is the factor by which
-        the motion along the orbit changes the rate [1]. `acceleration` is the modelled
-        acceleration of the arc length [rad/s^2]. `bandwidth` is that of the disturbance [rad/s].
+        The motion along the orbit multiplies the rate by `ratio` [1]. `acceleration` is the
+        modelled acceleration of the arc length [rad/s^2], and `bandwidth` that of the disturbance
+        [rad/s].
         """
         rate, gained = self.rate, (acceleration + self.disturbance) * elapsed
         self._known = None
@@ -194,11 +183,7 @@ class MultipleModelFilter:
     def apply_impulse(
         self, change: float, rate_variance: float = 0.0, arc_variance: float = 0.0
     ) -> None:
-        """Add the effect of an impulse to all filters.
-
-        `change` is added to the rate [rad/s], `rate_variance` to the variance of the rate
-        [rad^2/s^2], and `arc_variance` to the variance of the arc length [rad^2].
-        """
+        """Add an impulse to the rates [rad/s], and its uncertainty to both variances."""
         self.filters['state'][:, RATE] += change
         self.filters['covariance'][:, RATE, RATE] += rate_variance
         self.filters['covariance'][:, ARC, ARC] += arc_variance
@@ -206,10 +191,7 @@ class MultipleModelFilter:
         self._refresh()
 
     def add_rate_noise(self, variance: float, elapsed: float) -> None:
-        """Add process noise of the rate that has accumulated over the time `elapsed` [s].
-
-        `variance` is the increase of the variance of the rate [rad^2/s^2].
-        """
+        """Add process noise of the rate [rad^2/s^2] that has accumulated over a time [s]."""
         covariances = self.filters['covariance']
         covariances[:, RATE, RATE] += variance
         covariances[:, ARC, ARC] += variance * elapsed**2 / 3
@@ -218,18 +200,13 @@ class MultipleModelFilter:
         self._refresh()
 
     def update(
-        self,
-        arc: float,
-        variance: float,
-        degrees_of_freedom: float = math.inf,
-        calm: float = 1.0,
+        self, arc: float, variance: float, degrees_of_freedom: float = math.inf, calm: float = 1.0
     ) -> None:
         """Update all filters with a measured arc length [rad] and its variance [rad^2].
 
-        The variance has a number f of degrees of freedom. If f is finite, the likelihood follows
-        Student's distribution: sqrt((f + 1) log(1 + x^2 / f)) replaces a normalised innovation x.
-        `calm` is a number from 0 (strong waves) to 1 (no waves). A small `calm` limits the weight
-        of the steady filter.
+        For f degrees of freedom of the variance, sqrt((f + 1) log(1 + x^2 / f)) replaces a
+        normalised innovation x (Student). `calm`, 0 in strong waves and 1 without, limits the
+        steady filter.
         """
         self._known = measure(
             self.filters,
@@ -243,22 +220,17 @@ class MultipleModelFilter:
 
     @property
     def impulses(self) -> int:
-        """Number of detected impulses."""
+        """Number of impulses that were detected."""
         return int(self._status['impulses'][0])
 
     @property
     def summary(self) -> _Summary:
-        """Mean and covariance of arc length and rate, averaged over all filters.
-
-        The five numbers are: arc length [rad], rate [rad/s], variance of the arc length [rad^2],
-        covariance [rad^2/s], and variance of the rate [rad^2/s^2].
-        """
+        """Arc length s [rad], rate w [rad/s], var(s), cov(s, w) and var(w) of the mixture."""
         if self._known is None:
             self._known = mixture(self.filters, len(self.filters))
         return self._known
 
     def _refresh(self) -> None:
-        """Compute mean [rad] and variance [rad^2] of the predicted measurement s + b."""
         self._known = None
         self._status['rate'] = self.rate
         self.expected, self.expected_variance = expected_measurement(self.filters)

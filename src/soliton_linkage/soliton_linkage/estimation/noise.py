@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Estimates of the noise of angles, rates and time stamps.
-
-Noise is random from frame to frame. Persistent residuals, which remain over several frames, are
-estimated separately.
-"""
+"""Estimates of the noise of angles, rates and time stamps, separate from persistent residuals."""
 
 from __future__ import annotations
 
@@ -31,14 +27,11 @@ FREEDOMS_OF_MEDIAN = 0.368
 _LARGEST_CHANGE = 12.0
 """Upper limit of the product of two second differences, relative to its expected value [1]."""
 _EDGE_RATIO = 4.0
-"""Variance of the deformation of a wall at an edge, relative to a wall inside the chain
-[1]."""
+"""Variance of the deformation of a wall at an edge, relative to a wall inside the chain [1]."""
 LARGEST_EXCESS = 3.0
-"""Largest mean square of persistent residuals near a wall, relative to the recent mean square of
-all residuals [1]."""
+"""Largest mean square of persistent residuals near a wall, relative to recent residuals [1]."""
 _FIELD_RATIO = 3.0
-"""Largest squared residual near a wall, relative to the mean square [1]. The ratio exceeds 1,
-because waves are not uniform."""
+"""Largest squared residual near a wall, relative to the mean square [1]; waves are not uniform."""
 
 
 def median(values: Array) -> float:
@@ -58,18 +51,17 @@ def robust_deviation(sizes: Array) -> float:
 
 Records = NDArray[np.void]
 Estimate = tuple[float, float, float, float, float, float]
-"""Result of `estimate`."""
 
 _SQUARES = ('squares', 'freedoms', 'recent_squares', 'recent_freedoms')
 PAIRS = ('products', 'pairs', 'wall', 'wall_weights', 'wall_squared_weights')
 NOISE = np.dtype([(name, np.float64) for name in (*_SQUARES, *PAIRS)])
-"""Record of sums over the frames, in which older frames have less weight. Fields:
+"""Record of sums over the frames, in which older frames have less weight.
 
 squares, freedoms: squared residuals [rad^2] and their degrees of freedom [1].
 recent_squares, recent_freedoms: the same sums over the recent frames only.
 products, pairs: products of residuals in successive frames [rad^2] and their number [1].
 wall: the same products, each weighted by the squared tangent t^2 [rad^2].
-wall_weights, wall_squared_weights: effective weights of the terms in `wall` and their squares [1].
+wall_weights, wall_squared_weights: effective weights in `wall` and their squares [1].
 """
 _SUMS = records(NOISE, writable=True)
 _READ_SUMS = records(NOISE)
@@ -80,12 +72,10 @@ _NUMBERS = records(record_dtype(NoiseSettings))
 def products_in_time(
     oldest: Array, older: Array, latest: Array, tangent: Array, first: int, found: Array
 ) -> None:
-    """Set sums of products of the residuals in three successive frames.
+    """Set sum p, sum t^2 p, sum f and sum f^2, where f = t^2 - t^4 with the tangent t.
 
-    Residuals [rad] have shape (N,). With the residuals x in the latest frame, x' in the preceding
-    one and x'' in the oldest one, the product of a rotor is p = x (4 x' - x'') / 3. With the
-    tangent t of the rotors near the wall, which starts at rotor `first`, the four sums are sum p,
-    sum t^2 p, sum f and sum f^2, where f = t^2 - t^4.
+    p = x (4 x' - x'') / 3 is the product of the residuals x, x' and x'' [rad], shape (N,), in the
+    latest, the preceding and the oldest frame.
     """
     total, wall, weights, squared = 0.0, 0.0, 0.0, 0.0
     for n in range(tangent.size):
@@ -104,23 +94,17 @@ def products_in_time(
 def _noise_bound(
     square: float, squared_weights: float, largest: float, significance: float
 ) -> float:
-    """Return Bernstein's bound of a weighted sum of products that noise alone causes [rad^2].
-
-    For noise of variance 1, each product has the variance 17 / 9. `square` is the mean square of
-    the residuals [rad^2], and `largest` is the largest weight [1].
-    """
+    """Return Bernstein's bound of a sum of products of noise [rad^2], of variance 17 / 9 each."""
     deviation = significance * math.sqrt(17 / 9 * squared_weights)
     return square * (deviation + significance**2 / 2 * largest)
 
 
 @compiled(_READ_SUMS, _NUMBERS, f8)
 def estimate(noise: Records, settings: Records, given: float) -> Estimate:
-    """Return the variance of the noise and five related numbers.
+    """Return the variance of the noise and five related numbers [rad^2], given 0 or its value.
 
-    `given` is the specified variance of the noise [rad^2], 0 if unknown. The results are: the
-    variance of the noise; a lower bound of this variance; the mean square of the residuals in
-    recent frames; the mean square of persistent residuals; the mean square of persistent residuals
-    near the wall [rad^2 each]; and the degrees of freedom of the residuals [1].
+    They are: a lower bound of it, the mean squares of recent, of persistent and of persistent
+    residuals near the wall, and the degrees of freedom [1].
     """
     sums, significance = noise[0], settings[0]['significance']
     freedoms, recent = sums['freedoms'], sums['recent_freedoms']
@@ -152,12 +136,7 @@ def learn(
     pairs: int,
     products: Array,
 ) -> Estimate:
-    """Add the residuals of a frame to the sums, and return the `estimate`.
-
-    `freedoms` is the number of degrees of freedom of the residuals, and `squares` the sum of their
-    squares [rad^2]. `products` are the results of `products_in_time`, and `pairs` is the number of
-    products [1]; 0 means that no products exist, as in the first two frames.
-    """
+    """Add the squares and the `products_in_time` of a frame; return the `estimate`."""
     sums, numbers = noise[0], settings[0]
     fade = 1 - 1 / numbers['memory']
     sums['squares'] = fade * sums['squares'] + squares
@@ -178,25 +157,20 @@ def learn(
 class FrameNoise:
     """Estimator of the noise of the angles and of persistent residuals.
 
-    Persistent residuals are caused by waves, encoder offsets and deviations from the uniform
-    chain. Only noise is independent from frame to frame. Let c_1 and c_2 be the mean products of
-    the residuals of a rotor in frames that are one and two frames apart. The mean square of
-    persistent residuals is extrapolated to (4 c_1 - c_2) / 3.
+    Only noise is independent from frame to frame. With the mean products c_1 and c_2 of the
+    residuals of a rotor one and two frames apart, the mean square of persistent residuals is (4
+    c_1 - c_2) / 3.
     """
 
     def __init__(self, given: float | None, settings: NoiseSettings = DEFAULTS.noise) -> None:
-        """Start without frames.
-
-        `given` is the standard deviation of the noise [rad], None if unknown.
-        """
+        """Start with the standard deviation of the noise [rad], None if unknown."""
         self._settings = settings.record
         self._given = 0.0 if given is None else given**2
         self._sums, self._products = np.zeros(1, NOISE), np.zeros(4)
         self._freedoms = 0.0
         self.variance = self._given
         self.least = 0.0
-        """Lower bound of the variance of the noise [rad^2]. It is 0 after the first frame, unless
-        the noise is given."""
+        """Lower bound of the variance of the noise [rad^2]; 0 while unknown."""
         self._earlier: tuple[LinearisedMeasurement, ...] = ()
         self.discard_persistence()
 
@@ -238,10 +212,7 @@ class FrameNoise:
         )
 
     def discard_persistence(self) -> None:
-        """Discard the estimate of persistent residuals, but keep the estimate of the noise.
-
-        This is necessary if the corrected offsets have changed.
-        """
+        """Discard the persistent residuals, because the corrected offsets have changed."""
         self._earlier = ()
         self._sums['squares'] = self.variance * self._freedoms
         for name in PAIRS:
@@ -256,10 +227,7 @@ class FrameNoise:
 
 @compiled(const_f8_1d, const_f8_1d, const_f8_1d, f8)
 def median_change(first: Array, second: Array, third: Array, ratio: float) -> float:
-    """Return the median of |r_1 - (1 + q) r_2 + q r_3| over all rotors with known rates.
-
-    The result is NaN if no rotor has three known rates r_1, r_2 and r_3. `ratio` is q.
-    """
+    """Return the median of |r_1 - (1 + q) r_2 + q r_3| over all known rotors, else NaN."""
     changes, known = np.empty(first.size), 0
     for n in range(first.size):
         change = abs(first[n] - (1 + ratio) * second[n] + ratio * third[n])
@@ -272,11 +240,9 @@ def median_change(first: Array, second: Array, third: Array, ratio: float) -> fl
 class RateNoise:
     """Estimator of the noise of rates, from second differences in time.
 
-    Let q be the ratio of two successive time differences. White noise of variance sigma^2 adds
-    (1 + (1 + q)^2 + q^2) sigma^2 to the variance of r_1 - (1 + q) r_2 + q r_3. At equal intervals
-    dt, a phonon of angular frequency w adds only (w dt)^4 / 2 times its squared amplitude. The
-    median over the rotors excludes rotors in a wall. Frames more than 0.5 / w of the fastest
-    phonon apart are not used, because noise and phonons cannot be separated then.
+    With the ratio q of two time differences, white noise of variance sigma^2 adds (1 + (1 + q)^2 +
+    q^2) sigma^2 to the variance of r_1 - (1 + q) r_2 + q r_3. A phonon of frequency w adds only (w
+    dt)^4 / 2 times its squared amplitude, so that longer intervals are not used.
     """
 
     def __init__(self, chain: Chain, settings: NoiseSettings = DEFAULTS.noise) -> None:
@@ -295,7 +261,7 @@ class RateNoise:
         return DEVIATION_PER_MEDIAN * self._median if self._frames else math.nan
 
     def update(self, time: float, rates: Array) -> None:
-        """Add the rates [rad/s] at a time [s]; the rates have shape (N,), NaN if unknown."""
+        """Add the rates at a time [s]; rates [rad/s] have shape (N,), NaN if unknown."""
         self._rows = [*self._rows[-2:], (time, np.ascontiguousarray(rates, dtype=np.float64))]
         if len(self._rows) < 3:
             return
@@ -314,12 +280,9 @@ class RateNoise:
 class StampJitter:
     """Estimator of the errors of time stamps, from second differences of measured arc lengths.
 
-    A stamp error e shifts the measured arc length along the orbit by w e, where w is the rate. Let
-    q and q' be the ratios of successive time differences of four measurements z_1 to z_4. Errors
-    with the variance v give the second differences z_3 - (1 + q) z_2 + q z_1 and
-    z_4 - (1 + q') z_3 + q' z_2 the mean product -v ((1 + q') + (1 + q) q'). An acceleration of the
-    wall gives a positive product. Stamp errors explain the part of v that exceeds the variance of
-    the measurements. The mean is weighted by w^2.
+    Stamp errors e of the variance v shift the arc lengths by w e. With the ratios q and q' of
+    successive time differences, the second differences z_3 - (1 + q) z_2 + q z_1 and z_4 - (1 +
+    q') z_3 + q' z_2 have the mean product -v ((1 + q') + (1 + q) q').
     """
 
     def __init__(self, settings: NoiseSettings = DEFAULTS.noise) -> None:
@@ -334,11 +297,7 @@ class StampJitter:
         """Variance of the error of a stamp [s^2]; 0 if the error is not significant."""
 
     def update(self, time: float, arc: float, variance: float, rate: float) -> None:
-        """Add a measured arc length along the orbit [rad] with the stamp `time` [s].
-
-        `variance` is the variance of the arc length [rad^2], and `rate` is its change per time
-        [rad/s].
-        """
+        """Add an arc length [rad] with its stamp [s], variance [rad^2] and rate [rad/s]."""
         self._rows = *self._rows[-3:], (time, arc, variance)
         if len(self._rows) < 4:
             return
@@ -360,17 +319,10 @@ class StampJitter:
 
 
 class ResidualVariance:
-    """Variance of the difference between a rotor and the orbit.
-
-    The difference is caused by noise, by waves, and by the deformation of a wall by its springs.
-    """
+    """Variance of the difference between a rotor and the orbit due to noise, waves and springs."""
 
     def __init__(self, swing: float, noise: float | None, settings: EstimationSettings) -> None:
-        """Start without frames.
-
-        `swing` is the change of angle of a rotor while a wall passes [rad]. `noise` is the
-        standard deviation of the angles [rad], None if unknown.
-        """
+        """Start with the swing of a rotor and the standard deviation of the angles [rad]."""
         given = settings.likelihood
         self._given_noise, self._settings = noise, settings
         self.elastic = (given.elastic_share * swing) ** 2
@@ -387,7 +339,7 @@ class ResidualVariance:
         self.frames = 0
         """Number of frames since the current wall was acquired."""
         self.at_edge = False
-        """Whether the wall is at an edge, where springs exchange energy with the wall."""
+        """Whether the wall is at an edge."""
 
     def start(self, view: LinearisedMeasurement) -> None:
         """Restart with the first frame of a new wall, but keep `way` and `at_edge`."""
@@ -401,11 +353,7 @@ class ResidualVariance:
         self.frames += 1
 
     def of_rotor(self) -> float:
-        """Return the variance of the difference between a rotor and the orbit [rad^2].
-
-        The variance of the deformation by springs increases with the displacement of the wall
-        since the last frame.
-        """
+        """Return the variance of the difference between a rotor and the orbit [rad^2]."""
         noise = self.noise
         field = max(noise.scatter - noise.variance, 0.0) + _FIELD_RATIO * noise.excess
         unknown = math.exp(-self.frames / self._settings.tracking.settled)
@@ -416,8 +364,8 @@ class ResidualVariance:
     def of_arc(self, view: LinearisedMeasurement) -> float:
         """Return the variance of a measured arc length along the orbit [rad^2].
 
-        If rotors are unseen, persistent residuals shift the measured arc length until the wall has
-        moved by one rotor spacing. Outliers shift the measured arc length in this frame only.
+        With unseen rotors, persistent residuals shift it until the wall has moved by a rotor
+        spacing.
         """
         known = max(view.full_information, view.information)
         unseen, outliers = max(1 / known - 1, 0.0), 1 / view.information - 1 / known
@@ -429,11 +377,10 @@ class ResidualVariance:
         return noise.variance / view.information + persistent + fleeting
 
     def calm(self, rate: float) -> float:
-        """Return the confidence that waves do not disturb the motion of a wall, from 0 to 1.
+        """Return the confidence, 0 to 1, that waves do not disturb the motion of a wall.
 
-        `rate` is the rate of the arc length in the time unit of the chain. Waves of amplitude phi
-        change the rate of a wall by about the fraction phi / rate. The confidence decreases if
-        this fraction or the ratio of the waves to the noise increases.
+        Waves of amplitude phi change `rate` [per time unit of the chain] by the fraction phi /
+        rate.
         """
         noise = self.noise
         field = max(noise.scatter - noise.variance, noise.excess, 0.0)

@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recursive estimator of the arc length of a chain along its orbit, and of the rate.
 
-Each frame is a measurement of the arc length s. The measured angles are phi = Phi(s) + noise,
-where Phi is the orbit and the noise has the standard deviation sigma. The measurement is
-linearised at the predicted arc length s_0. With the tangent t = dPhi/ds at this point,
+With the tangent t = dPhi/ds of the orbit Phi at the predicted arc length s_0, the measured angles
+phi of noise sigma give the measurement
 
-    z = s_0 + t . (phi - Phi(s_0)) / t^2    with the variance sigma^2 / t^2.
+    z = s_0 + t . (phi - Phi(s_0)) / t^2    with the variance sigma^2 / t^2,
 
-Each measurement updates a `MultipleModelFilter`. `FrameNoise` estimates sigma and the persistent
-residuals. `EncoderOffsets` estimates the offsets of the encoders.
+which updates a `MultipleModelFilter`.
 """
 
 from __future__ import annotations
@@ -42,36 +40,28 @@ from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.orbit.orbit import Orbit
 
 _EDGE_ROTORS = 2.0
-"""Threshold of the distance from an edge [rotor spacings]: a wall is at an edge if its distance is
-smaller than this threshold plus the penetration depth."""
+"""A wall is at an edge within this distance plus the penetration depth [rotor spacings]."""
 _FIELD_SHARE = 0.08
-"""Error of the arc length along the orbit, relative to the persistent residuals near the wall [1].
-If this error is neglected, actual errors near waves exceed the stated standard deviations by 2 %.
-"""
+"""Error of the arc length, relative to the persistent residuals near the wall [1]. Sensitivity: at
+0, errors near waves exceed the stated standard deviations by 2 %."""
 _LEAST_PROBABILITY = 0.9
-"""Threshold of the probability that one of the candidates of a frame is correct [1]: the chain is
-acquired only if the probability reaches this threshold."""
+"""Least probability of the candidates of a frame for an acquisition of the chain [1]."""
 
 
 class OrbitFilter:
     """Recursive estimator of the arc length of a chain along its orbit, and of the rate.
 
-    Frames with a repeated or late stamp are ignored. The filter restarts in two cases: a stamp is
-    earlier than the last one by more than the clock limit of the settings, or another position on
-    the orbit explains several frames much better. A restart keeps the estimated offsets of the
-    encoders.
+    Repeated and late stamps are ignored. The filter restarts if a stamp is earlier than the last
+    one by more than the clock limit, or if another position explains several frames much better. A
+    restart keeps the encoder offsets.
     """
 
     def __init__(
-        self,
-        orbit: Orbit,
-        noise: float | None = None,
-        settings: EstimationSettings = DEFAULTS,
+        self, orbit: Orbit, noise: float | None = None, settings: EstimationSettings = DEFAULTS
     ) -> None:
-        """Start without frames.
+        """Start with the standard deviation of the angles [rad]; None means that it is estimated.
 
-        `noise` is the standard deviation of the angles [rad]; None means that the filter estimates
-        the noise. Raises ValueError for a noise that is infinite or not above 0.
+        Raises ValueError for a noise that is infinite or not above 0.
         """
         if noise is not None and not (math.isfinite(noise) and noise > 0):
             raise ValueError(
@@ -81,7 +71,7 @@ class OrbitFilter:
         chain = orbit.chain
         self.orbit = orbit
         self.rejected = self.starts = 0
-        """Number of rejected frames, and number of times that the chain was acquired."""
+        """Number of rejected frames, and number of acquisitions of the chain."""
         self.bandwidth = 0.0
         """Bandwidth of the disturbance [rad/s]."""
         self._given_noise = noise
@@ -96,7 +86,6 @@ class OrbitFilter:
         self._likelihood = FrameLikelihood(swing, settings.likelihood)
         self._scales = ReadingScales(noise)
         self.jitter = StampJitter(settings.noise)
-        """Estimator of the errors of the stamps."""
         self._variance = ResidualVariance(swing, noise, settings)
         self._model = OrbitMeasurementModel(
             orbit, self._likelihood, self._variance.elastic, settings
@@ -111,10 +100,7 @@ class OrbitFilter:
 
     @property
     def disturbance(self) -> float:
-        """Unmodelled acceleration of the arc length along the orbit [rad/s^2].
-
-        The value is 0 if the settings include no disturbance, and NaN while the chain is lost.
-        """
+        """Unmodelled acceleration [rad/s^2]; 0 if not in the settings, NaN if lost."""
         return self._hypotheses.leader.motion.disturbance if self._hypotheses.all else math.nan
 
     def update(
@@ -124,12 +110,11 @@ class OrbitFilter:
         deviations: Array | None = None,
         torques: Array | None = None,
     ) -> OrbitEstimate:
-        """Update the estimate with a frame that was measured at a time [s].
+        """Update the estimate with angles [rad], shape (N,), NaN if unknown, at a time [s].
 
-        Angles [rad] have shape (N,), NaN if unknown. `deviations` are the standard deviations of
-        the angles [rad], shape (N,), which determine the weights of the angles. Each of them is
-        above 0, or NaN if unknown. `torques` are the mean torques on the rotors since the last
-        frame [N m], shape (N,). Raises ValueError for angles of another shape.
+        `deviations` are their standard deviations [rad], shape (N,), above 0 or NaN. `torques` are
+        the mean torques on the rotors since the last frame [N m], shape (N,). Raises ValueError
+        for angles of another shape.
         """
         check_shape(angles, self.orbit.chain.number_of_rotors)
         elapsed = time - self.estimate.time
@@ -147,11 +132,7 @@ class OrbitFilter:
         return self.estimate
 
     def apply_impulse(self, impulse: FrameImpulse) -> None:
-        """Apply an impulse that takes effect in the latest frame.
-
-        The variances of the estimate increase for two reasons. The effect of the springs on the
-        change of the rate is uncertain, and so is the displacement since the impulse.
-        """
+        """Apply an impulse that takes effect in the latest frame, and add its uncertainty."""
         for each in self._hypotheses.all:
             rigid, rate = self._rate_change(impulse.impulses, each), each.motion.rate
             change = self._compliance.rate_after_impulse(rate, rigid) - rate
@@ -165,11 +146,7 @@ class OrbitFilter:
         self._budget.restart()
 
     def _rate_change(self, impulses: Array, hypothesis: Hypothesis) -> float:
-        """Return the change of the rate for rigid bars, t . J / sum(I t^2).
-
-        J are the impulses [N m s] or torques [N m]. The change is in rad/s for impulses and in
-        rad/s^2 for torques.
-        """
+        """Return the rate change t . J / sum(I t^2) by impulses or torques J on rigid bars."""
         about = self.orbit.segment(hypothesis.motion.arc)
         within = slice(about.first, about.first + len(about.tangent))
         inertia = self.orbit.chain.moments_of_inertia[within] @ about.tangent**2
@@ -185,7 +162,6 @@ class OrbitFilter:
         self.jitter.restart()
         self._gate.restart()
         self.estimate: OrbitEstimate = lost(time, self._given_noise or math.nan)
-        """Latest estimate."""
 
     def _acquire(self, time: float, seen: Array) -> bool:
         if not np.isfinite(seen).any() or not self._budget.spend(time):
@@ -279,9 +255,7 @@ class OrbitFilter:
     def _measure(self, seen: Array, elapsed: float) -> float:
         """Measure a frame for each hypothesis, and return the variance of a rotor [rad^2].
 
-        If the prediction is wrong, for example after an unmodelled impulse, the frame is measured
-        again with the uncertainty of a new wall. The second measurement replaces the first one if
-        the angles that are no outliers contain most of the information of the frame.
+        If the prediction is wrong, the frame is measured again with the uncertainty of a new wall.
         """
         variance = self._linearise(seen, 0.0)
         if not self._gate.is_strained(self._hypotheses.leader.view):
@@ -307,11 +281,7 @@ class OrbitFilter:
         return variance
 
     def _relocated(self, time: float, seen: Array, fits: bool) -> bool:
-        """Restart if another position on the orbit explains an unexplained frame much better.
-
-        If no position explains the frames for longer than the loss time, the chain is lost.
-        Returns whether the filter has restarted or lost the chain.
-        """
+        """Restart or lose the chain if other positions, or none, explain several frames."""
         tracking, view = self._tracking, self._hypotheses.leader.view
         if self._unexplained == 0:
             self._unexplained_since = time
@@ -339,10 +309,6 @@ class OrbitFilter:
         return candidate.view.likelihood - expected
 
     def _predict(self, motion: MultipleModelFilter, elapsed: float, acceleration: float) -> None:
-        """Predict the motion over the time `elapsed` [s].
-
-        `acceleration` is the acceleration of the arc length by known torques [rad/s^2].
-        """
         arc, rate, *_ = motion.summary
         ahead = arc + rate * elapsed
         ratio = self._compliance.rate_ratio(ahead, rate, arc)
@@ -352,12 +318,9 @@ class OrbitFilter:
         motion.predict(elapsed, self._variance.at_edge, ratio, acceleration, self.bandwidth)
 
     def _acceleration(self, arc: float, rate: float, elapsed: float) -> float:
-        """Return the acceleration of the arc length by the force terms of the chain [rad/s^2].
+        """Return sum(tau t) / sum(I t^2) [rad/s^2] for the torques tau of all other forces.
 
-        With the tangent t and the torques tau of all terms except the springs, it is
-        sum(tau t) / sum(I t^2), reduced by the compliance of the springs. Motors with feedback
-        measured the angles `delay` + 1/2 frames ago on average, in frames of the length `elapsed`
-        [s].
+        Motors with feedback measured the angles `delay` + 1/2 frames ago on average.
         """
         chain, forces = self.orbit.chain, self._forces
         if not (len(forces.kinds) or chain.feedback.acts):

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measurement model of a wall on the orbit.
-
-The model includes corrections for encoder offsets, for unseen rotors, and for the compliance of
-the springs.
-"""
+"""Measurement model of a wall on the orbit, with encoder offsets, unseen rotors and compliance."""
 
 from __future__ import annotations
 
@@ -35,11 +31,9 @@ from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.orbit.wall_shifts import WallShifts
 
 _CLOSE = 0.01
-"""Threshold of a step along the orbit [rad]: after a shorter step the linearisation is not
-repeated."""
+"""Longest step along the orbit [rad] after which the linearisation is not repeated."""
 _LARGE_SCALE = 1.5
-"""Threshold of the scale of a reading [1]: a reading with a larger scale is not used to estimate
-encoder offsets."""
+"""Largest scale of a reading that is used to estimate encoder offsets [1]."""
 
 
 class OrbitMeasurementModel:
@@ -52,10 +46,7 @@ class OrbitMeasurementModel:
         elastic: float,
         settings: EstimationSettings,
     ) -> None:
-        """Start with zero offsets.
-
-        A mean square residual above `elastic` [rad^2] counts as a wave.
-        """
+        """Start with zero offsets; mean square residuals above `elastic` [rad^2] are waves."""
         chain = orbit.chain
         self._orbit, self._likelihood = orbit, likelihood
         self._backgrounds = [
@@ -79,11 +70,10 @@ class OrbitMeasurementModel:
         upside_down: bool,
         rate: float = 0.0,
     ) -> LinearisedMeasurement:
-        """Return the measurement of a frame, linearised at an arc length along the orbit [rad].
+        """Return the measurement of angles [rad], shape (N,), linearised at an arc length [rad].
 
-        `seen` are the measured angles [rad], shape (N,), NaN if unknown. `variance` is the
-        variance of a rotor [rad^2], and `spread` the variance of the arc length [rad^2]. The rate
-        of the arc length [rad/s] determines the inertial forces on unseen rotors.
+        `variance` is that of a rotor, and `spread` that of the arc length [rad^2]. The rate
+        [rad/s] determines the inertial forces on unseen rotors.
         """
         about = self._orbit.segment(arc)
         before, beyond = self._backgrounds[self._orbit.leg(arc)]
@@ -123,9 +113,7 @@ class OrbitMeasurementModel:
     ) -> LinearisedMeasurement:
         """Return the measurement of a frame, linearised at the likeliest arc length.
 
-        This arc length along the orbit combines the frame with the prediction of the filters.
-        `variance` is the variance of a rotor [rad^2]. `impulse_variance` is an additional variance
-        of the predicted arc length [rad^2], due to a possible unmodelled impulse.
+        `impulse_variance` is added to the variance of the predicted arc length [rad^2].
         """
         expected, spread = motion.expected, motion.expected_variance + impulse_variance
         views: list[LinearisedMeasurement] = []
@@ -148,11 +136,7 @@ class OrbitMeasurementModel:
         return views[-1]
 
     def disorder_deviations(self, arc: float) -> tuple[float, float]:
-        """Return the standard deviations of arc length and rate that disorder causes.
-
-        The standard deviation of the arc length along the orbit is in rad. That of the rate is
-        relative to the rate [1].
-        """
+        """Return the standard deviations of arc length [rad] and relative rate [1] by disorder."""
         disorder = self.far.disorder
         if not disorder:
             return 0.0, 0.0
@@ -167,11 +151,7 @@ class OrbitMeasurementModel:
         noise: FrameNoise,
         upside_down: bool,
     ) -> bool:
-        """Update the encoder offsets with a frame.
-
-        `elapsed` is the time since the last frame [s]. Returns whether the number of corrected
-        offsets has changed.
-        """
+        """Update the encoder offsets; return whether the number of corrected ones has changed."""
         outlying = view.outlying if view.outliers else None
         residuals = view.residuals
         if self._likelihood.scales is not None:
@@ -187,18 +167,13 @@ class OrbitMeasurementModel:
 
 
 _NEGLIGIBLE = 0.01
-"""Threshold of the variance that unseen rotors cause, relative to the noise variance [1]: a
-smaller variance is neglected."""
+"""Variance due to unseen rotors, relative to the noise, below which it is neglected [1]."""
 _LEAST_SEEN = 1e-6
-"""Threshold of the sum of t^2 over the seen rotors [1]: with a smaller sum, the seen rotors do not
-determine the arc length along the orbit."""
+"""Least sum of t^2 over the seen rotors that determines the arc length along the orbit [1]."""
 
 
 class UnseenRotorCorrection:
-    """Correction of the measured arc length along the orbit for unseen rotors.
-
-    The springs between seen and unseen rotors determine the positions of the unseen rotors.
-    """
+    """Correction of the arc length along the orbit for unseen rotors, which springs hold."""
 
     def __init__(self, orbit: Orbit) -> None:
         self._orbit = orbit
@@ -209,11 +184,10 @@ class UnseenRotorCorrection:
     def shift(
         self, arc: float, rate: float, residuals: Array, field: float, noise: float
     ) -> float:
-        """Return the correction of the arc length along the orbit [rad].
+        """Return the correction of the arc length [rad]; 0 if it would add noise.
 
-        `rate` is the rate of the arc length [rad/s]. Residuals [rad] have shape (N,), NaN for
-        unseen rotors. The variance of a rotor has two parts [rad^2]: `field` due to waves and
-        springs, and `noise`. The correction is 0 if it would add more noise than it removes.
+        Residuals [rad], shape (N,), are NaN for unseen rotors. The variances of a rotor are
+        `field`, due to waves and springs, and `noise` [rad^2].
         """
         unseen = np.isnan(residuals)
         tangent = self._orbit.tangent(arc)
@@ -229,11 +203,7 @@ class UnseenRotorCorrection:
         return -float(held @ turning + pull[~unseen] @ residuals[~unseen])
 
     def _balanced(self, arc: float, unseen: Flags, tangent: Array) -> tuple[Array, Array]:
-        """Return a displacement V of the rotors and the torques K V, shape (N,) each.
-
-        K is the stiffness matrix, and t the tangent of the orbit. V is 0 for seen rotors, and K V
-        is t for unseen rotors.
-        """
+        """Return V and K V for the stiffness K: V = 0 if seen, and K V = t if unseen."""
         chain = self._orbit.chain
         first, second = rigidity_bands(chain, self._orbit.configuration(arc))
         rotors = np.flatnonzero(unseen)
@@ -247,36 +217,26 @@ class UnseenRotorCorrection:
 
 
 _SAMPLES = 32
-"""Number of samples of the compliance per rotor spacing [1]. In wobbling flippers, linear
-interpolation between these samples has an error of 2 %."""
+"""Samples of the compliance per rotor spacing [1]; the interpolation error is 2 %."""
 _LOWEST_ORDER = 0.2
-"""Threshold of 3 mu w^2, the share of the energy that is due to the springs [1]: the lowest order
-in w^2 is accurate enough up to this threshold."""
+"""Largest share 3 mu w^2 of the energy in the springs for the lowest order in w^2 [1]."""
 _PERIOD = 2
-"""Period of the shape of a wall [rotor spacings]; even and odd rotors have different shapes."""
+"""Period of the shape of a wall [rotor spacings]; even and odd rotors differ."""
 _SLOW = 0.25
-"""Threshold of the number of rotors that a wall passes per period of the slowest phonon [1]: a
-wall is slow up to this threshold. The third harmonic of this motion is below the phonon band."""
+"""Most rotors per period of the slowest phonon that a slow wall passes [1]. The third harmonic of
+this motion is below the phonon band."""
 _SECOND_ORDER = 0.5
-"""Square root of the relative error of the predicted change of the rate, for the fastest slow wall
-[1]. The error was measured with d = 0.7 d_c, at the speed of this wall and at half of this speed.
-"""
+"""Square root of the relative error of the predicted rate change for the fastest slow wall [1],
+measured with d = 0.7 d_c."""
 _LONGEST_RESOLVED = 4 / 3
-"""Threshold of the speed of a wall, relative to the fastest slow wall [1]: a faster wall
-passes at least one rotor in three phonon periods. Then the forces of the springs average out."""
+"""Speed, relative to the fastest slow wall, above which the spring forces average out [1]."""
 
 
 class ComplianceCorrection:
-    """Correction of the rate of a wall for the compliance of the springs.
-
-    The compliance depends on the site of the wall between two rotors.
-    """
+    """Correction of the rate of a wall for the compliance, which depends on its site."""
 
     def __init__(self, orbit: Orbit) -> None:
-        """Sample the compliance for walls in the middle of a uniform chain.
-
-        The uniform chain has the same parameters as the chain of the orbit, but no deviations.
-        """
+        """Sample the compliance for walls in the middle of a chain without deviations."""
         self._orbit = even = orbit
         chain = replace(orbit.chain, deviations=NO_DEVIATIONS)
         if orbit.chain != chain:
@@ -300,39 +260,27 @@ class ComplianceCorrection:
         return here + beyond * (samples[(number + 1) % count] - here)
 
     def rate_after_impulse(self, rate: float, momentum: float) -> float:
-        """Return the rate [rad/s] after a change of the momentum, for the mean compliance.
-
-        `momentum` is the change of the momentum divided by the moment of inertia [rad/s].
-        """
+        """Return the rate [rad/s] after a change of p / I [rad/s], for the mean compliance."""
         return rate_after_impulse(rate, momentum, self._mean)
 
     def damped(self, rate: float) -> float:
-        """Return the deceleration due to damping, divided by the decay rate of the momentum.
-
-        The result is in rad/s. The momentum is p / I = w + 2 mu w^3 for the rate w [rad/s].
-        """
+        """Return the deceleration divided by the decay rate of p / I = w + 2 mu w^3 [rad/s]."""
         square = 2 * self._mean * rate * rate
         return rate * (1 + square) / (1 + 3 * square)
 
     def rate_ratio(self, arc: float, rate: float, before: float) -> float:
-        """Return the factor by which springs change the rate of a slow wall [1].
-
-        The wall moves from the arc length `before` to the arc length `arc` along the orbit [rad].
-        The factor is 1 for fast walls.
-        """
+        """Return the factor by which springs change the rate of a wall [1]; 1 if it is fast."""
         if abs(rate) > self._fastest:
             return 1.0
         square = 3 * rate * rate
         return math.sqrt((1 + square * self.mu(before)) / (1 + square * self.mu(arc)))
 
     def unpredicted_change(self, rate: float) -> float:
-        """Return the relative standard deviation of the unpredicted change of a rate [1].
+        """Return the relative standard deviation of a rate that `rate_ratio` does not predict [1].
 
-        `rate_ratio` does not predict this change while a wall moves by one site. The change
-        depends on the ratio of two frequencies: the rate at which the wall passes sites, and the
-        frequency of the slowest phonon. For slow walls the change is of second order in this
-        ratio. For fast walls the change decreases with the fourth power of this ratio, because of
-        the average over three phonon periods and of the inertia of the rotors.
+        With the ratio of the rate of sites to the slowest phonon frequency, it grows to second
+        order for slow walls, and falls with the fourth power for fast ones, because the forces
+        average out.
         """
         square = 3 * rate * rate
         change = 0.5 * square * self._spread / (1 + square * self._mean)
@@ -352,10 +300,7 @@ def _mu(orbit: Orbit, arc: float) -> float:
 
 
 def rate_after_impulse(rate: float, momentum: float, mu: float) -> float:
-    """Return the rate [rad/s] after a change of the momentum, for a compliance mu [s^2].
-
-    `momentum` is the change of the momentum divided by the moment of inertia [rad/s].
-    """
+    """Return the rate [rad/s] after a change of p / I [rad/s], for a compliance mu [s^2]."""
     total = rate + 2 * mu * rate**3 + momentum
     scale = math.sqrt(6 * mu)
     return 2 / scale * math.sinh(math.asinh(1.5 * scale * total) / 3)

@@ -1,16 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Relocalisation: search of the whole orbit for the positions that are compatible with one frame.
 
-First, the log likelihood L of the frame is computed at samples along the orbit. This scan assumes
-several times the actual noise, so that it misses no maximum between two samples. Then Gauss-Newton
-steps with the actual noise refine each local maximum. The weight of a maximum is the integral of
-exp(L) over the arc length s near this maximum,
-
-    exp(L) sqrt(2 pi V / I),
-
-with the variance V of a rotor and the information I on the arc length. The integral of exp(L) ds
-far from all maxima is the weight of all other positions. The other positions dominate if the frame
-does not determine a position, for example if no rotor near the wall is visible.
+A scan computes the log likelihood L at samples of the orbit, with several times the noise so that
+no maximum is missed. Gauss-Newton steps refine each maximum. The weight of a maximum, and that of
+all other positions, is the integral of exp(L) over the arc length; near a maximum it is exp(L)
+sqrt(2 pi V / I) with the variance V of a rotor and the information I.
 """
 
 from __future__ import annotations
@@ -44,38 +38,29 @@ from soliton_linkage.linkage.chain import Array, check_shape
 from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
 
 _CLOSE = 1e-5
-"""Threshold of a step along the orbit [rad]: the search for a maximum of the likelihood ends with
-a shorter step."""
+"""Last step of the search for a maximum of the likelihood along the orbit [rad]."""
 SCAN_DEVIATION, _SCAN_STEP = 0.1, 0.05
-"""Assumed standard deviation of a rotor in the scan, and step of the scan along the orbit, both
-relative to the swing of a rotor [1]."""
+"""Standard deviation of a rotor and step along the orbit in the scan, relative to the swing
+[1]."""
 _NEAR = 0.5
-"""Threshold of the distance between a sample and a candidate [rotor spacings]: a closer sample
-belongs to the candidate."""
+"""Largest distance of a sample that belongs to a candidate [rotor spacings]."""
 _EXACT = 1e-8
-"""Threshold of a step along the orbit [rad]: the search for the nearest point ends with a shorter
-step."""
+"""Last step of the search for the nearest point of the orbit [rad]."""
 _SAME_ARC = 0.01
-"""Threshold of the distance between two maxima along the orbit [rad]: closer maxima are the same.
-"""
+"""Distance along the orbit [rad] below which two maxima are the same."""
 _MOST_PLACES = 12
-"""Largest number of maxima that are refined [1]."""
 _STEPS_OF_TABLE = 32
-"""Number of points of the likelihood table per standard deviation [1]; the error of the
-interpolation is 1e-4."""
+"""Points of the likelihood table per standard deviation [1]; the interpolation error is 1e-4."""
 _MOST_SAMPLES = 500
-"""Largest number of samples per leg of the orbit if the orbit is too long to be sampled fully [1].
-"""
+"""Largest number of samples per leg of an orbit that is too long to be sampled fully [1]."""
 
 
 class Candidate(NamedTuple):
     """Local maximum of the likelihood along the orbit."""
 
     arc: float
-    """Arc length along the orbit [rad]."""
     upside_down: bool
-    """Whether the chain is upside down, that is, the mirror image phi -> pi - phi of the chain for
-    which the orbit was computed."""
+    """Whether the chain is the mirror image phi -> pi - phi of the chain of the orbit."""
     view: LinearisedMeasurement
     """Measurement of the frame, linearised at `arc`."""
     variance: float
@@ -88,7 +73,6 @@ class CandidateSet(NamedTuple):
     """Candidates for the position in a frame, and the likelihood of all other positions."""
 
     candidates: list[Candidate]
-    """Candidates in descending order of their evidence."""
     elsewhere: float
     """Logarithm of the integral of the likelihood over the orbit far from all candidates [1]."""
 
@@ -111,7 +95,6 @@ class OrbitSamples:
     sites: Array
     """Site of the wall in each sample [rotor spacings], shape (S,)."""
     walls: likelihood.SampledWalls
-    """Angles near the wall in each sample."""
 
 
 def samples_of(orbit: Orbit, arcs: Array) -> OrbitSamples:
@@ -134,11 +117,7 @@ class Relocaliser:
     def __init__(
         self, orbit: Orbit, likelihood: LikelihoodSettings, most_angles: int = 2_000_000
     ) -> None:
-        """Sample the orbit.
-
-        If the samples of the whole orbit have more than `most_angles` angles, each search samples
-        only the plausible section of the orbit. The default corresponds to 16 MB.
-        """
+        """Sample the orbit, or only its plausible section if it has too many angles."""
         self._orbit, self._given = orbit, likelihood
         chain = orbit.chain
         legs = range(orbit.number_of_legs)
@@ -162,10 +141,9 @@ class Relocaliser:
     def find(
         self, angles: Array, noise: float, upside_down: tuple[bool, ...] = (False, True)
     ) -> CandidateSet:
-        """Return the candidates for the position of the chain in a frame.
+        """Return the candidates for the position in a frame of angles [rad], (N,), NaN if unknown.
 
-        Angles [rad] have shape (N,), NaN if unknown. `noise` is the standard deviation of the
-        angles [rad], 0 if unknown. `upside_down` selects the orientations to search.
+        `noise` is the standard deviation of the angles [rad], 0 if unknown.
         """
         images = {each: math.pi - angles if each else angles for each in upside_down}
         wide = max(self._coarse, (4.0 * noise) ** 2)
@@ -200,10 +178,6 @@ class Relocaliser:
         return CandidateSet(candidates, self._elsewhere(images, scans, candidates, variance))
 
     def _variance(self, image: Array, arc: float, wide: float, noise: float) -> float:
-        """Return the variance of a rotor [rad^2], estimated from the median residual.
-
-        The residuals refer to the local maximum near an arc length along the orbit [rad].
-        """
         candidate = self._refined(image, arc, False, wide, max(wide / 4, noise**2))
         left = np.abs(candidate.view.residuals[np.isfinite(candidate.view.residuals)])
         seen = robust_deviation(left) ** 2 if len(left) > 3 else noise**2
@@ -214,10 +188,7 @@ class Relocaliser:
     def _refined(
         self, image: Array, arc: float, turned: bool, wide: float, variance: float
     ) -> Candidate:
-        """Return the local maximum of the likelihood near an arc length along the orbit [rad].
-
-        The search reduces the variance of a rotor step by step from `wide` to `variance` [rad^2].
-        """
+        """Return the nearest maximum, with a variance that falls from `wide` step by step."""
         seen_with = max(wide, variance) / 2
         while seen_with > variance:
             ahead = self._view(image, arc, seen_with).arc - arc
@@ -269,11 +240,7 @@ class Relocaliser:
     def _scanned(
         self, image: Array, samples: OrbitSamples, variance: float, between: float = 0.0
     ) -> Array:
-        """Return the log likelihood of a frame at each sample, shape (S,).
-
-        `between` is an additional variance of the rotors near the wall [rad^2]. It accounts for
-        the distance between two samples.
-        """
+        """Return the log likelihoods of the samples, shape (S,)."""
         sums, found = self._sums(image, variance), np.empty(len(samples.arcs))
         variance += between
         step = math.sqrt(variance) / _STEPS_OF_TABLE
@@ -284,11 +251,6 @@ class Relocaliser:
         return found
 
     def _sums(self, image: Array, variance: float) -> Array:
-        """Return cumulative log likelihoods over the rotors, shape (2, legs, N + 1).
-
-        Row 0 compares the rotors with the uniform state before the wall, row 1 with the uniform
-        state beyond the wall.
-        """
         bound, floor = self._given.bound, self._likelihood.floor(variance)
         sums = np.empty((2, len(self._before), len(image) + 1))
         for states, row in ((self._before, sums[0]), (self._beyond, sums[1])):
@@ -296,7 +258,6 @@ class Relocaliser:
         return sums
 
     def _samples(self, image: Array, variance: float) -> OrbitSamples:
-        """Return samples of the whole orbit or, for a long orbit, of its plausible section."""
         if self._all is not None:
             return self._all
         orbit, sums = self._orbit, self._sums(image, variance)
@@ -317,21 +278,18 @@ class Relocaliser:
 
 
 class ScanBudget:
-    """Limit of the number of searches per second of recorded time.
-
-    The limit prevents that frames queue up while a search is running.
-    """
+    """Limit of the searches per second of recorded time, so that frames do not queue up."""
 
     def __init__(self, settings: TrackingSettings) -> None:
         self._settings = settings
         self.restart()
 
     def restart(self) -> None:
-        """Refill the budget, for example after a restart of the clock."""
+        """Refill the budget."""
         self._left, self._last = self._settings.scan_burst, math.nan
 
     def spend(self, time: float) -> bool:
-        """Use one search at a time [s], and return whether the budget allows this search."""
+        """Use one search at a time [s], and return whether the budget allows it."""
         if not math.isnan(self._last):
             gained = (time - self._last) * self._settings.scan_rate
             self._left = min(self._left + gained, self._settings.scan_burst)
@@ -347,13 +305,11 @@ class NearestPoint:
     """Nearest point of the orbit to a frame.
 
     arc: arc length from the start of the orbit [rad]; NaN if `fit_anywhere` found no position.
-    information: information on the arc length for a noise of 1 rad [1]; 1 if all rotors are seen.
-        For a noise sigma [rad] the standard deviation of the arc length is sigma /
-        sqrt(information) [rad]. If the information is below 1e-6, `arc` is the starting point of
-        the search.
-    misfit: root mean square residual of the rotors near the wall [rad]; NaN for fewer than two
-        known rotors. The sum of squares is divided by the number of rotors minus one, so that the
-        misfit is an estimate of sigma.
+    information: information I on the arc length [1]; 1 if all rotors are seen. For a noise sigma
+        [rad] the standard deviation of the arc length is sigma / sqrt(I) [rad]. Below 1e-6, `arc`
+        is the start of the search.
+    misfit: root mean square residual of the n rotors near the wall [rad], with n - 1 degrees of
+        freedom; NaN for n < 2.
     """
 
     arc: float
@@ -364,11 +320,9 @@ class NearestPoint:
 def fit_near(orbit: Orbit, angles: Array, arc: float) -> NearestPoint:
     """Return the point of the orbit that is nearest to a frame, near an arc length [rad].
 
-    Angles [rad] have shape (N,), NaN if unknown. The search takes Gauss-Newton steps
-    arc += t . (phi - Phi) / (t . t) over the known rotors, where the differences phi - Phi are in
-    the range from -pi to pi. The arc length may leave the range of one cycle, so that a series of
-    fits counts the cycles. Raises ValueError for infinite angles, for angles of another shape, and
-    for an arc length that is not finite.
+    Angles [rad] have shape (N,), NaN if unknown. Gauss-Newton steps are t . (phi - Phi) / (t . t)
+    over the known rotors. The arc length continues over cycles. Raises ValueError for infinite
+    angles, for another shape, and for an arc length that is not finite.
     """
     if not math.isfinite(arc):
         raise ValueError(
@@ -380,12 +334,10 @@ def fit_near(orbit: Orbit, angles: Array, arc: float) -> NearestPoint:
 def fit_anywhere(
     orbit: Orbit, angles: Array, settings: EstimationSettings = DEFAULTS
 ) -> NearestPoint:
-    """Return the point of the orbit that is nearest to a frame.
+    """Return the point of the orbit that is nearest to a frame, with the arc length in one cycle.
 
-    Angles [rad] have shape (N,), NaN if unknown. The search starts from the likeliest candidate of
-    a `Relocaliser`. The arc length is in the range from 0 to the length of the orbit. If no angle
-    is known, the arc length is NaN and the information is 0. Raises ValueError for infinite angles
-    and for angles of another shape.
+    Angles [rad] have shape (N,), NaN if unknown. Without a known angle, the arc length is NaN and
+    the information 0. Raises ValueError for infinite angles and for another shape.
     """
     frame = _checked(orbit, angles)
     found = _search(orbit, settings).find(frame, 0.0, (False,)).candidates
@@ -397,10 +349,6 @@ def fit_anywhere(
 
 @lru_cache(maxsize=1)
 def _search(orbit: Orbit, settings: EstimationSettings) -> Relocaliser:
-    """Return the `Relocaliser` of an orbit.
-
-    The latest `Relocaliser` is cached, because sampling an orbit is slow.
-    """
     return Relocaliser(orbit, settings.likelihood)
 
 
@@ -424,10 +372,6 @@ def _fit_near(orbit: Orbit, frame: Array, arc: float) -> NearestPoint:
 
 
 def _compared(frame: Array, about: OrbitSegment) -> tuple[Array, Array]:
-    """Return differences and tangent of the known rotors near the wall.
-
-    The differences between the frame and the orbit [rad] are in the range from -pi to pi.
-    """
     difference = frame[about.first : about.first + len(about.angles)] - about.angles
     difference -= 2 * math.pi * np.rint(difference * (0.5 / math.pi))
     if math.isfinite(difference @ difference):

@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tuned settings of the estimation, as frozen dataclasses with one class per subject.
 
-`described_fields(FilterSettings)` returns the unit and the meaning of each field. Compiled loops
-receive the settings of a subject as a `record`. Numbers that need no tuning are constants in the
-modules that use them.
+`described_fields(FilterSettings)` returns the unit and the meaning of each field.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measurement model of several walls, which fits the shape of each wall to the angles.
 
-Before each fit, the tails of all other walls are subtracted. A wall that is far from all other
-walls is measured as precisely as a single wall. The residuals of the fits give the variance of a
-rotor. This variance includes noise, waves, and the deformation of moving walls.
+The tails of all other walls are subtracted before each fit. The residuals give the variance of a
+rotor.
 """
 
 from __future__ import annotations
@@ -36,13 +35,10 @@ from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linkage.chain import Array, Motion, staggered
 
 _TAILS = 1.5
-"""Threshold of the distance between two walls, relative to the reach of a `WallTable` [1]: at a
-larger distance, neither wall turns the rotors near the other wall by more than 1e-4 rad."""
+"""Largest distance of two interacting walls, relative to the range of a `WallTable` [1]."""
 _SCAN_BESIDE = 1.5
-"""Range of the scan on either side of a domain border [rotor spacings]."""
 _CORE = 2.5
-"""Range of the core on either side of a wall [rotor spacings]: the wall must explain all rotors in
-its core."""
+"""Range beside a wall in which the wall must explain all rotors [rotor spacings]."""
 
 
 class _ShapeFit(NamedTuple):
@@ -77,15 +73,14 @@ class ShapeMeasurementModel:
         self.restart()
 
     def restart(self) -> None:
-        """Discard the estimated variance of a rotor and the residuals of the preceding frame."""
+        """Discard the variance of a rotor and the residuals of the preceding frame."""
         self._variance, self._frames = self._coarse, 0
         self._before[:] = math.nan
 
     def measure(self, state: FrameState, seen: Array) -> list[WallMeasurement]:
-        """Return the measurements of all walls in a frame.
+        """Return the measurements of all walls; `seen` are the angles [rad], (N,), NaN if unseen.
 
-        `state` is the state of the chain with estimates for unseen rotors. `seen` are the measured
-        angles [rad], shape (N,), NaN if unseen.
+        `state` has estimates for unseen rotors.
         """
         borders = self._borders(state)
         if not borders:
@@ -126,12 +121,7 @@ class ShapeMeasurementModel:
         return find(polarised, self._domain)
 
     def _explains(self, wall: _ShapeFit, first: int, residuals: Array) -> bool:
-        """Return whether a wall explains the angles better than random angles do.
-
-        The residuals [rad] start at rotor `first`. One test uses all rotors and the estimated
-        variance of a rotor. Another test uses the rotors in the core of the wall and the largest
-        possible variance.
-        """
+        """Return whether a wall explains all rotors, and those in its core, better than chance."""
         variance = min(self._variance, self._largest)
         if self._likelihood.over_random(residuals, variance) < self._evidence:
             return False
@@ -143,10 +133,6 @@ class ShapeMeasurementModel:
     def _isolated(
         self, theta: Array, walls: Sequence[_ShapeFit], wall: _ShapeFit
     ) -> tuple[int, Array]:
-        """Return the index of the first rotor near a wall, and the angles near this wall.
-
-        The tails of all other walls are subtracted from the angles.
-        """
         reach = self._shapes.reach
         ways = [(self._line.separation(each.site, wall.site), each) for each in walls]
         ways = [(way, each) for way, each in ways if each is not wall]
@@ -192,10 +178,6 @@ class ShapeMeasurementModel:
         return found
 
     def _learn(self, residuals: Array, walls: int) -> None:
-        """Update the variance of a rotor with the residuals [rad] of the fits in a frame.
-
-        `walls` is the number of walls.
-        """
         sizes = np.abs(residuals[np.isfinite(residuals)])
         if len(sizes) < 4 * walls:
             return
@@ -208,11 +190,6 @@ class ShapeMeasurementModel:
     def _measurement(
         self, wall: _ShapeFit, first: int, residuals: Array, before: Array
     ) -> WallMeasurement:
-        """Return the measurement of a wall from its fit.
-
-        The residuals of the fit [rad] start at rotor `first`. `before` are the residuals of the
-        preceding frame [rad], shape (N,).
-        """
         line, variance, information = self._line, self._variance, wall.site_information
         width = math.nan, math.nan
         clear = line.edge_distance(wall.site) >= 2 * line.width
@@ -237,15 +214,13 @@ class ShapeMeasurementModel:
 
 
 _CLEAR = 9
-"""Preferred number of bonds of one domain around the bond at which a ring is cut [1]."""
+"""Preferred number of bonds of one domain around the cut of a ring [1]."""
 
 
 def domain_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
-    """Return the sites of all domain borders [rotor spacings] and the charges of the walls there.
+    """Return sites [rotor spacings] and charges of the domain borders, given all polarisations.
 
-    `polarised` are the polarisations of all bonds, shape (springs,). A domain has at least `least`
-    bonds, or half as many at an edge of the chain. Without this limit, wrong readings would form
-    domains. The charges alternate from border to border.
+    A domain has at least `least` bonds, half as many at an edge, so that wrong readings form none.
     """
     scores = np.ascontiguousarray(polarised, dtype=np.float64)
     right = np.empty(len(scores), dtype=np.bool_)
@@ -259,10 +234,7 @@ def domain_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
 
 
 def ring_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
-    """Return the `domain_borders` of a ring, with sites from 0 to the number of bonds.
-
-    To find the borders, the ring is cut open inside a domain.
-    """
+    """Return the `domain_borders` of a ring, which is cut inside a domain."""
     bonds = len(polarised)
     clear = minimum_filter1d(np.abs(polarised), min(_CLEAR, bonds), mode='wrap')
     cut = int(np.argmax(clear)) + 1

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled loops over springs and rotors that compute energies and topology of a state.
 
-A spring table has shape (3, springs). Its rows are the extensions of the springs [m] and the
-levers A and B of the springs [m/rad]. The lever A is the derivative of the extension by the
-angle of the left rotor. The lever B is the derivative by the angle of the right rotor.
+A spring table has shape (3, springs): extensions [m], and their derivatives by the left angle
+(lever A) and the right angle (lever B) [m/rad].
 """
 
 from __future__ import annotations
@@ -31,14 +30,11 @@ Records = NDArray[np.void]
 Energy = tuple[float, float, float]
 """Energy of the state, energy in the wake, and standard deviation of the first energy [J each]."""
 Shape = tuple[float, float, float, float]
-"""The two results of `of_angles`, lever A of the first spring [m/rad], and lever B of the last
-spring [m/rad]."""
+"""Results of `of_angles`, first lever A and last lever B [m/rad]."""
 Sides = tuple[float, float, int, int, float]
-"""Result of `topology`."""
 
 _LARGE = 1e150
-"""Ratio between two levels of scaled large numbers [1]; the square of this ratio is still finite.
-"""
+"""Ratio between two levels of scaled large numbers [1]; its square is finite."""
 
 
 spring = compile_loop(spring_between, inlined=True)
@@ -64,12 +60,10 @@ def _set_spring(
 def of_angles(
     angles: Array, parameters: Array, periodic: bool, rows: Array
 ) -> tuple[float, float]:
-    """Set the spring table for angles [rad], shape (N,), and return two sums.
+    """Set the spring table for angles [rad], shape (N,), and return two sums for the orientation.
 
-    Parameters are r [m], a [m], c [m^2] and lbar [m] (see `Chain.springs`), shape (4, N). The two
-    sums determine the orientation of the state. The first one is the sum of
-    sin(theta_n + theta_{n+1}) = (-1)^n sin(phi_{n+1} - phi_n) over all bonds between neighbours.
-    The second one is the sum of cos(theta_n) over all inner rotors.
+    They are the sum of sin(theta_n + theta_{n+1}) = (-1)^n sin(phi_{n+1} - phi_n) over all bonds
+    and the sum of cos(theta_n) over all inner rotors. Parameters are those of `Chain.springs`.
     """
     rotors = angles.size
     sines, cosines = np.empty(rotors), np.empty(rotors)
@@ -89,10 +83,6 @@ def of_angles(
 
 @compiled(const_f8_1d, f8, const_f8_1d, f8)
 def _wake(energies: Array, site: float, walls: Array, reach: float) -> float:
-    """Return the sum of the energies beyond the reach of all walls.
-
-    `energies` are the energies at successive sites, and `site` is the first of these sites.
-    """
     wake, count = 0.0, energies.size
     for n in range(walls.size - 1):
         low, high = walls[n] + reach - site, walls[n + 1] - reach - site
@@ -116,16 +106,10 @@ def elastic(
 ) -> Energy:
     """Return the elastic energy, its share in the wake, and its standard deviation [J each].
 
-    The mean contribution of noise is subtracted from the energies.
-
-    `half` are half the stiffnesses of the springs [N/m], shape (springs,). `lefts` are the same,
-    but 0 for springs whose left rotor has no noise. `rights` are the same, but 0 for springs whose
-    right rotor has no noise. `walls` are the ascending sites of the walls [rotor spacings], with
-    one more site at each end of the list, shape (W + 2,). The wake contains the springs beyond the
-    reach of all walls. Spring n is at site n + 1/2.
-
-    For angles with noise sigma, the variance of the energy is sigma^2 |tau|^2 + sigma^4 |H|^2 / 2
-    with the torques tau and H = R^T k_e R. Noise increases the measured |tau|^2 by sigma^2 |H|^2.
+    For noise sigma, the variance is sigma^2 |tau|^2 + sigma^4 |H|^2 / 2 with the torques tau and H
+    = R^T k_e R. The mean contribution of noise is subtracted. `half` are half the stiffnesses
+    [N/m]; `lefts` and `rights` are 0 if the left or right rotor has no noise. `walls` are the
+    ascending sites [rotor spacings] between two limits, shape (W + 2,). Spring n is at n + 1/2.
     """
     whole, squares, pulling, variance = 0.0, 0.0, 0.0, noise**2
     count = half.size
@@ -154,12 +138,9 @@ def kinetic(
 ) -> Energy:
     """Return the kinetic energy, its share in the wake, and its standard deviation [J each].
 
-    The mean contribution of noise is subtracted from the energies.
-
-    `half` are half the moments of inertia [kg m^2], shape (N,). `noisy` are the same, but 0 for
-    rotors whose rate has no noise. For a rate omega with noise sigma, the variance of the energy
-    of a rotor is I^2 sigma^2 (omega^2 + sigma^2 / 2). Noise increases the measured omega^2 by
-    sigma^2.
+    For noise sigma of a rate omega, the variance is I^2 sigma^2 (omega^2 + sigma^2 / 2). The mean
+    contribution of noise is subtracted. `half` are half the moments of inertia [kg m^2]; `noisy`
+    are 0 if the rate has no noise.
     """
     whole, known, squares, variance = 0.0, 0.0, 0.0, noise**2
     energies = np.empty(half.size)
@@ -175,13 +156,11 @@ def kinetic(
 
 @compiled(const_f8_2d, i8, i8, f8)
 def topology(rows: Array, before: int, beyond: int, domain: float) -> Sides:
-    """Return the polarisations before and beyond the walls, and the centre of the zero mode.
+    """Return the polarisations beside the walls, the edge signs, and the centre of the zero mode.
 
-    The polarisation of a bond is (A^2 - B^2) / (A^2 + B^2). A bond lies in a domain if the
-    absolute value of its polarisation exceeds `domain`. The five results are: the sum of the
-    polarisations over bonds 0 to `before` - 1; their sum over the bonds from `beyond` on; the
-    signs of the first and of the last bond in a domain, 0 if no bond lies in a domain; and the
-    centre of t_n^2 [rotor spacings], where t is the zero mode.
+    The polarisation of a bond is (A^2 - B^2) / (A^2 + B^2); it is in a domain above `domain`.
+    Polarisations are summed over the bonds up to `before` and from `beyond` on. Signs are those of
+    the first and last bond in a domain, 0 without. The centre is that of t_n^2 [rotor spacings].
     """
     left, right, first, last = 0.0, 0.0, 0, 0
     squares, moments, square, level = 1.0, 0.0, 1.0, 0
@@ -211,13 +190,13 @@ def topology(rows: Array, before: int, beyond: int, domain: float) -> Sides:
 SCOPE = np.dtype(
     [(name, np.float64) for name in ('noise', 'rate_noise', 'reach', 'before', 'beyond', 'domain')]
 )
-"""Record of the noise of a state and of the bonds beside its walls. Fields:
+"""Record of the noise of a state and of the bonds beside its walls.
 
 noise: standard deviation of the angles [rad].
 rate_noise: standard deviation of the rates [rad/s].
 reach: distance from a wall beyond which energy belongs to the wake [rotor spacings].
-before: number of bonds before the first wall [1].
-beyond: index of the first bond beyond the last wall [1].
+before, beyond: number of bonds before the first wall, and index of the first bond beyond the last
+    [1].
 domain: least polarisation of a bond in a domain [1].
 """
 _SCOPE = records(SCOPE)
@@ -233,11 +212,9 @@ def report(
     walls: Array,
     scope: Records,
 ) -> tuple[Shape, Sides, Energy, Energy]:
-    """Return shape, topology, elastic energy and kinetic energy of a state in one call.
+    """Return shape, topology, elastic and kinetic energy of a state in one call.
 
-    The rows of `springs` are the arguments `half`, `lefts` and `rights` of `elastic`, shape (3,
-    springs). The rows of `rotors` are the arguments `half`, `noisy` and `rates` of `kinetic`,
-    shape (3, N).
+    `springs` are the rows `half`, `lefts` and `rights`; `rotors` are `half`, `noisy` and `rates`.
     """
     half = springs[0]
     rows = np.empty((3, half.size))

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Report of one state of a known chain: energies, topology and edge rotors.
-
-The walls of the state are specified by their sites [rotor spacings]. The mean contribution of
-noise is subtracted from all energies.
-"""
+"""Report of one state of a known chain: energies without noise, topology and edge rotors."""
 
 from __future__ import annotations
 
@@ -20,18 +16,14 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion, check_shape
 
 
 class Energies(NamedTuple):
-    """Energies of a state [J].
-
-    If the rates are unknown, the kinetic energies are NaN.
+    """Energies of a state [J]; the kinetic ones are NaN if the rates are unknown.
 
     kinetic: kinetic energy of the rotors.
     elastic: energy of the springs.
-    kinetic_wake: kinetic energy of the wake, which contains all rotors beyond the reach of every
-        wall.
+    kinetic_wake: kinetic energy of the wake, which is far from every wall.
     elastic_wake: elastic energy of the wake.
-    kinetic_deviation: standard deviation of the kinetic energy due to noise and unseen rotors; NaN
-        if the noise of the rates is unknown.
-    elastic_deviation: standard deviation of the elastic energy due to noise and unseen rotors.
+    kinetic_deviation: standard deviation of the kinetic energy; NaN if the rate noise is unknown.
+    elastic_deviation: standard deviation of the elastic energy.
     """
 
     kinetic: float
@@ -48,22 +40,21 @@ class Energies(NamedTuple):
 
     @property
     def wake(self) -> float:
-        """Energy of the wake, which is beyond the reach of every wall [J]."""
+        """Energy of the wake [J]."""
         return self.kinetic_wake + self.elastic_wake
 
     @property
     def wall(self) -> float:
-        """Energy within reach of the walls [J]."""
+        """Energy near the walls [J]."""
         return self.whole - self.wake
 
 
 class Topology(NamedTuple):
     """Polarisations, winding numbers, charge and zero mode of a state.
 
-    polarisations: mean polarisation before the first wall, and mean polarisation beyond the last
-        wall. The value is +1 if the rotors lean right, and -1 if the rotors lean left.
-    winding_numbers: winding numbers of the uniform states before the first wall and beyond the
-        last wall. The two numbers differ by the charge.
+    polarisations: mean polarisations before the first and beyond the last wall, +1 for rotors that
+        lean right and -1 for rotors that lean left.
+    winding_numbers: winding numbers of the uniform states there; they differ by the charge.
     charge: number of walls with charge +1 minus number of walls with charge -1.
     mode_centre: centre of the zero mode [rotor spacings].
     """
@@ -77,10 +68,8 @@ class Topology(NamedTuple):
 class EdgeRotors(NamedTuple):
     """States of the first and the last rotor.
 
-    toggled: whether the first and the last rotor have toggled, compared with the left-leaning
-        state; None for spinners.
-    turns: numbers of turns of the first and the last rotor, counted from a uniform state [1]; NaN
-        for flippers.
+    toggled: whether they differ from the left-leaning state; None for spinners.
+    turns: numbers of turns, counted from a uniform state [1]; NaN for flippers.
     """
 
     toggled: tuple[bool, bool] | None
@@ -102,8 +91,7 @@ class FrameErrors(NamedTuple):
     noise: standard deviation of the angles [rad].
     rate_noise: standard deviation of the rates [rad/s], NaN if unknown.
     persistent: root mean square of the persistent differences from the orbit [rad].
-    unseen: flags of unseen rotors, whose angles and rates come from the orbit, shape (N,); None
-        means that all rotors were seen.
+    unseen: flags of rotors whose angles come from the orbit, shape (N,); None if all were seen.
     """
 
     noise: float = 0.0
@@ -118,18 +106,13 @@ class FrameErrors(NamedTuple):
 
 
 class ArcRate(NamedTuple):
-    """Rate of the arc length along the orbit, used if the rates of the rotors are unknown.
-
-    rate: rate of the arc length divided by `Orbit.free_rate` [rad/s].
-    deviation: standard deviation of this quotient [rad/s].
-    """
+    """Rate of the arc length over `Orbit.free_rate`, and its standard deviation [rad/s]."""
 
     rate: float
     deviation: float = 0.0
 
 
 _DOMAIN = 0.5
-"""Least polarisation of a bond in a domain, relative to the uniform state [1]."""
 EXACT = FrameErrors()
 _NO_TURNS = (math.nan, math.nan)
 
@@ -138,7 +121,7 @@ class FrameState:
     """Configuration of a chain with the extensions and levers of its springs."""
 
     def __init__(self, chain: Chain, angles: ArrayLike) -> None:
-        """Compute the extensions and levers of the springs from angles [rad], shape (N,).
+        """Compute the springs from angles [rad], shape (N,).
 
         Raises ValueError for angles of another shape and for angles that are not finite.
         """
@@ -165,12 +148,10 @@ class FrameState:
 
 
 def energy_reach(chain: Chain) -> float:
-    """Return the reach of a wall [rotor spacings]; energy beyond the reach belongs to the wake.
+    """Return the distance from a wall beyond which energy belongs to the wake [rotor spacings].
 
-    At a distance x the energy density of a moving wall falls as e^(-2 x / ell) or faster. The
-    reach is 8 ell plus three rotor spacings, so that at most the share e^-16 of the energy of a
-    wall is beyond the reach. The three spacings contain the core of walls near d = 1, where ell
-    vanishes.
+    The energy density falls as e^(-2 x / ell) or faster, so that at most the share e^-16 is beyond
+    8 ell. Three spacings contain the core of walls near d = 1, where ell vanishes.
     """
     depth = penetration_depth(chain) / chain.spacing
     return 8 * depth + 3
@@ -201,21 +182,14 @@ class StateReporter:
     ) -> StateReport:
         """Return energies, topology and edge rotors of the state with given angles [rad], (N,).
 
-        `sites` are the sites of the walls [rotor spacings], shape () or (W,). An empty array or
-        NaN means that the state has no wall. `rates` are the rates of the rotors [rad/s], shape
-        (N,), or the rate of the arc length along the orbit. The latter gives the kinetic energy
-        (I / 2) rate^2, but not the kinetic energy of the wake.
+        `sites` are those of the walls [rotor spacings], shape () or (W,), empty or NaN without
+        walls. `rates` are those of the rotors [rad/s], shape (N,), or that of the arc length,
+        which gives (I / 2) rate^2 but no energy of the wake.
 
-        Spring n is at site n + 1/2 and has the energy (k_e / 2) (l_n - lbar)^2. Noise adds (k_e /
-        2) (A_n^2 + B_n^2) sigma^2 to the mean energy of a spring and (I / 2) sigma_rate^2 to that
-        of a rotor. These contributions are subtracted, so that small energies may be negative.
-        Without walls, all energy belongs to the wake. The standard deviations include all energy
-        that unseen rotors may have.
-
-        The winding number on a side of the walls equals the winding number of the uniform state
-        whose polarisation has the sign of the mean polarisation on this side.
-        If a side has no bonds, the bond nearest to that edge is used.
-        Raises ValueError for arrays of another shape and for angles or rates that are not finite.
+        The mean energies of noise, (k_e / 2) (A_n^2 + B_n^2) sigma^2 per spring and (I / 2)
+        sigma_rate^2 per rotor, are subtracted, so that small energies may be negative. Without
+        walls, all energy belongs to the wake. Raises ValueError for another shape and for values
+        that are not finite.
         """
         chain, walls = self.chain, _finite(sites)
         state = np.ascontiguousarray(angles, dtype=np.float64)
@@ -265,7 +239,6 @@ class StateReporter:
         )
 
     def _bonds_beside(self, walls: list[float]) -> tuple[int, int]:
-        """Return `before` and `beyond` of `state_loops.SCOPE` for the sites of walls."""
         bonds = self.chain.number_of_springs
         first, last = (walls[0], walls[-1]) if walls else (math.inf, -math.inf)
         before = math.floor(min(max(first - 0.5, 0.0), bonds - 1)) + 1
@@ -282,12 +255,10 @@ class StateReporter:
     def _edge_rotors(self, angles: Array, shape: state_loops.Shape) -> EdgeRotors:
         """Return the states of the edge rotors.
 
-        The edge rotor of a flipper toggles when it crosses the line from its pivot to the
-        neighbouring mass. On this line A_0 (first rotor) or B_{N-2} (last rotor) changes its sign.
-        In the left-leaning state, A_0 has the sign of d - 1, and B_n has the sign of (-1)^(n+1);
-        in a chain that is upside down, both signs are inverted. The edge rotor of a spinner makes
-        half a turn for each wall that passes it. Turns are counted from theta = theta_bar, or from
-        theta = -theta_bar if the orbit does not contain the first state.
+        The edge rotor of a flipper toggles where A_0 or B_{N-2} changes its sign. In the
+        left-leaning state, A_0 has the sign of d - 1, and B_n that of (-1)^(n+1); upside down,
+        both are inverted. The edge rotor of a spinner makes half a turn per wall, counted from
+        theta = +-theta_bar.
         """
         chain = self.chain
         twists, upright, at_first, at_last = shape
@@ -301,12 +272,9 @@ class StateReporter:
         return EdgeRotors((at_first < 0, at_last * stands * self._last_sign < 0), _NO_TURNS)
 
     def _of_arc(self, rate: ArcRate | None, elastic: state_loops.Energy) -> state_loops.Energy:
-        """Return the kinetic energy, NaN for the wake, and a standard deviation [J each].
+        """Return the kinetic energy, NaN, and a standard deviation [J], given the arc rate.
 
-        The kinetic energy is computed from the rate of the arc length along the orbit, plus the
-        kinetic energy of phonons. The mean kinetic energy of phonons equals their mean elastic
-        energy. Therefore the elastic energy minus its standard deviation is added if this
-        difference is positive. The standard deviation of this contribution is equally large.
+        Phonons have equal mean kinetic and elastic energies, so that the elastic energy is added.
         """
         if rate is None:
             return math.nan, math.nan, math.nan
@@ -320,7 +288,7 @@ class StateReporter:
     def _hidden(
         self, state: FrameState, errors: FrameErrors, unseen: Flags
     ) -> tuple[float, float]:
-        """Return the elastic and the kinetic energy [J each] that unseen rotors may have."""
+        """Return the elastic and the kinetic energy [J] that unseen rotors may have."""
         half = self._springs[0]
         stiffness = self.chain.gathered(half * state.first**2, half * state.second**2)
         elastic = float(stiffness[unseen].sum()) * (errors.noise**2 + errors.persistent**2)

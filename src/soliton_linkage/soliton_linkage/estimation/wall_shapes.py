@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shapes of walls at rest, as tables of staggered angles, and compiled fits of these shapes.
 
-The shapes of kinks, and the shapes of anti-kinks for d < 1, are computed for the chain itself. An
-anti-kink is pinned in all spinners and in some wobbling flippers. In a pinned anti-kink at rest,
-every other rotor is turned over. In all other wobbling flippers, the mirrored shape of a kink is
-used for anti-kinks. This shape is exact in the continuum limit.
+Kinks, and anti-kinks for d < 1, are computed for the chain. Anti-kinks are pinned in all spinners
+and some wobbling flippers: at rest, every other rotor is turned over. Other anti-kinks are
+mirrored kinks, as in the continuum limit.
 """
 
 from __future__ import annotations
@@ -38,32 +37,24 @@ from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons
 
 _SCAN_STEP = 0.125
-"""Step of the scan over the site of a wall [rotor spacings]. The step is smaller than the width of
-any wall."""
+"""Step of the scan over the site of a wall [rotor spacings], smaller than any wall."""
 _STEPS = 12
-"""Largest number of Gauss-Newton steps [1]; most fits converge after half of this number."""
 _LONGEST_STEP = 0.3
-"""Longest step of the site [rotor spacings] and of the stretch [1]."""
 _SHORTER = 0.6
-"""Factor that shortens the next steps after two steps with opposite signs [1]."""
+"""Factor for the next steps after two steps with opposite signs [1]."""
 _CLOSE = 1e-6
-"""Threshold of the steps of site [rotor spacings] and stretch [1]: the fit ends if both steps are
-shorter."""
+"""Last steps of the site [rotor spacings] and of the stretch [1]."""
 _NARROWEST, _WIDEST = 0.2, 2.0
-"""Smallest and largest stretch of a wall [1]; the stretch is the width relative to the table."""
 
 
 class WallTable(NamedTuple):
     """Table of the staggered angles of rotors as a function of their distance from a wall."""
 
     angles: Array
-    """Angles [rad] and their slopes [rad / rotor spacing], shape (4, J). The rows are: angles of
-    even rotors, angles of odd rotors, slopes of even rotors, slopes of odd rotors."""
+    """Angles [rad] and slopes [rad / rotor spacing], even and odd rotors in turn, shape (4, J)."""
     points: float
-    """Number of columns per rotor spacing [1]."""
     reach: float
-    """Largest distance from the wall in the table [rotor spacings]. The columns cover distances
-    from minus this value to plus this value."""
+    """Largest distance from the wall on either side [rotor spacings]."""
 
 
 _TABLE = named_tuple(WallTable, f8_2d, f8, f8)
@@ -71,12 +62,10 @@ _TABLE = named_tuple(WallTable, f8_2d, f8, f8)
 
 @compiled(const_f8_1d, f8, b1_1d)
 def find_domains(polarised: Array, cost: float, right: Flags) -> None:
-    """Set whether each bond lies in a right-leaning domain, shape (B,).
+    """Set whether each bond lies in a right-leaning domain, given its polarisation, shape (B,).
 
-    `polarised` are the polarisations of the bonds, shape (B,). Dynamic programming finds the
-    division into domains with the highest score. The score is the sum of the polarisations in
-    right-leaning domains, minus the sum in left-leaning domains, minus `cost` for each wall. For
-    this sum the polarisations are clipped to the range from -1 to 1.
+    The domains maximise the sum of the polarisations, clipped to -1 to 1, with the sign of the
+    domain, minus `cost` per wall (dynamic programming).
     """
     count = polarised.size
     # Highest scores up to the current bond: for a left-leaning bond, and for a right-leaning bond.
@@ -98,11 +87,7 @@ def find_domains(polarised: Array, cost: float, right: Flags) -> None:
 
 @compiled(_TABLE, i8, f8)
 def _shape(table: WallTable, parity: int, x: float) -> tuple[float, float]:
-    """Return the staggered angle of a rotor [rad] at the distance x from a wall, and the slope.
-
-    x is in rotor spacings, and the slope is in rad / rotor spacing. The table is interpolated by
-    cubic polynomials. Beyond the table the angle is constant.
-    """
+    """Return angle [rad] and slope [rad / rotor spacing] at x [rotor spacings] (cubic splines)."""
     angles, points, reach = table
     at = (x + reach) * points
     last = angles.shape[1] - 1
@@ -120,11 +105,7 @@ def _shape(table: WallTable, parity: int, x: float) -> tuple[float, float]:
 def set_residuals(
     theta: Array, first: int, table: WallTable, site: float, stretch: float, residuals: Array
 ) -> None:
-    """Set the residuals of staggered angles [rad], shape (n,), from the shape of a wall.
-
-    The angles start at rotor `first`. The wall is at a site [rotor spacings]. The width of the
-    wall is the width in the table times `stretch` [1].
-    """
+    """Set the residuals [rad], shape (n,), of staggered angles from a wall."""
     for k in range(theta.size):
         n = first + k
         shape, _ = _shape(table, n % 2, (n - site) / stretch)
@@ -135,11 +116,7 @@ def set_residuals(
 def scan_wall(
     theta: Array, first: int, table: WallTable, start: float, beside: float, bound: float
 ) -> tuple[float, float]:
-    """Return the least sum of squared residuals [rad^2] and the corresponding site of the wall.
-
-    Each squared residual is clipped to `bound` [rad^2]. The scan covers the distance `beside` on
-    either side of the site `start` [rotor spacings each].
-    """
+    """Return the least sum of squares clipped to `bound` [rad^2], and its site near `start`."""
     best, least = start, np.inf
     steps = math.ceil(beside / _SCAN_STEP)
     for step in range(-steps, steps + 1):
@@ -167,10 +144,9 @@ def sums_of_fit(
     bound: float,
     free: bool,
 ) -> tuple[float, float, float, float, float]:
-    """Return the sums over rotors of w p^2, w q^2, w p q, w p x and w q x for `fit_wall`.
+    """Return the sums of w p^2, w q^2, w p q, w p x and w q x for `fit_wall`.
 
-    A rotor has the weight w and the residual x [rad]. The derivatives of its angle are p by the
-    site [rad / rotor spacing] and q by the stretch [rad]. If the stretch is not free, q is 0.
+    w is the weight, x the residual, and p and q are the derivatives by the site and the stretch.
     """
     site_information, of_stretch, both, ahead, wider = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(theta.size):
@@ -203,12 +179,10 @@ def fit_wall(
     bound: float,
     free: bool,
 ) -> tuple[float, float, float, float]:
-    """Fit the site of a wall by reweighted Gauss-Newton steps.
+    """Fit site and, if `free`, stretch of a wall by reweighted Gauss-Newton steps.
 
-    If `free` is true, the stretch is fitted too. `variance` is the variance of a rotor [rad^2].
-    Residuals up to `bound` standard deviations have full weight, and larger residuals have less
-    weight. Returns the site, the stretch, the information on the site and the information on the
-    stretch. The information refers to a noise of 1 rad.
+    Residuals above `bound` standard deviations have less weight. Returns site, stretch, and the
+    information on each of them for a noise of 1 rad.
     """
     site_information, of_stretch, last, share = 0.0, 0.0, 0.0, 1.0
     for _ in range(_STEPS):
@@ -237,12 +211,7 @@ def fit_wall(
 def fit_about(
     angles: Array, span: float, last: int, table: WallTable, site: float, stretch: float
 ) -> tuple[float, float, tuple[float, float, float, float, float]]:
-    """Fit site and stretch of a wall with equal weights of all rotors near the wall.
-
-    `angles` are actual angles [rad], shape (N,). The fit uses the rotors within the distance
-    `span` of the site [rotor spacings], but no edge rotors. Returns the fitted site and stretch,
-    and the `sums_of_fit` for these values.
-    """
+    """Fit site and stretch to angles [rad] within `span` of the site; add the `sums_of_fit`."""
     first, end = max(math.ceil(site - span), 1), min(math.floor(site + span) + 1, last)
     theta = np.empty(max(end - first, 0))
     for k in range(theta.size):
@@ -257,12 +226,10 @@ def fit_about(
 def persistence(
     residuals: Array, previous: Array, first: int, table: WallTable, site: float, stretch: float
 ) -> tuple[float, float]:
-    """Return the mean product of residuals in two frames, and a variance of this mean.
+    """Return the mean product of residuals in two frames, and its variance by noise.
 
-    The mean over the rotors near a wall is weighted by t^2 [rad^2], with the tangent t of the
-    wall. The residuals of both frames [rad], shape (n,), start at rotor `first` and are NaN if
-    unknown. Noise of the standard deviation sigma does not change the expected mean product. The
-    second result is the variance that noise causes, divided by sigma^4 [1].
+    The mean is weighted by t^2 with the tangent t [rad^2]; the variance is in sigma^4. Residuals
+    [rad], shape (n,), from rotor `first` on are NaN if unknown.
     """
     whole, squares, product = 0.0, 0.0, 0.0
     for k in range(residuals.size):
@@ -281,15 +248,13 @@ def persistence(
 
 
 _POINTS = 16
-"""Number of points of a table per rotor spacing [1]; the error of cubic interpolation is 1e-5 rad.
-"""
+"""Points of a table per rotor spacing [1]; the interpolation error is 1e-5 rad."""
 _DEPTHS = 14.0
-"""Reach of a table in penetration depths [1]; tails beyond this reach are below 1e-6 rad."""
+"""Range of a table in penetration depths [1]; tails beyond it are below 1e-6 rad."""
 _ROTORS = 5.0
-"""Additional reach of a table [rotor spacings]. It contains the core of a wall if the penetration
-depth vanishes."""
+"""Additional range of a table [rotor spacings], for the core of a wall with a vanishing depth."""
 _DEGREE = 5
-"""Degree of the splines through the samples [1]; the error of their slopes is 1e-5 rad."""
+"""Degree of the splines through the samples [1]; the error of slopes is 1e-5 rad."""
 
 
 @dataclass(frozen=True)
@@ -298,18 +263,15 @@ class WallShape:
 
     table: WallTable
     sides: Array
-    """Staggered angles far from the wall [rad], shape (2, 2). Row 0 holds even rotors, and row 1
-    odd rotors. Column 0 is to the left of the wall, and column 1 to the right."""
+    """Staggered angles far from the wall [rad]: even and odd rotors, left and right, shape (2,
+    2)."""
 
 
 class WallShapes:
     """Shapes of the kinks and anti-kinks of a chain."""
 
     def __init__(self, chain: Chain) -> None:
-        """Compute shapes from static walls in the middle of a long uniform chain.
-
-        Raises ValueError and ArithmeticError in the same cases as `static_wall`.
-        """
+        """Compute static walls in a long uniform chain; raise errors as `static_wall` does."""
         depth = penetration_depth(chain) / chain.spacing
         beside = math.ceil(_DEPTHS * depth + _ROTORS)
         even = beside + beside % 2
@@ -324,21 +286,17 @@ class WallShapes:
             self._sampled([static_wall(window, float(site), leg) for site in self._sites])
             for leg in range(2 if chain.motion is Motion.SPINNER else 1)
         )
-        """Shape of the kink in each leg of the orbit. Spinners have two shapes, because the rotors
-        turn forwards in one leg and backwards in the other leg."""
+        """Shape of the kink in each leg of the orbit; rotors of spinners turn in opposite
+        senses."""
         found = find_solitons(window, static_wall(window, even + 4.5))
         self.width = found[0].width if found else math.nan
         """Width of a wall at rest [m], NaN if the wall has no tanh profile."""
         spinner = chain.motion is Motion.SPINNER
         self.stretches = math.isfinite(self.width) and (spinner or chain.lean_ratio < 1)
-        """Whether the motion of a wall changes only its width."""
 
     @cached_property
     def anti_kinks(self) -> tuple[WallShape, ...]:
-        """Shapes of anti-kinks.
-
-        The shapes are computed at the first use, because the computation is slow.
-        """
+        """Shapes of anti-kinks, computed at the first use because that is slow."""
         try:
             path = anti_kink_path(self._window, float(self._sites[0]))
         except ArithmeticError:
@@ -350,10 +308,9 @@ class WallShapes:
 
     @cached_property
     def pinning_speed(self) -> float:
-        """Speed of an anti-kink at its energy barrier between two sites [rotor spacings / s].
+        """Speed at which an anti-kink has the energy of its barrier [rotor spacings / s].
 
-        At this speed the kinetic energy of the anti-kink equals the energy barrier. The speed is 0
-        for a pinned anti-kink, because no path from site to site exists.
+        The speed is 0 for a pinned anti-kink, because it has no path from site to site.
         """
         try:
             sites, states = anti_kink_path(self._window, float(self._sites[0]))
@@ -369,10 +326,7 @@ class WallShapes:
         return self.kinks[leg % len(self.kinks)]
 
     def _pinned(self) -> tuple[WallShape, WallShape]:
-        """Return the two shapes of a pinned anti-kink, which are exact at rest.
-
-        In one shape the rotor nearest to the anti-kink is even, in the other shape odd.
-        """
+        """Return the shapes of a pinned anti-kink near an even and near an odd rotor."""
         window = self._window
         site, angles = resting_anti_kink(window, float(self._sites[0]) + 0.5)
         rotors, theta = np.arange(len(angles)), staggered(angles)
@@ -393,12 +347,6 @@ class WallShapes:
         return WallShape(WallTable(angles, float(_POINTS), self.reach), angles[:2, [0, -1]])
 
     def _sampled(self, walls: ArrayLike) -> WallShape:
-        """Return the shape of a wall from samples of static walls.
-
-        Each row of `walls` holds the angles of all rotors [rad] for one site of the wall. The
-        angle as a function of the distance from the wall is the same for all even rotors, and the
-        same for all odd rotors. Therefore sites within two rotor spacings suffice.
-        """
         theta = staggered(np.asarray(walls))[:, 1:-1]
         rotors = np.arange(1, theta.shape[1] + 1)
         steps = np.rint((rotors - self._sites[:, None]) * _POINTS).astype(np.int64)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lattice coordinates, the track of one wall, and the encounter of two walls."""
+"""Lattice coordinates, the state of one wall from frame to frame, and encounters of two walls."""
 
 from __future__ import annotations
 
@@ -25,10 +25,7 @@ from soliton_linkage.solitons.tanh_fit import order_field
 
 
 class LatticeCoordinates:
-    """Site coordinates along a chain [rotor spacings].
-
-    On a ring the coordinates are periodic, in the range from 0 to N.
-    """
+    """Site coordinates along a chain [rotor spacings], periodic from 0 to N on a ring."""
 
     def __init__(self, chain: Chain) -> None:
         self.rotors, self.periodic = chain.number_of_rotors, chain.periodic
@@ -38,16 +35,12 @@ class LatticeCoordinates:
         self.near = min(reach, room / 3)
         """Distance below which two walls, or a wall and an edge, interact [rotor spacings]."""
         self.parted = min(1.5 * reach, room / 2)
-        """Threshold of the distance between two walls [rotor spacings]: more distant walls have
-        separated."""
+        """Distance above which two walls have separated [rotor spacings]."""
         self.period = 2 * math.pi / max(gap(chain), 1e-12)
         """Longest period of a phonon [s]."""
 
     def separation(self, site: float, other: float) -> float:
-        """Return the displacement from the site `other` to the site `site` [rotor spacings].
-
-        On a ring, the shorter of the two possible displacements is returned.
-        """
+        """Return the (on a ring, shorter) displacement from `other` to `site` [rotor spacings]."""
         way = site - other
         return math.remainder(way, self.rotors) if self.periodic else way
 
@@ -56,10 +49,7 @@ class LatticeCoordinates:
         return site % self.rotors if self.periodic else site
 
     def edge_distance(self, site: float) -> float:
-        """Return the distance of a site from the nearer edge [rotor spacings].
-
-        The distance is infinite for a ring.
-        """
+        """Return the distance to the nearer edge [rotor spacings], infinite for a ring."""
         return math.inf if self.periodic else min(site, self.rotors - 1 - site)
 
     def nearest_edge(self, site: float) -> float:
@@ -67,21 +57,14 @@ class LatticeCoordinates:
         return 0.0 if site < (self.rotors - 1) / 2 else self.rotors - 1.0
 
     def rotors_between(self, low: float, high: float, edge: int = 0) -> NDArray[np.int64]:
-        """Return the indices of the rotors between two sites.
-
-        In an open chain, the first `edge` rotors and the last `edge` rotors are excluded. On a
-        ring, the indices may be negative or exceed N.
-        """
+        """Return the rotors between two sites, without `edge` rotors at open ends."""
         first, last = math.ceil(low), math.floor(high)
         if not self.periodic:
             first, last = max(first, edge), min(last, self.rotors - 1 - edge)
         return np.arange(first, last + 1)
 
     def midpoint(self, left: float, right: float) -> float:
-        """Return the midpoint between the sites of two walls [rotor spacings].
-
-        On a ring, this is the midpoint of the section that begins at `left` and ends at `right`.
-        """
+        """Return the midpoint of the section from `left` to `right` [rotor spacings]."""
         way = right - left
         if self.periodic:
             way %= self.rotors
@@ -89,10 +72,7 @@ class LatticeCoordinates:
 
 
 class WallFrame:
-    """Angles and rates of one frame.
-
-    The methods compute quantities near walls on demand, because few frames need these quantities.
-    """
+    """Angles and rates of one frame, from which few frames need quantities near walls."""
 
     def __init__(
         self,
@@ -107,22 +87,16 @@ class WallFrame:
         self._angles, self._rates, self._errors = angles, rates, errors
 
     def energy(self, sites: Sequence[float]) -> float:
-        """Return the energy within the reach of the walls at given sites [J].
-
-        The mean contribution of noise is subtracted. The energy is NaN if angles or rates are
-        unknown.
-        """
+        """Return the energy near the walls at given sites [J]; NaN if unknown."""
         angles, rates = self._angles, self._rates
         if angles is None or rates is None or not np.isfinite(rates).all():
             return math.nan
         return self._reporter.report(angles, sites, rates, self._errors).energies.wall
 
     def swing(self, site: float, lean: int) -> float:
-        """Return the largest swing of a rotor near a site away from a uniform state.
+        """Return the largest swing near a site away from the uniform state of `lean` +1 or -1.
 
-        `lean` is +1 for the right-leaning uniform state and -1 for the left-leaning one. The swing
-        is relative to the difference between the two uniform states [1]. The result is 0 if the
-        angles are unknown.
+        The swing is relative to the difference between the two uniform states [1]; 0 if unknown.
         """
         if self._angles is None:
             return 0.0
@@ -131,11 +105,9 @@ class WallFrame:
         return float(np.abs(field[near % len(field)] - lean).max() / 2)
 
     def turn(self, left: float, right: float) -> int:
-        """Return the sense, +1 or -1, in which the rotors of a spinner turn over in a wall.
+        """Return the sense, +1 or -1, in which spinner rotors turn over in the left of two walls.
 
-        The wall is the left one of two walls at the sites `left` and `right`. The result is 0 for
-        flippers and for unknown angles. The relative angle of two neighbouring rotors must
-        differ from that in a uniform state by less than half a turn.
+        The result is 0 for flippers and for unknown angles.
         """
         chain, line, angles = self._chain, self._line, self._angles
         if angles is None or chain.motion is not Motion.SPINNER:
@@ -148,22 +120,16 @@ class WallFrame:
 
 
 _MEMORY, _SIGNIFICANCE = 100, 3.0
-"""Number of frames over which persistent residuals are averaged [1], and threshold of this average
-in standard deviations [1]: an average above the threshold is significant."""
+"""Frames over which persistent residuals are averaged [1], and their significance [1]."""
 _AVERAGED = 20
-"""Number of frames over which the variance of a fit is averaged [1]. One frame does not suffice,
-because a wall has few rotors."""
+"""Frames over which the variance of a fit is averaged [1], because a wall has few rotors."""
 _FORCE = 0.6
-"""Process noise of the rate of a fast anti-kink, divided by u^4 / v [1]. Here v is the speed of
-the anti-kink, and u is the speed at which its kinetic energy equals the energy barrier. The value
-is f^2 / 2 for the rms force f = pi u^2 / sqrt(8) of a sinusoidal potential and u = 1."""
+"""Process noise of the rate of a fast anti-kink, times v / u^4 [1], for its speed v and its speed
+u at the energy barrier; f^2 / 2 for f = pi / sqrt(8), the rms force of a sine at u = 1."""
 
 
 class WallMeasurement(NamedTuple):
-    """Measurement of a wall in one frame.
-
-    The measurement comes from a fit of the shape of the wall, or from the `OrbitFilter`.
-    """
+    """Measurement of a wall in one frame, from a fit of its shape or from the `OrbitFilter`."""
 
     rotor: float
     """Site of the centre of the wall [rotor spacings]."""
@@ -180,19 +146,14 @@ class WallMeasurement(NamedTuple):
     elastic: float = 0.0
     """Prior variance of the centre due to the deformation by springs [rotor spacings^2]."""
     pinning: float = 0.0
-    """Speed at which the kinetic energy of the wall equals its energy barrier between two sites
-    [rotor spacings / s]; 0 if the barrier is neglected."""
+    """Speed at which the kinetic energy equals the barrier between two sites [rotor spacings /
+    s]."""
     estimate: OrbitEstimate | None = None
-    """Estimate of the `OrbitFilter`, which replaces the filter of the track; None if the
-    measurement comes from a fit."""
+    """Estimate of the `OrbitFilter`, which replaces the filter of the wall; None for a fit."""
 
 
 class WallTrack:
-    """Track of a wall from frame to frame.
-
-    A wall that is located on the orbit has the state of the `OrbitFilter`. All other tracks have a
-    filter of their own.
-    """
+    """State of a wall from frame to frame, from the `OrbitFilter` or from its own filter."""
 
     def __init__(
         self,
@@ -202,25 +163,20 @@ class WallTrack:
         site_arc: float,
         settings: EstimationSettings,
     ) -> None:
-        """Start without a measurement.
-
-        `scale` is the typical rate of a rotor [rad/s]. `site_arc` is the arc length along the
-        orbit per rotor spacing [rad].
-        """
+        """Start with the typical rate of a rotor [rad/s] and the arc length per spacing [rad]."""
         self._line, self._scale, self._arc, self._settings = line, scale, site_arc, settings
         self.charge = charge
         self.id = 0
         """Identifier of the wall, 1 or more; 0 until the wall is confirmed."""
         self.rotor = self.rate = self.deviation = self.rate_deviation = math.nan
         self.frames = self.missed = 0
-        """`frames` is the number of frames that have shown this wall. `missed` is the number of
-        frames since the last frame that has shown this wall."""
+        """Number of frames that have shown this wall, and number of frames since the last of
+        them."""
         self.last_seen = math.nan
         """Time of the last frame that has shown this wall [s]."""
         self.width = math.nan, math.nan
-        """Width of the wall [m] and standard deviation of the width [m], NaN if unknown."""
         self.energy = math.nan
-        """Energy of the wall at the last time when it was far from edges and other walls [J]."""
+        """Energy of the wall when it was last far from edges and other walls [J]."""
         self.was_free = False
         """Whether the wall was far from edges and other walls in the preceding frame."""
         self._motion: MultipleModelFilter | None = None
@@ -239,11 +195,7 @@ class WallTrack:
         return TrackingStatus.TRACKING if self.frames > 1 else TrackingStatus.ACQUIRED
 
     def predict(self, elapsed: float) -> tuple[float, float]:
-        """Predict the site of the wall after the time `elapsed` [s].
-
-        Returns the site [rotor spacings] and its variance [rotor spacings^2]. At least one
-        measurement is required.
-        """
+        """Predict the site of the wall after the time `elapsed` [s], and its variance."""
         if self._motion is None:
             rate = self.rate if math.isfinite(self.rate) else 0.0
             spread = 0.0 if rate else self._scale / self._arc * elapsed
@@ -261,10 +213,7 @@ class WallTrack:
         return self._line.wrap(site), variance / self._arc**2 + self._variance
 
     def update(self, measured: WallMeasurement, time: float) -> None:
-        """Update the track with a measurement at a time [s].
-
-        Except for the first measurement, `predict` must be called before.
-        """
+        """Update with a measurement at a time [s], after `predict` except for the first one."""
         self.frames += 1
         self.missed, self.last_seen, self.width = 0, time, measured.width
         self._pinning = measured.pinning
@@ -294,7 +243,6 @@ class WallTrack:
         self.rate_deviation = math.sqrt(of_rate) / self._arc
 
     def _persistent_variance(self, measured: WallMeasurement) -> float:
-        """Return the variance of the site due to persistent residuals [rotor spacings^2]."""
         gain = 1 / min(self.frames, _MEMORY)
         self._persistent += gain * (measured.persistent - self._persistent)
         self._noise += gain * (measured.noise - self._noise)
@@ -303,7 +251,7 @@ class WallTrack:
         return elastic + (self._persistent if significant else 0.0)
 
     def stop(self) -> None:
-        """Discard the estimated motion of the wall, for example after a collision."""
+        """Discard the estimated motion of the wall."""
         self._motion, self.frames = None, 0
         self._variance = self._persistent = self._noise = 0.0
         self.rate = math.nan
@@ -325,17 +273,16 @@ class Encounter:
         self._line, self._settings = line, settings
         self.left, self.right = left, right
         self.energy = energy
-        """Energy near both walls before the encounter [J]. After a breather has formed, this is
-        the energy of the breather when it formed."""
+        """Energy near both walls before the encounter, or that of the breather at its formation
+        [J]."""
         self.collisions = 0
-        """Number of collisions, in which the two walls overlapped."""
+        """Number of overlaps of the two walls."""
         self.breather = 0
-        """Identifier of the breather; 0 if the walls have not formed a breather."""
+        """Identifier of the breather, else 0."""
         self.overlaps = False
         """Whether the two walls overlap, so that the last frame has shown neither of them."""
         self.when = self._moved = time
-        """Time of the first overlap [s]. Before an overlap, this is the time at which the distance
-        of the walls was smallest."""
+        """Time of the first overlap, or before it of the smallest distance [s]."""
         self.site = line.midpoint(left.rotor, right.rotor)
         """Midpoint between the walls at the time `when` [rotor spacings]."""
         self.passed = False
@@ -353,19 +300,12 @@ class Encounter:
 
     @property
     def ids_before(self) -> tuple[int, ...]:
-        """Identifiers of the two walls before the encounter, from left to right.
-
-        If the walls have formed a breather, the only identifier is that of the breather.
-        """
+        """Identifiers before the encounter, from left to right, or that of the breather."""
         ids = self.left.id, self.right.id
         return (self.breather,) if self.breather else ids[::-1] if self.passed else ids
 
     def add_seen(self, time: float, turn: int) -> None:
-        """Add a frame that shows both walls.
-
-        `turn` is the sense, +1 or -1, in which the rotors of a spinner turn over in the left wall;
-        0 means that the sense is unknown.
-        """
+        """Add a frame that shows both walls, with the `WallFrame.turn` of the left wall."""
         self.overlaps, self._moved = False, time
         self._distance = abs(self._line.separation(self.right.rotor, self.left.rotor))
         self._peak = max(self._peak, self._distance)
@@ -378,11 +318,9 @@ class Encounter:
         self._turn = turn or self._turn
 
     def add_overlap(self, time: float, swing: float) -> None:
-        """Add a frame that shows neither of the two walls, because the walls overlap.
+        """Add a frame in which the walls overlap, with the `WallFrame.swing` near their midpoint.
 
-        `swing` is the largest swing of a rotor near the midpoint, relative to the difference
-        between the two uniform states [1]. If the walls separate only slightly between two
-        overlaps, the separation may be noise. Then both overlaps belong to the same collision.
+        Two overlaps belong to one collision if the separation in between may be noise.
         """
         if not self.overlaps:
             if not self.collisions or self._peak > self._onset + self._line.width / 4:
@@ -400,10 +338,7 @@ class Encounter:
         return self.both_seen and self._distance > self._line.parted
 
     def outcome(self, time: float) -> EventKind | None:
-        """Return the outcome of the encounter at a time [s].
-
-        None means that the outcome is undecided, or that the walls separated without an event.
-        """
+        """Return the outcome at a time [s]; None if undecided or without an event."""
         if self.is_over():
             nearer = self._initial - self._closest
             if self.breather:

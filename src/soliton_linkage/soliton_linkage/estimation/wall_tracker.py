@@ -1,11 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tracker of all walls of a chain, which assigns constant identifiers to walls and detects events.
 
-Each wall has a track, which predicts the site of the wall in the next frame. The tracker assigns
-measurements to these predictions. A track without a measurement is a wall that has disappeared.
-A measurement without a track is a wall that has appeared. Walls appear and disappear at an edge,
-in an encounter with another wall, or for no visible reason. A wall that has disappeared at an edge
-may return.
+Measurements are assigned to the predicted sites of known walls. The others are walls that have
+appeared or disappeared at an edge, in an encounter, or for no visible reason.
 """
 
 from __future__ import annotations
@@ -31,7 +28,6 @@ from soliton_linkage.estimation.wall_track import (
 _LONGEST_DELAY = 2.0
 """Longest time for which the event of a wall that enters from an edge is delayed [s]."""
 _FORBIDDEN = 1e9
-"""Cost of a forbidden assignment [1]. The cost exceeds the square of any gate."""
 
 
 class PredictedWall(NamedTuple):
@@ -51,12 +47,10 @@ def assign(
     seen: Sequence[WallMeasurement],
     gate: float,
 ) -> dict[int, int]:
-    """Assign measured walls to predicted walls.
+    """Return the index of the measured wall for each predicted wall that has one.
 
-    Returns a mapping from the index of a prediction to the index of a measurement. The charges of
-    a pair are equal, and its sites differ by less than `gate` standard deviations. The number of
-    pairs is as large as possible. If several assignments have this number of pairs, the one with
-    the least sum of squared differences is chosen.
+    The charges of a pair are equal, and its sites differ by less than `gate` standard deviations.
+    The number of pairs is maximal, then the sum of squared differences is minimal.
     """
     if not predicted or not seen:
         return {}
@@ -83,9 +77,8 @@ class WallTracker:
     ) -> None:
         """Start without walls.
 
-        `scale` is the typical rate of a rotor [rad/s]. `site_arc` is the arc length along the
-        orbit per rotor spacing [rad]. `swing` is the distance that the chain moves along the orbit
-        while the wall is at an edge [rotor spacings].
+        `scale` is the typical rate of a rotor [rad/s], and `site_arc` the arc length per rotor
+        spacing [rad]. At an edge, the chain moves along the orbit by `swing` [rotor spacings].
         """
         self._line, self._scale, self._arc = line, scale, site_arc
         self._edge_way = swing + 2 * line.near
@@ -94,10 +87,7 @@ class WallTracker:
         self.restart()
 
     def restart(self) -> None:
-        """Discard all walls, for example when a new record starts.
-
-        The identifiers of the discarded walls are not used again.
-        """
+        """Discard all walls; their identifiers are not used again."""
         self._tracks: list[WallTrack] = []
         self._encounters: list[Encounter] = []
         self._at_edges: list[tuple[float, WallTrack]] = []
@@ -108,10 +98,9 @@ class WallTracker:
     def update(
         self, time: float, seen: Sequence[WallMeasurement], frame: WallFrame, confirming: int
     ) -> tuple[list[WallTrack], list[SolitonEvent]]:
-        """Update the tracks with the measured walls of a frame at a time [s].
+        """Update with the walls of a frame; return those shown, sorted by site, and new events.
 
-        `confirming` is the number of successive frames that confirm a new or a lost wall. Returns
-        the tracks of the identified walls in the frame, sorted by their site, and the new events.
+        A wall that appears or disappears is confirmed by `confirming` successive frames.
         """
         elapsed = time - self._time if self._frames else 0.0
         self._time, self._events = time, []
@@ -144,7 +133,6 @@ class WallTracker:
         return self._resolve(time, frame, confirming)
 
     def _is_undisturbed(self, seen: Sequence[WallMeasurement]) -> bool:
-        """Return whether the only wall is far from the edges, so that no event can occur."""
         if len(self._tracks) != 1 or len(seen) != 1 or seen[0].estimate is None:
             return False
         if self._encounters or self._pending or self._at_edges:
@@ -207,11 +195,7 @@ class WallTracker:
                 self._add_inside(track, new, time, frame)
 
     def _confirmed(self, track: WallTrack, confirming: int) -> bool:
-        """Return whether a new wall is confirmed.
-
-        Wrong readings look like a pair of walls with opposite charges. Therefore a wall is
-        confirmed by several frames, by its position at an edge, or by the absence of such a pair.
-        """
+        """Return whether a new wall cannot be one of a pair that wrong readings feign."""
         if track.frames >= min(confirming, self._frames) or self._is_at_edge(track):
             return True
         return not any(
@@ -244,10 +228,6 @@ class WallTracker:
         self._add(EventKind.FOUND, time, track.rotor, ids, charges, (energy, energy))
 
     def _add_from_edge(self, track: WallTrack, time: float) -> None:
-        """Assign an identifier to a wall that has appeared or returned at an edge.
-
-        The event of this wall is pending until the wall leaves the edge.
-        """
         edge, charge = self._line.nearest_edge(track.rotor), track.charge
         for index, (_, before) in enumerate(self._at_edges):
             if self._line.nearest_edge(before.rotor) == edge and before.charge == charge:
@@ -264,11 +244,6 @@ class WallTracker:
     def _add_inside(
         self, track: WallTrack, new: list[WallTrack], time: float, frame: WallFrame
     ) -> None:
-        """Assign an identifier to a new wall far from the edges.
-
-        If a new wall of opposite charge is near, both walls get an identifier, and the event is
-        the birth of a pair.
-        """
         other = self._partner(track, [each for each in new if not each.id])
         if other is None:
             self._add_found(track, time, frame)
@@ -292,7 +267,6 @@ class WallTracker:
         return (one, other) if self._line.separation(other.rotor, one.rotor) > 0 else (other, one)
 
     def _record_energies(self, shown: list[WallTrack], frame: WallFrame) -> None:
-        """Record the energy of each wall when it approaches an edge or another wall."""
         for track in shown:
             single = all(
                 self._distance(each, track.rotor) > self._line.near
@@ -382,11 +356,7 @@ class WallTracker:
             self._add(EventKind.LOST, track.last_seen, track.rotor, ids, charges, energies)
 
     def _report_pending(self, time: float, frame: WallFrame) -> None:
-        """Report the pending events of walls at an edge.
-
-        An event is reported when its wall has left the edge, or after a delay. If a wall that
-        returned disappears again at the edge, it was not reflected, and its event is dropped.
-        """
+        """Report events of walls that have left the edge, and drop those of false reflections."""
         waiting = []
         for event, track in self._pending:
             free = self._line.edge_distance(track.rotor) > self._line.near

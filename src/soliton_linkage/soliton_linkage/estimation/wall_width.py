@@ -1,14 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lorentz contraction of a moving wall relative to the same wall at rest.
+"""Lorentz contraction of a moving wall, whose width is w / gamma for the width w at rest.
 
-For a wall at the site X, the angle of rotor n depends only on the distance from the wall: phi_n =
-f(X - n). For a wall that is contracted by the factor gamma, the model is
-
-    phi_n = f(gamma (X - n)).
-
-The model is exact for gamma = 1. In the continuum limit the model is exact for all gamma.
-`WallFamily` fits gamma and X to a frame by least squares. `ContractionMean` averages gamma over
-frames. `WidthReporter` reports the width w / gamma, where w is the width of the wall at rest.
+With the shape f at rest and the site X, the angle of rotor n is phi_n = f(gamma (X - n)). This
+model is exact for gamma = 1, and in the continuum limit for all gamma.
 """
 
 from __future__ import annotations
@@ -26,24 +20,18 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.solitons.continuum import wall_theory
 
 _CLEAR = 2
-"""Least distance of a fitted wall from an edge, relative to the width of the wall and to the
-penetration depth [1]."""
+"""Least distance from an edge, relative to the width of the wall and the penetration depth [1]."""
 _CLOSE, _CLOSEST = 0.02, 1e-5
-"""Thresholds of the last step of ln(gamma) [1]: a fit has converged if the step is shorter than
-`_CLOSE` standard deviations of ln(gamma) or shorter than `_CLOSEST`."""
+"""Largest last step of ln(gamma) in standard deviations, and in absolute terms [1]."""
 _DEGENERATE = 1e-12
-"""Threshold of the determinant of a fit, relative to its largest possible value [1]: with a
-smaller determinant the contraction is unknown."""
+"""Least determinant of a fit, relative to its largest possible value [1]."""
 _COARSEST = math.log(1.5)
-"""Largest standard deviation of a reported ln(gamma) [1]."""
 _LEAST_DEVIATION = 3e-4
 """Error of ln(gamma) due to the assumed shape of a moving wall [1]."""
 _PASSAGES, _FEWEST_PASSAGES = 30, 4
-"""Largest and smallest number of passages from which the scatter is estimated [1]."""
 _SIGNIFICANCE = 2.5
-"""Threshold of the scatter in standard deviations [1]: a larger scatter is significant."""
 _WIDEST_LEAN_RATIO = 2.0
-"""Threshold of the lean ratio d [1]: from this value on, only spinners have a tanh profile."""
+"""Lean ratio d from which on only spinners have a tanh profile [1]."""
 
 
 class Contraction(NamedTuple):
@@ -80,16 +68,12 @@ class WallFamily:
     def fit(
         self, angles: Array, site: float, leg: int, noise: float, logarithm: float = 0.0
     ) -> Contraction:
-        """Fit the contraction of a wall to one frame by Gauss-Newton steps.
+        """Fit the contraction to angles [rad], shape (N,), in the orientation of the orbit.
 
-        The fit starts at the site `site` [rotor spacings] and at ln(gamma) = `logarithm` [1].
-        Angles [rad], shape (N,), are in the orientation of the orbit, and NaN if unknown. `noise`
-        is the standard deviation of their independent noise [rad]. `leg` is the leg of the orbit,
-        which determines the shape of the wall.
-
-        The contraction is unknown in three cases: the distance of the wall from an edge is below
-        twice its width or twice the penetration depth, the standard deviation of ln(gamma) exceeds
-        ln(1.5), or the fit does not converge.
+        The fit starts at `site` [rotor spacings] and ln(gamma) = `logarithm` [1]. `noise` is the
+        standard deviation of the angles [rad]. The contraction is unknown if the wall is within
+        two widths or penetration depths of an edge, or its ln(gamma) is uncertain by more than
+        ln(1.5).
         """
         if not self._clear <= site <= self._last - self._clear:
             return UNKNOWN
@@ -117,10 +101,8 @@ class WallFamily:
 class ContractionMean:
     """Mean contraction over the rotors that a wall has passed recently.
 
-    The weight of a frame is the inverse of its variance. This variance includes the deformation of
-    a wall between two rotors, so that no single site of the wall dominates the mean. Frames are
-    grouped into passages. During a passage the wall moves by one rotor spacing. From one passage
-    to the next, the weights of earlier frames decay by the factor e^(-1/5).
+    Frames with less variance weigh more. In each passage of one rotor spacing, weights of earlier
+    frames fade.
     """
 
     def __init__(self, family: WallFamily) -> None:
@@ -131,7 +113,7 @@ class ContractionMean:
         self.restart()
 
     def restart(self) -> None:
-        """Discard the mean, for example after an impulse or a reflection, but keep the scatter."""
+        """Discard the mean, but keep the scatter."""
         self._leg, self._anchor = -1, math.nan
         self._discard_passages()
 
@@ -140,11 +122,10 @@ class ContractionMean:
         self._before, self._passage = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
     def update(self, angles: Array, site: float, leg: int, noise: float) -> Contraction:
-        """Add a frame, and return the mean contraction.
+        """Add a frame as in `WallFamily.fit`, and return the mean contraction, or `UNKNOWN`.
 
-        `WallFamily.fit` describes the arguments. The mean restarts if the leg of the orbit
-        changes, or if a passage contradicts the earlier passages. If the frame does not determine
-        a contraction, the result is unknown.
+        The mean restarts in another leg of the orbit, and if a passage contradicts the earlier
+        ones.
         """
         if leg != self._leg:
             self.restart()
@@ -194,11 +175,7 @@ class ContractionMean:
 
 
 def passage_scatter(values: Array, variances: Array) -> float:
-    """Return the scatter of passages, which is the variance of their values without their noise.
-
-    `values` are the values of ln(gamma) and `variances` the variances of their noise [1], shape
-    (M,) each. The result is 0 if the scatter is not significant.
-    """
+    """Return the variance of ln(gamma) of M passages without their noise; 0 if not significant."""
     apart, freedoms = values - np.average(values, weights=1 / variances), len(values) - 1
     by_chance = freedoms + _SIGNIFICANCE * math.sqrt(2 * freedoms)
     if np.sum(apart**2 / variances) < by_chance:
@@ -207,28 +184,21 @@ def passage_scatter(values: Array, variances: Array) -> float:
 
 
 class WidthReporter:
-    """Reporter of the width w of a wall with the profile tanh(x / w) in each frame."""
+    """Reporter of the width w of a wall with the profile tanh(x / w)."""
 
     def __init__(self, shapes: WallShapes, settings: WidthSettings = DEFAULTS.width) -> None:
         self._mean = ContractionMean(WallFamily(shapes, settings))
         self._at_rest = TheoryWidth(shapes.chain)(0.0)
 
     def update(self, angles: Array, site: float, leg: int, noise: float) -> tuple[float, float]:
-        """Add a frame, and return the mean width [m] and its standard deviation [m].
-
-        `WallFamily.fit` describes the arguments. An unknown width is NaN.
-        """
+        """Add a frame as in `WallFamily.fit`; return width and its standard deviation [m]."""
         found = self._mean.update(angles, site, leg, noise)
         width = self._at_rest / found.factor
         return width, width * found.deviation
 
 
 class TheoryWidth:
-    """Width of the walls of a chain by continuum theory.
-
-    The width is NaN for flippers whose lean ratio d is 2 or more, because they have no tanh
-    profile.
-    """
+    """Width of walls by continuum theory; NaN for flippers with a lean ratio d of 2 or more."""
 
     def __init__(self, chain: Chain) -> None:
         theory = wall_theory(chain)
@@ -237,11 +207,7 @@ class TheoryWidth:
         self._at_rest = theory.width() if defined else math.nan
 
     def __call__(self, velocity: float) -> float:
-        """Return the width [m] of a wall that moves at a velocity v [m/s].
-
-        The width is the width at rest times sqrt(1 - v^2 / c^2) with the speed of sound c. If |v|
-        is not below c, the width is NaN.
-        """
+        """Return the width [m] at rest times sqrt(1 - v^2 / c^2) for the velocity v [m/s]."""
         if velocity == 0:
             return self._at_rest
         if not abs(velocity) < self._speed_of_sound:

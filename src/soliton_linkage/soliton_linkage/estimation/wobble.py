@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Wobble of the rotors beside a wall: amplitude, decay length and wavelength.
 
-The shape of a wall at rest determines which rotors are used. The measured angles have no influence
-on this selection, so that noise does not bias the results.
+The shape of a wall at rest determines the rotors that are used, so that noise causes no bias.
 """
 
 from __future__ import annotations
@@ -29,22 +28,18 @@ BARS = np.dtype(
         for name in ('rotor_length', 'spacing', 'rest_angle', 'lean_ratio', 'spins')
     ]
 )
-"""Record of the parameters of a chain that determine the wobble: rotor length [m], spacing [m],
-rest angle [rad], lean ratio d [1], and 1 for spinners or 0 for flippers."""
+"""Record of the parameters of a chain that determine the wobble; spins is 1 for spinners."""
 _BARS = records(BARS)
 _LEAST_NOISE = 1e-12
-"""Lower limit of the noise [rad], which is the size of rounding errors."""
 _CALM, _LARGEST, _ABOVE_NOISE = 1e-3, 0.5, 4.0
-"""Thresholds of the deviation of a rotor from the rest angle [1]. A rotor beside a static wall is
-calm if its deviation is below `_CALM` rest angles. A tail contains the rotors with deviations
-below `_LARGEST` rest angles and above `_ABOVE_NOISE` standard deviations of the noise."""
+"""Largest deviation of a calm rotor beside a static wall, largest in a tail [rest angles each],
+and smallest in a tail [standard deviations of the noise]."""
 _BEND = 0.3
 """Assumed shift of a zero of the tail [rotor spacings] for a deviation of one rest angle."""
 _CERTAIN, _COARSEST = 3.0, 0.2
-"""Conditions for a known decay length [1]. The tail ratio exceeds `_CERTAIN` of its standard
-deviations. The relative standard deviation of the decay length is at most `_COARSEST`."""
+"""Least tail ratio [standard deviations] and largest relative error of a known decay length
+[1]."""
 _NO_OVERSHOOT = (math.nan, math.nan, math.nan)
-"""Overshoot that is returned for spinners and if no rotor is known [m]."""
 
 
 @compiled(const_f8_1d, const_f8_1d, i8, i8, i8, b1, f8, f8_2d)
@@ -58,12 +53,9 @@ def beside_wall(
     rest_angle: float,
     leans: Array,
 ) -> None:
-    """Set the leans of the rotors beside a wall, shape (2, n).
+    """Set the leans of rotors beside a wall at rest and the measured one [rad], shape (2, n).
 
-    Leans are relative to the uniform state [rad]. Row 0 is the wall at rest, and row 1 is the
-    measured wall. `at_rest` are the angles of the wall at rest, starting at rotor `first`. The
-    first columns are the rotors from `middle` - 1 down to `low`, which are before the middle of
-    the wall. The other columns are the rotors from `middle` on, which are beyond the middle.
+    Columns are the rotors from `middle` - 1 down to `low`, then those from `middle` on.
     """
     expected, measured = leans[0], leans[1]
     high = low + expected.size
@@ -87,12 +79,7 @@ def beside_wall(
 
 @compiled(const_f8_1d, f8, f8)
 def overshooting(expected: Array, rest_angle: float, calm: float) -> int:
-    """Return the index of the rotor at which the overshoot is measured.
-
-    If `calm` is 0, this is the rotor with the largest lean. If `calm` is above 0, this is the
-    first calm rotor, whose deviation from the rest angle is below `calm` [rad]. If no rotor is
-    calm, the last rotor is used.
-    """
+    """Return the index of the largest lean or, if `calm` is above 0, of the first calm rotor."""
     at, most = 0, -math.inf
     for n in range(expected.size):
         if calm > 0:
@@ -108,11 +95,9 @@ def overshooting(expected: Array, rest_angle: float, calm: float) -> int:
 def tail_sums(
     measured: Array, begin: int, end: int, rest_angle: float, k: float
 ) -> tuple[float, float, float, float, float]:
-    """Return the sums of five terms over the rotors of a tail.
+    """Return the sums of e^2, e (e' - F(e)), F'(e), (F'(e) e)^2 and F'(e) e e_inner in a tail.
 
-    The terms are e^2, e (e' - F(e)), F'(e), (F'(e) e)^2 and F'(e) e e_inner. Here e is the
-    deviation of a rotor from the rest angle [rad], e' that of its outer neighbour, and e_inner
-    that of its inner neighbour. `next_deviation` computes F and its slope F'.
+    e, e' and e_inner are the deviations [rad] of a rotor and its outer and inner neighbours.
     """
     square, product, slopes, squares, both = 0.0, 0.0, 0.0, 0.0, 0.0
     share = 0.0
@@ -133,12 +118,9 @@ def tail_sums(
 def half_wavelength(
     measured: Array, begin: int, end: int, rest_angle: float, error: float, bend: float
 ) -> tuple[float, float]:
-    """Return the mean distance between two zeros of a tail [rotor spacings] and its variance.
+    """Return the mean distance between zeros of a tail [rotor spacings] and its variance, or NaN.
 
-    Both results are NaN if the tail has fewer than two zeros. In a wobbling tail the deviation e
-    changes its sign from rotor to rotor, and linear interpolation gives the zeros. The variance of
-    a zero, which determines its weight, includes the noise and the shift bend e / theta_bar that a
-    large deviation causes.
+    The zeros are weighted by their variance due to noise and to the shift bend e / theta_bar.
     """
     start = max(end - 1, begin)
     while start > begin and measured[start - 1] * measured[start] < 0:
@@ -174,11 +156,7 @@ def half_wavelength(
 def _overshoot(
     expected: Array, measured: Array, rest_angle: float, length: float, calm: float, error: float
 ) -> tuple[float, float, float]:
-    """Return the overshoot beyond the rest angle and two related lengths [m each].
-
-    The second result is the standard deviation of the overshoot. The third result is the overshoot
-    of a wall at rest.
-    """
+    """Return the overshoot, its standard deviation, and the overshoot of a wall at rest [m]."""
     if not expected.size:
         return _NO_OVERSHOOT
     at = overshooting(expected, rest_angle, calm)
@@ -194,11 +172,9 @@ def _overshoot(
 def _decay_length(
     ratio: float, deviation: float, exact: float, spacing: float
 ) -> tuple[float, float]:
-    """Return the decay length -a / ln|lambda| and its standard deviation [m each].
+    """Return the decay length -a / ln|lambda| and its standard deviation [m], or NaN.
 
-    `ratio` is the measured lambda, `deviation` its standard deviation, and `exact` the lambda of
-    the chain [1]. Both results are NaN unless the decay length is known to 20 %. This decision
-    uses the exact lambda instead of the measured one, so that noise does not bias the decision.
+    The exact lambda decides whether it is known to 20 %, so that noise does not bias this.
     """
     known = abs(exact)
     if not (known > _CERTAIN * deviation and 0 < abs(ratio) < 1):
@@ -221,12 +197,8 @@ def wobble(
 ) -> tuple[Overshoot, Lengths]:
     """Return overshoot and lengths of the wobble beside a wall, for `WobbleReporter.wobble`.
 
-    `at_rest` are the angles of the wall at rest [rad], starting at rotor `first`. The first tuple
-    is the overshoot, its standard deviation, and the overshoot of the wall at rest [m each]. The
-    overshoot refers to the side on which the wall at rest has the larger overshoot. It is NaN for
-    spinners, and if no rotor is beside the wall. The second tuple is tail ratio [1], decay length
-    [m] and wavelength [m]. Each of these is followed by its standard deviation, and NaN if
-    unknown.
+    The overshoot [m] is on the side where it is larger at rest. The lengths are tail ratio [1],
+    decay length and wavelength [m], each with its standard deviation. Unknown values are NaN.
     """
     bar, rotors = bars[0], angles.size
     rest_angle, length, spacing = bar['rest_angle'], bar['rotor_length'], bar['spacing']
@@ -272,18 +244,15 @@ def wobble(
 class Wobble(NamedTuple):
     """Wobble beside a wall, where rotors deviate from the uniform states; NaN if unknown.
 
-    amplitude: overshoot of one rotor [m], which is its |u| minus the displacement ub of the
-        uniform state. For d > 1 this rotor is the one with the largest lean in a wall at rest. For
-        d <= 1 (no wobble) this rotor is the nearest one that is at rest within the noise. The
-        rotor is on the side on which a wall at rest has the larger overshoot.
+    amplitude: overshoot |u| - ub [m] of the rotor with the largest lean at rest (d > 1), or of the
+        nearest rotor that is at rest (d <= 1), on the side where it is larger at rest.
     amplitude_deviation: standard deviation of the amplitude [m].
     rest_amplitude: overshoot of the same rotor for a wall at rest [m].
     tail_ratio: deviation of a rotor in the tails, relative to its inner neighbour [1].
     tail_ratio_deviation: standard deviation of the tail ratio [1].
     decay_length: distance over which the tails decrease by a factor e [m].
     decay_length_deviation: standard deviation of the decay length [m].
-    wavelength: twice the mean distance between two zeros of the tails [m]; NaN for fewer than two
-        zeros.
+    wavelength: twice the mean distance between zeros of the tails [m].
     wavelength_deviation: standard deviation of the wavelength [m].
     exact_decay_length: decay length by theory, which is the penetration depth ell [m].
     exact_wavelength: wavelength by theory [m]: 2 a for d > 1, else infinite.
@@ -308,7 +277,7 @@ class RestingWall(NamedTuple):
     first: int
     """Index of the rotor to which the first angle belongs."""
     angles: Array
-    """Angles in the orientation of the orbit [rad], shape (n,). Whole turns are arbitrary."""
+    """Angles in the orientation of the orbit up to whole turns [rad], shape (n,)."""
     site: float
     """Site of the wall [rotor spacings]."""
 
@@ -328,24 +297,14 @@ class WobbleReporter:
     def wobble(
         self, angles: Array, wall: RestingWall, noise: float = 0.0, persistent: float = 0.0
     ) -> Wobble:
-        """Return the wobble beside a wall.
+        """Return the wobble beside a wall, given finite angles [rad], shape (N,).
 
-        Angles [rad], shape (N,), must be finite. The tail ratio lambda is a least-squares fit of
-        e' = F(e) + (lambda - lambda_0) e to both sides of the wall. Here e is the deviation of a
-        rotor from the rest angle, and e' that of its outer neighbour. The function F
-        (`next_deviation`) is exact for relaxed bars and has the slope lambda_0 = (1 - d) / (1 + d)
-        at e = 0. The wavelength follows from a straight line through the zeros of the tails.
-        `noise` is the standard deviation of the angles [rad]. `persistent` is the root mean square
-        of the persistent differences from the orbit [rad]. The standard deviations of the results
-        include the effects of `noise` and `persistent`.
+        The tail ratio lambda is fitted to e' = F(e) + (lambda - lambda_0) e on both sides, with F
+        as in `next_deviation` and lambda_0 = (1 - d) / (1 + d); the wavelength to the zeros of the
+        tails. `noise` is the standard deviation of the angles, and `persistent` the rms of the
+        persistent differences from the orbit [rad].
         """
         overshoot, lengths = wobble(
-            self._bars,
-            angles,
-            wall.angles,
-            wall.first,
-            wall.site,
-            noise,
-            persistent,
+            self._bars, angles, wall.angles, wall.first, wall.site, noise, persistent
         )
         return Wobble(*overshoot, *lengths, *self._exact)
