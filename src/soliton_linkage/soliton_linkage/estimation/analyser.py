@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Analyser of the frames of a known chain, live and offline.
-
-An `OrbitFilter` locates a single wall. Otherwise a `ShapeMeasurementModel` fits the shape of each
-wall.
-"""
+"""Analyser of the frames of a known chain, by an orbit filter or by fits of the wall shapes."""
 
 from __future__ import annotations
 
@@ -69,18 +65,13 @@ _UNKNOWN_WIDTH = math.nan, math.nan
 
 
 class Analyser:
-    """Analyser of the frames of a chain with known parameters, in the order of their time.
-
-    If the chain has no orbit, `limitation` gives the reason, and the shapes of the walls are
-    fitted.
-    """
+    """Analyser of a chain with known parameters, in the order of the time of the frames."""
 
     def __init__(
         self, chain: Chain, noise: float | None = None, settings: EstimationSettings = DEFAULTS
     ) -> None:
-        """Compute the orbit, which may take seconds for a chain with deviations.
+        """Compute the orbit, given the standard deviation of the angles [rad], None if unknown.
 
-        `noise` is the standard deviation of the angles [rad]; None means that it is estimated.
         Raises ValueError if it is infinite or not above 0.
         """
         if noise is not None and not 0 < noise < math.inf:
@@ -133,11 +124,10 @@ class Analyser:
         return self._impulses.late
 
     def apply_impulse(self, stamp: int | None, impulses: Array) -> None:
-        """Apply angular impulses [N m s], shape (N,), that act at the time `stamp` [ns].
+        """Apply angular impulses [N m s], shape (N,), at a time [ns]; None is the next frame.
 
-        They take effect in the first frame at or after this time, or in the next frame if `stamp`
-        is None. Late impulses are counted in `late_impulses` and ignored. Raises ValueError for
-        another shape and for values that are not finite.
+        Late impulses are counted and ignored. Raises ValueError for another shape and for values
+        that are not finite.
         """
         self._impulses.add(stamp, self.chain.check_angles(impulses, 'impulse'))
 
@@ -184,13 +174,10 @@ class Analyser:
     ) -> Analysis | None:
         """Analyse a frame that was measured at a time `stamp` [ns]; return None if it is late.
 
-        A frame is late if its stamp is not later than the last one. A stamp that is earlier by
-        more than the clock limit of the settings starts a new record.
-
         Angles [rad], wrapped or unwrapped, and rates [rad/s] have shape (N,), NaN or infinite if
         unknown. `deviations` are the standard deviations of the angles [rad], shape (N,), NaN if
-        unknown; they weight the angles of a single wall. Raises ValueError for another shape, and
-        for standard deviations that are infinite or not above 0.
+        unknown. Raises ValueError for another shape, and for standard deviations that are infinite
+        or not above 0.
         """
         rotors = self.chain.number_of_rotors
         angles = np.ascontiguousarray(angles, dtype=np.float64)

@@ -76,11 +76,7 @@ class Analysis(NamedTuple):
 
 
 def cycle_phase(estimate: OrbitEstimate, orbit: Orbit | None) -> CyclePhase:
-    """Return the phase in the cycle of the orbit for an estimated arc length along the orbit.
-
-    In both assemblies of a spinner, the phase increases while a wall moves from rotor 0 in the
-    left-leaning state.
-    """
+    """Return the phase in the cycle of the orbit, which has the same sense in both assemblies."""
     if orbit is None or not estimate.leg_known:
         return CyclePhase(math.nan, math.nan, math.nan, math.nan, 0, -1)
     scale = 2 * math.pi / orbit.length
@@ -145,8 +141,7 @@ class FrameAnalyser(Protocol):
 class UnknownChainAnalyser:
     """Analyser of a chain with unknown parameters; only the order of the joints is known.
 
-    The site of the wall is the point at which u = r sin(phi) changes its sign. The error of the
-    site may exceed one rotor spacing.
+    The wall is where u = r sin(phi) changes its sign, with an error that may exceed one spacing.
     """
 
     limitation = 'the parameters of the chain are unknown'

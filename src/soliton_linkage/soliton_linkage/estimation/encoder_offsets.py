@@ -24,8 +24,7 @@ from soliton_linkage.linear.bands import penetration_depth, tail_ratio
 from soliton_linkage.linkage.chain import Array, Chain
 
 _DEPTHS_BESIDE = 3.0
-"""Least distance of a far rotor from the wall [penetration depths]; the tail is below 5 %
-there."""
+"""Least distance of a far rotor [penetration depths]; the tail is below 5 % there."""
 _FEWEST_MEANS = 5
 """Least number of block means of a rotor for a correction of its offset [1]."""
 _FEWEST_ROTORS = 5
@@ -39,8 +38,7 @@ _LEAST_DISTANCE = 0.01
 _LEAST_ERROR = 3e-4
 """Lower limit of the persistent error of a residual [rad], which covers rounding errors."""
 _CONTRADICTION = 0.3
-"""Threshold of an opposite residual near the wall, relative to the offset that it contradicts
-[1]."""
+"""Threshold of an opposite residual near the wall, relative to the contradicted offset [1]."""
 _FROM_EDGE = 2.0
 """Least distance of a wall from the edges for tests of rotors near the wall [rotor spacings]."""
 _STUCK, _MOST_STUCK = 1e-5, 0.2
@@ -57,8 +55,8 @@ class EncoderOffsets:
         self.means = np.zeros(rotors)
         """Number of block means of each rotor [1], shape (N,)."""
         self.weights, self.sums = np.zeros((2, rotors)), np.zeros((2, rotors))
-        """Weights [1/rad^2] and weighted residuals [1/rad], shape (2, N): before and beyond the
-        wall."""
+        """Weights [1/rad^2] and weighted residuals [1/rad] before and beyond the wall, shape (2,
+        N)."""
         self.update(np.full(rotors, np.nan), np.zeros(rotors), 1.0)
 
     def update(
@@ -66,9 +64,8 @@ class EncoderOffsets:
     ) -> None:
         """Update the offsets with residuals [rad], shape (N,), NaN if unknown.
 
-        Sides [1], shape (N,), are +1 before, -1 beyond and 0 near the wall. `variance` is the
-        variance of the noise of a residual, and `persistent` that of the common error of all
-        frames [rad^2].
+        Sides [1], shape (N,), are +1 before, -1 beyond and 0 near the wall. `variance` is that of
+        the noise of a residual, and `persistent` that of the common error of all frames [rad^2].
         """
         given = self.settings
         known = np.isfinite(residuals)
@@ -102,10 +99,7 @@ class EncoderOffsets:
 
     @property
     def rest_angle_error(self) -> float:
-        """Common error of all rest angles [rad]; 0 if the error is not significant.
-
-        The median over both sides of the wall is robust against encoder offsets of random sign.
-        """
+        """Common error of all rest angles [rad], a robust median; 0 if not significant."""
         signs = np.where(np.arange(len(self.means)) % 2, -1.0, 1.0) * np.array([[1.0], [-1.0]])
         seen = self.weights > 0
         errors = (signs * self.sums)[seen] / self.weights[seen]
@@ -116,10 +110,7 @@ class EncoderOffsets:
         return error if abs(error) > self.settings.significance * chance else 0.0
 
     def retest(self, rotors: Flags, errors: Array) -> None:
-        """Reduce the weight of the evidence about rotors whose latest block contradicts it.
-
-        Its standard deviation becomes at least the contradiction `errors` [rad], shape (N,).
-        """
+        """Reduce the evidence about rotors that the latest block contradicts by `errors` [rad]."""
         self.means[rotors] = np.minimum(self.means[rotors], _FEWEST_MEANS) - 1
         kept = 1 / np.maximum(self.weights[:, rotors] * errors[rotors] ** 2, 1.0)
         self.weights[:, rotors] *= kept
@@ -130,10 +121,7 @@ class FarFieldResiduals:
     """Means of the residuals of far rotors over blocks of frames."""
 
     def __init__(self, offsets: EncoderOffsets, chain: Chain, strong: float) -> None:
-        """Start without frames; `strong` is the mean square residual of ignored blocks [rad^2].
-
-        Strong waves cause such residuals.
-        """
+        """Start without frames; blocks above the mean square `strong` [rad^2] are ignored."""
         self._offsets, self._settings = offsets, offsets.settings
         self._margin = 1 + _DEPTHS_BESIDE * penetration_depth(chain) / chain.spacing
         self._tail, self._time_unit, self._strong = tail_ratio(chain), chain.time_unit, strong
@@ -142,8 +130,7 @@ class FarFieldResiduals:
         self._read, self._means, self._residuals = np.full((3, rotors), np.nan)
         self._uneven, self._first = False, True
         self.disorder = 0.0
-        """Standard deviation of the angles of far rotors due to unmodelled deviations of the chain
-        [rad]. Until a block has been used, it includes all persistent residuals."""
+        """Standard deviation of the angles due to unmodelled deviations of the chain [rad]."""
         self.stuck = np.zeros(rotors, dtype=np.bool_)
         self.doubtful = np.zeros(rotors, dtype=np.bool_)
         self._outlying: Flags | None = None
@@ -165,9 +152,8 @@ class FarFieldResiduals:
     ) -> bool:
         """Add the residuals of a frame [rad], shape (N,), and return whether the block is full.
 
-        A new or changed outlier is replaced by the mean of the block, because another wall may be
-        near. `site` is that of the wall [rotor spacings], `elapsed` the time since the last frame
-        [s], and `variance` a lower limit of the noise variance [rad^2].
+        `site` is that of the wall [rotor spacings], `elapsed` the time since the last frame [s],
+        and `variance` a lower limit of the noise variance [rad^2].
         """
         self._sums += residuals
         if outlying is not None:
@@ -186,10 +172,7 @@ class FarFieldResiduals:
         return self._frames == self._settings.block
 
     def learn(self, sign: int, variance: float) -> None:
-        """Update the offsets with the current block, and start a new block.
-
-        `sign` is -1 if the chain is upside down, else 1. `variance` is the noise variance [rad^2].
-        """
+        """Update the offsets with the block; `sign` is -1 if the chain is upside down, else 1."""
         offsets, given = self._offsets, self._settings
         sides = self._sides()
         expected, variances = offsets.predict(sides)
@@ -239,11 +222,7 @@ class FarFieldResiduals:
         self.restart()
 
     def find_doubtful(self, read: Array, outlying: Flags) -> None:
-        """Find stuck encoders and unknown offsets, given readings [rad] and outliers.
-
-        An encoder is stuck if it repeats its reading of the previous block while most encoders do
-        not.
-        """
+        """Find stuck encoders and unknown offsets, given readings [rad] and outliers."""
         still = np.count_nonzero(np.abs(read - self._read) <= _STUCK)
         at_rest = still > _MOST_STUCK * np.count_nonzero(np.isfinite(read))
         wrong = outlying & (self._offsets.corrections == 0)

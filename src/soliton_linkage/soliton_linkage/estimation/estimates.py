@@ -13,8 +13,8 @@ class TrackingStatus(enum.Enum):
     """Basis of an estimate: this frame, earlier frames or both."""
 
     LOST = 'lost'
-    """No estimate exists, because no frame has matched the orbit since the start or the last
-    loss."""
+    """No estimate exists, because no frame has matched the orbit since the last loss or the
+    start."""
     ACQUIRED = 'acquired'
     """The estimate is based on one frame; only the order of magnitude of the rate is known."""
     TRACKING = 'tracking'

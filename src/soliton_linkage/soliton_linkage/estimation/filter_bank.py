@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled loops over the Kalman filters of a `MultipleModelFilter`.
 
-The state of each filter is (s, w, b, d): arc length s along the orbit [rad], its rate w [rad/s],
-bias b of the measurement [rad] and disturbance d [rad/s^2], or damping rate d [1/s] if the
-settings include no disturbance.
+The state of each filter is (s, w, b, d), as there. Without a disturbance in the settings, d is a
+damping rate [1/s].
 """
 
 from __future__ import annotations
@@ -206,7 +205,8 @@ def update(
 ) -> tuple[float, float]:
     """Update all filters and their probabilities with a measurement, and return two log odds.
 
-    They are those of this measurement against the steady filter, and the largest of an impulse.
+    The first is of this measurement against the steady filter, the second the largest of an
+    impulse.
     """
     likely = _update_filters(filters, arc, variance, freedoms)
     probabilities, weights = np.empty(base - 1), np.empty(base)
@@ -235,10 +235,7 @@ def update(
 
 @compiled(_FILTERS, _NUMBERS, i8, f8)
 def set_weights(filters: Records, settings: Records, base: int, log_odds: float) -> None:
-    """Set the weights of all filters, given the log odds against the steady filter.
-
-    The newest impulse filter has no weight, because noise can explain one unexpected measurement.
-    """
+    """Set the weights of all filters, given the log odds against the steady filter."""
     doubted = 1 / (1 + math.exp(-log_odds))
     filters[0]['weight'] = 1 - doubted
     for n in range(1, base):
@@ -293,10 +290,7 @@ def _copy_state(filters: Records, source: int, target: int) -> None:
 def assume_impulse(
     filters: Records, base: int, older: int, elapsed: float, least_impulse: float
 ) -> None:
-    """Add a filter that assumes an impulse in this frame, and shift the `older` latest ones.
-
-    The variance of its rate increases by the square of the rate plus `least_impulse` [rad^2/s^2].
-    """
+    """Add a filter that assumes an impulse in this frame, and shift the `older` latest ones."""
     likeliest = 0
     for n in range(1, base):
         if filters[n]['weight'] > filters[likeliest]['weight']:
@@ -359,10 +353,7 @@ def measure(
     freedoms: float,
     calm: float,
 ) -> tuple[float, float, float, float, float]:
-    """Update all filters as `MultipleModelFilter.update`, and return the `mixture`.
-
-    The impulse filter of age 2^k moves to the next age in every 2^(k + 1)th frame.
-    """
+    """Update all filters as `MultipleModelFilter.update`, and return the `mixture`."""
     given, now = settings[0], status[0]
     base, frames = int(now['base']), int(now['frames'])
     more, most = update(filters, base, arc, variance, freedoms)

@@ -19,7 +19,9 @@ from soliton_linkage.orbit.orbit import Orbit
 Flags = NDArray[np.bool_]
 
 _TURN = 2 * math.pi
+"""Angle of one turn [rad]."""
 _SHARE_OF_A_TURN = 0.5 / math.pi
+"""Number of turns per radian [1/rad]."""
 
 
 def _wrapped(angle: float) -> float:
@@ -36,10 +38,7 @@ def rotor_swing(chain: Chain) -> float:
 
 @compiled(const_f8_1d, f8_1d, f8_1d, f8_1d)
 def unwrap(angles: Array, last: Array, turns: Array, seen: Array) -> None:
-    """Unwrap angles [rad] to continue the last frame; invalid ones give NaN in `seen`, shape (N,).
-
-    Updates the last valid readings [rad] and the numbers of turns [1], shape (N,) each.
-    """
+    """Set `seen` to unwrapped angles [rad], shape (N,), that continue the last frame, else NaN."""
     for n in range(angles.size):
         angle = angles[n]
         if abs(angle) < LARGEST_ANGLE:
@@ -63,6 +62,7 @@ def all_within(values: Array, limit: float) -> bool:
 
 
 _NANOSECOND = 1e-9
+"""Unit of stamps [s]."""
 
 
 class FrameClock:
@@ -93,8 +93,7 @@ class FrameClock:
 
 
 _NEAR = 3600 * 10**9
-"""Threshold of the difference between two stamps of one clock [ns]. Clocks with different origins
-differ by years."""
+"""Largest difference of stamps of one clock [ns]; clocks of different origins differ by years."""
 
 
 class FrameImpulse(NamedTuple):
@@ -105,10 +104,7 @@ class FrameImpulse(NamedTuple):
 
 
 class ImpulseQueue:
-    """Queue that keeps impulses until the first frame at or after their time.
-
-    Impulses without a stamp, or with a stamp of another clock, take effect in the next frame.
-    """
+    """Queue that keeps impulses until the first frame at or after their time, if it is known."""
 
     def __init__(self) -> None:
         self.late = 0
@@ -170,8 +166,7 @@ class CompletedFrame(NamedTuple):
     filled: Flags
     """Flags of filled rotors, whose readings were missing or implausible, shape (N,)."""
     from_orbit: bool
-    """Whether filled angles come from the orbit; if not, they are interpolated between
-    neighbours."""
+    """Whether filled angles come from the orbit, and not from neighbouring rotors."""
     others: bool
     """Whether two adjacent rotors are off the orbit by half of their swing, as at another wall."""
 
@@ -196,10 +191,7 @@ class OnOrbit(NamedTuple):
 
 
 def on_orbit(orbit: Orbit, estimate: OrbitEstimate, residuals: Array) -> OnOrbit:
-    """Return the angles and rates that the orbit predicts for an estimate.
-
-    `residuals` [rad], shape (N,), are in the orientation of the orbit.
-    """
+    """Return angles and rates of the orbit; `residuals` [rad], (N,), are in its orientation."""
     angles = orbit.configuration(estimate.arc)
     rates = orbit.tangent(estimate.arc) * estimate.rate
     if estimate.upside_down:
@@ -230,10 +222,9 @@ class Unwrapper:
 def complete(
     chain: Chain, angles: Array, rates: Array | None, expected: OnOrbit | None, last: Array
 ) -> CompletedFrame:
-    """Replace the missing angles [rad] and rates [rad/s], shape (N,), of a frame by estimates.
+    """Replace missing angles [rad] and rates [rad/s], shape (N,), by the orbit or neighbours.
 
-    They come from the orbit or, if `expected` is None, from neighbouring rotors. Last angles give
-    the whole turns. A reading that alone is off the orbit by half a swing counts as missing.
+    Last angles give the whole turns. A single reading that is off by half a swing is missing.
     """
     unseen = ~np.isfinite(angles)
     if expected is None:

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hypotheses about the position of a chain on its orbit, weighted by the likelihood of all frames.
-
-Two hypotheses may differ in the state of an unseen edge rotor or in the sense of a spinner.
-"""
+"""Hypotheses about the position of a chain on its orbit, weighted by their likelihood."""
 
 from __future__ import annotations
 
@@ -18,9 +15,9 @@ from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.orbit.orbit import Orbit
 
 _LEAD = 3.0
-"""Log odds of another hypothesis at which it replaces the leading one [1]; a probability of 95
-%."""
+"""Log odds at which another hypothesis replaces the leading one [1]; a probability of 95 %."""
 _STEP = 1e-3
+"""Step for the derivative of the arc length per rotor spacing [rotor spacings]."""
 _NEAR = 0.5
 """Largest distance between the walls of two hypotheses that can be merged [rotor spacings]."""
 
@@ -81,10 +78,7 @@ class Hypotheses:
         self.all = kept
 
     def add_toggled(self) -> None:
-        """Add a hypothesis for each edge rotor of a flipper that contradicts the leader.
-
-        It assumes that this rotor has toggled, so that the chain is in another leg of the orbit.
-        """
+        """Add a hypothesis for each edge rotor of a flipper that may have toggled."""
         orbit, leader = self._orbit, self.leader
         view = leader.view
         if orbit.number_of_legs < 4 or not view.outliers:
@@ -110,10 +104,7 @@ class Hypotheses:
         return bool(others < self._settings.likelihood.false_alarms * weights.sum())
 
     def mixture(self, arc_variance: float, rate_variance: float) -> MixtureMoments:
-        """Return site and rate of the wall, averaged over all hypotheses.
-
-        The arguments are added to the variances of arc length [rad^2] and rate [rad^2/s^2].
-        """
+        """Return site and rate of the wall, with additional variances of arc and rate."""
         if len(self.all) == 1:
             site, site_var, rate, rate_var = self._row(self.all[0], arc_variance, rate_variance)
             return MixtureMoments(site, math.sqrt(site_var), rate, math.sqrt(rate_var))

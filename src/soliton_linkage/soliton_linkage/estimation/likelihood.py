@@ -53,8 +53,7 @@ def compare(
 ) -> None:
     """Set the differences between corrected angles and a wall on the orbit, -pi to pi [rad], (N,).
 
-    `about` are the angles near the wall from rotor `first` on; `before` and `beyond` are those of
-    the uniform states on its two sides, shape (N,).
+    `about` are the angles near the wall from rotor `first` on; the others are the uniform states.
     """
     end = first + about.size
     for n in range(angles.size):
@@ -141,11 +140,10 @@ def weigh_frame(
 ) -> tuple[tuple[float, float, float], tuple[int, int, int, int, int], tuple[float, float, float]]:
     """Compute weights and residuals of a frame, given its differences from the orbit [rad], (N,).
 
-    The differences become the residuals at the most likely arc length, NaN if unknown. Row 0 of
-    `rows` is set to the weights, row 1 to the residuals of inliers (weight of at least 0.5) near
-    the wall, else 0. Returns the results of `_weigh`; the numbers of inliers near the wall, known
-    rotors, gross errors, adjacent gross errors and outliers; and the sum of squares [rad^2], log
-    likelihood [1] and largest residual [rad], infinite if a rotor is unknown.
+    Sets row 0 of `rows` to the weights, and row 1 to the residuals of inliers near the wall, else
+    0. Returns the results of `_weigh`; the numbers of inliers near the wall, known rotors, gross
+    errors, adjacent gross errors and outliers; and the sum of squares [rad^2], log likelihood [1]
+    and largest residual [rad], infinite if a rotor is unknown.
     """
     weights, left = rows[0], rows[1]
     information, ahead, whole = _weigh(differences, first, tangent, density, doubtful, weights)
@@ -236,11 +234,7 @@ def scan(
     table: Array,
     likelihoods: Array,
 ) -> None:
-    """Set the log likelihood of a frame at each sample of the orbit, shape (S,).
-
-    `before` and `beyond` come from `sum_likelihoods` for the uniform states on the two sides of
-    the wall, shape (legs, N + 1), and the table from `tabulate`.
-    """
+    """Set the log likelihoods of samples, shape (S,), from `sum_likelihoods` and `tabulate`."""
     for sample in range(likelihoods.size):
         leg, first, begin = walls.legs[sample], walls.firsts[sample], walls.begins[sample]
         count = walls.begins[sample + 1] - begin

@@ -15,12 +15,15 @@ from soliton_linkage.estimation.settings import EstimationSettings, LikelihoodSe
 from soliton_linkage.linkage.chain import Array
 
 NO_FLAGS: Flags = np.zeros(0, dtype=np.bool_)
+"""Empty array of flags, which means that no rotor is doubtful."""
 LEAST_INFORMATION = 1e-6
 """Least information of a frame that determines the arc length along the orbit [1]."""
 LONGEST_STEP = 0.5
 """Longest Gauss-Newton step along the orbit [rad], about half a rotor of displacement."""
 _MOST_STEPS = 20
+"""Largest number of Gauss-Newton steps [1]."""
 _LONGEST_RUN = 2
+"""Most adjacent rotors that may have gross errors in an accepted frame [1]."""
 
 
 class LinearisedMeasurement(NamedTuple):
@@ -31,7 +34,7 @@ class LinearisedMeasurement(NamedTuple):
     first: int
     """Index of the first rotor near the wall."""
     tangent: Array
-    """Derivative of the angles near the wall by the arc length, divided by the scales [1], shape
+    """Derivative of the angles near the wall by the arc length, over the scales [1], shape
     (n,)."""
     residuals: Array
     """Measured angles minus the angles of the orbit at `arc` [rad], shape (N,), NaN if unknown."""
@@ -129,8 +132,8 @@ class FrameLikelihood:
     ) -> LinearisedMeasurement:
         """Return the measurement of a frame, linearised at an arc length along the orbit [rad].
 
-        `differences` from the orbit [rad], shape (N,), are overwritten. `variance` is that of a
-        rotor, and `spread` that of the arc length [rad^2].
+        Overwrites `differences` [rad], shape (N,). `variance` is that of a rotor, and `spread`
+        that of the arc length [rad^2].
         """
         rows, floor = np.empty((2, len(differences))), self.floor(variance)
         self._density[0] = variance, spread, self._settings.bound, floor, self.gross
@@ -170,7 +173,7 @@ class FrameLikelihood:
     def over_random(self, residuals: Array, variance: float) -> float:
         """Return the log likelihood ratio of residuals [rad], shape (n,), against random angles.
 
-        For random angles, the probability of a ratio above x is at most exp(-x) (Markov's
+        For random angles, a ratio above x has at most the probability exp(-x) (Markov's
         inequality).
         """
         bound, floor = self._settings.bound, self.floor(variance)
@@ -178,10 +181,7 @@ class FrameLikelihood:
         return likelihood - self.random(int(np.isfinite(residuals).sum()), variance)
 
     def explains(self, view: LinearisedMeasurement, largest: float) -> bool:
-        """Return whether at most two adjacent wrong readings can explain the outliers of a frame.
-
-        `largest` is the largest possible variance of a rotor [rad^2].
-        """
+        """Return whether at most two adjacent wrong readings explain the outliers of a frame."""
         if view.run > _LONGEST_RUN:
             return False
         if view.likelihood < view.random:
@@ -206,7 +206,7 @@ class ReadingScales:
     """Standard deviations of the readings of a frame, relative to a typical reading."""
 
     def __init__(self, usual: float | None = None) -> None:
-        """Start with the standard deviation of a typical reading [rad]; None for frame 1."""
+        """Start with the usual deviation of a reading [rad]; None takes that of frame 1."""
         self._usual = usual
         self._squares: Array | None = None
 
@@ -223,10 +223,7 @@ class ReadingScales:
         self._squares = np.where(known, (deviations / self._usual) ** 2, 1.0)
 
     def of_frame(self, noise: float, variance: float) -> Array | None:
-        """Return the scale of each reading [1], shape (N,), or None if all scales are 1.
-
-        Only the part `noise` of the variance of a rotor [rad^2] differs from reading to reading.
-        """
+        """Return the scale of each reading [1], shape (N,), or None if all scales are 1."""
         if self._squares is None:
             return None
         return np.asarray(np.sqrt(1 + (self._squares - 1) * min(noise / variance, 1.0)))
@@ -252,11 +249,7 @@ class InnovationGate:
         return view.information >= self._settings.informative_share * view.full_information
 
     def is_strained(self, view: LinearisedMeasurement) -> bool:
-        """Return whether the prediction is wrong, for example after an unmodelled impulse.
-
-        The criterion is three adjacent outliers, or one rotor that is an outlier in several
-        frames.
-        """
+        """Return whether three adjacent or repeated outliers show that the prediction is wrong."""
         if (
             self.is_informative(view)
             or not view.full_information > self._settings.informative_share
@@ -269,10 +262,7 @@ class InnovationGate:
         return bool(adjacent.any() or (self._strained >= self._frames).any())
 
     def accepts(self, view: LinearisedMeasurement, largest: float, doubtful: Flags) -> bool:
-        """Return whether a frame shows the wall, given the largest variance of a rotor [rad^2].
-
-        A frame is rejected if two rotors repeat a gross error, because random ones do not repeat.
-        """
+        """Return whether at most one rotor repeats a gross error; random ones do not repeat."""
         outliers, repeated = self._no_outliers, 0
         if view.gross:
             outliers = view.outlying & (np.abs(view.residuals) > self._likelihood.gross)

@@ -40,6 +40,7 @@ Records = NDArray[np.void]
 
 _NUMBERS = records(record_dtype(MotionSettings))
 _LEAST_NOISE = 1e-6
+"""Lower limit of the noise of a frame [rad]."""
 _LEANING = 3.0
 """Least lean on both sides of a wall [standard deviations]."""
 _FLAT, _FLAT_IN_NOISE, _NOISIEST = 0.02, 2.0, 0.15
@@ -49,11 +50,13 @@ _BEND, _NEGLECTED = 0.1, 0.01
 """Prior standard deviation of the coefficient of e^2 times the rest angle, and error of the tail
 ratio due to extended springs [1]."""
 _SPREAD = 1.2
+"""Ratio of the variance of e' - F(e) to the variance of the noise [1]."""
 _LEAST_LEVER = 1e-9
 """Lever of a bar in line with its outer rotor [1], so that the slope stays finite."""
 _LEAST_WEIGHT = 1e-300
 """Least weight of the rest angle of a frame [1/rad^2], so that the mean is always defined."""
 _NO_EVIDENCE = (math.nan, 0.0, math.nan)
+"""Site, log likelihood ratio and rest angle of a frame without information."""
 
 
 @compiled(f8, f8, f8)
@@ -76,10 +79,7 @@ def next_deviation(inner: float, rest_angle: float, k: float) -> tuple[float, fl
 
 @compiled(const_f8_1d)
 def bond_of_wall(sines: Array) -> tuple[int, float, float]:
-    """Return the number of rotors before the wall, and the sines of the two rotors beside it.
-
-    On the two sides of the wall, the sums of sin(theta) differ most. An unknown sine is 0.
-    """
+    """Return the number of rotors before the wall, and the sines of the two rotors beside it."""
     whole, running, most, bond = 0.0, 0.0, -1.0, 0
     for n in range(sines.size):
         whole += sines[n] if math.isfinite(sines[n]) else 0.0
@@ -141,10 +141,7 @@ def uniform_part(
 
 @compiled(const_f8_1d, f8, f8)
 def tail_of_side(deviations: Array, large: float, small: float) -> tuple[int, int]:
-    """Return the begin and the end of a tail, given deviations [rad] from the wall outwards.
-
-    It begins after the last deviation above `large` and ends at the first one up to `small`.
-    """
+    """Return the begin (below `large`) and the end (at most `small`) of a tail of deviations."""
     begin = 0
     for n in range(deviations.size):
         if abs(deviations[n]) > large:
@@ -308,13 +305,11 @@ class MotionEvidence(NamedTuple):
 
 
 NO_EVIDENCE = MotionEvidence(math.nan, 0.0, math.nan, np.zeros((3, 3)), math.nan, math.inf)
+"""Evidence before the first frame."""
 
 
 class MotionObserver:
-    """Observer that accumulates the evidence of all frames since the last restart.
-
-    Walls within four rotors of an edge are ignored.
-    """
+    """Observer that accumulates the evidence of all frames; walls near an edge are ignored."""
 
     def __init__(self, settings: MotionSettings = DEFAULTS.motion) -> None:
         self._settings = settings
@@ -327,9 +322,8 @@ class MotionObserver:
     def observe(self, angles: Array, noise: float = 0.0) -> MotionClass:
         """Add the evidence of a frame, and return the class of motion.
 
-        Angles [rad], shape (N,), wrapped or unwrapped, are NaN if unknown. `noise` is a lower
-        bound of their standard deviation [rad]. Raises ValueError for another shape, and for a
-        noise that is negative or infinite.
+        Angles [rad], shape (N,), are NaN if unknown. `noise` is a lower bound of their standard
+        deviation [rad]. Raises ValueError for another shape and for an invalid noise.
         """
         angles = np.asarray(angles, dtype=np.float64, order='C')
         if angles.ndim != 1:

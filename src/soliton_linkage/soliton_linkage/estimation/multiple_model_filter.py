@@ -68,10 +68,7 @@ class MultipleModelFilter:
         site_arc: float,
         settings: FilterSettings = DEFAULTS.filter,
     ) -> None:
-        """Start at an arc length [rad] with its variance [rad^2] and the scale of rates [rad/s].
-
-        `site_arc` is the arc length per rotor spacing [rad].
-        """
+        """Start at an arc length [rad] with its variance [rad^2] and a typical rate [rad/s]."""
         self._settings = settings
         self.site_arc = site_arc
         self._base = 1 + len(settings.rate_changes) * len(settings.biases)
@@ -162,9 +159,8 @@ class MultipleModelFilter:
     ) -> None:
         """Predict all filters over the time `elapsed` [s].
 
-        The motion along the orbit multiplies the rate by `ratio` [1]. `acceleration` is the
-        modelled acceleration of the arc length [rad/s^2], and `bandwidth` that of the disturbance
-        [rad/s].
+        The motion multiplies the rate by `ratio` [1]. `acceleration` is the modelled one
+        [rad/s^2], and `bandwidth` that of the disturbance [rad/s].
         """
         rate, gained = self.rate, (acceleration + self.disturbance) * elapsed
         self._known = None
@@ -204,9 +200,8 @@ class MultipleModelFilter:
     ) -> None:
         """Update all filters with a measured arc length [rad] and its variance [rad^2].
 
-        For f degrees of freedom of the variance, sqrt((f + 1) log(1 + x^2 / f)) replaces a
-        normalised innovation x (Student). `calm`, 0 in strong waves and 1 without, limits the
-        steady filter.
+        For f degrees of freedom, sqrt((f + 1) log(1 + x^2 / f)) replaces an innovation x
+        (Student). `calm`, 0 in strong waves and 1 without, limits the weight of the steady filter.
         """
         self._known = measure(
             self.filters,

@@ -72,10 +72,9 @@ _NUMBERS = records(record_dtype(NoiseSettings))
 def products_in_time(
     oldest: Array, older: Array, latest: Array, tangent: Array, first: int, found: Array
 ) -> None:
-    """Set sum p, sum t^2 p, sum f and sum f^2, where f = t^2 - t^4 with the tangent t.
+    """Set sum p, sum t^2 p, sum f and sum f^2 for p = x (4 x' - x'') / 3 and f = t^2 - t^4.
 
-    p = x (4 x' - x'') / 3 is the product of the residuals x, x' and x'' [rad], shape (N,), in the
-    latest, the preceding and the oldest frame.
+    x, x' and x'' are the residuals in three frames [rad], shape (N,), and t is the tangent.
     """
     total, wall, weights, squared = 0.0, 0.0, 0.0, 0.0
     for n in range(tangent.size):
@@ -362,11 +361,7 @@ class ResidualVariance:
         return noise.variance + min(field, self.largest_field)
 
     def of_arc(self, view: LinearisedMeasurement) -> float:
-        """Return the variance of a measured arc length along the orbit [rad^2].
-
-        With unseen rotors, persistent residuals shift it until the wall has moved by a rotor
-        spacing.
-        """
+        """Return the variance of a measured arc length along the orbit [rad^2]."""
         known = max(view.full_information, view.information)
         unseen, outliers = max(1 / known - 1, 0.0), 1 / view.information - 1 / known
         noise, frames = self.noise, 1 / max(self.way, 1e-9)
@@ -377,11 +372,7 @@ class ResidualVariance:
         return noise.variance / view.information + persistent + fleeting
 
     def calm(self, rate: float) -> float:
-        """Return the confidence, 0 to 1, that waves do not disturb the motion of a wall.
-
-        Waves of amplitude phi change `rate` [per time unit of the chain] by the fraction phi /
-        rate.
-        """
+        """Return the confidence, 0 to 1, that waves do not disturb a wall with the given rate."""
         noise = self.noise
         field = max(noise.scatter - noise.variance, noise.excess, 0.0)
         steady = rate**2 * noise.variance

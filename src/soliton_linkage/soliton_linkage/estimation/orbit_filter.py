@@ -51,9 +51,8 @@ _LEAST_PROBABILITY = 0.9
 class OrbitFilter:
     """Recursive estimator of the arc length of a chain along its orbit, and of the rate.
 
-    Repeated and late stamps are ignored. The filter restarts if a stamp is earlier than the last
-    one by more than the clock limit, or if another position explains several frames much better. A
-    restart keeps the encoder offsets.
+    Repeated and late stamps are ignored. The filter restarts if the clock was reset, or if another
+    position explains several frames much better. A restart keeps the encoder offsets.
     """
 
     def __init__(
@@ -112,9 +111,8 @@ class OrbitFilter:
     ) -> OrbitEstimate:
         """Update the estimate with angles [rad], shape (N,), NaN if unknown, at a time [s].
 
-        `deviations` are their standard deviations [rad], shape (N,), above 0 or NaN. `torques` are
-        the mean torques on the rotors since the last frame [N m], shape (N,). Raises ValueError
-        for angles of another shape.
+        `deviations` are their standard deviations [rad], and `torques` the mean torques since the
+        last frame [N m], shape (N,) each. Raises ValueError for angles of another shape.
         """
         check_shape(angles, self.orbit.chain.number_of_rotors)
         elapsed = time - self.estimate.time
@@ -253,10 +251,6 @@ class OrbitFilter:
         self._report(time, TrackingStatus.TRACKING if explained else TrackingStatus.COASTING)
 
     def _measure(self, seen: Array, elapsed: float) -> float:
-        """Measure a frame for each hypothesis, and return the variance of a rotor [rad^2].
-
-        If the prediction is wrong, the frame is measured again with the uncertainty of a new wall.
-        """
         variance = self._linearise(seen, 0.0)
         if not self._gate.is_strained(self._hypotheses.leader.view):
             return variance
@@ -318,10 +312,7 @@ class OrbitFilter:
         motion.predict(elapsed, self._variance.at_edge, ratio, acceleration, self.bandwidth)
 
     def _acceleration(self, arc: float, rate: float, elapsed: float) -> float:
-        """Return sum(tau t) / sum(I t^2) [rad/s^2] for the torques tau of all other forces.
-
-        Motors with feedback measured the angles `delay` + 1/2 frames ago on average.
-        """
+        """Return sum(tau t) / sum(I t^2) [rad/s^2] for the torques tau except the springs."""
         chain, forces = self.orbit.chain, self._forces
         if not (len(forces.kinds) or chain.feedback.acts):
             return 0.0

@@ -72,8 +72,7 @@ class OrbitMeasurementModel:
     ) -> LinearisedMeasurement:
         """Return the measurement of angles [rad], shape (N,), linearised at an arc length [rad].
 
-        `variance` is that of a rotor, and `spread` that of the arc length [rad^2]. The rate
-        [rad/s] determines the inertial forces on unseen rotors.
+        `variance` is that of a rotor, and `spread` that of the arc length [rad^2].
         """
         about = self._orbit.segment(arc)
         before, beyond = self._backgrounds[self._orbit.leg(arc)]
@@ -111,10 +110,7 @@ class OrbitMeasurementModel:
         impulse_variance: float,
         upside_down: bool,
     ) -> LinearisedMeasurement:
-        """Return the measurement of a frame, linearised at the likeliest arc length.
-
-        `impulse_variance` is added to the variance of the predicted arc length [rad^2].
-        """
+        """Return the measurement of a frame, linearised at the likeliest arc length."""
         expected, spread = motion.expected, motion.expected_variance + impulse_variance
         views: list[LinearisedMeasurement] = []
 
@@ -186,8 +182,7 @@ class UnseenRotorCorrection:
     ) -> float:
         """Return the correction of the arc length [rad]; 0 if it would add noise.
 
-        Residuals [rad], shape (N,), are NaN for unseen rotors. The variances of a rotor are
-        `field`, due to waves and springs, and `noise` [rad^2].
+        The variances of a rotor are `field`, due to waves and springs, and `noise` [rad^2].
         """
         unseen = np.isnan(residuals)
         tangent = self._orbit.tangent(arc)
@@ -223,11 +218,9 @@ _LOWEST_ORDER = 0.2
 _PERIOD = 2
 """Period of the shape of a wall [rotor spacings]; even and odd rotors differ."""
 _SLOW = 0.25
-"""Most rotors per period of the slowest phonon that a slow wall passes [1]. The third harmonic of
-this motion is below the phonon band."""
+"""Most rotors that a slow wall passes per period of the slowest phonon [1]."""
 _SECOND_ORDER = 0.5
-"""Square root of the relative error of the predicted rate change for the fastest slow wall [1],
-measured with d = 0.7 d_c."""
+"""Square root of the relative error of the rate change of the fastest slow wall [1], measured."""
 _LONGEST_RESOLVED = 4 / 3
 """Speed, relative to the fastest slow wall, above which the spring forces average out [1]."""
 
@@ -276,12 +269,7 @@ class ComplianceCorrection:
         return math.sqrt((1 + square * self.mu(before)) / (1 + square * self.mu(arc)))
 
     def unpredicted_change(self, rate: float) -> float:
-        """Return the relative standard deviation of a rate that `rate_ratio` does not predict [1].
-
-        With the ratio of the rate of sites to the slowest phonon frequency, it grows to second
-        order for slow walls, and falls with the fourth power for fast ones, because the forces
-        average out.
-        """
+        """Return the relative standard deviation of a rate after `rate_ratio` [1]."""
         square = 3 * rate * rate
         change = 0.5 * square * self._spread / (1 + square * self._mean)
         relative = abs(rate) / self._adiabatic

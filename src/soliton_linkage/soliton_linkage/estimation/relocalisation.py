@@ -40,8 +40,7 @@ from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
 _CLOSE = 1e-5
 """Last step of the search for a maximum of the likelihood along the orbit [rad]."""
 SCAN_DEVIATION, _SCAN_STEP = 0.1, 0.05
-"""Standard deviation of a rotor and step along the orbit in the scan, relative to the swing
-[1]."""
+"""Standard deviation of a rotor and step along the orbit in a scan, relative to the swing [1]."""
 _NEAR = 0.5
 """Largest distance of a sample that belongs to a candidate [rotor spacings]."""
 _EXACT = 1e-8
@@ -49,6 +48,7 @@ _EXACT = 1e-8
 _SAME_ARC = 0.01
 """Distance along the orbit [rad] below which two maxima are the same."""
 _MOST_PLACES = 12
+"""Largest number of maxima that are refined [1]."""
 _STEPS_OF_TABLE = 32
 """Points of the likelihood table per standard deviation [1]; the interpolation error is 1e-4."""
 _MOST_SAMPLES = 500
@@ -141,10 +141,7 @@ class Relocaliser:
     def find(
         self, angles: Array, noise: float, upside_down: tuple[bool, ...] = (False, True)
     ) -> CandidateSet:
-        """Return the candidates for the position in a frame of angles [rad], (N,), NaN if unknown.
-
-        `noise` is the standard deviation of the angles [rad], 0 if unknown.
-        """
+        """Return the candidates for a frame of angles [rad], (N,), with their noise [rad] or 0."""
         images = {each: math.pi - angles if each else angles for each in upside_down}
         wide = max(self._coarse, (4.0 * noise) ** 2)
         peaks: list[tuple[float, float, bool]] = []
@@ -320,9 +317,8 @@ class NearestPoint:
 def fit_near(orbit: Orbit, angles: Array, arc: float) -> NearestPoint:
     """Return the point of the orbit that is nearest to a frame, near an arc length [rad].
 
-    Angles [rad] have shape (N,), NaN if unknown. Gauss-Newton steps are t . (phi - Phi) / (t . t)
-    over the known rotors. The arc length continues over cycles. Raises ValueError for infinite
-    angles, for another shape, and for an arc length that is not finite.
+    Angles [rad] have shape (N,), NaN if unknown. Gauss-Newton steps are t . (phi - Phi) / (t . t),
+    also over cycles. Raises ValueError for infinite values and for another shape.
     """
     if not math.isfinite(arc):
         raise ValueError(
@@ -336,8 +332,8 @@ def fit_anywhere(
 ) -> NearestPoint:
     """Return the point of the orbit that is nearest to a frame, with the arc length in one cycle.
 
-    Angles [rad] have shape (N,), NaN if unknown. Without a known angle, the arc length is NaN and
-    the information 0. Raises ValueError for infinite angles and for another shape.
+    Angles [rad] have shape (N,), NaN if unknown; without any, the arc length is NaN. Raises
+    ValueError for infinite angles and for another shape.
     """
     frame = _checked(orbit, angles)
     found = _search(orbit, settings).find(frame, 0.0, (False,)).candidates

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tuned settings of the estimation, as frozen dataclasses with one class per subject.
-
-`described_fields(FilterSettings)` returns the unit and the meaning of each field.
-"""
+"""Tuned settings of the estimation, as frozen dataclasses with one class per subject."""
 
 from __future__ import annotations
 

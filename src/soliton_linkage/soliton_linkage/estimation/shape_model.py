@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measurement model of several walls, which fits the shape of each wall to the angles.
-
-The tails of all other walls are subtracted before each fit. The residuals give the variance of a
-rotor.
-"""
+"""Measurement model of several walls: a fit of each wall without the tails of the others."""
 
 from __future__ import annotations
 
@@ -37,6 +33,7 @@ from soliton_linkage.linkage.chain import Array, Motion, staggered
 _TAILS = 1.5
 """Largest distance of two interacting walls, relative to the range of a `WallTable` [1]."""
 _SCAN_BESIDE = 1.5
+"""Range of the scan on either side of a domain border [rotor spacings]."""
 _CORE = 2.5
 """Range beside a wall in which the wall must explain all rotors [rotor spacings]."""
 
@@ -78,10 +75,7 @@ class ShapeMeasurementModel:
         self._before[:] = math.nan
 
     def measure(self, state: FrameState, seen: Array) -> list[WallMeasurement]:
-        """Return the measurements of all walls; `seen` are the angles [rad], (N,), NaN if unseen.
-
-        `state` has estimates for unseen rotors.
-        """
+        """Return the measurements of all walls; `seen` are angles [rad], (N,), NaN if unseen."""
         borders = self._borders(state)
         if not borders:
             return []
@@ -218,10 +212,7 @@ _CLEAR = 9
 
 
 def domain_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
-    """Return sites [rotor spacings] and charges of the domain borders, given all polarisations.
-
-    A domain has at least `least` bonds, half as many at an edge, so that wrong readings form none.
-    """
+    """Return sites [rotor spacings] and charges of the borders of domains of `least` bonds."""
     scores = np.ascontiguousarray(polarised, dtype=np.float64)
     right = np.empty(len(scores), dtype=np.bool_)
     find_domains(scores, least, right)

@@ -212,10 +212,7 @@ def report(
     walls: Array,
     scope: Records,
 ) -> tuple[Shape, Sides, Energy, Energy]:
-    """Return shape, topology, elastic and kinetic energy of a state in one call.
-
-    `springs` are the rows `half`, `lefts` and `rights`; `rotors` are `half`, `noisy` and `rates`.
-    """
+    """Return shape, topology, elastic and kinetic energy of a state, from rows of arguments."""
     half = springs[0]
     rows = np.empty((3, half.size))
     twists, upright = of_angles(angles, parameters, periodic, rows)

@@ -113,6 +113,7 @@ class ArcRate(NamedTuple):
 
 
 _DOMAIN = 0.5
+"""Least polarisation of a bond in a domain, relative to the uniform state [1]."""
 EXACT = FrameErrors()
 _NO_TURNS = (math.nan, math.nan)
 
@@ -121,10 +122,7 @@ class FrameState:
     """Configuration of a chain with the extensions and levers of its springs."""
 
     def __init__(self, chain: Chain, angles: ArrayLike) -> None:
-        """Compute the springs from angles [rad], shape (N,).
-
-        Raises ValueError for angles of another shape and for angles that are not finite.
-        """
+        """Compute the springs from angles [rad], shape (N,), or raise ValueError."""
         self.chain = chain
         self.angles = np.ascontiguousarray(angles, dtype=np.float64)
         check_shape(self.angles, chain.number_of_rotors)
@@ -150,8 +148,7 @@ class FrameState:
 def energy_reach(chain: Chain) -> float:
     """Return the distance from a wall beyond which energy belongs to the wake [rotor spacings].
 
-    The energy density falls as e^(-2 x / ell) or faster, so that at most the share e^-16 is beyond
-    8 ell. Three spacings contain the core of walls near d = 1, where ell vanishes.
+    At most the share e^-16 of the energy is beyond 8 ell; three spacings contain the core.
     """
     depth = penetration_depth(chain) / chain.spacing
     return 8 * depth + 3
@@ -182,14 +179,12 @@ class StateReporter:
     ) -> StateReport:
         """Return energies, topology and edge rotors of the state with given angles [rad], (N,).
 
-        `sites` are those of the walls [rotor spacings], shape () or (W,), empty or NaN without
-        walls. `rates` are those of the rotors [rad/s], shape (N,), or that of the arc length,
-        which gives (I / 2) rate^2 but no energy of the wake.
-
-        The mean energies of noise, (k_e / 2) (A_n^2 + B_n^2) sigma^2 per spring and (I / 2)
-        sigma_rate^2 per rotor, are subtracted, so that small energies may be negative. Without
-        walls, all energy belongs to the wake. Raises ValueError for another shape and for values
-        that are not finite.
+        `sites` are those of the walls [rotor spacings], empty or NaN without walls. `rates` are
+        those of the rotors [rad/s], shape (N,), or that of the arc length, which gives (I / 2)
+        rate^2 but no energy of the wake. The mean energies of noise, (k_e / 2) (A_n^2 + B_n^2)
+        sigma^2 per spring and (I / 2) sigma_rate^2 per rotor, are subtracted, so that small
+        energies may be negative. Raises ValueError for another shape and for values that are not
+        finite.
         """
         chain, walls = self.chain, _finite(sites)
         state = np.ascontiguousarray(angles, dtype=np.float64)
@@ -272,10 +267,7 @@ class StateReporter:
         return EdgeRotors((at_first < 0, at_last * stands * self._last_sign < 0), _NO_TURNS)
 
     def _of_arc(self, rate: ArcRate | None, elastic: state_loops.Energy) -> state_loops.Energy:
-        """Return the kinetic energy, NaN, and a standard deviation [J], given the arc rate.
-
-        Phonons have equal mean kinetic and elastic energies, so that the elastic energy is added.
-        """
+        """Return the kinetic energy, NaN, and a standard deviation [J], given the arc rate."""
         if rate is None:
             return math.nan, math.nan, math.nan
         half = 0.5 * self.chain.moment_of_inertia

@@ -39,12 +39,15 @@ from soliton_linkage.solitons.tanh_fit import find_solitons
 _SCAN_STEP = 0.125
 """Step of the scan over the site of a wall [rotor spacings], smaller than any wall."""
 _STEPS = 12
+"""Largest number of Gauss-Newton steps [1]; most fits converge after half of them."""
 _LONGEST_STEP = 0.3
+"""Longest step of the site [rotor spacings] and of the stretch [1]."""
 _SHORTER = 0.6
 """Factor for the next steps after two steps with opposite signs [1]."""
 _CLOSE = 1e-6
 """Last steps of the site [rotor spacings] and of the stretch [1]."""
 _NARROWEST, _WIDEST = 0.2, 2.0
+"""Smallest and largest width of a wall relative to the table [1]."""
 
 
 class WallTable(NamedTuple):
@@ -226,11 +229,7 @@ def fit_about(
 def persistence(
     residuals: Array, previous: Array, first: int, table: WallTable, site: float, stretch: float
 ) -> tuple[float, float]:
-    """Return the mean product of residuals in two frames, and its variance by noise.
-
-    The mean is weighted by t^2 with the tangent t [rad^2]; the variance is in sigma^4. Residuals
-    [rad], shape (n,), from rotor `first` on are NaN if unknown.
-    """
+    """Return the mean product of residuals [rad^2] by weights t^2, and its variance [sigma^4]."""
     whole, squares, product = 0.0, 0.0, 0.0
     for k in range(residuals.size):
         apart = residuals[k] * previous[k]
@@ -263,8 +262,7 @@ class WallShape:
 
     table: WallTable
     sides: Array
-    """Staggered angles far from the wall [rad]: even and odd rotors, left and right, shape (2,
-    2)."""
+    """Staggered angles left and right of the wall [rad]: even and odd rotors, shape (2, 2)."""
 
 
 class WallShapes:
@@ -286,8 +284,7 @@ class WallShapes:
             self._sampled([static_wall(window, float(site), leg) for site in self._sites])
             for leg in range(2 if chain.motion is Motion.SPINNER else 1)
         )
-        """Shape of the kink in each leg of the orbit; rotors of spinners turn in opposite
-        senses."""
+        """Shape of the kink in each leg of the orbit, in which spinners turn differently."""
         found = find_solitons(window, static_wall(window, even + 4.5))
         self.width = found[0].width if found else math.nan
         """Width of a wall at rest [m], NaN if the wall has no tanh profile."""
@@ -308,10 +305,7 @@ class WallShapes:
 
     @cached_property
     def pinning_speed(self) -> float:
-        """Speed at which an anti-kink has the energy of its barrier [rotor spacings / s].
-
-        The speed is 0 for a pinned anti-kink, because it has no path from site to site.
-        """
+        """Speed at which an anti-kink has its barrier energy [rotor spacings / s]; 0 if pinned."""
         try:
             sites, states = anti_kink_path(self._window, float(self._sites[0]))
         except ArithmeticError:

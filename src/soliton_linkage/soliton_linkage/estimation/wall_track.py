@@ -94,10 +94,7 @@ class WallFrame:
         return self._reporter.report(angles, sites, rates, self._errors).energies.wall
 
     def swing(self, site: float, lean: int) -> float:
-        """Return the largest swing near a site away from the uniform state of `lean` +1 or -1.
-
-        The swing is relative to the difference between the two uniform states [1]; 0 if unknown.
-        """
+        """Return the largest relative swing [1] near a site from the state of `lean` +1 or -1."""
         if self._angles is None:
             return 0.0
         field, _ = order_field(self._chain, self._angles)
@@ -105,10 +102,7 @@ class WallFrame:
         return float(np.abs(field[near % len(field)] - lean).max() / 2)
 
     def turn(self, left: float, right: float) -> int:
-        """Return the sense, +1 or -1, in which spinner rotors turn over in the left of two walls.
-
-        The result is 0 for flippers and for unknown angles.
-        """
+        """Return the sense, +1 or -1, in which spinners turn in the left of two walls; else 0."""
         chain, line, angles = self._chain, self._line, self._angles
         if angles is None or chain.motion is not Motion.SPINNER:
             return 0
@@ -146,7 +140,7 @@ class WallMeasurement(NamedTuple):
     elastic: float = 0.0
     """Prior variance of the centre due to the deformation by springs [rotor spacings^2]."""
     pinning: float = 0.0
-    """Speed at which the kinetic energy equals the barrier between two sites [rotor spacings /
+    """Speed at which a wall has the energy of its barrier between two sites [rotor spacings /
     s]."""
     estimate: OrbitEstimate | None = None
     """Estimate of the `OrbitFilter`, which replaces the filter of the wall; None for a fit."""
@@ -170,8 +164,7 @@ class WallTrack:
         """Identifier of the wall, 1 or more; 0 until the wall is confirmed."""
         self.rotor = self.rate = self.deviation = self.rate_deviation = math.nan
         self.frames = self.missed = 0
-        """Number of frames that have shown this wall, and number of frames since the last of
-        them."""
+        """Number of frames that have shown this wall, and number of frames since the last one."""
         self.last_seen = math.nan
         """Time of the last frame that has shown this wall [s]."""
         self.width = math.nan, math.nan
@@ -273,8 +266,7 @@ class Encounter:
         self._line, self._settings = line, settings
         self.left, self.right = left, right
         self.energy = energy
-        """Energy near both walls before the encounter, or that of the breather at its formation
-        [J]."""
+        """Energy near both walls before the encounter, or of the breather when it formed [J]."""
         self.collisions = 0
         """Number of overlaps of the two walls."""
         self.breather = 0
@@ -318,10 +310,7 @@ class Encounter:
         self._turn = turn or self._turn
 
     def add_overlap(self, time: float, swing: float) -> None:
-        """Add a frame in which the walls overlap, with the `WallFrame.swing` near their midpoint.
-
-        Two overlaps belong to one collision if the separation in between may be noise.
-        """
+        """Add a frame in which the walls overlap, with the `WallFrame.swing` between them."""
         if not self.overlaps:
             if not self.collisions or self._peak > self._onset + self._line.width / 4:
                 self.collisions += 1

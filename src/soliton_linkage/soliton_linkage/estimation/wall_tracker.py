@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tracker of all walls of a chain, which assigns constant identifiers to walls and detects events.
-
-Measurements are assigned to the predicted sites of known walls. The others are walls that have
-appeared or disappeared at an edge, in an encounter, or for no visible reason.
-"""
+"""Tracker of all walls of a chain, which identifies walls and detects events."""
 
 from __future__ import annotations
 
@@ -28,6 +24,7 @@ from soliton_linkage.estimation.wall_track import (
 _LONGEST_DELAY = 2.0
 """Longest time for which the event of a wall that enters from an edge is delayed [s]."""
 _FORBIDDEN = 1e9
+"""Cost of a forbidden assignment [1], above the square of any gate."""
 
 
 class PredictedWall(NamedTuple):
@@ -49,8 +46,8 @@ def assign(
 ) -> dict[int, int]:
     """Return the index of the measured wall for each predicted wall that has one.
 
-    The charges of a pair are equal, and its sites differ by less than `gate` standard deviations.
-    The number of pairs is maximal, then the sum of squared differences is minimal.
+    Pairs have equal charges and differ by less than `gate` standard deviations. The number of
+    pairs is maximal, then the sum of squared differences minimal.
     """
     if not predicted or not seen:
         return {}
@@ -75,10 +72,9 @@ class WallTracker:
         swing: float,
         settings: EstimationSettings,
     ) -> None:
-        """Start without walls.
+        """Start with the rate scale [rad/s] and arc length per spacing [rad].
 
-        `scale` is the typical rate of a rotor [rad/s], and `site_arc` the arc length per rotor
-        spacing [rad]. At an edge, the chain moves along the orbit by `swing` [rotor spacings].
+        At an edge, the chain moves along the orbit by `swing` [rotor spacings].
         """
         self._line, self._scale, self._arc = line, scale, site_arc
         self._edge_way = swing + 2 * line.near
@@ -98,10 +94,7 @@ class WallTracker:
     def update(
         self, time: float, seen: Sequence[WallMeasurement], frame: WallFrame, confirming: int
     ) -> tuple[list[WallTrack], list[SolitonEvent]]:
-        """Update with the walls of a frame; return those shown, sorted by site, and new events.
-
-        A wall that appears or disappears is confirmed by `confirming` successive frames.
-        """
+        """Update with the walls of a frame; return those shown, sorted by site, and new events."""
         elapsed = time - self._time if self._frames else 0.0
         self._time, self._events = time, []
         self._frames += 1

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lorentz contraction of a moving wall, whose width is w / gamma for the width w at rest.
 
-With the shape f at rest and the site X, the angle of rotor n is phi_n = f(gamma (X - n)). This
-model is exact for gamma = 1, and in the continuum limit for all gamma.
+The angle of rotor n is phi_n = f(gamma (X - n)), with the shape f at rest and the site X. This is
+exact for gamma = 1, and in the continuum limit for all gamma.
 """
 
 from __future__ import annotations
@@ -26,10 +26,13 @@ _CLOSE, _CLOSEST = 0.02, 1e-5
 _DEGENERATE = 1e-12
 """Least determinant of a fit, relative to its largest possible value [1]."""
 _COARSEST = math.log(1.5)
+"""Largest standard deviation of a reported ln(gamma) [1]."""
 _LEAST_DEVIATION = 3e-4
 """Error of ln(gamma) due to the assumed shape of a moving wall [1]."""
 _PASSAGES, _FEWEST_PASSAGES = 30, 4
+"""Largest and smallest number of passages for an estimate of the scatter [1]."""
 _SIGNIFICANCE = 2.5
+"""Least significant scatter in standard deviations [1]."""
 _WIDEST_LEAN_RATIO = 2.0
 """Lean ratio d from which on only spinners have a tanh profile [1]."""
 
@@ -70,10 +73,7 @@ class WallFamily:
     ) -> Contraction:
         """Fit the contraction to angles [rad], shape (N,), in the orientation of the orbit.
 
-        The fit starts at `site` [rotor spacings] and ln(gamma) = `logarithm` [1]. `noise` is the
-        standard deviation of the angles [rad]. The contraction is unknown if the wall is within
-        two widths or penetration depths of an edge, or its ln(gamma) is uncertain by more than
-        ln(1.5).
+        The contraction is unknown near an edge, or if ln(gamma) is uncertain by ln(1.5).
         """
         if not self._clear <= site <= self._last - self._clear:
             return UNKNOWN
@@ -99,11 +99,7 @@ class WallFamily:
 
 
 class ContractionMean:
-    """Mean contraction over the rotors that a wall has passed recently.
-
-    Frames with less variance weigh more. In each passage of one rotor spacing, weights of earlier
-    frames fade.
-    """
+    """Mean contraction over the rotors that a wall has passed recently."""
 
     def __init__(self, family: WallFamily) -> None:
         self._family = family
@@ -122,11 +118,7 @@ class ContractionMean:
         self._before, self._passage = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
     def update(self, angles: Array, site: float, leg: int, noise: float) -> Contraction:
-        """Add a frame as in `WallFamily.fit`, and return the mean contraction, or `UNKNOWN`.
-
-        The mean restarts in another leg of the orbit, and if a passage contradicts the earlier
-        ones.
-        """
+        """Add a frame as in `WallFamily.fit`, and return the mean contraction, or `UNKNOWN`."""
         if leg != self._leg:
             self.restart()
             self._leg, self._anchor = leg, site

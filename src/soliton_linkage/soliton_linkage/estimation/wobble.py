@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Wobble of the rotors beside a wall: amplitude, decay length and wavelength.
-
-The shape of a wall at rest determines the rotors that are used, so that noise causes no bias.
-"""
+"""Wobble of rotors beside a wall; the shape at rest selects them, so that noise adds no bias."""
 
 from __future__ import annotations
 
@@ -31,14 +28,14 @@ BARS = np.dtype(
 """Record of the parameters of a chain that determine the wobble; spins is 1 for spinners."""
 _BARS = records(BARS)
 _LEAST_NOISE = 1e-12
+"""Lower limit of the noise [rad], the size of rounding errors."""
 _CALM, _LARGEST, _ABOVE_NOISE = 1e-3, 0.5, 4.0
 """Largest deviation of a calm rotor beside a static wall, largest in a tail [rest angles each],
 and smallest in a tail [standard deviations of the noise]."""
 _BEND = 0.3
 """Assumed shift of a zero of the tail [rotor spacings] for a deviation of one rest angle."""
 _CERTAIN, _COARSEST = 3.0, 0.2
-"""Least tail ratio [standard deviations] and largest relative error of a known decay length
-[1]."""
+"""Least tail ratio [standard deviations] and largest relative error of a decay length [1]."""
 _NO_OVERSHOOT = (math.nan, math.nan, math.nan)
 
 
@@ -53,10 +50,7 @@ def beside_wall(
     rest_angle: float,
     leans: Array,
 ) -> None:
-    """Set the leans of rotors beside a wall at rest and the measured one [rad], shape (2, n).
-
-    Columns are the rotors from `middle` - 1 down to `low`, then those from `middle` on.
-    """
+    """Set the leans of rotors beside a wall at rest and the measured one [rad], shape (2, n)."""
     expected, measured = leans[0], leans[1]
     high = low + expected.size
     alike = 0.0
@@ -118,10 +112,7 @@ def tail_sums(
 def half_wavelength(
     measured: Array, begin: int, end: int, rest_angle: float, error: float, bend: float
 ) -> tuple[float, float]:
-    """Return the mean distance between zeros of a tail [rotor spacings] and its variance, or NaN.
-
-    The zeros are weighted by their variance due to noise and to the shift bend e / theta_bar.
-    """
+    """Return the mean distance between zeros of a tail [rotor spacings] and its variance."""
     start = max(end - 1, begin)
     while start > begin and measured[start - 1] * measured[start] < 0:
         start -= 1
@@ -172,10 +163,7 @@ def _overshoot(
 def _decay_length(
     ratio: float, deviation: float, exact: float, spacing: float
 ) -> tuple[float, float]:
-    """Return the decay length -a / ln|lambda| and its standard deviation [m], or NaN.
-
-    The exact lambda decides whether it is known to 20 %, so that noise does not bias this.
-    """
+    """Return the decay length -a / ln|lambda| and its standard deviation [m], or NaN."""
     known = abs(exact)
     if not (known > _CERTAIN * deviation and 0 < abs(ratio) < 1):
         return math.nan, math.nan
