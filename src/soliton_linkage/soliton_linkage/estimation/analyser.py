@@ -65,7 +65,10 @@ _UNKNOWN_WIDTH = math.nan, math.nan
 
 
 class Analyser:
-    """Analyser of a chain with known parameters, in the order of the time of the frames."""
+    """Analyser of a chain with known parameters, in the order of the time of the frames.
+
+    If the chain has no orbit, `limitation` gives the reason, and the analyser fits wall shapes.
+    """
 
     def __init__(
         self, chain: Chain, noise: float | None = None, settings: EstimationSettings = DEFAULTS
@@ -124,10 +127,10 @@ class Analyser:
         return self._impulses.late
 
     def apply_impulse(self, stamp: int | None, impulses: Array) -> None:
-        """Apply angular impulses [N m s], shape (N,), at a time [ns]; None is the next frame.
+        """Apply angular impulses [N m s], shape (N,), in the first frame at or after a time [ns].
 
-        Late impulses are counted and ignored. Raises ValueError for another shape and for values
-        that are not finite.
+        None means the next frame. Late impulses are counted and ignored. Raises ValueError for
+        another shape and for values that are not finite.
         """
         self._impulses.add(stamp, self.chain.check_angles(impulses, 'impulse'))
 
@@ -174,10 +177,12 @@ class Analyser:
     ) -> Analysis | None:
         """Analyse a frame that was measured at a time `stamp` [ns]; return None if it is late.
 
-        Angles [rad], wrapped or unwrapped, and rates [rad/s] have shape (N,), NaN or infinite if
-        unknown. `deviations` are the standard deviations of the angles [rad], shape (N,), NaN if
-        unknown. Raises ValueError for another shape, and for standard deviations that are infinite
-        or not above 0.
+        A frame is late if its stamp is not later than the last one. A stamp that is earlier by
+        more than the clock limit of the settings starts a new record. Angles [rad], wrapped or
+        unwrapped, and rates [rad/s] have shape (N,), NaN or infinite if unknown. `deviations` are
+        the standard deviations of the angles [rad], shape (N,), NaN if unknown; they weight the
+        angles of a single wall. Raises ValueError for another shape, and for standard deviations
+        that are infinite or not above 0.
         """
         rotors = self.chain.number_of_rotors
         angles = np.ascontiguousarray(angles, dtype=np.float64)

@@ -55,8 +55,7 @@ class EncoderOffsets:
         self.means = np.zeros(rotors)
         """Number of block means of each rotor [1], shape (N,)."""
         self.weights, self.sums = np.zeros((2, rotors)), np.zeros((2, rotors))
-        """Weights [1/rad^2] and weighted residuals [1/rad] before and beyond the wall, shape (2,
-        N)."""
+        """Weights [1/rad^2] and weighted residuals [1/rad] before and beyond the wall, (2, N)."""
         self.update(np.full(rotors, np.nan), np.zeros(rotors), 1.0)
 
     def update(
@@ -130,7 +129,8 @@ class FarFieldResiduals:
         self._read, self._means, self._residuals = np.full((3, rotors), np.nan)
         self._uneven, self._first = False, True
         self.disorder = 0.0
-        """Standard deviation of the angles due to unmodelled deviations of the chain [rad]."""
+        """Disorder: standard deviation of the angles due to unmodelled deviations of the chain
+        [rad]."""
         self.stuck = np.zeros(rotors, dtype=np.bool_)
         self.doubtful = np.zeros(rotors, dtype=np.bool_)
         self._outlying: Flags | None = None
@@ -259,7 +259,7 @@ class FarFieldResiduals:
         return self._disorder(rows, median(chances) if len(chances) else 0.0)
 
     def _disorder(self, means: Array, noise: float) -> float:
-        """Return the standard deviation of means [rad] (Student's distribution) without noise."""
+        """Return the disorder [rad], the standard deviation of Student's distribution of means."""
         (before, beyond), tail = means, self._tail
         added = np.concatenate([before[:-1] - tail * before[1:], beyond[1:] - tail * beyond[:-1]])
         sizes = np.abs(added[np.isfinite(added)])

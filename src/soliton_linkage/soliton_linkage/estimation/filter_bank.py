@@ -69,7 +69,8 @@ elapsed: time step of the last prediction [s].
 at_edge: 1 if the wall is at an edge, else 0.
 rate: rate of the mixture of all filters [rad/s].
 log_odds: log odds against the steady filter [1].
-frames, impulses: number of frames since, and number of, restarts from an impulse [1].
+frames: number of frames since the last restart from an impulse [1].
+impulses: number of restarts from an impulse [1].
 """
 _FILTERS = records(FILTER, writable=True)
 _STATUS = records(STATUS, writable=True)
@@ -205,8 +206,7 @@ def update(
 ) -> tuple[float, float]:
     """Update all filters and their probabilities with a measurement, and return two log odds.
 
-    The first is of this measurement against the steady filter, the second the largest of an
-    impulse.
+    These are the log odds against the steady filter, and the largest log odds of an impulse.
     """
     likely = _update_filters(filters, arc, variance, freedoms)
     probabilities, weights = np.empty(base - 1), np.empty(base)

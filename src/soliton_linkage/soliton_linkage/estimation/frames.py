@@ -69,7 +69,7 @@ class FrameClock:
     """Clock that accepts the stamps of frames in ascending order and rejects late stamps."""
 
     def __init__(self, limit: float = DEFAULTS.tracking.clock_limit) -> None:
-        """Start without a stamp; a stamp that is earlier by more than `limit` [s] restarts it."""
+        """Start without a stamp; a stamp earlier by more than `limit` [s] restarts the clock."""
         self._limit = limit
         self.time = -math.inf
         """Time from the first frame to the last accepted frame [s]."""
@@ -104,7 +104,10 @@ class FrameImpulse(NamedTuple):
 
 
 class ImpulseQueue:
-    """Queue that keeps impulses until the first frame at or after their time, if it is known."""
+    """Queue that keeps impulses until the first frame at or after their time.
+
+    Impulses without a stamp, or with a stamp of another clock, take effect in the next frame.
+    """
 
     def __init__(self) -> None:
         self.late = 0
@@ -168,7 +171,7 @@ class CompletedFrame(NamedTuple):
     from_orbit: bool
     """Whether filled angles come from the orbit, and not from neighbouring rotors."""
     others: bool
-    """Whether two adjacent rotors are off the orbit by half of their swing, as at another wall."""
+    """Whether two adjacent rotors differ from the orbit by half a swing, as near another wall."""
 
     number_filled: int
     """Number of filled rotors."""
@@ -224,7 +227,8 @@ def complete(
 ) -> CompletedFrame:
     """Replace missing angles [rad] and rates [rad/s], shape (N,), by the orbit or neighbours.
 
-    Last angles give the whole turns. A single reading that is off by half a swing is missing.
+    `last` determines the whole turns. A reading counts as missing if it differs from the orbit by
+    half a swing, but those of both neighbours do not.
     """
     unseen = ~np.isfinite(angles)
     if expected is None:

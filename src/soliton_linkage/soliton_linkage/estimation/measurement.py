@@ -34,8 +34,7 @@ class LinearisedMeasurement(NamedTuple):
     first: int
     """Index of the first rotor near the wall."""
     tangent: Array
-    """Derivative of the angles near the wall by the arc length, over the scales [1], shape
-    (n,)."""
+    """Derivative of the angles near the wall by the arc length, over the scales [1], (n,)."""
     residuals: Array
     """Measured angles minus the angles of the orbit at `arc` [rad], shape (N,), NaN if unknown."""
     weights: Array
@@ -45,7 +44,7 @@ class LinearisedMeasurement(NamedTuple):
     information: float
     """Information on the arc length for a noise of 1 rad [1]."""
     full_information: float
-    """Information without outliers and doubtful rotors [1]."""
+    """Information if no known rotor were an outlier, without doubtful rotors [1]."""
     squares: float
     """Sum of the squares of the residuals in `inlying` [rad^2]."""
     degrees_of_freedom: int
@@ -262,7 +261,10 @@ class InnovationGate:
         return bool(adjacent.any() or (self._strained >= self._frames).any())
 
     def accepts(self, view: LinearisedMeasurement, largest: float, doubtful: Flags) -> bool:
-        """Return whether at most one rotor repeats a gross error; random ones do not repeat."""
+        """Return whether a frame shows the wall, given the largest variance of a rotor [rad^2].
+
+        A frame is rejected if two rotors repeat a gross error, because random ones do not repeat.
+        """
         outliers, repeated = self._no_outliers, 0
         if view.gross:
             outliers = view.outlying & (np.abs(view.residuals) > self._likelihood.gross)

@@ -141,7 +141,10 @@ def uniform_part(
 
 @compiled(const_f8_1d, f8, f8)
 def tail_of_side(deviations: Array, large: float, small: float) -> tuple[int, int]:
-    """Return the begin (below `large`) and the end (at most `small`) of a tail of deviations."""
+    """Return where a tail begins and ends, given deviations [rad] from the wall outwards.
+
+    It begins after the last deviation above `large` and ends at the first one up to `small`.
+    """
     begin = 0
     for n in range(deviations.size):
         if abs(deviations[n]) > large:
@@ -261,7 +264,7 @@ class MotionClass(NamedTuple):
     """Class of motion, determined from the angles.
 
     motion: class of motion; None if no class is probable enough, for example without a wall.
-    confidence: probability of the likeliest class, with the prior 1/3 for each class.
+    confidence: probability of the likeliest class; the spinner has the prior probability 1/3.
     spinning: probability that the chain is a spinner.
     """
 
@@ -289,7 +292,7 @@ class MotionEvidence(NamedTuple):
     tail_ratio_deviation: float
 
     def verdict(self, settings: MotionSettings = DEFAULTS.motion) -> MotionClass:
-        """Return the class of motion, if its probability reaches the least probability."""
+        """Return the class of motion, None below the least probability of the settings."""
         determined = math.isfinite(self.tail_ratio)
         scaled = self.tail_ratio / self.tail_ratio_deviation if determined else 0.0
         wobbling = math.erfc(scaled / math.sqrt(2)) / 2

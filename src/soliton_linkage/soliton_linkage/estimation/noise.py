@@ -100,10 +100,10 @@ def _noise_bound(
 
 @compiled(_READ_SUMS, _NUMBERS, f8)
 def estimate(noise: Records, settings: Records, given: float) -> Estimate:
-    """Return the variance of the noise and five related numbers [rad^2], given 0 or its value.
+    """Return the variance of the noise and five numbers, for a `given` variance or 0 [rad^2].
 
-    They are: a lower bound of it, the mean squares of recent, of persistent and of persistent
-    residuals near the wall, and the degrees of freedom [1].
+    These are a lower bound of the variance, the mean squares of recent residuals, of persistent
+    residuals, and of persistent residuals near the wall [rad^2], and the degrees of freedom [1].
     """
     sums, significance = noise[0], settings[0]['significance']
     freedoms, recent = sums['freedoms'], sums['recent_freedoms']
@@ -361,7 +361,10 @@ class ResidualVariance:
         return noise.variance + min(field, self.largest_field)
 
     def of_arc(self, view: LinearisedMeasurement) -> float:
-        """Return the variance of a measured arc length along the orbit [rad^2]."""
+        """Return the variance of a measured arc length along the orbit [rad^2].
+
+        With unseen rotors, persistent residuals act until the wall has moved by a rotor spacing.
+        """
         known = max(view.full_information, view.information)
         unseen, outliers = max(1 / known - 1, 0.0), 1 / view.information - 1 / known
         noise, frames = self.noise, 1 / max(self.way, 1e-9)
@@ -372,7 +375,10 @@ class ResidualVariance:
         return noise.variance / view.information + persistent + fleeting
 
     def calm(self, rate: float) -> float:
-        """Return the confidence, 0 to 1, that waves do not disturb a wall with the given rate."""
+        """Return the confidence, 0 to 1, that waves do not disturb the motion of a wall.
+
+        Waves of amplitude phi change the rate per time unit of the chain by the share phi / rate.
+        """
         noise = self.noise
         field = max(noise.scatter - noise.variance, noise.excess, 0.0)
         steady = rate**2 * noise.variance

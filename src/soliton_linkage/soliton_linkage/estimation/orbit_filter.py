@@ -275,7 +275,7 @@ class OrbitFilter:
         return variance
 
     def _relocated(self, time: float, seen: Array, fits: bool) -> bool:
-        """Restart or lose the chain if other positions, or none, explain several frames."""
+        """Restart elsewhere or lose the chain, and return True, if several frames require it."""
         tracking, view = self._tracking, self._hypotheses.leader.view
         if self._unexplained == 0:
             self._unexplained_since = time
@@ -312,7 +312,7 @@ class OrbitFilter:
         motion.predict(elapsed, self._variance.at_edge, ratio, acceleration, self.bandwidth)
 
     def _acceleration(self, arc: float, rate: float, elapsed: float) -> float:
-        """Return sum(tau t) / sum(I t^2) [rad/s^2] for the torques tau except the springs."""
+        """Return sum(tau t) / sum(I t^2) [rad/s^2] for all torques tau except the springs."""
         chain, forces = self.orbit.chain, self._forces
         if not (len(forces.kinds) or chain.feedback.acts):
             return 0.0

@@ -169,7 +169,7 @@ _LEAST_SEEN = 1e-6
 
 
 class UnseenRotorCorrection:
-    """Correction of the arc length along the orbit for unseen rotors, which springs hold."""
+    """Correction of the arc length for unseen rotors, whose positions the springs determine."""
 
     def __init__(self, orbit: Orbit) -> None:
         self._orbit = orbit
@@ -269,7 +269,11 @@ class ComplianceCorrection:
         return math.sqrt((1 + square * self.mu(before)) / (1 + square * self.mu(arc)))
 
     def unpredicted_change(self, rate: float) -> float:
-        """Return the relative standard deviation of a rate after `rate_ratio` [1]."""
+        """Return the relative standard deviation of a rate that `rate_ratio` leaves [1].
+
+        For slow walls it is of second order in the site rate over the slowest phonon frequency;
+        for fast walls it falls with the fourth power.
+        """
         square = 3 * rate * rate
         change = 0.5 * square * self._spread / (1 + square * self._mean)
         relative = abs(rate) / self._adiabatic

@@ -185,7 +185,7 @@ class Relocaliser:
     def _refined(
         self, image: Array, arc: float, turned: bool, wide: float, variance: float
     ) -> Candidate:
-        """Return the nearest maximum, with a variance that falls from `wide` step by step."""
+        """Return the nearest maximum, by steps with a variance from `wide` to `variance`."""
         seen_with = max(wide, variance) / 2
         while seen_with > variance:
             ahead = self._view(image, arc, seen_with).arc - arc

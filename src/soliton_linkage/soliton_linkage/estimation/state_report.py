@@ -68,7 +68,7 @@ class Topology(NamedTuple):
 class EdgeRotors(NamedTuple):
     """States of the first and the last rotor.
 
-    toggled: whether they differ from the left-leaning state; None for spinners.
+    toggled: whether they have toggled, compared with the left-leaning state; None for spinners.
     turns: numbers of turns, counted from a uniform state [1]; NaN for flippers.
     """
 
@@ -148,7 +148,7 @@ class FrameState:
 def energy_reach(chain: Chain) -> float:
     """Return the distance from a wall beyond which energy belongs to the wake [rotor spacings].
 
-    At most the share e^-16 of the energy is beyond 8 ell; three spacings contain the core.
+    It is 8 ell, beyond which is at most e^-16 of the energy, plus three for the core at ell = 0.
     """
     depth = penetration_depth(chain) / chain.spacing
     return 8 * depth + 3

@@ -56,6 +56,7 @@ class WallTable(NamedTuple):
     angles: Array
     """Angles [rad] and slopes [rad / rotor spacing], even and odd rotors in turn, shape (4, J)."""
     points: float
+    """Number of columns per rotor spacing [1]."""
     reach: float
     """Largest distance from the wall on either side [rotor spacings]."""
 
@@ -284,7 +285,7 @@ class WallShapes:
             self._sampled([static_wall(window, float(site), leg) for site in self._sites])
             for leg in range(2 if chain.motion is Motion.SPINNER else 1)
         )
-        """Shape of the kink in each leg of the orbit, in which spinners turn differently."""
+        """Shape of the kink in each leg of the orbit; spinners turn in opposite senses in them."""
         found = find_solitons(window, static_wall(window, even + 4.5))
         self.width = found[0].width if found else math.nan
         """Width of a wall at rest [m], NaN if the wall has no tanh profile."""

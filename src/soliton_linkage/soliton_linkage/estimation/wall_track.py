@@ -72,7 +72,7 @@ class LatticeCoordinates:
 
 
 class WallFrame:
-    """Angles and rates of one frame, from which few frames need quantities near walls."""
+    """Angles and rates of one frame, with quantities near walls on demand."""
 
     def __init__(
         self,
@@ -114,7 +114,7 @@ class WallFrame:
 
 
 _MEMORY, _SIGNIFICANCE = 100, 3.0
-"""Frames over which persistent residuals are averaged [1], and their significance [1]."""
+"""Frames in the mean of persistent residuals [1], and its threshold in standard deviations [1]."""
 _AVERAGED = 20
 """Frames over which the variance of a fit is averaged [1], because a wall has few rotors."""
 _FORCE = 0.6
@@ -140,8 +140,7 @@ class WallMeasurement(NamedTuple):
     elastic: float = 0.0
     """Prior variance of the centre due to the deformation by springs [rotor spacings^2]."""
     pinning: float = 0.0
-    """Speed at which a wall has the energy of its barrier between two sites [rotor spacings /
-    s]."""
+    """Speed at which a wall has its barrier energy between two sites [rotor spacings / s]."""
     estimate: OrbitEstimate | None = None
     """Estimate of the `OrbitFilter`, which replaces the filter of the wall; None for a fit."""
 
@@ -270,7 +269,7 @@ class Encounter:
         self.collisions = 0
         """Number of overlaps of the two walls."""
         self.breather = 0
-        """Identifier of the breather, else 0."""
+        """Identifier of the breather; 0 if the walls have formed none."""
         self.overlaps = False
         """Whether the two walls overlap, so that the last frame has shown neither of them."""
         self.when = self._moved = time

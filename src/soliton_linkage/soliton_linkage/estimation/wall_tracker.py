@@ -188,7 +188,7 @@ class WallTracker:
                 self._add_inside(track, new, time, frame)
 
     def _confirmed(self, track: WallTrack, confirming: int) -> bool:
-        """Return whether a new wall cannot be one of a pair that wrong readings feign."""
+        """Return whether a new wall is confirmed; wrong readings look like a pair of walls."""
         if track.frames >= min(confirming, self._frames) or self._is_at_edge(track):
             return True
         return not any(

@@ -73,7 +73,9 @@ class WallFamily:
     ) -> Contraction:
         """Fit the contraction to angles [rad], shape (N,), in the orientation of the orbit.
 
-        The contraction is unknown near an edge, or if ln(gamma) is uncertain by ln(1.5).
+        The fit starts at `site` [rotor spacings] and ln(gamma) = `logarithm` [1]. `noise` is the
+        standard deviation of the angles [rad]. The contraction is unknown near an edge, or if the
+        standard deviation of ln(gamma) exceeds ln(1.5).
         """
         if not self._clear <= site <= self._last - self._clear:
             return UNKNOWN
@@ -199,7 +201,7 @@ class TheoryWidth:
         self._at_rest = theory.width() if defined else math.nan
 
     def __call__(self, velocity: float) -> float:
-        """Return the width [m] at rest times sqrt(1 - v^2 / c^2) for the velocity v [m/s]."""
+        """Return the width [m] at a velocity v [m/s], contracted by sqrt(1 - v^2 / c^2)."""
         if velocity == 0:
             return self._at_rest
         if not abs(velocity) < self._speed_of_sound:

@@ -50,7 +50,7 @@ def beside_wall(
     rest_angle: float,
     leans: Array,
 ) -> None:
-    """Set the leans of rotors beside a wall at rest and the measured one [rad], shape (2, n)."""
+    """Set the leans of rotors beside a wall [rad], shape (2, n): at rest, and measured."""
     expected, measured = leans[0], leans[1]
     high = low + expected.size
     alike = 0.0
@@ -288,9 +288,9 @@ class WobbleReporter:
         """Return the wobble beside a wall, given finite angles [rad], shape (N,).
 
         The tail ratio lambda is fitted to e' = F(e) + (lambda - lambda_0) e on both sides, with F
-        as in `next_deviation` and lambda_0 = (1 - d) / (1 + d); the wavelength to the zeros of the
-        tails. `noise` is the standard deviation of the angles, and `persistent` the rms of the
-        persistent differences from the orbit [rad].
+        as in `next_deviation` and lambda_0 = (1 - d) / (1 + d). The wavelength is fitted to the
+        zeros of the tails. `noise` is the standard deviation of the angles, and `persistent` the
+        rms of the persistent differences from the orbit [rad].
         """
         overshoot, lengths = wobble(
             self._bars, angles, wall.angles, wall.first, wall.site, noise, persistent
