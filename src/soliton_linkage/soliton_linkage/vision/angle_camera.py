@@ -1,12 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measurement of angles in pictures of a chain with markers.
 
-The angle of a rotor is the direction from its pivot to the dot on its mass. The position of the
-pivot is a mean over all pictures. The fitted centre of a moving dot is the mean of the positions
-of the dot during the exposure, which lasts for the time T in each row of the picture. Let t_row be
-the middle of the exposure of the row of the dot, and t the middle of the exposure of the mean row
-of the pivots. All angles of a picture are stated for the time t. With the rate omega and the
-acceleration alpha from the last measurements, the angle at t is
+The angle of a rotor is the direction from its pivot to the dot on its mass. A fitted dot is a mean
+over the exposure, of duration T, in its row. With the middle t_row of the exposure of the row, the
+rate omega and the acceleration alpha, the angle in the middle t of the exposure of the pivots is
 
     phi(t) = phi_measured - alpha T^2 / 24 + omega (t - t_row) + alpha (t - t_row)^2 / 2.
 """
@@ -30,9 +27,9 @@ from soliton_linkage.vision.plane import ChainPlane
 from soliton_linkage.vision.rotor_tracks import Pivots, RotorTracks
 
 _DOT_DEVIATION = 0.7
-"""Standard deviation of the position of a dot that the assignment of dots assumes [pixels]."""
+"""Standard deviation of the position of a dot that the assignment assumes [pixels]."""
 _SEARCHED = 5.0
-"""Largest accepted error of a predicted angle, relative to its standard deviation [1]."""
+"""Largest error of a predicted angle, relative to its standard deviation [1]."""
 _MIN_RADIUS = 1.5
 """Smallest radius of dots that can be fitted [pixels]."""
 
@@ -44,20 +41,17 @@ class AngleFrame:
     delay: float
     """Time from the start of the exposure to the time of the angles [s]."""
     angles: Array
-    """Unwrapped angles phi [rad], shape (N,)."""
+    """Unwrapped angles phi [rad], (N,)."""
     deviations: Array
-    """Standard deviations of the angles due to noise and marker positions [rad], shape (N,)."""
+    """Standard deviations of the angles by noise and marker positions [rad], (N,)."""
     masses: Array
-    """Centres of the dots on the masses [pixels], shape (N, 2)."""
+    """Centres of the dots on the masses [pixels], (N, 2)."""
     pivots: Array
-    """Positions of the pivots [pixels], shape (N, 2); NaN for unknown pivots."""
+    """Positions of the pivots [pixels], (N, 2); NaN for unknown pivots."""
     frame_dots: Array
-    """Centres of the dots of the frame markers [pixels], shape (K, 2)."""
+    """Centres of the dots of the frame markers [pixels], (K, 2)."""
     status: str
-    """Text that reports wrong sizes of the printed markers and why rotors are hidden.
-
-    An empty text means that the sizes are correct and all rotors are visible.
-    """
+    """Wrong sizes of the printed markers and reasons of hidden rotors, otherwise empty."""
 
     @property
     def seen(self) -> int:
@@ -98,10 +92,9 @@ class AngleCamera:
         self._known: ChainPlane | None = None
 
     def measure(self, time: float, picture: Picture) -> AngleFrame:
-        """Return the angles in a picture whose exposure starts at a time [s].
+        """Return the angles in a picture whose exposure starts at an increasing time [s].
 
-        The times must increase from call to call. Raises ValueError if the picture does not have
-        the size that the camera parameters state.
+        Raises ValueError if the picture does not have the size that the camera parameters state.
         """
         check_picture(self._camera, picture)
         cv2 = opencv()
@@ -186,11 +179,6 @@ class AngleCamera:
     def _pixel_errors(
         self, plane: ChainPlane, seen: NDArray[np.bool_], pixels: Array, noise: Array, arms: Array
     ) -> tuple[Array, Array]:
-        """Return the standard deviations due to pixel noise for K visible rotors.
-
-        The first result is for their measured lengths [m], (K,), the second for angles [rad],
-        (K,).
-        """
         steps = plane.metres_per_pixel(pixels, self._layout.heights[seen])
         noise = noise + self.frame_markers.deviation**2 * np.eye(2)
         covariances = steps @ noise @ np.swapaxes(steps, 1, 2)
@@ -204,7 +192,6 @@ class AngleCamera:
         return radial, tangential / lengths
 
     def _find_dots(self, time: float, grey: Picture, picture: Picture, plane: ChainPlane) -> Dots:
-        """Return the dots; fit each with the motion smear predicted for the nearest dot."""
         now = np.full(self._rotors, time + self._delay)
         angles, angle_deviations = self.tracks.predict_angles(now)
         rates, _, _ = self.tracks.motion()
@@ -228,7 +215,6 @@ class AngleCamera:
         return replace(dots, centres=plane.circle_centres(dots.centres, self._layout.dot_radius))
 
     def _adopt(self, plane: ChainPlane) -> float:
-        """Update all quantities that depend on the plane; return the radius of dots [pixels]."""
         if plane is not self._known:
             self._known = plane
             self._pivot_pixels = plane.pixels(self.pivots.positions, self._layout.heights)
@@ -248,7 +234,6 @@ class AngleCamera:
         return self._radius
 
     def _times(self, time: float, pixels: Array) -> Array:
-        """Return the time in the middle of the exposure of each of N pixels [s], shape (N,)."""
         camera = self._camera
         return np.asarray(time + camera.exposure / 2 + camera.row_time * pixels[:, 1])
 

@@ -1,13 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Assignment of dots to rotors by maximum likelihood over the whole chain.
 
-The mass of a rotor moves on a circle around its pivot. The likelihood that a dot marks this mass
-depends on four properties of the dot: its distance from the circle, the difference between its
-direction and the predicted angle, its colour, and whether it lies on a pivot. The likelihood of
-two dots for neighbouring rotors depends on the distance between the dots, compared with the length
-of the bond. This is a hidden Markov model. The states of each rotor are its candidate dots and
-"hidden". Viterbi's algorithm finds the most likely sequence of states. A cost is minus twice the
-logarithm of a likelihood.
+In this hidden Markov model the states of a rotor are its candidate dots and "hidden". Likelihoods
+depend on the circle around the pivot, the predicted angle, the colour, and the lengths of bonds.
+Viterbi's algorithm finds the best sequence. A cost is minus twice the log of a likelihood.
 """
 
 from __future__ import annotations
@@ -22,54 +18,45 @@ from soliton_linkage.linkage.chain import Array
 HIDDEN = -1
 """Number that replaces the dot number of a hidden rotor."""
 _CANDIDATES = 6
-"""Largest number of candidate dots of a rotor [1]."""
+"""Largest number of candidate dots of a rotor."""
 _HIDDEN_COST = 14.0
-"""Cost of the state "hidden" [1]. It lies between the costs of errors of 3 and 4 standard
-deviations."""
+"""Cost of the state "hidden" [1], between those of errors of 3 and 4 standard deviations."""
 _MAX_ANGLE_COST = 30.0
-"""Limit of the cost of an unexpected angle [1]. The cost is limited because kicks are not
-predicted."""
+"""Limit of the cost of an unexpected angle [1], because kicks are not predicted."""
 _MAX_BOND_COST = 12.0
-"""Limit of the cost of an unexpected bond length [1]. It is smaller than `_HIDDEN_COST`, so that a
-wrong dot of a neighbour does not hide a rotor."""
+"""Limit of the cost of a bond [1], so that a wrong dot does not hide the neighbour."""
 _PIVOT_COST = 8.0
-"""Additional cost of a dot at a pivot [1]. It assumes that one such dot in fifty is a mass in
-front of the pivot."""
+"""Additional cost of a dot at a pivot [1]; one such dot in fifty is a mass."""
 _MAX_LENGTH_ERROR = 4.0
-"""Threshold of the error of the rotor length, in standard deviations [1]: a dot is no candidate if
-the error is larger."""
+"""Largest error of the rotor length of a candidate, in standard deviations [1]."""
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """Predicted state of N rotors in a picture, with standard deviations."""
+    """Predicted state of N rotors in a picture, with standard deviations in the same units."""
 
     pivots: Array
-    """Positions of the pivots [m], shape (N, 2)."""
+    """Positions of the pivots [m], (N, 2)."""
     lengths: Array
-    """Lengths of the rotors [m], shape (N,)."""
+    """Lengths of the rotors [m], (N,)."""
     length_deviations: Array
-    """Standard deviations of the lengths [m], shape (N,)."""
     angles: Array
-    """Angles [rad], shape (N,)."""
+    """Angles [rad], (N,)."""
     angle_deviations: Array
-    """Standard deviations of the angles [rad], shape (N,)."""
     bonds: Array
-    """Distances between the masses of neighbouring rotors [m], shape (N - 1,)."""
+    """Distances between the masses of neighbouring rotors [m], (N - 1,)."""
     bond_deviations: Array
-    """Standard deviations of these distances [m], shape (N - 1,)."""
     colours: NDArray[np.intp]
-    """Index in `COLOURS` of the dot of each mass, shape (N,)."""
+    """Index in `COLOURS` of the dot of each mass, (N,)."""
 
 
 def assign_dots(
     points: Array, point_deviations: Array, colour_costs: Array, predicted: Prediction
 ) -> NDArray[np.intp]:
-    """Return the dot number of each rotor, or `HIDDEN`, shape (N,).
+    """Return the dot number of each rotor, or `HIDDEN`, (N,).
 
-    `points` are the positions of K dots [m], computed for the heights of even rotors and of odd
-    rotors, shape (2, K, 2). `point_deviations` are their standard deviations [m], (K,).
-    `colour_costs` is the cost of each of C colours for each dot, (K, C).
+    `points`, (2, K, 2), are the positions of K dots for the heights of even and of odd rotors,
+    with deviations (K,) [m]. `colour_costs`, (K, C), is the cost of each colour.
     """
     rotors = len(predicted.pivots)
     if not points.shape[1]:
@@ -95,7 +82,6 @@ def assign_dots(
 def _own_costs(
     points: Array, point_deviations: Array, colour_costs: Array, predicted: Prediction
 ) -> Array:
-    """Return the cost of each dot for each rotor, shape (N, K). Costs of bonds are excluded."""
     arms = points[np.arange(len(predicted.pivots)) % 2] - predicted.pivots[:, None]
     lengths = np.hypot(arms[..., 0], arms[..., 1])
     angles = np.arctan2(arms[..., 0], arms[..., 1])
@@ -113,10 +99,6 @@ def _own_costs(
 
 
 def _bond_costs(points: Array, predicted: Prediction) -> Array:
-    """Return the bond costs of neighbouring rotors for each pair of their candidate dots.
-
-    The shape is (N - 1, width, width).
-    """
     apart = points[1:, None, :, :] - points[:-1, :, None, :]
     lengths = np.hypot(apart[..., 0], apart[..., 1])
     errors = (lengths - predicted.bonds[:, None, None]) / predicted.bond_deviations[:, None, None]
@@ -124,7 +106,7 @@ def _bond_costs(points: Array, predicted: Prediction) -> Array:
 
 
 def _viterbi(costs: Array, bond_costs: Array) -> NDArray[np.intp]:
-    """Return the most likely candidate number of each rotor, shape (N,); `width` means hidden."""
+    """Return the most likely candidate number of each rotor, (N,); `width` means hidden."""
     rotors, width = costs.shape
     own = np.column_stack([costs, np.full(rotors, _HIDDEN_COST)])
     steps = np.zeros((rotors - 1, width + 1, width + 1))

@@ -6,9 +6,8 @@ In the coordinates of the camera (x right, y down, z ahead), the lens maps a ray
     x' = x R(q) + 2 p1 x y + p2 (q + 2 x^2),   y' = y R(q) + p1 (q + 2 y^2) + 2 p2 x y,
     q = x^2 + y^2,   R = (1 + k1 q + k2 q^2 + k3 q^3) / (1 + k4 q + k5 q^2 + k6 q^3),
 
-and the pixel is (fx x' + cx, fy y' + cy). The centre of the first pixel is (0, 0). The equations
-are the models `plumb_bob` and `rational_polynomial` of sensor_msgs/CameraInfo. OpenCV computes
-them.
+the model `rational_polynomial` of sensor_msgs/CameraInfo, and the pixel is (fx x' + cx, fy y' +
+cy).
 """
 
 from __future__ import annotations
@@ -25,41 +24,33 @@ from soliton_linkage.vision.opencv import Picture, opencv
 _MAX_PIXELS = 32_768
 """Largest width and height of a picture [pixels], more than any sensor has."""
 _COEFFICIENTS = 8
-"""Number of distortion coefficients of the model rational_polynomial [1]."""
+"""Number of distortion coefficients of the model rational_polynomial."""
 _MAX_ITERATIONS, _TOLERANCE = 50, 1e-6
-"""Largest number of iterations that invert the lens equations [1], and step below which the
-iteration ends [pixels]. With 5 iterations, the default of OpenCV, the error is 0.01 pixels for the
-lens of a phone and 0.8 pixels for a wide-angle lens."""
+"""Limits of the inverse of the lens [1, pixels]; 5 iterations err by 0.8 pixels at wide angles."""
 _MIN_PICTURES, _MAX_PICTURES = 3, 60
-"""Smallest and largest number of calibration pictures [1]. Fewer pictures do not separate focal
-lengths from distortion. More pictures increase the computing time but not the accuracy."""
+"""Numbers of calibration pictures; fewer do not separate focal lengths and distortion."""
 _MIN_MOVE = 0.02
-"""Threshold of the mean displacement of the corners since the last used picture, relative to the
-width of the picture [1]: a picture with a smaller displacement is not used."""
+"""Smallest mean displacement of the corners between used pictures, in picture widths [1]."""
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Intrinsics and exposure of a camera; raises ValueError for invalid values."""
+    """Size [pixels], intrinsics and exposure of a camera; raises ValueError for invalid values."""
 
     width: int
-    """Width of the picture [pixels]."""
     height: int
-    """Height of the picture [pixels]."""
     focal: tuple[float, float]
     """Focal lengths fx and fy [pixels]."""
     centre: tuple[float, float]
     """Principal point cx and cy [pixels]."""
     distortion: tuple[float, ...] = ()
-    """Distortion coefficients k1, k2, p1, p2, k3, k4, k5, k6 [1]. Coefficients omitted at the end
-    are 0."""
+    """Coefficients k1, k2, p1, p2, k3, k4, k5, k6 [1]; omitted ones are 0."""
     row_time: float = 0.0
     """Delay between the exposures of successive rows [s]; 0 for a global shutter."""
     exposure: float = 0.0
-    """Exposure time of each row [s]; 0 if the exposure time is unknown."""
+    """Exposure time of each row [s]; 0 if it is unknown."""
 
     def __post_init__(self) -> None:
-        """Reject impossible values."""
         for name in ('width', 'height'):
             pixels = getattr(self, name)
             if not 1 <= pixels <= _MAX_PIXELS:
@@ -80,7 +71,7 @@ class Camera:
             raise ValueError('row_time and exposure of a camera must be 0 s or more')
 
     def rays(self, pixels: Array) -> Array:
-        """Return the rays (x, y) that the lens maps to given pixels, shape (..., 2)."""
+        """Return the rays (x, y) that the lens maps to given pixels, (..., 2)."""
         if not any(self.distortion) or not np.size(pixels):
             return np.asarray((pixels - np.array(self.centre)) / self.focal)
         cv2 = opencv()
@@ -92,7 +83,7 @@ class Camera:
         return np.asarray(rays).reshape(np.shape(pixels))
 
     def pixels(self, rays: Array) -> Array:
-        """Return the pixels to which the lens maps rays (x, y), shape (..., 2)."""
+        """Return the pixels to which the lens maps rays (x, y), (..., 2)."""
         if not any(self.distortion) or not np.size(rays):
             return np.asarray(rays * np.array(self.focal) + self.centre)
         points = np.insert(np.reshape(rays, (-1, 1, 2)), 2, 1.0, axis=2)
@@ -100,7 +91,6 @@ class Camera:
         return np.asarray(pixels).reshape(np.shape(rays))
 
     def _lens(self) -> tuple[Array, Array]:
-        """Return the camera matrix and the distortion coefficients for OpenCV."""
         (fx, fy), (cx, cy) = self.focal, self.centre
         distortion = np.zeros(_COEFFICIENTS)
         distortion[: len(self.distortion)] = self.distortion
@@ -125,11 +115,10 @@ class Calibration:
 
 
 def calibrate(pictures: Iterable[Picture], columns: int, rows: int, square: float) -> Calibration:
-    """Calibrate a camera with pictures of a chessboard.
+    """Calibrate a camera with pictures of a chessboard of `columns` x `rows` inner corners.
 
-    The chessboard has `columns` x `rows` inner corners, and each of its squares has the side
-    `square` [m]. Raises ValueError if fewer than 3 pictures show the whole chessboard, or if the
-    sizes of the pictures differ.
+    Squares have the side `square` [m]. Raises ValueError if fewer than 3 pictures show the whole
+    chessboard, or if the sizes of the pictures differ.
     """
     found: list[Array] = []
     size: tuple[int, int] | None = None
@@ -171,10 +160,7 @@ def calibrate(pictures: Iterable[Picture], columns: int, rows: int, square: floa
 
 
 def _chessboard_corners(picture: Picture, columns: int, rows: int) -> Array | None:
-    """Return the inner corners of a chessboard [pixels], (columns rows, 2).
-
-    Return None if the picture does not show the whole chessboard.
-    """
+    """Return the inner corners [pixels], (columns rows, 2), or None if some are missing."""
     cv2 = opencv()
     grey = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
     found, corners = cv2.findChessboardCornersSB(grey, (columns, rows), cv2.CALIB_CB_EXHAUSTIVE)

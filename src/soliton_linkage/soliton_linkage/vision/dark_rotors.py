@@ -1,15 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measurement of angles without markers: separate dark rotors on a light background.
 
-A rotor appears as a dark bar. The moments of its darkness define the middle and the length of the
-bar, and a fitted line defines its axis. Each bar has two ends. The ends that lie on one line, one
-of each bar, are the pivots; the other ends are the masses. The method assumes that the camera
-faces the chain with rotor 0 on the left, and that bonds are thinner than rotors.
-
-Pixel noise, bonds near a rotor, the size of pixels and compression cause errors. The errors of an
-angle and of the measured length of a rotor are assumed to exceed the errors due to pixel noise by
-the same factor. This factor follows from the observed changes of the measured lengths. The stated
-standard deviation of an angle is the standard deviation due to pixel noise times this factor.
+The moments of the darkness of a bar define its middle and length, and a fitted line its axis. The
+ends of the bars on one common line are the pivots. The camera must face the chain with rotor 0 on
+the left, and bonds must be thinner than rotors. Errors of angles exceed those by pixel noise by
+the same factor as the observed errors of the lengths.
 """
 
 from __future__ import annotations
@@ -28,37 +23,31 @@ from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage.vision.rotor_tracks import RotorTracks
 
 _AREA_RANGE = (0.4, 1.8)
-"""Smallest and largest accepted area of a rotor, relative to the median area [1]. A partly hidden
-rotor is smaller, and two touching rotors are larger."""
+"""Accepted area of a rotor, relative to the median [1]; touching rotors are larger."""
 _MIN_ASPECT = 2.0
-"""Smallest accepted ratio of length to width of a rotor [1]. The axis of a rounder object is not
-defined."""
+"""Smallest ratio of length to width of a rotor whose axis is defined [1]."""
 _MAX_PIVOT_SHIFT = 0.35
 """Largest accepted shift of a pivot since the first picture, relative to the spacing [1]."""
 _ITERATIONS = 3
-"""Number of iterations in the fit of a direction [1]. Each reduces the error to a tenth or
-less."""
+"""Number of iterations of a direction; each reduces the error to a tenth or less."""
 _RANK_TOLERANCE = 1e-3
-"""Threshold of the relative variation of the heights of arms [1]: the length of the arms is not
-fitted if the variation is smaller."""
+"""Relative variation of heights of arms below which their length is not fitted [1]."""
 _MIN_NOISE = 0.3
-"""Smallest noise of a pixel that is assumed, because grey levels are rounded [grey levels]."""
+"""Smallest noise of a pixel, because grey levels are rounded [grey levels]."""
 _MAX_MEASUREMENTS = 1000
-"""Largest number of pictures in the mean length of a rotor [1]."""
+"""Largest number of pictures in the mean length of a rotor."""
 _MIN_AREA = 12
 """Smallest accepted area of a rotor [pixels]."""
 
 
 @dataclass(frozen=True)
 class _Bars:
-    """K dark bars in a picture."""
+    """Middles of K dark bars, vectors to one end, (K, 2) [pixels], and deviations."""
 
     middles: Array
-    """Middles of the bars [pixels], shape (K, 2)."""
     halves: Array
-    """Vectors from the middle to one end of each bar [pixels], shape (K, 2)."""
     deviations: Array
-    """Standard deviations of the direction [rad] and the half length [pixels], shape (K, 2)."""
+    """Standard deviations of the direction [rad] and the half length [pixels], (K, 2)."""
 
 
 class DarkRotors:
@@ -120,10 +109,7 @@ class DarkRotors:
     def _error_factor(
         self, rotors: NDArray[np.intp], bars: _Bars, which: NDArray[np.bool_]
     ) -> float:
-        """Return the ratio of all errors to the errors due to pixel noise alone [1].
-
-        The ratio is estimated from the changes of the rotor lengths.
-        """
+        """Return the ratio of errors to those by pixel noise, from changes of lengths [1]."""
         lengths = np.hypot(*bars.halves[which].T)
         known = self._counts[rotors] > 0
         errors = (lengths - self._lengths[rotors]) / bars.deviations[which, 1]
@@ -134,7 +120,6 @@ class DarkRotors:
 
 
 def _bars(grey: Picture) -> _Bars:
-    """Return the dark bars in a picture, without thin objects such as bonds."""
     cv2 = opencv()
     level, mask = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY_INV + cv2.THRESH_OTSU)
     thin = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
@@ -163,11 +148,7 @@ def _bar(
     level: float,
     noise: float,
 ) -> tuple[Array, Array, Array] | None:
-    """Return the middle, half length [pixels] and standard deviations of a dark bar.
-
-    The weight of each pixel is the difference by which it is darker than `level`. Return None if
-    the object is too round to be a bar.
-    """
+    """Return middle, half length and standard deviations of a bar, or None if it is too round."""
     left, top, width, height = (int(each) for each in statistics[:4])
     rows = slice(max(top - 2, 0), top + height + 2)
     columns = slice(max(left - 2, 0), left + width + 2)
@@ -190,12 +171,9 @@ def _bar(
 
 
 def _fit_axis(points: Array, weights: Array, axis: Array, reach: float) -> tuple[Array, float]:
-    """Return the direction of a line through points (P, 2), and its error.
+    """Return the direction of a line through points (P, 2), and its error per grey level [rad].
 
-    The error is the standard deviation [rad] for a pixel noise of one grey level. The weights of
-    the least-squares fit decrease to zero at the distance `reach` along the axis. Thus pixels do
-    not enter or leave the fit abruptly when the rotor turns, and the ends of the rotor, where
-    bonds are attached, have little weight.
+    Weights decrease to zero at `reach`, so that pixels do not enter the fit abruptly.
     """
     for _ in range(_ITERATIONS):
         normal = np.array([-axis[1], axis[0]])
@@ -210,11 +188,7 @@ def _fit_axis(points: Array, weights: Array, axis: Array, reach: float) -> tuple
 
 
 def _find_pivots(bars: _Bars) -> tuple[Array, Array, Array]:
-    """Return the pivots, the arms from pivots to masses [pixels], and the direction of the chain.
-
-    Pivots and arms have the shape (K, 2). A least-squares fit determines the line through all
-    pivots, and one ratio for all bars: the distance from pivot to middle over the half length.
-    """
+    """Return pivots and arms [pixels], (K, 2), and the direction of the chain."""
     pivots, arms = bars.middles, bars.halves
     middle, along = _line(pivots)
     for _ in range(_ITERATIONS):
@@ -232,10 +206,6 @@ def _find_pivots(bars: _Bars) -> tuple[Array, Array, Array]:
 
 
 def _line(points: Array) -> tuple[Array, Array]:
-    """Return the middle of points [pixels], and the direction of a line through them.
-
-    The direction points to the right.
-    """
     middle = points.mean(axis=0) if len(points) else np.zeros(2)
     if len(points) < 2:
         return middle, np.array([1.0, 0.0])

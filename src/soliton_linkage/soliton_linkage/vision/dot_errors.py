@@ -1,31 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of dots beyond pixel noise: compression, repeated pixels and the dead zone of a video.
 
-Compression removes noise from similar pixels and adds errors that are correlated between pixels. A
-mass stays on a circle around its pivot. A change of its distance from the pivot is therefore an
-error, and the error along the circle is assumed to be equally large. In compressed pictures,
-moving dots have larger errors than resting dots.
-
-A video codec stores only those changes of a picture that exceed a threshold. Elsewhere the codec
-repeats the pixels of the previous picture exactly. Without a codec, camera noise prevents exact
-repetition. A repeated dot is not a new measurement, because the mass may have moved by up to the
-threshold since the last update of the dot. At the next update, the dot jumps along its circle by
-this error. If some dots are repeated while others move, the video has a dead zone, in which slow
-motion is invisible.
-
-In a video with a dead zone, the errors are estimated from dots that move so fast that every
-picture updates them. The sixth divided difference of the angles in seven pictures contains only
-errors, because slow motions and typical waves do not contribute. This difference also reduces
-errors that are correlated between pictures. The reduction factor is measured for the lengths of
-the rotors, whose errors are known with and without the difference, and is assumed to be the same
-for angles.
-
-Let s^2 be the variance of resting dots, e^2 the variance of moving dots, and t the typical number
-of pictures in which a dot is repeated. A dot that was repeated in n pictures has the variance
+A mass stays on a circle around its pivot. Changes of its distance are therefore errors, and errors
+along the circle are assumed to be equally large. A codec repeats pixels exactly where changes are
+below a threshold. A repeated dot may therefore have moved (dead zone). Then errors are estimated
+from the sixth divided differences of the angles of fast dots, which contain only errors. With the
+variances s^2 of resting and e^2 of moving dots, and the typical number t of repetitions, a dot
+that was repeated n times has the variance
 
     s^2 + (e^2 - s^2) / (1 + n / t).
-
-The variance decreases with n, because a dot that is repeated often probably moves slowly.
 """
 
 from __future__ import annotations
@@ -40,26 +23,20 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.vision.opencv import Picture
 
 MEMORY = 300
-"""Number of pictures after which the weight of a value in the statistics has decreased to 1/e
-[1]."""
+"""Number of pictures after which the weight of a value has decreased to 1/e."""
 _PRIOR_WEIGHT = 30.0
-"""Weight of the expected mean square, as a number of values [1]."""
+"""Weight of the expected mean square, as a number of values."""
 _MAX_VALUE = 5.0
-"""Limit of a value, relative to the root mean square [1]. A larger value probably belongs to
-another dot."""
+"""Limit of a value, relative to the rms [1]; larger ones probably belong to other dots."""
 _MOVING = 0.1
-"""Threshold of the displacement between two pictures [pixels]: a dot counts as moving if its
-displacement is larger. The threshold is ten times the noise."""
+"""Displacement between two pictures above which a dot moves [pixels]; noise is a tenth."""
 _ORDER = 6
-"""Order of the divided difference [1]. The difference reduces waves with a tenth of the picture
-rate to a thousandth, and errors that last for two pictures to a half."""
+"""Order of the divided difference; slow waves are reduced to a thousandth."""
 _RECORDED_STEP = 0.4
-"""Threshold of the displacement between two pictures [pixels]: every usable video updates a dot if
-its displacement is larger. The threshold is several times the errors of good videos."""
+"""Displacement between two pictures above which every usable video updates a dot [pixels]."""
 
 
 def _faded(total: float) -> float:
-    """Return the value to which a sum over pictures fades until the next picture."""
     return total * (1 - 1 / MEMORY)
 
 
@@ -70,21 +47,14 @@ class FadingMeanSquare:
         self._squares = self._count = 0.0
 
     def add(self, values: Array, expected: float = 1.0) -> None:
-        """Add the values of a picture, shape (K,).
-
-        Values far above the mean square are ignored. `expected` is the mean square that is
-        expected before there are values.
-        """
+        """Add the values of a picture, (K,), except outliers."""
         valid = values[np.isfinite(values)]
         valid = valid[valid**2 < _MAX_VALUE**2 * self.value(expected)]
         self._squares = _faded(self._squares) + float(valid @ valid)
         self._count = _faded(self._count) + len(valid)
 
     def add_weighted(self, values: Array, weights: Array) -> None:
-        """Add the values of a picture with weights, (K,) each.
-
-        A weight is a number of pictures. Large values are reduced to `_MAX_VALUE`.
-        """
+        """Add the values of a picture, with numbers of pictures as weights, (K,) each."""
         squares = np.minimum(values**2, _MAX_VALUE**2 * self.value())
         self._squares = _faded(self._squares) + float(weights @ squares)
         self._count = _faded(self._count) + float(weights.sum())
@@ -101,11 +71,7 @@ class RepeatDetector:
         self._before: Picture | None = None
 
     def compare(self, grey: Picture, centres: Array, radius: float) -> NDArray[np.bool_]:
-        """Return which dots have exactly the same pixels as in the previous picture, shape (N,).
-
-        A dot consists of the pixels within a radius [pixels] of its centre. `centres` [pixels]
-        have the shape (N, 2). The centre of a hidden dot is NaN.
-        """
+        """Return which dots within a radius [pixels] have the same pixels as before, (N,)."""
         before, self._before = self._before, grey.copy()
         repeated = np.zeros(len(centres), dtype=bool)
         if before is None:
@@ -121,20 +87,15 @@ class RepeatDetector:
 
 @dataclass(frozen=True)
 class DotMeasurements:
-    """Measurements of the dots of N masses in a picture.
-
-    Each array has the shape (N,). Values of hidden dots are NaN.
-    """
+    """Measurements of the dots of N masses at a time [s], (N,) each; NaN if hidden."""
 
     time: float
-    """Time of the angles [s]."""
     angles: Array
     """Measured angles [rad]."""
     noise: Array
     """Standard deviations of the angles due to pixel noise [rad]."""
     length_errors: Array
-    """Errors of the distances from the pivots, over their standard deviations by pixel noise
-    [1]."""
+    """Errors of distances from pivots, over their standard deviations by pixel noise [1]."""
     pixels_per_radian: Array
     """Displacements of the centres per change of the angles [pixels/rad]."""
     displacements: Array
@@ -166,7 +127,6 @@ class ErrorScale:
         return np.sqrt(np.where(dots.repeated, jumps, updated))
 
     def _add_jumps(self, dots: DotMeasurements) -> None:
-        """Add the jumps of the dots that were repeated before and are updated in this picture."""
         jumps = (dots.angles - self._before) / dots.noise
         ended = (self._repeats > 0) & ~dots.repeated & np.isfinite(jumps)
         self._jumps.add_weighted(jumps[ended], self._repeats[ended])
@@ -200,11 +160,7 @@ class DeadZone:
         self._since = 0 if repeated.any() and (seen & ~repeated).any() else self._since + 1
 
     def add(self, dots: DotMeasurements, jumps: float) -> None:
-        """Add the errors of a picture.
-
-        `jumps` is the mean square of the jumps of repeated dots, relative to the variance due to
-        pixel noise [1]. It is the expected variance before dots have moved.
-        """
+        """Add a picture; `jumps` is the expected variance ratio before dots have moved [1]."""
         self._times = np.append(self._times[1:], dots.time)
         self._angles = np.vstack([self._angles[1:], dots.angles])
         self._length_errors = np.vstack([self._length_errors[1:], dots.length_errors])
@@ -218,10 +174,7 @@ class DeadZone:
         self._across.add(self._length_errors[_ORDER // 2, always])
 
     def variances(self, resting: float, jumps: float) -> Array:
-        """Return the ratios of error variances to the variances due to pixel noise [1], (N,).
-
-        `resting` and `jumps` are such ratios of resting dots and of repeated dots.
-        """
+        """Return variances over those by pixel noise [1], (N,), given two such ratios."""
         along = self._along.value(jumps)
         along *= max(1.0, self._across.value() / self._across_difference.value())
         usual = math.exp(self._log_repeats / max(self._ended, 1.0))
@@ -229,10 +182,7 @@ class DeadZone:
 
 
 def _difference_weights(times: Array) -> Array:
-    """Return the weights of the divided difference of values at times, shape (T,).
-
-    The sum of the squared weights is 1.
-    """
+    """Return normalised weights of the divided difference of values at times, (T,)."""
     apart = times[:, None] - times
     np.fill_diagonal(apart, times[-1] - times[0])
     weights = 1 / np.prod(apart / (times[-1] - times[0]), axis=1)

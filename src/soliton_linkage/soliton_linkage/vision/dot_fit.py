@@ -1,20 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Least-squares fit of dots to pixels, with the covariances of the centres.
 
-A model of a dark dot on a white label is fitted to the grey levels I of the pixels x. The dot has
-the centre p and the radius R:
+A model of a dark dot, with centre p and radius R, is fitted to the grey levels I of the pixels x:
 
     I(x) = (1 + g (x - p)) (w - c T(x - p)),
     T(y) = mean_k erfc((|S (y - s_k)| - R) / (b sqrt 2)) / 2,
 
-Here w is the grey level of the label, c the contrast of the dot, g the relative gradient of the
-light, and b the blur. The offsets s_k divide the path of the dot during the exposure. The matrix S
-has the determinant 1 and maps the ellipse of the dot in the image to a circle. The fitted
-parameters are w, c, g, p, R and b.
-
-If all pixels have the same noise, the fit reaches the Cramer-Rao bound, and the covariance of the
-centre follows from the matrix of the normal equations. Pixels at the edge of the label are
-excluded, because uneven surroundings would bias the centre.
+with the grey level w of the label, the contrast c, the gradient g of the light, and the blur b.
+The offsets s_k divide the path during the exposure. S, of determinant 1, maps the ellipse of the
+dot to a circle. Pixels at the edge of the label would bias the centre and are excluded.
 """
 
 from __future__ import annotations
@@ -32,42 +26,35 @@ from soliton_linkage.linkage.chain import Array
 _BLUR = 0.6
 """Initial value of the blur of an edge [pixels], typical of lenses and pixels."""
 _BLURS = (0.35, 1.5)
-"""Smallest and largest blur [pixels]. Pixels with a perfect lens have the smallest blur, and bad
-lenses have the largest."""
+"""Smallest and largest blur [pixels], of a perfect and of a bad lens."""
 _RADII = (0.7, 1.4)
 """Smallest and largest radius of a dot, relative to the expected radius [1]."""
 _PARAMETERS = 8
-"""Number of fitted parameters [1]: w, c, g (2), p (2), R and b."""
+"""Number of fitted parameters: w, c, g (2), p (2), R and b."""
 _LABEL_MARGIN = 1.4
-"""Width of the margin of a label in which pixels are excluded [pixels]. It is more than twice the
-blur."""
+"""Width of the excluded margin of a label [pixels], more than twice the blur."""
 _MAX_DISTANCE = 4.0
 """Largest distance of a fitted pixel from the edge of the dot [pixels]."""
 _MAX_ITERATIONS = 6
-"""Largest number of Gauss-Newton iterations [1]. They suffice because initial centres have errors
-of less than a pixel."""
+"""Largest number of iterations, enough for initial errors of less than a pixel."""
 _TOLERANCE = 3e-4
-"""Threshold of the step of the centre [pixels]: the fit has converged if the step is shorter. The
-remaining error is a hundredth of the noise."""
+"""Step of the centre at convergence [pixels]; the error left is a hundredth of the noise."""
 _MAX_STEP = 0.7
-"""Longest step of the centre in an iteration [pixels]. For longer steps the model is not
-linear."""
+"""Longest step of the centre [pixels]; for longer ones the model is not linear."""
 _OFFSETS = 5
-"""Number of offsets s_k along the path of a moving dot [1]."""
+"""Number of offsets s_k along the path of a moving dot."""
 _HALF_WIDTH = 4.0
-"""Half width of a blurred edge in the tables, in units of the blur [1]. Farther from the edge, the
-error is 3e-5 of the contrast."""
+"""Half width of an edge in the tables, in blurs [1]; beyond, errors are 3e-5."""
 _STEPS = 64
-"""Number of points of the tables per unit of the blur [1]. Interpolation errors are below 1e-5."""
+"""Number of points of the tables per blur; interpolation errors are below 1e-5."""
 _DISTANCES = np.arange(2 * int(_HALF_WIDTH) * _STEPS + 1) / _STEPS - _HALF_WIDTH
 """Distances from an edge at the points of the tables, in units of the blur [1]."""
 _COVERS: Array = erfc(_DISTANCES / math.sqrt(2)) / 2
-"""Table of the coverage: fraction of a pixel at these distances that a blurred dot covers [1]."""
+"""Fraction of a pixel at these distances that a blurred dot covers [1]."""
 _EDGES: Array = np.exp(-(_DISTANCES**2) / 2) / math.sqrt(2 * math.pi)
-"""Table of the negative derivative of the coverage by the distance [1]."""
+"""Negative derivative of this fraction by the distance [1]."""
 _MIN_SMEAR = 0.3
-"""Threshold of the displacement during the exposure [pixels]: a dot is treated as resting if it
-moves less."""
+"""Displacement during the exposure below which a dot counts as resting [pixels]."""
 
 
 @compiled(const_u1_2d, f8_1d, f8_1d)
@@ -90,10 +77,7 @@ def begin_loop(grey: NDArray[np.uint8], dot: Array, state: Array) -> None:
 def _cover(
     x: float, y: float, offsets: int, dot: Array, radius: float, blur: float
 ) -> tuple[float, float, float, float, float]:
-    """Return the coverage T of a pixel, and its derivatives by x, y, R and b.
-
-    (x, y) is the position of the pixel relative to the centre of the dot.
-    """
+    """Return the coverage T at (x, y), and its derivatives by x, y, R and b."""
     sxx, sxy, syx, syy, smear_x, smear_y = dot[4:]
     cover = by_x = by_y = by_radius = by_blur = 0.0
     for k in range(offsets):
@@ -127,7 +111,6 @@ def _add_pixel(
     squared: Array,
     last: bool,
 ) -> None:
-    """Add a weighted residual to the upper triangles of the normal equations."""
     for i in range(_PARAMETERS):
         weighted = weight * derivatives[i]
         right[i] += weighted * left
@@ -155,8 +138,7 @@ def normal_loop(
 ) -> tuple[float, float]:
     """Compute the normal equations; return the sums of squared residuals and of weights.
 
-    The matrix is stored in `normal` and the right side in `right`. With `last`, the matrix with
-    squared weights is stored in `squared`.
+    With `last`, the matrix with squared weights is stored in `squared`.
     """
     height, width = grey.shape
     white, contrast, by_column, by_row, x0, y0, radius, blur = state
@@ -199,10 +181,7 @@ def normal_loop(
 
 @compiled(f8_2d, f8_1d)
 def solve_loop(matrix: Array, right: Array) -> None:
-    """Solve a symmetric positive definite system in place; the solution replaces `right`.
-
-    Only the upper triangle of the matrix is used.
-    """
+    """Solve a positive definite system, given its upper triangle, in place of `right`."""
     size = len(right)
     for i in range(size):
         pivot = max(matrix[i, i], 1e-12)
@@ -221,9 +200,8 @@ def solve_loop(matrix: Array, right: Array) -> None:
 def fit_loop(grey: NDArray[np.uint8], dots: Array, found: Array) -> None:
     """Fit dots and store the results in `found`; both have one row per dot.
 
-    A row of `dots` contains the initial centre (2), radius, reach, S (4) and smear (2). The reach
-    is the radius of the circle of fitted pixels. A row of `found` contains the centre (2), the
-    grey level of the label, the contrast, the covariance (xx, xy, yy) and the residual.
+    Rows of `dots`: initial centre (2), radius, radius of fitted pixels, S (4), smear (2). Rows of
+    `found`: centre (2), level of the label, contrast, covariance (xx, xy, yy), residual.
     """
     state, right = np.empty(_PARAMETERS), np.empty(_PARAMETERS)
     normal = np.empty((_PARAMETERS, _PARAMETERS))
@@ -269,28 +247,26 @@ def fit_loop(grey: NDArray[np.uint8], dots: Array, found: Array) -> None:
 
 @dataclass(frozen=True)
 class FittedDots:
-    """K fitted dots."""
+    """Centres [pixels], (K, 2), of K fitted dots, with covariances and grey levels."""
 
     centres: Array
-    """Centres [pixels], shape (K, 2)."""
     covariances: Array
-    """Covariances of the centres [pixels^2], shape (K, 2, 2)."""
+    """Covariances of the centres [pixels^2], (K, 2, 2)."""
     contrasts: Array
-    """Differences between the grey levels of labels and of dots, shape (K,)."""
+    """Differences between the grey levels of labels and of dots, (K,)."""
     whites: Array
-    """Grey levels of the labels, shape (K,)."""
+    """Grey levels of the labels, (K,)."""
     residuals: Array
-    """Root mean square residuals [grey levels], shape (K,)."""
+    """Root mean square residuals [grey levels], (K,)."""
 
 
 def fit_dots(
     grey: NDArray[np.uint8], starts: Array, outlines: Array, dot_share: float, smears: Array
 ) -> FittedDots:
-    """Fit K dots near the positions `starts` [pixels], shape (K, 2).
+    """Fit K dots near `starts` [pixels], (K, 2), with displacements `smears` [pixels], (K, 2).
 
-    `smears` are the displacements of the dots during the exposure [pixels], (K, 2). Each matrix
-    of `outlines` maps the outline of a dot, relative to its centre, to the unit circle [1/pixel],
-    (K, 2, 2). `dot_share` is the radius of a dot divided by the radius of its label [1].
+    `outlines`, (K, 2, 2), map each dot to the unit circle [1/pixel]. `dot_share` is the radius of
+    a dot divided by the radius of its label [1].
     """
     radii = 1 / np.sqrt(np.abs(np.linalg.det(outlines)))
     shapes = (radii[:, None, None] * outlines).reshape(-1, 4)

@@ -14,37 +14,32 @@ from soliton_linkage.vision.layout import COLOURS, DOT_SHARE
 from soliton_linkage.vision.opencv import Picture, opencv
 
 MIN_CONTRAST = 20.0
-"""Smallest accepted contrast of a fitted dot [grey levels of 256]. It is a tenth of the contrast
-in good light."""
+"""Smallest contrast of a fitted dot [grey levels of 256], a tenth of that in good light."""
 _THRESHOLD = 0.3 * MIN_CONTRAST
 """Smallest difference between a dark spot and its surroundings [grey levels]."""
 _AREAS = (0.2, 4.0)
-"""Smallest and largest accepted area of a dark spot, relative to the area of a resting dot [1]."""
+"""Accepted area of a dark spot, relative to the area of a resting dot [1]."""
 _MAX_RELATIVE_RESIDUAL, _MAX_RESIDUAL = 2.0, 0.02
-"""The largest accepted residual of a fitted dot is the first number times the median residual of
-all dots, plus the second number times the contrast of the dot [1]. Partly hidden dots have larger
-residuals."""
+"""Limits of residuals, over the median residual and over the contrast [1]."""
 _MAX_SHIFT = 2.5
-"""Largest accepted distance between a fitted dot and its dark spot, minus half the smear
-[pixels]."""
+"""Largest distance of a dot from its dark spot, minus half the smear [pixels]."""
 _GREY_SATURATION = 0.25
-"""Threshold of the saturation [1]: a dot is certainly not black if its saturation is larger."""
+"""Saturation above which a dot is certainly not black [1]."""
 _HUE_DEVIATION = 0.5
 """Standard deviation of a measured hue [rad]."""
 MAX_COLOUR_COST = 20.0
-"""Largest cost of a wrong colour [1]. It is larger than the cost of a hidden rotor."""
+"""Largest cost of a wrong colour [1], above that of a hidden rotor."""
 
 
 @dataclass(frozen=True)
 class Dots:
-    """K dots in a picture."""
+    """Centres of K dots in a picture [pixels], (K, 2), with covariances and colours."""
 
     centres: Array
-    """Centres [pixels], shape (K, 2)."""
     covariances: Array
-    """Covariances of the centres [pixels^2], shape (K, 2, 2)."""
+    """Covariances of the centres [pixels^2], (K, 2, 2)."""
     colour_costs: Array
-    """Cost (minus twice the log likelihood) of each colour of `COLOURS` [1], shape (K, C)."""
+    """Cost (minus twice the log likelihood) of each colour of `COLOURS` [1], (K, C)."""
 
 
 def find_dots(
@@ -58,10 +53,8 @@ def find_dots(
 ) -> Dots:
     """Return the dots in a region (left, top, right, bottom) [pixels].
 
-    Dots are predicted at M positions `predicted` [pixels], (M, 2). Only dots that are nearer than
-    `reaches` [pixels], (M,), to a predicted position are returned. Each dot is fitted with the
-    outline and the smear of the nearest predicted position. The smear is the displacement during
-    the exposure [pixels], (M, 2). `fit_dots` explains the outlines, (M, 2, 2).
+    Dots must be nearer than `reaches`, (M,), to a position `predicted`, (M, 2), and are fitted
+    with its outline, (M, 2, 2), and smear, (M, 2) [pixels] (see `fit_dots`).
     """
     radius = float(np.median(np.abs(np.linalg.det(outlines)))) ** -0.5
     left, top, right, bottom = region
@@ -87,7 +80,6 @@ def _distances(points: Array, others: Array) -> Array:
 
 
 def _spots(grey: Picture, radius: float, smear: float) -> Array:
-    """Return the centroids of dark spots that have about the size of a dot [pixels], (K, 2)."""
     cv2 = opencv()
     block = 2 * round(radius / DOT_SHARE) + 1
     mask = cv2.adaptiveThreshold(
@@ -109,10 +101,6 @@ def _spots(grey: Picture, radius: float, smear: float) -> Array:
 
 
 def _label_ring(radius: float) -> Array:
-    """Return points on the white ring of a label, relative to its centre [pixels], (12, 2).
-
-    `radius` is the radius of the dot [pixels].
-    """
     turns = np.arange(12) * np.pi / 6
     ring = np.column_stack([np.cos(turns), np.sin(turns)])
     return np.asarray(radius * (1 + 1 / DOT_SHARE) / 2 * ring)
@@ -128,7 +116,7 @@ def _accepted(fitted: FittedDots, spots: Array, smears: Array) -> NDArray[np.boo
 
 
 def _colour_costs(picture: Picture, centres: Array, radius: float) -> Array:
-    """Return the cost of each colour for each dot, shape (K, C). In a grey picture it is 0."""
+    """Return the cost of each colour for each dot, (K, C), 0 in a grey picture."""
     if picture.ndim == 2 or not len(centres):
         return np.zeros((len(centres), len(COLOURS)))
     middle = np.array([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)]) * min(radius / 3, 1.0)

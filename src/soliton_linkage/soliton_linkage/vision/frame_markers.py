@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plane of the chain from the markers on its frame, and detection of camera motions.
 
-ArUco markers are detected in the first picture and after each motion of the camera. Each marker
-has four dots, which are fitted in every picture. While the camera is at rest, the centre of each
-dot is averaged over the pictures, and the plane is fitted to these averages.
+ArUco markers are detected in the first picture and after each motion of the camera. Their dots are
+fitted in every picture, and averaged while the camera is at rest.
 """
 
 from __future__ import annotations
@@ -25,41 +24,27 @@ from soliton_linkage.vision.plane import ChainPlane, fit_plane
 class PlacingErrors:
     """Errors of angles due to errors in the stated positions of the frame markers.
 
-    The plane of the chain is fitted to the dots of the frame markers. Small displacements of the
-    markers displace the fitted plane by a field u, which is linear in these displacements. For a
-    homography the field is, to first order,
+    Displacements of markers displace the fitted plane, to first order, by the field
 
         u_x = p0 + p1 x + p2 z + p6 x^2 + p7 x z,
         u_z = p3 + p4 x + p5 z + p6 x z + p7 z^2.
-
-    The difference of the field between both ends of a rotor changes the measured angle of the
-    rotor.
     """
 
     def __init__(self, dots: Array, markers: NDArray[np.intp]) -> None:
-        """Prepare for K visible dots.
-
-        `dots` are their positions [m], shape (K, 2). `markers` are the numbers of the markers to
-        which they belong, shape (K,).
-        """
+        """Prepare for K visible dots [m], (K, 2), of numbered markers, (K,)."""
         self._centre, self._scale = dots.mean(axis=0), float(np.ptp(dots, axis=0).max())
         moved = np.kron(markers[:, None] == np.unique(markers), np.eye(2))
         fields = self._fields(dots).reshape(-1, 8)
         self._parameters = np.linalg.lstsq(fields, moved, rcond=None)[0]
 
     def deviations(self, pivots: Array, arms: Array) -> Array:
-        """Return the standard deviation of each angle, divided by that of markers [rad/m], (N,).
-
-        The positions of the markers have independent errors with equal standard deviations [m].
-        Pivots and arms of the rotors [m] have the shape (N, 2).
-        """
+        """Return deviations of angles per deviation of markers [rad/m], (N,)."""
         change = self._fields(pivots + arms) - self._fields(pivots)
         across = np.stack([arms[:, 1], -arms[:, 0]], axis=1) / np.sum(arms**2, axis=1)[:, None]
         turns = np.einsum('ni,nij->nj', across, change) @ self._parameters
         return np.asarray(np.sqrt(np.sum(turns**2, axis=1)))
 
     def _fields(self, points: Array) -> Array:
-        """Return the derivatives of the field by its parameters at points [m], (K, 2, 8)."""
         x, z = ((points - self._centre) / self._scale).T
         one, none = np.ones_like(x), np.zeros_like(x)
         along = [one, x, z, none, none, none, x * x, x * z]
@@ -68,31 +53,23 @@ class PlacingErrors:
 
 
 _MAX_PICTURES = 1000
-"""Largest number of pictures in a mean [1]. The number is limited so that the mean follows slow
-motions of the frame."""
+"""Largest number of pictures in a mean, which then follows slow motions of the frame."""
 _FIT_PERIOD = 30
-"""Period of the fits of the plane [pictures]. In the first pictures, up to this number, the plane
-is fitted in every picture. Later the means change slowly."""
+"""Period of the fits of the plane [pictures], after a fit in each of the first pictures."""
 FEWEST_DOTS = 6
-"""Smallest number of dots that defines a plane and its residual [1]."""
+"""Smallest number of dots that defines a plane and its residual."""
 _MOTION_THRESHOLD = 6.0
-"""Threshold of the mean shift of the dots, in its standard deviations [1]: the camera has moved if
-the shift is larger. At 60 pictures per second, noise never reaches this threshold."""
+"""Mean shift of the dots of a moved camera, in standard deviations [1]."""
 _MIN_MOTION = 0.1
-"""Smallest motion of the camera that is detected [pixels]. Flickering lamps shift dots by less."""
+"""Smallest detected motion of the camera [pixels]; flickering lamps shift dots by less."""
 _MIN_OUTLIER = 0.5
-"""Threshold of the difference between the shift of a dot and the common shift of all dots
-[pixels]: the dot is treated as hidden if the difference is larger."""
+"""Difference from the common shift above which a dot counts as hidden [pixels]."""
 _MAX_RESIDUAL = 0.12
-"""Largest accepted residual of a dot, relative to its contrast [1]. Partly hidden dots have larger
-residuals."""
+"""Largest residual of a dot over its contrast [1]; hidden parts cause larger ones."""
 _MAX_SCALE_ERROR = 0.02
-"""Threshold of the relative difference between two scales, of the sizes of frame markers and of
-the distances between them [1]: a larger difference is reported. Errors of the positions cause
-smaller differences, and a print that was scaled to the paper causes larger ones."""
+"""Largest relative difference of print and distances that is not reported [1]."""
 _SEARCH_PERIOD = 60
-"""Period of the search for missing markers [pictures]. A search takes as long as one picture
-period."""
+"""Period of the search for missing markers [pictures]; it takes a picture period."""
 
 
 class FrameMarkers:
@@ -104,15 +81,11 @@ class FrameMarkers:
         self.deviation = 0.0
         """Standard deviation of the position of the plane in the picture [pixels]."""
         self.fit_error = 0.0
-        """Standard deviation of the constant error of a fitted centre [pixels].
-
-        It is estimated from the dots of each marker, whose printed distances are exact.
-        """
+        """Standard deviation of the constant error of a fitted centre [pixels]."""
         self.placing: PlacingErrors | None = None
-        """Errors due to the positions of the frame markers, None until the plane is known."""
+        """Errors by the positions of the frame markers, None until the plane is known."""
         self.print_scale = 1.0
-        """Ratio of the size of the printed markers to the size in the layout [1], if the distances
-        between the markers are those of the layout."""
+        """Size of the printed markers over the size in the layout [1]."""
         self.seen = 0
         """Number of visible dots in the latest picture."""
         self.moves = 0
@@ -140,7 +113,7 @@ class FrameMarkers:
 
     @property
     def centres(self) -> Array:
-        """Centres of the K known dots, averaged over the pictures [pixels], shape (K, 2)."""
+        """Centres of the K known dots, averaged over the pictures [pixels], (K, 2)."""
         return self._centres[self._known]
 
     def update(self, grey: Picture) -> bool:
@@ -169,7 +142,6 @@ class FrameMarkers:
         return True
 
     def _find(self, grey: Picture) -> bool:
-        """Detect all markers and fit the plane; return whether enough markers are visible."""
         found = self._detect(grey)
         self.seen = 0
         if len(found) * 4 < FEWEST_DOTS:
@@ -188,10 +160,7 @@ class FrameMarkers:
         return True
 
     def _relocate(self, grey: Picture) -> bool:
-        """Detect the markers again, because the camera has moved or markers are hidden.
-
-        Always return True, because the previous plane is kept if the detection fails.
-        """
+        """Detect the markers again; keep the previous plane if the detection fails."""
         kept = self.plane, self._centres, self._known, self._pictures
         found, distance = self._find(grey), np.nan
         both = kept[2] & self._known
@@ -205,7 +174,6 @@ class FrameMarkers:
         return True
 
     def _find_more(self, grey: Picture) -> bool:
-        """Search markers that were hidden before; return whether more dots are visible now."""
         kept = self.plane, self._centres, self._known, self._pictures
         if self._find(grey) and self.seen > int(kept[2].sum()):
             return True
@@ -215,10 +183,7 @@ class FrameMarkers:
     def _fit_centres(
         self, grey: Picture, plane: ChainPlane, starts: Array
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the fitted centres of dots near the positions `starts` [pixels], (K, 2).
-
-        The second result states which of the K dots are visible.
-        """
+        """Return fitted centres near `starts` [pixels], (K, 2), and which dots are visible."""
         radius = self._layout.dot_radius
         outlines = plane.metres_per_pixel(starts) / radius
         fitted = fit_dots(grey, starts, outlines, DOT_SHARE, np.zeros_like(starts))
@@ -246,10 +211,7 @@ class FrameMarkers:
             self.fit_error = float(np.sqrt(max(error**2 - self._variance / self._pictures, 0.0)))
 
     def _detect(self, grey: Picture) -> dict[int, Array]:
-        """Return the corners of each detected marker [pixels], shape (4, 2).
-
-        The keys are the numbers of the markers. Markers that are not in the layout are ignored.
-        """
+        """Return the corners [pixels], (4, 2), of each detected marker of the layout by number."""
         corners, numbers = self._detector(grey)
         if numbers is None:
             return {}
@@ -261,18 +223,13 @@ class FrameMarkers:
 
 
 def _spreads(dots: Array) -> tuple[float, float]:
-    """Return two extents [m]: of the dots of a marker, and of the centres of all markers."""
     centres = dots.mean(axis=1)
     within = np.linalg.norm(dots - centres[:, None]) / np.sqrt(len(dots))
     return float(within), float(np.linalg.norm(centres - centres.mean(axis=0)))
 
 
 def _shape_error(dots: Array, expected: Array) -> float:
-    """Return the standard deviation of M markers of 4 dots from their expected shapes [pixels].
-
-    Both arrays have the shape (M, 4, 2). Displacements, rotations and scales of the markers are
-    removed, because they are errors of the positions and of the print.
-    """
+    """Return the deviation of markers, (M, 4, 2), from expected shapes [pixels]."""
     one, other = (
         np.ascontiguousarray(each).view(np.complex128)[..., 0] for each in (dots, expected)
     )
@@ -283,10 +240,7 @@ def _shape_error(dots: Array, expected: Array) -> float:
 
 
 def marker_detector(cv2: Any) -> Any:
-    """Return a function that detects the corners and numbers of markers in a grey picture.
-
-    It works with OpenCV 4.6 or later.
-    """
+    """Return a function that detects markers in a grey picture, for OpenCV 4.6 or later."""
     aruco = cv2.aruco
     dictionary = aruco.getPredefinedDictionary(getattr(aruco, DICTIONARY))
     if hasattr(aruco, 'ArucoDetector'):

@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Positions, sizes and colours of the markers of a chain.
 
-Each pivot has a black dot on a white label. Each mass has a coloured dot on a white label; the
-colours of successive masses are red, green and blue in turn. The frame has ArUco markers above and
-below the chain. Each ArUco marker has a black dot beyond each of its corners. The markers identify
-these dots, and the positions of the dots define the plane of the chain.
+Each pivot has a black dot and each mass a dot in red, green or blue in turn, on white labels.
+ArUco markers on the frame identify black dots beyond their corners, which define the plane.
 """
 
 from __future__ import annotations
@@ -21,26 +19,21 @@ from soliton_linkage.linkage.quantities import check_quantities, document_fields
 from soliton_linkage.vision.opencv import opencv
 
 DICTIONARY = 'DICT_4X4_50'
-"""ArUco dictionary. Its markers have the fewest cells and are thus detected from the largest
-distance."""
+"""ArUco dictionary with the fewest cells, detected from the largest distance."""
 MODULES = 6
-"""Number of cells along the side of a frame marker, including the black border [1]."""
+"""Number of cells along the side of a frame marker, including the black border."""
 DOT_SHARE = 0.48
-"""Diameter of a dot, relative to the diameter of its label [1]. The white ring around the dot is
-needed because of blur."""
+"""Diameter of a dot over that of its label [1]; the white ring is needed because of blur."""
 COLOURS = ((0, 0, 0), (200, 30, 40), (0, 120, 60), (30, 60, 190))
-"""Colours of dots as red, green and blue [0 to 255]. The first is for pivots, the others are for
-masses. All are much darker than white, and those of masses have different hues."""
+"""Red, green and blue of the dots of pivots and of masses [0 to 255]."""
 _LABEL_OF_SPACING, _LABEL_OF_ROTOR = 0.45, 0.9
-"""Largest diameter of a label, relative to the spacing and relative to the rotor length [1]. The
-smaller of the two diameters is used."""
+"""Largest diameter of a label, over the spacing and over the rotor length [1]."""
 _MARKER_OF_SPACING = 0.9
 """Side of a frame marker, relative to the spacing [1]."""
 _MIN_DISTANCE = 1.05
-"""Smallest distance between the centres of frame markers, relative to the side of their paper
-[1]."""
+"""Smallest distance of the centres of frame markers, over the side of their paper [1]."""
 _LABEL_GAP = 0.25
-"""Gap between the paper of a frame marker and the nearest label, relative to the spacing [1]."""
+"""Gap between the paper of a frame marker and the next label, over the spacing [1]."""
 
 
 @document_fields
@@ -70,7 +63,6 @@ class MarkerSettings:
     )
 
     def __post_init__(self) -> None:
-        """Reject values out of range."""
         check_quantities(self)
         if len(self.frame_x) != len(self.frame_z) or len(self.frame_x) not in (0, *range(2, 51)):
             raise ValueError(
@@ -81,10 +73,7 @@ class MarkerSettings:
 
 @dataclass(frozen=True)
 class MarkerLayout:
-    """Markers of a chain, with their positions (x, z) in the plane of the chain.
-
-    x points along the chain from rotor 0, and z points upwards.
-    """
+    """Markers of a chain at (x, z), with x along the chain from rotor 0 and z upwards."""
 
     chain: Chain
     settings: MarkerSettings = MarkerSettings()
@@ -103,7 +92,7 @@ class MarkerLayout:
 
     @cached_property
     def colours(self) -> NDArray[np.intp]:
-        """Index in `COLOURS` of the dot of each mass, shape (N,)."""
+        """Index in `COLOURS` of the dot of each mass, (N,)."""
         return 1 + np.arange(self.chain.number_of_rotors) % (len(COLOURS) - 1)
 
     @cached_property
@@ -119,7 +108,7 @@ class MarkerLayout:
 
     @cached_property
     def frame_centres(self) -> Array:
-        """Centres of the frame markers [m], shape (M, 2)."""
+        """Centres of the frame markers [m], (M, 2)."""
         if self.settings.frame_x:
             return np.column_stack([self.settings.frame_x, self.settings.frame_z])
         chain, size = self.chain, self.frame_marker_size
@@ -142,12 +131,12 @@ class MarkerLayout:
 
     @cached_property
     def frame_corners(self) -> Array:
-        """Corners of the frame markers, clockwise from the upper left [m], shape (M, 4, 2)."""
+        """Corners of the frame markers, clockwise from the upper left [m], (M, 4, 2)."""
         return self._squares(self.frame_marker_size / 2)
 
     @cached_property
     def frame_dots(self) -> Array:
-        """Centres of the dots beyond these corners, in the same order [m], shape (M, 4, 2)."""
+        """Centres of the dots beyond these corners, in the same order [m], (M, 4, 2)."""
         return self._squares(self.frame_marker_size / 2 + self.label_radius)
 
     @cached_property
@@ -157,10 +146,7 @@ class MarkerLayout:
 
     @cached_property
     def as_printed(self) -> MarkerSettings:
-        """Settings that contain all sizes and positions of this layout.
-
-        With these settings, another chain can use the same printed markers.
-        """
+        """Settings with which another chain can use the same printed markers."""
         return replace(
             self.settings,
             label_diameter=2 * self.label_radius,
@@ -175,14 +161,14 @@ class MarkerLayout:
 
     @cached_property
     def bounds(self) -> Array:
-        """Box that contains all labels: lowest x and z, highest x and z [m], shape (2, 2)."""
+        """Box of all labels: lowest x and z, highest x and z [m], (2, 2)."""
         chain = self.chain
         reach = float(chain.rotor_lengths.max()) + self.label_radius
         return np.array([[-reach, -reach], [float(chain.pivots[-1]) + reach, reach]])
 
 
 def marker_cells(number: int) -> NDArray[np.uint8]:
-    """Return the cells of a frame marker, 0 for black, shape (MODULES, MODULES)."""
+    """Return the cells of a frame marker, 0 for black, (MODULES, MODULES)."""
     aruco = opencv().aruco
     dictionary = aruco.getPredefinedDictionary(getattr(aruco, DICTIONARY))
     draw = getattr(aruco, 'generateImageMarker', None) or aruco.drawMarker

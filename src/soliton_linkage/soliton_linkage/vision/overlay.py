@@ -15,23 +15,19 @@ from soliton_linkage.vision.angle_camera import AngleFrame
 from soliton_linkage.vision.opencv import Picture, opencv
 
 _FONT_SIZE = 1 / 1800
-"""Font size divided by the width of the picture [1/pixel]. Text is readable in pictures of 1280
-pixels."""
+"""Font size over the width of the picture [1/pixel], readable at 1280 pixels."""
 _SHADOW = (20, 20, 20)
-"""Colour of the shadow of letters (blue, green, red). The shadow gives contrast on any
-background."""
+"""Colour (blue, green, red) of the shadow of letters, for contrast on any background."""
 _WALL_LENGTH = 1.35
-"""Half length of the line across the chain that marks a wall, relative to the rotor length [1]."""
+"""Half length of the line that marks a wall, relative to the rotor length [1]."""
 _NAME_DISTANCE = 0.95
-"""Distance of the name of a rotor from its pivot, relative to the spacing [1]. At this distance,
-the name is outside the label, and is nearer to the pivot of its rotor than to most other
-pivots."""
+"""Distance of the name of a rotor from its pivot, outside the label, over the spacing [1]."""
 _WALL_DEVIATIONS = 2.0
-"""Half width of the band around a wall, in standard deviations of the position of the wall [1]."""
+"""Half width of the band around a wall, in standard deviations [1]."""
 _OPACITY = 0.35
 """Opacity of the band around a wall [1]."""
 _SHIFT = 4
-"""Number of fractional bits of coordinates in OpenCV [1]."""
+"""Number of fractional bits of coordinates in OpenCV."""
 
 
 class WallMark(NamedTuple):
@@ -48,11 +44,7 @@ class WallMark(NamedTuple):
 def draw_overlay(
     picture: Picture, frame: AngleFrame, names: Sequence[str], walls: Sequence[WallMark] = ()
 ) -> Picture:
-    """Return a copy of a picture on which the measurement of the picture is drawn.
-
-    Rings mark dots, lines connect pivots and masses, and hidden rotors are orange. If the names of
-    the rotors are too long, the numbers of the rotors are drawn instead.
-    """
+    """Return a copy of a picture with rings, lines, names (or numbers) and walls."""
     cv2 = opencv()
     drawn = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR) if picture.ndim == 2 else picture.copy()
     pen = _Pen(cv2, drawn)
@@ -99,7 +91,6 @@ class _Pen:
             part[:] = self._cv2.addWeighted(filled, _OPACITY, part, 1 - _OPACITY, 0.0)
 
     def write(self, text: str, corner: Array, colour: str) -> None:
-        """Write text with a shadow; `corner` is its lower left corner [pixels]."""
         x, y = (round(float(each)) for each in corner)
         font, style = self._cv2.FONT_HERSHEY_SIMPLEX, (self.thickness, self._cv2.LINE_AA)
         for shift, paint in ((1, _SHADOW), (0, _bgr(colour))):
@@ -107,7 +98,6 @@ class _Pen:
             self._cv2.putText(self.picture, text, at, font, self.size, paint, *style)
 
     def extent(self, text: str) -> Array:
-        """Return the width and height of a text [pixels]."""
         font = self._cv2.FONT_HERSHEY_SIMPLEX
         size, _ = self._cv2.getTextSize(text, font, self.size, self.thickness)
         return np.array(size, dtype=np.float64)
@@ -122,7 +112,6 @@ def _subpixels(point: Array) -> tuple[int, int]:
 
 
 def _draw_rotors(pen: _Pen, frame: AngleFrame, names: Sequence[str], distance: float) -> None:
-    """Draw the rotors, and write each name at a distance [pixels] from the pivot."""
     for pivot, mass, name in zip(frame.pivots, frame.masses, names, strict=True):
         if not np.isfinite(pivot).all():
             continue
@@ -163,6 +152,5 @@ def _draw_walls(pen: _Pen, frame: AngleFrame, walls: Sequence[WallMark]) -> None
 
 
 def _bgr(colour: str) -> tuple[int, int, int]:
-    """Return the blue, green and red components of a colour."""
     red, green, blue = (round(255 * share) for share in shares(colour))
     return blue, green, red

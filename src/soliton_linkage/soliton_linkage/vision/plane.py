@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plane of a chain in front of a camera.
 
-The ray from the camera to the point (x, z) of the plane is
+The ray from the camera to the point (x, z) at the height h above the plane, towards the camera, is
 
-    g1 x + g2 z + g3.
+    g1 x + g2 z + g3 + h g1 x g2    (cross product),
 
-The vectors g1 and g2 are the axes of the plane in the coordinates of the camera. They are unit
-vectors if the lens is calibrated. If a point is at the height h above the plane, towards the
-camera, h times the cross product of g1 and g2 is added to its ray.
+with the axes g1 and g2 of the plane, unit vectors if the lens is calibrated.
 """
 
 from __future__ import annotations
@@ -23,7 +21,7 @@ from soliton_linkage.vision.camera import Camera
 from soliton_linkage.vision.opencv import opencv
 
 _MIN_POINTS = 6
-"""Smallest number of points that defines a plane and its residual [1]."""
+"""Smallest number of points that defines a plane and its residual."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +30,7 @@ class ChainPlane:
 
     camera: Camera
     columns: Array
-    """Matrix with the columns g1, g2 and g3, shape (3, 3)."""
+    """Matrix with the columns g1, g2 and g3, (3, 3)."""
 
     @cached_property
     def _unit(self) -> float:
@@ -44,18 +42,12 @@ class ChainPlane:
         return np.asarray(normal / np.linalg.norm(normal) * self._unit)
 
     def pixels(self, points: Array, heights: ArrayLike = 0.0) -> Array:
-        """Return the pixels that show given points of the plane, shape (..., 2).
-
-        The points (x, z) [m] have the shape (..., 2), and their heights [m] the shape (...).
-        """
+        """Return the pixels, (..., 2), that show points (x, z) at heights [m]."""
         rays = points @ self.columns[:, :2].T + self._origins(points, heights)
         return self.camera.pixels(rays[..., :2] / rays[..., 2:])
 
     def points(self, pixels: Array, heights: ArrayLike = 0.0) -> Array:
-        """Return the points (x, z) [m] that given pixels show, shape (..., 2).
-
-        The pixels have the shape (..., 2), and the heights of the points [m] the shape (...).
-        """
+        """Return the points (x, z) at heights [m] that pixels, (..., 2), show."""
         rays = self.camera.rays(pixels)
         origins = self._origins(rays, heights)
         g1, g2 = self.columns[:, 0], self.columns[:, 1]
@@ -82,10 +74,9 @@ class ChainPlane:
         return np.stack([points[0] - points[1], points[2] - points[3]], axis=-1)
 
     def circle_centres(self, image_centres: Array, radius: float) -> Array:
-        """Return the pixels that show the centres of K circles, shape (K, 2).
+        """Return the pixels of the centres of circles of a radius [m], (K, 2).
 
-        The image of a circle is an ellipse. The centres of the ellipses [pixels] are given. They
-        differ from the images of the centres of the circles. The circles have the radius [m].
+        The centres of the ellipses in the picture, which are given [pixels], differ from them.
         """
         turns = np.arange(16) * (np.pi / 8)
         circle = radius * np.column_stack([np.cos(turns), np.sin(turns)])
@@ -104,8 +95,7 @@ class ChainPlane:
 def fit_plane(camera: Camera, points: Array, pixels: Array) -> tuple[ChainPlane, float]:
     """Return the plane that maps points [m] to pixels, (K, 2) each, and the residual [pixels].
 
-    The residual is the root mean square error of a coordinate, corrected for the 8 fitted
-    parameters. Raises ValueError if the points do not define a plane.
+    The residual is the rms error of a coordinate. Raises ValueError if no plane is defined.
     """
     if len(points) < _MIN_POINTS:
         raise ValueError(

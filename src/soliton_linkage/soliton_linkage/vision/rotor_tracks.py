@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tracking of rotors and pivots from picture to picture.
-
-The tracks predict angles, count turns, and average measured lengths and pivot positions.
-"""
+"""Tracking of rotors and pivots: predicted angles, turns, and mean lengths and pivot positions."""
 
 from __future__ import annotations
 
@@ -14,42 +11,35 @@ from soliton_linkage.vision.assignment import Prediction
 from soliton_linkage.vision.layout import MarkerLayout
 
 _MEMORY = 3
-"""Number of measurements from which the rate and acceleration of a rotor are computed [1]."""
+"""Number of measurements from which rate and acceleration are computed."""
 _MAX_GAP = 0.25
 """Longest time between measurements from which a rate is computed [s]."""
 _ACCELERATION = 300.0
-"""Typical acceleration of a resting rotor by a kick [rad/s^2]. In any chain, the acceleration of a
-turning rotor is about the square of its rate."""
+"""Typical acceleration of a resting rotor by a kick [rad/s^2]."""
 _INITIAL_RATE = 10.0
-"""Standard deviation of the rate of a rotor before the second measurement of the rotor [rad/s]."""
+"""Standard deviation of the rate of a rotor before its second measurement [rad/s]."""
 _MIN_DEVIATION = 0.03
 """Standard deviation of a predicted angle at the time of the last measurement [rad]."""
 _MAX_DEVIATION = 1.5
-"""Threshold of the standard deviation of a predicted angle [rad]: the prediction determines the
-turns of the rotor if the standard deviation is smaller."""
+"""Deviation of a prediction below which it determines the turns of a rotor [rad]."""
 _UNMEASURED = 0.07
 """Relative standard deviation of configured lengths [1], typical for handmade parts."""
 _MEASURED_ROTOR, _MEASURED_BOND = 0.02, 0.03
-"""Relative standard deviations of measured rotor lengths and of measured bond lengths [1]. Bonds
-may be springs."""
+"""Relative deviations of measured rotor and bond lengths [1]; bonds may be springs."""
 _MAX_LENGTH_ERROR = 0.2
-"""Largest accepted relative difference of a measured length from the configured length [1]."""
+"""Largest accepted relative error of a configured length [1]."""
 _MIN_MEASUREMENTS, _MAX_MEASUREMENTS = 5, 300
-"""Smallest and largest number of pictures in the mean of a length [1]."""
+"""Smallest and largest number of pictures in the mean of a length."""
 _PIVOT_TOLERANCE = 0.25
-"""Largest accepted distance of a pivot from its expected position or from the line of the
-pivots, relative to the spacing [1]."""
+"""Largest distance of a pivot from its expected position, over the spacing [1]."""
 _SPACING_TOLERANCE = 0.4
-"""Largest accepted difference between the distance of two pivots and a multiple of the spacing,
-relative to the spacing [1]."""
+"""Largest error of the distance of two pivots, over the spacing [1]."""
 _MIN_VISIBLE = 0.8
-"""Fraction of the pivots that must have been visible before the pivots are numbered [1]."""
+"""Fraction of the pivots that are visible before they are numbered [1]."""
 _MAX_PIVOT_PICTURES = 1000
-"""Largest number of pictures in the mean position of a pivot [1]. The number is limited so that
-the mean follows slow motions."""
+"""Largest number of pictures in a mean position, which follows slow motions."""
 _MAX_BLACK_COST = 4.0
-"""Largest accepted colour cost of a black dot [1]. It corresponds to an error of two standard
-deviations."""
+"""Largest colour cost of a black dot [1], of two standard deviations."""
 
 
 class RotorTracks:
@@ -59,15 +49,9 @@ class RotorTracks:
         chain = layout.chain
         rotors = chain.number_of_rotors
         self.lengths = chain.rotor_lengths.copy()
-        """Mean measured length of each rotor [m], shape (N,).
-
-        Before the first measurement it is the configured length.
-        """
+        """Mean measured, at first configured, length of each rotor [m], (N,)."""
         self.bonds = chain.rest_lengths[: rotors - 1].copy()
-        """Mean measured distance of the masses of neighbouring rotors [m], shape (N - 1,).
-
-        Before the first measurement it is the configured distance.
-        """
+        """Mean measured, at first configured, distance of neighbouring masses [m], (N - 1,)."""
         self._colours = layout.colours
         self._length_counts, self._bond_counts = np.zeros(rotors), np.zeros(rotors - 1)
         self._times = np.full((_MEMORY, rotors), -np.inf)
@@ -77,11 +61,7 @@ class RotorTracks:
         self._configured = self.lengths.copy(), self.bonds.copy()
 
     def predict(self, times: Array, pivots: Array, dot_deviation: float) -> Prediction:
-        """Return the predicted state of each rotor at its time [s].
-
-        `times` have the shape (N,). `pivots` are the pivot positions [m], (N, 2). `dot_deviation`
-        is the standard deviation of the position of a dot [m].
-        """
+        """Return predicted states at times [s], (N,), given pivots, (N, 2), and dot noise [m]."""
 
         def deviations(lengths: Array, counts: Array, measured: float) -> Array:
             relative = np.where(counts < _MIN_MEASUREMENTS, _UNMEASURED, measured)
@@ -100,20 +80,16 @@ class RotorTracks:
         )
 
     def length_errors(self, lengths: Array) -> Array:
-        """Return the differences of measured lengths from their means [m], shape (N,).
+        """Return errors of measured lengths [m], (N,), NaN with few measurements.
 
-        The difference of a length from the mean of n lengths is divided by sqrt(1 + 1 / n),
-        because the mean has an error too. The result is NaN for rotors with few measurements.
+        They are divided by sqrt(1 + 1 / n), because the mean of n lengths has an error too.
         """
         counts = np.maximum(self._length_counts, 1.0)
         errors = (lengths - self.lengths) / np.sqrt(1 + 1 / counts)
         return np.where(self._length_counts < _MIN_MEASUREMENTS, np.nan, errors)
 
     def predict_angles(self, times: Array) -> tuple[Array, Array]:
-        """Return predicted angles and their standard deviations [rad], shape (N,) each.
-
-        `times` are the times for which the angles are predicted [s], (N,).
-        """
+        """Return angles and standard deviations [rad] predicted for times [s], (N,) each."""
         since = np.minimum(times - self._times[0], 1e3)
         rates, _, _ = self.motion()
         rates = np.where(since < _MAX_GAP, rates, 0.0)
@@ -124,11 +100,7 @@ class RotorTracks:
         return angles, np.where(measured, np.minimum(deviations, np.pi), np.pi)
 
     def motion(self) -> tuple[Array, Array, Array]:
-        """Return the motion of each rotor, from the last measurements.
-
-        The results are rates [rad/s], accelerations [rad/s^2] and standard deviations of rates
-        [rad/s], shape (N,) each.
-        """
+        """Return rates [rad/s], accelerations [rad/s^2] and deviations of rates, (N,) each."""
         (t0, t1, t2), (a0, a1, a2) = self._times, self._angles
         with np.errstate(invalid='ignore', divide='ignore'):
             slope = (a0 - a1) / (t0 - t1)
@@ -144,11 +116,10 @@ class RotorTracks:
         return rates, acceleration, np.where(two, errors, max(_INITIAL_RATE, fastest))
 
     def unwrap(self, times: Array, angles: Array) -> Array:
-        """Return angles to which the whole turns have been added [rad], shape (N,).
+        """Return angles to which the whole turns have been added [rad], (N,).
 
-        In a spinner chain, a rotor that was hidden for a long time receives the turns of its
-        neighbours, because a passing wall turns all rotors in the same sense. In a flipper chain,
-        rotors make no whole turns.
+        A wall turns all rotors of a spinner in one sense; a rotor that was hidden for long
+        receives the turns of its neighbours. Flippers make no whole turns.
         """
         expected, deviations = self.predict_angles(times)
         known = np.isfinite(angles) & (deviations < _MAX_DEVIATION)
@@ -159,7 +130,7 @@ class RotorTracks:
         return turned
 
     def add_angles(self, times: Array, angles: Array) -> None:
-        """Add the angles [rad] measured at times [s], shape (N,) each; NaN for hidden rotors."""
+        """Add the angles [rad] measured at times [s], (N,) each; NaN for hidden rotors."""
         seen = np.isfinite(angles)
         for older in range(_MEMORY - 1, 0, -1):
             self._times[older, seen] = self._times[older - 1, seen]
@@ -167,17 +138,13 @@ class RotorTracks:
         self._times[0, seen], self._angles[0, seen] = times[seen], angles[seen]
 
     def add_lengths(self, pivots: Array, masses: Array) -> None:
-        """Update the mean lengths, given the positions of pivots and masses [m], (N, 2) each.
-
-        Positions of hidden masses are NaN.
-        """
+        """Update the mean lengths, given pivots and masses [m], (N, 2) each; NaN if hidden."""
         lengths, bonds = self._configured
         _update_means(self.lengths, self._length_counts, lengths, np.hypot(*(masses - pivots).T))
         distances = np.hypot(*np.diff(masses, axis=0).T)
         _update_means(self.bonds, self._bond_counts, bonds, distances)
 
     def _reference_angle(self, turned: Array, rotor: int) -> float:
-        """Return an angle that differs from the angle of a rotor by half a turn at most [rad]."""
         known = np.flatnonzero(np.isfinite(turned))
         if not (self._spins and len(known)):
             measured = np.isfinite(self._times[0, rotor])
@@ -193,24 +160,14 @@ def _update_means(means: Array, counts: Array, configured: Array, values: Array)
 
 
 class Pivots:
-    """Mean positions of the pivots.
-
-    The pivots are numbered as soon as most of them have been visible.
-    """
+    """Mean positions of the pivots, numbered as soon as most of them have been visible."""
 
     def __init__(self, layout: MarkerLayout) -> None:
         chain = layout.chain
         self.known = np.zeros(chain.number_of_rotors, dtype=bool)
-        """Whether the position of each pivot is known, shape (N,).
-
-        No position is known before most pivots have been visible.
-        """
+        """Whether the position of each pivot is known, (N,)."""
         self.positions = np.column_stack([chain.pivots, np.zeros(chain.number_of_rotors)])
-        """Positions of the pivots [m], shape (N, 2).
-
-        These are the configured positions until each visible pivot has been assigned its rotor
-        number. Then they are measured positions, or positions interpolated between measured ones.
-        """
+        """Measured, interpolated, or at first configured positions [m], (N, 2)."""
         self.candidates = 0
         """Number of dots that are possibly pivots."""
         self._layout = layout
@@ -218,11 +175,7 @@ class Pivots:
         self._counts = np.zeros(0)
 
     def update(self, points: Array, colour_costs: Array) -> None:
-        """Add the K dots of a picture.
-
-        `points` are the positions of the dots [m], computed for the heights of even and of odd
-        rotors, (2, K, 2). `colour_costs` have the shape (K, C).
-        """
+        """Add K dots, at heights of even and odd rotors [m], (2, K, 2), with costs (K, C)."""
         black = colour_costs[:, 0] <= _MAX_BLACK_COST
         if self.known.any():
             self._average(points[:, black])
@@ -243,7 +196,6 @@ class Pivots:
         self.known |= seen
 
     def _collect(self, points: Array) -> None:
-        """Add dots near the line of the pivots; number the pivots if most have been visible."""
         spacing = self._layout.chain.spacing
         ends = self.positions[0, 0] - spacing / 2, 2 * self.positions[-1, 0] - self.positions[0, 0]
         near = np.abs(points[:, 1]) < _PIVOT_TOLERANCE * spacing

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sheets with the markers of a chain, for printing to scale.
-
-They are written as one PDF file, or as one SVG file per sheet.
-"""
+"""Sheets with the markers of a chain, for printing to scale, as PDF or SVG."""
 
 from __future__ import annotations
 
@@ -21,28 +18,26 @@ from soliton_linkage.vision.layout import COLOURS, MODULES, MarkerLayout, marker
 PAPERS = {'a4': (0.210, 0.297), 'a3': (0.297, 0.420), 'letter': (0.2159, 0.2794)}
 """Width and height of each paper [m]."""
 _MARGIN = 0.010
-"""Width of the empty margin of a sheet [m]. Printers cannot print there."""
+"""Width of the margin of a sheet, where printers cannot print [m]."""
 _HEADER = 0.022
 """Height of the title and the ruler together [m]."""
 _GAP = 0.002
 """Gap between markers, and height of the text below a marker [m]."""
 _RULER = 0.1
-"""Length of the printed ruler, with which the user checks the scale of the print [m]."""
+"""Length of the printed ruler that shows the scale of the print [m]."""
 _INCH = 0.0254
 """Length of an inch [m]."""
 _BOARD = (9, 6, 0.025)
-"""Number of columns and of rows of squares of the chessboard [1], and side of a square [m]. The
-chessboard has 8 x 5 inner corners."""
+"""Columns and rows of squares of the chessboard, and side of a square [m]."""
 
 _DrawMarker = Callable[[Any, int, Array], None]
-"""Function that draws a marker, given the axes, its number and its centre on the sheet [m]."""
 
 
 def write_sheets(layout: MarkerLayout, path: Path, paper: str = 'a4') -> list[Path]:
     """Write the sheets of a chain; return the paths of the files.
 
-    Raises ValueError if a marker does not fit on the paper, or if the suffix of the path is
-    neither .pdf nor .svg.
+    Raises ValueError if a marker does not fit on the paper, or for other suffixes than .pdf and
+    .svg.
     """
     figures = list(_sheets(layout, paper))
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -83,7 +78,6 @@ def _sheets(layout: MarkerLayout, paper: str) -> Iterator[Figure]:
 def _pages(
     paper: str, title: str, centres: Array, count: int, draw: _DrawMarker
 ) -> Iterator[Figure]:
-    """Yield sheets with markers 0 to `count` - 1, drawn at `centres` on each sheet [m]."""
     for first in range(0, count, len(centres)):
         figure, axes = _sheet(paper, title)
         for number, centre in zip(range(first, count), centres, strict=False):
@@ -123,7 +117,6 @@ def _draw_label(axes: Any, layout: MarkerLayout, name: str, colour: int, centre:
 
 
 def _chessboard(paper: str) -> Figure:
-    """Return a sheet with the chessboard, in portrait orientation like the other sheets."""
     columns, rows, square = _BOARD
     title = f'chessboard of {columns - 1} x {rows - 1} inner corners, squares of 25 mm'
     figure, axes = _sheet(paper, title)
@@ -137,7 +130,6 @@ def _chessboard(paper: str) -> Figure:
 
 
 def _sheet(paper: str, title: str) -> tuple[Figure, Any]:
-    """Return a sheet with a title and a ruler, and the axes of the sheet in metres."""
     width, height = PAPERS[paper]
     figure = Figure(figsize=(width / _INCH, height / _INCH))
     axes: Any = figure.add_axes((0.0, 0.0, 1.0, 1.0))
@@ -155,10 +147,7 @@ def _sheet(paper: str, title: str) -> tuple[Figure, Any]:
 
 
 def _grid(paper: str, size: float, what: str) -> Array:
-    """Return the centres of the markers on a sheet, row by row [m], shape (K, 2).
-
-    `size` is the side or diameter of a marker [m]. Raises ValueError if no marker fits.
-    """
+    """Return the centres of markers of a size [m] on a sheet, row by row [m], (K, 2)."""
     width, height = size + _GAP, size + 2 * _GAP
     across, up = PAPERS[paper]
     columns = int((across - 2 * _MARGIN) / width)

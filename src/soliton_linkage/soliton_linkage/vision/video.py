@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures with times, from video files and from cameras of this computer.
-
-The times of the pictures of a video are read from the file. They are therefore correct even if the
-frame rate varies.
-"""
+"""Pictures with times, from video files (with the times in the file) and from cameras."""
 
 from __future__ import annotations
 
@@ -22,19 +18,15 @@ from soliton_linkage.vision.opencv import Picture, opencv, pyav
 _TICKS = 90_000
 """Time base of written videos [Hz], as in MPEG."""
 _SILENT = 0
-"""Log level with which OpenCV writes no messages [1]."""
+"""Log level with which OpenCV writes no messages."""
 _GAP = 1.6
-"""Threshold of the interval between two pictures, relative to the typical interval [1]: pictures
-are missing if the interval is longer."""
+"""Interval over the typical interval above which pictures are missing [1]."""
 _MEMORY = 31
-"""Number of recent intervals from which the typical interval is computed [1]."""
+"""Number of recent intervals from which the typical interval is computed."""
 _PERCENTILE = 75
-"""Percentile of these intervals that is called the typical interval [%]. A high percentile is used
-because the frame rates of phones vary."""
+"""Percentile of the typical interval [%], high because frame rates of phones vary."""
 _CUT = 3.0
-"""Threshold of the difference between the stated length of a film and the time of its last
-picture, relative to the longest interval between pictures [1]: the film is incomplete if it is
-larger."""
+"""Missing length over the longest interval above which a film is incomplete [1]."""
 _SOUND = 1.0
 """Largest time by which the sound may be longer than the pictures of a film [s]."""
 _SYNC, _PACKET = b'G', 188
@@ -42,10 +34,9 @@ _SYNC, _PACKET = b'G', 188
 
 
 class TimedPicture(NamedTuple):
-    """A picture and its time."""
+    """Picture and its time since the first picture [s]."""
 
     time: float
-    """Time of the picture since the first picture [s]."""
     picture: Picture
 
 
@@ -69,10 +60,7 @@ class GapCounter:
         self._periods: list[float] = []
 
     def add(self, taken: float) -> int:
-        """Add a picture; return how many pictures are missing before it.
-
-        `taken` is the time of the picture [s].
-        """
+        """Add a picture at a time [s]; return how many pictures are missing before it."""
         period = 0.0 if self._last is None else taken - self._last
         self._last = taken
         if period <= 0:
@@ -127,10 +115,7 @@ def read_video(path: Path) -> Video:
 
 
 def capture_camera(number: int) -> Iterator[TimedPicture]:
-    """Yield the pictures of a camera of this computer.
-
-    Raises ValueError as soon as the camera delivers no picture.
-    """
+    """Yield the pictures of a camera; raise ValueError if it delivers none."""
     source, start = _opened_camera(number), None
     try:
         while True:
@@ -150,10 +135,10 @@ def capture_camera(number: int) -> Iterator[TimedPicture]:
 def write_video(
     path: Path, pictures: Iterable[TimedPicture], quality: int = 18, alone: bool = False
 ) -> int:
-    """Write pictures with their times as an H.264 video; return the number of pictures.
+    """Write an H.264 video; return the number of pictures.
 
-    `quality` is the constant rate factor (CRF); a lower number gives better pictures. With
-    `alone`, each picture is a key frame. The file is then larger but contains all small motions.
+    `quality` is the constant rate factor (CRF), better if lower. With `alone`, each picture is a
+    key frame, so that the file contains all small motions.
     """
     av: Any = pyav()
     count = 0
@@ -178,10 +163,7 @@ def write_video(
 def _checked(
     path: Path, pictures: Iterator[TimedPicture], length: float, slack: float
 ) -> Iterator[TimedPicture]:
-    """Yield the pictures of a film; raise ValueError if the film is shorter than stated.
-
-    `length` is the stated length [s]. The film may be shorter by `slack` [s].
-    """
+    """Yield the pictures; raise ValueError if the film is shorter than `length` by `slack` [s]."""
     last, interval = 0.0, 0.0
     for taken in pictures:
         last, interval = taken.time, max(interval, taken.time - last)
@@ -202,7 +184,6 @@ def _checked(
 
 
 def _opened_camera(number: int) -> Any:
-    """Return an OpenCV capture; suppress the messages of OpenCV if the camera does not exist."""
     cv2 = opencv()
     log = cv2 if hasattr(cv2, 'setLogLevel') else cv2.utils.logging
     level = log.getLogLevel()
@@ -214,11 +195,7 @@ def _opened_camera(number: int) -> Any:
 
 
 def _start(path: Path, created: str, length: float) -> float:
-    """Return the time at which a video starts, since the Unix epoch [s].
-
-    It is the creation time in the metadata `created`. Without this creation time, it is the time
-    of the last change of the file minus the length of the video [s].
-    """
+    """Return the creation time, or the last change minus the length, since the epoch [s]."""
     try:
         return datetime.datetime.fromisoformat(created.replace('Z', '+00:00')).timestamp()
     except ValueError:
