@@ -155,7 +155,6 @@ class _OrbitTable:
         self.friction = np.abs(self._tangents).sum(axis=1)
 
     def locate(self, arcs: Array) -> tuple[NDArray[np.intp], Array]:
-        """Return the row before each arc length [rad], and the fraction of a step from it [1]."""
         at = (arcs - self.begin) / _GRID
         row = np.clip(at, 0, len(self.friction) - 2).astype(np.intp)
         return row, np.clip(at - row, 0.0, 1.0)
@@ -169,7 +168,6 @@ class _OrbitTable:
         return _Sums(self._inertias @ masses, self._weights @ masses)
 
     def changes(self, masses: Array, changes: Array) -> _Sums:
-        """Return the changes of the sums by K changes of lengths and offsets, (P, K)."""
         t, r = self._tangents, self._lengths.rotor_lengths
         linearised = misclosures(self._lengths, self._angles.T)
         factors = cholesky_factor(linearised.first, linearised.second, np.ones_like(t.T))
@@ -216,10 +214,7 @@ class BarMotion(NamedTuple):
 def bar_motion(
     readings: Readings, lengths: Lengths, covariance: Array, noise: float, gravity_known: bool
 ) -> BarMotion | None:
-    """Estimate masses and forces from free motions of bars; return None if other forces act.
-
-    The unit of length is the mean spacing. `noise` is the standard deviation of a reading [rad].
-    """
+    """Estimate masses and forces, in units of the mean spacing; None if other forces act."""
     orbit = orbit_of(lengths.chain(Chain()))
     intervals = free_intervals(readings.times, readings.interruptions)
     if not intervals:
@@ -243,7 +238,6 @@ def bar_motion(
 
 
 def _combinations(covariance: Array) -> Array:
-    """Return K independent changes of lengths and offsets, each of unit variance, (P, K)."""
     values, vectors = np.linalg.eigh(covariance)
     informed = values > _INFORMED * values[-1]
     return np.asarray(vectors[:, informed] * np.sqrt(values[informed]))

@@ -5,8 +5,8 @@ With h = r sin(phi), v = r cos(phi) and phi = y - o for a reading y, the misclos
 
     f_n = |(a_n + h_{n+1} - h_n, v_{n+1} - v_n)| - l_n.
 
-To first order at x, w = f(x) + R (y - o - x), R = df/dphi. With the variances S of the readings
-and M = R S R^T, tridiagonal in each frame, the change dp of the unknowns minimises
+To first order at angles x, it is w = f(x) + R (y - o - x), R = df/dphi. With the variances S of
+the readings and M = R S R^T, tridiagonal in each frame, the change dp of the unknowns p minimises
 
     sum over frames of (w + J dp)^T M^-1 (w + J dp),    J = dw/dp
 

@@ -111,10 +111,7 @@ def obstacle_warnings(chain: Chain, lengths: Lengths, covariance: Array) -> list
 def weakly_observable(
     information: Array, basis: Array, split: Callable[[Array], dict[str, Array]]
 ) -> tuple[str, ...]:
-    """Return descriptions of the weakly observable combinations, the least observable first.
-
-    `basis`, (P, K), is orthonormal; `split` divides the unknowns into named parts.
-    """
+    """Describe weakly observable combinations along an orthonormal basis, (P, K)."""
     values, vectors = np.linalg.eigh(basis.T @ information @ basis)
     weak = [
         _description(max(float(value), _NOT_OBSERVABLE) ** -0.5, split(basis @ vector))

@@ -65,7 +65,7 @@ def unknown_slices(rotors: int) -> UnknownSlices:
 
 @dataclass(frozen=True)
 class FreeMotion:
-    """Chain of springs and its initial state; masses, stiffnesses, drag are over the mean mass."""
+    """Chain of springs and its initial state; masses, stiffnesses and drag per mean mass."""
 
     lengths: Lengths
     stiffnesses: Array

@@ -2,8 +2,7 @@
 """Estimation of the mean mass from known impulses and the changes of rates that they cause.
 
 An impulse J_n changes the rate of rotor n by J_n / (M m_n r_n^2), with the mean mass M. A fit to
-the readings near the impulses estimates M, the state before them, and their delay. It begins at
-the better of two values: from the changes of rates, and from the work of the impulses.
+the readings near the impulses estimates M, the state before them, and their delay.
 """
 
 from __future__ import annotations

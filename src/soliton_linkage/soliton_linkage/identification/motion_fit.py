@@ -293,7 +293,6 @@ class MotionFitter:
     def _improve(
         self, steps: int, converged: float, equations: list[WindowEquations] | None = None
     ) -> None:
-        """Take quasi-Newton steps until the expected decrease of the cost is below `converged`."""
         every = max(1, len(self._stamps) // _MATRIX_FRAMES)
         equations = equations or self._equations(every)
         right, at = self._right(), self._motion.slices

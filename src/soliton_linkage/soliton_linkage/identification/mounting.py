@@ -34,7 +34,7 @@ _FLATTEST = 0.1
 _BETTER = 0.8
 """Relative misfit with one rotor reversed below which it counts as reversed [1]."""
 _AS_GOOD = 1.25
-"""The same ratio if no wall can pass the bond as recorded [1]."""
+"""Relative misfit that suffices if no wall can pass the bond as recorded [1]."""
 _IMPASSABLE = 0.95
 """Relative l^2 below which no wall can pass a bond [1]; noise changes the ratio by 0.03."""
 _MOST_NAMED = 4

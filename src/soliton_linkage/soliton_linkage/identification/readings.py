@@ -215,10 +215,7 @@ _FILLINGS = 5
 def informative_frames(
     times: Array, angles: Array, impulses: Sequence[float], most: int
 ) -> NDArray[np.intp]:
-    """Return the numbers of at most `most` informative frames in increasing order, (K,).
-
-    Frames near impulses [s] are kept. The density of the others is larger while a rotor turns.
-    """
+    """Return at most `most` frame numbers, dense near impulses [s] and moving rotors."""
     if len(times) <= most:
         return np.arange(len(times))
     kept = _near_impulses(times, impulses, int(_NEAR_IMPULSES * most))

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of the joint states of a rig: stamps, readings, turns by hand, and fit to the chain.
-
-In a chain at rest, all bonds have their rest lengths, wherever the wall is. A wrong reading of a
-rotor or a wrong length therefore changes the apparent lengths of the adjacent bonds.
-"""
+"""Checks of the joint states of a rig; in a chain at rest, all bonds have their rest lengths."""
 
 from __future__ import annotations
 
@@ -91,8 +87,7 @@ class RigFindings:
     noise: Array
     """Noise of each rotor [rad], (N,); NaN if unknown."""
     stretches: Array
-    """Apparent length of each bond divided by its rest length, minus 1 [1], (N - 1,); NaN if
-    unknown."""
+    """Apparent over configured bond length, minus 1 [1], (N - 1,); NaN if unknown."""
 
     @property
     def sound(self) -> bool:

@@ -109,7 +109,7 @@ LEAST_NOISE = 1e-4
 _OUTLIER = 7.0
 """Distance of a wrong reading from a smooth motion, in standard deviations [1]."""
 _OF_RANGE = 0.25
-"""Part of this distance proportional to the range of adjacent readings [1]."""
+"""Part of the limit of outliers proportional to the range of adjacent readings [1]."""
 _PASSES = 6
 """Largest number of searches; a wrong reading is found only after larger errors near it."""
 
@@ -143,7 +143,7 @@ def isolated(values: Array, limits: Array) -> NDArray[np.bool_]:
 _STRAY = 6.0
 """Distance of an outlier from the median of adjacent residuals, relative to the noise [1]."""
 _MEDIAN_FRAMES = 9
-"""Number of frames in this median; up to four outliers change it little."""
+"""Number of frames in the median of residuals; up to four outliers change it little."""
 
 
 def stray_residuals(residuals: Array, noise: float) -> NDArray[np.bool_]:
@@ -169,10 +169,7 @@ _JUMP_OVER_NEIGHBOURS = 3.0
 
 
 def noise_of(readings: Array, relative_deviations: Array) -> float:
-    """Return the noise of a reading whose relative deviation is 1 [rad], NaN if unknown.
-
-    The median of second differences in time, (T, N), ignores the few rotors that move.
-    """
+    """Return the reading noise [rad] by the median of second differences; NaN if unknown."""
     bends = readings[2:] - 2 * readings[1:-1] + readings[:-2]
     squares = relative_deviations**2
     bends /= np.sqrt(squares[2:] + 4 * squares[1:-1] + squares[:-2])

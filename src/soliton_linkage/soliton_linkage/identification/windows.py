@@ -103,6 +103,7 @@ def merge_windows(
 INITIAL_MASS_DEVIATION = 0.1
 """Prior standard deviation of log masses and stiffnesses [1]; at 3x, some fits diverge."""
 _SMALLEST, _LARGEST = 1e-3, 0.3
+"""Limits of the estimated standard deviation of log masses and stiffnesses [1]."""
 _DAMPING_RATE = 1.0
 """Prior standard deviation of the damping, divided by the moment of inertia of a rotor [1/s]."""
 _FRICTION_DECELERATION = 10.0

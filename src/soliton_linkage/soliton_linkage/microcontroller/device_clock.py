@@ -1,17 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Offset and drift of the clock of a microcontroller, from the arrival times of its messages.
 
-A message is sent when the clock of the sender shows x. When it arrives, the clock of the receiver
-shows x + y with
+A message that is sent at x on the sender's clock arrives at x + y on the receiver's clock, with
 
-    y = a + b x + d,    d >= 0.
+    y = a + b x + d,    d >= 0,
 
-Here a is the offset between the clocks plus the smallest delay of a message, b is the drift, and d
-is the additional delay due to waiting. The estimate of a + b x is a line below all points (x, y):
-of all such lines, the one with the least mean distance from the points. This line passes through
-the edge of the lower convex hull at the mean of x (S. Moon, P. Skelly and D. Towsley, INFOCOM
-1999, doi:10.1109/INFCOM.1999.749287). Time is divided into intervals. Only the message with the
-smallest delay in each interval is used as a point.
+the offset a with the smallest delay, the drift b, and the additional delay d. The line a + b x
+passes through the edge of the lower convex hull of all (x, y) at the mean of x (S. Moon, P. Skelly
+and D. Towsley, INFOCOM 1999, doi:10.1109/INFCOM.1999.749287). Each interval gives one point.
 """
 
 from __future__ import annotations
@@ -29,39 +25,27 @@ _MICROSECOND = 1000
 _SECOND = 10**9
 """Duration of a second [ns]."""
 _INTERVALS = 64
-"""Number of intervals in the fit of the line [1]. Sensitivity: at 0.5x, the error of the line is
-twice as large; at 2x, a fit takes four times as long."""
+"""Number of intervals in the fit; at 0.5x, the error doubles; at 2x, a fit takes 4x as long."""
 _FIRST_INTERVAL = 1 / 16
-"""Duration of the first intervals [s]. The drift is known after two intervals."""
+"""Duration of the first intervals [s]; the drift is known after two intervals."""
 _LONGEST_INTERVAL = 2.0
-"""Duration of the later intervals [s]. All intervals in the fit together cover two minutes.
-Sensitivity: at 0.5x, the line follows the drift of a warming clock faster; at 2x, the line of a
-steady clock is more precise."""
+"""Duration of later intervals [s]; at 0.5x, the line follows a warming clock faster."""
 LARGEST_DRIFT = 0.01
-"""Largest accepted drift of a clock [1]. It is twice the drift of the ceramic resonator of an
-Arduino Uno."""
+"""Largest accepted drift of a clock [1], twice that of the resonator of an Arduino Uno."""
 _FROM_THE_FUTURE = 0.25
-"""Largest time by which a measurement may seem to be later than its arrival [s]. A drift of 1 %
-causes this value after 25 s without a frame. A larger value means that the clock has restarted."""
+"""Largest time of a measurement after its arrival [s]; more means a restarted clock."""
 _FROM_THE_PAST = 10.0
-"""Largest accepted delay from measurement to arrival [s]. The buffer of the system holds four
-seconds of a line at 9600 baud. A larger delay means that the clock has stopped or does not count
-microseconds."""
+"""Largest accepted delay [s]; a larger one means that the clock has stopped."""
 _SMALLEST_JUMP = 1e-3
-"""Smallest jump of a clock that is detected [s]. Sensitivity: at 0.5x, an unusually early message
-may look like a jump; at 2x, undetected jumps bias the drift more."""
+"""Smallest detected jump of a clock [s]; at 2x, undetected jumps bias the drift more."""
 _EARLY, _LATE = 3.0, 10.0
-"""Thresholds of the distance of a message below the line and above the line, in medians of the
-delay [1]: the time of the message is implausible if the distance is larger. If delays have an
-exponential distribution, one delay in a thousand exceeds ten medians. Three successive delays
-practically never do."""
+"""Implausible distances below and above the line, in medians of the delay [1]."""
 _UNUSUAL = 8.0
-"""Threshold of the difference between a sampling interval and the median interval, in medians of
-this difference [1]: the interval is unusual if its difference is larger."""
+"""Unusual difference from the median interval, in medians of this difference [1]."""
 _CLOCK_RESOLUTION = 1e-4
-"""Smallest value of this threshold [s]. It is 25 ticks of micros() of an Arduino."""
+"""Smallest threshold of unusual intervals [s], 25 ticks of micros() of an Arduino."""
 _CONFIRMATIONS = 3
-"""Number of implausible, but mutually consistent times that prove a jump or a restart [1]."""
+"""Number of implausible, but mutually consistent times that prove a jump or a restart."""
 
 
 class DelayEnvelope:
@@ -73,13 +57,7 @@ class DelayEnvelope:
         self.offset = math.inf
         """Delay on the line at x = 0 [s]."""
         self.scatter = math.nan
-        """Mean height of the points above the line [s]; NaN before there are three points.
-
-        The mean is computed as the median over ln 2, which is correct for an exponential
-        distribution. The median is used because an overloaded computer causes a few very large
-        delays. If delays have an exponential distribution, the error of the line is this mean
-        divided by the number of intervals.
-        """
+        """Mean height of the points above the line [s]; NaN before there are three points."""
         self._points: list[tuple[float, float]] = []
         self._interval = _FIRST_INTERVAL
         self._end = -math.inf
@@ -100,7 +78,6 @@ class DelayEnvelope:
         return self.offset + self.drift * x
 
     def _fit(self) -> None:
-        """End the present interval, add its point, and fit the line again."""
         self._points.append(self._best)
         oldest = self._points[-1][0] - _INTERVALS * _LONGEST_INTERVAL
         self._points = [point for point in self._points if point[0] >= oldest]
@@ -121,7 +98,6 @@ class DelayEnvelope:
 
 
 def _slope_under(xs: Array, ys: Array) -> float:
-    """Return the slope of the lower convex hull of points (x, y) at the mean of x."""
     middle = xs.mean()
     left, right = xs < middle, xs >= middle
     run = xs[right] - xs[left, None]
@@ -132,15 +108,10 @@ def _slope_under(xs: Array, ys: Array) -> float:
 
 
 class DeviceClock:
-    """Conversion of times of the controller's clock to time stamps of the host's clock.
+    """Conversion of times of the controller's clock to increasing stamps of the host's clock.
 
-    Offset and drift are estimated from the arrival times. The principle is that no message arrives
-    before it is sent. The offset includes the smallest delay, which the receiver cannot measure.
-    Stamps increase from measurement to measurement.
-
-    A measurement with an implausible time is rejected. Three successive implausible times that are
-    consistent with each other show that the clock has jumped or restarted. The estimate of offset
-    and drift then restarts.
+    No message arrives before it is sent. Three successive implausible times that are consistent
+    with each other restart the estimate of offset and drift; other implausible times are rejected.
     """
 
     def __init__(self) -> None:
@@ -156,10 +127,7 @@ class DeviceClock:
 
     @property
     def drift(self) -> float:
-        """Drift of the controller's clock [1].
-
-        While this clock advances by one second, the clock of the host advances by 1 + drift.
-        """
+        """Drift [1]; the host's clock advances by 1 + drift per second of the controller's."""
         return self._envelope.drift
 
     @property
@@ -182,11 +150,10 @@ class DeviceClock:
         self._suspects: deque[tuple[int, int]] = deque(maxlen=_CONFIRMATIONS)
 
     def stamp(self, time: int, arrival: int) -> int:
-        """Return the stamp of a measurement [ns].
+        """Return the stamp [ns] of a measurement at `time` [us] that arrives at `arrival` [ns].
 
-        `time` is the time of the controller's clock at the measurement [us]. `arrival` is the time
-        of the host's clock at the arrival of the message [ns]. Raises ValueError if `time` is
-        implausible or equal to the time of the previous measurement.
+        Raises ValueError if `time` is implausible or equal to the time of the previous
+        measurement.
         """
         if self._last is not None:
             self._advance(time, arrival)
@@ -202,19 +169,12 @@ class DeviceClock:
         return self._stamp
 
     def stamp_of_arrival(self, arrival: int) -> int:
-        """Return the stamp [ns] of a measurement that contains no time.
-
-        It is the arrival time [ns], increased if necessary so that stamps increase.
-        """
+        """Return the arrival time, increased so that stamps increase [ns]."""
         self._stamp = max(arrival, self._stamp + 1)
         return self._stamp
 
     def _advance(self, time: int, arrival: int) -> None:
-        """Advance to the time of a measurement, or restart the estimate.
-
-        Raises ValueError if the time is implausible and not yet confirmed by other implausible
-        times.
-        """
+        """Advance to a time, or restart; raise ValueError if it is implausible."""
         assert self._last is not None
         passed = (time - self._last) % CLOCK_RANGE
         if not passed:
@@ -246,22 +206,10 @@ class DeviceClock:
             self.reset()
 
     def _late(self, elapsed: int, arrival: int) -> float:
-        """Return the delay of a message minus the delay on the line [s].
-
-        `elapsed` is the controller's time since the first measurement [us], and `arrival` the
-        arrival time [ns].
-        """
         x = elapsed * _MICROSECOND / _SECOND
         return (arrival - self._begun) / _SECOND - x - self._envelope.at(x)
 
     def _plausible(self, elapsed: int, arrival: int) -> bool:
-        """Return whether the time of a measurement agrees with the arrival of its message.
-
-        `elapsed` is the controller's time since the first measurement [us], and `arrival` the
-        arrival time [ns]. A message cannot arrive before it is sent. A late message is plausible
-        unless the interval since the previous measurement is unusual too. This interval shows
-        whether the clock has jumped, because waiting of the message does not change it.
-        """
         if math.isnan(self.scatter):
             return True
         late, tolerance = self._late(elapsed, arrival), self._tolerance(arrival - self._arrival)
@@ -274,12 +222,10 @@ class DeviceClock:
         return late <= tolerance or unusual <= max(_UNUSUAL * spread, _CLOCK_RESOLUTION)
 
     def _tolerance(self, gap: int) -> float:
-        """Return the largest plausible error of a time [s] after a gap between messages [ns]."""
         usual = float(np.median(self._delays)) if self._delays else 0.0
         return max(_LATE * usual, _SMALLEST_JUMP) + LARGEST_DRIFT * abs(gap) / _SECOND
 
     def _confirmed(self) -> bool:
-        """Return whether enough successive implausible times are consistent with each other."""
         if len(self._suspects) < _CONFIRMATIONS:
             return False
         times, arrivals = np.diff(np.array(self._suspects, dtype=np.int64), axis=0).T

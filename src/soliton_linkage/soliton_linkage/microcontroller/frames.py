@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Text and binary frames on a serial line to a microcontroller (docs/serial.md).
 
-A binary frame consists of a header, the values, and a checksum: the CRC-32 of zlib
-(CRC-32/ISO-HDLC). Consistent overhead byte stuffing removes all zero bytes from the frame, so that
-a zero byte can mark the end of the frame: S. Cheshire and M. Baker, IEEE/ACM Transactions on
-Networking 7, 159 (1999), doi:10.1109/90.769765.
+A binary frame consists of a header, values, and the CRC-32 of zlib, without zero bytes by
+consistent overhead byte stuffing (S. Cheshire and M. Baker, IEEE/ACM Transactions on Networking 7,
+159 (1999), doi:10.1109/90.769765). A zero byte ends the frame.
 """
 
 from __future__ import annotations
@@ -22,42 +21,34 @@ import numpy as np
 from soliton_linkage.linkage.chain import Array
 
 SEQUENCES = 2**16
-"""Number of different frame numbers [1]. Frame numbers are uint16_t and start again at 0."""
+"""Number of different frame numbers, which are uint16_t and start again at 0."""
 CLOCK_RANGE = 2**32
-"""Period of a controller's clock [us], after which it starts again at 0. The period is 71.6
-minutes, as for micros() of an Arduino."""
+"""Period of a controller's clock [us], 71.6 minutes as for micros() of an Arduino."""
 VERSION = 1
-"""Version of the binary layout [1]; other versions are rejected."""
+"""Version of the binary layout; other versions are rejected."""
 LONGEST_FRAME = 2**16
-"""Longest accepted frame [bytes]. It suffices for 2500 rotors in text. Longer input without an end
-of a frame is noise."""
+"""Longest accepted frame [bytes], enough for 2500 rotors in text."""
 _LINE_END, _FRAME_END = b'\n', b'\0'
 _HEADER = struct.Struct('<cBHI')
-"""Binary header: letter of the kind, version, frame number, time [us]. Its length of 8 bytes
-aligns the values after the header."""
+"""Binary header of 8 bytes: letter of the kind, version, frame number, time [us]."""
 _CHECKSUM = struct.Struct('<I')
 _LONGEST_BLOCK = 254
 """Longest block of data without a zero byte in byte stuffing [bytes]."""
 _TEXT_CHECKSUM = re.compile(rb'\*([0-9A-Fa-f]{8})')
-"""Checksum at the end of a line: CRC-32 of all characters before the asterisk."""
 _REAL = re.compile(r'[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?')
 _WHOLE = re.compile(r'[-+]?\d{1,15}')
 """Integer that a floating-point number of 64 bits represents exactly."""
 _COUNTER = re.compile(r'\d{1,20}')
-"""Frame number or time of at most 64 bits."""
 _MISSING = '-'
-"""Text of a missing value. `nan` is also accepted, because libraries of controllers print it."""
 
 
 class FrameKind(Enum):
-    """Kind of a frame, which states the meaning of its values."""
+    """Kind of a frame with counts [1] or angles [rad], or of a command."""
 
     COUNTS = 'counts'
-    """Encoder counts [1]."""
     RADIANS = 'radians'
-    """Angles [rad]."""
     HELLO = 'hello'
-    """No values. The frame reports that the controller has started or restarted."""
+    """Report without values that the controller has started or restarted."""
     TORQUES = 'torques'
     """Torques that the valves shall apply to the rotors [N m]."""
     PRESSURES = 'pressures'
@@ -77,7 +68,6 @@ _LAYOUTS: dict[bytes, tuple[FrameKind, np.dtype[Any]]] = {
     b't': (FrameKind.TORQUES, np.dtype('<f4')),
     b'p': (FrameKind.PRESSURES, np.dtype('<f4')),
 }
-"""Kind of a frame and type of its values, for each letter in a binary header."""
 
 
 class Protocol(Enum):
@@ -95,11 +85,10 @@ class SerialFrame:
     sequence: int | None = None
     """Frame number modulo `SEQUENCES`; None if the frame contains no number."""
     time: int | None = None
-    """In a frame with readings: time of the measurement by the controller's clock, modulo
-    `CLOCK_RANGE` [us]; None if the frame contains no time. In a frame with commands: duration for
-    which the commands are valid [us]."""
+    """Time of a measurement by the controller's clock, modulo `CLOCK_RANGE`, or duration for which
+    commands are valid [us]; None if the frame contains no time."""
     values: Array = field(default_factory=lambda: np.zeros(0))
-    """One value per rotor; a missing value is NaN."""
+    """One value per rotor, NaN if missing."""
 
 
 def encode(frame: SerialFrame, protocol: Protocol) -> bytes:
@@ -121,10 +110,7 @@ def encode_text(frame: SerialFrame) -> bytes:
 
 
 def decode_text(line: bytes) -> tuple[SerialFrame, bool]:
-    """Return the frame that a line contains, and whether the line has a checksum.
-
-    Raises ValueError if the line is invalid.
-    """
+    """Return the frame of a line, and whether it has a checksum; ValueError if invalid."""
     content = line = line.removesuffix(b'\r')
     checksum = _TEXT_CHECKSUM.fullmatch(line, len(line) - 9) if len(line) > 9 else None
     if checksum:
@@ -175,7 +161,6 @@ def encode_binary(frame: SerialFrame) -> bytes:
 
 
 def _packed(values: Array, type_: np.dtype[Any]) -> bytes | None:
-    """Return values as bytes of a type, or None if this integer type cannot hold the values."""
     if type_.kind == 'i':
         limits, missing = np.iinfo(type_), np.isnan(values)
         known = values[~missing]
@@ -186,10 +171,7 @@ def _packed(values: Array, type_: np.dtype[Any]) -> bytes | None:
 
 
 def decode_binary(piece: bytes) -> SerialFrame:
-    """Return the frame that the bytes before an end of a frame encode.
-
-    Raises ValueError if the bytes are invalid.
-    """
+    """Return the frame of the bytes before an end of a frame; ValueError if invalid."""
     whole = unstuff(piece)
     if len(whole) < _HEADER.size + _CHECKSUM.size:
         least = _HEADER.size + _CHECKSUM.size
@@ -246,18 +228,15 @@ def unstuff(stuffed: bytes) -> bytes:
 
 
 class FrameDecoder:
-    """Decoder of a stream of text or binary frames that arrives in arbitrary chunks.
+    """Decoder of text or binary frames in a stream of chunks; other input is ignored.
 
-    The last valid frame determines the protocol. Input before the first valid frame is ignored,
-    because it may be part of a frame or come from another program. After the first text line with
-    a checksum, lines without a checksum are rejected.
+    The last valid frame determines the protocol. After the first text line with a checksum, lines
+    without a checksum are rejected.
     """
 
     def __init__(self) -> None:
         self.protocol: Protocol | None = None
-        """Protocol of the last valid frame; None before the first valid frame."""
         self.frames = 0
-        """Number of valid frames."""
         self.corrupted = 0
         """Number of invalid frames in the protocol of the last valid frame."""
         self.complaint = ''
@@ -310,8 +289,6 @@ class FrameDecoder:
 
 
 class _Splitter:
-    """Splitter of a stream of bytes into pieces, at the bytes that mark ends of frames."""
-
     def __init__(self, end: bytes) -> None:
         self._end = end
         self._rest = b''
@@ -319,10 +296,6 @@ class _Splitter:
         self._too_long = False
 
     def feed(self, chunk: bytes) -> list[tuple[int, bytes | None]]:
-        """Return the pieces that end in a chunk, each with the offset of its end in the stream.
-
-        For a piece that becomes too long, None is returned once.
-        """
         found: list[tuple[int, bytes | None]] = []
         *whole, rest = (self._rest + chunk).split(self._end)
         for piece in whole:

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversion of the frames of a controller to rotor angles with time stamps.
-
-The conversion accounts for the mounting of the encoders and for whole turns, and counts lost
-frames.
-"""
+"""Conversion of the frames of a controller to rotor angles with time stamps."""
 
 from __future__ import annotations
 
@@ -20,16 +16,14 @@ from soliton_linkage.microcontroller.device_clock import DeviceClock
 from soliton_linkage.microcontroller.frames import READINGS, SEQUENCES, FrameKind, SerialFrame
 
 _COMPARED_NUMBERS = 4
-"""Number of previous frame numbers with which a new frame number is compared [1]."""
+"""Number of previous frame numbers with which a new frame number is compared."""
 
 
 @dataclass(frozen=True)
 class RotaryEncoders:
-    """Mounting of encoders on rotors. Raises ValueError for values out of range.
+    """Mounting of encoders: phi = 2 pi sign q - offset for a reading of q turns.
 
-    The angle of a rotor follows from the reading q of its encoder in turns:
-
-        phi = 2 pi sign q - offset.
+    Raises ValueError for values out of range.
     """
 
     counts_per_turn: tuple[float, ...] = quantity(
@@ -48,7 +42,6 @@ class RotaryEncoders:
     )
 
     def __post_init__(self) -> None:
-        """Reject values out of range."""
         check_quantities(self)
         for counts in self.counts_per_turn:
             if not (math.isfinite(counts) and counts >= 1):
@@ -74,7 +67,7 @@ class RotaryEncoders:
                 )
 
     def per_radian(self) -> Array:
-        """Return the counts per radian of each encoder [1/rad], shape (1,) or (N,)."""
+        """Return the counts per radian of each encoder [1/rad], (1,) or (N,)."""
         return np.asarray(np.asarray(self.signs or 1.0) * self.counts_per_turn / math.tau)
 
 
@@ -82,10 +75,6 @@ class AngleReader:
     """Conversion of encoder readings to unwrapped rotor angles."""
 
     def __init__(self, encoders: RotaryEncoders, rotors: int) -> None:
-        """Prepare for a number of rotors.
-
-        Raises ValueError if the encoders do not match the number of rotors.
-        """
         encoders.check_fit(rotors)
         self.rotors = rotors
         self._wrapped = encoders.wrapped
@@ -97,11 +86,10 @@ class AngleReader:
         self._last = np.zeros(rotors)
 
     def read(self, frame: SerialFrame) -> Array:
-        """Return the angle of each rotor [rad], shape (N,); a missing angle is NaN.
+        """Return the angle of each rotor [rad], (N,), NaN if missing.
 
-        If readings are wrapped, each rotor is assumed to have turned by less than half a turn
-        since its last valid reading. Raises ValueError unless the frame has a reading for each
-        rotor.
+        If readings wrap, each rotor has turned by less than half a turn since its last valid
+        reading. Raises ValueError unless the frame has a reading for each rotor.
         """
         self.check(frame)
         angles = frame.values * self._radians[frame.kind] - self._offsets
@@ -120,12 +108,11 @@ class AngleReader:
 
 
 class StampedAngles(NamedTuple):
-    """Angles of a frame with their time."""
+    """Angles of a frame [rad], (N,), NaN if missing, with their time."""
 
     stamp: int
     """Time of the measurement by the clock of the host [ns]."""
     angles: Array
-    """Rotor angles [rad], shape (N,); a missing angle is NaN."""
 
 
 class AngleStream:
@@ -133,7 +120,6 @@ class AngleStream:
 
     def __init__(self, reader: AngleReader) -> None:
         self.clock = DeviceClock()
-        """Clock of the controller."""
         self.lost = 0
         """Number of lost frames, computed from gaps in the frame numbers."""
         self._reader = reader
@@ -146,20 +132,15 @@ class AngleStream:
         self._numbers.clear()
 
     def reconnect(self) -> None:
-        """Prepare for a controller that may have restarted while the line was interrupted.
-
-        Nothing is reset if the clock is already known, because the next times then show whether
-        the controller has restarted.
-        """
+        """Prepare for a controller that may have restarted; reset only an unknown clock."""
         if math.isnan(self.clock.scatter):
             self.reset()
 
     def take(self, frame: SerialFrame, arrival: int) -> StampedAngles | None:
-        """Return the angles of a frame; return None for a `hello` frame.
+        """Return the angles of a frame that arrives at `arrival` [ns], or None for `hello`.
 
-        `arrival` is the arrival time of the frame [ns]. Raises ValueError for a frame that
-        contains no readings, does not match the chain, repeats the last frame, or has an
-        implausible time.
+        Raises ValueError for a frame without readings, for another chain, repeated, or
+        implausible.
         """
         if frame.kind is FrameKind.HELLO:
             self.reset()
@@ -184,13 +165,7 @@ class AngleStream:
         return StampedAngles(stamp, self._reader.read(frame))
 
     def _count_lost(self, number: int) -> None:
-        """Count the frames that were lost before a frame with the given number.
-
-        The number is compared with each of the last few frame numbers, and the smallest count of
-        lost frames is used. A single wrong frame number therefore has no effect after the next
-        frame. If the number is smaller than all previous ones, a controller without a clock has
-        restarted, and no frames are counted as lost.
-        """
+        """Count lost frames from several numbers, so that one wrong number has no effect."""
         totals = [
             lost + missing
             for earlier, arrived, lost in self._numbers

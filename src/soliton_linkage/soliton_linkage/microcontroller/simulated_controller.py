@@ -42,15 +42,11 @@ class ControllerSettings:
     )
 
     def __post_init__(self) -> None:
-        """Reject values out of range."""
         check_quantities(self)
 
 
 class SimulatedController:
-    """Simulated controller of a chain.
-
-    A valve command is valid for the duration that it contains. Afterwards all torques are 0.
-    """
+    """Simulated controller of a chain; commands are valid for their duration."""
 
     def __init__(
         self,
@@ -58,10 +54,6 @@ class SimulatedController:
         encoders: RotaryEncoders | None = None,
         settings: ControllerSettings | None = None,
     ) -> None:
-        """Prepare a controller for a number of rotors.
-
-        Raises ValueError if the encoders do not match the number of rotors.
-        """
         self._encoders = encoders or RotaryEncoders()
         self._encoders.check_fit(rotors)
         self._settings = settings or ControllerSettings()
@@ -69,7 +61,6 @@ class SimulatedController:
         self._decoder = FrameDecoder()
         self._rotors = rotors
         self.commands = 0
-        """Number of executed commands."""
         self.start(0.0)
 
     def start(self, now: float) -> bytes:
@@ -89,10 +80,7 @@ class SimulatedController:
         return encode(frame, self._protocol)
 
     def receive(self, now: float, chunk: bytes) -> None:
-        """Receive bytes at the time `now` [s].
-
-        Frames that are no commands or do not have one value per rotor are ignored.
-        """
+        """Receive bytes at the time `now` [s]; ignore frames that are no valid commands."""
         for frame in self._decoder.feed(chunk):
             if frame.kind in COMMANDS and len(frame.values) == self._rotors:
                 pressures = frame.kind is FrameKind.PRESSURES
@@ -102,5 +90,5 @@ class SimulatedController:
                 self.commands += 1
 
     def torques(self, now: float) -> Array:
-        """Return the torque on each rotor [N m], shape (N,), at the time `now` [s]."""
+        """Return the torque on each rotor [N m], (N,), at the time `now` [s]."""
         return self._torques if now < self._hold_until else np.zeros(self._rotors)

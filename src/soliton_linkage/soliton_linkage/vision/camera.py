@@ -6,8 +6,8 @@ In the coordinates of the camera (x right, y down, z ahead), the lens maps a ray
     x' = x R(q) + 2 p1 x y + p2 (q + 2 x^2),   y' = y R(q) + p1 (q + 2 y^2) + 2 p2 x y,
     q = x^2 + y^2,   R = (1 + k1 q + k2 q^2 + k3 q^3) / (1 + k4 q + k5 q^2 + k6 q^3),
 
-the model `rational_polynomial` of sensor_msgs/CameraInfo, and the pixel is (fx x' + cx, fy y' +
-cy).
+the model `rational_polynomial` of sensor_msgs/CameraInfo. The pixel is (fx x' + cx, fy y' + cy),
+with the centre of the first pixel at (0, 0).
 """
 
 from __future__ import annotations

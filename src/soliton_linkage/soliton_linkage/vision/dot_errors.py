@@ -174,7 +174,7 @@ class DeadZone:
         self._across.add(self._length_errors[_ORDER // 2, always])
 
     def variances(self, resting: float, jumps: float) -> Array:
-        """Return variances over those by pixel noise [1], (N,), given two such ratios."""
+        """Return variances over pixel noise [1], (N,), given those of resting and jumping dots."""
         along = self._along.value(jumps)
         along *= max(1.0, self._across.value() / self._across_difference.value())
         usual = math.exp(self._log_repeats / max(self._ended, 1.0))

@@ -50,9 +50,9 @@ _STEPS = 64
 _DISTANCES = np.arange(2 * int(_HALF_WIDTH) * _STEPS + 1) / _STEPS - _HALF_WIDTH
 """Distances from an edge at the points of the tables, in units of the blur [1]."""
 _COVERS: Array = erfc(_DISTANCES / math.sqrt(2)) / 2
-"""Fraction of a pixel at these distances that a blurred dot covers [1]."""
+"""Fraction of a pixel that a blurred dot covers at each of `_DISTANCES` [1]."""
 _EDGES: Array = np.exp(-(_DISTANCES**2) / 2) / math.sqrt(2 * math.pi)
-"""Negative derivative of this fraction by the distance [1]."""
+"""Negative derivative of the covered fraction by the distance [1]."""
 _MIN_SMEAR = 0.3
 """Displacement during the exposure below which a dot counts as resting [pixels]."""
 

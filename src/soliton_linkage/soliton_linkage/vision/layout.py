@@ -136,7 +136,7 @@ class MarkerLayout:
 
     @cached_property
     def frame_dots(self) -> Array:
-        """Centres of the dots beyond these corners, in the same order [m], (M, 4, 2)."""
+        """Centres of the dots beyond `frame_corners`, in the same order [m], (M, 4, 2)."""
         return self._squares(self.frame_marker_size / 2 + self.label_radius)
 
     @cached_property

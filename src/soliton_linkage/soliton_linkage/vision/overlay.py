@@ -64,8 +64,6 @@ def draw_overlay(
 
 
 class _Pen:
-    """Drawing functions for fractional pixels and for colours of `soliton_linkage.colours`."""
-
     def __init__(self, cv2: Any, picture: Picture) -> None:
         self._cv2, self.picture = cv2, picture
         self.size = max(picture.shape[1] * _FONT_SIZE, 0.3)

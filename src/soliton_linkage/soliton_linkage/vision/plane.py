@@ -76,7 +76,7 @@ class ChainPlane:
     def circle_centres(self, image_centres: Array, radius: float) -> Array:
         """Return the pixels of the centres of circles of a radius [m], (K, 2).
 
-        The centres of the ellipses in the picture, which are given [pixels], differ from them.
+        They differ from the centres of the ellipses in the picture, `image_centres` [pixels].
         """
         turns = np.arange(16) * (np.pi / 8)
         circle = radius * np.column_stack([np.cos(turns), np.sin(turns)])

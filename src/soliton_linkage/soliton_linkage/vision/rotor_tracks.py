@@ -27,7 +27,7 @@ _UNMEASURED = 0.07
 _MEASURED_ROTOR, _MEASURED_BOND = 0.02, 0.03
 """Relative deviations of measured rotor and bond lengths [1]; bonds may be springs."""
 _MAX_LENGTH_ERROR = 0.2
-"""Largest accepted relative error of a configured length [1]."""
+"""Largest relative difference of a measured from the configured length [1]."""
 _MIN_MEASUREMENTS, _MAX_MEASUREMENTS = 5, 300
 """Smallest and largest number of pictures in the mean of a length."""
 _PIVOT_TOLERANCE = 0.25

@@ -36,8 +36,7 @@ _DrawMarker = Callable[[Any, int, Array], None]
 def write_sheets(layout: MarkerLayout, path: Path, paper: str = 'a4') -> list[Path]:
     """Write the sheets of a chain; return the paths of the files.
 
-    Raises ValueError if a marker does not fit on the paper, or for other suffixes than .pdf and
-    .svg.
+    Raises ValueError if a marker does not fit on the paper, or for an unknown suffix.
     """
     figures = list(_sheets(layout, paper))
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -55,7 +55,6 @@ class GapCounter:
 
     def __init__(self) -> None:
         self.missing = 0
-        """Number of missing pictures so far."""
         self._last: float | None = None
         self._periods: list[float] = []
 

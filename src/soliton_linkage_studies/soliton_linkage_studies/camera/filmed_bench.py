@@ -45,10 +45,7 @@ class BenchParameters:
 
 @dataclass(frozen=True)
 class FilmedBench:
-    """Chain with manufacturing deviations, in front of a camera.
-
-    The markers are printed for the nominal chain `plan`.
-    """
+    """Chain with manufacturing deviations, with markers for the nominal chain `plan`."""
 
     plan: Chain
     markers: MarkerSettings
@@ -69,7 +66,7 @@ class FilmedBench:
 
     @cached_property
     def pictures(self) -> int:
-        """Number of pictures of the film [1]."""
+        """Number of pictures of the film."""
         return round(self.parameters.duration / PERIOD)
 
     def film(self) -> Iterator[TimedPicture]:
@@ -84,10 +81,6 @@ class FilmedBench:
 
     @property
     def _begin(self) -> float:
-        """Time at which the exposure of the first picture starts [s].
-
-        The simulation starts earlier, so that it covers the exposure of the first row.
-        """
         return CAMERA.row_time * CAMERA.height
 
     @cached_property

@@ -23,9 +23,9 @@ from soliton_linkage_studies.settings import Section, chain_from, load_settings
 from soliton_linkage_studies.sweep.table import RESUMES, fill_table, fingerprint, markdown_table
 
 _QUICK_FRAMES = 120
-"""Number of pictures per film in a quick study [1]; the film lasts two seconds."""
+"""Number of pictures per film in a quick study, which lasts two seconds."""
 _KICKS = 0.7, 1.3
-"""Range of a random factor on the kick of each clip [1]. The factor makes the clips different."""
+"""Range of a random factor on the kick of each clip [1]."""
 COLUMNS = (
     'pictures',
     'hidden',
@@ -38,15 +38,13 @@ COLUMNS = (
     'bias over noise',
     'a picture [ms]',
 )
-"""Columns of the table of films."""
 
 
 @dataclass(frozen=True)
 class FilmStudy:
-    """Study of films that consist of the same number of clips; each clip starts with a kick."""
+    """Study of films of several clips, each of which starts with a kick."""
 
     films: Mapping[str, FilmedTask]
-    """Task of the first clip of each film, by the name of the film."""
     clips: int
     name: str = 'films'
 
@@ -61,10 +59,7 @@ class FilmStudy:
         return len(self.films) * self.clips
 
     def cells(self, row: int) -> list[str]:
-        """Render one clip and measure its angles; return its columns as text.
-
-        The first rows are the first clips of all films.
-        """
+        """Render and measure one clip; the first rows are the first clips of all films."""
         clip, film = divmod(row, len(self.films))
         name, task = list(self.films.items())[film]
         stretch = float(np.random.default_rng(row).uniform(*_KICKS))

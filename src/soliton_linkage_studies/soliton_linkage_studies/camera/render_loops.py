@@ -32,23 +32,18 @@ Boxes = NDArray[np.int64]
 
 
 class Pixels(NamedTuple):
-    """Point of the rotor plane that each pixel shows [m]; arrays have shape (height, width)."""
+    """Point of the rotor plane that each pixel shows, and blur [m], (height, width)."""
 
     x: Array
     z: Array
     spread: Array
-    """Standard deviation of the point spread function at each pixel [m]."""
 
 
 _PIXELS = named_tuple(Pixels, f8_2d, f8_2d, f8_2d)
 
 
 def _covered(distance: float, spread: float) -> float:
-    """Return the fraction of a pixel that a shape covers.
-
-    `distance` is the distance of the pixel from the edge of the shape [m], negative inside the
-    shape. `spread` is the standard deviation of the point spread function [m].
-    """
+    """Return the covered fraction of a pixel at a signed distance from an edge [m]."""
     share = distance / spread
     if share > 4.0:
         return 0.0
@@ -58,17 +53,12 @@ def _covered(distance: float, spread: float) -> float:
 
 
 def _from_arm(x: float, z: float, across: float, up: float) -> float:
-    """Return the distance of a point from the line segment between the origin and (across, up)."""
     along = (x * across + z * up) / (across * across + up * up)
     along = min(max(along, 0.0), 1.0)
     return math.hypot(x - along * across, z - along * up)
 
 
 def _mass_of(rotors: Array, rotor: int, time: float) -> tuple[float, float]:
-    """Return the position of a mass relative to its pivot [m] at a time [s].
-
-    `paint_rotors` describes the array `rotors`.
-    """
     angle = rotors[0, rotor] + time * (rotors[1, rotor] + time * rotors[2, rotor] / 2)
     return rotors[4, rotor] * math.sin(angle), rotors[4, rotor] * math.cos(angle)
 
@@ -88,10 +78,7 @@ def _shares_of_rotor(
     arm: float,
     spread: float,
 ) -> tuple[float, float, float, float]:
-    """Return the fractions of a pixel that show arm, label, dot and background.
-
-    Each fraction is the sum over the samples of the exposure.
-    """
+    """Return sums over the exposure of the fractions of arm, label, dot and background."""
     of_arm = of_label = of_dot = of_rest = 0.0
     for k in range(len(across)):
         from_mass = math.hypot(x - across[k], z - up[k])
@@ -120,12 +107,11 @@ def paint_rotors(
     shape: Array,
     moments: Array,
 ) -> None:
-    """Paint every other rotor with its arm and dots.
+    """Paint every other rotor, from `parity`, with its arm and dots.
 
-    `parity` is the first rotor, 0 or 1. The rows of `rotors` are the angles [rad], rates [rad/s]
-    and accelerations [rad/s^2] at time 0, the pivots [m] and the rotor lengths [m]. `shape`
-    contains the radius of labels, the radius of dots and the half width of arms [m]. `moments`
-    contains the times of the samples of each row of the picture [s].
+    `rotors`: angles [rad], rates [rad/s] and accelerations [rad/s^2] at time 0, pivots and rotor
+    lengths [m]. `shape`: radii of labels and dots, half width of arms [m]. `moments`: times of the
+    samples of each row of the picture [s].
     """
     label, dot, arm = shape[0], shape[1], shape[2]
     samples = moments.shape[1]
@@ -169,10 +155,7 @@ def paint_bonds(
     width: float,
     moments: Array,
 ) -> None:
-    """Paint the bonds between the masses of neighbouring rotors.
-
-    `width` is half the width of a bond [m]; `paint_rotors` describes the other arguments.
-    """
+    """Paint the bonds of half width `width` [m]; other arguments as in `paint_rotors`."""
     samples = moments.shape[1]
     masses = np.empty((samples, 4))
     for bond in range(len(boxes) - 1):
@@ -219,10 +202,7 @@ def paint_bonds(
 def expose(
     canvas: Canvas, light: Canvas, noise: Canvas, shift: int, picture: NDArray[np.uint8]
 ) -> None:
-    """Write a picture: multiply a canvas by the light [1], and add noise.
-
-    `shift` moves the noise image horizontally [pixels].
-    """
+    """Write a picture: canvas times light, plus noise with a horizontal shift [pixels]."""
     height, width, colours = canvas.shape
     for row in range(height):
         for column in range(width):

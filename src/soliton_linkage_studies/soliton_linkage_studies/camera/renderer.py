@@ -1,10 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rendered films of a chain, with known angles.
-
-A picture shows the frame markers. In front of them are, from back to front, the bonds, the even
-rotors and the odd rotors. Each rotor has dots at its pivot and its mass. Each pixel is the mean
-over its exposure. The exposure of row v starts v times `row_time` after the start of the picture.
-"""
+"""Rendered films of a chain, with known angles, a rolling shutter and an exposure."""
 
 from __future__ import annotations
 
@@ -25,8 +20,7 @@ from soliton_linkage.vision.plane import ChainPlane
 from soliton_linkage_studies.camera.render_loops import Pixels, expose, paint_bonds, paint_rotors
 
 Motion = Callable[[Array], tuple[Array, Array, Array]]
-"""Function that returns angles [rad], rates [rad/s] and accelerations [rad/s^2] at times [s]. The
-times have shape (T,), each result has shape (T, N)."""
+"""Function from times [s], (T,), to angles [rad], rates and accelerations, (T, N) each."""
 
 _BOARD = (172, 180, 176)
 """RGB colour of the board behind the chain [0 to 255]."""
@@ -35,13 +29,13 @@ _ARM, _BOND, _WHITE = (70, 74, 80), (120, 110, 90), (246, 246, 242)
 _ARM_WIDTH, _BOND_WIDTH = 0.5, 0.12
 """Half widths of arms and bonds, relative to the radius of a label [1]."""
 _NOISES = 4
-"""Number of noise images [1]. Each picture uses one of them with a random shift."""
+"""Number of noise images, each of which is used with random shifts."""
 
 
 @document_fields
 @dataclass(frozen=True)
 class FilmSettings:
-    """Light and sensor of a film. Raises ValueError for values out of their range."""
+    """Light and sensor of a film; raises ValueError for values out of their range."""
 
     light: float = quantity(
         0.85, 'brightness of white in the middle; 1 saturates the sensor', '', 0, 1
@@ -56,7 +50,6 @@ class FilmSettings:
     seed: int = quantity(0, 'random seed of the noise', '', 0, 10**9)
 
     def __post_init__(self) -> None:
-        """Reject values out of their range."""
         check_quantities(self)
 
 
@@ -67,7 +60,6 @@ class Hand:
     begin: float
     """Time at which the ellipse appears [s]."""
     end: float
-    """Time at which the ellipse disappears [s]."""
     start: tuple[float, float]
     """Centre of the ellipse when it appears [pixels]."""
     velocity: tuple[float, float]
@@ -106,10 +98,7 @@ class Renderer:
         return float(self._plane.pixels(pivots, layout.heights)[:, 1].mean())
 
     def stamp(self, time: float) -> float:
-        """Return the time stamp of a picture whose exposure starts at a time [s].
-
-        The stamp is the middle of the exposure at the mean row of the pivots.
-        """
+        """Return the stamp [s]: the middle of the exposure at the mean row of the pivots."""
         camera = self._camera
         return time + camera.exposure / 2 + self.middle_row * camera.row_time
 
@@ -148,10 +137,6 @@ class Renderer:
             paint_rotors(canvas, pixels, parity, rotors, boxes, paint, shape, moments)
 
     def _boxes(self, angles: Array, rates: Array) -> NDArray[np.int64]:
-        """Return the edges of a box around each rotor [pixels], shape (N, 4).
-
-        The edges are left, right, top and bottom.
-        """
         layout, camera = self._layout, self._camera
         reach = 1.5 * layout.label_radius
         longest = camera.exposure / 2 + camera.row_time * camera.height / 2
@@ -173,7 +158,6 @@ class Renderer:
 
     @cached_property
     def _pixels(self) -> tuple[Pixels, Pixels]:
-        """Points of the even and of the odd rotor plane that each pixel shows."""
         even, odd = self._layout.heights[:2]
         return self._seen_at(float(even)), self._seen_at(float(odd))
 
@@ -191,7 +175,7 @@ class Renderer:
 
     @cached_property
     def _paint(self) -> NDArray[np.float32]:
-        """BGR colours of arm, paper, pivots, bond and masses, shape (3 + C, 3)."""
+        """BGR colours of arm, paper, pivots, bond and masses, (3 + C, 3)."""
         paints = [_ARM, _WHITE, COLOURS[0], _BOND, *COLOURS[1:]]
         table = np.array(paints, dtype=np.float32)[:, ::-1]
         return np.ascontiguousarray(np.maximum(table, 12.0))
@@ -205,7 +189,6 @@ class Renderer:
         return np.asarray(light, dtype=np.float32)
 
     def _painted_background(self) -> NDArray[np.float32]:
-        """Render the board and the frame markers, averaged over each pixel."""
         cv2 = opencv()
         camera, layout = self._camera, self._layout
         canvas = np.empty((camera.height, camera.width, 3), dtype=np.float32)
@@ -262,10 +245,6 @@ class Renderer:
 
 
 def _between(edges: Array, parts: int) -> Array:
-    """Divide the intervals between edges into equal parts, and return the middle of each part.
-
-    The first axis of `edges` counts the edges.
-    """
     share = ((np.arange(parts) + 0.5) / parts)[:, None, None]
     middles = edges[:-1, None] * (1 - share) + edges[1:, None] * share
     return np.asarray(middles.reshape(-1, *edges.shape[1:]))
@@ -279,11 +258,9 @@ def posed_plane(
     pitch: float = 0.0,
     roll: float = 0.0,
 ) -> ChainPlane:
-    """Return the plane of a chain in front of a camera.
+    """Return the plane of a chain with the point `middle` straight ahead at `distance` [m].
 
-    The point `middle` of the plane [m] is straight ahead at `distance` [m]. The plane is rotated
-    by the angles `pan`, `pitch` and `roll` [rad]. If these angles are zero, the camera faces the
-    plane, with x to the right and z up in the picture.
+    If `pan`, `pitch` and `roll` [rad] are 0, x points to the right and z up in the picture.
     """
     turned = Rotation.from_euler('yxz', [pan, pitch, roll]).as_matrix()
     axes = turned @ np.array([[1.0, 0.0], [0.0, -1.0], [0.0, 0.0]])

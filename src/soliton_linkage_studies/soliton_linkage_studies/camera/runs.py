@@ -38,24 +38,21 @@ CAMERA = Camera(
     row_time=25e-6,
     exposure=0.004,
 )
-"""Camera with the lens and the rolling shutter of a phone. Image coordinates are in [pixels],
-times in [s]."""
+"""Camera with the lens and the rolling shutter of a phone [pixels, s]."""
 PERIOD = 1 / 60
 """Time between successive pictures [s]."""
 SIMULATED = 0.002
-"""Period of the simulated frames [s]. Cubic splines interpolate the motion between them."""
+"""Period of the simulated frames [s], between which cubic splines interpolate."""
 _TILTS = (0.06, -0.09, 0.01)
 """Pan, pitch and roll of the chain plane relative to the camera [rad]."""
 _FILLED = 1.12
 """Width of the picture, relative to the width of the chain with its frame markers [1]."""
 _SWAPPED = 0.1
-"""Threshold of a swapped rotor [rad]: if the error of an angle is larger, the angle counts as that
-of another rotor."""
+"""Error of an angle above which it counts as that of another rotor [rad]."""
 _SETTLING = 10
-"""Number of pictures at the start of a film whose errors are not evaluated [1]. Afterwards, the
-plane and the pivots are averages over several pictures."""
+"""Number of first pictures that are not evaluated, because plane and pivots are means."""
 _HAND_EVERY, _HAND_FOR = 10.0, 0.7
-"""Time between two hands that cover part of the view, and time for which a hand is visible [s]."""
+"""Time between two hands that cover part of the view, and duration of a hand [s]."""
 _TURN = 0.01
 """Rotation of the rotors for finite differences of the pixels [rad]."""
 
@@ -66,12 +63,11 @@ class FilmedTask:
 
     chain: Chain
     kick: float
-    """Speed of the kick: norm of the velocities of all masses, in units of a sqrt(k_e / M) [1]."""
+    """Norm of the velocities of all masses by the kick, in units of a sqrt(k_e / M) [1]."""
     frames: int
     settings: FilmSettings
     h264: int = 0
-    """Rate factor (CRF) of the H.264 video; a lower factor means better quality. 0 means
-    uncompressed pictures."""
+    """Rate factor (CRF) of the H.264 video; 0 means uncompressed pictures."""
 
     def __call__(self) -> FilmedRun:
         """Render the film and measure its angles, picture by picture."""
@@ -114,11 +110,11 @@ class FilmedRun:
     """Errors and statistics of the angles measured in a film of F pictures."""
 
     errors: Array
-    """Errors of the unwrapped angles [rad], shape (F, N); NaN if an angle was not measured."""
+    """Errors of the unwrapped angles [rad], (F, N); NaN if an angle was not measured."""
     stated: Array
-    """Stated standard deviations of the angles [rad], shape (F, N)."""
+    """Stated standard deviations of the angles [rad], (F, N)."""
     bound: float
-    """Cramer-Rao bound of the standard deviation of an angle, from the pixels of a label [rad]."""
+    """Cramer-Rao bound of the deviation of an angle, from the pixels of a label [rad]."""
     busy: float
     """CPU time per picture [s]."""
 
@@ -159,16 +155,11 @@ FIGURES = (
     'bias',
     'busy',
 )
-"""Statistics of a film. `bound`, `noise`, `stated` (standard deviation) and `bias` are in [rad].
-`normalised` is the RMS of the errors relative to their stated standard deviations [1]. `busy` is
-the CPU time per picture [s]. The others are counts [1]."""
+"""Statistics: `bound`, `noise`, `stated`, `bias` in [rad], `busy` in [s], others [1]."""
 
 
 def _changes(errors: Array) -> int:
-    """Return how often the error of a rotor changes by full turns between two measurements.
-
-    This happens if a hidden rotor reappears with a wrong number of turns.
-    """
+    """Return how often the error of a rotor changes by full turns."""
     turns = np.rint(errors / (2 * np.pi))
     return sum(
         int(np.count_nonzero(np.diff(of_rotor[np.isfinite(of_rotor)]))) for of_rotor in turns.T
@@ -176,7 +167,7 @@ def _changes(errors: Array) -> int:
 
 
 def interpolate_motion(recording: Recording) -> Motion:
-    """Return the motion of a recording; cubic Hermite splines interpolate between its frames."""
+    """Return the motion of a recording, interpolated by cubic Hermite splines."""
     angles = CubicHermiteSpline(recording.times, recording.angles, recording.rates)
     rates, accelerations = angles.derivative(1), angles.derivative(2)
     return lambda times: (angles(times), rates(times), accelerations(times))
@@ -190,7 +181,6 @@ def chain_plane(layout: MarkerLayout) -> ChainPlane:
 
 
 def _hands(duration: float) -> tuple[Hand, ...]:
-    """Return hands that cross the picture one after another, from different positions."""
     begins = np.arange(_HAND_EVERY / 2, duration, _HAND_EVERY)
     return tuple(
         Hand(
@@ -209,12 +199,7 @@ def _held(angles: Array, still: Array) -> Motion:
 
 
 def _pixel_bound(task: FilmedTask, layout: MarkerLayout, plane: ChainPlane) -> float:
-    """Return the Cramer-Rao bound of the standard deviation of an angle [rad].
-
-    The bound is the median over the rotors of sigma / sqrt(sum (dI / dphi)^2). The sum is over the
-    pixels around the mass of a rotor at rest, where I is the grey level of a pixel. sigma is the
-    noise of a grey level, reduced by the average over the three colours.
-    """
+    """Return the Cramer-Rao bound [rad], the median of sigma / sqrt(sum (dI / dphi)^2)."""
     cv2 = opencv()
     rest, still = task.chain.uniform_state(1), np.zeros((1, task.chain.number_of_rotors))
     pictures = []
