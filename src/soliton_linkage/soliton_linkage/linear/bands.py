@@ -123,8 +123,8 @@ def penetration_depth(chain: Chain) -> float:
 def tail_ratio(chain: Chain) -> float:
     """Return the ratio q- / q+ = (d - 1) / (d + 1) of the tail of a wall at neighbours [1].
 
-    The tail is the small difference of the angles phi from a uniform state. The numerator of the
-    ratio belongs to the rotor farther from the wall.
+    The tail is the small difference of phi from a uniform state; the farther rotor is in the
+    numerator.
     """
     plus, minus = couplings(chain)
     return minus / plus
@@ -171,9 +171,8 @@ def wobble_exponents(chain: Chain) -> tuple[complex, complex]:
 def continuum_tail(chain: Chain) -> Tail:
     """Return the tail with the exponent of `wobble_exponents` that decays more slowly.
 
-    For d > 1 / sqrt(2) it oscillates, with decay length ub and a wave number up to sqrt(8) / a.
-    Both are artefacts of the expansion. The decay length agrees with `exact_tail` for d << 1 and d
-    >> 1.
+    For d > 1 / sqrt(2) it oscillates, an artefact of the expansion, with decay length ub and a
+    wave number up to sqrt(8) / a. The decay length agrees with `exact_tail` for d << 1 and d >> 1.
     """
     plus, minus = wobble_exponents(chain)
     return Tail(1 / minus.real, plus.imag)

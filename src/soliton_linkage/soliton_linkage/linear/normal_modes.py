@@ -20,8 +20,7 @@ from soliton_linkage.linear.statics import unstretched
 from soliton_linkage.linkage.chain import Array, Chain
 
 _MOST_STRETCH = 1e-6
-"""Largest relative extension of a spring that counts as relaxed [1]. The relative errors of
-frequencies are at most this value."""
+"""Largest relative extension of a relaxed spring [1], the relative error of frequencies."""
 
 
 @dataclass(frozen=True)
@@ -55,9 +54,9 @@ def normal_modes(chain: Chain, angles: ArrayLike) -> NormalModes:
 def mode_frequencies(chain: Chain, angles: ArrayLike) -> Array:
     """Return the angular frequencies of `normal_modes` in ascending order [rad/s], shape (N,).
 
-    With free ends they are the non-negative eigenvalues of [[0, B^T], [B, 0]]. This matrix is
-    tridiagonal with rotors and springs in alternating order, so that the time is O(N^2). Raises
-    ValueError if a spring is stretched.
+    With free ends they are the non-negative eigenvalues of [[0, B^T], [B, 0]], tridiagonal with
+    rotors and springs in alternating order: the time is O(N^2). Raises ValueError if a spring is
+    stretched.
     """
     relaxed = _relaxed(chain, angles)
     if chain.periodic:
@@ -75,9 +74,9 @@ def mode_frequencies(chain: Chain, angles: ArrayLike) -> Array:
 def mode_density(frequencies: ArrayLike, edges: ArrayLike) -> Array:
     """Return a histogram of the mode frequencies [modes / rotor / (rad/s)], shape (bins,).
 
-    It is the fraction of the modes between two `edges` [rad/s], divided by their distance: for a
-    long uniform chain, the mean of `density_of_states`. Raises ValueError for frequencies that are
-    negative or not finite, and for edges that do not increase.
+    For a long uniform chain it is the mean of `density_of_states` between two `edges` [rad/s].
+    Raises ValueError for frequencies that are negative or not finite, and for edges that do not
+    increase.
     """
     counted, bounds = np.atleast_1d(np.asarray(frequencies, float)), np.asarray(edges, float)
     check_frequencies(counted)
@@ -120,10 +119,9 @@ def phonon_energy(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> float:
     """Return the energy of a moving state outside the zero mode [J] in a time O(N).
 
     E = sum_n (k_e / 2) (R dphi)_n^2 + T(phi_dot - t (t . I phi_dot) / (t . I t)) is the sum of
-    `phonon_energies` without the first. E contains all energy except that of the motion of rigid
-    bars, for example the elastic energy of a moving wall. With several walls, only their common
-    motion is excluded. With periodic ends, E is the total energy. Raises the errors of
-    `phonon_energies`.
+    `phonon_energies` without the first, such as the elastic energy of a moving wall. Of several
+    walls, only the common motion is excluded; with periodic ends, E is the total energy. Raises
+    the errors of `phonon_energies`.
     """
     relaxed, displacement = _departure(chain, angles)
     left = chain.check_angles(rates, 'rate')

@@ -17,14 +17,11 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 VANISHING = 1e-280
-"""Value that replaces a vanishing lever [m^2/rad], far below the rounding errors of other
-levers."""
+"""Value that replaces a vanishing lever [m^2/rad], far below rounding errors."""
 _BLOCK = 500
-"""Number of factors between 1/2 and 1 that are multiplied without rescaling [1]; their product
-does not fall below 2^-1022, the smallest double."""
+"""Factors between 1/2 and 1 that are multiplied without rescaling [1], above 2^-1022."""
 _FAR_FROM_OVERFLOW = 1e100
-"""Limit for the components of a mode and their inverses [1], whose squares then do not
-overflow."""
+"""Limit for the components of a mode and their inverses [1]; their squares do not overflow."""
 
 
 class Edge(enum.Enum):
@@ -114,9 +111,9 @@ def mode_towards_last(chain: Chain, angles: Array) -> Array:
     """Return the zero mode with the sign that moves the wall towards the last rotor [1], (N,).
 
     In a spinner, sum_n h_n then grows. In a left-leaning flipper with d < 1, all theta_n grow, and
-    all A_n and B_n have the sign (-1)^(n+1); these signs are reversed upside down. When an edge
-    rotor swings past the mass of its neighbour, A_0 or B_{N-2} changes its sign, and the zero mode
-    of constant sign moves the wall backwards.
+    all A_n and B_n have the sign (-1)^(n+1), reversed upside down. When an edge rotor swings past
+    the mass of its neighbour, A_0 or B_{N-2} changes its sign, and so does this sign relative to
+    `zero_mode`.
     """
     first, second = _levers_of_free_chain(chain, angles)
     mode = _zero_mode_of(first, second)

@@ -64,8 +64,8 @@ def rest_state(chain: Chain, lean: int) -> Array:
 def toggled_angle(chain: Chain, angles: Array, edge: Edge) -> float:
     """Return the other angle of an edge rotor at which its bar has the same length [rad].
 
-    phi_t = 2 psi - phi with the direction psi from its pivot to the mass of its neighbour; the
-    edge rotor has it after a wall has been reflected at the edge.
+    phi_t = 2 psi - phi with the direction psi from its pivot to the mass of its neighbour, as
+    after the reflection of a wall.
     """
     checked = chain.check_angles(angles)
     last = edge.resolved(chain, checked) is Edge.LAST

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Zero-energy orbit: the closed curve of configurations that a chain passes while its wall moves.
-
-`orbit_of` returns the `Orbit` of a chain: a `UniformOrbit` for a chain without deviations of
-rotors and springs, and a `DeviatingOrbit` for a chain with deviations.
-"""
+"""Zero-energy orbit: the closed curve of configurations that a chain passes as its wall moves."""
 
 from soliton_linkage.orbit.deviating_orbit import DeviatingOrbit, orbit_of
 from soliton_linkage.orbit.orbit import Orbit, OrbitSegment

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Orbit of a chain with known deviations of its rotors and springs from the uniform chain.
+"""Orbit of a chain with known deviations of its rotors and springs.
 
-A configuration corresponds to one on the uniform orbit, the orbit without deviations, if in both
-of them half of |t|^2 of the zero mode t is on the left of the same bond. The ends of the legs also
-correspond. In between, a monotonic cubic relates the two arc lengths. The wall has the site
-coordinate of the corresponding configuration on the uniform orbit.
+It corresponds to the orbit without deviations where half of |t|^2 of the zero mode t is on the
+left of the same bond, and at the ends of the legs; a monotonic cubic relates the arc lengths
+between. The wall has the site coordinate of the corresponding configuration.
 """
 
 from __future__ import annotations
@@ -25,15 +24,13 @@ from soliton_linkage.orbit.seed_path import blocked_wall_error
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
 _SAMPLES_A_SITE = 4
-"""Number of samples per rotor spacing that bracket the arc length at which half of |t|^2 is on the
-left of a bond [1]."""
+"""Samples per rotor spacing that bracket the arc length with half of |t|^2 left of a bond [1]."""
 _SAME_MODE = 1 - 1e-6
-"""Smallest cosine of the angle between tangent and zero mode [1]; it is smaller if the computed
-tangent misses a moving rotor."""
+"""Smallest cosine between tangent and zero mode [1]; below, the tangent misses a moving rotor."""
 
 
 def orbit_of(chain: Chain) -> Orbit:
-    """Return the `UniformOrbit` or `DeviatingOrbit` of a chain; raises the errors of the class."""
+    """Return the `UniformOrbit` or `DeviatingOrbit` of a chain, or raise its errors."""
     return UniformOrbit(chain) if chain.deviations == NO_DEVIATIONS else DeviatingOrbit(chain)
 
 
@@ -104,9 +101,8 @@ class DeviatingOrbit(Orbit):
     def _reflections(self) -> list[float]:
         """Return the arc lengths at which the legs end [rad], from the start of the first piece.
 
-        The leg of a flipper ends when the edge rotor is collinear with its bar, because its
-        neighbour then reverses its rotation. The leg of a spinner ends at an extremum of sum_n
-        sin(phi_n).
+        A leg ends in a flipper when the edge rotor is collinear with its bar, so that its
+        neighbour reverses its rotation, and in a spinner at an extremum of sum_n sin(phi_n).
         """
         last = self.chain.number_of_rotors - 1
         spinner = self.chain.motion is Motion.SPINNER
@@ -139,11 +135,7 @@ class DeviatingOrbit(Orbit):
                 raise blocked_wall_error(self.chain, piece.seed)
 
     def _relaxed(self, leg: int) -> tuple[Array, Array]:
-        """Return the result of `background` for a leg.
-
-        An edge rotor far from the wall can have several angles. The result has the one closest to
-        the chain without deviations.
-        """
+        """Return `background` of a leg, where ambiguous nearest to that without deviations."""
         last = self.chain.number_of_rotors - 1
         left, right = self._uniform.background(self._uniform.leg_arcs(leg)[0])
         begin, end = self.leg_arcs(leg)
@@ -158,7 +150,6 @@ class DeviatingOrbit(Orbit):
         )
 
     def _left_behind(self, arcs: list[float]) -> Array:
-        """Return the last angle of each rotor near the wall along a series of arc lengths."""
         angles = np.empty(self.chain.number_of_rotors)
         for arc in arcs:
             segment = self.segment(arc)
@@ -166,9 +157,9 @@ class DeviatingOrbit(Orbit):
         return angles
 
     def _nearest(self, rotor: int, angle: float, turning: float) -> float:
-        """Return the arc length [rad] at which an edge rotor is closest to an angle [rad].
+        """Return the arc length [rad] at which an edge rotor, the seed, is nearest to an angle.
 
-        The edge rotor is the seed in the searched pieces, around a reflection at `turning` [rad].
+        The search is around a reflection at `turning` [rad].
         """
         pieces, count = self._pieces, len(self._pieces)
         number = bisect_right(self._ends, (turning + self._origin) % self._ends[-1]) % count
@@ -195,13 +186,11 @@ def _difference(arc: float, piece: OrbitPiece, column: int, angle: float) -> flo
 
 
 def _rate(arc: float, piece: OrbitPiece, rotor: int | None) -> float:
-    """Return the derivative of the angle of a rotor, or of sum_n sin(phi_n), by the arc length."""
     angles, tangent = np.split(piece.at(arc), 2)
     return float(np.cos(angles) @ tangent) if rotor is None else float(tangent[rotor])
 
 
 def _reversal(piece: OrbitPiece, rotor: int | None) -> float:
-    """Return the arc length in a piece at which `_rate` changes its sign, or its length [rad]."""
     if (_rate(0.0, piece, rotor) > 0) == (_rate(piece.length, piece, rotor) > 0):
         return piece.length
     return float(brentq(_rate, 0, piece.length, args=(piece, rotor), xtol=1e-14))
@@ -231,11 +220,9 @@ class _ArcMap:
         self._cubic = PiecewiseCubic(PchipInterpolator(*periodic))
 
     def at(self, arc: float) -> tuple[float, float]:
-        """Return the corresponding arc length on the uniform orbit [rad] and its derivative."""
         return self._cubic.at(arc)
 
     def inverse(self, uniform_arc: float) -> float:
-        """Return the arc length that corresponds to an arc length of the uniform orbit [rad]."""
         number = min(
             max(bisect_right(self._uniform_arcs, uniform_arc) - 1, 0), len(self._arcs) - 2
         )
@@ -247,10 +234,7 @@ class _ArcMap:
 
 
 def _arcs_at_bonds(orbit: Orbit, leg: int) -> Array:
-    """Return, for each bond, the arc length [rad] in a leg at which half of |t|^2 is on its left.
-
-    It is NaN for bonds near the edges that no configuration of the leg divides in this way.
-    """
+    """Return the arc length [rad] in a leg with half of |t|^2 on the left of each bond, or NaN."""
     rotors = orbit.chain.number_of_rotors
     arcs = np.linspace(*orbit.leg_arcs(leg), _SAMPLES_A_SITE * rotors)
     if leg % 2 == 1:

@@ -14,19 +14,17 @@ from scipy.interpolate import PPoly
 from soliton_linkage.linkage.chain import Array, Chain
 
 _STEP = 1e-3
-"""Step of the arc length for the numerical derivative of the tangent [rad]; its error is 1e-6."""
+"""Step of the numerical derivative of the tangent [rad]; its error is 1e-6."""
 
 
 class OrbitSegment(NamedTuple):
     """Angles of the n rotors near the wall, and their derivatives along the orbit."""
 
     first: int
-    """Index of the first of these rotors."""
     angles: Array
     """Actual (not staggered) angles [rad], shape (n,)."""
     tangent: Array
-    """Derivative of the angles by the arc length [1], shape (n,); below 1e-6 for all other
-    rotors."""
+    """Derivative of the angles by the arc length [1], shape (n,), below 1e-6 elsewhere."""
 
 
 class PiecewiseCubic:
@@ -54,11 +52,11 @@ class Orbit(ABC):
     """Closed orbit of a chain: a curve of configurations, parametrised by its arc length.
 
     `arc` [rad] is any real integral of ds = sqrt(sum_n dphi_n^2). A leg is the part between two
-    reflections of the wall, which moves towards the last rotor in even legs and towards the first
-    in odd legs. At arc 0 the wall is reflected at the first rotor, and leg 0 begins, in which no
-    edge rotor of a flipper has toggled, which means swung from one of its two rest angles to the
-    other. The right-leaning state has theta = theta_bar. The mirror image phi -> pi - phi belongs
-    to a chain assembled upside down. Angles are defined up to whole turns.
+    reflections of the wall, which moves towards the last rotor in even legs, towards the first in
+    odd ones. At arc 0 the wall is reflected at the first rotor, and leg 0 begins, in which no edge
+    rotor of a flipper has toggled (swung from one of its rest angles to the other). The
+    right-leaning state has theta = theta_bar; phi -> pi - phi is a chain assembled upside down.
+    Angles are defined up to whole turns.
     """
 
     chain: Chain
@@ -68,7 +66,7 @@ class Orbit(ABC):
     site_arc: float
     """Mean arc length per rotor spacing [rad]."""
     _starts: list[float]
-    """Arc lengths at which the legs begin [rad]; the last element is the length of the orbit."""
+    """Arc lengths at which the legs begin, and the length of the orbit [rad]."""
 
     @property
     def length(self) -> float:
@@ -138,8 +136,7 @@ class Orbit(ABC):
     def free_rate(self, arc: float) -> float:
         """Return the rate ds/dt of free motion, relative to a chain of equal rotors [1].
 
-        Free motion conserves sum_n (I_n / 2) (t_n ds/dt)^2, so that it is 1 / sqrt(sum_n (I_n / I)
-        t_n^2).
+        It is 1 / sqrt(sum_n (I_n / I) t_n^2), because sum_n (I_n / 2) (t_n ds/dt)^2 is conserved.
         """
         segment = self.segment(arc)
         end = segment.first + len(segment.tangent)

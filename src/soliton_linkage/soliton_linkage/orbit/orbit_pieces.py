@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Orbit of a chain with deviations of rotors and springs, as pieces with Chebyshev series.
 
-The angle of one rotor in the wall, the seed, determines its neighbours, and so on outwards, with
-errors that decay as the zero mode. The tangent t follows from t_{n+1} = -(A_n / B_n) t_n and |t| =
-1, and the arc length from ds = dphi_seed / t_seed. A piece is the part in which one rotor is the
-seed. All pieces are computed together.
+The angle of one rotor in the wall, the seed, determines its neighbours outwards, with errors that
+decay as the zero mode. The tangent t follows from t_{n+1} = -(A_n / B_n) t_n and |t| = 1, the arc
+length from ds = dphi_seed / t_seed. A piece has one seed. All pieces are computed together.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.orbit.seed_path import SeedPath, blocked_wall_error, seed_path
 
 _NODES = 20
-"""Number of terms of a Chebyshev series [1]; most series converge after at most one halving."""
+"""Terms of a Chebyshev series [1]; most series converge after at most one halving."""
 _MOST_SPLITS = 8
 """Largest number of halvings of a piece [1]; more do not improve convergence."""
 _ACCURACY = 1e-11
@@ -28,10 +27,9 @@ _ACCURACY = 1e-11
 _STILL = 2e-11
 """Largest tangent of an immobile rotor [1]: the rounding error of a series."""
 _DEPTHS_BESIDE = 25
-"""Number of penetration depths computed on each side of a seed [1]; e^-25 is below `_STILL`."""
+"""Penetration depths computed on each side of a seed [1]; e^-25 is below `_STILL`."""
 _ROTORS_BESIDE = 6
-"""Number of additional rotors on each side of a seed [1], because walls with a penetration depth
-close to 0 still extend over a few rotors."""
+"""Additional rotors on each side of a seed [1], for penetration depths close to 0."""
 _NEWTON_STEPS = 30
 """Largest number of Newton steps [1]; far fewer are necessary."""
 _BATCH = 2_000_000
@@ -52,11 +50,9 @@ class OrbitPiece:
     """Piece of an orbit, with the angles of the n rotors that move in this piece."""
 
     seed: int
-    """Index of the seed, which moves most or nearly most of all rotors."""
     length: float
     """Arc length of the piece [rad]."""
     first: int
-    """Index of the first moving rotor."""
     series: Array
     """Chebyshev coefficients of the angles [rad] and tangents [1] of the n rotors, (K, 2 n)."""
 
@@ -114,7 +110,6 @@ def _pieces(chain: Chain, beside: int) -> list[OrbitPiece]:
 
 
 def _is_cut(piece: OrbitPiece, beside: int, last: int) -> bool:
-    """Return whether an outer rotor of the window moves and is no edge rotor of the chain."""
     low, high = piece.seed - beside, piece.seed + beside
     return 0 < low == piece.first or last > high == piece.first + piece.rotors - 1
 
@@ -163,7 +158,6 @@ class _Window:
         return np.asarray(mode / np.linalg.norm(mode, axis=-1, keepdims=True))
 
     def _neighbour(self, angles: Array, rotor: int, neighbour: int, bar: int) -> Array:
-        """Return the angles of a neighbouring rotor [rad], shape (P, K); see `neighbour_angle`."""
         branches = self.right_branches if neighbour > rotor else self.left_branches
         spacings = self.spacings[:, bar, None] * (-1 if neighbour > rotor else 1)
         r, length = self.rotor_lengths[:, neighbour, None], self.bar_lengths[:, bar, None]
@@ -179,7 +173,6 @@ class _Window:
 
 
 def _resolved(chain: Chain, path: SeedPath) -> list[OrbitPiece | None]:
-    """Return the pieces of a path; a piece is None if its series does not converge."""
     halves = (path.ends - path.begins)[:, None] / 2
     middles = path.begins[:, None] + halves
     window = _Window(chain, path)
@@ -212,9 +205,8 @@ def _resolved(chain: Chain, path: SeedPath) -> list[OrbitPiece | None]:
 def _nodes_in_arc(speeds: Array) -> Array:
     """Return the parameters of the points that are Chebyshev nodes in the arc length, (P, K).
 
-    The parameter x of a piece, from -1 to 1, is proportional to the angle of the seed. `speeds`
-    are the Chebyshev coefficients of ds/dx, (P, K). Newton's method may fail only in pieces whose
-    series does not converge either.
+    The parameter x from -1 to 1 is proportional to the angle of the seed; `speeds` are the
+    Chebyshev coefficients of ds/dx, (P, K).
     """
     arcs = chebyshev.chebint(speeds, axis=1, lbnd=-1)
     wanted = arcs.sum(axis=1)[:, None] * (1 + _POINTS) / 2

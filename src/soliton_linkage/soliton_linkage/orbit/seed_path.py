@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Path of a wall from rotor to rotor through a chain with deviations of rotors and springs.
 
-The angle of one rotor, the seed, determines all others. The seed is the rotor that moves most; at
-|A_n| = |B_n| its neighbour becomes the seed. If the angle of rotor n + 1 is known, the bar allows
-two angles of rotor n; the sign of A_n at the change of the seed from n to n + 1 selects one,
-because A_n does not vanish while the seed is on its right. In the same way, B_{n-1} selects the
-angle of rotor n from that of rotor n - 1.
+The angle of the seed, the rotor that moves most, determines all others; at |A_n| = |B_n| its
+neighbour becomes the seed. Of the two angles of rotor n that the bar to rotor n + 1 allows, the
+sign of A_n when the seed changed from n to n + 1 selects one, because A_n does not vanish while
+the seed is on its right. In the same way, B_{n-1} selects the angle of rotor n from that of rotor
+n - 1.
 """
 
 from __future__ import annotations
@@ -33,31 +33,29 @@ Numbers = NDArray[np.int64]
 Branches = NDArray[np.int8]
 
 _LONGEST_STEP = 0.1
-"""Largest step of the seed, as a fraction of the smaller of rest angle and 1 rad [1]; no rotor
-becomes the seed and loses this role within one step."""
+"""Largest step of the seed, relative to min(rest angle, 1 rad) [1]; no rotor is a seed for
+less."""
 _SHORTEST_STEP = 1e-10
 """Shortest step of the seed [rad], above rounding errors of the lengths of bars."""
 _CLEAR_LEAD = 1e-9
 """Smallest lead, above rounding errors, with which another rotor becomes the seed [1]."""
 _NEGLIGIBLE_LEAD = -4.0
-"""Lead of a rotor below which the rotors beyond it are ignored, because the motion does not grow
-by the factor e^4 from there [1]."""
+"""Lead below which rotors farther out are ignored [1]: the motion cannot grow by e^4 there."""
 _MOST_PIECES_A_ROTOR = 20
-"""Largest number of pieces of a closed path per rotor [1]. Flippers need about 4, spinners 2."""
+"""Largest number of pieces of a closed path per rotor [1]. Flippers need 4, spinners 2."""
 
 
 class SeedPath(NamedTuple):
     """Pieces of the orbit in their order along the orbit, each with one seed; arrays (P,)."""
 
     seeds: Numbers
-    """Index of the seed."""
     begins: Array
     """Angle of the seed at the start of the piece [rad]."""
     ends: Array
     """Angle of the seed at the end of the piece [rad], without jumps of 2 pi."""
     left_branches: Branches
-    """Signs of A for the bars seed - beside, ..., seed + beside - 1, limited to existing bars,
-    shape (P, 2 beside)."""
+    """Signs of A for the existing bars seed - beside ... seed + beside - 1, shape (P, 2
+    beside)."""
     right_branches: Branches
     """Signs of B for the same bars, shape (P, 2 beside)."""
 
@@ -75,10 +73,9 @@ class SeedPath(NamedTuple):
 
 
 class _Bond(NamedTuple):
-    """Bar between two neighbouring rotors: the inner one is nearer to the seed than the outer."""
+    """Bar between two neighbouring rotors; the inner one is nearer to the seed."""
 
     angle: float
-    """Angle of the outer rotor [rad]."""
     near: float
     """Lever of the inner rotor times the length of the bar [m^2]."""
     far: float
@@ -112,11 +109,7 @@ class _Seed:
             self.move_to(rotor)
 
     def _start(self, left: Array, right: Array) -> tuple[int, float, float]:
-        """Return index, angle [rad] and sense of rotation (+1 or -1) of the first seed.
-
-        It is the rotor nearest to the middle of the chain that can have the angle of a rotor in
-        the middle of a wall without deviations. The wall moves towards the last rotor.
-        """
+        """Return index, angle [rad] and sense of rotation of the first seed, near the middle."""
         nominal = replace(self._chain, number_of_rotors=8, deviations=NO_DEVIATIONS)
         rotors = np.arange(1, self._last)
         for rotor in rotors[np.argsort(np.abs(rotors - self._last / 2), kind='stable')].tolist():
@@ -160,8 +153,8 @@ class _Seed:
     def turn(self, most: float) -> int:
         """Rotate the seed by one step of at most `most` [rad], and return the next seed.
 
-        The step ends where another rotor moves as much as the seed and becomes the next seed.
-        Raises ArithmeticError if a bar is too short or too long for any step.
+        The step ends where another rotor moves as much. Raises ArithmeticError if no step fits the
+        bars.
         """
         step = min(self._step, most)
         while step > _SHORTEST_STEP:
@@ -184,8 +177,6 @@ class _Seed:
         )
 
     def _equal_motion(self, towards: int, beyond: float) -> float:
-        """Return the seed angle [rad], up to `beyond`, at which another rotor moves as much."""
-
         def lead(angle: float) -> float:
             return self.lead(towards, angle)[0]
 
@@ -194,7 +185,7 @@ class _Seed:
         return float(brentq(lead, self.angle, beyond, xtol=1e-14))
 
     def move_to(self, rotor: int) -> None:
-        """Make another rotor the seed; the position on the orbit does not change."""
+        """Make another rotor the seed at the same position on the orbit."""
         while self.rotor != rotor:
             towards = 1 if rotor > self.rotor else -1
             bond = self._bond(self.rotor, towards, self.angle)
@@ -208,8 +199,8 @@ class _Seed:
 def seed_path(chain: Chain, beside: int) -> SeedPath:
     """Return the path of the wall along the orbit from the middle of leg 0.
 
-    The path contains the branches of `beside` bars on each side of the seeds. Raises ValueError if
-    the wall cannot pass through the chain.
+    It contains the branches of `beside` bars on each side of the seeds. Raises ValueError if the
+    wall cannot pass through the chain.
     """
     seed = _Seed(chain)
     rotor, angle, branches = seed.rotor, seed.angle, seed.branches

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Orbit of a chain of any length without deviations, composed from the orbit of a short chain.
 
-A longer chain has the same reflections at its edges; between them, the motion past the two middle
-rotors is repeated, shifted by an even number of rotors. The orbit is integrated from the middle of
-one leg through the reflection at the last rotor to the middle of the next leg; that at the first
-rotor is its mirror image. The site coordinate is that of `static_wall`.
+Between the same reflections at the edges, the motion past the two middle rotors repeats, shifted
+by an even number of rotors. The orbit is integrated from the middle of one leg through the
+reflection at the last rotor to the middle of the next; that at the first rotor is its mirror
+image. The site coordinate is that of `static_wall`.
 """
 
 from __future__ import annotations
@@ -29,23 +29,18 @@ from soliton_linkage.orbit.orbit import Orbit, OrbitSegment, PiecewiseCubic
 from soliton_linkage.solitons.static_wall import follow_zero_mode, site_arc, static_wall
 
 _DEPTHS_BESIDE = 15
-"""Distance of the edges of the short chain from a wall in its middle, in penetration depths [1];
-the angles there deviate from a uniform state by less than 1e-6 rad."""
+"""Penetration depths from a wall to the edges of the short chain [1]; angles err by 1e-6 rad."""
 _ROTORS_BESIDE = 6
-"""Number of rotors added to this distance [1], because walls with a penetration depth close to 0
-still extend over a few rotors."""
+"""Rotors added to this distance [1], for penetration depths close to 0."""
 _TOLERANCE = 1e-9
-"""Tolerance of a solver step, as a norm over all rotors [rad]; the error along the orbit is below
-1e-6 rad."""
+"""Tolerance of a solver step, norm over all rotors [rad]; the orbit errs by less than 1e-6 rad."""
 _SAMPLES_A_STEP = 3
-"""Number of spline points per solver step [1]; interpolation errors are below those of the
-solver."""
+"""Spline points per solver step [1]; interpolation errors are below those of the solver."""
 _DEPTHS_OF_EDGE = 8.0
 """Distance from an edge, plus two rotor spacings, beyond which site and arc length are
-proportional [penetration depths]; the relative error is e^-16."""
+proportional up to e^-16 [penetration depths]."""
 _SAMPLES_A_SITE = 16
-"""Number of samples near an edge per rotor spacing, or per penetration depth if that is larger
-[1]; sites have errors of 1e-6."""
+"""Samples near an edge per max(rotor spacing, penetration depth) [1]; sites err by 1e-6."""
 _STEP = 1e-5
 """Step of the site for the numerical derivative of the angles of a wall [rotor spacings]."""
 _SHORT = 0.3
@@ -118,7 +113,6 @@ class UniformOrbit(Orbit):
         return abs(1 / self._site(arc % self._starts[-1], self.leg(arc))[1])
 
     def _site(self, arc: float, leg: int) -> tuple[float, float]:
-        """Return the unlimited site coordinate and its derivative by the arc length [1/rad]."""
         forward = leg % 2 == 0
         way = (1 if forward else -1) / self.site_arc
         site = self.middle + way * (arc - self._halfway[leg])
@@ -168,9 +162,9 @@ class _HalfLegs(NamedTuple):
     def mirrored(self, chain: Chain) -> _HalfLegs:
         """Return the mirror image of the samples, n -> N - 1 - n, phi -> -phi, in reversed order.
 
-        The order is not reversed in spinners with an odd number of rotors. Their mirror image, and
-        that of flippers with an even number, is assembled upside down, so that pi is added to phi.
-        In spinners this also exchanges the legs.
+        The order is not reversed in spinners of odd N. The mirror image of spinners of odd N and
+        of flippers of even N is assembled upside down, so that pi is added; in spinners this
+        exchanges the legs.
         """
         spinner, odd = chain.motion is Motion.SPINNER, chain.number_of_rotors % 2 == 1
         angles, tangents = self.angles[:, ::-1], self.tangents[:, ::-1]
@@ -205,8 +199,8 @@ class _ShortOrbit:
             for leg in range(legs)
         ]
         self.edges = [[self._edge(leg, first) for first in (False, True)] for leg in range(legs)]
-        """Functions for each leg and the last and first rotor: the distance of the wall from the
-        rotor by this distance without the effect of the edge [rotor spacings]."""
+        """Distance of the wall from the last and first rotor [rotor spacings] by that without the
+        effect of the edge, for each leg."""
 
     def _edge(self, leg: int, at_first: bool) -> PiecewiseCubic:
         chain, last = self._chain, self._chain.number_of_rotors - 1
@@ -233,8 +227,8 @@ class _ShortOrbit:
     def _tangent(self, angles: Array) -> Array:
         """Return the unit zero mode in the direction of the orbit [1], shape (N,).
 
-        t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2} is faster than `zero_mode`. The levers are
-        divided by the larger coupling, so that products rarely overflow.
+        t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2} is faster than `zero_mode`. Levers are divided
+        by the larger coupling, so that products rarely overflow.
         """
         first, second = rigidity_bands(self._chain, angles)
         mode = self._signs.copy()
@@ -260,8 +254,7 @@ class _ShortOrbit:
         """Return all pieces in the order of the orbit.
 
         Reflections at the first rotor are mirror images of those at the last: leg 2 of leg 0 for d
-        > 1, and leg 3 of leg 1 for d < 1, because `toggled_edges` then counts from the
-        left-leaning state.
+        > 1, leg 3 of leg 1 for d < 1, where `toggled_edges` counts from the left-leaning state.
         """
         legs = len(self.walls)
         last = [self._followed(leg) for leg in range(0, legs, 2)]
@@ -271,7 +264,6 @@ class _ShortOrbit:
         return [piece for both in zip(last, first, strict=True) for piece in both]
 
     def _followed(self, leg: int) -> _HalfLegs:
-        """Return samples of the orbit from the middle of one leg to the middle of the next."""
         start, goal = self.walls[leg], self.walls[(leg + 1) % len(self.walls)]
         tolerances = _TOLERANCE / 1e3, _TOLERANCE / math.sqrt(len(start))
         begins, ends, pieces = zip(
@@ -291,8 +283,8 @@ class _ShortOrbit:
     def _rate(self, arc: float, leg: int) -> float:
         """Return a quantity that changes its sign when the wall is reflected at the end of a leg.
 
-        In a flipper it is the lever of the edge rotor, which is then in line with its bar. In a
-        spinner it is the derivative of sum_n sin(phi_n).
+        In a flipper it is the lever of the edge rotor, in a spinner the derivative of sum_n
+        sin(phi_n).
         """
         angles, tangent = np.split(np.asarray(self._spline(arc)), 2)
         if self._chain.motion is Motion.SPINNER:
@@ -302,7 +294,6 @@ class _ShortOrbit:
 
 
 _short_orbit = lru_cache(maxsize=4)(_ShortOrbit)
-"""Cached orbit of a short chain, common to chains that differ in length or deviations."""
 
 
 def _short_chain(chain: Chain) -> Chain:
@@ -314,10 +305,7 @@ def _short_chain(chain: Chain) -> Chain:
 
 
 def _closed_spline(pieces: list[_HalfLegs], middles: list[float]) -> BSpline:
-    """Return the spline of angles and tangents, shape (2 N,), over the whole orbit.
-
-    It extends beyond both ends by a few samples, so that it is smooth where the orbit closes.
-    """
+    """Return the closed spline of angles and tangents, shape (2 N,), smooth where it closes."""
     arcs, rows, end = [], [], pieces[0].angles[0]
     for piece, middle in zip(pieces, middles[:-1], strict=True):
         turns = 2 * math.pi * np.round((end - piece.angles[0]) / (2 * math.pi))
@@ -381,12 +369,10 @@ def set_near_wall(
 ) -> tuple[int, int, int]:
     """Set the angles and tangents of the rotors of a short chain for a wall in a long chain.
 
-    `values` are first the angles [rad], then the tangents [1]. `arc` [rad] is on the orbit of the
-    long chain, which has 2 * `repeats` rotors more. The rows of `legs` are for each leg the start
-    in the long chain, the start in the short chain, and the distance to its middle [rad]. The
-    orbit of the short chain has the `length` [rad] and the spline `knots` and `coefficients`.
-    Return the index of a rotor of the long chain and the range of rotors of the short chain from
-    there on.
+    `values` are the angles [rad], then the tangents [1]. `arc` [rad] is on the orbit of the long
+    chain, which has 2 * `repeats` rotors more. The rows of `legs` are the start in the long chain,
+    the start in the short chain, and the distance to its middle [rad] of each leg. Return the
+    index of a rotor of the long chain and the range of rotors of the short chain from there on.
     """
     leg = legs.shape[1] - 1
     while leg > 0 and arc < legs[0, leg]:

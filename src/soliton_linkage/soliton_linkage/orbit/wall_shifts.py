@@ -39,7 +39,7 @@ from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
 _SAMPLES = 4
-"""Number of points between two bonds at which arc element and inertia are computed [1]."""
+"""Points between two bonds at which arc element and inertia are computed [1]."""
 
 
 class Shifts(NamedTuple):
@@ -67,7 +67,7 @@ class WallShifts:
     def at(self, site: float, leg: int) -> Shifts:
         """Return the standard deviations for a wall at a site coordinate [rotor spacings].
 
-        The variance of the arc length is interpolated linearly between the bonds beside the site.
+        The variance of the arc length is linear between the bonds beside the site.
         """
         bonds = self._orbit.chain.number_of_rotors - 1
         before = min(max(site - 0.5, 0.0), bonds - 1)
@@ -76,7 +76,6 @@ class WallShifts:
         return Shifts(math.sqrt(here + (before - bond) * (there - here)), math.sqrt(rate))
 
     def _variances(self, bond: int, leg: int) -> tuple[float, float, float]:
-        """Return the squares of `Shifts`: arc at a bond, arc at the next bond, rate."""
         orbit = self._orbit
         if not self._far:
             middle = _BarsNearWall(orbit.chain, orbit.segment(orbit.arc_at(orbit.middle, 0)))
@@ -98,13 +97,11 @@ class WallShifts:
         return float(here @ here) / scale, float(there @ there) / scale, float(rate) / scale
 
     def _arc_effects(self, bond: int, leg: int) -> Array:
-        """Return the effects of all lengths on the arc length of a wall at a bond [rad]."""
         segment = self._orbit.segment(self._orbit.arc_at(bond + 0.5, leg))
         bars = _BarsNearWall(self._orbit.chain, segment)
         return self._whole(segment.first, bars.arc_effect(bond - segment.first))
 
     def _whole(self, first: int, effects: Array) -> Array:
-        """Return the effects of all lengths; those far from the wall are 0, shape (2 N - 1,)."""
         whole = np.zeros(2 * self._orbit.chain.number_of_rotors - 1)
         whole[2 * first : 2 * first + len(effects)] = effects
         return whole
@@ -131,10 +128,7 @@ class _BarsNearWall:
         self._second = a * right[1] - self._cross
 
     def far_rotor_effect(self, tail: float) -> Array:
-        """Return the effects of the lengths on a far rotor as defined in `WallShifts` [rad].
-
-        It is the second rotor, because the first may be an edge rotor. `tail` is the `tail_ratio`.
-        """
+        """Return the effects of the lengths on the second rotor [rad]; `tail` is the `tail_ratio`."""
         weights = np.zeros(len(self._tangent))
         weights[1:3] = 1.0, -tail
         return self._angle_effect(weights)
@@ -167,7 +161,6 @@ class _BarsNearWall:
         return -effects / float(by_angles @ self._tangent)
 
     def _angle_effect(self, weights: Array) -> Array:
-        """Return the effects of the lengths on a sum of the angles with weights, shape (n,)."""
         products = self._first * weights[:-1] + self._second * weights[1:]
         bars = solveh_banded(gram_matrix_bands(self._first, self._second), products)
         (h, v), (h_next, v_next) = self._left, self._right
@@ -181,7 +174,6 @@ class _BarsNearWall:
 
 
 def _rotor_sums(lefts: Array, rights: Array) -> Array:
-    """Return the sum of the contributions of all bars to their left and right rotors, (n,)."""
     sums = np.append(lefts, 0.0)
     sums[1:] += rights
     return sums

@@ -1,10 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Domain walls, called *walls*: their angles at rest, continuum theories, and their detection.
-
-`static_wall` computes walls at rest, and `anti_kink` the anti-kinks. `continuum` contains the
-continuum theories. `passage` finds bonds that stop walls. `tanh_fit` detects solitons, which are
-moving walls, in a frame, and `track` follows one through a recording.
-"""
+"""Domain walls (*walls*): angles at rest, continuum theories, and detection of moving walls."""
 
 from soliton_linkage.exports import public_names
 

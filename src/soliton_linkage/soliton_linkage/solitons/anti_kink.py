@@ -21,12 +21,11 @@ from soliton_linkage.linear.statics import stiffness_matrix
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 
 _SAMPLES = 65
-"""Number of samples of a path of two rotor spacings [1]; splines through them have errors of
-1e-6."""
+"""Samples of two rotor spacings [1]; splines through them have errors of 1e-6."""
 _NEWTON_STEPS = 30
 """Largest number of Newton steps [1]; about five are needed."""
 _CONVERGED = 1e-7
-"""Threshold of convergence: largest change of an angle in the last Newton step [rad]."""
+"""Change of an angle at which Newton's method has converged [rad]."""
 _LONGEST = 0.3
 """Largest change of an angle in a Newton step [rad]."""
 _BUCKLING = 1e-6
@@ -35,10 +34,10 @@ _BUCKLING = 1e-6
 
 @lru_cache(maxsize=8)
 def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
-    """Return the path of an anti-kink: K sites [rotor spacings] and the angles [rad], (K, N).
+    """Return K sites [rotor spacings] and the angles [rad], (K, N), of an anti-kink.
 
-    The path covers two rotor spacings from `begin`; beyond, it repeats. Sites are proportional to
-    the arc length. The edge rotors must be far. Raises ArithmeticError if the anti-kink is pinned.
+    They cover two rotor spacings from `begin` and repeat beyond; sites are proportional to the arc
+    length. The edges must be far. Raises ArithmeticError if the anti-kink is pinned.
     """
     angles, multiplier = continuum_anti_kink(chain, begin), 0.0
     found = []
@@ -57,7 +56,7 @@ def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
 def resting_anti_kink(chain: Chain, near: float) -> tuple[float, Array]:
     """Return site [rotor spacings] and angles [rad], (N,), of an anti-kink in equilibrium.
 
-    The edge rotors are fixed. A flipper has two equilibria; the result has the smaller energy.
+    The edge rotors are fixed. Of the two equilibria of a flipper, it has the smaller energy.
     """
     starts = (near,) if chain.motion is Motion.SPINNER else (near, near + 0.5)
     found = [_minimum(chain, continuum_anti_kink(chain, start)) for start in starts]
@@ -80,8 +79,8 @@ def continuum_anti_kink(chain: Chain, site: float) -> Array:
 def constraint_field(chain: Chain, angles: Array) -> tuple[Array, Array, Array]:
     """Return the field F_n of each rotor and its first two derivatives by the angle, (N,) each.
 
-    (3 m - m^3) / 2 for flippers with the order field m, cos(theta - theta_bar) for spinners; both
-    are stationary far from the anti-kink.
+    F = (3 m - m^3) / 2 for flippers with the order field m, cos(theta - theta_bar) for spinners;
+    both are stationary far from the anti-kink.
     """
     theta, sense = staggered(angles), np.where(np.arange(len(angles)) % 2, -1.0, 1.0)
     if chain.motion is Motion.SPINNER:
@@ -95,7 +94,6 @@ def constraint_field(chain: Chain, angles: Array) -> tuple[Array, Array, Array]:
 
 
 def _minimum(chain: Chain, start: Array) -> Array:
-    """Return the state of least energy near `start` [rad], shape (N,), with fixed edge rotors."""
     scale = chain.stiffness * chain.spacing**2
 
     def cost(inner: Array) -> tuple[float, Array]:
@@ -111,7 +109,6 @@ def _minimum(chain: Chain, start: Array) -> Array:
 def _constrained_minimum(
     chain: Chain, angles: Array, multiplier: float, field_sum: float
 ) -> tuple[Array, float]:
-    """Return the state of least energy for a sum of the field, and the Lagrange multiplier."""
     angles = angles.copy()
     for _ in range(_NEWTON_STEPS):
         field, first, second = constraint_field(chain, angles)
@@ -136,10 +133,10 @@ def _constrained_minimum(
 
 
 def _is_stable(diagonal: Array, beside: Array, along: Array) -> bool:
-    """Return whether x . H x > 0 for all x orthogonal to a vector b, with a tridiagonal matrix H.
+    """Return whether x . H x > 0 for all x orthogonal to b, with a tridiagonal matrix H.
 
-    This is true if the matrix H bordered by b has one negative eigenvalue. By Haynsworth's
-    theorem, it has as many negative eigenvalues as H, plus one if b . H^-1 b > 0.
+    By Haynsworth's theorem, H bordered by b has as many negative eigenvalues as H, plus one if b .
+    H^-1 b > 0. The result is true if it has one.
     """
     limit = -_BUCKLING * float(np.abs(diagonal).max())
     negative = eigvalsh_tridiagonal(diagonal, beside, select='v', select_range=(-np.inf, limit))

@@ -23,17 +23,16 @@ from soliton_linkage.linear.bands import speed_of_sound
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 
 _HARDEST_KICK = 1e9
-"""Kick in units of Lambda c [1], beyond which v equals c up to rounding: 1 - v / c is about 2 /
-K^4 for a large kick K."""
+"""Kick K in units of Lambda c [1] above which v = c up to rounding: 1 - v / c is about 2 / K^4."""
 
 
 @dataclass(frozen=True)
 class WallTheory(ABC):
     """Theory of relativistic walls in a uniform chain, exact in a limit of d.
 
-    By default c is the exact speed of sound of the chain, which agrees better with simulated
-    walls; E_s = M_eff c^2 then holds only in the limit. Velocities are in [m/s]. Methods raise
-    ValueError for a velocity that is not below c, and for a charge other than +1 or -1.
+    By default c is the exact speed of sound, which agrees better with simulated walls; E_s = M_eff
+    c^2 then holds only in the limit. Velocities are in [m/s]. Methods raise ValueError for a
+    velocity not below c, and for a charge other than +1 or -1.
     """
 
     chain: Chain
@@ -93,9 +92,8 @@ class WallTheory(ABC):
     def speed_after_kick(self, kick: float, arc_per_site: float | None = None) -> float:
         """Return the speed of a wall [m/s] after a kick v_0 = r |phi_dot| along the zero mode.
 
-        v_0 [m/s] is the norm of the velocities of all masses. M v_0^2 / 2 = (gamma - 1) M Lambda^2
-        c^2 gives v = c sqrt(1 - 1 / (1 + v_0^2 / (2 Lambda^2 c^2))^2), which tends to v_0 / Lambda
-        for slow walls and rigid bars. `arc_per_site` replaces Lambda [1].
+        M v_0^2 / 2 = (gamma - 1) M Lambda^2 c^2 gives v = c sqrt(1 - 1 / (1 + v_0^2 / (2 Lambda^2
+        c^2))^2), which tends to v_0 / Lambda for slow walls. `arc_per_site` replaces Lambda [1].
         """
         arc = self.arc_per_site if arc_per_site is None else arc_per_site
         if not math.isfinite(kick):
@@ -133,7 +131,6 @@ class WallTheory(ABC):
         return excess if _checked_sign('charge', charge) > 0 else -2 - excess
 
     def _scaled(self, x: ArrayLike, position: float, velocity: float) -> Array:
-        """Return (x - X) / w [1]."""
         given = np.asarray(x, dtype=np.float64)
         scaled: Array = (given - position) / self.width(velocity)
         return scaled
@@ -187,8 +184,7 @@ class FlipperTheory(WallTheory):
     ) -> Array:
         """Return the field u = -Q ub tanh((x - X) / w) [m] at positions x [m], shape (...).
 
-        The wall is at `position` X [m]. The paper (eqs. width and Kink2) contains a wall with Q =
-        -1.
+        The wall is at `position` X [m]. The paper (eqs. width and Kink2) has Q = -1.
         """
         scaled = self._scaled(x, position, velocity)
         return np.asarray(-_checked_sign('charge', charge) * self.lean * np.tanh(scaled))
@@ -237,16 +233,16 @@ class FlipperTheory(WallTheory):
 class SpinnerTheory(WallTheory):
     """Sine-Gordon theory of the walls of a spinner. Raises ValueError for a flipper.
 
-    The field psi [rad], the rotation of the rotors, increases across a wall from 0 to pi; phi
-    increases with psi (turn +1) or decreases (-1). theta is theta_bar + turn psi on rotors 0, 2,
-    ... (the odd sites of the paper) and theta_bar - turn psi on the others. With I = M r^2, ub = r
-    sin(theta_bar) and K = k_e r^4 a^2 sin(2 theta_bar)^2 / lbar^2,
+    The rotation psi [rad] increases across a wall from 0 to pi; phi increases with psi (turn +1)
+    or decreases (-1). theta = theta_bar + turn psi on rotors 0, 2, ... (the odd sites of the
+    paper), and theta_bar - turn psi on the others. With I = M r^2, ub = r sin(theta_bar) and K =
+    k_e r^4 a^2 sin(2 theta_bar)^2 / lbar^2,
 
         L = (1 / a) integral dx {(I / 2) psi_t^2 - (K / 2) [psi_x - sin(psi) / ub]^2}.
 
     The paper (supporting information) has another factor a in the last term. In the family +1,
-    rotors turn from theta_bar to pi + theta_bar; in the family -1, a spinner assembled in another
-    way, from -theta_bar - pi to -theta_bar, with psi - pi for psi and -theta_bar for theta_bar.
+    rotors turn from theta_bar to pi + theta_bar; in the family -1, assembled in another way, from
+    -theta_bar - pi to -theta_bar, with psi - pi for psi and -theta_bar for theta_bar.
     """
 
     family: int = 1
@@ -300,9 +296,9 @@ class SpinnerTheory(WallTheory):
     ) -> Array:
         """Return the staggered angles theta [rad] of even (0) or odd (1) rotors at x [m].
 
-        cos(theta - theta_bar) = -Q tanh((x - X) / w); at rest theta' = Q sin(theta - theta_bar) /
-        (r sin(theta_bar)) (paper, eq. sgd; eq. sg has the opposite sign). For the family -1,
-        theta_bar and the right-hand sides change their signs.
+        cos(theta - theta_bar) = -Q tanh((x - X) / w), so at rest theta' = Q sin(theta - theta_bar)
+        / (r sin(theta_bar)) (paper, eq. sgd; eq. sg has the opposite sign). The family -1 reverses
+        the signs of theta_bar and the right-hand sides.
         """
         if sublattice not in (0, 1):
             raise ValueError(f'sublattice = {sublattice!r} must be 0 (even rotors) or 1 (odd)')
@@ -334,8 +330,8 @@ class SpinnerTheory(WallTheory):
     ) -> Array:
         """Return the extension [m] of springs on the right of even rotors at positions x [m].
 
-        It is turn * family * (r^2 a sin(2 theta_bar) / lbar) (Q gamma - 1) sin(psi) / ub. On the
-        right of odd rotors the sign is opposite.
+        turn * family * (r^2 a sin(2 theta_bar) / lbar) (Q gamma - 1) sin(psi) / ub; on the right
+        of odd rotors the sign is opposite.
         """
         sign = _checked_sign('turn', turn) * self.family
         factor = sign * self._lever * self._misfit(velocity, charge)
@@ -358,7 +354,6 @@ class SpinnerTheory(WallTheory):
 
     @property
     def _assembled(self) -> float:
-        """Angle that is added to psi [rad]."""
         return 0.0 if self.family > 0 else -math.pi
 
     @property

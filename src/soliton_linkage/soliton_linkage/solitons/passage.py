@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bonds that stop a wall in a chain with deviations of rotors and springs.
 
-Each bond is a four-bar linkage: two rotors, the line between their pivots, and their spring. At a
-bond of another class of four-bar linkages, the rotors reach the limit of their range of motion
-before the wall has passed.
+Each bond is a four-bar linkage of two rotors, the line between their pivots, and their spring. In
+another class of four-bar linkages, the rotors reach a limit before the wall has passed.
 """
 
 from __future__ import annotations
@@ -84,18 +83,15 @@ def motion_of_bonds(chain: Chain) -> Motion | None:
 
 
 def _rotor_lengths(chain: Chain) -> tuple[Array, Array]:
-    """Return the lengths of the left and of the right rotor of each spring [m]."""
     lengths, left = chain.rotor_lengths, np.arange(chain.number_of_springs)
     return lengths[left], lengths[(left + 1) % chain.number_of_rotors]
 
 
 def _shortest(chain: Chain) -> Array:
-    """Return the lower limit a_n + |r_n - r_{n+1}| of the rest length of each spring [m]."""
     first, second = _rotor_lengths(chain)
     return np.asarray(chain.spacings + np.abs(first - second))
 
 
 def _spinning(chain: Chain) -> bool:
-    """Return whether most bonds are double cranks."""
     excess = length_excesses(chain) - chain.spacings
     return 2 * int(np.count_nonzero(excess > 0)) > len(excess)

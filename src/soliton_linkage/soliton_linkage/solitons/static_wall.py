@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Walls at rest, and the arc length of the orbit per rotor spacing of the motion of a wall.
 
-A bar allows two angles of a rotor beside a known one, called branches; the sign of its lever
-selects one, B_n to the right and A_n to the left. Angles are computed outwards from the wall, so
-that errors decay as the zero mode.
+A bar allows two angles of a rotor for a given neighbour (branches). The sign of its lever selects
+one, B_n to the right and A_n to the left. Outwards from the wall, errors decay as the zero mode.
 """
 
 from __future__ import annotations
@@ -23,17 +22,16 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 
 _DEPTHS_BESIDE = 19
-"""Distance from a wall in penetration depths [1], beyond which the square of the zero mode is a
-rounding error."""
+"""Distance from a wall beyond which the squared zero mode is a rounding error [penetration
+depths]."""
 _MOST_BESIDE = 49_000
 """Largest number of rotors on each side of a wall [1], limited by the longest `Chain`."""
 _MOST_STEPS = 100_000
 """Largest number of solver steps along an orbit [1]; d near d_c needs one or two thousand."""
 _TRANSITION = 1e-9
-"""Smallest |d - d_c| / d_c [1]; below, rounding errors would determine the sense of rotation."""
+"""Smallest |d - d_c| / d_c [1] without rounding errors in the sense of rotation."""
 _TOLERANCE = 1e-13
-"""Relative [1] and absolute [rad] tolerance of a solver step; arc lengths have errors of 1e-11
-rad."""
+"""Relative [1] and absolute [rad] tolerance of a solver step; arc lengths err by 1e-11 rad."""
 _ARRIVED = 1e-4
 """Largest difference of the angles of equal configurations [rad]."""
 
@@ -41,24 +39,23 @@ _ARRIVED = 1e-4
 def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False) -> Array:
     """Return the angles of a chain at rest with its wall at a site coordinate [rad], shape (N,).
 
-    The site coordinate [rotor spacings] defines the position of a wall in all packages: n + 1/2 in
-    the middle between rotors n and n + 1, and in an infinite chain proportional to the arc length
-    along the zero-energy orbit. A finite chain has the same angles, except for edge rotors that
-    have toggled, which means swung from one of their two rest angles to the other.
+    The site coordinate [rotor spacings] is n + 1/2 in the middle between rotors n and n + 1, and
+    in an infinite chain proportional to the arc length of the zero-energy orbit. A finite chain
+    has the same angles, except for toggled edge rotors, which have swung from one of their rest
+    angles to the other.
 
     In flippers, no edge rotor has toggled on `leg` 0 of the `Orbit`, the last rotor on leg 1, both
-    on leg 2, the first rotor on leg 3. In spinners, the legs 0 and 1 differ by the side on which
-    the rotors in the wall turn over. `inverted` is the mirror image phi -> pi - phi, a chain
-    assembled upside down. Deviations do not change the angle of the rotor nearest to the wall.
+    on leg 2, the first on leg 3. In spinners, legs 0 and 1 differ by the side on which rotors turn
+    over. `inverted` is phi -> pi - phi, a chain assembled upside down. Deviations do not change
+    the rotor nearest to the wall. Raises ValueError for a chain of two rotors or with periodic
+    ends, a site outside 0 ... N - 1, an unknown leg, bars of impossible length, and the errors of
+    `site_arc`.
 
-    Raises ValueError for a chain of two rotors or with periodic ends, a site outside 0 ... N - 1,
-    an unknown leg, bars that are too short or too long, and the errors of `site_arc`.
-
-    >>> import soliton_linkage as sl
-    >>> chain = sl.Chain(number_of_rotors=20)
-    >>> angles = sl.static_wall(chain, 12.5)
-    >>> float(chain.elastic_energy(angles)) < 1e-25
-    True
+        >>> import soliton_linkage as sl
+        >>> chain = sl.Chain(number_of_rotors=20)
+        >>> angles = sl.static_wall(chain, 12.5)
+        >>> float(chain.elastic_energy(angles)) < 1e-25
+        True
     """
     rotors = chain.number_of_rotors
     legs = 2 if chain.motion is Motion.SPINNER else 4
@@ -81,13 +78,13 @@ def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False)
 def site_arc(chain: Chain) -> float:
     """Return Lambda, the arc length of the zero-energy orbit per rotor spacing [rad].
 
-    Lambda is the integral of sqrt(sum_n dphi_n^2) while a wall moves by one rotor spacing in a
-    chain without deviations. A slow wall has the speed v = a |phi_dot| / Lambda. Raises ValueError
-    if d differs from d_c by less than 1e-9 d_c, and for d below 2e-4, where walls are too wide.
+    Lambda is the integral of sqrt(sum_n dphi_n^2) over one rotor spacing without deviations; a
+    slow wall has the speed v = a |phi_dot| / Lambda. Raises ValueError if d differs from d_c by
+    less than 1e-9 d_c, and for d below 2e-4.
 
-    >>> chain = Chain(rest_angle=0.97)
-    >>> round(site_arc(chain) * chain.rotor_length / chain.spacing, 6)
-    0.494867
+        >>> chain = Chain(rest_angle=0.97)
+        >>> round(site_arc(chain) * chain.rotor_length / chain.spacing, 6)
+        0.494867
     """
     return _passage(_without_deviations(chain), 0, False).arc
 
@@ -112,9 +109,8 @@ def angles_from_seed(
 ) -> Array:
     """Return the angles of a chain of bars in which the rotor `seed` has an angle [rad], (N,).
 
-    A_n has the sign left_branches[n] on bars on the left of the seed, and B_n the sign
-    right_branches[n] on its right, shape (springs,) each. Raises ValueError if a bar is too short
-    or too long.
+    A_n has the sign left_branches[n] on the left of the seed, B_n the sign right_branches[n] on
+    its right, shape (springs,) each. Raises ValueError if a bar is too short or too long.
     """
     if seed not in range(chain.number_of_rotors):
         raise ValueError(f'seed = {seed} must be a rotor from 0 to {chain.number_of_rotors - 1}')
@@ -137,8 +133,8 @@ def neighbour_angle(
     """Return the angle of `rotor` [rad] if a bar joins it to a neighbour of known angle [rad].
 
     `offset` [m] is the neighbour's pivot minus the rotor's. With the distance D from the pivot to
-    the neighbour's mass, and the angle beta of sign `branch` from this direction to the rotor,
-    lbar^2 = D^2 + r^2 - 2 D r cos(beta). Raises ValueError if the bar is too short or too long.
+    the neighbour's mass, the rotor is at the angle beta of sign `branch` from it: lbar^2 = D^2 +
+    r^2 - 2 D r cos(beta). Raises ValueError if the bar is too short or too long.
     """
     known = bar if rotor > bar else bar + 1
     r, length = float(chain.rotor_lengths[rotor]), float(chain.rest_lengths[bar])
@@ -157,10 +153,7 @@ def neighbour_angle(
 
 
 def bar_branches(chain: Chain, leg: int, inverted: bool) -> tuple[Array, Array]:
-    """Return the signs of A_n on the left of a wall and of B_n on its right, (springs,) each.
-
-    They are those in the right-leaning and in the left-leaning state, reversed for toggled edges.
-    """
+    """Return the signs of A_n on the left of a wall and of B_n on its right, (springs,) each."""
     first, _ = rigidity_bands(chain, _uniform_state(chain, 1, inverted))
     _, second = rigidity_bands(chain, _uniform_state(chain, -1, inverted))
     left, right = np.sign(first), np.sign(second)
@@ -186,10 +179,9 @@ def follow_zero_mode(
 ) -> Iterator[tuple[float, float, DenseOutput]]:
     """Yield the solver steps along an orbit from `start` to `goal` [rad] as (begin, end, angles).
 
-    `tangent` returns the tangent of the orbit at a configuration. `tolerances` are the relative
-    [1] and the absolute tolerance [rad] of a step. `begin` and `end` are arc lengths from `start`
-    [rad], and `angles` interpolates between them. Raises ArithmeticError if the orbit does not
-    reach `goal`.
+    `tangent` returns the tangent at a configuration. `tolerances` are relative [1] and absolute
+    [rad]. `begin` and `end` are arc lengths from `start` [rad]; `angles` interpolates between
+    them. Raises ArithmeticError if the orbit does not reach `goal`.
     """
     relative, absolute = tolerances
     solver = DOP853(
@@ -212,8 +204,6 @@ def follow_zero_mode(
 
 
 def _arrival(dense: DenseOutput, goal: Array, tangent: Array) -> float | None:
-    """Return the arc length at which a step reaches the goal up to whole turns [rad], or None."""
-
     def to_go(arc: float) -> float:
         return float(np.sin(goal - dense(arc)) @ tangent)
 
@@ -225,7 +215,6 @@ def _arrival(dense: DenseOutput, goal: Array, tangent: Array) -> float | None:
 
 
 def _uniform_state(chain: Chain, lean: int, inverted: bool) -> Array:
-    """Return the right-leaning (+1) or left-leaning (-1) state on the orbit [rad], shape (N,)."""
     theta = lean * chain.rest_angle
     if chain.motion is Motion.SPINNER and lean < 0:
         theta = chain.rest_angle + math.pi
@@ -247,9 +236,9 @@ def _seed_angle(chain: Chain, seed: int, beyond: float, leg: int, inverted: bool
 def _symmetric_wall(chain: Chain, rotor: int, leg: int) -> Array:
     """Return the angles of a wall in the middle between `rotor` and the next rotor [rad], (N,).
 
-    The wall is symmetric under n -> 2 rotor + 1 - n with phi -> phi + pi for flippers and phi ->
-    -phi for spinners. Therefore r sin(phi) is r^2 sin(theta_bar)^2 / a for flippers. For spinners
-    it is (a + lbar) / 2 if the two masses have crossed and (a - lbar) / 2 if not, in alternation.
+    By symmetry (n -> 2 rotor + 1 - n with phi -> phi + pi for flippers, -phi for spinners), r
+    sin(phi) is r^2 sin(theta_bar)^2 / a for flippers, and for spinners (a + lbar) / 2 if the two
+    masses have crossed, (a - lbar) / 2 if not, in alternation.
     """
     spinner, crossed = chain.motion is Motion.SPINNER, False
     if spinner:
@@ -309,4 +298,3 @@ class _SitePassage:
 
 
 _passage = lru_cache(maxsize=16)(_SitePassage)
-"""Cached motion of a wall past one rotor: up to four for a chain, two legs and two sublattices."""

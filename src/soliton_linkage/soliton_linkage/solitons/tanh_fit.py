@@ -23,12 +23,11 @@ from soliton_linkage.linear.rigidity import rigidity_bands
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 
 DOMAIN = 0.5
-"""Smallest |polarisation| of a bond in a domain [1]; in a uniform state the value is 1."""
+"""Smallest |polarisation| of a bond in a domain [1]; in a uniform state it is 1."""
 _FIT_ITERATIONS = 12
 """Number of Newton steps of a fit [1]; usually half of them suffice."""
 _FIT_REACH = 4.0
-"""Distance of fitted rotors from the wall, in wall widths [1]; beyond, 1 - |tanh| is below
-7e-4."""
+"""Distance of fitted rotors from the wall [wall widths]; beyond, 1 - |tanh| is below 7e-4."""
 _WIDEST_LEAN_RATIO_WITH_A_WIDTH = 2.0
 """Largest d of flippers whose walls have a tanh profile and a width [1]."""
 
@@ -89,8 +88,7 @@ def order_field(chain: Chain, angles: Array) -> tuple[Array, Array]:
 def find_solitons(chain: Chain, angles: Array, rates: Array | None = None) -> tuple[Soliton, ...]:
     """Return the walls in a frame of angles [rad] and rates [rad/s], shape (N,), in order of site.
 
-    Without rates, the velocities are NaN. In a chain with periodic ends, the sites are from 0 to
-    N.
+    Without rates, the velocities are NaN. Sites of periodic chains are from 0 to N.
     """
     checked = chain.check_angles(angles)
     moving = None if rates is None else chain.check_angles(rates, 'rate')
@@ -121,7 +119,6 @@ def _fitted(
 def _walls_of_ring(
     chain: Chain, polarised: Array, field: Array, slope: Array, rates: Array | None
 ) -> tuple[Soliton, ...]:
-    """Cut a chain with periodic ends at a spring far from all walls, and fit the open chain."""
     rotors = chain.number_of_rotors
     reach = math.ceil(_FIT_REACH * chain.wall_width / chain.spacing) + 2
     clear = minimum_filter1d(np.abs(polarised), min(2 * reach + 1, rotors), mode='wrap')
@@ -163,7 +160,6 @@ class _TanhFit:
         self._centre = self._fit_centre(crossing, bounds)
 
     def soliton(self, rates: Array | None) -> Soliton:
-        """Return the fitted wall; `rates` are those of all rotors [rad/s], shape (N,), or None."""
         gradient, _ = self._gradient_and_curvature(self._centre)
         residual = self._field - self._model(self._centre)
         deviation = _deviation(residual, 1, float(gradient @ gradient))
@@ -201,7 +197,6 @@ class _TanhFit:
         return velocity, _deviation(residual, 1, float(gradient @ gradient))
 
     def _fit_width(self) -> tuple[float, float]:
-        """Fit X and w; return w and its standard deviation [rotor spacings], NaN if unknown."""
         chain = self._chain
         edge = min(self._centre, chain.number_of_rotors - 1 - self._centre)
         wobbling = chain.motion is not Motion.SPINNER
@@ -226,7 +221,6 @@ class _TanhFit:
         return (width, deviation) if deviation < width / 2 else (math.nan, math.nan)
 
     def _fit_centre(self, crossing: float, bounds: tuple[float, float]) -> float:
-        """Return the fitted centre X [rotor spacings] by Newton steps with a limited curvature."""
         centre = crossing
         for _ in range(_FIT_ITERATIONS if len(self._rotors) > 1 else 0):
             gradient, curvature = self._gradient_and_curvature(centre)
@@ -263,17 +257,13 @@ def _deviation(residual: Array, parameters: int, information: float) -> float:
 
 
 def _spinner_lean(chain: Chain, angles: Array) -> int:
-    """Return in which of two ways a spinner is assembled: +1 (theta_bar) or -1 (-theta_bar).
-
-    While a wall moves, (-1)^n A_n is negative and (-1)^n B_n positive for +1, vice versa for -1.
-    """
+    """Return +1 (theta_bar) or -1 (-theta_bar): the sign of (-1)^n (B_n - A_n)."""
     first, second = rigidity_bands(chain, angles)
     levers = second - first
     return 1 if levers[::2].sum() > levers[1::2].sum() else -1
 
 
 def _polarisation_crossings(polarised: Array) -> list[tuple[float, int]]:
-    """Return site [rotor spacings] and charge of each change of sign between bonds in domains."""
     bonds = np.flatnonzero(np.abs(polarised) > DOMAIN)
     signs = np.sign(polarised[bonds])
     crossings = []
@@ -287,7 +277,7 @@ def _polarisation_crossings(polarised: Array) -> list[tuple[float, int]]:
 def charge_of_field(displacements: ArrayLike, lean: float) -> float:
     """Return the topological charge of a field u(x), Q = [u(-inf) - u(+inf)] / (2 ub) [1].
 
-    `displacements` are K values of u along the chain [m], and `lean` is ub [m]. The paper (eq.
+    `displacements` are values of u along the chain [m], and `lean` is ub [m]. The paper (eq.
     soliton_charge) has the opposite sign; here the wall with zero energy has the charge +1.
     """
     if not (math.isfinite(lean) and lean > 0):
@@ -307,10 +297,10 @@ def topological_charge(chain: Chain, angles: ArrayLike) -> int:
 
 
 def half_turns(chain: Chain, angles: ArrayLike) -> int:
-    """Return the number of half turns by which the last rotor of a spinner is ahead of the first.
+    """Return the number of half turns by which the last rotor of a spinner leads the first.
 
-    A wall of charge Q contributes Q if it turns its rotors forwards, otherwise -Q; whole turns of
-    neighbours do not count. Raises ValueError for a flipper.
+    A wall of charge Q contributes Q if it turns its rotors forwards, otherwise -Q; whole turns do
+    not count. Raises ValueError for a flipper.
     """
     if chain.motion is not Motion.SPINNER:
         raise ValueError(f'a {chain.motion.value} does not turn; count the turns of a spinner')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Track of a soliton, its site as a function of time, and its crossings of the chain."""
+"""Trajectory of a soliton, its site as a function of time, and its crossings of the chain."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.tanh_fit import find_solitons
 
 _EDGE_PART = 0.2
-"""Fraction of the chain at each end in which walls are reflected, not part of a crossing [1]."""
+"""Fraction of the chain at each end in which walls are reflected [1]."""
 
 
 @dataclass(frozen=True)
@@ -29,20 +29,19 @@ class Track:
     site_rates: Array
     """Rate of the site coordinate [rotor spacings / s], shape (T,)."""
     site_deviations: Array = field(default_factory=lambda: np.empty(0))
-    """Standard deviation of the site [rotor spacings], shape (T,), or (0,) if it is unknown."""
+    """Standard deviation of the site [rotor spacings], shape (T,), or (0,) if unknown."""
     site_rate_deviations: Array = field(default_factory=lambda: np.empty(0))
-    """Standard deviation of the rate [rotor spacings / s], shape (T,), or (0,) if it is
-    unknown."""
+    """Standard deviation of the rate [rotor spacings / s], shape (T,), or (0,) if unknown."""
 
 
 @dataclass(frozen=True)
 class Crossing:
-    """Passage of a soliton from the outer fifth of the chain at one end to that at the other."""
+    """Passage of a soliton between the outer fifths of the chain."""
 
     start: float
     """Time at which the soliton left the outer fifth at one end [s]."""
     end: float
-    """Time at which the soliton entered the outer fifth at the other end [s]."""
+    """Time at which it entered the outer fifth at the other end [s]."""
     direction: int
     """+1 towards the last rotor, -1 towards rotor 0."""
     site_rate: float
@@ -70,7 +69,7 @@ class MeasuredWall(Protocol):
 
 
 def measured_track(chain: Chain, times: Array, walls: Sequence[Sequence[MeasuredWall]]) -> Track:
-    """Return the track of the first wall in each frame; `times` [s] have the shape (T,)."""
+    """Return the trajectory of the first wall in each frame; `times` [s] have the shape (T,)."""
     rows = np.full((len(walls), 4), np.nan)
     for row, found in zip(rows, walls, strict=True):
         if found:
@@ -81,7 +80,7 @@ def measured_track(chain: Chain, times: Array, walls: Sequence[Sequence[Measured
 
 
 def follow(chain: Chain, recording: Recording) -> Track:
-    """Return the track of the first soliton in a recording."""
+    """Return the trajectory of the first soliton in a recording."""
     rates = recording.rates if len(recording.rates) else [None] * len(recording.times)
     found = [
         find_solitons(chain, angles, rate)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reader that merges all files of a bag into one sequence of messages, sorted by receive time."""
+"""Reader that merges all files of a bag into one sequence, sorted by receive time."""
 
 from __future__ import annotations
 
@@ -41,15 +41,15 @@ _READERS: dict[str, type[IndexedMcap | StoredSqlite]] = {
 }
 _MODES = ('', 'none', 'file', 'message', 'storage')
 _MOST_FILES = 10_000
-"""Largest number of files of a bag [1]: ten seconds in each file make 8640 files a day."""
+"""Largest number of files of a bag [1]; files of ten seconds make 8640 a day."""
 
 
 class BagFiles(LimitedReader):
-    """Reader of a bag directory or of one file of a bag, with messages sorted by receive time.
+    """Reader of a bag directory or of one file of a bag, sorted by receive time.
 
     Channels with the same topic name, type and encoding count as one topic. metadata.yaml supplies
-    only the fields of a topic that older files lack. Methods raise ValueError if the bag is
-    damaged or exceeds the limits.
+    fields that older files lack. Methods raise ValueError if the bag is damaged or exceeds the
+    limits.
     """
 
     def __init__(self, path: Path) -> None:
@@ -178,7 +178,6 @@ def _file_in(folder: Path, name: str) -> Path:
 def _completed(
     owner: ReaderProtocol, number: int, each: Connection, listed: Mapping[str, Any]
 ) -> Connection:
-    """Return a topic of a file; metadata.yaml supplies the fields that the file lacks."""
     profiles = listed.get('offered_qos_profiles', [])
     listed_profiles = parse_profiles(profiles if isinstance(profiles, (str, list)) else [])
     own_profiles = getattr(each.ext, 'offered_qos_profiles', [])
@@ -188,7 +187,6 @@ def _completed(
 
 
 def _checked_metadata(path: Path) -> tuple[Mapping[str, Any], list[str], str]:
-    """Return the content of metadata.yaml, the names of the files and the compression mode."""
     try:
         information = load_metadata(path)
     except ValueError as error:

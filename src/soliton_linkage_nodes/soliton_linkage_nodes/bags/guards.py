@@ -22,12 +22,12 @@ from soliton_linkage.linkage.quantities import quantity
 _MEBIBYTE = 2**20
 """Size of 1 MiB [B]."""
 _LARGEST_RATIO = 25
-"""Largest ratio of decompressed to compressed size of a large file [1]. A chain at rest has 10."""
+"""Largest ratio of decompressed to compressed size of a large file [1]; at rest it is 10."""
 
 
 @dataclass(frozen=True)
 class BagLimits:
-    """Size limits of a bag. Readers reject larger bags; recovery omits the data above a limit."""
+    """Size limits of a bag. Readers reject larger bags; recovery omits data above a limit."""
 
     max_unpacked: int = quantity(
         64 * _MEBIBYTE,
@@ -45,7 +45,7 @@ class BagLimits:
     )
 
     def for_file(self, size: int) -> int:
-        """Return the largest decompressed size [B] that a file with `size` bytes may have."""
+        """Return the largest decompressed size [B] of a file with `size` bytes."""
         return max(self.max_unpacked_file, _LARGEST_RATIO * size)
 
 
@@ -76,7 +76,7 @@ def decompress_file(packed: BinaryIO, plain: Path, limits: BagLimits) -> str | N
 
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 _BLOCK_IN = 4096
-"""Input of one call of a decompressor [B]. Damaged data lose at most the output of one call."""
+"""Input of one call of a decompressor [B]; damaged data lose the output of one call."""
 _BLOCK_OUT = 2**20
 """Largest output of one call of a decompressor [B]."""
 
@@ -110,7 +110,7 @@ def decompressed_blocks(
 
 
 def decompress_prefix(packed: bytes | bytearray | memoryview, codec: str, most: int) -> bytearray:
-    """Decompress data up to the first damage. Return at most `most` + 1 bytes."""
+    """Decompress data up to the first damage; return at most `most` + 1 bytes."""
     out = bytearray()
     try:
         for block in decompressed_blocks(packed, codec):
@@ -124,10 +124,7 @@ def decompress_prefix(packed: bytes | bytearray | memoryview, codec: str, most: 
 
 
 def decompressed_message(data: bytes, most: int) -> bytes:
-    """Return a message, decompressed if necessary.
-
-    Raises ValueError if the data is damaged or the message is larger than `most` [B].
-    """
+    """Decompress a message if necessary; ValueError if damaged or larger than `most` [B]."""
     if not data.startswith(ZSTD_MAGIC):
         return data
     out = bytearray()
@@ -161,7 +158,7 @@ def regular_file(path: Path, folder: Path | None = None) -> Path:
 
 
 def open_file(path: Path, folder: Path | None = None) -> BinaryIO:
-    """Open a regular file for reading. Raises the same errors as `regular_file`."""
+    """Open a regular file for reading; errors as in `regular_file`."""
     resolved = regular_file(path, folder)
     # The file may have been replaced after the check. These flags prevent blocking on a pipe and
     # following a link.
@@ -174,7 +171,7 @@ def open_file(path: Path, folder: Path | None = None) -> BinaryIO:
 
 
 def read_file(path: Path, folder: Path | None, most: int) -> bytes:
-    """Return the content of a regular file. Raises ValueError if it is larger than `most` [B]."""
+    """Return the content of a regular file; ValueError if it is larger than `most` [B]."""
     with open_file(path, folder) as file:
         content = file.read(most + 1)
     if len(content) > most:
@@ -191,15 +188,14 @@ def map_file(path: Path) -> memoryview:
 
 
 def release_pages(data: memoryview | mmap.mmap) -> None:
-    """Release the memory of a mapped file. The system reads a page again when it is accessed."""
+    """Release the memory of a mapped file, which the system reads again when accessed."""
     whole = data.obj if isinstance(data, memoryview) else data
     if isinstance(whole, mmap.mmap):
         whole.madvise(mmap.MADV_DONTNEED)
 
 
 MAX_TEXT_SIZE = 4 * 2**20
-"""Longest text that is parsed [characters]. A thousand topics need 1 MiB of metadata.yaml, and a
-parser needs 100 times as much memory as the text."""
+"""Longest text that is parsed [characters]; a parser needs 100 times its memory."""
 _DEEPEST = 30
 """Largest nesting depth of lists and mappings [1]. Files of rosbag2 have 6 levels."""
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
@@ -211,10 +207,9 @@ _JSON_TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[\[{]|[\]}]', re.DOTALL)
 
 
 def load_yaml(text: str) -> Any:
-    """Return the value that a YAML text describes.
+    """Return the value of a YAML text; ValueError if it is invalid, too long or too deep.
 
-    Raises ValueError if the text is invalid, too long, nested too deeply, or contains Python tags
-    or aliases. A few lines with aliases can expand to gigabytes.
+    Python tags and aliases are invalid, because a few aliases can expand to gigabytes.
     """
     _check_size(text)
     try:
@@ -233,7 +228,7 @@ def load_yaml(text: str) -> Any:
 
 
 def load_json(text: str) -> Any:
-    """Return the value of a JSON text. Raises ValueError if it is invalid, too long or deep."""
+    """Return the value of a JSON text; ValueError if it is invalid, too long or too deep."""
     _check_size(text)
     depth = 0
     for token in _JSON_TOKEN.finditer(text):
@@ -243,7 +238,7 @@ def load_json(text: str) -> Any:
 
 
 def parse_count(value: object) -> int:
-    """Return a count from a text or number; 0 if it is negative, no integer, or 2^63 or more."""
+    """Return a count from a text or number, 0 unless it is an integer from 0 to 2^63 - 1."""
     number = int(value) if isinstance(value, str) and re.fullmatch(r'\d{1,18}', value) else value
     valid = isinstance(number, int) and not isinstance(number, bool) and 0 <= number < 2**63
     return number if valid and isinstance(number, int) else 0

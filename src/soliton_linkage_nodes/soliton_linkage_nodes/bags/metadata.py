@@ -28,12 +28,12 @@ MCAP: Final = 'mcap'
 SUFFIXES: Final = {MCAP: '.mcap', 'sqlite3': '.db3'}
 """Suffix of the files of each storage of rosbag2."""
 METADATA_VERSION: Final = 9
-"""Version of metadata.yaml that the rosbag2 of Jazzy writes. Older versions have fewer fields."""
+"""Version of metadata.yaml that the rosbag2 of Jazzy writes. Older ones have fewer fields."""
 METADATA_FILE: Final = 'metadata.yaml'
 _KEY: Final = 'rosbag2_bagfile_information'
 _TOPICS: Final = 'topics_with_message_count'
 GAPS: Final = 'gaps'
-"""Custom data with the start and the end [ns] of each interval without recording."""
+"""Key of the custom data with start and end [ns] of each interval without recording."""
 _DUMPER: Any = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
 
 
@@ -48,13 +48,13 @@ class StoredFile:
 
 
 def storage_of(path: Path) -> str | None:
-    """Return the storage name of a file, perhaps compressed, or None if its suffix is unknown."""
+    """Return the storage of a file, perhaps compressed, or None for an unknown suffix."""
     plain = Path(path.stem) if path.suffix == PACKED else path
     return next((name for name, suffix in SUFFIXES.items() if suffix == plain.suffix), None)
 
 
 def explain_no_bag(path: Path) -> str:
-    """Return an error message if a path cannot be a bag, otherwise an empty text."""
+    """Return an error message if a path cannot be a bag, otherwise ''."""
     bag = f'bag {str(path)!r}'
     if not path.exists():
         return f'{bag} does not exist; give the path of a bag directory'
@@ -81,7 +81,7 @@ def suite_version() -> str:
 def bag_information(
     topics: Mapping[StoredTopic, int], files: Sequence[StoredFile], custom_data: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return the metadata of an MCAP bag with the number of messages of each topic in `topics`."""
+    """Return the metadata of an MCAP bag; `topics` holds the number of messages of each."""
     filled = [file for file in files if file.messages] or list(files)
     start = min(file.start for file in filled)
     listed: dict[tuple[str, str, str], tuple[StoredTopic, int]] = {}
@@ -115,7 +115,7 @@ def bag_information(
 
 
 def as_text(information: Mapping[str, Any]) -> str:
-    """Return the metadata as a YAML text. Each file of a bag contains this text too."""
+    """Return the metadata as a YAML text, which each file of a bag also contains."""
     return ''.join(_pieces(information, ''))
 
 
@@ -128,7 +128,7 @@ def write_metadata(folder: Path, information: Mapping[str, Any]) -> None:
 
 
 def load_metadata(folder: Path) -> dict[str, Any]:
-    """Return the content of metadata.yaml. Raises ValueError if it is invalid."""
+    """Return the content of metadata.yaml; ValueError if it is invalid."""
     content = read_file(folder / METADATA_FILE, folder, MAX_TEXT_SIZE)
     loaded = load_yaml(content.decode())
     information = loaded.get(_KEY) if isinstance(loaded, dict) else None
@@ -146,7 +146,7 @@ def read_metadata(folder: Path) -> dict[str, Any] | None:
 
 
 def custom_data_of(metadata: str) -> dict[str, str]:
-    """Return the custom data in a metadata text; nothing if the text is invalid."""
+    """Return the custom data in a metadata text, {} if it is invalid."""
     try:
         return custom_data_in(load_yaml(metadata))
     except ValueError:
@@ -154,14 +154,14 @@ def custom_data_of(metadata: str) -> dict[str, str]:
 
 
 def custom_data_in(information: object) -> dict[str, str]:
-    """Return the custom texts and numbers in metadata. Values of other types are omitted."""
+    """Return the custom texts and numbers in metadata."""
     custom = information.get('custom_data') if isinstance(information, dict) else None
     items = custom.items() if isinstance(custom, dict) else ()
     return {str(key): str(value) for key, value in items if isinstance(value, (str, int, float))}
 
 
 def gaps_in(custom_data: Mapping[str, str]) -> list[tuple[int, int]]:
-    """Return start and end of each interval without recording [ns]; nothing if invalid."""
+    """Return start and end of each interval without recording [ns], [] if invalid."""
     try:
         gaps = load_json(custom_data.get(GAPS, '[]'))
         return [(parse_count(start), parse_count(end)) for start, end in gaps]
@@ -170,13 +170,13 @@ def gaps_in(custom_data: Mapping[str, str]) -> list[tuple[int, int]]:
 
 
 def time_in_gaps(gaps: Sequence[tuple[int, int]], start: int, end: int) -> int:
-    """Return the total time without recording between the times `start` and `end` [ns]."""
+    """Return the time without recording between `start` and `end` [ns]."""
     found = sum(max(0, min(end, last) - max(start, first)) for first, last in gaps)
     return max(0, min(found, end - start))
 
 
 def _pieces(information: Mapping[str, Any], margin: str) -> Iterator[str]:
-    """Yield metadata in YAML block style; the YAML library would be slow for many topics."""
+    """Yield metadata in YAML block style; the YAML library is slow for many topics."""
     for key, value in information.items():
         if key == _TOPICS:
             yield f'{margin}{key}:\n' if value else f'{margin}{key}: []\n'

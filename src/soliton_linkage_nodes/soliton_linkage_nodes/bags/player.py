@@ -75,16 +75,15 @@ class BagPlayerParameters:
 class BagPlayer(ManagedNode):
     """Node that publishes the messages of a bag at the intervals of their receive times.
 
-    The node first publishes the last latched messages from before the start. Then it waits for
-    subscribers of the topics in `wait_for`. In lockstep, an analyser answers each frame and
-    recorded soliton states are not played. Without lockstep, the node omits recorded states while
-    an analyser runs, unless `topics` contains them. The node ends at the end of the bag, unless it
-    is paused or `stay` is set. It skips times in which the recorder was paused.
+    It first publishes the last latched messages from before the start, then waits for subscribers
+    of `wait_for`. In lockstep, an analyser answers each frame, and recorded states are not played.
+    Without lockstep, it omits recorded states while an analyser runs, unless `topics` names them.
+    It ends with the bag, unless it is paused or `stay` is set, and skips pauses of the recorder.
 
-    Publishes the topics of the bag, `/diagnostics` and, if `publish_clock` is set, `/clock`.
-    Serves `~/pause`, `~/resume`, `~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/burst`,
-    `~/seek`, `~/play`, `~/stop`, `~/set_rate` and `~/get_rate`, with the types of
-    rosbag2_interfaces or, without that package, of soliton_linkage_msgs or std_srvs.
+    Publishes the topics of the bag, `/diagnostics` and, with `publish_clock`, `/clock`. Serves
+    `~/pause`, `~/resume`, `~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/burst`, `~/seek`,
+    `~/play`, `~/stop`, `~/set_rate` and `~/get_rate`, with the types of rosbag2_interfaces if
+    installed.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -165,7 +164,7 @@ class BagPlayer(ManagedNode):
 
     @property
     def failure(self) -> Exception | None:
-        """Error that ended the playback. None if no error occurred."""
+        """Error that ended the playback, or None."""
         return self._playing.failure if self.configured else None
 
     def _topics_to_wait_for(self, reader: Reader) -> list[str]:
@@ -198,7 +197,6 @@ class BagPlayer(ManagedNode):
                 self._replay.suppress_beside_analyser(states)
 
     def _prepare(self, latched_topics: bool) -> None:
-        """Wait for subscribers of latched topics, or of the others and for the analyser."""
         awaited = [each for each in self._awaited if (each in self._latched) is latched_topics]
         limit = self._settings.subscriber_timeout
         self._replay.wait_for_subscribers(awaited, limit)

@@ -34,7 +34,7 @@ class _AnyBag(Reader):
 
 @contextmanager
 def open_bag(path: Path, limits: BagLimits = DEFAULT_LIMITS) -> Iterator[Reader]:
-    """Open a bag for reading. Raises ValueError if the bag is missing or cannot be read."""
+    """Open a bag for reading; ValueError if it is missing or cannot be read."""
     if complaint := explain_no_bag(path):
         raise ValueError(complaint)
     if path.is_dir() and not (path / METADATA_FILE).exists():
@@ -64,7 +64,7 @@ def read_messages(
     start: int | None = None,
     stop: int | None = None,
 ) -> Iterator[tuple[Connection, int, bytes]]:
-    """Yield topic, receive time [ns] and bytes of each message of some topics in [start, stop).
+    """Yield topic, receive time [ns] and bytes of messages of some topics in [start, stop).
 
     Raises ValueError if the bag is damaged.
     """
@@ -82,12 +82,12 @@ def read_messages(
 
 
 def gaps_of(reader: Reader) -> list[tuple[int, int]]:
-    """Return the start and the end of each interval without recording [ns], such as a pause."""
+    """Return start and end of each interval without recording [ns], such as a pause."""
     return gaps_in(cast('BagFiles', reader.storage).metadata.custom or {})
 
 
 def latched_before(reader: Reader, connection: Connection, stop: int) -> list[bytes]:
-    """Return the latched messages that a subscriber would receive if it started at `stop` [ns]."""
+    """Return the latched messages that a subscriber started at `stop` [ns] would receive."""
     earlier = read_messages(reader, [connection], None, stop)
     return list(deque((data for _, _, data in earlier), maxlen=latched_depth(connection)))
 
@@ -98,8 +98,8 @@ _RECORD = 'record it with bag_recorder'
 def find_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Connection:
     """Return the topic with the full name `name`, else with the same last part in any namespace.
 
-    Raises ValueError if no topic or several topics match, if the topic has several types, or if
-    its encoding is not CDR. The error ends with `remedy`.
+    Raises ValueError, ending with `remedy`, if no topic or several match, if it has several types,
+    or if its encoding is not CDR.
     """
     found = types_of_topic(reader, name, remedy)
     bag = f'bag {str(reader.path)!r}'
@@ -135,7 +135,7 @@ def types_of_topic(reader: Reader, name: str, remedy: str = _RECORD) -> list[Con
 
 
 def read_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Iterator[tuple[int, Any]]:
-    """Yield the receive time [ns] and the content of each message of a topic; see `find_topic`."""
+    """Yield receive time [ns] and content of each message of a topic; see `find_topic`."""
     connection = find_topic(reader, name, remedy)
     decode = decoder(connection)
     for _, stamp, serialized in read_messages(reader, [connection]):
@@ -145,9 +145,8 @@ def read_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Iterator[tup
 def decoder(connection: Connection) -> Callable[[bytes], Any]:
     """Return a function that deserializes messages of a topic to the installed type.
 
-    If the recorded definition differs from the installed one, fields with equal names are copied.
-    Raises ValueError if the type is not installed or the encoding is not CDR, and the returned
-    function raises ValueError if a message is damaged.
+    If the recorded definition differs, fields with equal names are copied. Raises ValueError if
+    the type is not installed or not CDR; the returned function raises it for a damaged message.
     """
     message_type = class_of(connection)
     if is_older(connection):
@@ -165,7 +164,7 @@ def decoder(connection: Connection) -> Callable[[bytes], Any]:
 
 
 def class_of(connection: Connection) -> Any:
-    """Return the message class of a topic. Raises ValueError if its messages cannot be decoded."""
+    """Return the message class of a topic; ValueError if its messages cannot be decoded."""
     if encoding_of(connection) != CDR:
         raise ValueError(_other_encoding(connection))
     return message_class(connection.msgtype)
@@ -176,13 +175,12 @@ def _other_encoding(connection: Connection) -> str:
 
 
 _KINDS = ('msg', 'srv', 'action')
-"""Kinds of types: messages, events of services; goals, results and feedback of actions."""
 
 
 def message_class(type_name: str) -> Any:
-    """Return the class of a type such as 'sensor_msgs/msg/JointState'.
+    """Return the class of a type such as 'sensor_msgs/msg/JointState'; ValueError if unknown.
 
-    Service events have types such as 'std_srvs/srv/Trigger_Event'. Raises ValueError if not found.
+    Service events have types such as 'std_srvs/srv/Trigger_Event'.
     """
     try:
         package, kind, name = type_name.split('/')
@@ -204,7 +202,7 @@ def message_class(type_name: str) -> Any:
 
 
 def _has_types(package: str, kind: str) -> bool:
-    """Return whether a package defines types. A bag may name any package, so do not import it."""
+    """Return whether a package defines types, without importing it: a bag may name any package."""
     if f'{package}.{kind}' in sys.modules:
         return True
     found = PathFinder.find_spec(package) if package.isidentifier() else None
@@ -218,8 +216,7 @@ def type_name(message_type: Any) -> str:
 
 
 _UNKNOWN_DEPTH = 10
-"""Assumed queue depth of a latched topic whose depth was not recorded, as in rosbag2 [messages].
-"""
+"""Assumed queue depth of a latched topic without a recorded depth, as in rosbag2."""
 
 
 def latched(connection: Connection) -> bool:
@@ -228,7 +225,7 @@ def latched(connection: Connection) -> bool:
 
 
 def latched_depth(connection: Connection) -> int:
-    """Return how many messages the publisher kept for late subscribers; 0: not latched."""
+    """Return how many messages the publisher kept for late subscribers, 0 if not latched."""
     profiles = getattr(connection.ext, 'offered_qos_profiles', [])
     kept = [p.depth for p in profiles if p.durability is QosDurability.TRANSIENT_LOCAL]
     return max(depth if depth > 0 else _UNKNOWN_DEPTH for depth in kept) if kept else 0
@@ -239,14 +236,14 @@ def _one_line(error: Exception) -> str:
 
 
 _LONGER, _MARGIN = 4, 4096
-"""Longest accepted definition: `_LONGER` times the installed one plus `_MARGIN` [characters].
-Parsing 40,000 characters takes a second."""
+"""Longest definition relative to the installed one [1] and margin [characters]; 40,000 characters
+take a second to parse."""
 _LONGEST_REASON = 200
-"""Length at which the error of a parser, which may quote the whole input, is cut [characters]."""
+"""Length at which the error of a parser is cut [characters]; it may quote the input."""
 
 
 def is_older(connection: Connection) -> bool:
-    """Return whether the recorded definition of a topic differs from the installed definition."""
+    """Return whether the recorded definition of a topic differs from the installed one."""
     if not connection.digest or connection.msgdef.format is not MessageDefinitionFormat.MSG:
         return False
     try:

@@ -66,8 +66,7 @@ class BagRecorder(ManagedNode):
 
     Subscribes to the recorded topics. Publishes `/diagnostics`. Serves `~/pause`, `~/resume`,
     `~/is_paused`, `~/split_bagfile` and `~/snapshot`, with the types of rosbag2_interfaces, or
-    with std_srvs/Trigger if that package is not installed. One thread takes the messages from the
-    subscriptions of a hidden node, and a second thread writes the bag.
+    with std_srvs/Trigger without that package.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {BagRecorderParameters: '', ManagedParameters: ''}
@@ -125,7 +124,7 @@ class BagRecorder(ManagedNode):
 
     @property
     def failure(self) -> Exception | None:
-        """Error that ended the recording. None if no error occurred."""
+        """Error that ended the recording, or None."""
         if not self.configured:
             return None
         return self._receiving.failure or self._bag.failure

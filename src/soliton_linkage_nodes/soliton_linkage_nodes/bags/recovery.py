@@ -56,10 +56,9 @@ def recovered_file(path: Path, storage: str, doubtful: bool, limits: BagLimits) 
 class BagReport:
     """Content and damage of a bag.
 
-    `counts` holds the number of messages of each topic; `start` and `end` are the first and the
-    last receive time [ns]. `damage` and `notes` have one line for each damage and for each
-    irregularity that is no damage. `lost` messages cannot be read, `unverified` messages have no
-    checksum.
+    `counts` holds the number of messages of each topic; `start` and `end` are the first and last
+    receive time [ns]. `damage` and `notes` have one line for each damage and each harmless
+    irregularity. `lost` messages cannot be read, `unverified` ones have no checksum.
     """
 
     path: Path
@@ -84,7 +83,7 @@ class BagReport:
 def check_bag(
     path: Path, show: Show = lambda done, expected: None, limits: BagLimits = DEFAULT_LIMITS
 ) -> BagReport:
-    """Read a whole bag and return its content and damage. Raises ValueError if it is not a bag."""
+    """Read a whole bag and return its content and damage; ValueError if it is no bag."""
     return _BagScan(path, None, False, show, limits).report
 
 
@@ -97,9 +96,8 @@ def recover_bag(
 ) -> tuple[BagReport, Path]:
     """Write the intact messages of a bag into a new bag; return a report and the new path.
 
-    With `doubtful`, messages with wrong checksums are also recovered. Data above the limits is
-    omitted. Raises ValueError if nothing can be recovered, OSError if the new bag cannot be
-    written.
+    With `doubtful`, messages with wrong checksums are also recovered. Raises ValueError if nothing
+    can be recovered, OSError if the new bag cannot be written.
     """
     scan = _BagScan(path, output, doubtful, show, limits)
     report, writer = scan.report, scan.writer
@@ -120,7 +118,7 @@ def recover_bag(
 
 
 class _BagScan:
-    """Scan of a whole bag; its first topic or record creates the new bag, if one is wanted."""
+    """Scan of a whole bag, which creates the new bag with its first topic or record."""
 
     def __init__(
         self, path: Path, output: Path | None, doubtful: bool, show: Show, limits: BagLimits
@@ -158,7 +156,6 @@ class _BagScan:
         return self.writer
 
     def _known(self, topic: StoredTopic) -> StoredTopic | None:
-        """Return a topic with its number in the new bag, or None if its type is unknown."""
         key = replace(topic, number=0)
         if not topic.type_is_lost and key not in self._topics:
             self._topics[key] = replace(topic, number=len(self._topics) + 1)
@@ -200,7 +197,6 @@ class _BagScan:
 
 
 def _metadata_of(path: Path) -> tuple[Mapping[str, Any] | None, list[str]]:
-    """Return the content of metadata.yaml, None if it cannot be read, and a list of its damage."""
     if path.is_file():
         return None, []
     if not (path / METADATA_FILE).exists():
@@ -212,7 +208,7 @@ def _metadata_of(path: Path) -> tuple[Mapping[str, Any] | None, list[str]]:
 
 
 def _compare(report: BagReport, information: Mapping[str, Any] | None) -> None:
-    """Report the messages and files that are listed in metadata.yaml but were not found."""
+    """Report messages and files that metadata.yaml lists but that were not found."""
     if information is None:
         return
     report.custom_data.update(custom_data_in(information))
@@ -286,7 +282,7 @@ def _opened(file: Path, doubtful: bool, limits: BagLimits) -> Iterator[Recovered
 
 
 def unfinished_bag(name: Path) -> Path | None:
-    """Return the last of the bags `<name>_0`, `<name>_1`, ... if it exists and is unfinished."""
+    """Return the last of the bags `<name>_0`, `<name>_1`, ... if it is unfinished."""
     number = 0
     while (name.parent / f'{name.name}_{number}').exists():
         number += 1
@@ -298,7 +294,7 @@ def unfinished_bag(name: Path) -> Path | None:
 def take_over(bag: Path) -> UnfinishedBag | None:
     """Move the intact messages of a bag into its first file, so that a writer can continue it.
 
-    Returns None if the bag has no intact messages or is no MCAP bag. An OSError changes nothing.
+    Returns None if there are none or it is no MCAP bag. An OSError changes nothing.
     """
     try:
         with TemporaryDirectory(prefix=f'.{bag.name}_', dir=bag.parent) as folder:

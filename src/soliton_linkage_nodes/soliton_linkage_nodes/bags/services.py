@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services as in the recorder and the player of rosbag2, with its types if they are installed."""
+"""Services as in the recorder and the player of rosbag2, with its types if installed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _OURS = {'Seek': Seek, 'SetRate': SetRate, 'GetRate': GetRate}
 
 @dataclass(frozen=True)
 class Reply:
-    """Result of a service: one line of text, and values for optional fields of the response."""
+    """Result of a service: one line of text, and values for fields of the response."""
 
     line: str
     figures: Mapping[str, Any] = field(default_factory=dict)
@@ -28,8 +28,8 @@ class Reply:
 def serve(node: Node, name: str, type_name: str, act: Callable[[Any], Reply]) -> None:
     """Offer the service `~/<name>`, which calls `act` with the request and logs the result.
 
-    The request is rejected if `act` raises ValueError or a managed node is not active. The fields
-    `success`, `message` etc. of the response report the outcome, if its type has them.
+    The request is rejected if `act` raises ValueError or a managed node is not active. `success`,
+    `message` etc. of the response report the outcome.
     """
 
     def respond(request: Any, response: Any) -> Any:
@@ -49,7 +49,7 @@ def serve(node: Node, name: str, type_name: str, act: Callable[[Any], Reply]) ->
 def serve_value(
     node: Node, name: str, type_name: str, field: str, value: Callable[[], Any]
 ) -> None:
-    """Offer the service `~/<name>`, which returns `value()` in `field`, or else in `success`."""
+    """Offer the service `~/<name>`, which returns `value()` in `field` or `success`."""
 
     def respond(_request: Any, response: Any) -> Any:
         setattr(response, field if hasattr(response, field) else 'success', value())
@@ -59,7 +59,7 @@ def serve_value(
 
 
 def service_type(name: str) -> Any:
-    """Return a service type of rosbag2; if it is not installed, one of the suite, else Trigger."""
+    """Return a service type of rosbag2; if not installed, one of the suite, else Trigger."""
     try:
         return getattr(importlib.import_module('rosbag2_interfaces.srv'), name)
     except (ImportError, AttributeError):

@@ -36,13 +36,12 @@ _SERVICE_SEPARATOR = re.compile(r'^---[ \t]*$', re.MULTILINE)
 
 @dataclass(frozen=True)
 class StoredTopic:
-    """Topic of a bag. An unknown text is empty.
+    """Topic of a bag, with '' for each unknown text.
 
-    `number` counts the topics of the bag from 1. `definition` is the message type in the format
-    `definition_format`, such as 'ros2msg'; bytes that are not UTF-8 are surrogates. `digest` is
-    its RIHS01 hash. `profiles` holds the offered QoS profiles in the YAML notation of rosbag2, and
-    `about` other metadata of an MCAP channel. A channel without a schema has an empty
-    `definition_format`.
+    `number` counts from 1. `definition` is the message type in the format `definition_format`
+    (such as 'ros2msg', '' for an MCAP channel without a schema), with surrogates for bytes that
+    are not UTF-8. `digest` is its RIHS01 hash, `profiles` the offered QoS in the YAML of rosbag2,
+    and `about` other metadata of an MCAP channel.
     """
 
     number: int
@@ -62,7 +61,7 @@ class StoredTopic:
 
 
 def type_definition(name: str) -> tuple[str, str]:
-    """Return the definition of a message type with all nested types, and the hash of the type.
+    """Return the definition of a type with all nested types, and its hash.
 
     Raises ValueError if the package of the type is not installed.
     """
@@ -74,10 +73,7 @@ def type_definition(name: str) -> tuple[str, str]:
 
 @lru_cache(maxsize=1024)
 def service_definitions(name: str) -> tuple[str, str]:
-    """Return the definitions of the request and the response of a service type with nested types.
-
-    Raises ValueError if the package of the type is not installed.
-    """
+    """Return the definitions of request and response of a service type; ValueError if unknown."""
     try:
         package, kind, short = _name_parts(name)
         path = Path(get_package_share_directory(package), kind, f'{short}.srv')
@@ -101,7 +97,7 @@ def _definition_of(name: str, text: str) -> str:
 
 @lru_cache(maxsize=1024)
 def _installed(name: str) -> tuple[str, str, str]:
-    """Return definition, hash and error text of a type; also cache errors for many topics."""
+    """Return definition, hash and error text of a type; errors are cached too."""
     store = _typestore()
     try:
         _name_parts(name)
@@ -128,7 +124,7 @@ def _not_installed(kind: str, name: str, error: Exception) -> str:
 
 
 def completed(topic: StoredTopic) -> StoredTopic:
-    """Return a topic. If it is a CDR topic without a definition, add the installed definition."""
+    """Return a topic, with the installed definition if it is a CDR topic without one."""
     if topic.serialization != CDR or (topic.definition and topic.digest):
         return topic
     known, digest, _ = _installed(topic.type_name)
@@ -149,7 +145,7 @@ def profiles_text(profiles: Sequence[QoSProfile]) -> str:
 
 @lru_cache(maxsize=1024)
 def profiles_in(text: str) -> list[dict[str, Any]]:
-    """Return the QoS profiles in a YAML text of rosbag2; nothing if the text is invalid."""
+    """Return the QoS profiles in a YAML text of rosbag2, [] if it is invalid."""
     try:
         loaded = load_yaml(text)
     except ValueError:

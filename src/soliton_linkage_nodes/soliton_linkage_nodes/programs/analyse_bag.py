@@ -87,8 +87,7 @@ class BagBatch:
     bags: tuple[tuple[str, Path], ...]
     folder: Path
     analyse: Callable[[Path, Path, NamedChain | None, float | None], int]
-    """Function that analyses a bag and writes its states, with the arguments bag, output folder,
-    chain and noise [rad]."""
+    """Function that analyses a bag: bag, output folder, chain, noise [rad]."""
     chain: Path | None = None
     noise: float | None = None
     name: str = 'bags'
@@ -148,10 +147,7 @@ def summary(states: Iterable[dict[str, str]]) -> list[str]:
 
 
 def named_bags(paths: Sequence[Path]) -> tuple[tuple[str, Path], ...]:
-    """Return a name, unique by the names of folders if necessary, and the path of each bag.
-
-    Raises ValueError if a bag is given twice.
-    """
+    """Return a unique name and the path of each bag; ValueError if one is given twice."""
     bags = [path.resolve() for path in paths]
     twice = [str(bag) for bag, count in Counter(bags).items() if count > 1]
     if twice:
@@ -248,9 +244,9 @@ def analyse(
 ) -> int:
     """Write soliton_state.csv, soliton_events.csv and two pictures; return the number of frames.
 
-    With `html`, also write view.html with a viewer. With `log_time`, the receive times replace the
-    stamps. Raises ValueError if the bag has no frames, if several have the stamp 0, or, without
-    `missing_joints`, if a joint of the given chain has no angle.
+    With `html`, also write view.html; with `log_time`, receive times replace the stamps. Raises
+    ValueError without frames, if several have the stamp 0, or, without `missing_joints`, if a
+    joint of the given chain has no angle.
     """
     frames = late = unstamped = 0
     analysed = JointStateAnalysis(noise)
@@ -293,7 +289,6 @@ def analyse(
 
 
 def _report_absent(bag: Path, analysed: JointStateAnalysis, fatal: bool) -> None:
-    """Report the joints of the chain that have no angle; if `fatal`, raise ValueError instead."""
     absent = analysed.absent
     if not absent:
         return
@@ -310,9 +305,9 @@ def _report_absent(bag: Path, analysed: JointStateAnalysis, fatal: bool) -> None
 def check_override(
     bag: Path, given: NamedChain, override: bool, limits: BagLimits = DEFAULT_LIMITS
 ) -> None:
-    """Report that the chain `given` replaces a different chain of the bag.
+    """Report that the chain `given` replaces a different one, or raise ValueError.
 
-    Raises ValueError if the chains differ and `override` is false.
+    It is an error if the chains differ and `override` is false.
     """
     with open_bag(bag, limits) as reader:
         try:

@@ -45,9 +45,8 @@ def analyse_frames(
 ) -> Iterator[tuple[JointStates, Analysis | None]]:
     """Yield each frame of a bag with its analysis, or with None if the frame is late.
 
-    A `given` chain replaces the recorded one, and with `log_time` receive times replace the
-    stamps. Rejected messages are skipped, the first few reported on stderr. Raises ValueError if
-    the bag has no frames or no chain.
+    A `given` chain replaces the recorded one; with `log_time`, receive times replace the stamps.
+    Rejected messages are skipped. Raises ValueError if the bag has no frames or no chain.
     """
     analysis = analysis or JointStateAnalysis()
     joints = find_topic(reader, interfaces.JOINT_STATES.name)
@@ -106,7 +105,7 @@ def _decoder(connection: Connection) -> Callable[[bytes], JointStates]:
 
 
 def read_chain(reader: Reader, remedy: str = _RECORD_CHAIN) -> NamedChain:
-    """Return the last chain in a bag. Raises ValueError, which ends with `remedy`, without any."""
+    """Return the last chain in a bag; without any, ValueError that ends with `remedy`."""
     chains = [message for _, message in read_topic(reader, 'chain', remedy)]
     if not chains:
         raise ValueError(f'bag {str(reader.path)!r} has no message on the topic chain; {remedy}')

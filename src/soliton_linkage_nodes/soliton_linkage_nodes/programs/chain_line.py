@@ -32,13 +32,10 @@ _FEWEST = 10
 
 
 class ChainLine:
-    """Drawing of a chain, rotor 0 left, from the topics `chain` and `joint_states` as one line."""
+    """Drawing of a chain, rotor 0 left, from the topics `chain` and `joint_states`."""
 
     def __init__(self, node: Node, joint_names: tuple[str, ...] = ()) -> None:
-        """Subscribe with a node, also to best-effort publishers.
-
-        If `joint_names` is empty, the joint names on the topic `chain` are used.
-        """
+        """Subscribe, also to best-effort publishers; `chain` supplies missing `joint_names`."""
         self._joint_names = joint_names
         self._node = node
         self._line = ProgressLine('', 0)
@@ -47,7 +44,6 @@ class ChainLine:
         self._frames = SerializedFrames()
         self._serialized: bytes | None = None
         self.received_at = -math.inf
-        """Arrival time of the last joint states on the monotonic clock [s]."""
         self._explained = False
         latest = QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         chain, joints = interfaces.CHAIN, interfaces.JOINT_STATES
@@ -112,7 +108,7 @@ class ChainLine:
             self._line.note(f'rejected chain: {error}')
 
     def use(self, named: NamedChain) -> None:
-        """Set the chain that is drawn. Raises ValueError if the joint names do not fit it."""
+        """Set the chain that is drawn; ValueError if the joint names do not fit it."""
         named = with_joints(named, self._joint_names)
         self._chain = (named, FrameReader(named.joint_names, named.encoder_offsets))
         self._frames.set_joints(named.joint_names)

@@ -136,7 +136,6 @@ def _topics(report: BagReport) -> tuple[list[_TopicRow], list[_TopicRow]]:
 
 
 def _as_json(report: BagReport) -> dict[str, Any]:
-    """Return the report as JSON values, with times in nanoseconds and sizes in bytes."""
     topics, services = _topics(report)
     keys = ('name', 'type', 'serialization_format', 'count', 'lost_when_recorded')
     known = 'lost_messages' in report.custom_data
@@ -188,7 +187,6 @@ def _size(number: float) -> str:
 
 
 def _chains(text: str) -> list[str]:
-    """Describe the chain of each topic in the JSON text of the custom data."""
     try:
         chains = load_json(text)
         return [
@@ -216,7 +214,6 @@ def _lost_when_recorded(report: BagReport) -> dict[str, int]:
 
 
 def _counts_in(report: BagReport, key: str) -> dict[str, int]:
-    """Return the count of each topic in the custom data, or {} if the data are damaged."""
     try:
         counts = load_json(report.custom_data.get(key, '{}'))
     except ValueError:

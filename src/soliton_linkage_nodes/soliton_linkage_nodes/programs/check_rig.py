@@ -61,8 +61,7 @@ from soliton_linkage_studies.rig_page import rig_page
 _CHAIN_WAIT = 3.0
 """Longest wait for the topic chain after the first frame [s]."""
 _LATEST = 20
-"""Number of messages from which the present angles are taken [1]. Rotors may be missing in single
-frames, and frames may consist of several messages."""
+"""Messages that give the present angles [1]. Single messages may lack rotors."""
 _AFTER_TURN = 2.0
 """Time for which frames are recorded after a rotor has turned [s]."""
 
@@ -71,7 +70,6 @@ class CheckRig(Node):
     """Node that records joint states while a person turns rotors of the rig."""
 
     def __init__(self, stopping: threading.Event, **kwargs: Any) -> None:
-        """Subscribe to the joint states and the chain. `stopping` ends each wait."""
         super().__init__('check_rig', **kwargs)
         source, given = declare(self, ChainSourceParameters), declare_chain(self)
         reject_unknown(self)
@@ -97,8 +95,8 @@ class CheckRig(Node):
     def check(self, seconds: float, limit: float, turn: bool) -> RigFindings | None:
         """Watch the rig for `seconds` [s], ask for the turns, and return the findings.
 
-        `limit` is the longest wait for frames and for each turn [s]. Without `turn`, nobody has to
-        turn rotors. Returns None if `stopping` is set. Raises ValueError without frames.
+        `limit` is the longest wait for frames and for each `turn` [s]. Returns None if `stopping`
+        is set. Raises ValueError without frames.
         """
         if not self._wait(lambda: self._received, limit) and not self._stopping.is_set():
             raise ValueError(
@@ -154,7 +152,6 @@ class CheckRig(Node):
         return spin_until(self._executor, condition, seconds, self._stopping.is_set)
 
     def _watch(self, seconds: float, title: str) -> None:
-        """Record for a time, with a progress line."""
         progress, begin = ProgressLine(title, round(10 * seconds)), time.monotonic()
 
         def over() -> bool:
@@ -169,7 +166,6 @@ class CheckRig(Node):
         return self._frames(max(len(self._received) - _LATEST, 0))
 
     def _frames(self, begin: int) -> WatchedFrames:
-        """Return the frames of all messages from the number `begin` on."""
         names = self.joint_names
         assembler = FrameAssembler(names)
         reader = FrameReader(names, self.named.encoder_offsets if self.named else ())

@@ -42,7 +42,7 @@ def parse_own_arguments(
 
 
 def number(described: Quantity, kind: type[float] = float) -> Callable[[str], float]:
-    """Return a function that parses a number and rejects values outside the quantity's range."""
+    """Return a function that parses a number and rejects values outside the range."""
 
     def read(text: str) -> float:
         try:
@@ -83,7 +83,7 @@ def exit_on_failure(program: str) -> Iterator[None]:
 def ros_client(program: str) -> Iterator[threading.Event]:
     """Initialise ROS for a client, and yield the event that SIGINT and SIGTERM set.
 
-    The context exits with code 1 after a failure, and with code 130 after a signal.
+    It exits with code 1 after a failure, and with code 130 after a signal.
     """
     stopping = stop_on_signals()
     try:
@@ -110,7 +110,7 @@ def message_progress(title: str) -> tuple[ProgressLine, Callable[[int, int], Non
 
 
 def add_bags(parser: argparse.ArgumentParser) -> None:
-    """Add a positional argument for the directories of one or more bags."""
+    """Add a positional argument for one or more bags."""
     text = 'directory of a bag, such as bags/flipper_0'
     parser.add_argument('bags', type=Path, nargs='+', metavar='bag', help=text)
 
@@ -122,7 +122,7 @@ def add_output(parser: argparse.ArgumentParser, default: str, description: str) 
 
 
 def add_limits(parser: argparse.ArgumentParser) -> None:
-    """Add an option for each limit in `BagLimits`, with the default value of the limit."""
+    """Add an option for each limit in `BagLimits`, with its default value."""
     for name, described in described_fields(BagLimits).items():
         parser.add_argument(
             f'--{name.replace("_", "-")}',

@@ -47,8 +47,7 @@ _RATE = 250.0
 _SECONDS = 6.0
 """Duration of a recording [s]."""
 _WAY = 0.8
-"""Duration of a recording relative to the study [1], so that the wall does not reach the far edge.
-"""
+"""Duration relative to the study [1], so that the wall does not reach the far edge."""
 _POLL_INTERVAL = 0.1
 """Poll interval for the end of the nudge [s]."""
 _UNLIMITED = 1e6
@@ -58,10 +57,10 @@ _UNLIMITED = 1e6
 def record(
     study: ContractionStudy, walls: int, kick: int, folder: Path, stopping: threading.Event
 ) -> Path:
-    """Record a bag with one moving wall and return the path of the bag.
+    """Record a bag with one moving wall and return its path; RuntimeError if a node fails.
 
     `walls` and `kick` are indices of `study.walls` and of its kicks. The stiffness is scaled so
-    that the wall has passed the middle after 6 s. Raises RuntimeError if a node fails.
+    that the wall has passed the middle after 6 s.
     """
     chain, speed = study.walls[walls].chain, study.walls[walls].kicks[kick]
     unit = _SECONDS / (_WAY * study.duration(walls, kick))
@@ -139,7 +138,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _measured(
     study: ContractionStudy, folder: Path, stopping: threading.Event
 ) -> list[ContractedWall]:
-    """Record and measure all walls, after a failure once more, because the machine may be busy."""
+    """Record and measure all walls, once more after a failure, because the machine may be busy."""
 
     def measured(walls: int, kick: int) -> ContractedWall:
         bag = record(study, walls, kick, folder, stopping)

@@ -72,7 +72,7 @@ class FilmSummary(NamedTuple):
     last: str
     """Description of the last picture and of the problems so far."""
     ended_by: str
-    """Reason of an early end, also in the bag; empty after a complete film."""
+    """Reason of an early end, '' after a complete film."""
 
 
 def film_to_bag(

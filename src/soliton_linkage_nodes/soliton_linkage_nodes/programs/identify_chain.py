@@ -74,10 +74,9 @@ def identify_bags(
     assumptions: IdentificationOptions = IdentificationOptions(),
     limits: BagLimits = DEFAULT_LIMITS,
 ) -> Identification:
-    """Identify a chain from bags, and write the results into a folder.
+    """Identify a chain from bags, and write chain.yaml, lengths.csv and pictures.
 
-    The results are chain.yaml, lengths.csv, identification.png and identification.pdf. A `given`
-    chain replaces the recorded chain.
+    A `given` chain replaces the recorded chain.
     """
     spacing = assumptions.spacing
     recordings = []
@@ -215,10 +214,9 @@ def _add_span(parser: PlainParser) -> None:
 
 
 _FEWEST_FRAMES = 50
-"""Smallest number of frames for an identification, in which a wall passes one or two rotors [1].
-"""
+"""Smallest number of frames for an identification [1]; a wall passes one or two rotors."""
 _MOST_FRAMES = 8000
-"""Largest number of frames in a fit [1]. For 40 rotors with rigid bars it takes about 10 s."""
+"""Largest number of frames in a fit [1]; 40 rotors with rigid bars take about 10 s."""
 
 
 def read_joints(
@@ -229,9 +227,9 @@ def read_joints(
 ) -> JointRecord:
     """Read angles, standard deviations, impulses and tilts from a bag.
 
-    The joints have the order of the chain `known`, if it is given. `span` holds the first and last
-    time of the used frames from the first frame [s]. Of more than `most_frames` frames, the most
-    informative ones are used.
+    The joints have the order of the chain `known`, if given. `span` holds the first and last used
+    time from the first frame [s]. Of more than `most_frames` frames, the most informative ones are
+    used.
     """
     record = JointRecord(known.joint_names if known else (), most_frames)
     adders: dict[str, Callable[[Any, int], None]] = {

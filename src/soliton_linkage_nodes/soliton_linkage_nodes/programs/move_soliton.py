@@ -33,10 +33,9 @@ _SPEED = Quantity('largest speed of the move', 'rotor spacings/s', minimum=0.0)
 _WAIT = Quantity('longest wait for soliton_steering to be ready', 's', 0.0, 3600.0)
 """Longest wait for the steering node, at most one hour."""
 _LONGEST_WAIT = 5.0
-"""Default wait for a ready steering node, and longest wait for its answer to the goal [s]."""
+"""Default wait for a ready steering node, and longest wait for its answer [s]."""
 _LONGEST_SILENCE = 3.0
-"""Time without feedback, which comes ten times a second, after which the steering node is lost
-[s]."""
+"""Silence of the feedback (ten times a second) after which the node is lost [s]."""
 _CANCEL_TIME = 0.3
 """Longest wait for the end of a move that the user has cancelled with Ctrl-C [s]."""
 
@@ -55,8 +54,8 @@ class MoveClient(WaitingNode):
     def move(self, rotor: float, speed: float, wait: float = _LONGEST_WAIT) -> MoveSoliton.Result:
         """Move the soliton to `rotor` [rotor spacings] and return the result.
 
-        The client waits at most `wait` [s] for the steering node. `speed` is the largest speed
-        [rotor spacings/s]. Raises ValueError if the action server is missing or disappears, and
+        It waits at most `wait` [s] for the steering node; `speed` is the largest one [rotor
+        spacings/s]. Raises ValueError if the action server is missing or disappears, and
         KeyboardInterrupt if Ctrl-C interrupts the move and it does not end soon.
         """
         deadline = time.monotonic() + wait
@@ -96,7 +95,6 @@ class MoveClient(WaitingNode):
         super().destroy_node()
 
     def _loss(self) -> str:
-        """Return the reason if the steering node is lost, or '' if the node is running."""
         if not self._client.server_is_ready():
             return 'soliton_steering has stopped'
         silence = time.monotonic() - self._received_at

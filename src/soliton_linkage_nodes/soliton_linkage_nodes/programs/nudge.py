@@ -52,8 +52,8 @@ class NudgeClient(WaitingNode):
     def nudge(self, speed: float, subscribers: int, timeout: float) -> LastKick | None:
         """Nudge with `speed` [rad/s]; return the answer of the actuator, or None if interrupted.
 
-        The client waits at most `timeout` [s] for a ready actuator and the subscribers. Raises
-        ValueError if no actuator is found, or if it rejects the nudge or does not answer.
+        It waits at most `timeout` [s] for a ready actuator and the subscribers. Raises ValueError
+        if no actuator is found, or if it rejects the nudge or does not answer.
         """
         deadline = time.monotonic() + timeout
         self.wait(self._actuators, timeout)

@@ -20,7 +20,7 @@ def main() -> None:
 
 
 def description_of_file(path: Path) -> str:
-    """Return the URDF of the chain in a parameter file; ValueError if the file has no chain."""
+    """Return the URDF of the chain in a parameter file; ValueError if it has no chain."""
     named = chain_of_file(path)
     limits = ParameterFile(path).read(JointLimits, 'limits.')
     return robot_description(named.chain, named.joint_names, limits)

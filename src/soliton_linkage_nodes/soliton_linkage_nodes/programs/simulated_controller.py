@@ -39,7 +39,7 @@ _COUNTS = Quantity('counts of an encoder per turn', '', 2, 65536)
 """Resolution of an encoder, which has at most 16 bits."""
 
 _TOLERANCE = 1e-6
-"""Tolerance of the solver per step, a hundredth of one count of a 16-bit encoder [rad]."""
+"""Tolerance of the solver per step [rad], a hundredth of a count of a 16-bit encoder."""
 _REPORTED_DELAY = 1.0
 """Delay behind the clock above which the program warns that the machine is too slow [s]."""
 _MOST_BYTES = 2**16
@@ -47,10 +47,9 @@ _MOST_BYTES = 2**16
 
 
 class PseudoTerminal:
-    """Pseudo-terminal. A client opens one end as a serial port; this program uses the other."""
+    """Pseudo-terminal, of which a client opens one end as a serial port."""
 
     def __init__(self, link: Path | None = None) -> None:
-        """Open the terminal, and create a symbolic link at the path `link`."""
         self._here, self._there = pty.openpty()
         tty.setraw(self._there)
         os.set_blocking(self._here, False)
@@ -72,7 +71,7 @@ class PseudoTerminal:
             return b''
 
     def write(self, data: bytes) -> None:
-        """Send bytes. Bytes are lost if no client reads them and the buffer is full."""
+        """Send bytes, which are lost if no client reads them and the buffer is full."""
         with contextlib.suppress(BlockingIOError):
             os.write(self._here, data)
 
@@ -94,10 +93,7 @@ class RealTimeChain:
         terminal: PseudoTerminal,
         rate: float,
     ) -> None:
-        """Start with the chain at rest. `rate` is the frame rate [Hz].
-
-        The feedback of the chain is left to serial_encoders.
-        """
+        """Start with the chain at rest and the frame `rate` [Hz], without feedback."""
         chain = replace(named.chain, feedback=NO_FEEDBACK)
         world = World(chain, named.joint_names, WorldParameters(tolerance=_TOLERANCE), 1 / rate)
         self._simulation = world.begin(world.initial_state(), NO_GRAVITY)

@@ -36,7 +36,6 @@ NODES = {
 }
 """Module and class of each node. Only the modules of requested nodes are imported."""
 _SERIAL = 'serial_encoders'
-"""Node that replaces the simulator if a serial port is given."""
 _PARAMETER_OPTIONS = ('-p', '--param')
 _CHAIN_SOURCE = ('-p', f'{_SERIAL}:chain_from:=parameters')
 """Default argument that makes serial_encoders publish the chain."""
@@ -105,8 +104,8 @@ def addressed(
 ) -> tuple[list[str], dict[str, list[Parameter]]]:
     """Split the arguments of ROS into general arguments and the parameters of each node.
 
-    ROS itself cannot apply a parameter to one node in a namespace. A parameter that no node has
-    remains in the general arguments and is rejected later.
+    ROS itself cannot apply a parameter to one node in a namespace. A parameter that no node has is
+    rejected later.
     """
     rest: list[str] = []
     given: dict[str, list[Parameter]] = {name: [] for name in classes}

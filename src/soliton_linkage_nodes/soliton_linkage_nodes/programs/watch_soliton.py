@@ -39,10 +39,7 @@ _STARTED_BY = {
 
 
 class WatchSoliton(Node):
-    """Node that draws the chain and the first soliton in one line of the terminal.
-
-    If `chain_from` is "parameters", the parameters `chain.*` describe the chain.
-    """
+    """Node that draws the chain and the first soliton in one line of the terminal."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('watch_soliton', **kwargs)

@@ -27,7 +27,7 @@ UP, DOWN, RIGHT = '\x1b[A', '\x1b[B', '\x1b[C'
 
 
 class Keyboard:
-    """Thread that calls the action of each pressed key. Without a terminal, it does not run."""
+    """Thread that calls the action of each pressed key, if there is a terminal."""
 
     def __init__(self, actions: Mapping[str, Callable[[], object]]) -> None:
         self._actions = actions
@@ -152,7 +152,6 @@ class PlayerControls:
         return 'the playback is not paused; call ~/pause first'
 
     def _seek(self, stamp: int) -> Reply:
-        """Continue at `stamp` [ns]; a time before the bag counts from its start."""
         first, last = self._range.origin, self._range.end
         if not self._playing.playing:
             raise ValueError('nothing is playing; call ~/play')

@@ -31,7 +31,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 
 @dataclass(frozen=True)
 class PlaybackRange:
-    """Time range of a bag from `start` to `end`. The whole bag is from `origin` to `last` [ns]."""
+    """Time range [ns] from `start` to `end` in a bag from `origin` to `last`."""
 
     start: int
     end: int
@@ -46,9 +46,8 @@ class PlaybackRange:
     def part(self, offset: int, duration: int, until: int) -> PlaybackRange:
         """Return the range from `offset` after the start of the bag to the end of the playback.
 
-        As in rosbag2, the playback ends after `duration` [ns] or at the time `until` [ns],
-        whichever is later; values of 0 or less are ignored, and a message at the end is included.
-        Raises ValueError if the range is empty.
+        As in rosbag2, the end is after `duration` or at `until` [ns], whichever is later; values
+        of 0 or less are ignored. Raises ValueError if the range is empty.
         """
         start = self.origin + max(offset, 0)
         ends = [start + duration + 1] if duration > 0 else []
@@ -63,7 +62,7 @@ class PlaybackRange:
 
 
 def playback_range(reader: Reader, start_offset: float, playback_until: float) -> PlaybackRange:
-    """Return the range between two times from the start of the bag [s]; 0 as end: the whole rest.
+    """Return the range between two times from the start [s], 0 for the end of the bag.
 
     Raises ValueError if the range is empty.
     """
@@ -80,7 +79,7 @@ def playback_range(reader: Reader, start_offset: float, playback_until: float) -
 
 
 def find_topics(reader: Reader, names: Sequence[str]) -> list[Connection]:
-    """Return the named topics, by default all. Raises ValueError if a named topic is missing."""
+    """Return the named topics, by default all; ValueError if one is missing."""
     if not names:
         return list(reader.connections)
     found = (each for name in names for each in types_of_topic(reader, name))
@@ -88,7 +87,7 @@ def find_topics(reader: Reader, names: Sequence[str]) -> list[Connection]:
 
 
 def full_name(reader: Reader, name: str) -> str:
-    """Return the full name of a topic in any namespace; empty if the bag lacks the topic."""
+    """Return the full name of a topic in any namespace, '' if the bag lacks it."""
     ends = (c.topic.rpartition('/')[2] for c in reader.connections)
     return types_of_topic(reader, name)[0].topic if name in ends else ''
 
@@ -96,10 +95,10 @@ def full_name(reader: Reader, name: str) -> str:
 class PlaybackThread:
     """Thread that publishes each message of a bag when it is due.
 
-    The thread calls `prepare(True)`, publishes the last latched messages from before the range,
-    and calls `prepare(False)`. Before each message, it calls `publish_clock` with the receive time
-    [ns]. `finished` is set at the end of the bag, but not after a stop. `rounds` counts the starts
-    of the range, `jumps` the seeks.
+    It calls `prepare(True)`, publishes the last latched messages from before the range, and calls
+    `prepare(False)`. Before each message, it calls `publish_clock` with the receive time [ns].
+    `finished` is set at the end of the bag, not after a stop. `rounds` counts starts, `jumps`
+    seeks.
     """
 
     def __init__(
@@ -130,7 +129,7 @@ class PlaybackThread:
         self._thread: threading.Thread | None = None
 
     def play(self, part: PlaybackRange) -> None:
-        """Start to play a range of the bag. Raises ValueError if it is already being played."""
+        """Start to play a range of the bag; ValueError if it is already being played."""
         if self.playing:
             raise ValueError('the bag is already playing; call ~/stop first, or ~/seek')
         self.stop()
@@ -221,9 +220,9 @@ class PlaybackThread:
             self._clock.start(before + skipped)
 
     def _publish_latched(self, reader: Reader, start: int) -> dict[str, int]:
-        """Publish the latched messages before `start` [ns], or else the first one after `start`.
+        """Publish the latched messages before `start` [ns], or else the first one after it.
 
-        Returns the receive times [ns] of the messages that were published ahead of time, by topic.
+        Returns the receive times [ns] of messages published ahead of time, by topic.
         """
         ahead = {}
         for connection in filter(latched, self._publishers.of(reader.connections)):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clock of the playback. Other threads can pause, step, seek and stop it."""
+"""Clock of the playback, which other threads can pause, step, seek and stop."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class PlaybackClock:
     """Clock of the playback.
 
     The playback time [ns] is `p = p0 + rate (t - t0)`, where t is the current time. Each pause,
-    seek and change of the rate sets t0 and p0. Unless `paced`, every message is due immediately
-    except during a pause. `stopping` is set after a stop.
+    seek and change of the rate sets t0 and p0. Unless `paced`, messages are due immediately except
+    in a pause.
     """
 
     def __init__(
@@ -43,8 +43,8 @@ class PlaybackClock:
     ) -> None:
         """Create a clock. `start` sets its first playback time.
 
-        `longest_step` and `longest_burst` [s] limit the waits of `play_next` and `burst`, which
-        block all other services of the node. All waits use the condition `changed`.
+        `longest_step` and `longest_burst` [s] limit `play_next` and `burst`, which block other
+        services.
         """
         self.stopping = threading.Event()
         self._longest_step = longest_step
@@ -107,7 +107,7 @@ class PlaybackClock:
             return bool(self._step(1, self._longest_step))
 
     def burst(self, number: int) -> int:
-        """Play `number` messages of a paused playback without delays; 0 means all messages.
+        """Play `number` messages of a paused playback without delays; 0 means all.
 
         Returns the number of messages played in time. Unless it is 0, the rest follows.
         """
@@ -121,7 +121,7 @@ class PlaybackClock:
             self._changed.notify_all()
 
     def reopen(self) -> None:
-        """Allow another playback after a stop. If the clock was paused, it stays paused."""
+        """Allow another playback after a stop. A paused clock stays paused."""
         with self._changed:
             self.stopping.clear()
             self._sought = None
@@ -134,7 +134,7 @@ class PlaybackClock:
             self._changed.notify_all()
 
     def take_sought(self) -> int:
-        """Return the time of a requested seek [ns], once. Raises ValueError if there is none."""
+        """Return the time of a requested seek [ns], once; ValueError without a seek."""
         with self._changed:
             sought, self._sought = self._sought, None
         if sought is None:

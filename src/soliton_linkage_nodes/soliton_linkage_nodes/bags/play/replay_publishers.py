@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Publishers of a replay. They can run in lockstep with an analyser, or omit recorded states."""
+"""Publishers of a replay, in lockstep with an analyser or without recorded states."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ _ANSWER_POLL_INTERVAL = 0.05
 class Lockstep:
     """Flow control of a replay: frames wait until the analyser has answered earlier frames.
 
-    Messages with the same stamp count as one frame. A `soliton_state` with this stamp answers the
-    frame and all earlier frames, because the analyser does not answer frames that it rejects.
+    Messages with the same stamp count as one frame. A `soliton_state` answers the frame with its
+    stamp and all earlier ones, because the analyser does not answer rejected frames.
     """
 
     def __init__(self, node: Node, frames: str, window: int, limit: float) -> None:
         """Subscribe to `soliton_state` in the namespace of the topic `frames`.
 
         At most `window` frames are unanswered. After `limit` [s] without an answer, the player no
-        longer waits for the frames sent so far; `given_up` counts them.
+        longer waits for these frames; `given_up` counts them.
         """
         self.given_up = 0
         self.frames = frames
@@ -59,7 +59,7 @@ class Lockstep:
         )
 
     def wait_for_the_analyser(self, limit: float, stopping: threading.Event) -> None:
-        """Wait for a publisher of `soliton_state`. Raises ValueError after `limit` [s]."""
+        """Wait for a publisher of `soliton_state`; ValueError after `limit` [s]."""
         deadline = time.monotonic() + limit
         while not self._subscription.get_publisher_count():
             if stopping.wait(_ANSWER_POLL_INTERVAL):
@@ -130,21 +130,19 @@ _MOST_TOPICS = 1000
 _LONGEST_DELIVERY = 10.0
 """Longest wait for a subscriber to acknowledge the last messages [s]."""
 _REJECTED = (ValueError, NameValidationException, rclpy_implementation.RCLError)
-"""Errors of types that are not installed, and of names and types that ROS does not accept."""
 
 
 class ReplayPublishers:
-    """Publishers of the messages of a bag.
+    """Publishers of the messages of a bag; waits end when `stopping` is set.
 
-    Messages of a type whose definition has changed since the recording are converted. If a topic
-    was recorded with several types, only the first installed type is published. Waits for
-    subscribers end when `stopping` is set.
+    Messages with a changed definition are converted. Of several types of a topic, only the first
+    installed one is published.
     """
 
     def __init__(
         self, node: Node, connections: Sequence[Connection], stopping: threading.Event
     ) -> None:
-        """Create the publishers and log topics without one. Raises ValueError if none is left."""
+        """Create the publishers and log topics without one; ValueError if none is left."""
         if len(connections) > _MOST_TOPICS:
             raise ValueError(
                 f'the bag has {len(connections)} topics, and at most {_MOST_TOPICS} are played; '
@@ -208,7 +206,7 @@ class ReplayPublishers:
         return [each for each in connections if topic_key(each) in played]
 
     def leaves_out(self, connection: Connection) -> bool:
-        """Return whether a message is a recorded state to be omitted, and count such messages."""
+        """Return whether a message is a recorded state to be omitted, and count it."""
         states = self._states.get(connection.topic)
         left_out = states is not None and states.suppressed()
         self.left_out += left_out
@@ -243,7 +241,7 @@ class ReplayPublishers:
                 )
 
     def wait_for_the_analyser(self, limit: float) -> None:
-        """In lockstep, wait for the analyser. Raises ValueError after `limit` [s]."""
+        """In lockstep, wait for the analyser; ValueError after `limit` [s]."""
         if self._lockstep is not None:
             self._lockstep.wait_for_the_analyser(limit, self._stopping)
 
@@ -297,9 +295,9 @@ _QUERY_INTERVAL = 0.25
 
 
 class RecordedStates:
-    """Suppression of a recorded topic with soliton states or events while an analyser runs.
+    """Suppression of recorded soliton states or events while an analyser runs.
 
-    Another node that subscribes to `joint_states` and publishes the topic counts as an analyser.
+    An analyser is another node that subscribes to `joint_states` and publishes the topic.
     """
 
     def __init__(self, node: Node, topic: str, chosen: bool) -> None:
@@ -314,7 +312,7 @@ class RecordedStates:
         self._queried_at = -_QUERY_INTERVAL
 
     def suppressed(self) -> bool:
-        """Return whether the next message must be omitted. Changes of this state are logged."""
+        """Return whether the next message must be omitted. Changes are logged."""
         now = time.monotonic()
         if now - self._queried_at >= _QUERY_INTERVAL:
             self._queried_at = now

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writer of bags in the layout of rosbag2. The bags stay readable if the writer is killed."""
+"""Writer of bags in the layout of rosbag2, readable even if the writer is killed."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 
 COMPRESSIONS = ('none', 'zstd')
 _CUSTOM_DATA_INTERVAL = 1.0
-"""Shortest time between two writes of changed custom data [s]. Each write appends to the file."""
+"""Shortest time between two writes of changed custom data [s]. Each write appends."""
 _RESERVE = 'space_for_the_index'
 _RESERVE_BYTES = 2**20
-"""Disk space reserved for the index [B]. One day fits, because a chunk needs about 100 bytes."""
+"""Disk space reserved for the index [B], enough for a day: a chunk needs 100 bytes."""
 
 
 @dataclass(frozen=True)
@@ -51,12 +51,10 @@ class UnfinishedBag:
 class BagWriter:
     """Writer of a bag in a directory named `<name>_<first free number>`.
 
-    The files are named `<directory>_0`, `<directory>_1`, ... Every `flush_interval` [s], pending
-    messages go to the operating system, so that they survive if the process is killed. Every
-    `sync_interval` [s], unless it is 0, the file is synchronised to disk, which limits the loss in
-    a power failure. A reserved file of 1 MiB makes space for the index if the disk is full.
-
-    The writer is not thread-safe. Methods raise OSError if the bag cannot be written.
+    Every `flush_interval` [s], pending messages go to the operating system and survive a killed
+    process. Every `sync_interval` [s], unless it is 0, the file is synchronised to disk. A
+    reserved file of 1 MiB makes space for the index if the disk is full. The writer is not
+    thread-safe. Methods raise OSError if the bag cannot be written.
     """
 
     def __init__(
@@ -83,7 +81,7 @@ class BagWriter:
         self.finished = False
         self._is_continued = begun is not None
         self.gap_description = ''
-        """Log text about the missing time in a continued bag, empty for a new bag."""
+        """Log text about the missing time in a continued bag, '' for a new bag."""
         self._is_open = False
         self._begun: int | None = None
         self._codec = '' if compression == 'none' else compression
@@ -137,7 +135,7 @@ class BagWriter:
         return added
 
     def add_stored_topic(self, topic: StoredTopic) -> StoredTopic:
-        """Add a topic that has all fields; return the topic with its number in this bag."""
+        """Add a topic that has all fields; return it with its number in this bag."""
         stored = replace(topic, number=len(self.topics) + 1)
         self._remember(stored)
         with self._naming_the_bag():
@@ -152,7 +150,7 @@ class BagWriter:
         published: int | None = None,
         sequence: int = 0,
     ) -> None:
-        """Store a serialized message with its receive time `stamp` and its publish time [ns]."""
+        """Store a serialized message with its receive time `stamp` and publish time [ns]."""
         with self._naming_the_bag():
             self._split_if_full(stamp)
             self._file.write(topic.number, stamp, serialized, published, sequence)
@@ -172,7 +170,7 @@ class BagWriter:
             self._file.copy_record(opcode, body)
 
     def flush_if_due(self) -> None:
-        """Flush, synchronise or write custom data, each only if its interval has elapsed."""
+        """Flush, synchronise or write custom data, each if its interval has elapsed."""
         now = time.monotonic()
         with self._naming_the_bag():
             if now - self._flushed_at >= self._flush_interval:
@@ -197,10 +195,7 @@ class BagWriter:
                 self._sync_file()
 
     def set_custom_data(self, custom_data: Mapping[str, str]) -> None:
-        """Set texts for the metadata of the bag.
-
-        The file gets them at most once a second, so that they survive if the bag is never closed.
-        """
+        """Set texts for the metadata, written at most once a second before the bag is closed."""
         self._custom_data.update(custom_data)
 
     def add_gap(self, start: int, end: int) -> None:
@@ -222,7 +217,7 @@ class BagWriter:
             (self.path / _RESERVE).unlink()
 
     def finish_after_error(self) -> None:
-        """Finish a bag after a failed write. The bag keeps the messages before that write."""
+        """Finish a bag after a failed write. It keeps the messages before that write."""
         try:
             (self.path / _RESERVE).unlink(missing_ok=True)
             if self._is_open:
@@ -249,7 +244,6 @@ class BagWriter:
         self._known[topic.name, topic.type_name] = topic
 
     def _continue(self, begun: UnfinishedBag) -> None:
-        """Adopt the content of an unfinished bag, and add the time since its end as a gap."""
         for topic in sorted(begun.counts, key=lambda topic: topic.number):
             self._remember(topic)
         self._counts.update({topic.number: n for topic, n in begun.counts.items()})

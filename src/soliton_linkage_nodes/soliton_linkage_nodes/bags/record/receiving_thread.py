@@ -28,7 +28,7 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.pacing import IdlePriority
 
 _LONGEST_TEXT = 1000
-"""Longest value in the custom data [characters]. Longer lists of rotor values are omitted."""
+"""Longest value in the custom data [characters]. Longer lists are omitted."""
 _CHAIN_TYPE = type_name(interfaces.CHAIN.type)
 
 
@@ -71,15 +71,14 @@ def _parameters_of(serialized: bytes) -> dict[str, Any]:
 class DiscoveryTimes:
     """Times that determine when the discovery of publishers counts as complete [s].
 
-    Each process announces itself every 3 s. On a busy machine, the discovery of one publisher in
-    three takes longer than a second.
+    Each process announces itself every 3 s. On a busy machine, every third discovery takes over 1
+    s.
     """
 
     announcement: float = 3.2
-    """Shortest duration of the discovery, in which every process announces itself at least once
-    [s]."""
+    """Shortest duration of the discovery, in which every process announces itself [s]."""
     quiet: float = 1.0
-    """Time without a change of the publishers after which all publishers count as known [s]."""
+    """Time without a change after which all publishers count as known [s]."""
     longest: float = 10.0
     """Longest wait for a publisher that is not matched and may have been killed [s]."""
 
@@ -90,7 +89,6 @@ class DiscoveryWait:
     def __init__(
         self, times: DiscoveryTimes = DiscoveryTimes(), clock: Callable[[], float] = time.monotonic
     ) -> None:
-        """Start the time measurement. The recorder must have subscribed to the topics before."""
         self.missing: list[str] = []
         """Topics that had an unmatched publisher at the last call of `done`."""
         self._times = times
@@ -113,19 +111,19 @@ class DiscoveryWait:
 _POLL_INTERVAL = 0.05
 """Time between two rounds of taking messages from the middleware [s]."""
 _DISCOVERY_INTERVAL = 0.01
-"""Time between two queries for awaited topics [s]. rclpy does not report new topics, and the
-recorder misses the messages before its subscription. A query takes at most 0.1 ms."""
+"""Time between two queries for awaited topics [s], whose first messages are missed. A query takes
+at most 0.1 ms."""
 _LONGEST_ROUND = 5.0
 """Longest wait until the thread has taken all waiting messages, usually 0.01 s [s]."""
 _SEARCH_INTERVAL = 0.25
-"""Time between two searches for new publishers of subscribed topics in the ROS graph [s]."""
+"""Time between two searches for new publishers of subscribed topics [s]."""
 
 
 class ReceivingThread:
     """Thread that takes waiting messages and queues them for writing, in receive order.
 
     The subscriptions belong to a node without an executor, because a callback cannot receive both
-    the raw message and its sequence number, and takes ten times as much processor time.
+    the raw message and its sequence number.
     """
 
     def __init__(
@@ -139,8 +137,8 @@ class ReceivingThread:
     ) -> None:
         """Start the thread. With `real_time`, it has priority over ordinary threads.
 
-        When the discovery has ended and the bag is synchronised to disk, the thread calls
-        `announce` with the topics of publishers that are not matched yet.
+        After the discovery, it calls `announce` with the topics of publishers that are not matched
+        yet.
         """
         self.failure: Exception | None = None
         self._finder = finder
@@ -167,14 +165,14 @@ class ReceivingThread:
 
     @property
     def losses(self) -> dict[str, int]:
-        """For each topic, number of messages that were published but are not in the bag."""
+        """Number of messages that were published but are not in the bag, by topic."""
         dropped = self._bag.dropped
         lost = {each.source.name: each.gaps.lost for each in self._subscriptions}
         return {name: count + dropped[name] for name, count in lost.items()}
 
     @property
     def missed(self) -> dict[str, int]:
-        """For each topic concerned, number of messages sent before the publisher was matched."""
+        """Number of messages sent before the publisher was matched, by topic, if any."""
         missed = {each.source.name: each.starts.missed for each in self._subscriptions}
         return {name: number for name, number in missed.items() if number}
 
@@ -198,7 +196,7 @@ class ReceivingThread:
         return self._record(self._buffer.resume)
 
     def snapshot(self) -> int:
-        """Record the messages of the snapshot; return the number of these messages."""
+        """Record the messages of the snapshot and return their number."""
         return self._record(self._buffer.snapshot)
 
     def stop(self) -> dict[str, str]:
@@ -239,7 +237,6 @@ class ReceivingThread:
             self._end_round(sys.maxsize)
 
     def _wait(self) -> bool:
-        """Wait until the next round is due or a new topic appears; return whether to stop."""
         round_at = time.monotonic() + _POLL_INTERVAL
         while not self._stopping.wait(_DISCOVERY_INTERVAL):
             if time.monotonic() >= round_at or self._finder.appeared:

@@ -21,7 +21,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, Info, qos_for_all
 
 _DEPTH = 5000
-"""Queue depth of a subscription [messages]. At 1000 Hz, the queue holds five seconds."""
+"""Queue depth of a subscription [messages], five seconds at 1000 Hz."""
 
 
 class RecordedSubscription:
@@ -32,8 +32,8 @@ class RecordedSubscription:
     ) -> None:
         """Subscribe with a QoS profile that is compatible with all offered profiles.
 
-        Messages that a publisher sends before it is matched count as missed if it starts after
-        `wanted_since`, the start of the recording [ns].
+        Messages sent before the match count as missed if the publisher starts after `wanted_since`
+        [ns].
         """
         self.source = source
         self.gaps = SequenceGaps()
@@ -43,9 +43,7 @@ class RecordedSubscription:
         topic = Topic(source.name, message_type, qos_for_all(source.profiles, _DEPTH))
         self._subscription = AdaptiveSubscription(node, topic, raw=True)
         self.publishers = 0
-        """Number of publishers at the last query of the graph."""
         self.connected = 0
-        """Number of matched publishers at the last check."""
 
     def drain(self) -> list[ReceivedMessage]:
         """Take the waiting messages; of latched ones before the subscription, only the last."""
@@ -92,13 +90,10 @@ class RecordedSubscription:
 
 
 class TopicFinder:
-    """Finder of the topics to record. It subscribes to each topic as soon as its type is known."""
+    """Finder of the topics to record, which subscribes as soon as a type is known."""
 
     def __init__(self, node: GuardedNode, names: Sequence[str], regex: str, exclude: str) -> None:
-        """Select the topics in `names`, by default all topics of the suite.
-
-        The patterns `regex` and `exclude` add and remove topics by their full names.
-        """
+        """Select `names`, by default the suite's topics; patterns add and remove topics."""
         self._node = node
         self._regex = _compiled('regex', regex)
         self._exclude = _compiled('exclude_regex', exclude)
@@ -113,7 +108,7 @@ class TopicFinder:
         self._searched: set[str] = set()
 
     def of_suite(self) -> list[RecordedSubscription]:
-        """Subscribe to the selected topics of the suite, even if nothing publishes them yet."""
+        """Subscribe to the selected topics of the suite, even without publishers."""
         named = {self._node.resolve_topic_name(topic.name): topic for topic in self._suite}
         chosen = {name: topic for name, topic in named.items() if self._wanted(name)}
         self._open.update(chosen)
@@ -197,14 +192,13 @@ _MOST_KEPT = 512 * 2**20
 class RecordingBuffer:
     """Buffer of messages for snapshots and pauses.
 
-    Without snapshots and pause, `take` returns all messages for immediate recording. The last
-    message of each latched topic is never discarded, because it is valid for later messages.
+    The last message of each latched topic is never discarded, because it remains valid.
     """
 
     def __init__(
         self, snapshot: float = 0.0, paused: bool = False, most_kept: int = _MOST_KEPT
     ) -> None:
-        """Create a buffer for snapshots with the duration `snapshot` [s]; 0: no snapshots."""
+        """Create a buffer for snapshots of the duration `snapshot` [s], 0 for none."""
         self.paused = paused
         self._most_kept = most_kept
         self._window = round(snapshot * SECOND)
@@ -236,7 +230,7 @@ class RecordingBuffer:
         return []
 
     def resume(self) -> list[ReceivedMessage]:
-        """End a pause. Return its last latched messages, which must be recorded now."""
+        """End a pause; return its last latched messages, which must be recorded now."""
         self.paused = False
         return [] if self._window else self._take_latched()
 

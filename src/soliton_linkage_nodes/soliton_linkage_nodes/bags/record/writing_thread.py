@@ -20,7 +20,7 @@ _FLUSH_INTERVAL = 0.1
 _LONGEST_FLUSH = 5.0
 """Longest time that `flush` waits for the disk [s]."""
 _MOST_WAITING = 512 * 2**20
-"""Largest total size of waiting messages [B]: ten seconds of a thousand rotors at 1000 Hz."""
+"""Largest size of waiting messages [B]: ten seconds of 1000 rotors at 1000 Hz."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +44,9 @@ class ReceivedMessage(NamedTuple):
 class WritingThread:
     """Thread that writes messages in the order of the calls of `put`.
 
-    While a disk is slow, up to 512 MiB of messages wait, and further ones are dropped and counted.
-    If a write fails, the thread finishes the bag if possible and stores the error in `failure`.
+    While a disk is slow, up to 512 MiB of messages wait; further ones are dropped and counted.
+    After a failed write, the thread finishes the bag if possible and stores the error in
+    `failure`.
     """
 
     def __init__(
@@ -54,17 +55,13 @@ class WritingThread:
         most_waiting: int = _MOST_WAITING,
         real_time: bool = False,
     ) -> None:
-        """Create the bag and start the thread. With `real_time`, it has priority over others.
-
-        Raises the errors of `create_writer`.
-        """
+        """Create the bag and start the thread. Raises the errors of `create_writer`."""
         self.dropped: Counter[str] = Counter()
         self.failure: Exception | None = None
         self.rejected: dict[str, str] = {}
         self._most_waiting = most_waiting
         self._actions: deque[Callable[[], object]] = deque()
         self.waiting = 0
-        """Total size of the messages that wait to be written [B]."""
         self._changed = threading.Condition()
         self._ending = False
         self._real_time = real_time

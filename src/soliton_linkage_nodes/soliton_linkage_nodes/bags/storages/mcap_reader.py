@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reader of finished MCAP files. The index of a file shows which chunks are needed."""
+"""Reader of finished MCAP files, whose index shows which chunks are needed."""
 
 from __future__ import annotations
 
@@ -27,19 +27,18 @@ from soliton_linkage_nodes.bags.storages.storage import (
 _FOOTER_SIZE = 20
 """Size of the footer: two offsets and a checksum [B]."""
 _TAIL = mcap.RECORD_HEADER.size + _FOOTER_SIZE + len(mcap.MAGIC)
-"""Size of the footer record and the final magic bytes [B]."""
 _MESSAGE_COST = 250
-"""Approximate memory that a waiting message needs in addition to its data [B]."""
+"""Approximate memory of a waiting message in addition to its data [B]."""
 _MOST_WAITING = 4
-"""Memory limit for messages of chunks that overlap in time, divided by `max_unpacked` [1]."""
+"""Memory limit for chunks that overlap in time, relative to `max_unpacked` [1]."""
 _LONGEST_RUN = 2**20
-"""Size of a run of messages outside chunks [B]. The messages of a run are read together."""
+"""Size of a run of messages outside chunks [B], which are read together."""
 _CHUNK_INDEX = struct.Struct('<QQQQ')
 _stamp = attrgetter('stamp')
 
 
 class _Stretch(NamedTuple):
-    """Chunk, or run of messages outside chunks: first and last receive time [ns], bytes [B]."""
+    """Chunk, or run of messages outside chunks: receive times [ns], offset and size [B]."""
 
     start: int
     end: int
@@ -50,7 +49,7 @@ class _Stretch(NamedTuple):
 class IndexedMcap(LimitedReader):
     """Reader of the messages of an MCAP file in the order of their receive times.
 
-    If the index lacks statistics or definitions, `open` scans the whole file. Methods raise
+    Without statistics or definitions in the index, `open` scans the whole file. Methods raise
     ValueError if the file is damaged or exceeds the limits.
     """
 

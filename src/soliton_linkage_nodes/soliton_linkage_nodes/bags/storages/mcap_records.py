@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parsers and serializers of MCAP records. Source of the format: https://mcap.dev/spec."""
+"""Parsers and serializers of MCAP records (https://mcap.dev/spec)."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def channel_record(channel: Channel) -> bytes:
 
 
 def topic_of(channel: Channel, schemas: Mapping[int, Schema]) -> StoredTopic:
-    """Return the topic of a channel. Without the schema of the channel, its type is unknown."""
+    """Return the topic of a channel. Without its schema, the type is unknown."""
     schema = schemas.get(channel.schema) or Schema(0, '', 'ros2msg' if channel.schema else '', b'')
     texts = dict(channel.metadata)
     digest, profiles = texts.pop(_DIGEST, ''), texts.pop(_PROFILES, '')
@@ -119,10 +119,7 @@ def topic_of(channel: Channel, schemas: Mapping[int, Schema]) -> StoredTopic:
 
 
 def channel_of(topic: StoredTopic, schema: int) -> Channel:
-    """Return the channel of a topic with the schema number `schema`.
-
-    With CDR messages, rosbag2 requires the entries for QoS profiles and type hash.
-    """
+    """Return the channel of a topic. rosbag2 requires QoS and hash entries for CDR."""
     own = {_PROFILES: topic.profiles, _DIGEST: topic.digest}
     if topic.serialization != CDR:
         own = {key: value for key, value in own.items() if value}
@@ -142,7 +139,7 @@ def _text_map(texts: Mapping[str, str]) -> bytes:
 def message_head(
     channel: int, stamp: int, size: int, published: int | None = None, sequence: int = 0
 ) -> bytes:
-    """Return the head of a message record, to which a message of `size` bytes is appended.
+    """Return the head of a message record, before a message of `size` bytes.
 
     `stamp` is the receive time [ns] and, by default, also the publish time [ns].
     """
@@ -162,16 +159,13 @@ def chunk_record(
 
 
 def message_index_record(channel: int, entries: Sequence[int]) -> bytes:
-    """Return the message index of a channel in a chunk.
-
-    `entries` holds the receive time [ns] and the offset [B] of each message in turn.
-    """
+    """Return the index of a channel in a chunk: receive time [ns] and offset [B] in turn."""
     packed = struct.pack(f'<{len(entries)}Q', *entries)
     return record(Opcode.MESSAGE_INDEX, struct.pack('<H', channel), sized(packed))
 
 
 def attachment_index_record(body: Bytes, offset: int, length: int) -> bytes:
-    """Return the index of an attachment with the content `body` at `offset`, `length` [B] long."""
+    """Return the index of an attachment `body` at `offset`, `length` [B] long."""
     fields = Fields(body)
     times, name, media_type = bytes(fields.take(16)), fields.sized(), fields.sized()
     size = struct.pack('<Q', fields.number(8))
@@ -238,13 +232,13 @@ class Fields:
 
 
 def parse_schema(body: Bytes) -> Schema:
-    """Return the schema in a record. Raises ValueError if the record is invalid."""
+    """Return the schema in a record; ValueError if it is invalid."""
     fields = Fields(body)
     return Schema(fields.number(2), fields.text(), fields.text(), bytes(fields.sized()))
 
 
 def parse_channel(body: Bytes) -> Channel:
-    """Return the channel in a record. Raises ValueError if the record is invalid."""
+    """Return the channel in a record; ValueError if it is invalid."""
     fields = Fields(body)
     return Channel(
         fields.number(2), fields.number(2), fields.text(), fields.text(), fields.text_map()
@@ -252,7 +246,7 @@ def parse_channel(body: Bytes) -> Channel:
 
 
 def parse_message(body: Bytes) -> Message:
-    """Return the message in a record. Raises ValueError if the record is too short."""
+    """Return the message in a record; ValueError if it is too short."""
     if len(body) < MESSAGE_HEADER.size:
         raise ValueError(f'a message of {len(body)} bytes is shorter than its header')
     channel, sequence, stamp, published = MESSAGE_HEADER.unpack_from(body)
@@ -260,7 +254,7 @@ def parse_message(body: Bytes) -> Message:
 
 
 def parse_metadata(body: Bytes) -> tuple[str, dict[str, str]]:
-    """Return the name and the texts in a metadata record. Raises ValueError if it is invalid."""
+    """Return the name and the texts in a metadata record; ValueError if it is invalid."""
     fields = Fields(body)
     return fields.text(), fields.text_map()
 
@@ -281,14 +275,13 @@ _LAYOUTS: dict[int, tuple[int, tuple[int, ...], int]] = {
     Opcode.SUMMARY_OFFSET: (17, (), 0),
     Opcode.DATA_END: (4, (), 0),
 }
-"""Layout of the records of each opcode except chunks and messages: total size of the first numbers
-[B], sizes of the length fields of the texts or data [B], total size of the last numbers [B]."""
+"""Sizes [B] per opcode: first numbers, length fields of texts or data, last numbers."""
 
 
 def extra_bytes(opcode: int, body: Bytes) -> int:
-    """Return the number of bytes after the known fields of a record.
+    """Return the number of bytes after the known fields, which belong to a later format.
 
-    Readers ignore these fields of a later format. Raises ValueError if a known field is missing.
+    Raises ValueError if a known field is missing.
     """
     head, lengths, tail = _LAYOUTS[opcode]
     fields = Fields(body)
@@ -306,7 +299,7 @@ def extra_bytes(opcode: int, body: Bytes) -> int:
 class ChunkHead:
     """Fields of a chunk record before the packed records, which begin at `begin` [B].
 
-    `uncompressed` and `packed` are the sizes of the records before and after the compression [B].
+    `uncompressed` and `packed` are the sizes before and after compression [B].
     """
 
     uncompressed: int
@@ -322,7 +315,7 @@ class ChunkHead:
 
 
 def parse_chunk_head(body: Bytes) -> ChunkHead:
-    """Return the head of a chunk. Raises ValueError if the head is invalid."""
+    """Return the head of a chunk; ValueError if it is invalid."""
     fields = Fields(body)
     _, _, uncompressed, crc = CHUNK_HEADER.unpack(fields.take(CHUNK_HEADER.size))
     codec = bytes(fields.sized())
@@ -334,9 +327,9 @@ def parse_chunk_head(body: Bytes) -> ChunkHead:
 
 
 def unpack(head: ChunkHead, packed: Bytes, most: int) -> tuple[Bytes, bool]:
-    """Return the records of a chunk up to the first damage, and whether the chunk is intact.
+    """Return the records of a chunk up to the first damage, and whether it is intact.
 
-    If its decompressed size exceeds `most` [B], no records are returned.
+    If the decompressed size exceeds `most` [B], no records are returned.
     """
     if head.uncompressed > most:
         return b'', False
@@ -348,7 +341,7 @@ def unpack(head: ChunkHead, packed: Bytes, most: int) -> tuple[Bytes, bool]:
 
 
 def records_in(data: Bytes) -> Iterator[tuple[int, int, Bytes]]:
-    """Yield offset, opcode and body of each record up to the first truncated or invalid record."""
+    """Yield offset, opcode and body of each record up to the first invalid one."""
     data, offset = memoryview(data), 0
     while offset + RECORD_HEADER.size <= len(data):
         opcode, size = RECORD_HEADER.unpack_from(data, offset)
@@ -360,7 +353,7 @@ def records_in(data: Bytes) -> Iterator[tuple[int, int, Bytes]]:
 
 
 def messages_in(records: Bytes, strict: bool = True) -> Iterator[Message]:
-    """Yield the messages in some records. Without `strict`, invalid messages are skipped."""
+    """Yield the messages in some records. Without `strict`, invalid ones are skipped."""
     for _, opcode, body in records_in(records):
         if opcode == Opcode.MESSAGE and (strict or len(body) >= MESSAGE_HEADER.size):
             yield parse_message(body)

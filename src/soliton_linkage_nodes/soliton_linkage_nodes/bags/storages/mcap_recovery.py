@@ -27,10 +27,7 @@ from soliton_linkage_nodes.bags.stored_topic import completed
 
 
 class _Chunk(NamedTuple):
-    """Chunk record at `offset` with its body at `begin` [B], perhaps cut by the end of the file.
-
-    `rejected` is the reason why the chunk is not read, empty if it is read.
-    """
+    """Chunk record at `offset` with its body at `begin` [B]; `rejected` is the reason or ''."""
 
     offset: int
     begin: int
@@ -51,9 +48,8 @@ class RecoveredMcap(RecoveredFile):
     """Recovery of the intact messages and the topics of an MCAP file.
 
     After a damaged record, the next plausible record head is searched. A truncated chunk yields
-    its complete messages. Messages are doubtful if their chunk has a wrong checksum, or if they
-    directly follow damage in a file with chunks, because they may belong to a damaged chunk.
-    Doubtful messages are recovered only if `doubtful` is set.
+    its complete messages. Messages are doubtful in a chunk with a wrong checksum, or directly
+    after damage in a file with chunks. They are recovered only if `doubtful` is set.
     """
 
     def _scan(self, path: Path) -> None:
@@ -135,7 +131,7 @@ class RecoveredMcap(RecoveredFile):
             self.report_damage('it does not end like an MCAP file')
 
     def _take(self, offset: int) -> int | None:
-        """Process a record; return the next offset [B], or None if the record is invalid."""
+        """Process a record; return the next offset [B], or None if it is invalid."""
         if len(self._data) - offset < mcap.RECORD_HEADER.size:
             return None
         opcode, size = mcap.RECORD_HEADER.unpack_from(self._data, offset)
@@ -193,7 +189,6 @@ class RecoveredMcap(RecoveredFile):
         return int(begin + size)
 
     def _rejection(self, head: ChunkHead) -> str:
-        """Describe the limit that a chunk exceeds; empty if there is none."""
         limits = self._limits
         if head.uncompressed > limits.max_unpacked:
             return f'exceeds max_unpacked = {limits.max_unpacked} bytes decompressed: left out'
@@ -203,7 +198,6 @@ class RecoveredMcap(RecoveredFile):
         return ''
 
     def _unpack(self, chunk: _Chunk) -> tuple[Bytes, bool]:
-        """Return the records of a chunk, within the limit of the file, and whether it is whole."""
         if self._budget <= 0:
             return b'', False
         records, whole = mcap.unpack(chunk.head, self._packed(chunk), self._limits.max_unpacked)
@@ -298,7 +292,7 @@ KINDS: Final = range(Opcode.HEADER, Opcode.DATA_END + 1)
 """Opcodes that the format defines. Readers skip records with other opcodes."""
 _IN_CHUNKS: Final = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 LARGEST_CHUNK_HEAD: Final = 64
-"""Largest size of the head of a chunk [B]: 40 bytes of numbers and the name of the codec."""
+"""Largest size of the head of a chunk [B]: 40 bytes of numbers and the codec name."""
 _HEAD = re.compile(rb'[\x01-\x0f](?=.{5}\x00\x00\x00)', re.DOTALL)
 """Head of a record: an opcode and a length below 2^40 bytes."""
 _SHORTEST, _LONGEST = 4, 2**40
@@ -318,7 +312,7 @@ def _may_follow(data: Bytes, offset: int) -> bool:
 
 
 def next_record(data: memoryview, begin: int) -> int:
-    """Return the offset of the next plausible record, or the size of the file if none follows."""
+    """Return the offset of the next plausible record, or the size of the file."""
     for start in range(begin, len(data), _WINDOW):
         end = min(start + _WINDOW, len(data))
         window = data[start : end + mcap.RECORD_HEADER.size]

@@ -18,21 +18,19 @@ from soliton_linkage_nodes.bags.storages.mcap_records import Channel, Opcode, Sc
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 
 _LARGEST_CHUNK = 2**20
-"""Size at which a chunk is written [B]. Larger chunks lose more messages by one damaged byte,
-smaller ones have more overhead. Other MCAP writers use 768 KiB to 4 MiB."""
+"""Size at which a chunk is written [B]. Larger ones lose more by one damaged byte, smaller ones
+have more overhead. Other writers use 768 KiB to 4 MiB."""
 
 
 class McapWriter:
     """Writer of an MCAP file that consists of chunks with checksums.
 
-    The definitions of topics and types are repeated, so that messages stay readable if other parts
-    of the file are lost. Every chunk contains a message, because MCAP C++ before 2.0.1 ignores the
-    index if the first chunk has none. A new definition therefore waits for the chunk of the next
-    message, or for a flush, which writes it outside of the chunks. If a write fails, the file is
-    truncated to its last complete chunk.
+    Definitions of topics are repeated, so that messages stay readable if other parts are lost.
+    Every chunk contains a message, because MCAP C++ before 2.0.1 ignores the index if the first
+    chunk has none. After a failed write, the file is truncated to its last complete chunk.
 
-    `counts` holds the number of messages for each topic number. `span` holds the first and the
-    last receive time [ns]. Methods raise OSError if a write fails.
+    `counts` holds the number of messages per topic number, `span` the first and last receive time
+    [ns]. Methods raise OSError if a write fails.
     """
 
     def __init__(self, path: Path, codec: str = '', definitions_interval: float = 10.0) -> None:
@@ -137,7 +135,7 @@ class McapWriter:
         self._begin_chunk()
 
     def write_custom_data(self, texts: Mapping[str, str]) -> None:
-        """Write custom data as a record. The record survives if the file is never closed."""
+        """Write custom data as a record, which survives if the file is never closed."""
         self._add_metadata(mcap.CUSTOM_DATA, texts)
 
     def copy_record(self, opcode: int, body: mcap.Bytes) -> None:

@@ -32,18 +32,18 @@ _PATIENCE = 4.0
 _SLOWEST_DISK = 20e6
 """Assumed read rate of the slowest disk [B/s]."""
 _CHECK_EVERY = 20_000
-"""Steps of the virtual machine of SQLite, less than 1 ms, between checks of the time limit [1]."""
+"""Steps of the SQLite machine between checks of the time limit [1], less than 1 ms."""
 _LONGEST_SQL = 20_000
-"""Longest accepted definition of a table [characters]. Those in bags have 200 characters."""
+"""Longest accepted definition of a table [characters]. Those in bags have 200."""
 
 
 class Tables:
     """Tables of a sqlite3 file, only read. Raises sqlite3.Error if the file is damaged."""
 
     def __init__(self, path: Path, largest_value: int, damaged: bool = False) -> None:
-        """Open a file. Values larger than `largest_value` [B] are returned as None.
+        """Open a file; values larger than `largest_value` [B] are returned as None.
 
-        If `damaged` is set, the file may have fewer pages than its header states.
+        A `damaged` file may have fewer pages than its header states.
         """
         path = regular_file(path)
         self._largest = largest_value
@@ -76,7 +76,7 @@ class Tables:
         return self._database.execute(f'PRAGMA {text}').fetchall()
 
     def columns(self, table: str) -> list[str]:
-        """Return the names of the columns of a table; nothing if it is not an ordinary table."""
+        """Return the names of the columns of a table, [] if it is not an ordinary table."""
         self._restart_time_limit()
         query = 'SELECT type, rootpage FROM sqlite_master WHERE name = ? LIMIT 2'
         found = self._database.execute(query, (table,)).fetchall()
@@ -115,7 +115,7 @@ class Tables:
         return dict(self._database.execute(query))
 
     def extremes(self, table: str, column: str) -> tuple[Any, Any]:
-        """Return the smallest and the largest value in a column; None if the table has no rows."""
+        """Return the smallest and the largest value in a column, None without rows."""
         self._check(table, [column])
         found = [
             self._database.execute(f'SELECT {which}({column}) FROM {table}').fetchone()[0]
@@ -124,10 +124,10 @@ class Tables:
         return found[0], found[1]
 
     def topics(self) -> Iterator[tuple[Any, ...]]:
-        """Yield the fields of each topic; a missing field is an empty text.
+        """Yield the fields of each topic, '' if missing.
 
-        The fields are number, name, type, serialization, QoS profiles and type hash, then the
-        encoding and the text of the type definition.
+        They are number, name, type, serialization, QoS profiles, type hash, and encoding and text
+        of the type definition.
         """
         definitions: dict[Any, tuple[Any, Any]] = {}
         if self.columns('message_definitions'):
@@ -151,7 +151,7 @@ class Tables:
 
 
 _MOST_SELECTED = 500
-"""Largest number of topics in an SQL condition [1]. For more topics, all rows are read."""
+"""Largest number of topics in an SQL condition [1]. For more, all rows are read."""
 _TOPIC = ('id', 'name', 'type', 'serialization_format')
 _MESSAGE = ('topic_id', 'timestamp', 'data')
 
@@ -233,7 +233,7 @@ class StoredSqlite(LimitedReader):
 class RecoveredSqlite(RecoveredFile):
     """Recovery of the messages of a sqlite3 file, row by row until SQLite reports an error.
 
-    Every message counts as unverified, because rosbag2 stores no checksums in these files.
+    Messages count as unverified, because rosbag2 stores no checksums in these files.
     """
 
     def _scan(self, path: Path) -> None:
@@ -307,8 +307,7 @@ class RecoveredSqlite(RecoveredFile):
 def _with_journal(path: Path, folder: Path, excess: int = 0) -> Path:
     """Return a file, or a copy without the last `excess` bytes or with its journal applied.
 
-    SQLite would modify a file with a journal, to complete an interrupted transaction or to add the
-    messages of the write-ahead log.
+    SQLite would modify a file with a journal.
     """
     journals = [Path(f'{path}{end}') for end in ('-journal', '-wal')]
     present = [each for each in journals if each.is_file() and each.stat().st_size]

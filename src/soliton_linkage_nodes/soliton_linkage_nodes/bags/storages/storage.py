@@ -70,7 +70,7 @@ def connection(owner: ReaderProtocol, topic: StoredTopic, count: int) -> Connect
 
 
 def parse_profiles(profiles: str | Sequence[Any]) -> list[Qos]:
-    """Return QoS profiles from a YAML text or a parsed list; nothing if they are invalid."""
+    """Return QoS profiles from a YAML text or a parsed list, [] if they are invalid."""
     try:
         values: Any = profiles_in(profiles) if isinstance(profiles, str) else list(profiles)
         return parse_qos(values)
@@ -85,7 +85,7 @@ def summary_of(
     distribution: str | None = None,
     custom: dict[str, str] | None = None,
 ) -> ReaderMetadata:
-    """Return the metadata of a bag with the first and the last receive time [ns] in `span`."""
+    """Return the metadata of a bag with the first and last receive time [ns] in `span`."""
     start, end = span or (LAST_STAMP, LAST_STAMP)
     count = sum(each.msgcount for each in connections)
     return ReaderMetadata(
@@ -103,10 +103,9 @@ class RecoveredFile(ABC):
     """Recovery of all intact messages of a bag file, which may be damaged.
 
     `topics` maps the numbers in the file to topics. `damage` has one line for each damaged part,
-    `lost` messages cannot be read, and `unverified` messages have no checksum. These results are
-    complete when `messages` has yielded the last message. `stated` is the number of messages in
-    the statistics of the file, 0 if unknown. `records` holds opcodes and contents of records to
-    copy.
+    `lost` messages cannot be read, `unverified` ones have no checksum; all are complete after the
+    last of `messages`. `stated` is the number of messages in the statistics, 0 if unknown.
+    `records` holds opcodes and contents of records to copy.
     """
 
     def __init__(
@@ -146,7 +145,7 @@ class RecoveredFile(ABC):
         self._conclude()
 
     def report_damage(self, damage: str, lost: int = 0) -> None:
-        """Add the description of a damaged part of the file, in which `lost` messages are lost."""
+        """Add the description of a damaged part, in which `lost` messages are lost."""
         self.damage.append(damage)
         self.lost += lost
 

@@ -37,7 +37,7 @@ _REPORT = 'soliton_linkage_nodes.programs.experiment.report'
 _NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
 _PAGE = 'live_view'
 _ALL_FRAMES = ['-p', 'longest_lag:=0.0']
-"""Argument with which analysers process every frame, so that live and replayed results agree."""
+"""Argument with which live and replayed analysers process every frame."""
 _UNUSED = (
     interfaces.IDENTIFIED_CHAIN,
     interfaces.JOINT_STATE_DEVIATIONS,
@@ -265,13 +265,11 @@ class Experiment:
         return dict(self._observer.states)
 
     def _replay_connected(self) -> bool:
-        """Return whether the second analyser has its subscribers but no frame yet."""
         figures = self._observer.figures('soliton_analyser')
         wanted = str(2 + self._page)
         return figures.get('subscribers') == wanted and figures.get('frames') == '0'
 
     def _settle(self) -> None:
-        """Receive the states that are still in transit."""
         seen = -1
 
         def more() -> bool:
@@ -309,7 +307,6 @@ class Experiment:
             raise RuntimeError(failure())
 
     def _interrupted(self) -> bool:
-        """Return False, or raise KeyboardInterrupt if the experiment is interrupted."""
         if self._stopping.is_set():
             raise KeyboardInterrupt
         return False

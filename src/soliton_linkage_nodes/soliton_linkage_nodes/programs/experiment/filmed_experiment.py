@@ -41,29 +41,27 @@ _FROM_EDGES = 4.0
 
 @dataclass(frozen=True)
 class PositionErrors:
-    """Errors of the angles and of the soliton position in a film, without positions near edges."""
+    """Errors of the angles and the soliton position in a film, without positions near edges."""
 
     angle_noise: float
     """Standard deviation of the angle errors, without the mean error of each rotor [rad]."""
     stated_angle_noise: float
     """Median of the stated standard deviations of the angles [rad]."""
     frames: int
-    """Number of compared soliton positions."""
     error: float
     """Root mean square error of the position with the identified chain [rotor spacings]."""
     stated: float
     """Root mean square of the stated standard deviation of the position [rotor spacings]."""
     allowed: float
-    """Root mean square Cramer-Rao bound of the position [rotor spacings]: for one frame the angle
-    noise divided by the arc length of the orbit per site."""
+    """Root mean square Cramer-Rao bound of the position [rotor spacings]: angle noise / arc length
+    of the orbit per site."""
     with_true_chain: float
     """Root mean square position error of an analyser with the true chain [rotor spacings]."""
     hidden: float
     """Fraction of the angles that were hidden in the compared frames [1]."""
     by_hidden: float
-    """Root mean square position error of an analyser with the true chain and the exact angles of
-    the visible rotors [rotor spacings]. Strained springs move the chain away from its orbit, where
-    the points nearest to the visible and to all rotors differ."""
+    """Root mean square position error with the true chain and the exact angles of visible rotors
+    [rotor spacings]; strained springs leave the orbit."""
 
 
 @dataclass(frozen=True)
@@ -217,7 +215,6 @@ def _positions(chain: Chain, times: Array, angles: Array) -> Array:
 
 
 def _position(analysis: Analysis | None) -> tuple[float, float]:
-    """Return position [rotor spacings] and deviation [m] of the only soliton, else NaN."""
     if analysis is None or len(analysis.solitons) != 1:
         return math.nan, math.nan
     (soliton,) = analysis.solitons
@@ -265,7 +262,6 @@ _FIGURES = (
     ('identification.png', 'The identified chain: its lengths, and the residuals of its bonds.'),
     ('track.png', 'Position and velocity of the soliton on the identified chain.'),
 )
-"""Files that the page shows, and their captions."""
 
 
 def write_film_page(folder: Path, text: str) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node of an experiment. It drives the chain and receives soliton states and reports."""
+"""Node of an experiment, which drives the chain and receives soliton states and reports."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Observer(Node):
         interfaces.DIAGNOSTICS.subscribe(self, self._on_diagnostics)
 
     def send_burst(self) -> None:
-        """Publish a burst of torque on rotor 0. The parameters specify the burst."""
+        """Publish the burst of torque on rotor 0 that the parameters specify."""
         command = EdgeCommand(
             edge=EdgeCommand.FIRST,
             kind=EdgeCommand.WAVEFORM,
@@ -140,7 +140,7 @@ class RoundTrip:
 
     @property
     def remark(self) -> str:
-        """Text with position, velocity and direction of the soliton, or '' without a soliton."""
+        """Text with position, velocity and direction of the soliton, '' without a soliton."""
         rotor, velocity = self._observer.rotor, self._observer.velocity
         if not math.isfinite(rotor):
             return ''

@@ -107,7 +107,7 @@ def _run_filmed(options: argparse.Namespace, given: dict[str, Any]) -> None:
 def claimed(folder: Path) -> Iterator[Path]:
     """Yield a folder that no other experiment uses, without the results of an earlier one.
 
-    The result is `folder`, or else the first free one with the suffix _1, _2, ...
+    It is `folder`, or else the first free one with the suffix _1, _2, ...
     """
     candidates = (folder.with_name(f'{folder.name}_{n}') if n else folder for n in count())
     claims = ((each, _claim(each)) for each in candidates)
@@ -223,7 +223,6 @@ def _scenario(configuration: Path) -> object:
 
 
 def _named(configuration: Path, node: str) -> dict[str, Any]:
-    """Return the parameters of a node in a parameter file, or {} without a section for it."""
     sections = read_sections(configuration)
     return next((sections[name] for name in sections if name.split('/')[-1] == node), {})
 

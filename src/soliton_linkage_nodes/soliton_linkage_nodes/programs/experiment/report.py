@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Report of a recorded run with the track of the soliton, numbers and pictures."""
+"""Report of a recorded run: trajectory of the soliton, numbers and pictures."""
 
 from __future__ import annotations
 
@@ -42,7 +42,6 @@ class RecordedRun:
     states: Mapping[int, tuple[float, ...]]
     """Site coordinates of the solitons of the live analyser [rotor spacings], by stamp [ns]."""
     events: tuple[str, ...]
-    """Kinds of the events, for example 'reflection'."""
     messages: int
     lost: int
     publish_rate: float
@@ -85,7 +84,7 @@ def largest_difference(
 ) -> float:
     """Return the largest difference between live and replayed sites [rotor spacings].
 
-    It is infinite if the two analyses found different numbers of solitons in a common frame.
+    It is infinite if the numbers of solitons in a common frame differ.
     """
     largest = 0.0
     for stamp in live.keys() & replayed.keys():
@@ -130,7 +129,6 @@ def summarise(run: RecordedRun) -> dict[str, Any]:
 
 
 def _events(reader: Reader) -> tuple[str, ...]:
-    """Return the kinds of the events in a bag. Older bags contain no events."""
     name = interfaces.SOLITON_EVENTS.name
     if not any(each.topic.rpartition('/')[2] == name for each in reader.connections):
         return ()
