@@ -128,7 +128,7 @@ class _BarsNearWall:
         self._second = a * right[1] - self._cross
 
     def far_rotor_effect(self, tail: float) -> Array:
-        """Return the effects of the lengths on the second rotor [rad]; `tail` is the `tail_ratio`."""
+        """Return the effects of the lengths on rotor 1 [rad]; `tail` is the `tail_ratio`."""
         weights = np.zeros(len(self._tangent))
         weights[1:3] = 1.0, -tail
         return self._angle_effect(weights)

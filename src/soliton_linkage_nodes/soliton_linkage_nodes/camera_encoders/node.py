@@ -86,9 +86,8 @@ class CameraEncoders(ManagedNode):
     """Node that measures the angles of the rotors in camera pictures.
 
     It reads a camera of this machine, `image` or `image/compressed`. It publishes `joint_states`
-    [rad] with the time of the exposure and NaN for hidden rotors, their standard deviations [rad]
-    as `joint_state_deviations`, and `camera_overlay` while subscribed. Without a description of
-    the chain in parameters it subscribes to `chain`; otherwise it publishes `chain`.
+    [rad] with the time of the exposure and NaN for hidden rotors, `joint_state_deviations` [rad],
+    while subscribed `camera_overlay`, and `chain` if parameters describe it.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -155,10 +154,7 @@ class CameraEncoders(ManagedNode):
         self._reset_measurement()
 
     def measure(self, stamp: int, picture: Picture) -> None:
-        """Measure and publish the angles in a picture; ValueError if it is rejected.
-
-        `stamp` is the time at which the exposure began [ns].
-        """
+        """Publish the angles in a picture exposed at `stamp` [ns]; ValueError if rejected."""
         if self._measurement is None or self._named is None:
             return
         begin = time.perf_counter()

@@ -39,11 +39,7 @@ def _no_impulses() -> _Impulses:
 
 
 class JointRecord:
-    """Record of a limited number of frames, with the impulses and tilts between them.
-
-    Delivered impulses replace commanded ones, because the stamps of commands may come from another
-    clock.
-    """
+    """Record of frames, impulses and tilts. Delivered impulses replace commanded ones."""
 
     def __init__(self, joint_names: Sequence[str], most: int) -> None:
         """Create a record of at most `most` frames; the first message names unnamed joints."""
@@ -64,10 +60,7 @@ class JointRecord:
         return len(self._angles)
 
     def add(self, joints: JointStates) -> None:
-        """Store the frames that a message completes; ValueError for an invalid frame.
-
-        Frames not later than the latest stored frame are dropped.
-        """
+        """Store the frames that a message completes, unless late; ValueError if invalid."""
         for frame in self._assembler.add(joints):
             self._keep(frame)
 

@@ -136,11 +136,7 @@ class ChainModel:
         self._add_column(stamp, numbers, overview(self._lean(angles)))
 
     def update_state(self, numbers: dict[str, float], solitons: list[float]) -> None:
-        """Store a new state of the analyser.
-
-        `solitons` contains position [rotor spacings], standard deviation [m] and charge of each
-        soliton.
-        """
+        """Store a state; `solitons` has position [rotor spacings], deviation [m] and charge."""
         self.numbers, self._solitons = numbers, solitons
         self._state_received_at = self._clock()
 

@@ -224,11 +224,7 @@ def _until(kept: Mapping[int, object], last: int) -> list[int]:
 
 
 class ChainFinder:
-    """Chains in the ROS graph and the latest report of each node.
-
-    This class takes the messages itself, so no executor may spin `node`. The chain in the
-    namespace `expected` is always listed, as the first one.
-    """
+    """Chains in the ROS graph and the latest report of each node; no executor may spin `node`."""
 
     def __init__(self, node: Node, expected: str) -> None:
         self.chains: dict[str, ChainTopics] = {expected: ChainTopics(node, expected)}

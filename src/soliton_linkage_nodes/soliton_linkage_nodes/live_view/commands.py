@@ -63,11 +63,7 @@ _PARAMETER_SERVICES = {
 
 
 class ChainCommands:
-    """Commands to the nodes in a namespace, whose name ends with a slash.
-
-    Each command returns its answer as text, or raises ValueError with the reason for its
-    rejection.
-    """
+    """Commands to the nodes in a namespace; each returns its answer or raises ValueError."""
 
     def __init__(self, node: Node, namespace: str, read_only: bool, finder: ChainFinder) -> None:
         self.namespace = namespace

@@ -86,9 +86,9 @@ def unpack(frame: bytes) -> tuple[dict[str, float], dict[str, Floats]]:
 def pack_history(chain: int, columns: Iterable[Column]) -> bytes:
     """Return the history of the chain with index `chain` as bytes.
 
-    The doubles are the kind, the index, the number of columns, the number of lean values per
-    column, the number of other values per column, and these other values. The lean values follow
-    as float32. Columns of another height than the latest one are omitted.
+    Doubles: kind, index, columns, lean values per column, other values per column, the other
+    values; then the lean values as float32. Columns of another height than the latest one are
+    omitted.
     """
     kept = list(columns)
     height = kept[-1].overview.size if kept else 0

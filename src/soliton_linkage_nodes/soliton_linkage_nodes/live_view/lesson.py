@@ -43,7 +43,6 @@ class Sample(NamedTuple):
     zero_mode: float
     """Centre of the zero mode [rotor spacings]."""
     turn: float
-    """Unwrapped angle of the middle rotor [rad]."""
 
 
 @dataclass(frozen=True)

@@ -25,12 +25,9 @@ class Move:
     goal: float = math.nan
     """Site coordinate of the goal [rotor spacings]."""
     start: float = math.nan
-    """Initial site coordinate of the soliton [rotor spacings]."""
     rotor: float = math.nan
-    """Current site coordinate of the soliton [rotor spacings]."""
     message: str = ''
     foreign: bool = False
-    """Whether another client requested the move."""
     ended_at: float = math.inf
     """Time of the outcome on the monotonic clock [s], infinite before it."""
     handle: Any = field(default=None, repr=False)

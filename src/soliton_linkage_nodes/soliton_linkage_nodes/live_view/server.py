@@ -63,11 +63,7 @@ def listening_socket(host: str, port: int) -> socket.socket:
 def application(
     serve: Callable[[WebSocket], Awaitable[None]], share: Callable[[str], str]
 ) -> FastAPI:
-    """Return the application that serves the page.
-
-    `serve` runs the stream of one browser. `share` returns an HTML page with the last minute of
-    the chain in a namespace, or raises ValueError.
-    """
+    """Return the application that serves the page; `share` returns the last minute as HTML."""
     created = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     files = {path.name: path for path in _SCRIPTS.iterdir() if path.suffix in ('.js', '.css')}
 
@@ -109,11 +105,7 @@ class PageServer:
         tick: Callable[[], float],
         share: float,
     ) -> None:
-        """Serve on a bound socket; an empty `token` gives free access.
-
-        `tick` returns the time until its next call [s]. The thread uses at most the fraction
-        `share` of a processor core [1].
-        """
+        """Serve on a bound socket with at most a `share` of a core; '' disables the token."""
         config = uvicorn.Config(
             Gate(served, token),
             log_level='error',
@@ -168,10 +160,7 @@ class PageServer:
 
 
 def tick_period(wanted: float, spent: float, share: float) -> float:
-    """Return the time to the next tick [s]: `wanted` [s], or more to use at most a `share` [1].
-
-    `spent` is the processor time of the last tick [s].
-    """
+    """Return the time to the next tick [s], limiting the load `spent` to a `share` of a core."""
     return max(wanted, min(spent / share, _LONGEST_PERIOD))
 
 
@@ -189,8 +178,7 @@ class Gate:
     """Middleware that rejects requests and streams that do not come from the live page.
 
     Otherwise another web page in the same browser could send commands to the chain (DNS
-    rebinding). Without a token only host names of this machine are accepted. With a token, each
-    request must contain it in the address or in the cookie.
+    rebinding). Accepted are host names of this machine or, if set, requests with the token.
     """
 
     def __init__(self, guarded: ASGIApp, token: str = '') -> None:

@@ -62,11 +62,11 @@ def shared_page(
     solitons: Sequence[Sequence[float]],
     energies: Mapping[str, Array] | None = None,
 ) -> str:
-    """Return an HTML page that shows T frames of N rotors; ValueError if T = 0.
+    """Return an HTML page of T frames of N rotors; ValueError if T = 0.
 
-    `times` [s] has shape (T,), `angles` [rad] shape (T, N), each of the `energies` [J] shape (T,);
-    by default the elastic energy is shown. `solitons` contains the `soliton_numbers` of each
-    frame. Only every n-th frame of a long recording is written.
+    `times` [s] and each of the `energies` [J] (default: elastic) have shape (T,), `angles` [rad]
+    (T, N); `solitons` has the `soliton_numbers` of each frame. Frames of a long recording are
+    thinned.
     """
     if not len(times):
         raise ValueError('no frame is recorded yet; wait until joint_states are received')

@@ -63,7 +63,6 @@ class CameraMeasurement:
         parameters: CameraParameters,
         camera: Camera | None = None,
     ) -> None:
-        """Prepare the measurement; without a calibrated `camera` the lens is ideal."""
         self.gaps = GapCounter()
         self.detector: AngleCamera | DarkRotors | None = None
         """Detector of markers or of dark rotors, None before the first picture."""
@@ -78,11 +77,7 @@ class CameraMeasurement:
         return self.detector.frame_markers.moves if isinstance(self.detector, AngleCamera) else 0
 
     def measure(self, stamp: int, picture: Picture) -> CameraReading:
-        """Return the angles in a picture whose exposure began at `stamp` [ns].
-
-        Raises ValueError if the picture is not later than the previous one, or differs in size
-        from the calibration.
-        """
+        """Return the angles in a picture exposed at `stamp` [ns]; ValueError if rejected."""
         if stamp <= self._last:
             raise ValueError(
                 f'its stamp is {(self._last - stamp) / SECOND:g} s before the previous stamp; '
@@ -147,10 +142,7 @@ def _to_msg(named: NamedChain, stamp: int, values: Array) -> JointState:
 def walls_on_overlay(
     solitons: tuple[AnalysedSoliton, ...], spacing: float, since: float = 0.0
 ) -> list[WallMark]:
-    """Return the marks of the solitons on a picture, moved by their velocity times `since` [s].
-
-    `spacing` is the distance between neighbouring pivots [m].
-    """
+    """Return the marks of the solitons after `since` [s]; `spacing` of the pivots in [m]."""
     return [
         WallMark(
             each.rotor + (each.velocity * since / spacing if math.isfinite(each.velocity) else 0),

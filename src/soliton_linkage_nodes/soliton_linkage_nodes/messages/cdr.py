@@ -48,9 +48,8 @@ _EMPTY = np.zeros(0)
 class Layout:
     """Byte layout of messages with a given frame id and given joint names.
 
-    CDR encodes a string as length, bytes and a zero byte, a sequence as count and elements.
-    Offsets count from the end of the encapsulation header, aligned to 4 bytes for lengths and 8
-    for doubles.
+    CDR encodes a string as length, bytes and a zero byte, a sequence as count and elements,
+    aligned to 4 bytes for lengths and 8 for doubles after the encapsulation header.
     """
 
     def __init__(self, frame_id: str, name: tuple[str, ...]) -> None:

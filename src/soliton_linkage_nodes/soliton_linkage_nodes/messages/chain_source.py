@@ -112,10 +112,7 @@ class ChainSource:
         on_chain: Callable[[NamedChain], None] = lambda named: None,
         parameters: type[ChainSourceParameters] = ChainSourceParameters,
     ) -> None:
-        """Read the parameters or subscribe to `chain`; ValueError if they describe no chain.
-
-        `on_chain` is called with each chain.
-        """
+        """Read the parameters or subscribe to `chain`; ValueError if they describe no chain."""
         self.named: NamedChain | None = None
         self._subscription: StreamSubscription | None = None
         self._logger = node.get_logger()
@@ -185,7 +182,6 @@ class ParameterFile:
     """Parameter values of a file by name, from the sections of all nodes."""
 
     def __init__(self, path: Path) -> None:
-        """Read a file; ValueError if it is no parameter file."""
         self.path = path
         try:
             sections = read_sections(path).values()

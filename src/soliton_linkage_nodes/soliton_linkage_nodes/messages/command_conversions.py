@@ -44,11 +44,7 @@ class JointActuators:
     limits: Array
 
     def checked(self, source: str, names: Sequence[str], torques: Array) -> tuple[Rotors, Array]:
-        """Return the rotors of the named joints and the torques [N m], shape (..., names).
-
-        Raises ValueError, naming `source`, if a joint has no actuator or is named twice, or if a
-        torque is missing, not finite or too large.
-        """
+        """Return rotors and torques [N m], (..., names); ValueError if one is rejected."""
         check_names(source, names)
         index_of = {name: index for index, name in enumerate(self.names)}
         for name in names:
@@ -168,10 +164,7 @@ def efforts_from_array(
 def trajectory_from_msg(
     actuators: JointActuators, source: str, message: JointTrajectory
 ) -> tuple[Rotors, Array, Array]:
-    """Return rotors, times [s], shape (points,), and torques [N m], shape (points, rotors).
-
-    Raises ValueError if a joint, time or torque is rejected.
-    """
+    """Return rotors, times [s] and torques [N m], (points, rotors); ValueError if rejected."""
     if not message.joint_names:
         raise ValueError(f'{source} has points but no joints; fill joint_names')
     for number, point in enumerate(message.points):
@@ -239,10 +232,7 @@ def last_kick_to_msg(named: NamedChain, kick: KickReport) -> msg.LastKick:
 
 @dataclass(frozen=True)
 class StampRule:
-    """Limits for the stamps and durations of commands. The stamp 0 means now.
-
-    `oldest` is the largest age [s], 0 for `longest`; `longest` the longest time to the end [s].
-    """
+    """Largest age (0: `longest`) and time to the end of a command [s]. Stamp 0 means now."""
 
     oldest: float
     longest: float
@@ -263,10 +253,7 @@ class StampRule:
             )
 
     def delay(self, source: str, stamp: int, now: int, duration: float) -> float:
-        """Return the time from `now` [ns] to the start of a command [s], negative if it has begun.
-
-        Raises ValueError if the command of `duration` [s] has already ended or ends too late.
-        """
+        """Return the time to the start of a command [s]; ValueError if ended or too long."""
         delay = -self._age(stamp, now)
         if delay + duration < 0:
             raise ValueError(

@@ -141,11 +141,7 @@ def frame_to_msg(named: NamedChain, frame: Frame, efforts: Array, stamp: Time) -
 
 
 def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Frame:
-    """Return the angles and rates of all rotors without the known encoder offsets.
-
-    Other joints are ignored. Raises ValueError if a rotor is missing, a joint is named twice, an
-    array has the wrong length, or a value is not finite.
-    """
+    """Return all angles and rates without encoder offsets; ValueError if any is missing."""
     order = _order(named.joint_names, message.name)
     angles = np.asarray(message.position, dtype=np.float64)
     rates = np.asarray(message.velocity, dtype=np.float64)
@@ -174,19 +170,14 @@ def impulses_to_msg(named: NamedChain, impulses: Array, stamp: Time) -> msg.Roto
 def impulses_from_msg(
     rotors: Mapping[str, int], message: msg.RotorImpulses, largest: float
 ) -> Array:
-    """Return the angular impulse on each rotor [N m s], 0 for rotors that are not named.
-
-    Raises ValueError if a joint is unknown or named twice, or if an impulse is missing, not finite
-    or above `largest`.
-    """
+    """Return the impulse on each rotor [N m s], 0 if not named; ValueError if one is rejected."""
     return _by_rotor(rotors, 'rotor_impulses.impulse', message.name, message.impulse, largest)
 
 
 def state_from_reset(named: NamedChain, request: Any, now: State) -> State:
-    """Return the state after a `Reset.Request`; joints that are not named keep their angle.
+    """Return the state after a `Reset.Request`; ValueError if an angle or rate is rejected.
 
-    Rates that are not given become 0. Raises ValueError if a joint is unknown or named twice, or
-    if an angle or rate is missing, not finite or too large.
+    Joints that are not named keep their angle; rates that are not given become 0.
     """
     rotors = named.numbers
     remedy = 'reset to smaller angles and rates'

@@ -18,10 +18,7 @@ _WIDTH = 100
 
 
 def interface_type(name: str, kind: str) -> Any:
-    """Return the class of a type such as 'std_msgs/Float64'; ValueError if it does not exist.
-
-    `kind` is 'msg', 'srv' or 'action'.
-    """
+    """Return the class of 'std_msgs/Float64', `kind` 'msg', 'srv' or 'action', or ValueError."""
     package, _, rest = name.partition('/')
     middle, _, last = rest.rpartition('/')
     if not (package and last) or middle not in ('', kind):

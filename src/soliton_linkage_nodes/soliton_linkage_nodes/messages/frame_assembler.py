@@ -24,9 +24,9 @@ more frame is incomplete after a pause of an encoder board. At 2x, frames are la
 class FrameAssembler:
     """Assembler of joint states with equal stamps and disjoint joints into frames.
 
-    A frame is complete with all joints of the chain, or all joints of earlier assembled frames.
-    Otherwise it ends with the next stamp. If it then has only one message, later messages are
-    returned as frames, until two messages have the same stamp.
+    A frame is complete with all joints of the chain, or all joints of earlier assembled frames;
+    otherwise it ends with the next stamp. After a frame of one message, messages are returned as
+    frames until two have the same stamp.
     """
 
     def __init__(self, joint_names: Sequence[str] = ()) -> None:
@@ -45,11 +45,7 @@ class FrameAssembler:
         return self._parts[0].stamp if self._parts else None
 
     def add(self, joints: JointStates) -> list[JointStates]:
-        """Add a message and return zero, one or two finished frames.
-
-        A message without a joint of the chain is returned unchanged. Raises ValueError if a joint
-        is named twice or an array has a wrong length.
-        """
+        """Add a message and return zero, one or two finished frames; ValueError if invalid."""
         if not self._parts and joints.name is self.whole:
             self._last = joints.stamp, self._rotors
             return [joints]
@@ -145,10 +141,7 @@ class SerializedFrames:
         return ()
 
     def add(self, serialized: bytes) -> list[bytes]:
-        """Add a message and return the finished frames.
-
-        A message is returned unchanged if it is invalid or before `set_joints`.
-        """
+        """Add a message and return the finished frames; return it unchanged if invalid."""
         if self._assembler is None:
             return [serialized]
         if self._all_alike and self._decoder.same_joints(serialized):

@@ -24,7 +24,6 @@ class FrameReader:
     """Reader of the angles and rates of all rotors. Missing values are NaN."""
 
     def __init__(self, joint_names: Sequence[str], encoder_offsets: Sequence[float] = ()) -> None:
-        """Read these joints minus encoder offsets [rad]; ValueError if `joint_names` is empty."""
         if not joint_names:
             raise ValueError('joint_states.name is empty; name the joints')
         self._offsets = np.array(encoder_offsets, dtype=np.float64)
@@ -35,11 +34,7 @@ class FrameReader:
         self._in_order = False
 
     def read(self, joints: JointStates) -> Frame:
-        """Return the angles and rates of all rotors, NaN if missing or above 1e9.
-
-        Other joints are ignored. Raises ValueError if no rotor is named, a joint is named twice,
-        or an array has a wrong length.
-        """
+        """Return all angles and rates, NaN if missing or above 1e9; ValueError if invalid."""
         _, _, _, name, position, velocity = joints
         check_length('joint_states.position', name, position)
         if name is not self._names and name != self._names:
@@ -84,7 +79,6 @@ class EncoderMonitor:
     """Monitor that warns of wrong stamps and units of joint states."""
 
     def __init__(self, warn: Callable[[str], object]) -> None:
-        """Call `warn` once for each kind of fault, with the remedy."""
         self._warn = warn
         self._warned: set[str] = set()
         self._last: int | None = None

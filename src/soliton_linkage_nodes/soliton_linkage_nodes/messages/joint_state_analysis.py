@@ -73,19 +73,13 @@ class JointStateAnalysis:
         self._impulses = self._deviation_reader = None
 
     def add_impulses(self, serialized: bytes) -> None:
-        """Add the impulses of a serialized message of `delivered_impulses`; ValueError if invalid.
-
-        They are ignored if the chain is unknown.
-        """
+        """Add the impulses of a serialized `delivered_impulses`, if the chain is known."""
         if isinstance(self.analyser, Analyser) and self._impulses is not None:
             impulses = self._impulses.decode(serialized)
             self.analyser.apply_impulse(read_stamp(serialized) or None, impulses)
 
     def add_deviations(self, deviations: JointStates) -> None:
-        """Add standard deviations of the angles in the next frame with the same stamp.
-
-        They are ignored if the chain is unknown. Raises ValueError if one is invalid.
-        """
+        """Add standard deviations of the frame with the same stamp, if the chain is known."""
         if self._deviation_reader is None:
             return
         by_rotor = self._deviation_reader.read(deviations).angles
@@ -97,10 +91,7 @@ class JointStateAnalysis:
             del self._deviations[next(iter(self._deviations))]
 
     def analyse(self, joints: JointStates) -> Analysis | None:
-        """Analyse a frame; return None if it is not later than the previous frame.
-
-        Raises ValueError if the joint states are invalid, or before `set_chain` and `set_joints`.
-        """
+        """Analyse a frame; return None if it is late. ValueError if it is invalid."""
         if self.analyser is None or self._reader is None:
             raise ValueError(
                 'joint_states arrived before the chain; set the chain or the joints first'

@@ -34,10 +34,7 @@ class Wall(NamedTuple):
 def lines_to_msg(
     header: Header, name: str, points: Array, colours: Array, width: float, spheres: bool = False
 ) -> Marker:
-    """Return a marker with lines between pairs of points [m], or `spheres` at the points.
-
-    Each point has its own colour. `width` is the line width or the diameter [m].
-    """
+    """Return a marker with lines between pairs of points, or `spheres` of diameter `width` [m]."""
     return Marker(
         header=header,
         ns=name,

@@ -23,8 +23,7 @@ _LONGEST_ASSEMBLY = 0.3
 class NewestFrame:
     """Subscription of a display to the newest frame, for a node that no executor spins.
 
-    The queue has one message. After a message without some joints of the chain, it holds 200
-    messages, which are assembled.
+    The queue has one message, or 200 if messages lack some joints of the chain.
     """
 
     def __init__(self, node: Node, name: str) -> None:

@@ -35,10 +35,7 @@ _MODELS = {'plumb_bob': 5, 'rational_polynomial': 8}
 
 
 def picture_from_msg(message: Image) -> Picture:
-    """Return pixels, shape (rows, columns, 3) in blue, green, red, or (rows, columns) if grey.
-
-    Raises ValueError if the encoding is not supported or the message has too few bytes.
-    """
+    """Return pixels, shape (rows, columns, 3: blue, green, red), or (rows, columns) if grey."""
     if message.encoding not in _CHANNELS:
         raise ValueError(
             f'encoding {message.encoding!r} is none of {", ".join(_CHANNELS)}; convert the '

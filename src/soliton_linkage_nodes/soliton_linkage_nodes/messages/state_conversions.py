@@ -33,11 +33,7 @@ _STATUSES = {status: getattr(msg.SolitonState, status.name) for status in Tracki
 
 
 class NumberFields:
-    """Mapping from attributes of a class to two or more numeric fields of a message.
-
-    `paths` maps fields to attribute paths of another name. Raises TypeError for a missing
-    attribute.
-    """
+    """Mapping from attributes of a class (`paths` if named differently) to fields of a message."""
 
     def __init__(
         self, names: Iterable[str], filled_by: type, paths: Mapping[str, str] | None = None
@@ -144,11 +140,7 @@ def state_to_msg(analysis: Analysis, joints: JointStates) -> msg.SolitonState:
 
 
 def columns() -> list[str]:
-    """Return the column names of a table of states, one for each field of SolitonState.
-
-    The name of a nested message, or `soliton_` for the first soliton, precedes its fields. Units
-    are in brackets: `soliton_velocity [m/s]`.
-    """
+    """Return the column names of a table of states, such as `soliton_velocity [m/s]`."""
     names = ['stamp [ns]']
     for name in list(_STATE)[1:]:
         if name in _NESTED:

@@ -165,9 +165,9 @@ def edge_command_of(
     quantity: str = 'torque',
     **numbers: float,
 ) -> msg.EdgeCommand:
-    """Return a command to an edge actuator; ValueError for an unknown name or infinite number.
+    """Return a command to an edge actuator; the last three arguments describe a waveform.
 
-    `shape`, `quantity` and `numbers` (frequency, last_frequency, cycles) describe a waveform.
+    Raises ValueError for an unknown name or a number that is not finite.
     """
     return msg.EdgeCommand(
         shape=_chosen('shape', shape, _SHAPES),
@@ -185,10 +185,7 @@ def edge_command_of(
 def reset_request(
     state: str, rotor: float, velocity: float, joints: Mapping[str, float] | None = None
 ) -> Reset.Request:
-    """Return a request to reset the chain to a state.
-
-    A soliton starts at `rotor` [rotor spacings] with `velocity` [m/s]; `joints` are angles [rad].
-    """
+    """Return a request to reset the chain; `velocity` is in [m/s], `joints` are angles [rad]."""
     named = joints or {}
     return Reset.Request(
         state=_chosen('state', state, STATES),

@@ -65,11 +65,7 @@ class ChildProcesses:
             )
 
     def ended(self) -> dict[str, str]:
-        """Return a text with the exit code of each ended process, by name.
-
-        Raises RuntimeError with the last log lines if a process failed within three minutes after
-        its start, because it would fail again.
-        """
+        """Return a text about each ended process; RuntimeError if one failed at its start."""
         found = {}
         for node, process in self._running.items():
             if process.poll() is None:
@@ -136,10 +132,9 @@ def has_display() -> bool:
 
 @contextmanager
 def private_domain() -> Iterator[None]:
-    """Put this process and its children into a free ROS domain of this machine.
+    """Put this process and its children into a free, random ROS domain of this machine.
 
-    The domain is random, because nodes of an earlier run may still use theirs. The block must not
-    raise OSError: the coordinator would try another domain.
+    The block must not raise OSError: the coordinator would try another domain.
     """
     with domain_coordinator.domain_id(lambda: random.randint(1, _DOMAINS)) as domain:
         os.environ['ROS_DOMAIN_ID'] = str(domain)
@@ -152,8 +147,8 @@ def private_domain() -> Iterator[None]:
 def restrict_to_loopback() -> None:
     """Make this process and its children unreachable from other machines.
 
-    With the discovery range LOCALHOST, Fast DDS opens sockets on all network interfaces. Its
-    shared memory can block all nodes if a process is killed while it starts.
+    With the range LOCALHOST, Fast DDS opens sockets on all interfaces, and its shared memory can
+    block all nodes if a process is killed while it starts.
     """
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     try:

@@ -25,10 +25,7 @@ _NUMBERS = re.compile(r'[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b|\bnan\b)')
 
 
 class LogThrottle:
-    """Filter that logs each kind of message at most once per period [s].
-
-    Messages that differ only in numbers are of one kind. The next line reports the dropped ones.
-    """
+    """Filter that logs messages that differ only in numbers at most once per period [s]."""
 
     def __init__(self, log: Callable[[str], object], period: float) -> None:
         self._log = log
@@ -112,7 +109,7 @@ class Diagnostics:
         self._failures.log(failure)
 
     def guarded(self, source: str, take: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a callback that calls `take` and rejects the message if `take` raises an error.
+        """Return a callback that rejects the message if `take` raises an error.
 
         ValueError and ArithmeticError count as rejected input, others as failures. MemoryError is
         raised.

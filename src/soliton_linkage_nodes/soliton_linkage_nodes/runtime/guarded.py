@@ -17,8 +17,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 SERVICE_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-"""Quality of service of services. Each client receives all responses, so a queue of 10 loses
-some."""
+"""Quality of service of services: with the default queue of 10, clients lose responses."""
 ACTION_QOS = {f'{call}_service_qos_profile': SERVICE_QOS for call in ('goal', 'result', 'cancel')}
 
 
@@ -48,10 +47,7 @@ class GuardedNode(Node):
         return (each for each in super().subscriptions if each not in self._undispatched)
 
     def dispatch(self, subscription: Subscription, dispatched: bool) -> None:
-        """Set whether executors take the messages of a subscription, or the node itself does.
-
-        At 1000 messages per second, the wake-ups of an executor take longer than reading.
-        """
+        """Set whether executors take a subscription's messages; their wake-ups are slow."""
         this = frozenset([subscription])
         self._undispatched = self._undispatched - this if dispatched else self._undispatched | this
         if self.executor is not None:

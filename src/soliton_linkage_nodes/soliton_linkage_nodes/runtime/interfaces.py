@@ -51,10 +51,7 @@ def reliable_qos(depth: int) -> QoSProfile:
 
 
 def stream_qos(message_size: int = 0) -> QoSProfile:
-    """Return a reliable quality of service for messages of `message_size` [B].
-
-    The queue depth is 1000, or less (at least 10) to take at most 64 MiB.
-    """
+    """Return a reliable quality of service with a queue of 10 to 1000 messages, at most 64 MiB."""
     affordable = _QUEUE_BYTES // max(message_size, 1)
     return reliable_qos(int(min(_DEEPEST_QUEUE, max(10, affordable))))
 

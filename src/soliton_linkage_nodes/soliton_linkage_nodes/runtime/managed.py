@@ -35,9 +35,9 @@ class ManagedNode(GuardedNode, LifecycleNode):
     """Node with the lifecycle of ROS: unconfigured, inactive, active.
 
     A subclass lists its parameters in `PARAMETERS` and overrides `configure`, `activate`,
-    `deactivate` and `cleanup`. After `cleanup`, the topics, timers and services of `configure` are
-    destroyed. An error is logged and the state kept; during an autostart, the constructor raises
-    it.
+    `deactivate` and `cleanup`, after which the topics, timers and services of `configure` are
+    destroyed. Errors are logged and keep the state; during an autostart, the constructor raises
+    them.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {}

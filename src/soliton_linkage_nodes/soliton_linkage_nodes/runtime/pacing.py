@@ -17,17 +17,15 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 _LOWEST_PRIORITY = 1
 """Lowest priority of SCHED_FIFO, above all ordinary threads [1]."""
 _INTERVAL = 0.05
-"""Shortest interval between two measurements of the processor share [s], below the 0.95 s after
-which the kernel stops real-time threads."""
+"""Interval between measurements of the processor share [s]; the kernel's limit is 0.95 s."""
 _LARGEST_SHARE = 0.8
 """Processor share of a process above which it loses its priority [cores]."""
 
 
 def raise_priority(raised: bool, threads: Sequence[int] = (0,)) -> None:
-    """Give threads the lowest priority of SCHED_FIFO if `raised`, otherwise remove it.
+    """Give threads (0: the calling one) the lowest priority of SCHED_FIFO, or remove it.
 
-    `threads` holds system thread numbers, 0 for the calling thread. New threads inherit the
-    priority. Without permission (limit rtprio), nothing changes.
+    New threads inherit the priority. Without permission (limit rtprio), nothing changes.
     """
     priority = _LOWEST_PRIORITY if raised else 0
     policy = os.SCHED_FIFO if raised else os.SCHED_OTHER
@@ -37,20 +35,13 @@ def raise_priority(raised: bool, threads: Sequence[int] = (0,)) -> None:
 
 
 def yield_core() -> None:
-    """Yield the core to other real-time threads; do nothing in an ordinary thread.
-
-    If all cores are busy, threads woken by a SCHED_FIFO thread would otherwise wait until it
-    sleeps.
-    """
+    """Yield the core of a real-time thread; threads that it has woken would otherwise wait."""
     if os.sched_getscheduler(0) == os.SCHED_FIFO:
         os.sched_yield()
 
 
 class IdlePriority:
-    """Real-time priority for threads, by default this one and those of the middleware.
-
-    An overloaded process loses it, so that it does not delay other processes.
-    """
+    """Real-time priority for threads, which an overloaded process loses."""
 
     def __init__(self, real_time: bool, threads: Sequence[int] | None = None) -> None:
         self._real_time = real_time
@@ -106,8 +97,8 @@ class PacedLoop:
 
     A call more than 0.1 s late postpones all later deadlines; otherwise the missed calls would
     follow in a burst. A change of the rate sets t0. At an infinite rate, calls follow without
-    pauses, except 5 ms after a call that returns False. With `real_time`, the thread has real-time
-    priority while it is less than 10 ms late. A stopped loop can be started again.
+    pauses, except 5 ms after a call that returns False. With `real_time`, the thread has priority
+    while less than 10 ms late.
     """
 
     def __init__(self, rate: float, act: Callable[[], object], real_time: bool = False) -> None:

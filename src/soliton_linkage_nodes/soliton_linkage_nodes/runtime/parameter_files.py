@@ -46,10 +46,7 @@ def check_files(arguments: Sequence[str]) -> None:
 
 
 def read_sections(path: Path) -> dict[str, dict[str, Any]]:
-    """Return the parameter values by name in each section of a file, by node pattern.
-
-    Raises OSError if the file cannot be read, ValueError if it is no parameter file.
-    """
+    """Return the parameters in each section of a file, by node pattern; OSError or ValueError."""
     try:
         sections = dict(_sections(yaml.safe_load(path.read_text(encoding='utf-8')), ''))
     except (UnicodeDecodeError, yaml.YAMLError, AttributeError) as error:
@@ -68,11 +65,7 @@ def matches(pattern: str, node: str) -> bool:
 
 
 def notices(node: Node, arguments: Sequence[str], others: Sequence[Node] = ()) -> Iterator[Notice]:
-    """Yield notices about the parameter files and the `-p` arguments of a node.
-
-    They report a file without parameters for `node` and `others` (nodes with the same arguments),
-    and which value is used if a file and `-p` differ.
-    """
+    """Yield notices: a file has no parameters for the nodes, or a file and `-p` differ."""
     name = node.get_fully_qualified_name()
     started = [name, *(other.get_fully_qualified_name() for other in others)]
     typed = dict(_rules(arguments, node.get_name()))

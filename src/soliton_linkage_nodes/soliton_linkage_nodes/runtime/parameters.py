@@ -48,11 +48,7 @@ _LARGEST_INTEGER = 2**63 - 1
 
 
 def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Parameters:
-    """Declare parameters for the fields of a dataclass; return an instance with their values.
-
-    Fields without a description keep their defaults, declared parameters their values. Raises
-    ValueError if a value is not allowed.
-    """
+    """Declare the described fields of a dataclass; return an instance or raise ValueError."""
     quantities = described_fields(parameters)
     if quantities and all(node.has_parameter(prefix + name) for name in quantities):
         return current(node, parameters, prefix)
@@ -127,7 +123,6 @@ def describe_range(described: Quantity) -> str:
 def _check(
     adjustable: Mapping[str, Quantity], changes: Sequence[Parameter]
 ) -> SetParametersResult:
-    """Check changes at run time, because rclpy does not reject unknown choices."""
     for change in changes:
         complaint = change.name in adjustable and adjustable[change.name].complaint(change.value)
         if complaint:

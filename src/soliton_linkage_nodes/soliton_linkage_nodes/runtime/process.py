@@ -31,9 +31,8 @@ from soliton_linkage_nodes.runtime.parameters import reject_unknown
 _SPIN = 0.02
 """Longest time between two checks of a condition while no message arrives [s]."""
 _SHARE_OF_PERIOD = 0.1
-"""Switch interval of the interpreter divided by the frame period [1]; 5 ms would delay frames by
-five periods at 1000 Hz. Sensitivity: at 0.5x, twice as many wake-ups; at 2x, 0.1 periods more
-delay."""
+"""Switch interval of the interpreter / frame period [1]. Sensitivity: at 0.5x, twice as many
+wake-ups; at 2x, frames are 0.1 periods later."""
 _SHORTEST_INTERVAL = 1e-4
 """Shortest switch interval of the interpreter [s]. One switch takes a few microseconds."""
 _MIXED = 'Sequence should be of same type'
@@ -82,10 +81,7 @@ class WaitingNode(Node):
 
 
 def stop_on_signals() -> threading.Event:
-    """Return an event that is set on SIGINT or SIGTERM.
-
-    The handlers of rclpy would shut the context down and lose queued messages.
-    """
+    """Return an event that SIGINT and SIGTERM set; rclpy's handlers would lose queued messages."""
     stopping = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda _number, _frame: stopping.set())
@@ -127,8 +123,8 @@ def run(create_node: Callable[[], Node]) -> None:
     """Create a node, spin it until it finishes or SIGINT or SIGTERM arrives, and end the process.
 
     A node may have the attributes `finished` and `failure`, the error that stopped it; a callback
-    must not raise this error, because executors print a traceback. The exit code is 0 after a
-    normal end, 1 after a failure, 2 for an unknown argument.
+    must not raise this error, because executors print a traceback. Exit codes: 0, 1 after a
+    failure, 2 for an unknown argument.
     """
     check_arguments(create_node, sys.argv[1:])
     run_together([create_node], sys.argv)
@@ -174,10 +170,7 @@ def run_together(constructors: Sequence[Callable[[], Node]], arguments: list[str
 
 
 def end_process(code: int) -> None:
-    """Exit immediately, even if a thread with a long computation is running.
-
-    Exit handlers could wait forever for a lock of such a thread.
-    """
+    """Exit even during a long computation; exit handlers could wait forever for its lock."""
     if any(thread.daemon for thread in threading.enumerate() if thread.is_alive()):
         sys.stdout.flush()
         sys.stderr.flush()
@@ -219,8 +212,7 @@ def _has_finished(node: Node) -> bool:
 class SpinSlices:
     """Thread that ends each slice of spinning after 0.1 s.
 
-    One slice per callback would be slower. The executor checks its time limit only while no
-    message is waiting.
+    The executor checks its time limit only while no message is waiting.
     """
 
     def __init__(self) -> None:

@@ -17,8 +17,7 @@ _SILENT_PERIODS = 5
 _MEMORY = 20
 """Messages over which the period of a publisher is averaged [1]."""
 _GAP_RATIO = 3.0
-"""Ratio of measured to predicted time between messages, or its inverse, above which another
-publisher is more probable [1]."""
+"""Ratio of actual to predicted time above which the publisher is probably another one [1]."""
 _NANOSECOND = 1e-9
 """One nanosecond [s]."""
 _OFFSET_WINDOW = 10.0
@@ -29,9 +28,8 @@ class SequenceGaps:
     """Counter of the messages of a topic that were published and never received.
 
     Each publisher numbers its messages 1, 2, 3, ... Message n belongs to the publisher with the
-    last number n - 1, otherwise to a new publisher. If all publishers are known, it belongs to the
-    one with the largest last number below n, or a new one replaces the one that was silent for
-    longest. Messages before the first one of a publisher are not counted.
+    last number n - 1, otherwise to a new one. If all are known, it belongs to the one with the
+    largest last number below n, or replaces the one that was silent for longest.
     """
 
     def __init__(self) -> None:
@@ -39,10 +37,7 @@ class SequenceGaps:
         self._last: list[int] = []
 
     def take(self, number: int, publishers: int) -> bool:
-        """Count the messages that are missing before message `number` of `publishers` publishers.
-
-        Returns whether this is the first message of a publisher.
-        """
+        """Count messages missing before message `number`; return whether its publisher is new."""
         if self._last == [number - 1]:
             self._last[0] = number
             return False
@@ -70,10 +65,7 @@ class _Newcomer:
 
 
 class MissedStarts:
-    """Counter of messages that publishers sent before they were matched with a subscription.
-
-    They count only if, by number and period, the publisher started after the subscription.
-    """
+    """Counter of messages that new publishers sent before they matched with a subscription."""
 
     def __init__(self) -> None:
         self._newcomers: list[_Newcomer] = []
@@ -138,9 +130,9 @@ class _Publisher:
 class PublisherArbitration:
     """Filter that keeps only the messages of one selected publisher of a topic.
 
-    The first message selects its publisher, another one replaces it when it becomes silent.
-    Message n belongs to the publisher with the last number n - 1, otherwise to the one whose
-    period best predicts its time. Lost messages of the selected publisher are counted.
+    The first message selects its publisher; another one replaces it when it becomes silent.
+    Message n belongs to the publisher with the last number n - 1, otherwise to the best predicted
+    one.
     """
 
     def __init__(self) -> None:
@@ -154,10 +146,7 @@ class PublisherArbitration:
         self._others_since: float | None = None
 
     def take(self, number: int, sent: int, publishers: Callable[[], int]) -> bool:
-        """Return whether to keep a message with its source time `sent` [ns]; count the others.
-
-        `publishers`, called only if necessary, returns the number of publishers.
-        """
+        """Return whether to keep a message with its source time `sent` [ns]; count the others."""
         selected = self._selected
         if selected is None:
             self._selected = _Publisher(number, sent)
@@ -224,10 +213,7 @@ _ABSENCE = 5.0
 
 
 class StreamArbitration:
-    """Arbitration of publishers that may each publish a part of a stream, such as some joints.
-
-    Of messages with a common part, only one publisher's messages are kept.
-    """
+    """Arbitration of publishers of parts of a stream: each part has one selected publisher."""
 
     def __init__(self, lost: int = 0, foreign: int = 0) -> None:
         self._counts = [lost, foreign, 0]
@@ -256,10 +242,7 @@ class StreamArbitration:
         publishers: Callable[[], int],
         parts: Callable[[], Collection[str]] | None = None,
     ) -> bool:
-        """Return whether to keep a message with its source time `sent` [ns]; count the others.
-
-        `parts` returns the parts of the stream in the message, such as joint names.
-        """
+        """Return whether to keep a message; `parts` returns its parts, such as joint names."""
         first = self._shares[0]
         if parts is None:
             return first.arbitration.take(number, sent, publishers)
@@ -295,13 +278,9 @@ class StreamArbitration:
 
 
 class Lag:
-    """Monitor of the time by which a node lags behind the messages that it receives.
-
-    The offset between clocks is unknown, so the smallest delay in 10 to 20 s counts as zero lag.
-    """
+    """Monitor of the lag behind the messages; the smallest delay in 10 to 20 s counts as zero."""
 
     def __init__(self, longest: float) -> None:
-        """Set the limit `longest` for the lag [s]; 0 means no limit."""
         self._longest = longest or math.inf
         self._least: list[int] = []
         self._since = 0.0

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Serialization of messages to CDR without the extra bytes that rclpy appends.
-
-rclpy adds up to eight unused bytes per empty array. Strict readers such as rosbags reject them.
-"""
+"""Serialization of messages without rclpy's extra bytes, which strict readers reject."""
 
 from __future__ import annotations
 

@@ -62,11 +62,7 @@ _DRIFT_TIME = 10.0
 
 
 class ClockMonitor:
-    """Monitor of the offset between message stamps and the clock, for diagnostics only.
-
-    The offset is the smallest difference between arrival time and stamp. A paused simulation or a
-    bag also causes an offset.
-    """
+    """Monitor of the smallest difference between arrival time and stamp, for diagnostics only."""
 
     def __init__(self) -> None:
         self._least: int | None = None

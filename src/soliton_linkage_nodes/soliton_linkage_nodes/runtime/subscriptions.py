@@ -52,17 +52,14 @@ def _with_info(take: Callable[[Any, Info], None]) -> Callable[..., None]:
 class AdaptiveSubscription:
     """Subscription whose quality of service is compatible with every publisher of a topic.
 
-    `adapt` replaces the subscription if publishers with another quality of service have appeared.
-    Messages waiting in the old one are lost unless the argument `before` of `adapt` takes them.
+    `adapt` replaces it for publishers with another quality of service; messages waiting in the old
+    one are lost unless `before` takes them.
     """
 
     def __init__(
         self, node: Node, topic: Topic, take: Callable[..., None] = _ignore, raw: bool = False
     ) -> None:
-        """Subscribe to a topic; pass each message, or its CDR bytes if `raw`, to `take`.
-
-        Without `take`, messages wait for `waiting` or `newest`, and no executor may spin the node.
-        """
+        """Subscribe; without `take`, messages wait, and no executor may spin the node."""
         self.topic = topic
         self.sequence: int | None = None
         """Sequence number of the last message that `newest` returned."""
@@ -85,10 +82,7 @@ class AdaptiveSubscription:
 
     @property
     def changed(self) -> bool:
-        """Whether publishers of a GuardedNode's topic changed since the last call.
-
-        This takes at most 1 % of the time of a query of the graph.
-        """
+        """Whether publishers of a GuardedNode's topic changed since the last call."""
         changed = False
         for event in self._events:
             with event:
@@ -198,10 +192,9 @@ def subscribe_newest(
 class StreamSubscription:
     """Subscription of a node to a stream of messages from one publisher at a time.
 
-    If several nodes publish the same parts of the stream, such as joints, only the first publisher
-    is used until it becomes silent or ends. Diagnostics report several publishers and lost
-    messages. If the node lags by more than `longest_lag` [s] for this time, it skips all waiting
-    messages but the newest.
+    Of several publishers of the same parts, such as joints, the first one is used until it is
+    silent. Diagnostics report several publishers and lost messages. After a lag above
+    `longest_lag` [s], all waiting messages but the newest are skipped.
     """
 
     def __init__(
@@ -221,8 +214,8 @@ class StreamSubscription:
         """Pass each message of a topic, or its CDR bytes if `raw`, to `take`.
 
         With `latest`, only the newest waiting message is passed. `on_takeover` is called when
-        another publisher replaces the selected one. `parts` returns the parts of the stream in a
-        message. `assemble` turns each message into the messages for `take`.
+        another publisher is selected. `parts` returns the parts of a message, `assemble` the
+        messages for `take`.
         """
         self.skipped = 0
         """Number of received messages that were not passed to `take`."""

@@ -46,8 +46,7 @@ from soliton_linkage_nodes.serial_encoders.valves import ValveParameters, Valves
 _CLOCK_READINGS = 3
 """Largest number of attempts to read two clocks at the same time [1]."""
 _CLOCK_READING_LIMIT = 20_000
-"""Duration below which reading two clocks was not interrupted [ns], ten times the usual
-duration."""
+"""Duration of an uninterrupted reading of two clocks [ns], ten times the usual one."""
 _WARNING_PERIOD = 1.0
 """Shortest time between warnings about restarts of the controller [s]."""
 _LONGEST_DELAY = 0.5
@@ -91,11 +90,10 @@ class _LineCounts(NamedTuple):
 class SerialEncoders(ManagedNode):
     """Node that publishes the angles of a microcontroller and sends torques to its valves.
 
-    It publishes `joint_states` [rad] with the time of the measurement and NaN for missing rotors.
-    Before each of them, it publishes the impulses of the valves since the previous one on
-    `delivered_impulses` [N m s], unless all are 0. It subscribes to `rotor_torques` [N m] and adds
-    the torques of the chain's feedback after each frame. Without a description of the chain in
-    parameters it subscribes to `chain`; otherwise it publishes `chain`.
+    It publishes `joint_states` [rad] with the time of the measurement and NaN for missing rotors,
+    before them the impulses of the valves as `delivered_impulses` [N m s], and `chain` if
+    parameters describe it. It subscribes to `rotor_torques` [N m], to which it adds the feedback
+    of the chain.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {

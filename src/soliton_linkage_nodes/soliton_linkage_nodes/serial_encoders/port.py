@@ -66,9 +66,9 @@ class ReopenedPort:
     ) -> None:
         """Open the port and start the thread; ValueError if the port cannot be opened.
 
-        The thread calls `take` with each chunk of bytes and its monotonic arrival time [ns]. It
-        calls `changed` with the reason if the port is lost, and with '' when the port is open
-        again. With `hang_up`, DTR is released when the port closes.
+        The thread calls `take` with bytes and their monotonic arrival time [ns], and `changed`
+        with the reason of a loss or '' after it. With `hang_up`, DTR is released when the port
+        closes.
         """
         self._serial = pyserial()
         self._path, self._baud_rate = path, baud_rate

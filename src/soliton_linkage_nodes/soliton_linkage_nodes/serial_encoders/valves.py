@@ -118,11 +118,7 @@ class Valves:
         self._acting.append((now, now + self._parameters.hold, self._sent))
 
     def delivered(self, until: float) -> Array:
-        """Return the impulses [N m s], shape (N,), delivered from the last call to `until`.
-
-        A command acts until the next one, at most for its hold time. The feedback is not included,
-        because it is a term of the chain.
-        """
+        """Return the impulses [N m s], (N,), from the last call to `until`, without feedback."""
         impulses = np.zeros_like(self._torques)
         while self._acting and self._acting[0][0] < until:
             begin, end, torques = self._acting.popleft()

@@ -40,10 +40,7 @@ class Shown(Protocol):
 
 
 async def attempt(name: str, action: Action, long: bool = False) -> bool:
-    """Carry out an action and show its answer; return False if it was rejected.
-
-    If `long` is set, the page does not warn when the answer takes more than two seconds.
-    """
+    """Carry out an action and show its answer; a `long` action has no time limit of 2 s."""
     number = next(_numbers)
     show_answer(number, name, long=long)
     good = True
