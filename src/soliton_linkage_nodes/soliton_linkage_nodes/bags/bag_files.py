@@ -45,9 +45,9 @@ _MOST_FILES = 10_000
 
 
 class BagFiles(LimitedReader):
-    """Reader of a bag directory or of one file of a bag, sorted by receive time.
+    """Reader of a bag directory or of one file, with messages sorted by receive time.
 
-    Channels with the same topic name, type and encoding count as one topic. metadata.yaml supplies
+    Channels with the same topic name, type and encoding are one topic. metadata.yaml supplies
     fields that older files lack. Methods raise ValueError if the bag is damaged or exceeds the
     limits.
     """

@@ -84,10 +84,7 @@ _BLOCK_OUT = 2**20
 def decompressed_blocks(
     packed: bytes | bytearray | memoryview, codec: str, whole: bool = False
 ) -> Iterator[bytes]:
-    """Yield the content of zstd or lz4 data in blocks, so that the caller can stop at a limit.
-
-    Raises ValueError if the data is damaged or, with `whole`, truncated.
-    """
+    """Yield the content of zstd or lz4 data in blocks; ValueError if damaged or truncated."""
     packed = memoryview(packed)
     begin, decompressor, at_end = 0, _decompressor(codec), False
     while begin < len(packed):
@@ -140,10 +137,7 @@ def _decompressor(codec: str) -> Any:
 
 
 def regular_file(path: Path, folder: Path | None = None) -> Path:
-    """Return the path of a regular file with all links resolved.
-
-    Raises ValueError if it is no regular file or lies outside `folder`, OSError if it is missing.
-    """
+    """Return the resolved path of a regular file; ValueError if it is none or outside `folder`."""
     resolved = path.resolve(strict=True)
     if folder is not None and not resolved.is_relative_to(folder.resolve()):
         raise ValueError(
@@ -207,10 +201,7 @@ _JSON_TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[\[{]|[\]}]', re.DOTALL)
 
 
 def load_yaml(text: str) -> Any:
-    """Return the value of a YAML text; ValueError if it is invalid, too long or too deep.
-
-    Python tags and aliases are invalid, because a few aliases can expand to gigabytes.
-    """
+    """Return the value of a YAML text without aliases; ValueError if invalid or too large."""
     _check_size(text)
     try:
         depth = 0

@@ -76,14 +76,13 @@ class BagPlayer(ManagedNode):
     """Node that publishes the messages of a bag at the intervals of their receive times.
 
     It first publishes the last latched messages from before the start, then waits for subscribers
-    of `wait_for`. In lockstep, an analyser answers each frame, and recorded states are not played.
-    Without lockstep, it omits recorded states while an analyser runs, unless `topics` names them.
-    It ends with the bag, unless it is paused or `stay` is set, and skips pauses of the recorder.
+    of `wait_for`. In lockstep, an analyser answers each frame. Recorded states are omitted in
+    lockstep, and while an analyser runs, unless `topics` names them. The node ends with the bag,
+    unless it is paused or `stay` is set, and skips pauses of the recorder.
 
     Publishes the topics of the bag, `/diagnostics` and, with `publish_clock`, `/clock`. Serves
     `~/pause`, `~/resume`, `~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/burst`, `~/seek`,
-    `~/play`, `~/stop`, `~/set_rate` and `~/get_rate`, with the types of rosbag2_interfaces if
-    installed.
+    `~/play`, `~/stop`, `~/set_rate` and `~/get_rate`, as in rosbag2.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {

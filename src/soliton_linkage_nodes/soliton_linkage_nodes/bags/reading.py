@@ -64,10 +64,7 @@ def read_messages(
     start: int | None = None,
     stop: int | None = None,
 ) -> Iterator[tuple[Connection, int, bytes]]:
-    """Yield topic, receive time [ns] and bytes of messages of some topics in [start, stop).
-
-    Raises ValueError if the bag is damaged.
-    """
+    """Yield topic, receive time [ns] and bytes of messages in [start, stop), or ValueError."""
     # If the list is empty, rosbags would read all topics.
     if not connections:
         return
@@ -98,8 +95,7 @@ _RECORD = 'record it with bag_recorder'
 def find_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Connection:
     """Return the topic with the full name `name`, else with the same last part in any namespace.
 
-    Raises ValueError, ending with `remedy`, if no topic or several match, if it has several types,
-    or if its encoding is not CDR.
+    Raises ValueError, ending with `remedy`, unless one topic with one type in CDR matches.
     """
     found = types_of_topic(reader, name, remedy)
     bag = f'bag {str(reader.path)!r}'
@@ -145,8 +141,8 @@ def read_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Iterator[tup
 def decoder(connection: Connection) -> Callable[[bytes], Any]:
     """Return a function that deserializes messages of a topic to the installed type.
 
-    If the recorded definition differs, fields with equal names are copied. Raises ValueError if
-    the type is not installed or not CDR; the returned function raises it for a damaged message.
+    Of an older definition, fields with equal names are copied. Raises ValueError if the type is
+    not installed or not CDR; the returned function raises it for a damaged message.
     """
     message_type = class_of(connection)
     if is_older(connection):
@@ -178,10 +174,7 @@ _KINDS = ('msg', 'srv', 'action')
 
 
 def message_class(type_name: str) -> Any:
-    """Return the class of a type such as 'sensor_msgs/msg/JointState'; ValueError if unknown.
-
-    Service events have types such as 'std_srvs/srv/Trigger_Event'.
-    """
+    """Return the class of a type such as 'sensor_msgs/msg/JointState'; ValueError if unknown."""
     try:
         package, kind, name = type_name.split('/')
     except ValueError:
@@ -236,8 +229,7 @@ def _one_line(error: Exception) -> str:
 
 
 _LONGER, _MARGIN = 4, 4096
-"""Longest definition relative to the installed one [1] and margin [characters]; 40,000 characters
-take a second to parse."""
+"""Longest definition relative to the installed one [1], and margin [characters]."""
 _LONGEST_REASON = 200
 """Length at which the error of a parser is cut [characters]; it may quote the input."""
 

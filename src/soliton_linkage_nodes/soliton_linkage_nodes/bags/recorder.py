@@ -65,8 +65,7 @@ class BagRecorder(ManagedNode):
     """Node that records serialized messages with their receive times.
 
     Subscribes to the recorded topics. Publishes `/diagnostics`. Serves `~/pause`, `~/resume`,
-    `~/is_paused`, `~/split_bagfile` and `~/snapshot`, with the types of rosbag2_interfaces, or
-    with std_srvs/Trigger without that package.
+    `~/is_paused`, `~/split_bagfile` and `~/snapshot`, as in rosbag2.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {BagRecorderParameters: '', ManagedParameters: ''}

@@ -56,9 +56,9 @@ def recovered_file(path: Path, storage: str, doubtful: bool, limits: BagLimits) 
 class BagReport:
     """Content and damage of a bag.
 
-    `counts` holds the number of messages of each topic; `start` and `end` are the first and last
-    receive time [ns]. `damage` and `notes` have one line for each damage and each harmless
-    irregularity. `lost` messages cannot be read, `unverified` ones have no checksum.
+    `counts` holds the messages of each topic; `start` and `end` are receive times [ns]. `notes`
+    are harmless irregularities. `lost` messages cannot be read, `unverified` ones have no
+    checksum.
     """
 
     path: Path
@@ -96,8 +96,8 @@ def recover_bag(
 ) -> tuple[BagReport, Path]:
     """Write the intact messages of a bag into a new bag; return a report and the new path.
 
-    With `doubtful`, messages with wrong checksums are also recovered. Raises ValueError if nothing
-    can be recovered, OSError if the new bag cannot be written.
+    With `doubtful`, messages with wrong checksums are also recovered. Raises ValueError if there
+    are none, OSError if the new bag cannot be written.
     """
     scan = _BagScan(path, output, doubtful, show, limits)
     report, writer = scan.report, scan.writer
@@ -208,7 +208,6 @@ def _metadata_of(path: Path) -> tuple[Mapping[str, Any] | None, list[str]]:
 
 
 def _compare(report: BagReport, information: Mapping[str, Any] | None) -> None:
-    """Report messages and files that metadata.yaml lists but that were not found."""
     if information is None:
         return
     report.custom_data.update(custom_data_in(information))
@@ -243,7 +242,6 @@ def _typed(topic: StoredTopic, types: Mapping[str, str]) -> StoredTopic:
 
 
 def _files_of(path: Path) -> tuple[list[Path], list[str]]:
-    """Return the files of a bag in recording order, and the reason for each rejected file."""
     if complaint := explain_no_bag(path):
         raise ValueError(complaint)
     folder = path if path.is_dir() else None
@@ -292,10 +290,7 @@ def unfinished_bag(name: Path) -> Path | None:
 
 
 def take_over(bag: Path) -> UnfinishedBag | None:
-    """Move the intact messages of a bag into its first file, so that a writer can continue it.
-
-    Returns None if there are none or it is no MCAP bag. An OSError changes nothing.
-    """
+    """Move the intact messages of an MCAP bag into its first file for a writer, or return None."""
     try:
         with TemporaryDirectory(prefix=f'.{bag.name}_', dir=bag.parent) as folder:
             report, whole = recover_bag(bag, Path(folder, 'whole'))

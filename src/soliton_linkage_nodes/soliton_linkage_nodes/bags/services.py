@@ -28,8 +28,7 @@ class Reply:
 def serve(node: Node, name: str, type_name: str, act: Callable[[Any], Reply]) -> None:
     """Offer the service `~/<name>`, which calls `act` with the request and logs the result.
 
-    The request is rejected if `act` raises ValueError or a managed node is not active. `success`,
-    `message` etc. of the response report the outcome.
+    The request is rejected if `act` raises ValueError or a managed node is not active.
     """
 
     def respond(request: Any, response: Any) -> Any:

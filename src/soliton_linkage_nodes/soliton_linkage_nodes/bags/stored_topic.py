@@ -38,10 +38,10 @@ _SERVICE_SEPARATOR = re.compile(r'^---[ \t]*$', re.MULTILINE)
 class StoredTopic:
     """Topic of a bag, with '' for each unknown text.
 
-    `number` counts from 1. `definition` is the message type in the format `definition_format`
-    (such as 'ros2msg', '' for an MCAP channel without a schema), with surrogates for bytes that
-    are not UTF-8. `digest` is its RIHS01 hash, `profiles` the offered QoS in the YAML of rosbag2,
-    and `about` other metadata of an MCAP channel.
+    `number` counts from 1. `definition` is the message type in `definition_format`, such as
+    'ros2msg' ('' for an MCAP channel without a schema), with surrogates for bytes that are not
+    UTF-8. `digest` is its RIHS01 hash, `profiles` the offered QoS as YAML, `about` other metadata
+    of an MCAP channel.
     """
 
     number: int
@@ -61,10 +61,7 @@ class StoredTopic:
 
 
 def type_definition(name: str) -> tuple[str, str]:
-    """Return the definition of a type with all nested types, and its hash.
-
-    Raises ValueError if the package of the type is not installed.
-    """
+    """Return the definition of a type with all nested types, and its hash, or raise ValueError."""
     definition, digest, complaint = _installed(name)
     if complaint:
         raise ValueError(complaint)
@@ -97,7 +94,6 @@ def _definition_of(name: str, text: str) -> str:
 
 @lru_cache(maxsize=1024)
 def _installed(name: str) -> tuple[str, str, str]:
-    """Return definition, hash and error text of a type; errors are cached too."""
     store = _typestore()
     try:
         _name_parts(name)

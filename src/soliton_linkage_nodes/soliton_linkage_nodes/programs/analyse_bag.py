@@ -161,10 +161,7 @@ def named_bags(paths: Sequence[Path]) -> tuple[tuple[str, Path], ...]:
 
 
 def analyse_many(study: BagBatch, workers: int, scheduler: str | None = None) -> int:
-    """Analyse the bags that are not in the table yet, and return the number of failed bags.
-
-    If a worker process is killed, new processes analyse the remaining bags.
-    """
+    """Analyse the bags that are not in the table yet, and return the number of failed bags."""
     with Table(study, study.folder) as table:
         while missing := table.missing:
             ready = cluster(scheduler) if scheduler else local_processes(workers)
@@ -242,11 +239,10 @@ def analyse(
     missing_joints: bool = False,
     html: bool = False,
 ) -> int:
-    """Write soliton_state.csv, soliton_events.csv and two pictures; return the number of frames.
+    """Write the tables of states and events and two pictures; return the number of frames.
 
     With `html`, also write view.html; with `log_time`, receive times replace the stamps. Raises
-    ValueError without frames, if several have the stamp 0, or, without `missing_joints`, if a
-    joint of the given chain has no angle.
+    ValueError without usable frames, or, without `missing_joints`, if a given joint has no angle.
     """
     frames = late = unstamped = 0
     analysed = JointStateAnalysis(noise)
@@ -305,10 +301,7 @@ def _report_absent(bag: Path, analysed: JointStateAnalysis, fatal: bool) -> None
 def check_override(
     bag: Path, given: NamedChain, override: bool, limits: BagLimits = DEFAULT_LIMITS
 ) -> None:
-    """Report that the chain `given` replaces a different one, or raise ValueError.
-
-    It is an error if the chains differ and `override` is false.
-    """
+    """Report that the chain `given` replaces a different one; ValueError without `override`."""
     with open_bag(bag, limits) as reader:
         try:
             own = read_chain(reader)

@@ -43,10 +43,9 @@ def analyse_frames(
     analysis: JointStateAnalysis | None = None,
     log_time: bool = False,
 ) -> Iterator[tuple[JointStates, Analysis | None]]:
-    """Yield each frame of a bag with its analysis, or with None if the frame is late.
+    """Yield each frame of a bag with its analysis, or None if late; ValueError without any.
 
     A `given` chain replaces the recorded one; with `log_time`, receive times replace the stamps.
-    Rejected messages are skipped. Raises ValueError if the bag has no frames or no chain.
     """
     analysis = analysis or JointStateAnalysis()
     joints = find_topic(reader, interfaces.JOINT_STATES.name)
@@ -91,13 +90,11 @@ def analyse_frames(
 
 
 def _beside(reader: Reader, joints: Connection, topic: interfaces.Topic) -> list[Connection]:
-    """Return the connections of the topic that is in the namespace of the joint states."""
     name = f'{joints.topic.rpartition("/")[0]}/{topic.name}'
     return [connection for connection in reader.connections if connection.topic == name]
 
 
 def _decoder(connection: Connection) -> Callable[[bytes], JointStates]:
-    """Return a decoder of joint states that supports older versions of their definition."""
     if not is_older(connection):
         return JointStateDecoder().decode
     decode = decoder(connection)

@@ -120,11 +120,7 @@ class ChainLine:
 
 
 def drawn(leans: Array, solitons: Sequence[float], room: int) -> str:
-    """Return one mark per rotor, or per group of rotors if the line is too short.
-
-    `leans`, shape (N,), holds sin(angle) / sin(rest angle), NaN for a missing rotor; `solitons`
-    are site coordinates [rotor spacings].
-    """
+    """Return one mark per rotor or group of rotors; `leans` are sin(angle) / sin(rest angle)."""
     shares = np.array_split(leans, min(room, len(leans)))
     marks = [_mark(share) for share in shares]
     ends = np.cumsum([len(share) for share in shares])

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Report the content of a bag, whether it is complete, and the messages lost during recording.
 
-The first lines have the layout of `ros2 bag info`. The numbers in these lines are computed from
-the messages themselves.
+The first lines have the layout of `ros2 bag info`, with numbers computed from the messages.
 """
 
 from __future__ import annotations
@@ -119,7 +118,6 @@ def _row(kind: str, count: str, topic: _TopicRow) -> str:
 
 
 def _topics(report: BagReport) -> tuple[list[_TopicRow], list[_TopicRow]]:
-    """Return the topics and the services of a bag. Channels of the same topic are merged."""
     counts: Counter[tuple[str, str, str]] = Counter()
     for topic, count in report.counts.items():
         counts[topic.name, topic.type_name, topic.serialization] += count

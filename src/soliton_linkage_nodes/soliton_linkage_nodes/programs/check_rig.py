@@ -2,8 +2,8 @@
 """Check the joint states of a rig, and write a report page.
 
 The program receives joint_states for ten seconds while nobody touches the rig. Then it asks you to
-turn rotor 0 and the last rotor by hand, and waits for each motion. The chain comes from the topic
-chain, or from a parameter file after --ros-args with -p chain_from:=parameters.
+turn rotor 0 and the last rotor by hand. The chain comes from the topic chain, or from a parameter
+file after --ros-args with -p chain_from:=parameters.
 """
 
 from __future__ import annotations
@@ -46,11 +46,7 @@ from soliton_linkage_nodes.messages.conversions import (
 )
 from soliton_linkage_nodes.messages.frame_assembler import FrameAssembler
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
-from soliton_linkage_nodes.programs.command_line import (
-    number,
-    parse_own_arguments,
-    ros_client,
-)
+from soliton_linkage_nodes.programs.command_line import number, parse_own_arguments, ros_client
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 from soliton_linkage_nodes.runtime.process import spin_until
@@ -74,7 +70,6 @@ class CheckRig(Node):
         source, given = declare(self, ChainSourceParameters), declare_chain(self)
         reject_unknown(self)
         self.named: NamedChain | None = None
-        """Configured chain, None if it is unknown."""
         self._joints = source.joint_names
         self._stopping = stopping
         self._chains: list[msg.Chain] = []
@@ -93,10 +88,9 @@ class CheckRig(Node):
         super().destroy_node()
 
     def check(self, seconds: float, limit: float, turn: bool) -> RigFindings | None:
-        """Watch the rig for `seconds` [s], ask for the turns, and return the findings.
+        """Watch the rig for `seconds`, ask for turns, and return the findings, None if stopped.
 
-        `limit` is the longest wait for frames and for each `turn` [s]. Returns None if `stopping`
-        is set. Raises ValueError without frames.
+        Each wait is at most `limit` [s] long. Raises ValueError without frames.
         """
         if not self._wait(lambda: self._received, limit) and not self._stopping.is_set():
             raise ValueError(
@@ -120,7 +114,6 @@ class CheckRig(Node):
         return check_rig(watched, turns, names, self.named.chain if self.named else None)
 
     def _turn(self, rotor: int, limit: float) -> Turn:
-        """Ask a person to turn a rotor, and return the frames of the motion."""
         begin, rest = len(self._received), interpolated(self._latest().angles)[-1]
         print(
             f'Turn {self.joint_names[rotor]} by hand in the positive direction: clockwise, if you '

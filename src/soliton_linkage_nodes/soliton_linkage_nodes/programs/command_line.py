@@ -81,10 +81,7 @@ def exit_on_failure(program: str) -> Iterator[None]:
 
 @contextmanager
 def ros_client(program: str) -> Iterator[threading.Event]:
-    """Initialise ROS for a client, and yield the event that SIGINT and SIGTERM set.
-
-    It exits with code 1 after a failure, and with code 130 after a signal.
-    """
+    """Initialise ROS for a client; yield the event of SIGINT and SIGTERM. Exit with 1 or 130."""
     stopping = stop_on_signals()
     try:
         with exit_on_failure(program):

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measure the Lorentz contraction of walls at a dozen speeds with the analyser.
 
-For each speed, the program starts a simulator with noisy encoders, nudges a wall into the
-simulated chain and records a bag. Then the program analyses the bags and compares the speeds and
-widths of the walls with theory.
+For each speed, a simulator with noisy encoders runs, a nudge starts a wall, and a bag is recorded.
+The measured speeds and widths of the walls are compared with theory.
 """
 
 from __future__ import annotations
@@ -59,8 +58,8 @@ def record(
 ) -> Path:
     """Record a bag with one moving wall and return its path; RuntimeError if a node fails.
 
-    `walls` and `kick` are indices of `study.walls` and of its kicks. The stiffness is scaled so
-    that the wall has passed the middle after 6 s.
+    `walls` and `kick` are indices of the study. The stiffness lets the wall pass the middle in 6
+    s.
     """
     chain, speed = study.walls[walls].chain, study.walls[walls].kicks[kick]
     unit = _SECONDS / (_WAY * study.duration(walls, kick))

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measure the angles of a chain in a film, and write them to a bag for analyse_bag.
 
-The bag has the topics chain, joint_states and joint_state_deviations. The topic
-joint_state_deviations contains the standard deviation of each angle. The stamps are the times of
-the pictures in the film. The film may have any frame rate. With --overlay, the program also
-writes the film with the detected markers and the walls.
+The bag has the topics chain, joint_states and joint_state_deviations, the standard deviations of
+the angles. The stamps are the times of the pictures. With --overlay, the program also writes the
+film with the detected markers and the walls.
 """
 
 from __future__ import annotations
@@ -85,8 +84,7 @@ def film_to_bag(
 ) -> FilmSummary:
     """Write the angles in a film to a bag, and the film with the detected markers to `overlay`.
 
-    If the film is damaged or `stopping` is set, the bag contains the angles so far. Raises
-    ValueError if no angle was measured.
+    After damage or `stopping`, the bag has the angles so far. Raises ValueError if there are none.
     """
     bag = _AngleBag(output, named)
     seen: list[tuple[float, float]] = []
@@ -175,10 +173,7 @@ class _AngleBag:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Measure the angles of a film; exit with 1 after a failure, 130 after Ctrl-C.
-
-    For a camera, Ctrl-C is the normal end, and the exit code is 0.
-    """
+    """Measure a film until its end or Ctrl-C; exit with 1 after a failure, 130 if interrupted."""
     options = _parser().parse(arguments)
     with exit_on_failure('film_encoders'):
         stopping = stop_on_signals()

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimate the lengths of a chain and their standard deviations from bags.
 
-In each bag a soliton must pass through the chain. Several bags must show the same chain with the
-same encoders, for example at different tilts. The program writes chain.yaml for all nodes,
-lengths.csv, and a report with the residuals of each bond.
+In each bag a soliton must pass through the same chain, for example at different tilts. The program
+writes chain.yaml for all nodes, lengths.csv, and a report with the residuals of each bond.
 """
 
 from __future__ import annotations
@@ -74,10 +73,7 @@ def identify_bags(
     assumptions: IdentificationOptions = IdentificationOptions(),
     limits: BagLimits = DEFAULT_LIMITS,
 ) -> Identification:
-    """Identify a chain from bags, and write chain.yaml, lengths.csv and pictures.
-
-    A `given` chain replaces the recorded chain.
-    """
+    """Identify the recorded or `given` chain from bags, and write chain.yaml and other results."""
     spacing = assumptions.spacing
     recordings = []
     reference = given
@@ -225,11 +221,10 @@ def read_joints(
     span: tuple[float, float],
     most_frames: int = _MOST_FRAMES,
 ) -> JointRecord:
-    """Read angles, standard deviations, impulses and tilts from a bag.
+    """Read angles, standard deviations, impulses and tilts from a bag, as in the chain `known`.
 
-    The joints have the order of the chain `known`, if given. `span` holds the first and last used
-    time from the first frame [s]. Of more than `most_frames` frames, the most informative ones are
-    used.
+    `span` holds the first and last used time from the first frame [s]; `most_frames` limits the
+    frames.
     """
     record = JointRecord(known.joint_names if known else (), most_frames)
     adders: dict[str, Callable[[Any, int], None]] = {
@@ -335,7 +330,6 @@ def summary(found: Identification) -> str:
 
 
 def _forces(found: Identification) -> Iterator[str]:
-    """Yield texts about springs, drag and masses, and a list of undetermined quantities."""
     chain = found.chain
     springs, masses = ('stiffness' in found.deviations, 'mass' in found.deviations)
     if springs:

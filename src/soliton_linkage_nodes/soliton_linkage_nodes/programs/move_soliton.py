@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Move the soliton to a rotor and show its motion. This program replaces `ros2 action`.
 
-The program sends a goal of the action move_soliton to soliton_steering. The program ends when the
-soliton has arrived. If the soliton cannot arrive, the program ends with exit code 1. Ctrl-C
-brings the soliton to rest.
+It sends a goal of the action move_soliton to soliton_steering, and ends when the soliton has
+arrived, or with exit code 1 if it cannot arrive. Ctrl-C brings the soliton to rest.
 """
 
 from __future__ import annotations
@@ -52,11 +51,11 @@ class MoveClient(WaitingNode):
         interfaces.DIAGNOSTICS.subscribe(self, self._on_diagnostics)
 
     def move(self, rotor: float, speed: float, wait: float = _LONGEST_WAIT) -> MoveSoliton.Result:
-        """Move the soliton to `rotor` [rotor spacings] and return the result.
+        """Move the soliton to `rotor` at most at `speed`, and return the result.
 
-        It waits at most `wait` [s] for the steering node; `speed` is the largest one [rotor
-        spacings/s]. Raises ValueError if the action server is missing or disappears, and
-        KeyboardInterrupt if Ctrl-C interrupts the move and it does not end soon.
+        The wait for the steering node is at most `wait` [s]. Raises ValueError if the action
+        server is missing, and KeyboardInterrupt if Ctrl-C interrupts the move and it does not end
+        soon.
         """
         deadline = time.monotonic() + wait
         self._until(

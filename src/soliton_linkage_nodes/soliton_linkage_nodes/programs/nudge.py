@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nudge an edge of the chain and print the result. This program replaces `ros2 topic pub`.
 
-The program waits for the edge actuator, publishes on the topic nudge, and prints the answer that
-the actuator publishes on last_kick. If the nudge fails, the program prints the reason.
+The program waits for the edge actuator, publishes on the topic nudge, and prints the answer on
+last_kick, or the reason of a failure.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ class NudgeClient(WaitingNode):
     def nudge(self, speed: float, subscribers: int, timeout: float) -> LastKick | None:
         """Nudge with `speed` [rad/s]; return the answer of the actuator, or None if interrupted.
 
-        It waits at most `timeout` [s] for a ready actuator and the subscribers. Raises ValueError
-        if no actuator is found, or if it rejects the nudge or does not answer.
+        Raises ValueError if no actuator is ready within `timeout` [s], or if it rejects the nudge
+        or does not answer.
         """
         deadline = time.monotonic() + timeout
         self.wait(self._actuators, timeout)
@@ -81,7 +81,6 @@ class NudgeClient(WaitingNode):
         return _names(subscribed) & _names(publishing)
 
     def _ready(self, subscribers: int) -> bool:
-        """Return whether an actuator is ready: it has received the chain and frames."""
         reports = [self._reports[name] for name in self._actuators() & self._reports.keys()]
         return (
             self._nudges.get_subscription_count() >= subscribers

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write pages of markers for a chain, to scale: dots for pivots and masses, and frame markers.
 
-Print the pages without scaling, and measure the printed ruler as a check. Cut the markers out,
-and stick each marker at the position that is printed below it. The last sheet is a chessboard for
-calibrate_camera.
+Print the pages without scaling, and check the printed ruler. Cut the markers out, and stick each
+one at the position printed below it. The last sheet is a chessboard for calibrate_camera.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulate a microcontroller with the encoders and valves of a chain, for serial_encoders.
 
-The program opens a pseudo-terminal and prints its path. Until Ctrl-C the program exchanges the
-frames of the serial protocol with serial_encoders. The simulated chain starts at rest and leans
-left. Commands to the valves drive the chain.
+The program opens a pseudo-terminal, prints its path, and exchanges the frames of the serial
+protocol until Ctrl-C. The chain starts at rest and leans left. Commands to the valves drive it.
 """
 
 from __future__ import annotations

@@ -2,9 +2,9 @@
 """Run several nodes of the suite in one process to reduce memory and processor time.
 
 Each node keeps its name, topics, services, parameters and diagnostics. Ctrl-C stops all nodes and
-closes the bag. With -p port:=/dev/ttyACM0, serial_encoders replaces the simulator. If another
-program publishes joint_states, list only the nodes to run. For several chains, list each node
-with its namespace, for example left/soliton_analyser.
+closes the bag. With -p port:=/dev/ttyACM0, serial_encoders replaces the simulator. List the nodes
+to run if another program publishes joint_states, and with their namespaces for several chains, for
+example left/soliton_analyser.
 """
 
 from __future__ import annotations
@@ -104,8 +104,7 @@ def addressed(
 ) -> tuple[list[str], dict[str, list[Parameter]]]:
     """Split the arguments of ROS into general arguments and the parameters of each node.
 
-    ROS itself cannot apply a parameter to one node in a namespace. A parameter that no node has is
-    rejected later.
+    ROS itself cannot apply a parameter to one node in a namespace.
     """
     rest: list[str] = []
     given: dict[str, list[Parameter]] = {name: [] for name in classes}
@@ -138,7 +137,6 @@ def _known_to_ros(arguments: Sequence[str]) -> list[str]:
 
 
 def _value(text: str) -> Any:
-    """Return a YAML value as ROS reads it. For example, 1e-3 is also a number."""
     try:
         read = yaml.safe_load(text)
     except yaml.YAMLError as error:

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Show the chain in the terminal: the lean of its rotors, and the position of the soliton.
 
-The line shows the chain from the topics chain and joint_states. The line also shows position and
-velocity of the first soliton in the topic soliton_state. The position is in rotor spacings from
-rotor 0. If no node publishes chain, add --ros-args -p chain_from:=parameters and the parameters
-chain.* or a parameter file.
+The chain comes from the topics chain and joint_states, the position [rotor spacings] and velocity
+of the first soliton from soliton_state. If no node publishes chain, add --ros-args -p
+chain_from:=parameters and the parameters chain.* or a parameter file.
 """
 
 from __future__ import annotations

@@ -44,10 +44,9 @@ class PlaybackRange:
         return (self.last - self.origin) / SECOND
 
     def part(self, offset: int, duration: int, until: int) -> PlaybackRange:
-        """Return the range from `offset` after the start of the bag to the end of the playback.
+        """Return the range from `offset` after the start to the end; ValueError if empty.
 
-        As in rosbag2, the end is after `duration` or at `until` [ns], whichever is later; values
-        of 0 or less are ignored. Raises ValueError if the range is empty.
+        As in rosbag2, the end is the later of `duration` and `until` [ns]; 0 or less is ignored.
         """
         start = self.origin + max(offset, 0)
         ends = [start + duration + 1] if duration > 0 else []
@@ -62,10 +61,7 @@ class PlaybackRange:
 
 
 def playback_range(reader: Reader, start_offset: float, playback_until: float) -> PlaybackRange:
-    """Return the range between two times from the start [s], 0 for the end of the bag.
-
-    Raises ValueError if the range is empty.
-    """
+    """Return the range between two times from the start [s] (0: end); ValueError if empty."""
     empty = not reader.message_count
     origin, last = (0, 0) if empty else (reader.start_time, reader.end_time)
     start = origin + round(start_offset * SECOND)
@@ -96,9 +92,8 @@ class PlaybackThread:
     """Thread that publishes each message of a bag when it is due.
 
     It calls `prepare(True)`, publishes the last latched messages from before the range, and calls
-    `prepare(False)`. Before each message, it calls `publish_clock` with the receive time [ns].
-    `finished` is set at the end of the bag, not after a stop. `rounds` counts starts, `jumps`
-    seeks.
+    `prepare(False)`. Before each message, it calls `publish_clock` with the receive time [ns]. A
+    stop does not set `finished`. `rounds` counts starts, `jumps` seeks.
     """
 
     def __init__(
@@ -220,10 +215,7 @@ class PlaybackThread:
             self._clock.start(before + skipped)
 
     def _publish_latched(self, reader: Reader, start: int) -> dict[str, int]:
-        """Publish the latched messages before `start` [ns], or else the first one after it.
-
-        Returns the receive times [ns] of messages published ahead of time, by topic.
-        """
+        """Publish latched messages up to `start`; return the time of later ones by topic."""
         ahead = {}
         for connection in filter(latched, self._publishers.of(reader.connections)):
             kept = latched_before(reader, connection, start)

@@ -26,9 +26,9 @@ class NextAction(Enum):
 class PlaybackClock:
     """Clock of the playback.
 
-    The playback time [ns] is `p = p0 + rate (t - t0)`, where t is the current time. Each pause,
-    seek and change of the rate sets t0 and p0. Unless `paced`, messages are due immediately except
-    in a pause.
+    The playback time [ns] is `p = p0 + rate (t - t0)` with the current time t. Each pause, seek
+    and change of the rate sets t0 and p0. Unless `paced`, messages are due immediately except in a
+    pause.
     """
 
     def __init__(
@@ -41,11 +41,7 @@ class PlaybackClock:
         longest_burst: float = 2.0,
         changed: threading.Condition | None = None,
     ) -> None:
-        """Create a clock. `start` sets its first playback time.
-
-        `longest_step` and `longest_burst` [s] limit `play_next` and `burst`, which block other
-        services.
-        """
+        """Create a clock; two times [s] limit `play_next` and `burst`, which block services."""
         self.stopping = threading.Event()
         self._longest_step = longest_step
         self._longest_burst = longest_burst
@@ -107,10 +103,7 @@ class PlaybackClock:
             return bool(self._step(1, self._longest_step))
 
     def burst(self, number: int) -> int:
-        """Play `number` messages of a paused playback without delays; 0 means all.
-
-        Returns the number of messages played in time. Unless it is 0, the rest follows.
-        """
+        """Play `number` messages of a pause (0: all); return how many were played in time."""
         with self._changed:
             return self._step(number or sys.maxsize, self._longest_burst)
 

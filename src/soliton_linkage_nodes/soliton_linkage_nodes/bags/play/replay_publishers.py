@@ -32,16 +32,12 @@ _ANSWER_POLL_INTERVAL = 0.05
 class Lockstep:
     """Flow control of a replay: frames wait until the analyser has answered earlier frames.
 
-    Messages with the same stamp count as one frame. A `soliton_state` answers the frame with its
-    stamp and all earlier ones, because the analyser does not answer rejected frames.
+    A `soliton_state` answers all messages with its stamp and earlier ones, because the analyser
+    does not answer rejected frames.
     """
 
     def __init__(self, node: Node, frames: str, window: int, limit: float) -> None:
-        """Subscribe to `soliton_state` in the namespace of the topic `frames`.
-
-        At most `window` frames are unanswered. After `limit` [s] without an answer, the player no
-        longer waits for these frames; `given_up` counts them.
-        """
+        """Allow `window` unanswered frames; `given_up` counts those after `limit` [s]."""
         self.given_up = 0
         self.frames = frames
         self.states = f'{frames.rpartition("/")[0]}/{interfaces.SOLITON_STATE.name}'
@@ -71,10 +67,7 @@ class Lockstep:
                 )
 
     def wait_for_turn(self, topic: str, message: bytes, stopped: Callable[[], bool]) -> None:
-        """Wait until a message may be published.
-
-        A frame waits until fewer than `window` frames are unanswered, others wait for all answers.
-        """
+        """Wait until a frame may be published; other messages wait for all answers."""
         if topic != self.frames:
             self.settle(stopped)
             return
@@ -135,8 +128,8 @@ _REJECTED = (ValueError, NameValidationException, rclpy_implementation.RCLError)
 class ReplayPublishers:
     """Publishers of the messages of a bag; waits end when `stopping` is set.
 
-    Messages with a changed definition are converted. Of several types of a topic, only the first
-    installed one is published.
+    Messages with a changed definition are converted. Each topic is published with the first
+    installed type.
     """
 
     def __init__(
@@ -295,13 +288,9 @@ _QUERY_INTERVAL = 0.25
 
 
 class RecordedStates:
-    """Suppression of recorded soliton states or events while an analyser runs.
-
-    An analyser is another node that subscribes to `joint_states` and publishes the topic.
-    """
+    """Suppression of recorded soliton states or events while another node publishes them."""
 
     def __init__(self, node: Node, topic: str, chosen: bool) -> None:
-        """Search for an analyser that publishes `topic`. If `chosen`, always play the topic."""
         self.topic = topic
         self._node = node
         self._states = node.resolve_topic_name(topic)

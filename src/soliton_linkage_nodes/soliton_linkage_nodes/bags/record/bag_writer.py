@@ -49,12 +49,11 @@ class UnfinishedBag:
 
 
 class BagWriter:
-    """Writer of a bag in a directory named `<name>_<first free number>`.
+    """Writer of a bag in a directory named `<name>_<first free number>`; not thread-safe.
 
     Every `flush_interval` [s], pending messages go to the operating system and survive a killed
-    process. Every `sync_interval` [s], unless it is 0, the file is synchronised to disk. A
-    reserved file of 1 MiB makes space for the index if the disk is full. The writer is not
-    thread-safe. Methods raise OSError if the bag cannot be written.
+    process. Every `sync_interval` [s], unless 0, they go to the disk. A reserved file makes space
+    for the index of a full disk. Methods raise OSError if the bag cannot be written.
     """
 
     def __init__(
@@ -67,11 +66,7 @@ class BagWriter:
         sync_interval: float = 0.0,
         begun: UnfinishedBag | None = None,
     ) -> None:
-        """Create the directory, or continue the unfinished bag `begun` in a new file.
-
-        A new file begins at the size `largest_file` [B] or the duration `longest_file` [s], if not
-        0.
-        """
+        """Create the directory or continue `begun`; two limits [B, s] begin new files."""
         if compression not in COMPRESSIONS:
             known = ' or '.join(COMPRESSIONS)
             raise ValueError(f'compression {compression!r} is unknown; use {known}')
@@ -120,10 +115,7 @@ class BagWriter:
         return len(self._files) + 1
 
     def add_topic(self, topic: str, type_name: str, *profiles: QoSProfile) -> StoredTopic:
-        """Add a topic with the QoS profiles that its publishers offer.
-
-        Raises ValueError if the definition of the message type is not installed.
-        """
+        """Add a topic with the offered QoS profiles; ValueError if its type is not installed."""
         known = self._known.get((topic, type_name))
         if known is not None:
             return known

@@ -69,11 +69,7 @@ def _parameters_of(serialized: bytes) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class DiscoveryTimes:
-    """Times that determine when the discovery of publishers counts as complete [s].
-
-    Each process announces itself every 3 s. On a busy machine, every third discovery takes over 1
-    s.
-    """
+    """Times of the discovery of publishers [s]; each process announces itself every 3 s."""
 
     announcement: float = 3.2
     """Shortest duration of the discovery, in which every process announces itself [s]."""
@@ -111,8 +107,7 @@ class DiscoveryWait:
 _POLL_INTERVAL = 0.05
 """Time between two rounds of taking messages from the middleware [s]."""
 _DISCOVERY_INTERVAL = 0.01
-"""Time between two queries for awaited topics [s], whose first messages are missed. A query takes
-at most 0.1 ms."""
+"""Time between two queries for awaited topics [s]. A query takes at most 0.1 ms."""
 _LONGEST_ROUND = 5.0
 """Longest wait until the thread has taken all waiting messages, usually 0.01 s [s]."""
 _SEARCH_INTERVAL = 0.25
@@ -122,8 +117,8 @@ _SEARCH_INTERVAL = 0.25
 class ReceivingThread:
     """Thread that takes waiting messages and queues them for writing, in receive order.
 
-    The subscriptions belong to a node without an executor, because a callback cannot receive both
-    the raw message and its sequence number.
+    No executor spins the subscriptions: a callback cannot receive both raw message and sequence
+    number.
     """
 
     def __init__(
@@ -135,11 +130,7 @@ class ReceivingThread:
         real_time: bool = False,
         discovery: DiscoveryTimes = DiscoveryTimes(),
     ) -> None:
-        """Start the thread. With `real_time`, it has priority over ordinary threads.
-
-        After the discovery, it calls `announce` with the topics of publishers that are not matched
-        yet.
-        """
+        """Start the thread, which calls `announce` with unmatched topics after the discovery."""
         self.failure: Exception | None = None
         self._finder = finder
         self._buffer = buffer

@@ -30,11 +30,7 @@ class RecordedSubscription:
     def __init__(
         self, node: GuardedNode, source: RecordedTopic, message_type: Any, wanted_since: int
     ) -> None:
-        """Subscribe with a QoS profile that is compatible with all offered profiles.
-
-        Messages sent before the match count as missed if the publisher starts after `wanted_since`
-        [ns].
-        """
+        """Subscribe; messages before the match are missed if sent after `wanted_since` [ns]."""
         self.source = source
         self.gaps = SequenceGaps()
         self.starts = MissedStarts()
@@ -76,7 +72,7 @@ class RecordedSubscription:
     def adapt(self, query: bool) -> list[ReceivedMessage]:
         """Subscribe again if publishers offer a lower QoS; return the messages that were waiting.
 
-        The ROS graph is queried if publishers changed or are not matched, or if `query` is set.
+        The ROS graph is queried after changes and with `query`.
         """
         unsettled = not self._subscription.as_requested or self.connected != self.publishers
         if not (self._subscription.changed or unsettled or query):
@@ -93,7 +89,6 @@ class TopicFinder:
     """Finder of the topics to record, which subscribes as soon as a type is known."""
 
     def __init__(self, node: GuardedNode, names: Sequence[str], regex: str, exclude: str) -> None:
-        """Select `names`, by default the suite's topics; patterns add and remove topics."""
         self._node = node
         self._regex = _compiled('regex', regex)
         self._exclude = _compiled('exclude_regex', exclude)
@@ -190,10 +185,7 @@ _MOST_KEPT = 512 * 2**20
 
 
 class RecordingBuffer:
-    """Buffer of messages for snapshots and pauses.
-
-    The last message of each latched topic is never discarded, because it remains valid.
-    """
+    """Buffer of messages for snapshots and pauses; it keeps the last message of latched topics."""
 
     def __init__(
         self, snapshot: float = 0.0, paused: bool = False, most_kept: int = _MOST_KEPT

@@ -44,9 +44,8 @@ class ReceivedMessage(NamedTuple):
 class WritingThread:
     """Thread that writes messages in the order of the calls of `put`.
 
-    While a disk is slow, up to 512 MiB of messages wait; further ones are dropped and counted.
-    After a failed write, the thread finishes the bag if possible and stores the error in
-    `failure`.
+    Up to 512 MiB of messages wait for a slow disk; further ones are dropped and counted. After a
+    failed write, the thread finishes the bag if possible and sets `failure`.
     """
 
     def __init__(
@@ -55,7 +54,6 @@ class WritingThread:
         most_waiting: int = _MOST_WAITING,
         real_time: bool = False,
     ) -> None:
-        """Create the bag and start the thread. Raises the errors of `create_writer`."""
         self.dropped: Counter[str] = Counter()
         self.failure: Exception | None = None
         self.rejected: dict[str, str] = {}

@@ -49,8 +49,8 @@ class _Stretch(NamedTuple):
 class IndexedMcap(LimitedReader):
     """Reader of the messages of an MCAP file in the order of their receive times.
 
-    Without statistics or definitions in the index, `open` scans the whole file. Methods raise
-    ValueError if the file is damaged or exceeds the limits.
+    If the index is incomplete, `open` scans the file. Methods raise ValueError if the file is
+    damaged or exceeds the limits.
     """
 
     def __init__(self, path: Path) -> None:
@@ -142,7 +142,6 @@ class IndexedMcap(LimitedReader):
             self._span = span if any(self._counts.values()) else None
 
     def _scan(self) -> Counter[int]:
-        """Read what the index does not list; return the number of messages in each channel."""
         counts: Counter[int] = Counter()
         budget = self.limits.for_file(len(self._data))
         offset = len(mcap.MAGIC)

@@ -139,10 +139,7 @@ def _text_map(texts: Mapping[str, str]) -> bytes:
 def message_head(
     channel: int, stamp: int, size: int, published: int | None = None, sequence: int = 0
 ) -> bytes:
-    """Return the head of a message record, before a message of `size` bytes.
-
-    `stamp` is the receive time [ns] and, by default, also the publish time [ns].
-    """
+    """Return the head of a message record; `published` is `stamp` by default [ns]."""
     length = MESSAGE_HEADER.size + size
     published = stamp if published is None else published
     return _MESSAGE_RECORD_HEADER.pack(Opcode.MESSAGE, length, channel, sequence, stamp, published)
@@ -279,10 +276,7 @@ _LAYOUTS: dict[int, tuple[int, tuple[int, ...], int]] = {
 
 
 def extra_bytes(opcode: int, body: Bytes) -> int:
-    """Return the number of bytes after the known fields, which belong to a later format.
-
-    Raises ValueError if a known field is missing.
-    """
+    """Return the number of bytes after the known fields; ValueError if one is missing."""
     head, lengths, tail = _LAYOUTS[opcode]
     fields = Fields(body)
     fields.take(head)
@@ -297,10 +291,7 @@ def extra_bytes(opcode: int, body: Bytes) -> int:
 
 @dataclass(frozen=True)
 class ChunkHead:
-    """Fields of a chunk record before the packed records, which begin at `begin` [B].
-
-    `uncompressed` and `packed` are the sizes before and after compression [B].
-    """
+    """Fields of a chunk record; `packed` and `uncompressed` bytes, from `begin` [B] on."""
 
     uncompressed: int
     crc: int
@@ -327,10 +318,7 @@ def parse_chunk_head(body: Bytes) -> ChunkHead:
 
 
 def unpack(head: ChunkHead, packed: Bytes, most: int) -> tuple[Bytes, bool]:
-    """Return the records of a chunk up to the first damage, and whether it is intact.
-
-    If the decompressed size exceeds `most` [B], no records are returned.
-    """
+    """Return the records of a chunk of up to `most` [B], and whether the chunk is intact."""
     if head.uncompressed > most:
         return b'', False
     records = packed

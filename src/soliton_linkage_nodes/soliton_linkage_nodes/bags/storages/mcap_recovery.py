@@ -47,9 +47,9 @@ class _Run(NamedTuple):
 class RecoveredMcap(RecoveredFile):
     """Recovery of the intact messages and the topics of an MCAP file.
 
-    After a damaged record, the next plausible record head is searched. A truncated chunk yields
-    its complete messages. Messages are doubtful in a chunk with a wrong checksum, or directly
-    after damage in a file with chunks. They are recovered only if `doubtful` is set.
+    After damage, the next plausible record head is searched. A truncated chunk yields its complete
+    messages. Messages are doubtful in a chunk with a wrong checksum, or directly after damage in a
+    file with chunks; they are recovered only if `doubtful` is set.
     """
 
     def _scan(self, path: Path) -> None:

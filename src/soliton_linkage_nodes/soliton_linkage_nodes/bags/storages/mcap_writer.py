@@ -18,23 +18,20 @@ from soliton_linkage_nodes.bags.storages.mcap_records import Channel, Opcode, Sc
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 
 _LARGEST_CHUNK = 2**20
-"""Size at which a chunk is written [B]. Larger ones lose more by one damaged byte, smaller ones
-have more overhead. Other writers use 768 KiB to 4 MiB."""
+"""Size at which a chunk is written [B]. Sensitivity: larger ones lose more by one damaged byte,
+smaller ones have more overhead."""
 
 
 class McapWriter:
-    """Writer of an MCAP file that consists of chunks with checksums.
+    """Writer of an MCAP file of chunks with checksums; OSError if a write fails.
 
     Definitions of topics are repeated, so that messages stay readable if other parts are lost.
     Every chunk contains a message, because MCAP C++ before 2.0.1 ignores the index if the first
-    chunk has none. After a failed write, the file is truncated to its last complete chunk.
-
-    `counts` holds the number of messages per topic number, `span` the first and last receive time
-    [ns]. Methods raise OSError if a write fails.
+    chunk has none. A failed write truncates the file to its last complete chunk. `counts` holds
+    the messages per topic number, `span` the first and last receive time [ns].
     """
 
     def __init__(self, path: Path, codec: str = '', definitions_interval: float = 10.0) -> None:
-        """Create the file. Definitions are repeated after `definitions_interval` [s]."""
         self.counts: Counter[int] = Counter()
         self.span: tuple[int, int] | None = None
         self._end = 0

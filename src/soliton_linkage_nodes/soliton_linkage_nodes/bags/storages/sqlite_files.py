@@ -41,10 +41,7 @@ class Tables:
     """Tables of a sqlite3 file, only read. Raises sqlite3.Error if the file is damaged."""
 
     def __init__(self, path: Path, largest_value: int, damaged: bool = False) -> None:
-        """Open a file; values larger than `largest_value` [B] are returned as None.
-
-        A `damaged` file may have fewer pages than its header states.
-        """
+        """Open a file, perhaps `damaged`; values larger than `largest_value` [B] become None."""
         path = regular_file(path)
         self._largest = largest_value
         self.size = path.stat().st_size
@@ -89,10 +86,10 @@ class Tables:
     def rows(
         self, table: str, columns: Sequence[str], rest: str = '', values: Sequence[object] = ()
     ) -> Iterator[tuple[Any, ...]]:
-        """Yield the values in some columns of each row of a table.
+        """Yield some columns of each row; the SELECT statement ends with `rest` for `values`.
 
-        `rest` is appended to the SELECT statement; `values` are for its placeholders. Raises
-        sqlite3.Error if `table` is not an ordinary table or has more rows than the file can hold.
+        Raises sqlite3.Error if `table` is not an ordinary table or has more rows than the file can
+        hold.
         """
         self._check(table, columns)
         quoted = ['"{}"'.format(name.replace('"', '""')) for name in columns]
@@ -124,11 +121,7 @@ class Tables:
         return found[0], found[1]
 
     def topics(self) -> Iterator[tuple[Any, ...]]:
-        """Yield the fields of each topic, '' if missing.
-
-        They are number, name, type, serialization, QoS profiles, type hash, and encoding and text
-        of the type definition.
-        """
+        """Yield number, name, type, serialization, QoS, hash and definition of each topic."""
         definitions: dict[Any, tuple[Any, Any]] = {}
         if self.columns('message_definitions'):
             columns = ('topic_type', 'encoding', 'encoded_message_definition')
@@ -157,10 +150,7 @@ _MESSAGE = ('topic_id', 'timestamp', 'data')
 
 
 class StoredSqlite(LimitedReader):
-    """Reader of the messages of a sqlite3 file in the order of their receive times.
-
-    Methods raise ValueError or sqlite3.Error if the file is damaged.
-    """
+    """Reader of a sqlite3 file by receive time; ValueError or sqlite3.Error if it is damaged."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()
@@ -231,10 +221,7 @@ class StoredSqlite(LimitedReader):
 
 
 class RecoveredSqlite(RecoveredFile):
-    """Recovery of the messages of a sqlite3 file, row by row until SQLite reports an error.
-
-    Messages count as unverified, because rosbag2 stores no checksums in these files.
-    """
+    """Recovery of the messages of a sqlite3 file, row by row up to an error, without checksums."""
 
     def _scan(self, path: Path) -> None:
         self._folder = TemporaryDirectory(prefix='recover_bag_')
@@ -305,10 +292,7 @@ class RecoveredSqlite(RecoveredFile):
 
 
 def _with_journal(path: Path, folder: Path, excess: int = 0) -> Path:
-    """Return a file, or a copy without the last `excess` bytes or with its journal applied.
-
-    SQLite would modify a file with a journal.
-    """
+    """Return a file, or a copy without the last `excess` bytes or with its journal applied."""
     journals = [Path(f'{path}{end}') for end in ('-journal', '-wal')]
     present = [each for each in journals if each.is_file() and each.stat().st_size]
     if not (present or excess):

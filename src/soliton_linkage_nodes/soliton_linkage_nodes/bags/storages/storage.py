@@ -103,9 +103,8 @@ class RecoveredFile(ABC):
     """Recovery of all intact messages of a bag file, which may be damaged.
 
     `topics` maps the numbers in the file to topics. `damage` has one line for each damaged part,
-    `lost` messages cannot be read, `unverified` ones have no checksum; all are complete after the
-    last of `messages`. `stated` is the number of messages in the statistics, 0 if unknown.
-    `records` holds opcodes and contents of records to copy.
+    `lost` messages cannot be read, `unverified` ones have no checksum, `stated` is their number in
+    the statistics or 0. `records` holds opcodes and contents of records to copy.
     """
 
     def __init__(

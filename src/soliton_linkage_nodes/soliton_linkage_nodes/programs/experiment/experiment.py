@@ -66,10 +66,7 @@ class Experiment:
         stopping: threading.Event,
         page: bool = False,
     ) -> None:
-        """Prepare the folder for the results. Setting `stopping` interrupts the experiment.
-
-        If `page` is true, a read-only page in the browser shows the chain.
-        """
+        """Prepare the folder for the results; a `page` in the browser shows the chain."""
         self._page = page
         self.bag = output / f'{observer.settings.scenario}_0'
         self._configuration = configuration

@@ -53,15 +53,14 @@ class PositionErrors:
     stated: float
     """Root mean square of the stated standard deviation of the position [rotor spacings]."""
     allowed: float
-    """Root mean square Cramer-Rao bound of the position [rotor spacings]: angle noise / arc length
-    of the orbit per site."""
+    """Root mean square Cramer-Rao bound of the position of one frame [rotor spacings]."""
     with_true_chain: float
     """Root mean square position error of an analyser with the true chain [rotor spacings]."""
     hidden: float
     """Fraction of the angles that were hidden in the compared frames [1]."""
     by_hidden: float
-    """Root mean square position error with the true chain and the exact angles of visible rotors
-    [rotor spacings]; strained springs leave the orbit."""
+    """Root mean square position error with the true chain and exact visible angles [rotor
+    spacings]."""
 
 
 @dataclass(frozen=True)
@@ -204,7 +203,6 @@ def describe_errors(errors: PositionErrors, spread: float) -> str:
 
 
 def _positions(chain: Chain, times: Array, angles: Array) -> Array:
-    """Return the soliton's position [rotor spacings] and standard deviation [m], shape (T, 2)."""
     analyser = Analyser(chain)
     return np.array(
         [

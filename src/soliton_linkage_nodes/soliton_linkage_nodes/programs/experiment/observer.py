@@ -127,10 +127,7 @@ class RoundTrip:
         self._away = False
 
     def ended(self) -> bool:
-        """Return whether the soliton has crossed the chain and returned.
-
-        Raises RuntimeError if the actuator rejected the nudge.
-        """
+        """Return whether the soliton has returned; RuntimeError if the nudge was rejected."""
         rejection = self._observer.figures('edge_actuator').get('last rejection')
         if rejection:
             raise RuntimeError(f'edge_actuator rejected {rejection}')

@@ -2,10 +2,9 @@
 """Run an experiment: drive the chain, watch its solitons, record and replay.
 
 The program starts simulator, actuator, analyser and recorder in a private domain of this machine,
-and writes a bag, two pictures, a page and a summary. The program runs a filmed experiment instead
-if the parameter file has a section filmed_experiment. A filmed experiment renders a film of a
-chain with unknown lengths, identifies the chain from the film and tracks its soliton. The page
-then contains the film, the detected markers, the identified chain and the track.
+and writes a bag, two pictures, a page and a summary. If the parameter file has a section
+filmed_experiment, it renders a film of a chain with unknown lengths, identifies the chain from the
+film and tracks its soliton; the page then contains the film and the results.
 """
 
 from __future__ import annotations
@@ -105,10 +104,7 @@ def _run_filmed(options: argparse.Namespace, given: dict[str, Any]) -> None:
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[Path]:
-    """Yield a folder that no other experiment uses, without the results of an earlier one.
-
-    It is `folder`, or else the first free one with the suffix _1, _2, ...
-    """
+    """Yield `folder`, or the first free one with the suffix _1, _2, ..., without old results."""
     candidates = (folder.with_name(f'{folder.name}_{n}') if n else folder for n in count())
     claims = ((each, _claim(each)) for each in candidates)
     chosen, claim = next((each, claim) for each, claim in claims if claim is not None)

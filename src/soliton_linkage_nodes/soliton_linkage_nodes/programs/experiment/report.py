@@ -82,10 +82,7 @@ def read_run(bag: Path) -> RecordedRun:
 def largest_difference(
     live: Mapping[int, tuple[float, ...]], replayed: Mapping[int, tuple[float, ...]]
 ) -> float:
-    """Return the largest difference between live and replayed sites [rotor spacings].
-
-    It is infinite if the numbers of solitons in a common frame differ.
-    """
+    """Return the largest difference of sites [rotor spacings], infinite if numbers differ."""
     largest = 0.0
     for stamp in live.keys() & replayed.keys():
         if len(live[stamp]) != len(replayed[stamp]):
