@@ -64,7 +64,7 @@ def read_messages(
     start: int | None = None,
     stop: int | None = None,
 ) -> Iterator[tuple[Connection, int, bytes]]:
-    """Yield topic, receive time [ns] and bytes of messages in [start, stop), or ValueError."""
+    """Yield topic, receive time [ns] and bytes in [start, stop); ValueError if damaged."""
     # If the list is empty, rosbags would read all topics.
     if not connections:
         return

@@ -18,7 +18,7 @@ _WIDTH = 100
 
 
 def interface_type(name: str, kind: str) -> Any:
-    """Return the class of 'std_msgs/Float64', `kind` 'msg', 'srv' or 'action', or ValueError."""
+    """Return the class of a type of `kind` 'msg', 'srv' or 'action'; ValueError if unknown."""
     package, _, rest = name.partition('/')
     middle, _, last = rest.rpartition('/')
     if not (package and last) or middle not in ('', kind):

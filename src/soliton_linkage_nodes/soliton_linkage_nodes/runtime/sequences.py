@@ -287,7 +287,7 @@ class Lag:
         self._behind_since: float | None = None
 
     def too_long(self, sent: int) -> bool:
-        """Add a message sent at `sent` [ns]; return if the lag exceeds `longest` for that time."""
+        """Add a message with source time `sent` [ns]; return whether the lag is too long."""
         now = time.monotonic()
         apart = time.time_ns() - sent
         if not self._least or now - self._since > _OFFSET_WINDOW:

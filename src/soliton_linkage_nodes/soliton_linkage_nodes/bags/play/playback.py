@@ -215,7 +215,7 @@ class PlaybackThread:
             self._clock.start(before + skipped)
 
     def _publish_latched(self, reader: Reader, start: int) -> dict[str, int]:
-        """Publish latched messages up to `start`; return the time of later ones by topic."""
+        """Publish latched messages before `start`, else the first one; return its time."""
         ahead = {}
         for connection in filter(latched, self._publishers.of(reader.connections)):
             kept = latched_before(reader, connection, start)

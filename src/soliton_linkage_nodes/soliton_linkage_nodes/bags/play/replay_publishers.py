@@ -37,7 +37,7 @@ class Lockstep:
     """
 
     def __init__(self, node: Node, frames: str, window: int, limit: float) -> None:
-        """Allow `window` unanswered frames; `given_up` counts those after `limit` [s]."""
+        """Allow `window` unanswered frames; after `limit` [s], `given_up` counts them."""
         self.given_up = 0
         self.frames = frames
         self.states = f'{frames.rpartition("/")[0]}/{interfaces.SOLITON_STATE.name}'

@@ -66,7 +66,7 @@ class BagWriter:
         sync_interval: float = 0.0,
         begun: UnfinishedBag | None = None,
     ) -> None:
-        """Create the directory or continue `begun`; two limits [B, s] begin new files."""
+        """Create the bag or continue `begun`; `largest_file` is in [B], `longest_file` in [s]."""
         if compression not in COMPRESSIONS:
             known = ' or '.join(COMPRESSIONS)
             raise ValueError(f'compression {compression!r} is unknown; use {known}')

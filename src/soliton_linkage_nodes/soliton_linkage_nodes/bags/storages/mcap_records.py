@@ -291,7 +291,7 @@ def extra_bytes(opcode: int, body: Bytes) -> int:
 
 @dataclass(frozen=True)
 class ChunkHead:
-    """Fields of a chunk record; `packed` and `uncompressed` bytes, from `begin` [B] on."""
+    """Head of a chunk record; sizes `packed` and `uncompressed`, and offset `begin` [B]."""
 
     uncompressed: int
     crc: int

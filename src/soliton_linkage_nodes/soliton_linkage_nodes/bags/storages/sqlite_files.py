@@ -86,7 +86,7 @@ class Tables:
     def rows(
         self, table: str, columns: Sequence[str], rest: str = '', values: Sequence[object] = ()
     ) -> Iterator[tuple[Any, ...]]:
-        """Yield some columns of each row; the SELECT statement ends with `rest` for `values`.
+        """Yield columns of each row; `rest`, with placeholders for `values`, ends the SELECT.
 
         Raises sqlite3.Error if `table` is not an ordinary table or has more rows than the file can
         hold.
