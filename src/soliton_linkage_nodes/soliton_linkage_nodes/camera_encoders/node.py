@@ -85,9 +85,10 @@ class CameraEncodersParameters:
 class CameraEncoders(ManagedNode):
     """Node that measures the angles of the rotors in camera pictures.
 
-    It reads a camera of this machine, `image` or `image/compressed`. It publishes `joint_states`
-    [rad] with the time of the exposure and NaN for hidden rotors, `joint_state_deviations` [rad],
-    while subscribed `camera_overlay`, and `chain` if parameters describe it.
+    It reads a camera of this machine, `image` or `image/compressed`, and subscribes to
+    `camera_info` and `soliton_state`. It publishes `joint_states` [rad] with the time of the
+    exposure and NaN for hidden rotors, `joint_state_deviations` [rad], `/diagnostics`, while
+    subscribed `camera_overlay`, and `chain` if parameters describe it.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {

@@ -53,9 +53,10 @@ class LiveViewParameters:
 class LiveView(GuardedNode):
     """Node that serves a web page, which shows all chains and sends commands to them.
 
-    In each namespace with `joint_states`, it subscribes to the topics of the chain, publishes
-    `nudge`, `edge_command`, `tilt` and `joint_commands`, and uses the services and actions of the
-    suite. It starts a `bag_recorder`, and a `bag_player` in the namespace `/replay`.
+    In each namespace with `joint_states` it subscribes to `soliton_state`, `chain`, `last_kick`
+    and `camera_overlay`, publishes `nudge`, `edge_command`, `tilt` and `joint_commands`, and uses
+    services and the action `move_soliton`. It reads and publishes `/diagnostics`. It starts a
+    `bag_recorder`, and a `bag_player` in the namespace `/replay`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {LiveViewParameters: ''}
