@@ -33,8 +33,7 @@ Numbers = NDArray[np.int64]
 Branches = NDArray[np.int8]
 
 _LONGEST_STEP = 0.1
-"""Largest step of the seed, relative to min(rest angle, 1 rad) [1]; no rotor is a seed for
-less."""
+"""Largest step / min(rest angle, 1 rad) [1]; no rotor is the seed for less than a step."""
 _SHORTEST_STEP = 1e-10
 """Shortest step of the seed [rad], above rounding errors of the lengths of bars."""
 _CLEAR_LEAD = 1e-9
@@ -54,8 +53,7 @@ class SeedPath(NamedTuple):
     ends: Array
     """Angle of the seed at the end of the piece [rad], without jumps of 2 pi."""
     left_branches: Branches
-    """Signs of A for the existing bars seed - beside ... seed + beside - 1, shape (P, 2
-    beside)."""
+    """Signs of A for the bars seed - beside ... seed + beside - 1, shape (P, 2 beside)."""
     right_branches: Branches
     """Signs of B for the same bars, shape (P, 2 beside)."""
 

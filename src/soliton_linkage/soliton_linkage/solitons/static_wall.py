@@ -22,8 +22,7 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 
 _DEPTHS_BESIDE = 19
-"""Distance from a wall beyond which the squared zero mode is a rounding error [penetration
-depths]."""
+"""Range of the squared zero mode above rounding errors [penetration depths]."""
 _MOST_BESIDE = 49_000
 """Largest number of rotors on each side of a wall [1], limited by the longest `Chain`."""
 _MOST_STEPS = 100_000
