@@ -159,7 +159,7 @@ class MotionFitter:
                 self._correct_stamps()
         self._prior = replace(self._prior, mass_deviation=INITIAL_MASS_DEVIATION)
         most = UNEXPLAINED * self._noise
-        equations = None
+        equations: list[WindowEquations] | None = None
         for number in range(_ROUNDS):
             ends = (estimated - (estimated - merged) / 2**each for each in (number, number + 1))
             show.enter(*ends)

@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -175,13 +177,19 @@ class ChainIdentifier(ManagedNode):
             Chain(), spacing=self.settings.spacing, mass=self.settings.mass
         )
         gravity = Gravity(self.settings.gravity)
-        work = record.readings(gravity), given, self.settings.tolerance or None
-        self._working = threading.Thread(target=self._identify, args=work, daemon=True)
+        work = functools.partial(
+            identify,
+            record.readings(gravity),
+            given,
+            self.settings.tolerance or None,
+            progress=self._show_progress,
+        )
+        self._working = threading.Thread(target=self._identify, args=(work,), daemon=True)
         self._working.start()
 
-    def _identify(self, *given: Any) -> None:
+    def _identify(self, work: Callable[[], Identification]) -> None:
         try:
-            self._outcome = identify(*given, progress=self._show_progress)
+            self._outcome = work()
         except ValueError as error:
             self._outcome = error
 
