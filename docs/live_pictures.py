@@ -33,6 +33,7 @@ CONFIGURATION = HERE.parents[1] / 'config' / 'flipper.yaml'
 BROWSERS = ('chromium', 'chromium-browser', 'google-chrome')
 SIZE = {'width': 1400, 'height': 1010}
 LEFT, RIGHT, SPEED = 8.5, 28.0, 5.0
+SLOWNESS = 4
 RATE, LENGTH, WIDTH = 3, 6.0, 640
 SPAN = 20.0
 COLOURS = 96
@@ -69,8 +70,15 @@ def main() -> None:
 
 @contextmanager
 def served(folder: Path) -> Iterator[str]:
-    """Start the live page with a simulated chain and yield its address."""
-    command = ['live', str(CONFIGURATION), '--output', str(folder / 'live'), '--no-browser']
+    """Start the live page with a simulated chain and yield its address.
+
+    The chain moves at 1 / SLOWNESS of real time, because screenshots would delay its frames.
+    """
+    slow = folder / CONFIGURATION.name
+    rate = '    publish_rate:'
+    factor = f'    real_time_factor: {1 / SLOWNESS}\n'
+    slow.write_text(CONFIGURATION.read_text().replace(rate, factor + rate))
+    command = ['live', str(slow), '--output', str(folder / 'live'), '--no-browser']
     process = subprocess.Popen(
         [*command, '--port', '0'], stdout=subprocess.PIPE, text=True, env=os.environ
     )
@@ -98,16 +106,19 @@ def film(page: Any, folder: Path) -> None:
     page.get_by_role('tab', name='Drive').click()
     page.wait_for_function(f'() => Math.abs(live.shown.rotor - {LEFT}) < 0.1')
     reset = time.monotonic()
-    page.wait_for_timeout(3000)
+    page.wait_for_timeout(3000 * SLOWNESS)
     page.evaluate(f'live.act("move", {{rotor: {RIGHT}, speed: {SPEED}}})')
-    page.wait_for_function('() => document.getElementById("live-move").textContent[0] === "r"')
+    page.wait_for_function(
+        '() => document.getElementById("live-move").textContent[0] === "r"', timeout=120e3
+    )
     # Wait until the reset has left the plotted history.
-    page.wait_for_timeout(1e3 * (reset + SPAN - LENGTH / 2 - time.monotonic()))
+    shown = reset + SLOWNESS * (SPAN - LENGTH / 2)
+    page.wait_for_timeout(1e3 * (shown - time.monotonic()))
     page.evaluate(f'live.act("move", {{rotor: {LEFT}, speed: {SPEED}}})')
     begun = time.monotonic()
     number = 0
-    while (elapsed := time.monotonic() - begun) < LENGTH:
-        page.wait_for_timeout(max(0.0, 1e3 * (number / RATE - elapsed)))
+    while (elapsed := (time.monotonic() - begun) / SLOWNESS) < LENGTH:
+        page.wait_for_timeout(max(0.0, 1e3 * SLOWNESS * (number / RATE - elapsed)))
         page.screenshot(path=folder / f'{number:03}.png')
         number += 1
     picture = Image.open(folder / f'{number // 2:03}.png').convert('RGB')
