@@ -60,6 +60,7 @@ build_all() {
     build --packages-skip "${physics[@]}" "${cmake_arguments[@]}" & messages=$!
     if wait "$rest"; then
         echo 'Compiling loops.'
+        (. setup/environment.sh && python3 setup/first_imports.py) &
         compile_loops src/soliton_linkage/soliton_linkage/{dynamics,estimation,orbit} || status=$?
         [ "$demo" ] || compile_other_loops || status=$?
     else
