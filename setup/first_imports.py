@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Import what several nodes import, once before they start.
 
-The first import of a package compiles its bytecode, and that of matplotlib also lists the fonts. Five
+The first import of a package compiles its bytecode, and that of matplotlib also lists the
+fonts. Five
 programs that start at once would each do this work. Packages that are not installed are skipped.
 """
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,7 +12,6 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
-from soliton_linkage.identification.result import Identification
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.track import Crossing, Track
@@ -30,6 +30,9 @@ from soliton_linkage_studies.palette import (
     WHITE,
     lean_ticks,
 )
+
+if TYPE_CHECKING:  # the demo does not compile the loops of the identification
+    from soliton_linkage.identification.result import Identification
 
 _KYMOGRAPH = """
 Horizontal displacement u = r sin φ of the mass of each rotor over time: purple for rotors that
