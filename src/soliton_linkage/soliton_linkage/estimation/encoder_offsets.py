@@ -26,7 +26,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 _DEPTHS_BESIDE = 3.0
 """Least distance of a far rotor [penetration depths]; the tail is below 5 % there."""
 _FEWEST_MEANS = 5
-"""Least number of block means of a rotor for a correction of its offset [1]."""
+"""Least number of blocks with a mean residual of a rotor before its offset is corrected [1]."""
 _FEWEST_ROTORS = 5
 """Least number of mean residuals for an estimate of the common error of the rest angles [1]."""
 _WAVE_TIME = 10.0

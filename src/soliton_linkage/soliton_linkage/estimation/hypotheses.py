@@ -95,7 +95,7 @@ class Hypotheses:
             self.all.append(Hypothesis(motion, leader.upside_down, view, evidence))
 
     def leg_is_known(self) -> bool:
-        """Return whether the frames exclude all legs of the orbit except that of the leader."""
+        """Return whether the frames exclude all legs but that of the likeliest hypothesis."""
         if len(self.all) == 1:
             return True
         legs = np.array([self._orbit.leg(each.motion.arc) for each in self.all])

@@ -132,7 +132,7 @@ class OrbitMeasurementModel:
         return views[-1]
 
     def disorder_deviations(self, arc: float) -> tuple[float, float]:
-        """Return the standard deviations of arc length [rad] and relative rate [1] by disorder."""
+        """Return the deviations of arc length [rad] and relative rate [1] that disorder causes."""
         disorder = self.far.disorder
         if not disorder:
             return 0.0, 0.0

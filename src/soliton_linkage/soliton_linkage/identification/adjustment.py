@@ -41,7 +41,7 @@ class Adjustment:
 
     lengths: Lengths
     covariance: Array
-    """Covariance of the unknowns of `lengths`, (P, P); the mean spacing is exact."""
+    """Covariance of the unknowns of `lengths`, (P, P). The mean spacing is taken as exact."""
     information: Array
     """Fisher information of the readings, without the prior, (P, P)."""
     tolerances: Tolerances

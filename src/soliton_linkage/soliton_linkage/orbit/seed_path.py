@@ -151,8 +151,8 @@ class _Seed:
     def turn(self, most: float) -> int:
         """Rotate the seed by one step of at most `most` [rad], and return the next seed.
 
-        The step ends where another rotor moves as much. Raises ArithmeticError if no step fits the
-        bars.
+        The step ends where another rotor moves as much as the turned rotor. Raises ArithmeticError
+        if no step fits the bars.
         """
         step = min(self._step, most)
         while step > _SHORTEST_STEP:

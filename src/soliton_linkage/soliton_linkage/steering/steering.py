@@ -318,7 +318,7 @@ class Steering:
         return self._trajectory.at(estimate.time)
 
     def _nearest_arc(self, site: float, arc: float) -> float:
-        """Return the arc length [rad] nearest to `arc` at which the wall is at a site."""
+        """Return the arc length [rad] nearest to `arc` that has the wall at the site."""
         legs = range(self.orbit.number_of_legs)
         distances = [self.orbit.arc_at(site, leg) - arc for leg in legs]
         return arc + min((math.remainder(each, self.orbit.length) for each in distances), key=abs)

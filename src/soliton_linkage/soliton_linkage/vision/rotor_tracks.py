@@ -25,7 +25,7 @@ _MAX_DEVIATION = 1.5
 _UNMEASURED = 0.07
 """Relative standard deviation of configured lengths [1], typical for handmade parts."""
 _MEASURED_ROTOR, _MEASURED_BOND = 0.02, 0.03
-"""Relative deviations of measured rotor and bond lengths [1]; bonds may be springs."""
+"""Relative deviations of measured rotor lengths, and of bonds, which may be springs [1]."""
 _MAX_LENGTH_ERROR = 0.2
 """Largest relative difference of a measured from the configured length [1]."""
 _MIN_MEASUREMENTS, _MAX_MEASUREMENTS = 5, 300

@@ -57,7 +57,7 @@ class BagPlayerParameters:
     )
     longest_gap: float = quantity(
         3600.0,
-        'time without a message above which the player skips the rest of the gap; 0: never skip',
+        'time without a message above which the player skips the gap; 0: never skip',
         's',
         0.0,
     )

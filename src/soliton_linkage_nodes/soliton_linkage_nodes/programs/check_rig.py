@@ -57,7 +57,7 @@ from soliton_linkage_studies.rig_page import rig_page
 _CHAIN_WAIT = 3.0
 """Longest wait for the topic chain after the first frame [s]."""
 _LATEST = 20
-"""Messages that give the present angles [1]. Single messages may lack rotors."""
+"""Number of messages that give the present angles [1]. Single messages may lack rotors."""
 _AFTER_TURN = 2.0
 """Time for which frames are recorded after a rotor has turned [s]."""
 

@@ -31,7 +31,7 @@ _STOP_LIMIT = 10.0
 _LOG_TAIL = 5
 """Log lines in the error message about a node that has ended [1]."""
 _DOMAINS = 100
-"""Largest number of a private ROS domain [1]."""
+"""Largest identifier of a private ROS domain [1]."""
 _C_LIBRARY = ctypes.CDLL(None)
 
 

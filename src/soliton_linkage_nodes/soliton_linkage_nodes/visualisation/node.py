@@ -32,7 +32,7 @@ from soliton_linkage_nodes.visualisation.publishers import (
 )
 
 _MOST_BUSY = 0.5
-"""Largest fraction of the time for drawing [1]. Very long chains are drawn less often."""
+"""Largest fraction of the time for drawing [1]. Slow pictures are drawn less often."""
 _LONGEST_REST = 1.0
 """Longest pause after a slow picture, such as the first, which imports matplotlib [s]."""
 _SEARCH_PERIOD = 0.5

@@ -25,7 +25,7 @@ rotors."""
 _LETTERS = 40
 """Length of a chain, divided by the height of letters [1]: a line of text is half as long."""
 _AT_REST = 1e-4
-"""Smallest upper limit of the colour scale, as relative extension of a spring [1]."""
+"""Relative extension at the end of the colour scale, unless a spring is extended more [1]."""
 _DECAY = 0.98
 """Factor of the upper limit of the colour scale from picture to picture, 1 s at 30 Hz [1]."""
 

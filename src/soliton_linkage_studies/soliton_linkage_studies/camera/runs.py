@@ -159,7 +159,7 @@ FIGURES = (
 
 
 def _changes(errors: Array) -> int:
-    """Return how often the error of a rotor changes by full turns."""
+    """Return the number of times that the error of a rotor changes by a full turn or more."""
     turns = np.rint(errors / (2 * np.pi))
     return sum(
         int(np.count_nonzero(np.diff(of_rotor[np.isfinite(of_rotor)]))) for of_rotor in turns.T
