@@ -165,14 +165,14 @@ class MotionFitter:
             show.enter(*ends)
             self._correct_stamps()
             self._improve(_LAST_STEPS, _CONVERGED, equations)
-            before, equations = self._prior.tolerances, self._equations()
+            before = self._prior.tolerances
+            self._found = equations = self._equations()
             covariance, information = self._reestimate(equations)
             converged = self._prior.tolerances.is_close(before, _TOLERANCE_CHANGE)
             if self._noise > most or converged:
                 break
         if self._noise > bar_noise:
             return None
-        self._found = equations
         residuals = np.zeros_like(self._record.readings)
         for window in self._windows:
             repeated = np.sqrt(self._repeats[window.frames])
