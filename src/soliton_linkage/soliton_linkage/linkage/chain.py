@@ -269,7 +269,7 @@ class Chain:
     def gathered(self, lefts: Array, rights: Array) -> Array:
         """Return the sum of the contributions of the springs to each rotor, shape (..., N).
 
-        Spring n contributes `lefts`[..., n] to rotor n and `rights`[..., n] to rotor n + 1.
+        Spring n contributes `lefts[..., n]` to rotor n and `rights[..., n]` to rotor n + 1.
         """
         if self.periodic:
             return np.asarray(lefts + np.roll(rights, 1, axis=-1))

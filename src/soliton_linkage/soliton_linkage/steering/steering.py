@@ -61,8 +61,8 @@ class Outcome(enum.Enum):
 class MoveResult:
     """Result of a move.
 
-    outcome: result, or the reason for the rejection. message: description of the result with
-    values and limits. site: final site coordinate of the wall [rotor spacings], NaN if no wall is
+    `outcome` is the result, or the reason for the rejection; `message` describes it with values
+    and limits. `site` is the final site coordinate of the wall [rotor spacings], NaN if no wall is
     detected.
     """
 
