@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from graphs import Graph
 from programs import Program
+from sensor_msgs.msg import JointState
 
 from soliton_linkage.identification.rig_check import DOUBTFUL, RIGHT, RigFindings
 from soliton_linkage_msgs.msg import RotorImpulses
@@ -89,3 +90,13 @@ def test_no_joint_states_are_an_error_of_one_line(start: Callable[..., Program])
     program = start('check_rig', '--limit', '0.5')
     assert program.wait() == 1
     assert program.said[-1].startswith('check_rig: no joint_states within 0.5 s; start ')
+
+
+def test_joint_states_that_stop_are_an_error(graph: Graph) -> None:
+    program = CheckRig(threading.Event(), context=graph.context)
+    try:
+        program._on_joints(JointState(name=['rotor_0'], position=[0.1]))
+        with pytest.raises(ValueError, match='joint_states stopped'):
+            program.check(0.5, 120.0, False)
+    finally:
+        program.destroy_node()

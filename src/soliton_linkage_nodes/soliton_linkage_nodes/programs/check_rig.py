@@ -90,7 +90,7 @@ class CheckRig(Node):
     def check(self, seconds: float, limit: float, turn: bool) -> RigFindings | None:
         """Watch the rig for `seconds`, ask for turns, and return the findings, None if stopped.
 
-        Each wait is at most `limit` [s] long. Raises ValueError without frames.
+        Each wait is at most `limit` [s] long. Raises ValueError if no frames arrive.
         """
         if not self._wait(lambda: self._received, limit) and not self._stopping.is_set():
             raise ValueError(
@@ -101,6 +101,10 @@ class CheckRig(Node):
             self.named = with_joints(chain_from_msg(self._chains[-1]), self._joints)
         self._received.clear()
         self._watch(seconds, 'watching; do not touch the rig')
+        if self._stopping.is_set():
+            return None
+        if not self._received:
+            raise ValueError('joint_states stopped before the check; keep its publisher running')
         names = self.joint_names
         watched = self._frames(0)
         turns = []
