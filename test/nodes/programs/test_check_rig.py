@@ -95,7 +95,7 @@ def test_no_joint_states_are_an_error_of_one_line(start: Callable[..., Program])
 def test_joint_states_that_stop_are_an_error(graph: Graph) -> None:
     program = CheckRig(threading.Event(), context=graph.context)
     try:
-        program._on_joints(JointState(name=['rotor_0'], position=[0.1]))
+        program.receive(JointState(name=['rotor_0'], position=[0.1]))
         with pytest.raises(ValueError, match='joint_states stopped'):
             program.check(0.5, 120.0, False)
     finally:

@@ -74,7 +74,7 @@ class CheckRig(Node):
         self._stopping = stopping
         self._chains: list[msg.Chain] = []
         self._received: list[tuple[int, JointState]] = []
-        self._topics = [AdaptiveSubscription(self, interfaces.JOINT_STATES, self._on_joints)]
+        self._topics = [AdaptiveSubscription(self, interfaces.JOINT_STATES, self.receive)]
         if source.chain_from == 'parameters':
             self.named = with_joints(given, self._joints)
         else:
@@ -142,7 +142,8 @@ class CheckRig(Node):
             return self.named.joint_names
         return self._joints or tuple(self._received[0][1].name)
 
-    def _on_joints(self, message: JointState) -> None:
+    def receive(self, message: JointState) -> None:
+        """Store a message with its time of arrival."""
         self._received.append((nanoseconds_of(self.get_clock()), message))
 
     def _wait(self, condition: Any, seconds: float) -> bool:
