@@ -173,7 +173,7 @@ def test_a_burst_plays_a_number_of_messages_in_a_pause_and_0_plays_all(
 
 
 def test_a_burst_that_lasts_is_answered_before_its_end() -> None:
-    slow = PlaybackClock(paused=True, longest_burst=0.05)
+    slow = PlaybackClock(paused=True, longest_burst=2.0)
     slow.start(0)
     threading.Timer(0.01, slow.wait_for, [0]).start()
     assert slow.burst(3) == 1
