@@ -45,12 +45,7 @@ class Program:
     """A program of the suite as a process, with its output so far."""
 
     def __init__(
-        self,
-        name: str,
-        arguments: list[str],
-        domain: int,
-        log: Path,
-        command: Sequence[str] = (),
+        self, name: str, arguments: list[str], domain: int, log: Path, command: Sequence[str] = ()
     ) -> None:
         self._log = log
         executable = Path(get_package_prefix(PACKAGE), 'lib', PACKAGE, name)

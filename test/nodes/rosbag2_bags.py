@@ -35,13 +35,7 @@ _PROFILE = {
     'liveliness_lease_duration': _INFINITE,
     'avoid_ros_namespace_conventions': False,
 }
-_OLD_PROFILE = {
-    **_PROFILE,
-    'history': 3,
-    'reliability': 1,
-    'durability': 2,
-    'liveliness': 1,
-}
+_OLD_PROFILE = {**_PROFILE, 'history': 3, 'reliability': 1, 'durability': 2, 'liveliness': 1}
 Message = tuple[int, bytes]
 
 

@@ -74,9 +74,7 @@ def file_of(program: str) -> str:
     return f'/{getattr(programs, program).args[0].replace(".", "/")}.py'
 
 
-def test_a_signal_ends_every_program_that_is_being_imported(
-    start: Callable[..., Program],
-) -> None:
+def test_a_signal_ends_every_program_that_is_being_imported(start: Callable[..., Program]) -> None:
     numbers = cycle([signal.SIGINT, signal.SIGTERM])
     given = list(zip((*NODES, *TOOLS), numbers, strict=False))
     running = [start(name, command=signalled(f'{file_of(name)}:<module>', n)) for name, n in given]

@@ -197,9 +197,7 @@ WRONG: list[tuple[interfaces.Topic, Any, str]] = [
     (
         TRAJECTORY,
         JointTrajectory(
-            header=FAR_AHEAD,
-            joint_names=['rotor_1'],
-            points=[JointTrajectoryPoint(effort=[1e-3])],
+            header=FAR_AHEAD, joint_names=['rotor_1'], points=[JointTrajectoryPoint(effort=[1e-3])]
         ),
         'from now, the limit is 600 s; send a shorter command, or raise longest_command',
     ),
@@ -220,17 +218,14 @@ WRONG: list[tuple[interfaces.Topic, Any, str]] = [
     (
         TRAJECTORY,
         JointTrajectory(
-            joint_names=['rotor_1'],
-            points=[JointTrajectoryPoint(positions=[1.0], effort=[1e-3])],
+            joint_names=['rotor_1'], points=[JointTrajectoryPoint(positions=[1.0], effort=[1e-3])]
         ),
         'point 0 of /edge_actuator/joint_trajectory commands positions',
     ),
     (
         TRAJECTORY,
         JointTrajectory(
-            header=LONG_AGO,
-            joint_names=['rotor_1'],
-            points=[JointTrajectoryPoint(effort=[1e-3])],
+            header=LONG_AGO, joint_names=['rotor_1'], points=[JointTrajectoryPoint(effort=[1e-3])]
         ),
         '/edge_actuator/joint_trajectory ended',
     ),

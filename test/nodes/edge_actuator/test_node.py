@@ -177,9 +177,7 @@ def test_a_pressure_follows_the_filling_and_venting_of_the_chamber(
     np.testing.assert_allclose(torques, expected, atol=1e-14)
 
 
-def test_a_pressure_for_ever_lasts_until_it_is_vented_wherever_the_mode_is(
-    bench: Bench,
-) -> None:
+def test_a_pressure_for_ever_lasts_until_it_is_vented_wherever_the_mode_is(bench: Bench) -> None:
     chain = bench.named.chain
     left, right = chain.uniform_state(LEFT), chain.uniform_state(RIGHT)
     bench.joints(left, stamp=0.0)

@@ -46,10 +46,7 @@ def test_fields_are_little_endian_doubles_in_their_order() -> None:
 
 def test_a_history_contains_its_chain_and_columns() -> None:
     column = np.array([1.0, 2.0], dtype=np.float32)
-    numbers = (
-        (10.0, 9.5, 0.5, 1.0, 2.0, 3.0, 4.0),
-        (11.0, 10.5, math.nan, 5.0, 6.0, 7.0, 8.0),
-    )
+    numbers = ((10.0, 9.5, 0.5, 1.0, 2.0, 3.0, 4.0), (11.0, 10.5, math.nan, 5.0, 6.0, 7.0, 8.0))
     packed = pack_history(3, [Column(numbers[0], column), Column(numbers[1], 2 * column)])
     assert kind_of(packed) == 'history'
     head = struct.unpack_from('<18d', packed, 8)

@@ -23,11 +23,7 @@ def pulled(direction: float, angle: float, rate: float = 0.0) -> float:
     return pull.torque(CHAIN, angles, np.full(4, rate), LIMIT)
 
 
-@given(
-    direction=st.floats(-3.0, 3.0),
-    angle=st.floats(-50.0, 50.0),
-    rate=st.floats(-1e3, 1e3),
-)
+@given(direction=st.floats(-3.0, 3.0), angle=st.floats(-50.0, 50.0), rate=st.floats(-1e3, 1e3))
 def test_the_torque_is_bounded(direction: float, angle: float, rate: float) -> None:
     assert abs(pulled(direction, angle, rate)) <= LIMIT
 

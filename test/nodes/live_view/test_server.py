@@ -14,10 +14,7 @@ TOKEN = 'a-token-of-this-test'
 
 
 def request(
-    token: str = '',
-    kind: str = 'http',
-    query: str = '',
-    **headers: str,
+    token: str = '', kind: str = 'http', query: str = '', **headers: str
 ) -> tuple[list[dict[str, Any]], bool]:
     """Return the answer to a request, and whether the request reached the page."""
     sent: list[dict[str, Any]] = []

@@ -84,9 +84,7 @@ def assert_same(decoder: JointStateDecoder, message: JointState, serialized: byt
 
 
 def assert_as_of_the_message(
-    decoder: ImpulseDecoder | TorqueDecoder,
-    message: RotorImpulses | JointState,
-    serialized: bytes,
+    decoder: ImpulseDecoder | TorqueDecoder, message: RotorImpulses | JointState, serialized: bytes
 ) -> None:
     of_torques = isinstance(message, JointState)
     from_msg = torques_from_msg if of_torques else impulses_from_msg

@@ -70,10 +70,7 @@ def test_a_whole_bag_is_reported_in_the_layout_of_rosbag2(
     assert texts[5].endswith(f' ({START / SECOND:.9f})')
     states = 'Topic: /joint_states | Type: sensor_msgs/msg/JointState | Count: 50'
     assert f'{states} | Serialization Format: cdr' in texts
-    assert said[-2:] == [
-        'Lost:              unknown when recorded',
-        'Result:            complete',
-    ]
+    assert said[-2:] == ['Lost:              unknown when recorded', 'Result:            complete']
 
 
 def test_the_recorded_time_is_reported_without_pauses(

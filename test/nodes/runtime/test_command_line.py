@@ -46,11 +46,7 @@ OF_ROS = {
 
 @pytest.mark.parametrize('node', NODES, ids=executable_name)
 def test_help_lists_every_parameter_and_topic(
-    graph: Graph,
-    node: type[Node],
-    named: NamedChain,
-    tmp_path: Path,
-    terminal: PseudoTerminal,
+    graph: Graph, node: type[Node], named: NamedChain, tmp_path: Path, terminal: PseudoTerminal
 ) -> None:
     needed = {
         BagRecorder: {'output': str(tmp_path / 'out')},

@@ -105,9 +105,7 @@ def test_each_reason_gets_a_line() -> None:
     assert said == reasons
 
 
-def test_a_reason_with_other_numbers_is_the_same_until_a_while_is_over(
-    clock: list[float],
-) -> None:
+def test_a_reason_with_other_numbers_is_the_same_until_a_while_is_over(clock: list[float]) -> None:
     said: list[str] = []
     throttle = LogThrottle(said.append, 1.0)
     for speed in range(1000):

@@ -228,8 +228,7 @@ def test_a_deactivated_actuator_releases_the_chain(graph: Graph) -> None:
     torques = graph.hear(interfaces.ROTOR_TORQUES)
     graph.start(Simulator, {'chain.number_of_rotors': 8, 'publish_rate': 100.0})
     actuator = graph.start(
-        EdgeActuator,
-        {'nudge_as': 'pressure', 'nudge_duration': 60.0, 'state_timeout': 60.0},
+        EdgeActuator, {'nudge_as': 'pressure', 'nudge_duration': 60.0, 'state_timeout': 60.0}
     )
     nudge = graph.speak(interfaces.NUDGE)
     graph.until(lambda: actuator.frames.taken and actuator.commands.chain, 'the chain')

@@ -244,9 +244,7 @@ def test_a_thread_with_priority_gives_it_to_its_children() -> None:
     assert policies_of_a_thread() == [ordinary, os.SCHED_FIFO, os.SCHED_FIFO, ordinary]
 
 
-def test_without_permission_a_thread_keeps_its_priority(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_without_permission_a_thread_keeps_its_priority(monkeypatch: pytest.MonkeyPatch) -> None:
     system = os.sched_setscheduler
 
     def forbid(thread: int, policy: int, parameters: os.sched_param) -> None:

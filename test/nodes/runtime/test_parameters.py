@@ -44,9 +44,7 @@ from soliton_linkage_nodes.messages.chain_source import (
     ChainSourceParameters,
     OptionalChainSourceParameters,
 )
-from soliton_linkage_nodes.programs.experiment.filmed_experiment import (
-    FilmedExperimentParameters,
-)
+from soliton_linkage_nodes.programs.experiment.filmed_experiment import FilmedExperimentParameters
 from soliton_linkage_nodes.programs.experiment.observer import ExperimentParameters
 from soliton_linkage_nodes.runtime.managed import ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current, declare, reject_unknown
@@ -91,11 +89,7 @@ OF_NODE = {
     },
     'chain_identifier': {'': ChainIdentifierParameters, 'managed': ManagedParameters},
     'bag_recorder': {'': BagRecorderParameters, 'managed': ManagedParameters},
-    'bag_player': {
-        '': BagPlayerParameters,
-        'limits': BagLimits,
-        'managed': ManagedParameters,
-    },
+    'bag_player': {'': BagPlayerParameters, 'limits': BagLimits, 'managed': ManagedParameters},
     'live_view': {'': LiveViewParameters},
     'visualisation': {
         '': VisualisationParameters,
@@ -284,9 +278,7 @@ def test_an_adjustable_parameter_can_be_changed(graph: Graph) -> None:
 
 
 @pytest.mark.parametrize(
-    'create',
-    [Simulator, EdgeActuator, BagRecorder],
-    ids=lambda c: c.__name__,
+    'create', [Simulator, EdgeActuator, BagRecorder], ids=lambda c: c.__name__
 )
 def test_nodes_describe_each_parameter_with_unit_range_and_whether_it_can_change(
     graph: Graph, create: Callable[..., Node], tmp_path: Path

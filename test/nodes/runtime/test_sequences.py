@@ -70,9 +70,7 @@ def test_missing_messages_of_one_publisher_are_lost(came: list[bool]) -> None:
 
 
 @given(st.lists(st.tuples(st.integers(1, 50), st.integers(0, 400)), min_size=1, max_size=50))
-def test_a_single_publisher_is_kept_with_uneven_periods(
-    steps: list[tuple[int, int]],
-) -> None:
+def test_a_single_publisher_is_kept_with_uneven_periods(steps: list[tuple[int, int]]) -> None:
     kept = PublisherArbitration()
     number = sent = 0
     for ahead, elapsed in [*[(1, 2)] * 20, *steps]:

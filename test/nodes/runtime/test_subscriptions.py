@@ -175,10 +175,7 @@ def test_the_first_of_two_publishers_is_used_until_it_ends(graph: Graph) -> None
     graph.until(lambda: listener.heard.count('first again') == 5, 'the first publisher again')
     assert 'second' not in listener.heard
     status = graph.next_report('listener')
-    assert (status.level, values(status)['joint_states of others']) == (
-        DiagnosticStatus.WARN,
-        '5',
-    )
+    assert (status.level, values(status)['joint_states of others']) == (DiagnosticStatus.WARN, '5')
     assert 'only messages of the first one received are used' in status.message
     graph.user.destroy_publisher(first)
     assert_heard(graph, second, listener.heard, 'second')

@@ -216,10 +216,7 @@ def test_an_impossible_reset_changes_nothing(graph: Graph) -> None:
     paused = Paused(graph, {'mechanics': 'rigid'})
     paused.reset(state=Reset.Request.SOLITON, rotor=3.0, velocity=0.5)
     for request_, complaint in (
-        (
-            {'state': Reset.Request.SOLITON, 'rotor': 7.5},
-            'site = 7.5 must lie in the range 0 to',
-        ),
+        ({'state': Reset.Request.SOLITON, 'rotor': 7.5}, 'site = 7.5 must lie in the range 0 to'),
         (
             {'state': Reset.Request.SOLITON, 'rotor': 3.0, 'velocity': float('inf')},
             'velocity of the soliton = inf m/s must be a finite number',

@@ -7,14 +7,7 @@ from typing import Any
 
 import numpy as np
 from graphs import Graph
-from simulated_streams import (
-    CHAIN,
-    RATE,
-    Stream,
-    kick,
-    kick_message,
-    torque_message,
-)
+from simulated_streams import CHAIN, RATE, Stream, kick, kick_message, torque_message
 from std_srvs.srv import SetBool
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation

@@ -156,11 +156,7 @@ def test_joints_without_any_angle_are_reported_once(
 
 @pytest.mark.parametrize('stamps', ['header', 'arrival'])
 def test_frames_without_stamps_are_analysed_at_their_arrival_if_requested(
-    graph: Graph,
-    named: NamedChain,
-    frames: list[JointState],
-    said: Callable[[], str],
-    stamps: str,
+    graph: Graph, named: NamedChain, frames: list[JointState], said: Callable[[], str], stamps: str
 ) -> None:
     states = start_analyser(graph, named, stamps=stamps)
     joints = graph.speak(interfaces.JOINT_STATES)

@@ -48,10 +48,7 @@ class Bench:
     """A simulated chain with a steering, and a user who sends goals."""
 
     def __init__(
-        self,
-        graph: Graph,
-        parameters: dict[str, Any] | None = None,
-        disorder: Disorder = EVEN,
+        self, graph: Graph, parameters: dict[str, Any] | None = None, disorder: Disorder = EVEN
     ) -> None:
         self.graph = graph
         self.orbit = orbit_of(replace(CHAIN, deviations=disorder.drawn(ROTORS)))

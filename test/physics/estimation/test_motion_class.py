@@ -7,24 +7,12 @@ import math
 
 import numpy as np
 import pytest
-from chains import (
-    EXAMPLES,
-    FLIPPER,
-    SPINNER,
-    STRONG_WOBBLER,
-    WIDE_FLIPPER,
-    WOBBLER,
-    chain_of,
-)
+from chains import EXAMPLES, FLIPPER, SPINNER, STRONG_WOBBLER, WIDE_FLIPPER, WOBBLER, chain_of
 from hypothesis import given
 from hypothesis import strategies as st
 
 from soliton_linkage.dynamics.elastic import simulate
-from soliton_linkage.estimation.motion_class import (
-    NO_EVIDENCE,
-    MotionEvidence,
-    MotionObserver,
-)
+from soliton_linkage.estimation.motion_class import NO_EVIDENCE, MotionEvidence, MotionObserver
 from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Array, Motion
 from soliton_linkage.solitons.static_wall import site_arc, static_wall
@@ -73,9 +61,7 @@ def test_one_frame_without_noise_determines_the_class(example: tuple[float, floa
 
 
 @pytest.mark.parametrize('example', FLIPPERS)
-def test_the_tail_ratio_of_a_wall_at_rest_agrees_with_theory(
-    example: tuple[float, float],
-) -> None:
+def test_the_tail_ratio_of_a_wall_at_rest_agrees_with_theory(example: tuple[float, float]) -> None:
     expected = ratio_of(example)
     for angles in walls(example):
         evidence = motion_evidence(angles)
@@ -124,9 +110,7 @@ def test_a_class_is_wrong_no_more_often_than_stated(
 
 
 @pytest.mark.parametrize('example', [FLIPPER, SLIGHT_WOBBLER, WOBBLER])
-def test_the_error_of_the_tail_ratio_is_as_stated(
-    example: tuple[float, float],
-) -> None:
+def test_the_error_of_the_tail_ratio_is_as_stated(example: tuple[float, float]) -> None:
     random, noise = np.random.default_rng(29), 0.01
     errors = []
     for angles in walls(example):
@@ -143,9 +127,7 @@ def test_the_error_of_the_tail_ratio_is_as_stated(
 
 
 @pytest.mark.parametrize('example', [NEARLY_WOBBLING, SLIGHT_WOBBLER])
-def test_evidence_accumulates_until_a_restart(
-    example: tuple[float, float],
-) -> None:
+def test_evidence_accumulates_until_a_restart(example: tuple[float, float]) -> None:
     random, noise = np.random.default_rng(31), 0.01
     frames, motion = walls(example), chain_of(example, 4).motion
     observer = MotionObserver()

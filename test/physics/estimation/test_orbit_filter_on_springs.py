@@ -112,10 +112,7 @@ class Followed:
 
 
 def followed(
-    record: Record,
-    noise: float,
-    spoil: Callable[[int, Array], None] | None = None,
-    seed: int = 3,
+    record: Record, noise: float, spoil: Callable[[int, Array], None] | None = None, seed: int = 3
 ) -> Followed:
     random = np.random.default_rng(seed)
     tracker = OrbitFilter(record.orbit, noise)
@@ -245,9 +242,7 @@ def test_a_wall_that_leaves_an_edge_is_located_correctly(
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_a_kicked_chain_at_rest_is_tracked_without_noise(
-    example: tuple[float, float],
-) -> None:
+def test_a_kicked_chain_at_rest_is_tracked_without_noise(example: tuple[float, float]) -> None:
     chain = chain_of(example, 16)
     start = chain.uniform_state(-1)
     simulation = ElasticSimulation(chain, start, 0 * start, PERIOD, 1e-7)

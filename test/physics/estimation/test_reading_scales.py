@@ -40,9 +40,7 @@ def runs(weighted: bool, noise: float | None = None, count: int = 30) -> Array:
 
 
 @pytest.mark.parametrize('noise', [None, NOISE])
-def test_stated_deviations_of_readings_reduce_the_error(
-    noise: float | None,
-) -> None:
+def test_stated_deviations_of_readings_reduce_the_error(noise: float | None) -> None:
     normalised, errors, noises = runs(weighted=True, noise=noise)
     assert 0.7 < np.sqrt(np.mean(normalised**2)) < 1.3
     unknown = runs(weighted=False)[1]

@@ -65,9 +65,7 @@ def test_frames_without_information_give_no_candidate(example: tuple[float, floa
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_a_long_orbit_is_scanned_where_the_backgrounds_allow(
-    example: tuple[float, float],
-) -> None:
+def test_a_long_orbit_is_scanned_where_the_backgrounds_allow(example: tuple[float, float]) -> None:
     orbit, random = UniformOrbit(chain_of(example, 60)), np.random.default_rng(3)
     whole, parts = search_of(orbit), search_of(orbit, most_angles=1)
     for site in (0.2, 7.3, 31.6, 58.9):

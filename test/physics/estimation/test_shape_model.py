@@ -19,11 +19,7 @@ from soliton_linkage.estimation.analysis import Analysis
 from soliton_linkage.estimation.estimates import EventKind, TrackingStatus
 from soliton_linkage.estimation.wall_shapes import WallShape, WallShapes, fit_wall, set_residuals
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
-from soliton_linkage.solitons.anti_kink import (
-    anti_kink_path,
-    constraint_field,
-    resting_anti_kink,
-)
+from soliton_linkage.solitons.anti_kink import anti_kink_path, constraint_field, resting_anti_kink
 from soliton_linkage.solitons.static_wall import site_arc, static_wall
 from soliton_linkage_studies.collisions.runs import INITIAL_DISTANCE, Collision, simulate_frames
 from soliton_linkage_studies.collisions.travelling_wall import travelling_wall
@@ -220,9 +216,7 @@ def test_the_shape_of_an_anti_kink_of_flippers_is_exact() -> None:
 
 
 @pytest.mark.parametrize('name', ['spinner', 'pinned wobbler'])
-def test_the_shape_of_a_pinned_anti_kink_is_exact_at_rest(
-    name: str,
-) -> None:
+def test_the_shape_of_a_pinned_anti_kink_is_exact_at_rest(name: str) -> None:
     chain, shapes = SHAPE_CHAINS[name], WallShapes(SHAPE_CHAINS[name])
     site, angles = resting_anti_kink(chain, 40.5)
     one, other = shapes.anti_kinks

@@ -110,9 +110,7 @@ def test_a_moving_wall_of_the_continuum_has_its_energy_in_the_wall() -> None:
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_a_moving_wall_without_radiation_has_no_wake(
-    example: tuple[float, float],
-) -> None:
+def test_a_moving_wall_without_radiation_has_no_wake(example: tuple[float, float]) -> None:
     chain = chain_of(example, ROTORS)
     angles = static_wall(chain, 29.6)
     rates = 0.3 * mode_towards_last(chain, angles)
@@ -363,9 +361,7 @@ def test_an_uncertain_rate_of_the_arc_leaves_the_kinetic_energy_unbiased(rate: f
 
 
 @pytest.mark.parametrize('example', [WIDE_FLIPPER, WOBBLER, SPINNER])
-def test_unseen_rotors_increase_the_deviation_of_energies(
-    example: tuple[float, float],
-) -> None:
+def test_unseen_rotors_increase_the_deviation_of_energies(example: tuple[float, float]) -> None:
     random, noise, rate_noise = np.random.default_rng(11), 0.01, 0.2
     chain = chain_of(example, ROTORS)
     orbit = static_wall(chain, 29.7)

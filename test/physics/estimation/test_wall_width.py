@@ -7,15 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from chains import (
-    EXAMPLES,
-    FLIPPER,
-    SPINNER,
-    STRONG_WOBBLER,
-    WIDE_FLIPPER,
-    WOBBLER,
-    chain_of,
-)
+from chains import EXAMPLES, FLIPPER, SPINNER, STRONG_WOBBLER, WIDE_FLIPPER, WOBBLER, chain_of
 from continuum_theories import WIDEST_FLIPPER, theory_of
 
 from soliton_linkage.dynamics.elastic import simulate
@@ -87,9 +79,7 @@ def test_contraction_in_the_continuum_follows_lorentz(example: tuple[float, floa
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_one_frame_is_unbiased_with_the_stated_deviation(
-    example: tuple[float, float],
-) -> None:
+def test_one_frame_is_unbiased_with_the_stated_deviation(example: tuple[float, float]) -> None:
     random, noise, count = np.random.default_rng(5), 0.003, 600
     chain = chain_of(example, ROTORS)
     family = WallFamily(WallShapes(chain))
@@ -105,9 +95,7 @@ def test_one_frame_is_unbiased_with_the_stated_deviation(
 
 
 @pytest.mark.parametrize('example', [WIDE_FLIPPER, WOBBLER, SPINNER])
-def test_unseen_rotors_increase_the_deviation_without_bias(
-    example: tuple[float, float],
-) -> None:
+def test_unseen_rotors_increase_the_deviation_without_bias(example: tuple[float, float]) -> None:
     chain = chain_of(example, ROTORS)
     family, angles = WallFamily(WallShapes(chain)), static_wall(chain, 24.3)
     whole = family.fit(angles, 24.3, 0, 1e-3)
@@ -119,9 +107,7 @@ def test_unseen_rotors_increase_the_deviation_without_bias(
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_the_contraction_is_unknown_at_edges_and_in_noise(
-    example: tuple[float, float],
-) -> None:
+def test_the_contraction_is_unknown_at_edges_and_in_noise(example: tuple[float, float]) -> None:
     chain = chain_of(example, ROTORS)
     family, angles = WallFamily(WallShapes(chain)), static_wall(chain, 24.3)
     near = 1.9 * chain.wall_width / chain.spacing
@@ -225,9 +211,7 @@ def test_the_scatter_of_passages_is_estimated() -> None:
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_the_width_at_rest_agrees_with_theory(
-    example: tuple[float, float],
-) -> None:
+def test_the_width_at_rest_agrees_with_theory(example: tuple[float, float]) -> None:
     chain = chain_of(example, ROTORS)
     theory, reported = theory_of(chain), TheoryWidth(chain)
     width, deviation = WidthReporter(WallShapes(chain)).update(

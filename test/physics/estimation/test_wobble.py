@@ -108,9 +108,7 @@ def test_a_wall_at_rest_gives_back_the_exact_tail(example: tuple[float, float]) 
 
 
 @pytest.mark.parametrize('example', WOBBLERS)
-def test_the_amplitude_is_the_overshoot_beyond_rest(
-    example: tuple[float, float],
-) -> None:
+def test_the_amplitude_is_the_overshoot_beyond_rest(example: tuple[float, float]) -> None:
     chain = chain_of(example, ROTORS)
     lean, largest = chain.rotor_length * math.sin(chain.rest_angle), 0.0
     for site in np.linspace(28, 30, 21):
@@ -213,9 +211,7 @@ def test_the_wall_on_an_orbit_gives_the_same_result(example: tuple[float, float]
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_persistent_residuals_increase_the_deviations_only(
-    example: tuple[float, float],
-) -> None:
+def test_persistent_residuals_increase_the_deviations_only(example: tuple[float, float]) -> None:
     random, chain = np.random.default_rng(59), chain_of(example, ROTORS)
     angles = static_wall(chain, 29.3) + 3e-4 * random.standard_normal(ROTORS)
     plain, doubted = (
@@ -233,9 +229,7 @@ def test_persistent_residuals_increase_the_deviations_only(
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_a_wall_next_to_an_edge_has_a_valid_wobble(
-    example: tuple[float, float],
-) -> None:
+def test_a_wall_next_to_an_edge_has_a_valid_wobble(example: tuple[float, float]) -> None:
     random, chain = np.random.default_rng(67), chain_of(example, ROTORS)
     wall = wall_at(chain, 2.6)
     noise = 0.5 * chain.rest_angle

@@ -16,10 +16,7 @@ OVAL = np.array([[0.9, 0.1], [0.1, 1.01 / 0.9]])
 
 
 def fitted(
-    places: np.ndarray,
-    way: np.ndarray = AT_REST,
-    noise: float = NOISE,
-    shape: np.ndarray = CIRCLE,
+    places: np.ndarray, way: np.ndarray = AT_REST, noise: float = NOISE, shape: np.ndarray = CIRCLE
 ) -> FittedDots:
     """Fit dots drawn on labels in tiles of 20 pixels on a dark background."""
     generator = np.random.default_rng(5)

@@ -13,13 +13,7 @@ from chains import FLIPPER, chain_of
 
 from soliton_linkage.steering.steering import Outcome
 from soliton_linkage_studies import moves
-from soliton_linkage_studies.moves import (
-    Condition,
-    MoveRun,
-    MoveTask,
-    move_table,
-    read_moves,
-)
+from soliton_linkage_studies.moves import Condition, MoveRun, MoveTask, move_table, read_moves
 from soliton_linkage_studies.settings import load_settings
 
 CONFIG = Path(__file__).parents[3] / 'config/studies/moves.yaml'

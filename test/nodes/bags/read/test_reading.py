@@ -244,10 +244,7 @@ def test_types_are_found_by_their_name() -> None:
 def test_a_type_that_is_not_installed_is_named_with_the_right_remedy() -> None:
     for name, reason in [
         ('nothing_msgs/msg/Nothing', "is not installed; install its package 'nothing_msgs'"),
-        (
-            'std_msgs/msg/Nothing',
-            "is not in the installed package 'std_msgs'; install",
-        ),
+        ('std_msgs/msg/Nothing', "is not in the installed package 'std_msgs'; install"),
         ('std_msgs/String', 'is not PACKAGE/KIND/TYPE as in ROS 2'),
         ('', 'is not PACKAGE/KIND/TYPE as in ROS 2'),
     ]:

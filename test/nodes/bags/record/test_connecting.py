@@ -49,10 +49,7 @@ def test_discovery_ends_when_no_publisher_has_appeared_for_a_while() -> None:
 
 
 def test_latched_and_later_messages_are_recorded_after_the_log_line(
-    graph: Graph,
-    named: NamedChain,
-    tmp_path: Path,
-    said: Callable[[], str],
+    graph: Graph, named: NamedChain, tmp_path: Path, said: Callable[[], str]
 ) -> None:
     topics = {topic.name: topic for topic in (interfaces.CHAIN, interfaces.NUDGE)}
     publishers = {
@@ -75,9 +72,7 @@ def test_latched_and_later_messages_are_recorded_after_the_log_line(
 
 
 def test_a_publisher_of_another_type_is_not_waited_for(
-    graph: Graph,
-    tmp_path: Path,
-    said: Callable[[], str],
+    graph: Graph, tmp_path: Path, said: Callable[[], str]
 ) -> None:
     other = Graph(graph.domain)
     other.user.create_publisher(interfaces.CHAIN.type, 'nudge', 10)

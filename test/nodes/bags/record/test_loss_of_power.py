@@ -31,11 +31,7 @@ def disk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_synchronised_messages_are_kept(
-    graph: Graph,
-    start: Callable[..., Program],
-    named: NamedChain,
-    tmp_path: Path,
-    disk: Path,
+    graph: Graph, start: Callable[..., Program], named: NamedChain, tmp_path: Path, disk: Path
 ) -> None:
     kept = tmp_path / 'kept_0'
     (kept / 'names').mkdir(parents=True)

@@ -40,10 +40,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 
 def test_a_full_disk_ends_it_with_one_line(
-    graph: Graph,
-    start: Callable[..., Program],
-    named: NamedChain,
-    tmp_path: Path,
+    graph: Graph, start: Callable[..., Program], named: NamedChain, tmp_path: Path
 ) -> None:
     bag = tmp_path / 'run'
     program = start('bag_recorder', '--ros-args', '-p', f'output:={bag}')
