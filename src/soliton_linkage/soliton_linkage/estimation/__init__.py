@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Estimation of walls and their motion from frames of noisy angles."""
+"""Estimation of the positions and velocities of walls from frames of noisy angles."""
 
 from soliton_linkage.exports import public_names
 

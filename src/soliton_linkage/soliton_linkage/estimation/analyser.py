@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Analyser of the frames of a known chain, by an orbit filter or by fits of the wall shapes."""
+"""Analyser of the frames of a known chain, with an orbit filter or fits of the wall shapes."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ _UNKNOWN_WIDTH = math.nan, math.nan
 
 
 class Analyser:
-    """Analyser of a chain with known parameters, in the order of the time of the frames.
+    """Analyser of a chain with known parameters, which receives frames in the order of their time.
 
     If the chain has no orbit, `limitation` gives the reason, and the analyser fits wall shapes.
     """
@@ -73,9 +73,10 @@ class Analyser:
     def __init__(
         self, chain: Chain, noise: float | None = None, settings: EstimationSettings = DEFAULTS
     ) -> None:
-        """Compute the orbit, given the standard deviation of the angles [rad], None if unknown.
+        """Compute the orbit of the chain.
 
-        Raises ValueError if it is infinite or not above 0.
+        `noise` is the standard deviation of the angles [rad]; None means that the analyser
+        estimates the noise. Raises ValueError for a noise that is infinite or not above 0.
         """
         if noise is not None and not 0 < noise < math.inf:
             raise ValueError(
@@ -136,7 +137,10 @@ class Analyser:
 
     @property
     def offsets(self) -> Array:
-        """Estimated offset of each encoder [rad], shape (N,); 0 if it is not significant."""
+        """Estimated offset of each encoder [rad], shape (N,).
+
+        Offsets that are not significant are 0.
+        """
         if self._filter is None:
             return np.zeros(self.chain.number_of_rotors)
         return self._filter.offsets.corrections
@@ -150,17 +154,23 @@ class Analyser:
 
     @property
     def stamp_error(self) -> float:
-        """Standard deviation of the errors of frame stamps [s]; 0 if it is not significant."""
+        """Standard deviation of the time errors of frames [s].
+
+        0 if these errors are not significant.
+        """
         return 0.0 if self._filter is None else math.sqrt(self._filter.jitter.variance)
 
     @property
     def rest_angle_error(self) -> float:
-        """Common error of all rest angles [rad]; 0 if the error is not significant."""
+        """Error of the rest angle that all rotors share [rad].
+
+        0 if the error is not significant.
+        """
         return 0.0 if self._filter is None else self._filter.offsets.rest_angle_error
 
     @property
     def late(self) -> int:
-        """Number of rejected frames, whose stamp was not later than the last stamp."""
+        """Number of frames that were rejected because their stamp was not after the last one."""
         return self._clock.late
 
     @property

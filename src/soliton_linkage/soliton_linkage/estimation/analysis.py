@@ -31,8 +31,9 @@ class CyclePhase(NamedTuple):
     phase_deviation: standard deviation of the phase [rad].
     rate_deviation: standard deviation of the rate of the phase [rad/s].
     completed: number of completed cycles since the start.
-    leg: number of the leg of the orbit, -1 if unknown. While the phase increases, the wall moves
-        away from rotor 0 in even legs and towards rotor 0 in odd legs.
+    leg: number of the current leg (one passage of the wall along the chain), -1 if unknown. While
+        the phase increases, the wall moves away from rotor 0 in even legs and towards rotor 0 in
+        odd legs.
     """
 
     phase: float
@@ -46,8 +47,8 @@ class CyclePhase(NamedTuple):
 class Analysis(NamedTuple):
     """Result of the analysis of a frame; unknown quantities are None or NaN.
 
-    motion: class of motion from the parameters of the chain, or from the angles if they are
-        unknown.
+    motion: class of motion from the parameters of the chain, or, if these are unknown, from the
+        angles.
     measured_motion: class of motion from the angles alone.
     status: tracking status of the first wall; if `solitons` is empty, status of `estimate`.
     estimate: estimated state of the chain on its orbit.
@@ -76,7 +77,7 @@ class Analysis(NamedTuple):
 
 
 def cycle_phase(estimate: OrbitEstimate, orbit: Orbit | None) -> CyclePhase:
-    """Return the phase in the cycle of the orbit, which has the same sense in both assemblies."""
+    """Return the phase in the cycle of the orbit; its sense is equal for both mirror images."""
     if orbit is None or not estimate.leg_known:
         return CyclePhase(math.nan, math.nan, math.nan, math.nan, 0, -1)
     scale = 2 * math.pi / orbit.length
@@ -98,11 +99,14 @@ class FrameAnalyser(Protocol):
 
     @property
     def limitation(self) -> str:
-        """Reason why walls cannot be located on the orbit of the chain; empty if they can."""
+        """Reason why the analyser has no orbit and cannot locate walls on it.
+
+        Empty with an orbit.
+        """
 
     @property
     def late(self) -> int:
-        """Number of rejected frames, whose stamp was not later than the last stamp."""
+        """Number of frames that were rejected because their stamp was not after the last one."""
 
     @property
     def late_impulses(self) -> int:
@@ -114,15 +118,24 @@ class FrameAnalyser(Protocol):
 
     @property
     def stamp_error(self) -> float:
-        """Standard deviation of the errors of frame stamps [s]; 0 if it is not significant."""
+        """Standard deviation of the time errors of frames [s].
+
+        0 if these errors are not significant.
+        """
 
     @property
     def rest_angle_error(self) -> float:
-        """Common error of all rest angles [rad]; 0 if the error is not significant."""
+        """Error of the rest angle that all rotors share [rad].
+
+        0 if the error is not significant.
+        """
 
     @property
     def offsets(self) -> Array:
-        """Estimated offset of each encoder [rad], shape (N,); 0 if it is not significant."""
+        """Estimated offset of each encoder [rad], shape (N,).
+
+        Offsets that are not significant are 0.
+        """
 
     @property
     def offset_deviations(self) -> Array:
@@ -141,7 +154,8 @@ class FrameAnalyser(Protocol):
 class UnknownChainAnalyser:
     """Analyser of a chain with unknown parameters; only the order of the joints is known.
 
-    The wall is where u = r sin(phi) changes its sign, with an error that may exceed one spacing.
+    The wall is where the horizontal displacement u = r sin(phi) of the rotor tips changes its
+    sign. The error of this position may exceed one rotor spacing.
     """
 
     limitation = 'the parameters of the chain are unknown'
@@ -159,7 +173,7 @@ class UnknownChainAnalyser:
 
     @property
     def late(self) -> int:
-        """Number of rejected frames, whose stamp was not later than the last stamp."""
+        """Number of frames that were rejected because their stamp was not after the last one."""
         return self._clock.late
 
     def analyse(

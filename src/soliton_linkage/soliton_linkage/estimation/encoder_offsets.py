@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Constant offsets of encoders, estimated from the residuals of rotors far from the wall.
 
-Far from the wall the residual of a rotor is x = o + side * delta + noise with the offset o of the
-encoder and the error delta of the rest angle. The side is +1 before and -1 beyond the wall.
-Therefore o and delta can be separated only after the wall has passed the rotor.
+Far from the wall the residual of a rotor is x = o + side * delta + noise, where o is the offset of
+the encoder and delta the error of the rest angle. The side is +1 before and -1 beyond the wall.
+Therefore the frames determine o and delta separately only after the wall has passed the rotor.
 """
 
 from __future__ import annotations
@@ -24,30 +24,34 @@ from soliton_linkage.linear.bands import penetration_depth, tail_ratio
 from soliton_linkage.linkage.chain import Array, Chain
 
 _DEPTHS_BESIDE = 3.0
-"""Least distance of a far rotor [penetration depths]; the tail is below 5 % there."""
+"""Least distance of a far rotor from the wall [penetration depths]; the deviation from the uniform
+state is below 5 % there."""
 _FEWEST_MEANS = 5
-"""Least number of blocks with a mean residual of a rotor before its offset is corrected [1]."""
+"""Least number of block means of a rotor before its offset is corrected [1]."""
 _FEWEST_ROTORS = 5
-"""Least number of mean residuals for an estimate of the common error of the rest angles [1]."""
+"""Least number of block means for an estimate of the error that all rest angles share [1]."""
 _WAVE_TIME = 10.0
 """Assumed correlation time of waves [time units of the chain]."""
 _EVENNESS = 4e-3
-"""Persistent residual of a rotor in a uniform chain, caused by the motion of the wall [rad]."""
+"""Standard deviation of the mean residuals of far rotors in a uniform chain [rad], which the
+motion of the wall causes."""
 _LEAST_DISTANCE = 0.01
-"""Least distance of a rotor from the orbit [rad] at which an offset makes the rotor doubtful."""
+"""Residual [rad] above which a rotor counts as doubtful because of an unknown offset."""
 _LEAST_ERROR = 3e-4
 """Lower limit of the persistent error of a residual [rad], which covers rounding errors."""
 _CONTRADICTION = 0.3
-"""Threshold of an opposite residual near the wall, relative to the contradicted offset [1]."""
+"""Threshold of the residual of a rotor near the wall, relative to the corrected offset [1]. A
+larger residual of opposite sign contradicts the offset."""
 _FROM_EDGE = 2.0
-"""Least distance of a wall from the edges for tests of rotors near the wall [rotor spacings]."""
+"""Least distance of a wall from the edges for a test of the rotors near the wall [rotor
+spacings]."""
 _STUCK, _MOST_STUCK = 1e-5, 0.2
-"""Largest change of a reading at rest from block to block [rad], and largest share of rotors at
-rest in a chain that moves [1]."""
+"""Largest change from block to block of a reading that counts as unchanged [rad]. Largest share of
+unchanged readings in a chain that counts as moving [1]."""
 
 
 class EncoderOffsets:
-    """Maximum-a-posteriori estimate of encoder offsets and rest angle errors; normal priors."""
+    """Maximum-a-posteriori estimator of encoder offsets and rest angle errors; normal priors."""
 
     def __init__(self, number_of_rotors: int, settings: OffsetSettings = DEFAULTS.offsets) -> None:
         self.settings = settings
@@ -55,7 +59,8 @@ class EncoderOffsets:
         self.means = np.zeros(rotors)
         """Number of block means of each rotor [1], shape (N,)."""
         self.weights, self.sums = np.zeros((2, rotors)), np.zeros((2, rotors))
-        """Weights [1/rad^2] and weighted residuals [1/rad] before and beyond the wall, (2, N)."""
+        """Sums of the weights [1/rad^2] and of the weighted residuals [1/rad] of each rotor, shape
+        (2, N) each: while the rotor was before the wall, and while it was beyond."""
         self.update(np.full(rotors, np.nan), np.zeros(rotors), 1.0)
 
     def update(
@@ -63,8 +68,9 @@ class EncoderOffsets:
     ) -> None:
         """Update the offsets with residuals [rad], shape (N,), NaN if unknown.
 
-        Sides [1], shape (N,), are +1 before, -1 beyond and 0 near the wall. `variance` is that of
-        the noise of a residual, and `persistent` that of the common error of all frames [rad^2].
+        Sides [1], shape (N,), are +1 before, -1 beyond and 0 near the wall. `variance` is the
+        variance of the noise of a residual, and `persistent` the variance of an error that is
+        equal in all frames [rad^2].
         """
         given = self.settings
         known = np.isfinite(residuals)
@@ -88,17 +94,21 @@ class EncoderOffsets:
         significant = np.abs(self.values) > given.significance * self.deviations
         confirmed = significant & (self.means >= _FEWEST_MEANS)
         self.corrections: Array = np.where(confirmed, self.values, 0.0)
-        """Offset to subtract from each angle [rad], shape (N,); 0 if it is not significant."""
+        """Offset to subtract from each angle [rad], shape (N,); 0 for an offset that is not
+        significant."""
 
     def predict(self, sides: Array) -> tuple[Array, Array]:
-        """Return mean [rad] and variance [rad^2] of each residual; sides as in `update`."""
+        """Return the predicted mean [rad] and variance [rad^2] of each residual.
+
+        The sides are those of `update`.
+        """
         of_offset, mixed, of_rest = self._covariance
         expected = self.values + sides * self.rest_angles
         return expected, of_offset + sides * (2 * mixed + sides * of_rest)
 
     @property
     def rest_angle_error(self) -> float:
-        """Common error of all rest angles [rad], a robust median; 0 if not significant."""
+        """Error of the rest angle that all rotors share [rad], a median; 0 if not significant."""
         signs = np.where(np.arange(len(self.means)) % 2, -1.0, 1.0) * np.array([[1.0], [-1.0]])
         seen = self.weights > 0
         errors = (signs * self.sums)[seen] / self.weights[seen]
@@ -109,7 +119,10 @@ class EncoderOffsets:
         return error if abs(error) > self.settings.significance * chance else 0.0
 
     def retest(self, rotors: Flags, errors: Array) -> None:
-        """Reduce the evidence about rotors that the latest block contradicts by `errors` [rad]."""
+        """Reduce the weight of earlier residuals of given rotors.
+
+        `errors` are the contradictions by the latest block [rad].
+        """
         self.means[rotors] = np.minimum(self.means[rotors], _FEWEST_MEANS) - 1
         kept = 1 / np.maximum(self.weights[:, rotors] * errors[rotors] ** 2, 1.0)
         self.weights[:, rotors] *= kept
@@ -117,10 +130,13 @@ class EncoderOffsets:
 
 
 class FarFieldResiduals:
-    """Means of the residuals of far rotors over blocks of frames."""
+    """Mean residuals of rotors far from the wall, over blocks of frames."""
 
     def __init__(self, offsets: EncoderOffsets, chain: Chain, strong: float) -> None:
-        """Start without frames; blocks above the mean square `strong` [rad^2] are ignored."""
+        """Start without frames.
+
+        Ignore blocks with a mean square residual above `strong` [rad^2].
+        """
         self._offsets, self._settings = offsets, offsets.settings
         self._margin = 1 + _DEPTHS_BESIDE * penetration_depth(chain) / chain.spacing
         self._tail, self._time_unit, self._strong = tail_ratio(chain), chain.time_unit, strong
@@ -129,8 +145,8 @@ class FarFieldResiduals:
         self._read, self._means, self._residuals = np.full((3, rotors), np.nan)
         self._uneven, self._first = False, True
         self.disorder = 0.0
-        """Disorder: standard deviation of the angles due to unmodelled deviations of the chain
-        [rad]."""
+        """Disorder: standard deviation of the angles [rad] that unmodelled deviations from the
+        uniform chain cause."""
         self.stuck = np.zeros(rotors, dtype=np.bool_)
         self.doubtful = np.zeros(rotors, dtype=np.bool_)
         self._outlying: Flags | None = None
@@ -152,8 +168,8 @@ class FarFieldResiduals:
     ) -> bool:
         """Add the residuals of a frame [rad], shape (N,), and return whether the block is full.
 
-        `site` is that of the wall [rotor spacings], `elapsed` the time since the last frame [s],
-        and `variance` a lower limit of the noise variance [rad^2].
+        `site` is the site of the wall [rotor spacings], `elapsed` the time since the last frame
+        [s], and `variance` a lower limit of the noise variance [rad^2].
         """
         self._sums += residuals
         if outlying is not None:
@@ -172,7 +188,11 @@ class FarFieldResiduals:
         return self._frames == self._settings.block
 
     def learn(self, sign: int, variance: float) -> None:
-        """Update the offsets with the block; `sign` is -1 if the chain is upside down, else 1."""
+        """Update the offsets with the block of frames.
+
+        `sign` is -1 if the chain is upside down, else 1. `variance` is the variance of the noise
+        of an angle [rad^2].
+        """
         offsets, given = self._offsets, self._settings
         sides = self._sides()
         expected, variances = offsets.predict(sides)
@@ -222,7 +242,7 @@ class FarFieldResiduals:
         self.restart()
 
     def find_doubtful(self, read: Array, outlying: Flags) -> None:
-        """Find stuck encoders and unknown offsets, given readings [rad] and outliers."""
+        """Find stuck encoders and unknown offsets from readings [rad] and flags of outliers."""
         still = np.count_nonzero(np.abs(read - self._read) <= _STUCK)
         at_rest = still > _MOST_STUCK * np.count_nonzero(np.isfinite(read))
         wrong = outlying & (self._offsets.corrections == 0)
@@ -259,7 +279,7 @@ class FarFieldResiduals:
         return self._disorder(rows, median(chances) if len(chances) else 0.0)
 
     def _disorder(self, means: Array, noise: float) -> float:
-        """Return the disorder [rad], the standard deviation of Student's distribution of means."""
+        """Return the disorder [rad], estimated robustly from the mean residuals of the rotors."""
         (before, beyond), tail = means, self._tail
         added = np.concatenate([before[:-1] - tail * before[1:], beyond[1:] - tail * beyond[:-1]])
         sizes = np.abs(added[np.isfinite(added)])
@@ -272,7 +292,7 @@ class FarFieldResiduals:
 
 
 def _trimmed_mean(squares: Array) -> float:
-    """Return the mean without the two largest squares, which encoder offsets may have caused."""
+    """Return the mean without the two largest squares, because encoder offsets may cause these."""
     count = len(squares) - 2
     if count <= 0:
         return 0.0

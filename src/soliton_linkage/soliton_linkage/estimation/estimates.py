@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 
 class TrackingStatus(enum.Enum):
-    """Basis of an estimate: this frame, earlier frames or both."""
+    """Frames on which an estimate is based: the current frame, earlier frames or both."""
 
     LOST = 'lost'
     """No estimate exists, because no frame has matched the orbit since the last loss or the
@@ -20,7 +20,8 @@ class TrackingStatus(enum.Enum):
     TRACKING = 'tracking'
     """The estimate is based on this frame and earlier frames."""
     COASTING = 'coasting'
-    """The estimate is based on earlier frames, because this frame was empty or implausible."""
+    """The estimate is based on earlier frames, because the current frame is empty or
+    implausible."""
 
 
 class OrbitEstimate(NamedTuple):
@@ -37,7 +38,7 @@ class OrbitEstimate(NamedTuple):
     site_rate: rate of change of the site [rotor spacings / s]; 0 while the wall is at an edge.
     site_deviation: standard deviation of the site [rotor spacings].
     site_rate_deviation: standard deviation of the rate of the site [rotor spacings / s].
-    leg: number of the leg of the orbit, in which the wall passes along the chain once; -1 if lost.
+    leg: number of the leg, a part of the orbit with one passage of the wall; -1 if lost.
     leg_known: whether the frames exclude all other legs that have the wall at the same site.
     noise: standard deviation of the noise of an angle [rad], either given or estimated.
     misfit: root mean square residual of the rotors near the wall in recent frames [rad].
@@ -76,7 +77,7 @@ class AnalysedSoliton(NamedTuple):
     rotor: distance from rotor 0 to the centre of the wall [rotor spacings].
     position: distance from the pivot of rotor 0 to the centre of the wall [m].
     velocity: velocity of the centre [m/s], positive towards the last rotor.
-    width: measured width w of the profile tanh(x / w) [m]; NaN if the chain has deviations.
+    width: measured width w of the profile tanh(x / w) [m]; NaN for a non-uniform chain.
     theory_width: width that continuum theory predicts at this velocity [m].
     charge: +1 if the rotors before the wall lean right and those beyond it lean left, else -1.
     position_deviation: standard deviation of the position [m].
@@ -114,23 +115,24 @@ class EventKind(enum.Enum):
     ANNIHILATION = 'annihilation'
     """A kink and an anti-kink annihilated; their energy was radiated as waves."""
     BOUNCE = 'bounce'
-    """A kink and an anti-kink collided and separated, and each returned to its own side."""
+    """A kink and an anti-kink collided, and each returned to the side from which it had come."""
     PASSING = 'passing'
     """A kink and an anti-kink passed through each other and exchanged their charges."""
     BREATHER_FORMED = 'breather formed'
     """A kink and an anti-kink formed a bound, oscillating pair."""
     BREATHER_DECAYED = 'breather decayed'
-    """The walls of a breather separated or annihilated."""
+    """The kink and the anti-kink of a breather separated or annihilated."""
 
 
 @dataclass(frozen=True)
 class SolitonEvent:
-    """Event that is reported in the analysis of the frame that has confirmed the event.
+    """Event of one or two walls, reported with the frame that has confirmed the event.
 
     kind: kind of the event.
     time: time of the event, counted from the first frame [s].
     rotor: site of the event [rotor spacings].
-    ids_before: identifiers of the walls before the event, sorted by site; a breather has its own.
+    ids_before: identifiers of the walls before the event, sorted by site; a breather has one
+        identifier.
     ids_after: identifiers of the walls after the event, in the same order.
     charge_before: sum of the charges of these walls before the event.
     charge_after: sum of the charges of these walls after the event.

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled loops over the Kalman filters of a `MultipleModelFilter`.
 
-The state of each filter is (s, w, b, d), as there. Without a disturbance in the settings, d is a
-damping rate [1/s].
+The state of each filter is (s, w, b, d): arc length s along the orbit, its rate w, bias b of the
+measurement, and disturbance d. If the settings include no disturbance, d is a damping rate [1/s].
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from soliton_linkage.linkage.chain import Array
 Records = NDArray[np.void]
 
 LEAST_ODDS, _LEAST_ODDS_AT_EDGES = -9.0, -2.0
-"""Lower limits of the log odds against the steady filter [1], inside the chain and at edges, where
-springs exchange energy with the wall."""
+"""Lower limits of the log odds against the steady filter [1], for a wall inside the chain and for
+a wall at an edge, where springs exchange energy with the wall."""
 _LEAST_EVIDENCE = 0.5
-"""Threshold of the log odds of an impulse hypothesis with a weight [1]. Sensitivity: without it,
-the stated standard deviations of a steady wall grow by 3 %."""
+"""Threshold of the log odds of an impulse hypothesis [1]; a hypothesis below it has no weight.
+Sensitivity: without the threshold, the stated standard deviations of a steady wall grow by 3 %."""
 
 ARC, RATE, BIAS, DISTURBANCE = range(4)
 FILTER = np.dtype(
@@ -39,11 +39,13 @@ FILTER = np.dtype(
         ),
     ]
 )
-"""Record of one filter. A bank begins with the steady filter and ends with impulse filters by age.
+"""Record of one filter. The steady filter is the first of a bank. Filters that assume an impulse
+are the last ones, sorted by the age of the impulse.
 
 state, covariance: mean and covariance of (s, w, b, d).
-bias_variance: stationary variance m^2 of the bias [rad^2].
-rate_noise, edge_rate_noise: process noise e^2 of the rate inside the chain and at edges [1].
+bias_variance: stationary variance of the bias [rad^2].
+rate_noise, edge_rate_noise: square of the relative change of the rate per rotor spacing, inside
+    the chain and at edges [1].
 weight: weight of the filter in the mixture of all filters [1].
 prior, probability: prior and current probability of a filter that is not steady [1].
 likelihood: log likelihood of recent measurements [1].
@@ -78,7 +80,7 @@ _NUMBERS = records(record_dtype(FilterSettings))
 
 
 def _transform(transition: Array, covariance: Array, product: Array) -> None:
-    """Replace P by F P F^T; `product` is storage for F P."""
+    """Replace the covariance P by F P F^T for the transition F; `product` is storage for F P."""
     for i in range(4):
         for j in range(4):
             total = 0.0
@@ -105,7 +107,7 @@ correct = compile_loop(_correct, inlined=True)
 
 @compiled(_FILTERS)
 def expected_measurement(filters: Records) -> tuple[float, float]:
-    """Return mean [rad] and variance [rad^2] of the measurement s + b that the filters predict."""
+    """Return predicted mean [rad] and variance [rad^2] of the next measurement."""
     arc, variance = 0.0, 0.0
     for n in range(filters.size):
         state = filters[n]['state']
@@ -129,7 +131,7 @@ def predict(
     acceleration: float,
     bandwidth: float,
 ) -> tuple[float, float]:
-    """Predict all filters as `MultipleModelFilter.predict`, and return `expected_measurement`."""
+    """Predict all filters as `MultipleModelFilter.predict` does; return `expected_measurement`."""
     status[0]['elapsed'], status[0]['at_edge'] = elapsed, at_edge
     speed, site = abs(status[0]['rate']), status[0]['site_arc']
     way = speed * elapsed / site
@@ -204,9 +206,10 @@ def _log_mean(probabilities: Array, likelihoods: Array) -> float:
 def update(
     filters: Records, base: int, arc: float, variance: float, freedoms: float
 ) -> tuple[float, float]:
-    """Update all filters and their probabilities with a measurement, and return two log odds.
+    """Update all filters and their probabilities with a measured arc length; return two log odds.
 
-    These are the log odds against the steady filter, and the largest log odds of an impulse.
+    The first one is the change of the log odds against the steady filter, the second one the
+    largest log odds of an impulse.
     """
     likely = _update_filters(filters, arc, variance, freedoms)
     probabilities, weights = np.empty(base - 1), np.empty(base)
@@ -235,7 +238,7 @@ def update(
 
 @compiled(_FILTERS, _NUMBERS, i8, f8)
 def set_weights(filters: Records, settings: Records, base: int, log_odds: float) -> None:
-    """Set the weights of all filters, given the log odds against the steady filter."""
+    """Set the weights of all filters in the mixture, given the log odds against the steady one."""
     doubted = 1 / (1 + math.exp(-log_odds))
     filters[0]['weight'] = 1 - doubted
     for n in range(1, base):
@@ -254,7 +257,11 @@ def set_weights(filters: Records, settings: Records, base: int, log_odds: float)
 
 @compiled(_FILTERS, i8)
 def mixture(filters: Records, count: int) -> tuple[float, float, float, float, float]:
-    """Return the moments of the first `count` filters: means, var(s), cov(s, w), var(w)."""
+    """Return moments of the first `count` filters in the mixture.
+
+    These are the mean arc length, the mean rate, the variance of the arc length, the covariance,
+    and the variance of the rate.
+    """
     whole, arc, rate = 0.0, 0.0, 0.0
     of_arc, both, of_rate = 0.0, 0.0, 0.0
     for n in range(count):
@@ -290,7 +297,10 @@ def _copy_state(filters: Records, source: int, target: int) -> None:
 def assume_impulse(
     filters: Records, base: int, older: int, elapsed: float, least_impulse: float
 ) -> None:
-    """Add a filter that assumes an impulse in this frame, and shift the `older` latest ones."""
+    """Add a filter that assumes an impulse in this frame.
+
+    Each of the `older` latest ones replaces the next older one.
+    """
     likeliest = 0
     for n in range(1, base):
         if filters[n]['weight'] > filters[likeliest]['weight']:
@@ -307,7 +317,7 @@ def assume_impulse(
 
 @compiled(_FILTERS, i8)
 def restart_steady(filters: Records, base: int) -> None:
-    """Restart the steady filter from the mean of the other filters, with zero bias."""
+    """Restart the steady filter from the mean of the other filters, with a bias of 0."""
     filters[0]['weight'] = 0.0
     disturbance, of_disturbance = 0.0, 0.0
     for n in range(1, base):
@@ -326,7 +336,10 @@ def restart_steady(filters: Records, base: int) -> None:
 
 @compiled(_FILTERS, i8)
 def restart_from_impulse(filters: Records, base: int) -> None:
-    """Restart all filters from the likeliest impulse, each with its own variance of the bias."""
+    """Restart all filters from the likeliest impulse filter.
+
+    Each keeps its variance of the bias.
+    """
     likeliest = base
     for n in range(base, filters.size):
         if filters[n]['odds'] > filters[likeliest]['odds']:
@@ -353,7 +366,10 @@ def measure(
     freedoms: float,
     calm: float,
 ) -> tuple[float, float, float, float, float]:
-    """Update all filters as `MultipleModelFilter.update`, and return the `mixture`."""
+    """Update all filters as `MultipleModelFilter.update` does.
+
+    Return the `mixture` of the filters.
+    """
     given, now = settings[0], status[0]
     base, frames = int(now['base']), int(now['frames'])
     more, most = update(filters, base, arc, variance, freedoms)

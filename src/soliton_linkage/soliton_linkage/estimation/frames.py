@@ -38,7 +38,10 @@ def rotor_swing(chain: Chain) -> float:
 
 @compiled(const_f8_1d, f8_1d, f8_1d, f8_1d)
 def unwrap(angles: Array, last: Array, turns: Array, seen: Array) -> None:
-    """Set `seen` to unwrapped angles [rad], shape (N,), that continue the last frame, else NaN."""
+    """Set `seen` to the unwrapped angles [rad], shape (N,), without jumps since the last frame.
+
+    NaN if invalid.
+    """
     for n in range(angles.size):
         angle = angles[n]
         if abs(angle) < LARGEST_ANGLE:
@@ -62,14 +65,17 @@ def all_within(values: Array, limit: float) -> bool:
 
 
 _NANOSECOND = 1e-9
-"""Unit of stamps [s]."""
+"""Duration of one unit of a stamp [s]."""
 
 
 class FrameClock:
     """Clock that accepts the stamps of frames in ascending order and rejects late stamps."""
 
     def __init__(self, limit: float = DEFAULTS.tracking.clock_limit) -> None:
-        """Start without a stamp; a stamp earlier by more than `limit` [s] restarts the clock."""
+        """Start without a stamp.
+
+        A stamp that is earlier by more than `limit` [s] restarts the clock.
+        """
         self._limit = limit
         self.time = -math.inf
         """Time from the first frame to the last accepted frame [s]."""
@@ -80,7 +86,7 @@ class FrameClock:
         self._epoch: int | None = None
 
     def advance(self, stamp: int) -> bool:
-        """Advance to a stamp [ns]; return whether it is later than the last one, or a restart."""
+        """Advance the clock to a stamp [ns]; return False if the stamp is rejected as late."""
         if self._epoch is None:
             self._epoch = stamp
         time = (stamp - self._epoch) * _NANOSECOND
@@ -93,11 +99,12 @@ class FrameClock:
 
 
 _NEAR = 3600 * 10**9
-"""Largest difference of stamps of one clock [ns]; clocks of different origins differ by years."""
+"""Largest difference between two stamps of the same clock [ns]; the origins of two clocks differ
+by years."""
 
 
 class FrameImpulse(NamedTuple):
-    """Angular impulses [N m s], shape (N,), and the time from them to their first frame [s]."""
+    """Angular impulses [N m s], shape (N,), and the time from them to the next frame [s]."""
 
     impulses: Array
     ago: float = 0.0
@@ -116,7 +123,7 @@ class ImpulseQueue:
         self._frame: int | None = None
 
     def add(self, stamp: int | None, impulses: Array) -> None:
-        """Add impulses [N m s] with their time [ns], None if unknown."""
+        """Add impulses [N m s], shape (N,), with their stamp [ns]; None means an unknown time."""
         after = None if stamp is None or self._frame is None else stamp - self._frame
         if after is not None and -_NEAR < after <= 0:
             self.late += 1
@@ -165,13 +172,15 @@ class CompletedFrame(NamedTuple):
     angles: Array
     """Actual angles [rad], shape (N,); all NaN if neither a rotor nor the orbit is known."""
     rates: Array | None
-    """Rates of the rotors [rad/s], shape (N,); None if unknown."""
+    """Rates of the rotors [rad/s], shape (N,); None if the rates are unknown."""
     filled: Flags
-    """Flags of filled rotors, whose readings were missing or implausible, shape (N,)."""
+    """Flags of rotors with estimated angles, because their readings were missing or implausible,
+    shape (N,)."""
     from_orbit: bool
-    """Whether filled angles come from the orbit, and not from neighbouring rotors."""
+    """Whether the angles of filled rotors come from the orbit; otherwise from neighbouring
+    rotors."""
     others: bool
-    """Whether two adjacent rotors differ from the orbit by half a swing, as near another wall."""
+    """Whether two adjacent rotors differ from the orbit by half a swing, as near a second wall."""
 
     number_filled: int
     """Number of filled rotors."""
@@ -190,11 +199,14 @@ class OnOrbit(NamedTuple):
     rates: Array
     """Predicted rates [rad/s]."""
     residuals: Array
-    """Measured minus predicted angles [rad], from -pi to pi, NaN if unknown."""
+    """Measured minus predicted angles [rad], from -pi to pi, shape (N,), NaN if unknown."""
 
 
 def on_orbit(orbit: Orbit, estimate: OrbitEstimate, residuals: Array) -> OnOrbit:
-    """Return angles and rates of the orbit; `residuals` [rad], (N,), are in its orientation."""
+    """Return angles and rates that the orbit predicts.
+
+    `residuals` [rad] have shape (N,), with the sign of the orbit.
+    """
     angles = orbit.configuration(estimate.arc)
     rates = orbit.tangent(estimate.arc) * estimate.rate
     if estimate.upside_down:
@@ -211,7 +223,7 @@ class Unwrapper:
 
     @property
     def last(self) -> Array:
-        """Last valid unwrapped angle of each rotor [rad], shape (N,), NaN if never seen."""
+        """Last valid unwrapped angle of each rotor [rad], shape (N,), NaN if never valid."""
         return np.asarray(self._last + 2 * math.pi * self._turns)
 
     def unwrapped(self, angles: Array) -> Array:
@@ -227,8 +239,8 @@ def complete(
 ) -> CompletedFrame:
     """Replace missing angles [rad] and rates [rad/s], shape (N,), by the orbit or neighbours.
 
-    `last` determines the whole turns. A reading counts as missing if it differs from the orbit by
-    half a swing, but those of both neighbours do not.
+    The last angles, `last` [rad], determine the whole turns. A reading also counts as missing if
+    it alone, without its neighbours, differs from the orbit by more than half a swing.
     """
     unseen = ~np.isfinite(angles)
     if expected is None:
@@ -264,7 +276,10 @@ def complete(
 def whole_frame(
     chain: Chain, angles: Array, rates: Array | None, largest: float
 ) -> CompletedFrame | None:
-    """Return an unchanged frame, or None if a residual exceeds half a swing or is NaN."""
+    """Return a frame with unchanged angles, or None if a residual is too large.
+
+    The `largest` residual [rad] may be half a swing; NaN counts as too large.
+    """
     if not largest <= rotor_swing(chain) / 2:
         return None
     return CompletedFrame(angles, rates, np.zeros(len(angles), dtype=np.bool_), True, False, 0)

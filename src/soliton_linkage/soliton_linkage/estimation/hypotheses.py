@@ -15,16 +15,18 @@ from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.orbit.orbit import Orbit
 
 _LEAD = 3.0
-"""Log odds at which another hypothesis replaces the leading one [1]; a probability of 95 %."""
+"""Lead in log likelihood at which another hypothesis replaces the leading one [1]; equal to a
+probability of 95 %."""
 _STEP = 1e-3
-"""Step for the derivative of the arc length per rotor spacing [rotor spacings]."""
+"""Step of the site for the numerical derivative of the arc length per rotor spacing [rotor
+spacings]."""
 _NEAR = 0.5
 """Largest distance between the walls of two hypotheses that can be merged [rotor spacings]."""
 
 
 @dataclass
 class Hypothesis:
-    """Hypothesis about the position and the motion of a chain on its orbit, with its filters."""
+    """Hypothesis about the position and the motion of a chain on its orbit."""
 
     motion: MultipleModelFilter
     upside_down: bool
@@ -47,7 +49,7 @@ class MixtureMoments(NamedTuple):
 
 
 class Hypotheses:
-    """Competing hypotheses, of which the first one is leading and reported."""
+    """Competing hypotheses about the position; the estimate reports the first, leading one."""
 
     def __init__(self, orbit: Orbit, settings: EstimationSettings) -> None:
         self._orbit, self._settings = orbit, settings
@@ -59,7 +61,10 @@ class Hypotheses:
         return self.all[0]
 
     def weigh(self, likelihoods: list[float]) -> None:
-        """Add the log likelihood of a frame to each hypothesis; remove unlikely and equal ones."""
+        """Add the log likelihood of a frame to each hypothesis.
+
+        Remove unlikely hypotheses and duplicates.
+        """
         if len(self.all) == 1:
             return
         for each, likelihood in zip(self.all, likelihoods, strict=True):
@@ -95,7 +100,7 @@ class Hypotheses:
             self.all.append(Hypothesis(motion, leader.upside_down, view, evidence))
 
     def leg_is_known(self) -> bool:
-        """Return whether the frames exclude all legs but that of the likeliest hypothesis."""
+        """Return whether the frames exclude all legs of the orbit but the likeliest one."""
         if len(self.all) == 1:
             return True
         legs = np.array([self._orbit.leg(each.motion.arc) for each in self.all])
@@ -104,7 +109,10 @@ class Hypotheses:
         return bool(others < self._settings.likelihood.false_alarms * weights.sum())
 
     def mixture(self, arc_variance: float, rate_variance: float) -> MixtureMoments:
-        """Return site and rate of the wall, with additional variances of arc and rate."""
+        """Return site and rate of the wall.
+
+        Add given variances of the arc length and of its rate.
+        """
         if len(self.all) == 1:
             site, site_var, rate, rate_var = self._row(self.all[0], arc_variance, rate_variance)
             return MixtureMoments(site, math.sqrt(site_var), rate, math.sqrt(rate_var))

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled loops that compute the likelihood of a frame at a point of the orbit.
 
-The difference d between the angle of a rotor and the orbit has the variance V and, with r = d /
-sqrt(V), the density
+The difference d between the measured angle of a rotor and its angle on the orbit has the variance
+V. With the scaled difference r = d / sqrt(V), the probability density of d is
 
     p(d) = (1 - e) C / sqrt(V) exp(-rho(r)) + e / 2 pi,
     rho(r) = r^2 / 2 for |r| <= k,    rho(r) = k^2 (1/2 + log(|r| / k)) for |r| > k,
 
-where e is the share of readings without information. The slope of log p is -w d / V with the
-weight w = min(1, k^2 / r^2) P, where P is the probability that the reading contains information.
+where e is the share of readings without information, k the bound of the normal core, and C a
+normalisation. The slope of log p is -w d / V. The weight is w = min(1, k^2 / r^2) P, where P is
+the probability that the reading contains information.
 """
 
 from __future__ import annotations
@@ -51,9 +52,11 @@ def compare(
     first: int,
     differences: Array,
 ) -> None:
-    """Set the differences between corrected angles and a wall on the orbit, -pi to pi [rad], (N,).
+    """Set the differences between the corrected angles and a wall on the orbit.
 
-    `about` are the angles near the wall from rotor `first` on; the others are the uniform states.
+    The differences [rad], from -pi to pi, have shape (N,). `about` are the angles on the orbit of
+    the rotors near the wall, from rotor `first` on. Other rotors have the angles `before` or
+    `beyond` of the uniform states.
     """
     end = first + about.size
     for n in range(angles.size):
@@ -71,7 +74,7 @@ def _core(square: float, inner: float) -> float:
 
 @compiled(f8, f8, f8)
 def _log_likelihood(square: float, bound: float, floor: float) -> float:
-    """Return log(p(d) sqrt(V) / ((1 - e) C)) as a function of r^2 [1]."""
+    """Return the log density of a difference, relative to its peak; `square` is r^2 [1]."""
     core = _core(square, bound * bound)
     if square <= bound * bound:
         return core
@@ -99,7 +102,7 @@ DENSITY = np.dtype(
 """Record with the parameters of the density of the difference between a rotor and the orbit.
 
 variance: variance V of the difference [rad^2].
-spread: variance of the arc length along the orbit [rad^2].
+spread: variance of the predicted arc length along the orbit [rad^2].
 bound: bound k of the normal core of the density [1].
 floor: log density of readings without information, relative to the peak of the density [1].
 gross: smallest difference that counts as a gross error [rad].
@@ -116,7 +119,11 @@ def _weigh(
     doubtful: Flags,
     weights: Array,
 ) -> tuple[float, float, float]:
-    """Set the weights w; return sum w t^2, the step to the likeliest arc length, and sum t^2."""
+    """Set the weights w of all rotors.
+
+    Return the sum of w t^2, the step to the likeliest arc length [rad], and the sum of t^2, for
+    the tangent t.
+    """
     end = first + tangent.size
     information, ahead, whole = 0.0, 0.0, 0.0
     for n in range(differences.size):
@@ -140,10 +147,10 @@ def weigh_frame(
 ) -> tuple[tuple[float, float, float], tuple[int, int, int, int, int], tuple[float, float, float]]:
     """Compute weights and residuals of a frame, given its differences from the orbit [rad], (N,).
 
-    Sets row 0 of `rows` to the weights, and row 1 to the residuals of inliers near the wall, else
-    0. Returns the results of `_weigh`; the numbers of inliers near the wall, known rotors, gross
-    errors, adjacent gross errors and outliers; and the sum of squares [rad^2], log likelihood [1]
-    and largest residual [rad], infinite if a rotor is unknown.
+    Row 0 of `rows` becomes the weights. Row 1 becomes the residuals of inliers near the wall, and
+    0 for other rotors. Returns the results of `_weigh`; the numbers of inliers near the wall,
+    known rotors, gross errors, adjacent gross errors and outliers; and the sum of squares [rad^2],
+    log likelihood [1] and largest residual [rad], infinite if a rotor is unknown.
     """
     weights, left = rows[0], rows[1]
     information, ahead, whole = _weigh(differences, first, tangent, density, doubtful, weights)
@@ -183,7 +190,7 @@ def weigh_frame(
 def sum_likelihoods(
     angles: Array, states: Array, variance: float, bound: float, floor: float, sums: Array
 ) -> None:
-    """Set the cumulative log likelihoods over the rotors for S states, shape (S, N + 1)."""
+    """Set the log likelihoods of rotors 0 to n - 1 in S uniform states, shape (S, N + 1)."""
     for row in range(states.shape[0]):
         sums[row, 0] = 0.0
         for n in range(angles.size):
@@ -194,7 +201,7 @@ def sum_likelihoods(
 
 @compiled(f8, f8, f8, f8_1d)
 def tabulate(variance: float, bound: float, floor: float, table: Array) -> None:
-    """Fill a table with the log likelihoods of evenly spaced differences from 0 to pi."""
+    """Fill a table with the log likelihoods of equidistant differences from 0 to pi."""
     for n in range(table.size):
         apart = math.pi * n / (table.size - 1)
         table[n] = _of_rotor(apart, variance, bound, floor)
@@ -215,11 +222,11 @@ class SampledWalls(NamedTuple):
     legs: Counts
     """Leg of the orbit to which each sample belongs, shape (S,)."""
     firsts: Counts
-    """Index of the first rotor near each wall, shape (S,)."""
+    """Index of the first rotor near the wall of each sample, shape (S,)."""
     begins: Counts
-    """Index in `angles` of the first angle of each wall and of the end, shape (S + 1,)."""
+    """Index in `angles` at which each wall begins, and the number of angles, shape (S + 1,)."""
     angles: Array
-    """Angles of the rotors near the walls [rad], wall after wall."""
+    """Angles of the rotors near the walls [rad], for one wall after the other."""
 
 
 _WALLS = named_tuple(SampledWalls, i8_1d, i8_1d, i8_1d, f8_1d)
@@ -234,7 +241,10 @@ def scan(
     table: Array,
     likelihoods: Array,
 ) -> None:
-    """Set the log likelihoods of samples, shape (S,), from `sum_likelihoods` and `tabulate`."""
+    """Set the log likelihoods of samples, shape (S,).
+
+    Rotors near a wall use `table` of `tabulate`; other rotors use the sums of `sum_likelihoods`.
+    """
     for sample in range(likelihoods.size):
         leg, first, begin = walls.legs[sample], walls.firsts[sample], walls.begins[sample]
         count = walls.begins[sample + 1] - begin

@@ -17,9 +17,10 @@ from soliton_linkage.linkage.chain import Array
 NO_FLAGS: Flags = np.zeros(0, dtype=np.bool_)
 """Empty array of flags, which means that no rotor is doubtful."""
 LEAST_INFORMATION = 1e-6
-"""Least information of a frame that determines the arc length along the orbit [1]."""
+"""Least information on the arc length along the orbit for which a frame determines it [1]."""
 LONGEST_STEP = 0.5
-"""Longest Gauss-Newton step along the orbit [rad], about half a rotor of displacement."""
+"""Longest Gauss-Newton step along the orbit [rad], a displacement of about half a rotor
+spacing."""
 _MOST_STEPS = 20
 """Largest number of Gauss-Newton steps [1]."""
 _LONGEST_RUN = 2
@@ -27,24 +28,27 @@ _LONGEST_RUN = 2
 
 
 class LinearisedMeasurement(NamedTuple):
-    """Measurement of the arc length along the orbit, linearised at a point of the orbit."""
+    """Measurement of the arc length along the orbit, linearised about a point of the orbit."""
 
     arc: float
     """Most likely arc length, to first order in the residuals [rad]."""
     first: int
     """Index of the first rotor near the wall."""
     tangent: Array
-    """Derivative of the angles near the wall by the arc length, over the scales [1], (n,)."""
+    """Derivative of the angles near the wall by the arc length, divided by the scales of the
+    readings [1], shape (n,)."""
     residuals: Array
-    """Measured angles minus the angles of the orbit at `arc` [rad], shape (N,), NaN if unknown."""
+    """Measured angles minus the angles on the orbit at `arc` [rad], shape (N,), NaN if unknown."""
     weights: Array
     """Weight of each rotor, from 0 to 1, shape (N,)."""
     inlying: Array
-    """Residuals of inliers near the wall divided by the scales [rad], shape (N,), else 0."""
+    """Residuals of inliers near the wall divided by the scales [rad], 0 for other rotors, shape
+    (N,)."""
     information: float
     """Information on the arc length for a noise of 1 rad [1]."""
     full_information: float
-    """Information if no known rotor were an outlier, without doubtful rotors [1]."""
+    """Information without outliers: as `information`, but with weight 1 for all known rotors [1];
+    doubtful rotors are excluded."""
     squares: float
     """Sum of the squares of the residuals in `inlying` [rad^2]."""
     degrees_of_freedom: int
@@ -56,15 +60,15 @@ class LinearisedMeasurement(NamedTuple):
     random: float
     """Log likelihood that the frame would have if all angles were random [1]."""
     gross: int
-    """Number of outliers with gross errors."""
+    """Number of rotors with gross errors."""
     run: int
-    """Largest number of adjacent outliers with gross errors."""
+    """Largest number of adjacent rotors with gross errors."""
     outliers: int
     """Number of known rotors with a weight below 0.5."""
     largest: float
     """Largest absolute residual [rad]; infinite if a rotor is unknown."""
     unseen_share: float = 1.0
-    """Share of the variance due to unseen rotors that remains after a correction [1]."""
+    """Share of the variance due to unseen rotors that remains after their correction [1]."""
 
     @property
     def mean_square(self) -> float:
@@ -78,7 +82,7 @@ class LinearisedMeasurement(NamedTuple):
 
 
 def search_arc(arc: float, target: Callable[[float], float], close: float) -> float:
-    """Search the likeliest arc length [rad] until a step to `target` is below `close` [rad]."""
+    """Search the likeliest arc length: move to `target` until a step is below `close` [rad]."""
     for _ in range(_MOST_STEPS):
         step = target(arc) - arc
         arc += min(max(step, -LONGEST_STEP), LONGEST_STEP)
@@ -88,10 +92,11 @@ def search_arc(arc: float, target: Callable[[float], float], close: float) -> fl
 
 
 CORE = 2.5
-"""Range beside a wall whose rotors show whether the wall still exists [rotor spacings]."""
+"""Largest distance from a wall of the rotors that show whether the wall still exists [rotor
+spacings]."""
 _FAR, _FAR_NOISE, _FAR_SHARE = 0.75, 2.0, 0.3
-"""A wall no longer exists if more than `_FAR_SHARE` of the rotors near it have residuals above
-`_FAR` gross errors plus `_FAR_NOISE` standard deviations of the noise [1]."""
+"""Criterion for a wall that no longer exists: more than `_FAR_SHARE` of the rotors near it have
+residuals above `_FAR` gross errors plus `_FAR_NOISE` standard deviations of the noise [1]."""
 
 
 class FrameLikelihood:
@@ -101,7 +106,7 @@ class FrameLikelihood:
         """Compute the density, given the swing of a rotor while a wall passes [rad]."""
         self._settings = settings
         self.gross = settings.gross_share * swing
-        """Least size of a gross error [rad], which springs cannot cause."""
+        """Least size of a gross error [rad]; the deformation of springs is smaller."""
         self._density = np.zeros(1, DENSITY)
         bound, wrong = settings.bound, settings.wrong
         core = math.sqrt(2 * math.pi) * math.erf(bound / math.sqrt(2))
@@ -109,14 +114,15 @@ class FrameLikelihood:
         self._log_wrong = math.log(wrong)
         self._floor = math.log(wrong / (1 - wrong) * (core + tails) / (2 * math.pi))
         self.scales: Array | None = None
-        """Scale of each reading from `ReadingScales` [1], shape (N,); None if all scales are 1."""
+        """Scale of each reading as in `ReadingScales` [1], shape (N,); None if all scales are
+        1."""
 
     def floor(self, variance: float) -> float:
         """Return the log density of a reading without information, relative to the peak [1]."""
         return self._floor + 0.5 * math.log(variance)
 
     def random(self, known: int, variance: float) -> float:
-        """Return the log likelihood of `known` random angles [1]."""
+        """Return the log likelihood of a frame with `known` random angles [1]."""
         return known * (self.floor(variance) - self._log_wrong)
 
     def linearise(
@@ -131,8 +137,8 @@ class FrameLikelihood:
     ) -> LinearisedMeasurement:
         """Return the measurement of a frame, linearised at an arc length along the orbit [rad].
 
-        Overwrites `differences` [rad], shape (N,). `variance` is that of a rotor, and `spread`
-        that of the arc length [rad^2].
+        Overwrites `differences` [rad], shape (N,). `variance` is the variance of the difference of
+        a rotor, and `spread` the variance of the arc length [rad^2].
         """
         rows, floor = np.empty((2, len(differences))), self.floor(variance)
         self._density[0] = variance, spread, self._settings.bound, floor, self.gross
@@ -189,7 +195,7 @@ class FrameLikelihood:
         return True
 
     def fits(self, residuals: Array, first: int, site: float, noise: float) -> bool:
-        """Return whether the rotors near a site form a wall, given residuals from `first` on."""
+        """Return whether the residuals of rotors from `first` on show a wall at a site."""
         beside = np.abs(np.arange(first, first + len(residuals)) - site)
         core = np.abs(residuals[beside <= CORE])
         far = np.count_nonzero(core > _FAR * self.gross + _FAR_NOISE * noise)
@@ -202,15 +208,21 @@ class FrameLikelihood:
 
 
 class ReadingScales:
-    """Standard deviations of the readings of a frame, relative to a typical reading."""
+    """Standard deviations of the readings of a frame, relative to a typical standard deviation."""
 
     def __init__(self, usual: float | None = None) -> None:
-        """Start with the usual deviation of a reading [rad]; None takes that of frame 1."""
+        """Start with the typical standard deviation of a reading [rad].
+
+        None takes it from the first frame.
+        """
         self._usual = usual
         self._squares: Array | None = None
 
     def set_deviations(self, deviations: Array | None) -> None:
-        """Set the standard deviations of a frame [rad], shape (N,); NaN or None if typical."""
+        """Set the standard deviations of a frame [rad], shape (N,).
+
+        NaN or None means a typical one.
+        """
         self._squares = None
         if deviations is None:
             return
@@ -222,14 +234,14 @@ class ReadingScales:
         self._squares = np.where(known, (deviations / self._usual) ** 2, 1.0)
 
     def of_frame(self, noise: float, variance: float) -> Array | None:
-        """Return the scale of each reading [1], shape (N,), or None if all scales are 1."""
+        """Return the scale of each reading [1], shape (N,); None means that all scales are 1."""
         if self._squares is None:
             return None
         return np.asarray(np.sqrt(1 + (self._squares - 1) * min(noise / variance, 1.0)))
 
 
 class InnovationGate:
-    """Gate that rejects frames because of their outliers and those of the last frame."""
+    """Gate that rejects frames because of outliers in this frame and the preceding one."""
 
     def __init__(
         self, rotors: int, likelihood: FrameLikelihood, settings: EstimationSettings
@@ -244,11 +256,11 @@ class InnovationGate:
         self._outliers, self._strained = self._no_outliers, 0 * self._no_outliers
 
     def is_informative(self, view: LinearisedMeasurement) -> bool:
-        """Return whether a frame without its outliers contains most of its information."""
+        """Return whether a frame keeps most of its information without its outliers."""
         return view.information >= self._settings.informative_share * view.full_information
 
     def is_strained(self, view: LinearisedMeasurement) -> bool:
-        """Return whether three adjacent or repeated outliers show that the prediction is wrong."""
+        """Return whether outliers that are adjacent or repeated contradict the prediction."""
         if (
             self.is_informative(view)
             or not view.full_information > self._settings.informative_share
@@ -261,9 +273,10 @@ class InnovationGate:
         return bool(adjacent.any() or (self._strained >= self._frames).any())
 
     def accepts(self, view: LinearisedMeasurement, largest: float, doubtful: Flags) -> bool:
-        """Return whether a frame shows the wall, given the largest variance of a rotor [rad^2].
+        """Return whether a frame shows the predicted wall.
 
-        A frame is rejected if two rotors repeat a gross error, because random ones do not repeat.
+        `largest` is the largest variance of a rotor [rad^2]. A frame is rejected if two rotors
+        repeat a gross error, because random errors do not repeat.
         """
         outliers, repeated = self._no_outliers, 0
         if view.gross:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Class of motion of a wall from the angles alone, without the parameters of the chain.
 
-A wall is where u = r sin(phi) changes its sign. In terms of the staggered angle theta far from the
-wall, theta_right = -theta_left in a flipper, and theta_right = theta_left + pi in a spinner.
+A wall is where the horizontal displacement u = r sin(phi) of the rotor tips changes its sign. Far
+from the wall, the staggered angles theta are uniform on each side: theta_right = -theta_left in a
+flipper, and theta_right = theta_left + pi in a spinner.
 
 In a wobbling flipper, rotors beside the wall lean by more than the rest angle. Let e be the
 deviation of a rotor from the rest angle, e' that of its outer neighbour, F(e) the `next_deviation`
@@ -10,8 +11,8 @@ for d = 1, and d the lean ratio. Then
 
     e' = F(e) + lambda e + ...,    lambda = (1 - d) / (1 + d),
 
-and the chain wobbles if lambda < 0. Extended springs change the curvature of F, modelled by a term
-in e^2, but not the sign of lambda.
+and the chain wobbles if lambda < 0. Extended springs change the curvature of F, for which the
+model has a term in e^2. They do not change the sign of lambda.
 """
 
 from __future__ import annotations
@@ -42,15 +43,16 @@ _NUMBERS = records(record_dtype(MotionSettings))
 _LEAST_NOISE = 1e-6
 """Lower limit of the noise of a frame [rad]."""
 _LEANING = 3.0
-"""Least lean on both sides of a wall [standard deviations]."""
+"""Least lean of the rotors on both sides of a wall [standard deviations]."""
 _FLAT, _FLAT_IN_NOISE, _NOISIEST = 0.02, 2.0, 0.15
-"""A tail ends at a deviation of `_FLAT` rest angles or `_FLAT_IN_NOISE` standard deviations of the
-noise; it is not used if the noise exceeds `_NOISIEST` rest angles [1]."""
+"""Limits of a tail, the rotors whose deviations decay outwards: the tail ends at a deviation of
+`_FLAT` rest angles or `_FLAT_IN_NOISE` standard deviations of the noise. Tails are not used if the
+noise exceeds `_NOISIEST` rest angles [1]."""
 _BEND, _NEGLECTED = 0.1, 0.01
-"""Prior standard deviation of the coefficient of e^2 times the rest angle, and error of the tail
-ratio due to extended springs [1]."""
+"""Prior standard deviation of the coefficient of e^2 times the rest angle [1], and error of the
+tail ratio lambda that extended springs cause [1]."""
 _SPREAD = 1.2
-"""Ratio of the variance of e' - F(e) to the variance of the noise [1]."""
+"""Variance of e' - F(e), relative to the variance of the noise [1]."""
 _LEAST_LEVER = 1e-9
 """Lever of a bar in line with its outer rotor [1], so that the slope stays finite."""
 _LEAST_WEIGHT = 1e-300
@@ -61,10 +63,10 @@ _NO_EVIDENCE = (math.nan, 0.0, math.nan)
 
 @compiled(f8, f8, f8)
 def next_deviation(inner: float, rest_angle: float, k: float) -> tuple[float, float]:
-    """Return the deviation F(e) of the outer neighbour of a rotor [rad], and the slope F'(e) [1].
+    """Return the deviation F(e) of the outer neighbour [rad] and the slope F'(e) [1], for d = 1.
 
-    A rotor leans by alpha = theta_bar + e and its outer neighbour by alpha' = theta_bar + F(e).
-    With k = a / r, the bar between them has its relaxed length if
+    With the rest angle theta_bar, a rotor leans by alpha = theta_bar + e and its outer neighbour
+    by alpha' = theta_bar + F(e). With k = a / r, the bar between them has its relaxed length if
 
         cos(alpha + alpha') + k (sin(alpha) - sin(alpha')) = cos(2 theta_bar).
     """
@@ -79,7 +81,7 @@ def next_deviation(inner: float, rest_angle: float, k: float) -> tuple[float, fl
 
 @compiled(const_f8_1d)
 def bond_of_wall(sines: Array) -> tuple[int, float, float]:
-    """Return the number of rotors before the wall, and the sines of the two rotors beside it."""
+    """Return the number of rotors before the wall, and sin(phi) of the two rotors beside it."""
     whole, running, most, bond = 0.0, 0.0, -1.0, 0
     for n in range(sines.size):
         whole += sines[n] if math.isfinite(sines[n]) else 0.0
@@ -121,7 +123,7 @@ _PART = named_tuple(UniformPart, f8)
 def uniform_part(
     angles: Array, sines: Array, cosines: Array, nearest: int, edge: int
 ) -> UniformPart:
-    """Return statistics of the outer half of the rotors from a wall to an edge (excluded)."""
+    """Return statistics of the outer half of the rotors between a wall and an edge rotor."""
     way = 1 if edge > nearest else -1
     inner = nearest + way * (abs(edge - nearest) // 2)
     low, high = (inner, edge) if way > 0 else (edge + 1, inner + 1)
@@ -141,9 +143,10 @@ def uniform_part(
 
 @compiled(const_f8_1d, f8, f8)
 def tail_of_side(deviations: Array, large: float, small: float) -> tuple[int, int]:
-    """Return where a tail begins and ends, given deviations [rad] from the wall outwards.
+    """Return the begin and the end of a tail, given deviations [rad] from the wall outwards.
 
-    It begins after the last deviation above `large` and ends at the first one up to `small`.
+    The tail begins after the last deviation above `large`. It ends before the first one of at most
+    `small`.
     """
     begin = 0
     for n in range(deviations.size):
@@ -159,7 +162,7 @@ def tail_of_side(deviations: Array, large: float, small: float) -> tuple[int, in
 def tail_products(
     angles: Array, nearest: int, edge: int, part: UniformPart, noise: float, sums: Array
 ) -> None:
-    """Add the products of (e, e^2, e' - F(e)) in a tail, divided by the variance, to the sums."""
+    """Add the products of (e, e^2, e' - F(e)) in a tail to `sums`, divided by the variance."""
     mean, handed = part.mean, 1.0 if (part.sine > 0) == (part.cosine > 0) else -1.0
     rest_angle = math.pi / 2 - abs(math.asin(math.cos(mean)))
     if noise > _NOISIEST * rest_angle:
@@ -194,7 +197,10 @@ def _flipping(left: float, right: float, variance: float) -> float:
 def evidence(
     settings: Records, angles: Array, sines: Array, cosines: Array, noise: float, tails: Array
 ) -> tuple[float, float, float]:
-    """Return site, log likelihood ratio and rest angle of a frame; add its tails to `tails`."""
+    """Return site, log likelihood ratio and rest angle of a frame.
+
+    Add the products in its tails to `tails`.
+    """
     rotors, fewest = angles.size, settings[0]['fewest_rotors']
     bond, before, beyond = bond_of_wall(sines)
     if not fewest < bond < rotors - fewest:
@@ -242,7 +248,10 @@ def observe(
     rest_angle: float,
     tails: Array,
 ) -> tuple[tuple[float, float, float], tuple[float, float]]:
-    """Add the `evidence` of a frame to the earlier evidence; return it and the `tail_ratio`."""
+    """Add the `evidence` of a frame to the earlier evidence.
+
+    Return the sum and the `tail_ratio`.
+    """
     known = tails[0, 0]
     sines, cosines = np.full(angles.size, math.nan), np.full(angles.size, math.nan)
     for n in range(angles.size):
@@ -263,7 +272,7 @@ def observe(
 class MotionClass(NamedTuple):
     """Class of motion, determined from the angles.
 
-    motion: class of motion; None if no class is probable enough, for example without a wall.
+    motion: class of motion; None if no class is probable enough, as in frames without a wall.
     confidence: probability of the likeliest class; the spinner has the prior probability 1/3.
     spinning: probability that the chain is a spinner.
     """
@@ -276,7 +285,7 @@ class MotionClass(NamedTuple):
 class MotionEvidence(NamedTuple):
     """Evidence about the class of motion from all frames.
 
-    site: site at which u changes its sign in the last frame [rotor spacings]; NaN without a wall.
+    site: site of the wall in the last frame [rotor spacings]; NaN without a wall.
     flipping: limited log likelihood ratio of a flipper against a spinner [1].
     rest_angle: mean lean of the rotors far from the wall [rad]; NaN if no frame has shown a wall.
     tails: sums of the products of (e, e^2, e' - F(e)), divided by the variance, shape (3, 3).
@@ -292,7 +301,10 @@ class MotionEvidence(NamedTuple):
     tail_ratio_deviation: float
 
     def verdict(self, settings: MotionSettings = DEFAULTS.motion) -> MotionClass:
-        """Return the class of motion, None below the least probability of the settings."""
+        """Return the class of motion.
+
+        None if its probability is below the least probability of the settings.
+        """
         determined = math.isfinite(self.tail_ratio)
         scaled = self.tail_ratio / self.tail_ratio_deviation if determined else 0.0
         wobbling = math.erfc(scaled / math.sqrt(2)) / 2
@@ -312,7 +324,10 @@ NO_EVIDENCE = MotionEvidence(math.nan, 0.0, math.nan, np.zeros((3, 3)), math.nan
 
 
 class MotionObserver:
-    """Observer that accumulates the evidence of all frames; walls near an edge are ignored."""
+    """Observer that adds the evidence of all frames.
+
+    Frames with a wall near an edge are ignored.
+    """
 
     def __init__(self, settings: MotionSettings = DEFAULTS.motion) -> None:
         self._settings = settings

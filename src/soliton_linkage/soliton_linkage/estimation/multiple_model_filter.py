@@ -3,23 +3,26 @@
 
 The state of each Kalman filter is (s, w, b, d): arc length s along the orbit [rad], its rate w
 [rad/s], bias b of the measurement [rad] and disturbance d [rad/s^2]. A measurement is z = s + b +
-noise. The bias persists over half a rotor spacing or the time tau:
+noise. The bias b persists while the wall moves by half a rotor spacing, at most for the time tau.
+In a time step dt, with the normal noise dB, the state changes by
 
     ds = w dt,   dw = sqrt(q) dB,   b' = a b + noise of variance m^2 (1 - a^2),
 
 with a = exp(-|w| dt / (Lambda / 2) - dt / tau) and q = e^2 |w|^3 / Lambda. Lambda is the arc
-length per rotor spacing, and e the relative change of the rate per rotor spacing.
+length per rotor spacing, e the relative change of the rate per rotor spacing, and m the standard
+deviation of the bias.
 
 Filters with different e and m are weighted by the likelihood of recent measurements. The steady
-filter has e = m = 0 and uses the whole record. If the measurements contradict it, it restarts from
-the mean of the others with a low weight. At edges, e is larger, because springs exchange energy
-with the wall. There and in strong waves, the weight of the steady filter is limited.
+filter has e = m = 0 and uses the whole record. If the measurements contradict the steady filter,
+it restarts from the mean of the others with a low weight. At edges, e is larger, because springs
+exchange energy with the wall. There and in strong waves, the weight of the steady filter is
+limited.
 
 Several filters assume an impulse about 1, 2, 4, 8, ... frames ago, after which the rate is almost
 unknown. Their weights are the prior probability of an impulse times the likelihood ratio since. If
 the odds of an impulse become decisive, all filters restart from it.
 
-If the settings include a disturbance, with the modelled acceleration u,
+If the settings include a disturbance, the state changes, for a modelled acceleration u, by
 
     ds = w dt + sqrt(3 r) W dB_1,   dw = (u + d) dt + sqrt(3 r) W^2 dB_2,   dd = sqrt(r) W^3 dB_3,
 
@@ -52,13 +55,14 @@ from soliton_linkage.estimation.settings import DEFAULTS, FilterSettings
 
 _Summary = tuple[float, float, float, float, float]
 _FIRST_ODDS = 5.5
-"""Prior log odds of the steady model without unmodelled damping [1]."""
+"""Prior log odds of the steady filter without unmodelled damping [1]."""
 _LEAST_IMPULSE = 0.1
-"""Least standard deviation of the change of the rate by an impulse, relative to the scale [1]."""
+"""Least standard deviation of the change of the rate by an impulse, relative to the typical rate
+[1]."""
 
 
 class MultipleModelFilter:
-    """Bank of Kalman filters of arc length along the orbit, rate, bias and disturbance."""
+    """Bank of Kalman filters for arc length along the orbit, rate, bias and disturbance."""
 
     def __init__(
         self,
@@ -68,7 +72,10 @@ class MultipleModelFilter:
         site_arc: float,
         settings: FilterSettings = DEFAULTS.filter,
     ) -> None:
-        """Start at an arc length [rad] with its variance [rad^2] and a typical rate [rad/s]."""
+        """Start at an arc length [rad] with its variance [rad^2].
+
+        `scale` is the typical rate [rad/s], and `site_arc` the arc length per rotor spacing [rad].
+        """
         self._settings = settings
         self.site_arc = site_arc
         self._base = 1 + len(settings.rate_changes) * len(settings.biases)
@@ -113,7 +120,7 @@ class MultipleModelFilter:
         return models
 
     def mirrored(self, arc: float) -> MultipleModelFilter:
-        """Return a copy at another arc length [rad], with the opposite rate."""
+        """Return a copy of the filter at another arc length [rad], with the opposite rate."""
         other = copy.copy(self)
         other.filters, other._status = self.filters.copy(), self._status.copy()
         other.filters['state'] *= -1
@@ -144,7 +151,10 @@ class MultipleModelFilter:
 
     @property
     def disturbance(self) -> float:
-        """Estimated unmodelled acceleration [rad/s^2]; 0 if the settings include none."""
+        """Estimated unmodelled acceleration [rad/s^2].
+
+        0 if the settings include no disturbance.
+        """
         if not self._settings.disturbance:
             return 0.0
         return float(self.filters['weight'] @ self.filters['state'][:, DISTURBANCE])
@@ -159,8 +169,8 @@ class MultipleModelFilter:
     ) -> None:
         """Predict all filters over the time `elapsed` [s].
 
-        The motion multiplies the rate by `ratio` [1]. `acceleration` is the modelled one
-        [rad/s^2], and `bandwidth` that of the disturbance [rad/s].
+        The known motion multiplies the rate by `ratio` [1]. `acceleration` is the modelled
+        acceleration [rad/s^2], and `bandwidth` the bandwidth of the disturbance [rad/s].
         """
         rate, gained = self.rate, (acceleration + self.disturbance) * elapsed
         self._known = None
@@ -179,7 +189,7 @@ class MultipleModelFilter:
     def apply_impulse(
         self, change: float, rate_variance: float = 0.0, arc_variance: float = 0.0
     ) -> None:
-        """Add an impulse to the rates [rad/s], and its uncertainty to both variances."""
+        """Add the rate change of an impulse [rad/s] to all filters, with its variances."""
         self.filters['state'][:, RATE] += change
         self.filters['covariance'][:, RATE, RATE] += rate_variance
         self.filters['covariance'][:, ARC, ARC] += arc_variance
@@ -200,8 +210,9 @@ class MultipleModelFilter:
     ) -> None:
         """Update all filters with a measured arc length [rad] and its variance [rad^2].
 
-        For f degrees of freedom, sqrt((f + 1) log(1 + x^2 / f)) replaces an innovation x
-        (Student). `calm`, 0 in strong waves and 1 without, limits the weight of the steady filter.
+        For f degrees of freedom of the variance, sqrt((f + 1) log(1 + x^2 / f)) replaces an
+        innovation of x standard deviations (Student's distribution). `calm` is 0 in strong waves
+        and 1 without waves, and limits the weight of the steady filter.
         """
         self._known = measure(
             self.filters,
@@ -215,12 +226,15 @@ class MultipleModelFilter:
 
     @property
     def impulses(self) -> int:
-        """Number of impulses that were detected."""
+        """Number of impulses that the filter has detected."""
         return int(self._status['impulses'][0])
 
     @property
     def summary(self) -> _Summary:
-        """Arc length s [rad], rate w [rad/s], var(s), cov(s, w) and var(w) of the mixture."""
+        """Mean arc length [rad] and rate [rad/s], and their variances and covariance.
+
+        The order is arc length s, rate w, var(s), cov(s, w), var(w), all of the mixture.
+        """
         if self._known is None:
             self._known = mixture(self.filters, len(self.filters))
         return self._known

@@ -22,16 +22,18 @@ from soliton_linkage.linkage.chain import Array, Chain
 DEVIATION_PER_MEDIAN = 1.4826
 """Ratio of the standard deviation of normal noise to the median of its absolute values [1]."""
 FREEDOMS_OF_MEDIAN = 0.368
-"""Efficiency of the median of absolute values as an estimator of the standard deviation [1]."""
+"""Efficiency of the median of absolute values as an estimator of a standard deviation [1]."""
 
 _LARGEST_CHANGE = 12.0
-"""Upper limit of the product of two second differences, relative to its expected value [1]."""
+"""Upper limit of the product of two second differences, relative to the expected product [1]."""
 _EDGE_RATIO = 4.0
 """Variance of the deformation of a wall at an edge, relative to a wall inside the chain [1]."""
 LARGEST_EXCESS = 3.0
-"""Largest mean square of persistent residuals near a wall, relative to recent residuals [1]."""
+"""Largest mean square of the persistent residuals near a wall, relative to recent residuals
+[1]."""
 _FIELD_RATIO = 3.0
-"""Largest squared residual near a wall, relative to the mean square [1]; waves are not uniform."""
+"""Largest squared residual near a wall, relative to the mean square [1]; waves cause unequal
+residuals."""
 
 
 def median(values: Array) -> float:
@@ -55,13 +57,13 @@ Estimate = tuple[float, float, float, float, float, float]
 _SQUARES = ('squares', 'freedoms', 'recent_squares', 'recent_freedoms')
 PAIRS = ('products', 'pairs', 'wall', 'wall_weights', 'wall_squared_weights')
 NOISE = np.dtype([(name, np.float64) for name in (*_SQUARES, *PAIRS)])
-"""Record of sums over the frames, in which older frames have less weight.
+"""Record of sums over all frames; older frames have less weight.
 
 squares, freedoms: squared residuals [rad^2] and their degrees of freedom [1].
 recent_squares, recent_freedoms: the same sums over the recent frames only.
 products, pairs: products of residuals in successive frames [rad^2] and their number [1].
 wall: the same products, each weighted by the squared tangent t^2 [rad^2].
-wall_weights, wall_squared_weights: effective weights in `wall` and their squares [1].
+wall_weights, wall_squared_weights: sums of the weights in `wall` and of their squares [1].
 """
 _SUMS = records(NOISE, writable=True)
 _READ_SUMS = records(NOISE)
@@ -72,9 +74,10 @@ _NUMBERS = records(record_dtype(NoiseSettings))
 def products_in_time(
     oldest: Array, older: Array, latest: Array, tangent: Array, first: int, found: Array
 ) -> None:
-    """Set sum p, sum t^2 p, sum f and sum f^2 for p = x (4 x' - x'') / 3 and f = t^2 - t^4.
+    """Set the sums over the rotors of p, t^2 p, f and f^2.
 
-    x, x' and x'' are the residuals in three frames [rad], shape (N,), and t is the tangent.
+    p = x (4 x' - x'') / 3 and f = t^2 - t^4 for the tangent t of the orbit and the residuals x, x'
+    and x'' of a rotor in the latest, the older and the oldest frame [rad], shape (N,).
     """
     total, wall, weights, squared = 0.0, 0.0, 0.0, 0.0
     for n in range(tangent.size):
@@ -93,17 +96,23 @@ def products_in_time(
 def _noise_bound(
     square: float, squared_weights: float, largest: float, significance: float
 ) -> float:
-    """Return Bernstein's bound of a sum of products of noise [rad^2], of variance 17 / 9 each."""
+    """Return Bernstein's bound of a sum of weighted products of noise [rad^2].
+
+    `square` is the variance of the noise; a product has 17 / 9 of its square.
+    """
     deviation = significance * math.sqrt(17 / 9 * squared_weights)
     return square * (deviation + significance**2 / 2 * largest)
 
 
 @compiled(_READ_SUMS, _NUMBERS, f8)
 def estimate(noise: Records, settings: Records, given: float) -> Estimate:
-    """Return the variance of the noise and five numbers, for a `given` variance or 0 [rad^2].
+    """Return the variance of the noise and five further numbers.
 
-    These are a lower bound of the variance, the mean squares of recent residuals, of persistent
-    residuals, and of persistent residuals near the wall [rad^2], and the degrees of freedom [1].
+    `given` is a known variance [rad^2], else 0.
+
+    The numbers are a lower bound of the variance [rad^2]; the mean squares of recent residuals, of
+    persistent residuals, and of persistent residuals near the wall [rad^2]; and the degrees of
+    freedom [1].
     """
     sums, significance = noise[0], settings[0]['significance']
     freedoms, recent = sums['freedoms'], sums['recent_freedoms']
@@ -135,7 +144,10 @@ def learn(
     pairs: int,
     products: Array,
 ) -> Estimate:
-    """Add the squares and the `products_in_time` of a frame; return the `estimate`."""
+    """Add the squares and the `products_in_time` of the residuals of a frame.
+
+    Return the `estimate`.
+    """
     sums, numbers = noise[0], settings[0]
     fade = 1 - 1 / numbers['memory']
     sums['squares'] = fade * sums['squares'] + squares
@@ -156,13 +168,13 @@ def learn(
 class FrameNoise:
     """Estimator of the noise of the angles and of persistent residuals.
 
-    Only noise is independent from frame to frame. With the mean products c_1 and c_2 of the
-    residuals of a rotor one and two frames apart, the mean square of persistent residuals is (4
-    c_1 - c_2) / 3.
+    Noise is independent from frame to frame, and persistent residuals are not. Let c_1 and c_2 be
+    the mean products of the residuals of a rotor one and two frames apart. The mean square of the
+    persistent residuals is (4 c_1 - c_2) / 3.
     """
 
     def __init__(self, given: float | None, settings: NoiseSettings = DEFAULTS.noise) -> None:
-        """Start with the standard deviation of the noise [rad], None if unknown."""
+        """Start with the standard deviation of the noise [rad]; None means that it is unknown."""
         self._settings = settings.record
         self._given = 0.0 if given is None else given**2
         self._sums, self._products = np.zeros(1, NOISE), np.zeros(4)
@@ -180,7 +192,10 @@ class FrameNoise:
 
     @property
     def degrees_of_freedom(self) -> float:
-        """Degrees of freedom of the variance of the noise; infinite if the given noise is used."""
+        """Degrees of freedom of the variance of the noise.
+
+        Infinite while the given variance is used.
+        """
         return math.inf if self.variance == self._given else max(self._freedoms, 1.0)
 
     def update(self, view: LinearisedMeasurement) -> None:
@@ -211,7 +226,7 @@ class FrameNoise:
         )
 
     def discard_persistence(self) -> None:
-        """Discard the persistent residuals, because the corrected offsets have changed."""
+        """Discard the persistent residuals, because the corrected encoder offsets have changed."""
         self._earlier = ()
         self._sums['squares'] = self.variance * self._freedoms
         for name in PAIRS:
@@ -226,7 +241,10 @@ class FrameNoise:
 
 @compiled(const_f8_1d, const_f8_1d, const_f8_1d, f8)
 def median_change(first: Array, second: Array, third: Array, ratio: float) -> float:
-    """Return the median of |r_1 - (1 + q) r_2 + q r_3| over all known rotors, else NaN."""
+    """Return the median of |r_1 - (1 + q) r_2 + q r_3| over all known rotors, else NaN.
+
+    r_1, r_2 and r_3 are the rates of a rotor in three frames [rad/s], and q is `ratio`.
+    """
     changes, known = np.empty(first.size), 0
     for n in range(first.size):
         change = abs(first[n] - (1 + ratio) * second[n] + ratio * third[n])
@@ -239,9 +257,10 @@ def median_change(first: Array, second: Array, third: Array, ratio: float) -> fl
 class RateNoise:
     """Estimator of the noise of rates, from second differences in time.
 
-    With the ratio q of two time differences, white noise of variance sigma^2 adds (1 + (1 + q)^2 +
-    q^2) sigma^2 to the variance of r_1 - (1 + q) r_2 + q r_3. A phonon of frequency w adds only (w
-    dt)^4 / 2 times its squared amplitude, so that longer intervals are not used.
+    For three rates r_1, r_2 and r_3 of a rotor and the ratio q of the two time differences, white
+    noise of variance sigma^2 adds (1 + (1 + q)^2 + q^2) sigma^2 to the variance of r_1 - (1 + q)
+    r_2 + q r_3. A phonon of frequency w adds (w dt)^4 / 2 times its squared amplitude. Therefore
+    only short intervals dt are used.
     """
 
     def __init__(self, chain: Chain, settings: NoiseSettings = DEFAULTS.noise) -> None:
@@ -279,9 +298,10 @@ class RateNoise:
 class StampJitter:
     """Estimator of the errors of time stamps, from second differences of measured arc lengths.
 
-    Stamp errors e of the variance v shift the arc lengths by w e. With the ratios q and q' of
-    successive time differences, the second differences z_3 - (1 + q) z_2 + q z_1 and z_4 - (1 +
-    q') z_3 + q' z_2 have the mean product -v ((1 + q') + (1 + q) q').
+    At a rate w, a stamp error e shifts the measured arc length z by w e. Let q and q' be the
+    ratios of successive time differences, and v the variance of the shifts. The second differences
+    z_3 - (1 + q) z_2 + q z_1 and z_4 - (1 + q') z_3 + q' z_2 then have the mean product -v ((1 +
+    q') + (1 + q) q').
     """
 
     def __init__(self, settings: NoiseSettings = DEFAULTS.noise) -> None:
@@ -321,13 +341,16 @@ class ResidualVariance:
     """Variance of the difference between a rotor and the orbit due to noise, waves and springs."""
 
     def __init__(self, swing: float, noise: float | None, settings: EstimationSettings) -> None:
-        """Start with the swing of a rotor and the standard deviation of the angles [rad]."""
+        """Start with the swing of a rotor while a wall passes [rad].
+
+        `noise` is the standard deviation of the angles [rad], None if unknown.
+        """
         given = settings.likelihood
         self._given_noise, self._settings = noise, settings
         self.elastic = (given.elastic_share * swing) ** 2
         """Prior variance of a rotor due to the deformation of a wall by its springs [rad^2]."""
         self.largest_field = (given.field_share * swing) ** 2
-        """Upper limit of the variance of a rotor without the noise [rad^2]."""
+        """Upper limit of the variance of a rotor that is not due to noise [rad^2]."""
         self.restart()
 
     def restart(self) -> None:
@@ -363,7 +386,8 @@ class ResidualVariance:
     def of_arc(self, view: LinearisedMeasurement) -> float:
         """Return the variance of a measured arc length along the orbit [rad^2].
 
-        With unseen rotors, persistent residuals act until the wall has moved by a rotor spacing.
+        If rotors are unseen, persistent residuals keep their effect until the wall has moved by a
+        rotor spacing.
         """
         known = max(view.full_information, view.information)
         unseen, outliers = max(1 / known - 1, 0.0), 1 / view.information - 1 / known
@@ -375,9 +399,10 @@ class ResidualVariance:
         return noise.variance / view.information + persistent + fleeting
 
     def calm(self, rate: float) -> float:
-        """Return the confidence, 0 to 1, that waves do not disturb the motion of a wall.
+        """Return the weight, 0 to 1, of the assumption that waves do not disturb the wall.
 
-        Waves of amplitude phi change the rate per time unit of the chain by the share phi / rate.
+        Waves with the amplitude phi [rad] change the rate, per time unit of the chain, by the
+        share phi / rate.
         """
         noise = self.noise
         field = max(noise.scatter - noise.variance, noise.excess, 0.0)

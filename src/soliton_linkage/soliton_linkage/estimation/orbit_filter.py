@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recursive estimator of the arc length of a chain along its orbit, and of the rate.
 
-With the tangent t = dPhi/ds of the orbit Phi at the predicted arc length s_0, the measured angles
-phi of noise sigma give the measurement
+The orbit Phi(s) gives the angles of all rotors at the arc length s. With the predicted arc length
+s_0 and the tangent t = dPhi/ds there, angles phi with noise of standard deviation sigma give the
+measurement
 
     z = s_0 + t . (phi - Phi(s_0)) / t^2    with the variance sigma^2 / t^2,
 
@@ -40,25 +41,28 @@ from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.orbit.orbit import Orbit
 
 _EDGE_ROTORS = 2.0
-"""A wall is at an edge within this distance plus the penetration depth [rotor spacings]."""
+"""Distance from an edge, in addition to the penetration depth, within which a wall counts as at
+the edge [rotor spacings]."""
 _FIELD_SHARE = 0.08
-"""Error of the arc length, relative to the persistent residuals near the wall [1]. Sensitivity: at
-0, errors near waves exceed the stated standard deviations by 2 %."""
+"""Assumed error of the arc length, relative to the persistent residuals near the wall [1].
+Sensitivity: at 0, errors near waves exceed the stated standard deviations by 2 %."""
 _LEAST_PROBABILITY = 0.9
-"""Least probability of the candidates of a frame for an acquisition of the chain [1]."""
+"""Least probability of the candidate positions of a frame for an acquisition of the chain [1]."""
 
 
 class OrbitFilter:
-    """Recursive estimator of the arc length of a chain along its orbit, and of the rate.
+    """Recursive estimator of the arc length of a chain along its orbit and of its rate of change.
 
-    Repeated and late stamps are ignored. The filter restarts if the clock was reset, or if another
-    position explains several frames much better. A restart keeps the encoder offsets.
+    Repeated and late stamps are ignored. The filter restarts after a reset of the clock, or if
+    another position explains several frames much better. A restart keeps the encoder offsets.
     """
 
     def __init__(
         self, orbit: Orbit, noise: float | None = None, settings: EstimationSettings = DEFAULTS
     ) -> None:
-        """Start with the standard deviation of the angles [rad]; None means that it is estimated.
+        """Start with the standard deviation of the angles [rad].
+
+        None means that the filter estimates it.
 
         Raises ValueError for a noise that is infinite or not above 0.
         """
@@ -70,9 +74,9 @@ class OrbitFilter:
         chain = orbit.chain
         self.orbit = orbit
         self.rejected = self.starts = 0
-        """Number of rejected frames, and number of acquisitions of the chain."""
+        """Number of rejected frames, and number of times that a search has located the chain."""
         self.bandwidth = 0.0
-        """Bandwidth of the disturbance [rad/s]."""
+        """Bandwidth of the estimated disturbance [rad/s]."""
         self._given_noise = noise
         self._settings, self._tracking = settings, settings.tracking
         swing = rotor_swing(chain)
@@ -99,7 +103,10 @@ class OrbitFilter:
 
     @property
     def disturbance(self) -> float:
-        """Unmodelled acceleration [rad/s^2]; 0 if not in the settings, NaN if lost."""
+        """Estimated unmodelled acceleration [rad/s^2].
+
+        0 if the settings include none, NaN if lost.
+        """
         return self._hypotheses.leader.motion.disturbance if self._hypotheses.all else math.nan
 
     def update(
@@ -109,10 +116,13 @@ class OrbitFilter:
         deviations: Array | None = None,
         torques: Array | None = None,
     ) -> OrbitEstimate:
-        """Update the estimate with angles [rad], shape (N,), NaN if unknown, at a time [s].
+        """Update the estimate with the angles [rad], shape (N,), at a time [s].
 
-        `deviations` are their standard deviations [rad], and `torques` the mean torques since the
-        last frame [N m], shape (N,) each. Raises ValueError for angles of another shape.
+        Unknown angles are NaN.
+
+        `deviations` are the standard deviations of the angles [rad], and `torques` the mean motor
+        torques since the last frame [N m], shape (N,) each. Raises ValueError for angles of
+        another shape.
         """
         check_shape(angles, self.orbit.chain.number_of_rotors)
         elapsed = time - self.estimate.time
@@ -144,7 +154,11 @@ class OrbitFilter:
         self._budget.restart()
 
     def _rate_change(self, impulses: Array, hypothesis: Hypothesis) -> float:
-        """Return the rate change t . J / sum(I t^2) by impulses or torques J on rigid bars."""
+        """Return the rate change t .
+
+        J / sum(I t^2) that impulses or torques J cause in a chain with rigid bars; I is the moment
+        of inertia of a rotor.
+        """
         about = self.orbit.segment(hypothesis.motion.arc)
         within = slice(about.first, about.first + len(about.tangent))
         inertia = self.orbit.chain.moments_of_inertia[within] @ about.tangent**2
@@ -275,7 +289,10 @@ class OrbitFilter:
         return variance
 
     def _relocated(self, time: float, seen: Array, fits: bool) -> bool:
-        """Restart elsewhere or lose the chain, and return True, if several frames require it."""
+        """Restart at another position or lose the chain if several frames require it.
+
+        Return whether.
+        """
         tracking, view = self._tracking, self._hypotheses.leader.view
         if self._unexplained == 0:
             self._unexplained_since = time
@@ -312,7 +329,10 @@ class OrbitFilter:
         motion.predict(elapsed, self._variance.at_edge, ratio, acceleration, self.bandwidth)
 
     def _acceleration(self, arc: float, rate: float, elapsed: float) -> float:
-        """Return sum(tau t) / sum(I t^2) [rad/s^2] for all torques tau except the springs."""
+        """Return the acceleration sum(tau t) / sum(I t^2) along the orbit [rad/s^2].
+
+        tau are all torques except those of the springs, t is the tangent, and I the inertia.
+        """
         chain, forces = self.orbit.chain, self._forces
         if not (len(forces.kinds) or chain.feedback.acts):
             return 0.0

@@ -31,13 +31,13 @@ from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.orbit.wall_shifts import WallShifts
 
 _CLOSE = 0.01
-"""Longest step along the orbit [rad] after which the linearisation is not repeated."""
+"""Step along the orbit [rad] up to which the linearisation is not repeated."""
 _LARGE_SCALE = 1.5
-"""Largest scale of a reading that is used to estimate encoder offsets [1]."""
+"""Largest scale of a reading that the estimate of encoder offsets includes [1]."""
 
 
 class OrbitMeasurementModel:
-    """Model that measures the arc length along the orbit, corrected for encoder offsets."""
+    """Model of the measurement of the arc length along the orbit; it corrects encoder offsets."""
 
     def __init__(
         self,
@@ -46,7 +46,10 @@ class OrbitMeasurementModel:
         elastic: float,
         settings: EstimationSettings,
     ) -> None:
-        """Start with zero offsets; mean square residuals above `elastic` [rad^2] are waves."""
+        """Start with encoder offsets of 0.
+
+        Mean square residuals above `elastic` [rad^2] count as waves.
+        """
         chain = orbit.chain
         self._orbit, self._likelihood = orbit, likelihood
         self._backgrounds = [
@@ -72,7 +75,8 @@ class OrbitMeasurementModel:
     ) -> LinearisedMeasurement:
         """Return the measurement of angles [rad], shape (N,), linearised at an arc length [rad].
 
-        `variance` is that of a rotor, and `spread` that of the arc length [rad^2].
+        `variance` is the variance of the difference of a rotor, and `spread` the variance of the
+        arc length [rad^2].
         """
         about = self._orbit.segment(arc)
         before, beyond = self._backgrounds[self._orbit.leg(arc)]
@@ -132,7 +136,7 @@ class OrbitMeasurementModel:
         return views[-1]
 
     def disorder_deviations(self, arc: float) -> tuple[float, float]:
-        """Return the deviations of arc length [rad] and relative rate [1] that disorder causes."""
+        """Return standard deviations of arc length [rad] and relative rate [1] due to disorder."""
         disorder = self.far.disorder
         if not disorder:
             return 0.0, 0.0
@@ -147,7 +151,10 @@ class OrbitMeasurementModel:
         noise: FrameNoise,
         upside_down: bool,
     ) -> bool:
-        """Update the encoder offsets; return whether the number of corrected ones has changed."""
+        """Update the encoder offsets.
+
+        Return whether the number of corrected encoders has changed.
+        """
         outlying = view.outlying if view.outliers else None
         residuals = view.residuals
         if self._likelihood.scales is not None:
@@ -163,9 +170,11 @@ class OrbitMeasurementModel:
 
 
 _NEGLIGIBLE = 0.01
-"""Variance due to unseen rotors, relative to the noise, below which it is neglected [1]."""
+"""Threshold of the variance that unseen rotors cause, relative to the noise [1]; a smaller one is
+neglected."""
 _LEAST_SEEN = 1e-6
-"""Least sum of t^2 over the seen rotors that determines the arc length along the orbit [1]."""
+"""Least sum of the squared tangent t^2 over the seen rotors for which they determine the arc
+length [1]."""
 
 
 class UnseenRotorCorrection:
@@ -182,7 +191,8 @@ class UnseenRotorCorrection:
     ) -> float:
         """Return the correction of the arc length [rad]; 0 if it would add noise.
 
-        The variances of a rotor are `field`, due to waves and springs, and `noise` [rad^2].
+        `field` is the variance of a rotor due to waves and springs, and `noise` that of the noise
+        [rad^2].
         """
         unseen = np.isnan(residuals)
         tangent = self._orbit.tangent(arc)
@@ -198,7 +208,10 @@ class UnseenRotorCorrection:
         return -float(held @ turning + pull[~unseen] @ residuals[~unseen])
 
     def _balanced(self, arc: float, unseen: Flags, tangent: Array) -> tuple[Array, Array]:
-        """Return V and K V for the stiffness K: V = 0 if seen, and K V = t if unseen."""
+        """Return V and K V for the stiffness matrix K and the tangent t.
+
+        V is 0 for seen rotors, and K V = t for unseen rotors.
+        """
         chain = self._orbit.chain
         first, second = rigidity_bands(chain, self._orbit.configuration(arc))
         rotors = np.flatnonzero(unseen)
@@ -212,21 +225,23 @@ class UnseenRotorCorrection:
 
 
 _SAMPLES = 32
-"""Samples of the compliance per rotor spacing [1]; the interpolation error is 2 %."""
+"""Samples of the compliance mu per rotor spacing [1]; the interpolation error is 2 %."""
 _LOWEST_ORDER = 0.2
-"""Largest share 3 mu w^2 of the energy in the springs for the lowest order in w^2 [1]."""
+"""Largest share 3 mu w^2 of the spring energy at the rate w for which the lowest order in w^2 is
+used [1]."""
 _PERIOD = 2
-"""Period of the shape of a wall [rotor spacings]; even and odd rotors differ."""
+"""Period of the shape of a wall along the chain [rotor spacings]; even and odd rotors differ."""
 _SLOW = 0.25
-"""Most rotors that a slow wall passes per period of the slowest phonon [1]."""
+"""Largest number of rotors that a slow wall passes per period of the slowest phonon [1]."""
 _SECOND_ORDER = 0.5
-"""Square root of the relative error of the rate change of the fastest slow wall [1], measured."""
+"""Square root of the relative error of the predicted rate change at the fastest slow wall [1]; a
+measured value."""
 _LONGEST_RESOLVED = 4 / 3
-"""Speed, relative to the fastest slow wall, above which the spring forces average out [1]."""
+"""Speed above which the spring forces average out, relative to the fastest slow wall [1]."""
 
 
 class ComplianceCorrection:
-    """Correction of the rate of a wall for the compliance, which depends on its site."""
+    """Correction of the rate of a wall for the compliance of the chain at the site of the wall."""
 
     def __init__(self, orbit: Orbit) -> None:
         """Sample the compliance for walls in the middle of a chain without deviations."""
@@ -253,26 +268,32 @@ class ComplianceCorrection:
         return here + beyond * (samples[(number + 1) % count] - here)
 
     def rate_after_impulse(self, rate: float, momentum: float) -> float:
-        """Return the rate [rad/s] after a change of p / I [rad/s], for the mean compliance."""
+        """Return the rate [rad/s] after a change of p / I [rad/s], for the mean compliance.
+
+        p is the momentum along the orbit, and I the inertia of a rotor.
+        """
         return rate_after_impulse(rate, momentum, self._mean)
 
     def damped(self, rate: float) -> float:
-        """Return the deceleration divided by the decay rate of p / I = w + 2 mu w^3 [rad/s]."""
+        """Return the deceleration [rad/s] divided by the decay rate of the momentum p.
+
+        For the inertia I, p / I = w + 2 mu w^3.
+        """
         square = 2 * self._mean * rate * rate
         return rate * (1 + square) / (1 + 3 * square)
 
     def rate_ratio(self, arc: float, rate: float, before: float) -> float:
-        """Return the factor by which springs change the rate of a wall [1]; 1 if it is fast."""
+        """Return the factor by which springs change the rate of a wall [1]; 1 for fast walls."""
         if abs(rate) > self._fastest:
             return 1.0
         square = 3 * rate * rate
         return math.sqrt((1 + square * self.mu(before)) / (1 + square * self.mu(arc)))
 
     def unpredicted_change(self, rate: float) -> float:
-        """Return the relative standard deviation of a rate that `rate_ratio` leaves [1].
+        """Return the relative standard deviation of the rate that `rate_ratio` leaves [1].
 
-        For slow walls it is of second order in the site rate over the slowest phonon frequency;
-        for fast walls it falls with the fourth power.
+        For slow walls the deviation is of second order in the ratio of the site rate to the
+        slowest phonon frequency. For fast walls it falls with the fourth power of the rate.
         """
         square = 3 * rate * rate
         change = 0.5 * square * self._spread / (1 + square * self._mean)
@@ -292,7 +313,10 @@ def _mu(orbit: Orbit, arc: float) -> float:
 
 
 def rate_after_impulse(rate: float, momentum: float, mu: float) -> float:
-    """Return the rate [rad/s] after a change of p / I [rad/s], for a compliance mu [s^2]."""
+    """Return the rate [rad/s] after a change of p / I [rad/s], for a compliance mu [s^2].
+
+    p is the momentum along the orbit, and I the inertia of a rotor.
+    """
     total = rate + 2 * mu * rate**3 + momentum
     scale = math.sqrt(6 * mu)
     return 2 / scale * math.sinh(math.asinh(1.5 * scale * total) / 3)

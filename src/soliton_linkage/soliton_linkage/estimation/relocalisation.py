@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Relocalisation: search of the whole orbit for the positions that are compatible with one frame.
 
-A scan computes the log likelihood L at samples of the orbit, with several times the noise so that
-no maximum is missed. Gauss-Newton steps refine each maximum. The weight of a maximum, and that of
-all other positions, is the integral of exp(L) over the arc length; near a maximum it is exp(L)
-sqrt(2 pi V / I) with the variance V of a rotor and the information I.
+A scan computes the log likelihood L of the frame at samples of the orbit. The scan assumes several
+times the noise, so that it misses no maximum. Gauss-Newton steps refine each maximum. The weight
+of a maximum, and the weight of all other positions, is the integral of exp(L) over the arc length.
+Near a maximum this integral is exp(L) sqrt(2 pi V / I) with the variance V of a rotor and the
+information I on the arc length.
 """
 
 from __future__ import annotations
@@ -38,25 +39,28 @@ from soliton_linkage.linkage.chain import Array, check_shape
 from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
 
 _CLOSE = 1e-5
-"""Last step of the search for a maximum of the likelihood along the orbit [rad]."""
+"""Length of the last step in the search for a maximum of the likelihood along the orbit [rad]."""
 SCAN_DEVIATION, _SCAN_STEP = 0.1, 0.05
-"""Standard deviation of a rotor and step along the orbit in a scan, relative to the swing [1]."""
+"""Standard deviation of a rotor that a scan assumes, and step of the scan along the orbit,
+relative to the swing of a rotor [1]."""
 _NEAR = 0.5
-"""Largest distance of a sample that belongs to a candidate [rotor spacings]."""
+"""Largest distance of a sample from a candidate for which the sample belongs to the candidate
+[rotor spacings]."""
 _EXACT = 1e-8
-"""Last step of the search for the nearest point of the orbit [rad]."""
+"""Length of the last step in the search for the nearest point of the orbit [rad]."""
 _SAME_ARC = 0.01
-"""Distance along the orbit [rad] below which two maxima are the same."""
+"""Distance along the orbit [rad] below which two maxima count as one."""
 _MOST_PLACES = 12
 """Largest number of maxima that are refined [1]."""
 _STEPS_OF_TABLE = 32
-"""Points of the likelihood table per standard deviation [1]; the interpolation error is 1e-4."""
+"""Points of the likelihood table per standard deviation [1]; the interpolation error is 1e-4 of
+the peak."""
 _MOST_SAMPLES = 500
 """Largest number of samples per leg of an orbit that is too long to be sampled fully [1]."""
 
 
 class Candidate(NamedTuple):
-    """Local maximum of the likelihood along the orbit."""
+    """Local maximum of the likelihood of a frame along the orbit."""
 
     arc: float
     upside_down: bool
@@ -64,13 +68,13 @@ class Candidate(NamedTuple):
     view: LinearisedMeasurement
     """Measurement of the frame, linearised at `arc`."""
     variance: float
-    """Variance of a rotor in that measurement [rad^2]."""
+    """Variance of a rotor that the measurement `view` assumes [rad^2]."""
     evidence: float
     """Logarithm of the integral of the likelihood over the arc length near the maximum [1]."""
 
 
 class CandidateSet(NamedTuple):
-    """Candidates for the position in a frame, and the likelihood of all other positions."""
+    """Candidates for the position of the chain in a frame; likelihood of all other positions."""
 
     candidates: list[Candidate]
     elsewhere: float
@@ -78,7 +82,7 @@ class CandidateSet(NamedTuple):
 
     @property
     def probability(self) -> float:
-        """Probability that one of the candidates is the position of the chain [1]."""
+        """Probability that the chain is at the position of one of the candidates [1]."""
         if not self.candidates:
             return 0.0
         top = max(self.candidates[0].evidence, self.elsewhere)
@@ -117,7 +121,10 @@ class Relocaliser:
     def __init__(
         self, orbit: Orbit, likelihood: LikelihoodSettings, most_angles: int = 2_000_000
     ) -> None:
-        """Sample the orbit, or only its plausible section if it has too many angles."""
+        """Sample the whole orbit if it has fewer angles than `most_angles`.
+
+        For a longer orbit, each search samples its plausible section.
+        """
         self._orbit, self._given = orbit, likelihood
         chain = orbit.chain
         legs = range(orbit.number_of_legs)
@@ -141,7 +148,10 @@ class Relocaliser:
     def find(
         self, angles: Array, noise: float, upside_down: tuple[bool, ...] = (False, True)
     ) -> CandidateSet:
-        """Return the candidates for a frame of angles [rad], (N,), with their noise [rad] or 0."""
+        """Return the candidates for the position in a frame.
+
+        Angles [rad] have shape (N,); `noise` is their standard deviation [rad] or 0.
+        """
         images = {each: math.pi - angles if each else angles for each in upside_down}
         wide = max(self._coarse, (4.0 * noise) ** 2)
         peaks: list[tuple[float, float, bool]] = []
@@ -185,7 +195,10 @@ class Relocaliser:
     def _refined(
         self, image: Array, arc: float, turned: bool, wide: float, variance: float
     ) -> Candidate:
-        """Return the nearest maximum, by steps with a variance from `wide` to `variance`."""
+        """Return the maximum near an arc length along the orbit.
+
+        The variance of a rotor in the search steps falls from `wide` to `variance`.
+        """
         seen_with = max(wide, variance) / 2
         while seen_with > variance:
             ahead = self._view(image, arc, seen_with).arc - arc
@@ -275,18 +288,18 @@ class Relocaliser:
 
 
 class ScanBudget:
-    """Limit of the searches per second of recorded time, so that frames do not queue up."""
+    """Limit of the searches per second of recorded time, so that frames do not wait in a queue."""
 
     def __init__(self, settings: TrackingSettings) -> None:
         self._settings = settings
         self.restart()
 
     def restart(self) -> None:
-        """Refill the budget."""
+        """Allow the largest number of immediate searches."""
         self._left, self._last = self._settings.scan_burst, math.nan
 
     def spend(self, time: float) -> bool:
-        """Use one search at a time [s], and return whether the budget allows it."""
+        """Use one search at a time [s]; return False if the limit does not allow the search."""
         if not math.isnan(self._last):
             gained = (time - self._last) * self._settings.scan_rate
             self._left = min(self._left + gained, self._settings.scan_burst)
@@ -303,8 +316,8 @@ class NearestPoint:
 
     arc: arc length from the start of the orbit [rad]; NaN if `fit_anywhere` found no position.
     information: information I on the arc length [1]; 1 if all rotors are seen. For a noise sigma
-        [rad] the standard deviation of the arc length is sigma / sqrt(I) [rad]. Below 1e-6, `arc`
-        is the start of the search.
+        [rad] the standard deviation of the arc length is sigma / sqrt(I) [rad]. If I is below
+        1e-6, `arc` is the start of the search.
     misfit: root mean square residual of the n rotors near the wall [rad], with n - 1 degrees of
         freedom; NaN for n < 2.
     """
@@ -315,10 +328,11 @@ class NearestPoint:
 
 
 def fit_near(orbit: Orbit, angles: Array, arc: float) -> NearestPoint:
-    """Return the point of the orbit that is nearest to a frame, near an arc length [rad].
+    """Return the point of the orbit nearest to a frame, from a start at an arc length [rad].
 
-    Angles [rad] have shape (N,), NaN if unknown. Gauss-Newton steps are t . (phi - Phi) / (t . t),
-    also over cycles. Raises ValueError for infinite values and for another shape.
+    Angles phi [rad] have shape (N,), NaN if unknown. The search takes Gauss-Newton steps t . (phi
+    - Phi) / (t . t) with the tangent t of the orbit Phi, and may enter another cycle. Raises
+    ValueError for infinite values and for another shape.
     """
     if not math.isfinite(arc):
         raise ValueError(
@@ -330,10 +344,10 @@ def fit_near(orbit: Orbit, angles: Array, arc: float) -> NearestPoint:
 def fit_anywhere(
     orbit: Orbit, angles: Array, settings: EstimationSettings = DEFAULTS
 ) -> NearestPoint:
-    """Return the point of the orbit that is nearest to a frame, with the arc length in one cycle.
+    """Return the point of one cycle of the orbit that is nearest to a frame.
 
-    Angles [rad] have shape (N,), NaN if unknown; without any, the arc length is NaN. Raises
-    ValueError for infinite angles and for another shape.
+    Angles [rad] have shape (N,), NaN if unknown. If all angles are unknown, the arc length is NaN.
+    Raises ValueError for infinite angles and for another shape.
     """
     frame = _checked(orbit, angles)
     found = _search(orbit, settings).find(frame, 0.0, (False,)).candidates

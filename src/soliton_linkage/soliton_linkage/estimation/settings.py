@@ -33,7 +33,7 @@ class _Part:
 
 @dataclass(frozen=True)
 class NoiseSettings(_Part):
-    """Settings for the separation of noise from persistent residuals."""
+    """Settings for the separation of noise from residuals that persist from frame to frame."""
 
     memory: float = quantity(4000, 'number of frames over which the noise of angles is averaged')
     recent_frames: float = quantity(
@@ -185,7 +185,7 @@ class MotionSettings(_Part):
 
 @dataclass(frozen=True)
 class WidthSettings(_Part):
-    """Settings for the fit and the mean of the contraction of a moving wall."""
+    """Settings for the fit of the contraction of a moving wall, and for its mean."""
 
     span: float = quantity(
         6,

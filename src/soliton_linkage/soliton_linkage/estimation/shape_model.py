@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measurement model of several walls: a fit of each wall without the tails of the others."""
+"""Measurement model of several walls: a fit of each wall after subtraction of the others."""
 
 from __future__ import annotations
 
@@ -31,11 +31,13 @@ from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linkage.chain import Array, Motion, staggered
 
 _TAILS = 1.5
-"""Largest distance of two interacting walls, relative to the range of a `WallTable` [1]."""
+"""Largest distance between two walls that influence each other, relative to the range of a
+`WallTable` [1]."""
 _SCAN_BESIDE = 1.5
-"""Range of the scan on either side of a domain border [rotor spacings]."""
+"""Range of the scan for the site, on either side of a domain border [rotor spacings]."""
 _CORE = 2.5
-"""Range beside a wall in which the wall must explain all rotors [rotor spacings]."""
+"""Range on either side of a wall in which the fitted shape must match all rotors [rotor
+spacings]."""
 
 
 class _ShapeFit(NamedTuple):
@@ -48,7 +50,7 @@ class _ShapeFit(NamedTuple):
 
 
 class ShapeMeasurementModel:
-    """Model that measures all walls of a frame by fits of their shapes."""
+    """Model of the measurement of all walls of a frame by fits of their shapes."""
 
     def __init__(
         self, shapes: WallShapes, line: LatticeCoordinates, settings: EstimationSettings
@@ -70,12 +72,15 @@ class ShapeMeasurementModel:
         self.restart()
 
     def restart(self) -> None:
-        """Discard the variance of a rotor and the residuals of the preceding frame."""
+        """Discard the estimated variance of a rotor and the residuals of the preceding frame."""
         self._variance, self._frames = self._coarse, 0
         self._before[:] = math.nan
 
     def measure(self, state: FrameState, seen: Array) -> list[WallMeasurement]:
-        """Return the measurements of all walls; `seen` are angles [rad], (N,), NaN if unseen."""
+        """Return the measurements of all walls.
+
+        `seen` are the angles [rad], shape (N,), NaN if unseen.
+        """
         borders = self._borders(state)
         if not borders:
             return []
@@ -115,7 +120,10 @@ class ShapeMeasurementModel:
         return find(polarised, self._domain)
 
     def _explains(self, wall: _ShapeFit, first: int, residuals: Array) -> bool:
-        """Return whether a wall explains all rotors, and those in its core, better than chance."""
+        """Return whether a fitted wall matches its rotors better than random angles.
+
+        The rotors in the core of the wall must do so, too.
+        """
         variance = min(self._variance, self._largest)
         if self._likelihood.over_random(residuals, variance) < self._evidence:
             return False
@@ -208,11 +216,14 @@ class ShapeMeasurementModel:
 
 
 _CLEAR = 9
-"""Preferred number of bonds of one domain around the cut of a ring [1]."""
+"""Preferred number of bonds between the cut of a ring and the nearest wall [1]."""
 
 
 def domain_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
-    """Return sites [rotor spacings] and charges of the borders of domains of `least` bonds."""
+    """Return sites [rotor spacings] and charges of the borders between domains.
+
+    A domain has at least `least` bonds.
+    """
     scores = np.ascontiguousarray(polarised, dtype=np.float64)
     right = np.empty(len(scores), dtype=np.bool_)
     find_domains(scores, least, right)
@@ -225,7 +236,7 @@ def domain_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
 
 
 def ring_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
-    """Return the `domain_borders` of a ring, which is cut inside a domain."""
+    """Return the `domain_borders` of a ring; the ring is cut inside a domain."""
     bonds = len(polarised)
     clear = minimum_filter1d(np.abs(polarised), min(_CLEAR, bonds), mode='wrap')
     cut = int(np.argmax(clear)) + 1

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled loops over springs and rotors that compute energies and topology of a state.
 
-A spring table has shape (3, springs): extensions [m], and their derivatives by the left angle
-(lever A) and the right angle (lever B) [m/rad].
+A spring table has shape (3, springs). Its rows are the extensions [m] and their derivatives
+[m/rad] by the angle of the left rotor (lever A) and of the right rotor (lever B).
 """
 
 from __future__ import annotations
@@ -28,13 +28,15 @@ from soliton_linkage.linkage.springs import TINY, spring_between
 
 Records = NDArray[np.void]
 Energy = tuple[float, float, float]
-"""Energy of the state, energy in the wake, and standard deviation of the first energy [J each]."""
+"""Energy of a state, energy in the wake, and standard deviation of the energy of the state [J
+each]."""
 Shape = tuple[float, float, float, float]
-"""Results of `of_angles`, first lever A and last lever B [m/rad]."""
+"""Two results of `of_angles` [1], first lever A and last lever B [m/rad]."""
 Sides = tuple[float, float, int, int, float]
 
 _LARGE = 1e150
-"""Ratio between two levels of scaled large numbers [1]; its square is finite."""
+"""Ratio between two levels of a scaled large number [1]; the square of the ratio does not
+overflow."""
 
 
 spring = compile_loop(spring_between, inlined=True)
@@ -60,10 +62,13 @@ def _set_spring(
 def of_angles(
     angles: Array, parameters: Array, periodic: bool, rows: Array
 ) -> tuple[float, float]:
-    """Set the spring table for angles [rad], shape (N,), and return two sums for the orientation.
+    """Set the spring table `rows` for angles [rad], shape (N,).
 
-    They are the sum of sin(theta_n + theta_{n+1}) = (-1)^n sin(phi_{n+1} - phi_n) over all bonds
-    and the sum of cos(theta_n) over all inner rotors. Parameters are those of `Chain.springs`.
+    Return two sums that show the orientation.
+
+    With the staggered angles theta, the sums are those of sin(theta_n + theta_{n+1}) = (-1)^n
+    sin(phi_{n+1} - phi_n) over all bonds and of cos(theta_n) over all inner rotors. `parameters`
+    are `Chain.spring_parameters`.
     """
     rotors = angles.size
     sines, cosines = np.empty(rotors), np.empty(rotors)
@@ -104,12 +109,13 @@ def elastic(
     walls: Array,
     reach: float,
 ) -> Energy:
-    """Return the elastic energy, its share in the wake, and its standard deviation [J each].
+    """Return the elastic energy, its part in the wake, and its standard deviation [J each].
 
-    For noise sigma, the variance is sigma^2 |tau|^2 + sigma^4 |H|^2 / 2 with the torques tau and H
-    = R^T k_e R. The mean contribution of noise is subtracted. `half` are half the stiffnesses
-    [N/m]; `lefts` and `rights` are 0 if the left or right rotor has no noise. `walls` are the
-    ascending sites [rotor spacings] between two limits, shape (W + 2,). Spring n is at n + 1/2.
+    For noise sigma of the angles, the variance is sigma^2 |tau|^2 + sigma^4 |H|^2 / 2 with the
+    torques tau and the stiffness matrix H = R^T k_e R. The mean contribution of noise is
+    subtracted. `half` are half the stiffnesses [N/m]. `lefts` and `rights` equal `half`, but are 0
+    if the left or right rotor has no noise. `walls` are the ascending sites [rotor spacings] of W
+    walls between two limits, shape (W + 2,). Spring n is at site n + 1/2.
     """
     whole, squares, pulling, variance = 0.0, 0.0, 0.0, noise**2
     count = half.size
@@ -136,11 +142,11 @@ def elastic(
 def kinetic(
     half: Array, noisy: Array, rates: Array, noise: float, walls: Array, reach: float
 ) -> Energy:
-    """Return the kinetic energy, its share in the wake, and its standard deviation [J each].
+    """Return the kinetic energy, its part in the wake, and its standard deviation [J each].
 
-    For noise sigma of a rate omega, the variance is I^2 sigma^2 (omega^2 + sigma^2 / 2). The mean
-    contribution of noise is subtracted. `half` are half the moments of inertia [kg m^2]; `noisy`
-    are 0 if the rate has no noise.
+    For noise sigma of the rate omega of a rotor with the moment of inertia I, the variance is I^2
+    sigma^2 (omega^2 + sigma^2 / 2). The mean contribution of noise is subtracted. `half` are half
+    the moments of inertia [kg m^2]. `noisy` equal `half`, but are 0 for rates without noise.
     """
     whole, known, squares, variance = 0.0, 0.0, 0.0, noise**2
     energies = np.empty(half.size)
@@ -158,9 +164,11 @@ def kinetic(
 def topology(rows: Array, before: int, beyond: int, domain: float) -> Sides:
     """Return the polarisations beside the walls, the edge signs, and the centre of the zero mode.
 
-    The polarisation of a bond is (A^2 - B^2) / (A^2 + B^2); it is in a domain above `domain`.
-    Polarisations are summed over the bonds up to `before` and from `beyond` on. Signs are those of
-    the first and last bond in a domain, 0 without. The centre is that of t_n^2 [rotor spacings].
+    The polarisation of a bond with the levers A and B is (A^2 - B^2) / (A^2 + B^2). A bond is in a
+    domain if the absolute polarisation exceeds `domain`. Polarisations are summed over the bonds
+    up to `before` and from `beyond` on. The edge signs are those of the first and last bond in a
+    domain; 0 without domains. The centre [rotor spacings] is the centroid of the squared zero mode
+    t_n^2.
     """
     left, right, first, last = 0.0, 0.0, 0, 0
     squares, moments, square, level = 1.0, 0.0, 1.0, 0
@@ -196,7 +204,7 @@ noise: standard deviation of the angles [rad].
 rate_noise: standard deviation of the rates [rad/s].
 reach: distance from a wall beyond which energy belongs to the wake [rotor spacings].
 before, beyond: number of bonds before the first wall, and index of the first bond beyond the last
-    [1].
+    wall [1].
 domain: least polarisation of a bond in a domain [1].
 """
 _SCOPE = records(SCOPE)
@@ -212,7 +220,10 @@ def report(
     walls: Array,
     scope: Records,
 ) -> tuple[Shape, Sides, Energy, Energy]:
-    """Return shape, topology, elastic and kinetic energy of a state, from rows of arguments."""
+    """Return topology, edge signs, elastic and kinetic energy of a state.
+
+    Rows of the arguments are as above.
+    """
     half = springs[0]
     rows = np.empty((3, half.size))
     twists, upright = of_angles(angles, parameters, periodic, rows)

@@ -54,7 +54,7 @@ class Topology(NamedTuple):
 
     polarisations: mean polarisations before the first and beyond the last wall, +1 for rotors that
         lean right and -1 for rotors that lean left.
-    winding_numbers: winding numbers of the uniform states there; they differ by the charge.
+    winding_numbers: winding numbers of the same two uniform states; they differ by the charge.
     charge: number of walls with charge +1 minus number of walls with charge -1.
     mode_centre: centre of the zero mode [rotor spacings].
     """
@@ -68,7 +68,8 @@ class Topology(NamedTuple):
 class EdgeRotors(NamedTuple):
     """States of the first and the last rotor.
 
-    toggled: whether they have toggled, compared with the left-leaning state; None for spinners.
+    toggled: whether each rotor has toggled, compared with the left-leaning state; None for
+        spinners.
     turns: numbers of turns, counted from a uniform state [1]; NaN for flippers.
     """
 
@@ -106,7 +107,7 @@ class FrameErrors(NamedTuple):
 
 
 class ArcRate(NamedTuple):
-    """Rate of the arc length over `Orbit.free_rate`, and its standard deviation [rad/s]."""
+    """Rate of the arc length divided by `Orbit.free_rate`, and its standard deviation [rad/s]."""
 
     rate: float
     deviation: float = 0.0
@@ -119,15 +120,19 @@ _NO_TURNS = (math.nan, math.nan)
 
 
 class FrameState:
-    """Configuration of a chain with the extensions and levers of its springs."""
+    """Configuration of a chain, with the extensions and levers of its springs."""
 
     def __init__(self, chain: Chain, angles: ArrayLike) -> None:
-        """Compute the springs from angles [rad], shape (N,), or raise ValueError."""
+        """Compute the springs for angles [rad], shape (N,).
+
+        Raise ValueError for invalid angles.
+        """
         self.chain = chain
         self.angles = np.ascontiguousarray(angles, dtype=np.float64)
         check_shape(self.angles, chain.number_of_rotors)
         self.springs: Array = np.empty((3, chain.number_of_springs))
-        """Extensions [m] and levers A and B [m/rad] of the springs, shape (3, springs)."""
+        """Extensions [m] and levers A and B [m/rad] of the springs, shape (3, springs): the levers
+        are the derivatives of an extension by the left and the right angle."""
         self.twists, self.upright = state_loops.of_angles(
             self.angles, chain.spring_parameters, chain.periodic, self.springs
         )
@@ -136,19 +141,20 @@ class FrameState:
 
     @property
     def first(self) -> Array:
-        """Levers A [m/rad], shape (springs,)."""
+        """Derivatives A of the extensions by the left angles [m/rad], shape (springs,)."""
         return np.asarray(self.springs[1])
 
     @property
     def second(self) -> Array:
-        """Levers B [m/rad], shape (springs,)."""
+        """Derivatives B of the extensions by the right angles [m/rad], shape (springs,)."""
         return np.asarray(self.springs[2])
 
 
 def energy_reach(chain: Chain) -> float:
     """Return the distance from a wall beyond which energy belongs to the wake [rotor spacings].
 
-    It is 8 ell, beyond which is at most e^-16 of the energy, plus three for the core at ell = 0.
+    The distance is 8 penetration depths, beyond which a wall has at most e^-16 of its energy, plus
+    3 for the core of a wall without depth.
     """
     depth = penetration_depth(chain) / chain.spacing
     return 8 * depth + 3
@@ -179,12 +185,12 @@ class StateReporter:
     ) -> StateReport:
         """Return energies, topology and edge rotors of the state with given angles [rad], (N,).
 
-        `sites` are those of the walls [rotor spacings], empty or NaN without walls. `rates` are
-        those of the rotors [rad/s], shape (N,), or that of the arc length, which gives (I / 2)
-        rate^2 but no energy of the wake. The mean energies of noise, (k_e / 2) (A_n^2 + B_n^2)
-        sigma^2 per spring and (I / 2) sigma_rate^2 per rotor, are subtracted, so that small
-        energies may be negative. Raises ValueError for another shape and for values that are not
-        finite.
+        `sites` are the sites of the walls [rotor spacings], empty or NaN without walls. `rates`
+        are the rates of the rotors [rad/s], shape (N,), or an `ArcRate`. An `ArcRate` gives the
+        kinetic energy (I / 2) rate^2 but no energy of the wake. Noise adds the mean energies (k_e
+        / 2) (A_n^2 + B_n^2) sigma^2 per spring and (I / 2) sigma_rate^2 per rotor. These are
+        subtracted, so that small energies may be negative. Raises ValueError for another shape and
+        for values that are not finite.
         """
         chain, walls = self.chain, _finite(sites)
         state = np.ascontiguousarray(angles, dtype=np.float64)
@@ -250,10 +256,11 @@ class StateReporter:
     def _edge_rotors(self, angles: Array, shape: state_loops.Shape) -> EdgeRotors:
         """Return the states of the edge rotors.
 
-        The edge rotor of a flipper toggles where A_0 or B_{N-2} changes its sign. In the
-        left-leaning state, A_0 has the sign of d - 1, and B_n that of (-1)^(n+1); upside down,
-        both are inverted. The edge rotor of a spinner makes half a turn per wall, counted from
-        theta = +-theta_bar.
+        The edge rotor of a flipper toggles where lever A_0 or B_{N-2} of the outermost spring
+        changes its sign. In the left-leaning state, A_0 has the sign of d - 1 (lean ratio d), and
+        B_n that of (-1)^(n+1). Upside down, both signs are opposite. The edge rotor of a spinner
+        makes half a turn per wall. Its turns are counted from theta = +-theta_bar, the staggered
+        rest angle.
         """
         chain = self.chain
         twists, upright, at_first, at_last = shape
@@ -267,7 +274,7 @@ class StateReporter:
         return EdgeRotors((at_first < 0, at_last * stands * self._last_sign < 0), _NO_TURNS)
 
     def _of_arc(self, rate: ArcRate | None, elastic: state_loops.Energy) -> state_loops.Energy:
-        """Return the kinetic energy, NaN, and a standard deviation [J], given the arc rate."""
+        """Return the kinetic energy, NaN for the wake, and the standard deviation [J]."""
         if rate is None:
             return math.nan, math.nan, math.nan
         half = 0.5 * self.chain.moment_of_inertia
@@ -280,7 +287,7 @@ class StateReporter:
     def _hidden(
         self, state: FrameState, errors: FrameErrors, unseen: Flags
     ) -> tuple[float, float]:
-        """Return the elastic and the kinetic energy [J] that unseen rotors may have."""
+        """Return the elastic and the kinetic energy [J] that unseen rotors may contain."""
         half = self._springs[0]
         stiffness = self.chain.gathered(half * state.first**2, half * state.second**2)
         elastic = float(stiffness[unseen].sum()) * (errors.noise**2 + errors.persistent**2)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shapes of walls at rest, as tables of staggered angles, and compiled fits of these shapes.
 
-Kinks, and anti-kinks for d < 1, are computed for the chain. Anti-kinks are pinned in all spinners
-and some wobbling flippers: at rest, every other rotor is turned over. Other anti-kinks are
-mirrored kinks, as in the continuum limit.
+Kinks, and anti-kinks for a lean ratio d < 1, are computed exactly. Anti-kinks in all spinners and
+some wobbling flippers are pinned: at rest, every other rotor is turned over. For other anti-kinks,
+mirrored kinks are used, as in the continuum limit.
 """
 
 from __future__ import annotations
@@ -41,20 +41,21 @@ _SCAN_STEP = 0.125
 _STEPS = 12
 """Largest number of Gauss-Newton steps [1]; most fits converge after half of them."""
 _LONGEST_STEP = 0.3
-"""Longest step of the site [rotor spacings] and of the stretch [1]."""
+"""Longest step of a fit in the site [rotor spacings] and in the stretch [1]."""
 _SHORTER = 0.6
 """Factor for the next steps after two steps with opposite signs [1]."""
 _CLOSE = 1e-6
-"""Last steps of the site [rotor spacings] and of the stretch [1]."""
+"""Length of the last step of a fit in the site [rotor spacings] and in the stretch [1]."""
 _NARROWEST, _WIDEST = 0.2, 2.0
-"""Smallest and largest width of a wall relative to the table [1]."""
+"""Limits of the stretch: smallest and largest width of a wall, relative to the table [1]."""
 
 
 class WallTable(NamedTuple):
     """Table of the staggered angles of rotors as a function of their distance from a wall."""
 
     angles: Array
-    """Angles [rad] and slopes [rad / rotor spacing], even and odd rotors in turn, shape (4, J)."""
+    """Rows of angles of even and odd rotors [rad], and rows of their slopes [rad / rotor spacing],
+    shape (4, J)."""
     points: float
     """Number of columns per rotor spacing [1]."""
     reach: float
@@ -68,8 +69,8 @@ _TABLE = named_tuple(WallTable, f8_2d, f8, f8)
 def find_domains(polarised: Array, cost: float, right: Flags) -> None:
     """Set whether each bond lies in a right-leaning domain, given its polarisation, shape (B,).
 
-    The domains maximise the sum of the polarisations, clipped to -1 to 1, with the sign of the
-    domain, minus `cost` per wall (dynamic programming).
+    Dynamic programming finds the domains with the largest score: the sum of the polarisations,
+    limited to -1 to 1 and times the sign of the domain, minus `cost` per wall.
     """
     count = polarised.size
     # Highest scores up to the current bond: for a left-leaning bond, and for a right-leaning bond.
@@ -91,7 +92,7 @@ def find_domains(polarised: Array, cost: float, right: Flags) -> None:
 
 @compiled(_TABLE, i8, f8)
 def _shape(table: WallTable, parity: int, x: float) -> tuple[float, float]:
-    """Return angle [rad] and slope [rad / rotor spacing] at x [rotor spacings] (cubic splines)."""
+    """Return angle [rad] and slope [rad / rotor spacing] at a distance x [rotor spacings]."""
     angles, points, reach = table
     at = (x + reach) * points
     last = angles.shape[1] - 1
@@ -109,7 +110,7 @@ def _shape(table: WallTable, parity: int, x: float) -> tuple[float, float]:
 def set_residuals(
     theta: Array, first: int, table: WallTable, site: float, stretch: float, residuals: Array
 ) -> None:
-    """Set the residuals [rad], shape (n,), of staggered angles from a wall."""
+    """Set the residuals [rad], shape (n,): staggered angles minus the angles of a wall."""
     for k in range(theta.size):
         n = first + k
         shape, _ = _shape(table, n % 2, (n - site) / stretch)
@@ -120,7 +121,10 @@ def set_residuals(
 def scan_wall(
     theta: Array, first: int, table: WallTable, start: float, beside: float, bound: float
 ) -> tuple[float, float]:
-    """Return the least sum of squares clipped to `bound` [rad^2], and its site near `start`."""
+    """Return the least sum of squared residuals [rad^2], and its site near `start`.
+
+    Each square counts at most as `bound` [rad^2].
+    """
     best, least = start, np.inf
     steps = math.ceil(beside / _SCAN_STEP)
     for step in range(-steps, steps + 1):
@@ -150,7 +154,8 @@ def sums_of_fit(
 ) -> tuple[float, float, float, float, float]:
     """Return the sums of w p^2, w q^2, w p q, w p x and w q x for `fit_wall`.
 
-    w is the weight, x the residual, and p and q are the derivatives by the site and the stretch.
+    For each rotor, w is the weight, x the residual, and p and q are the derivatives of the angle
+    by the site and the stretch of the wall.
     """
     site_information, of_stretch, both, ahead, wider = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(theta.size):
@@ -183,10 +188,10 @@ def fit_wall(
     bound: float,
     free: bool,
 ) -> tuple[float, float, float, float]:
-    """Fit site and, if `free`, stretch of a wall by reweighted Gauss-Newton steps.
+    """Fit the site and, if `free`, the stretch of a wall by reweighted Gauss-Newton steps.
 
-    Residuals above `bound` standard deviations have less weight. Returns site, stretch, and the
-    information on each of them for a noise of 1 rad.
+    Residuals above `bound` standard deviations have less weight. Returns site, stretch,
+    information on the site and information on the stretch, each for a noise of 1 rad.
     """
     site_information, of_stretch, last, share = 0.0, 0.0, 0.0, 1.0
     for _ in range(_STEPS):
@@ -215,7 +220,10 @@ def fit_wall(
 def fit_about(
     angles: Array, span: float, last: int, table: WallTable, site: float, stretch: float
 ) -> tuple[float, float, tuple[float, float, float, float, float]]:
-    """Fit site and stretch to angles [rad] within `span` of the site; add the `sums_of_fit`."""
+    """Fit site and stretch to the angles [rad] within `span` of the site.
+
+    Return them with the `sums_of_fit`.
+    """
     first, end = max(math.ceil(site - span), 1), min(math.floor(site + span) + 1, last)
     theta = np.empty(max(end - first, 0))
     for k in range(theta.size):
@@ -230,7 +238,10 @@ def fit_about(
 def persistence(
     residuals: Array, previous: Array, first: int, table: WallTable, site: float, stretch: float
 ) -> tuple[float, float]:
-    """Return the mean product of residuals [rad^2] by weights t^2, and its variance [sigma^4]."""
+    """Return the mean product of residuals [rad^2] in two frames, and its variance [sigma^4].
+
+    The weights are the squared slopes; sigma is the noise of an angle.
+    """
     whole, squares, product = 0.0, 0.0, 0.0
     for k in range(residuals.size):
         apart = residuals[k] * previous[k]
@@ -252,9 +263,10 @@ _POINTS = 16
 _DEPTHS = 14.0
 """Range of a table in penetration depths [1]; tails beyond it are below 1e-6 rad."""
 _ROTORS = 5.0
-"""Additional range of a table [rotor spacings], for the core of a wall with a vanishing depth."""
+"""Additional range of a table [rotor spacings], for the core of a wall without penetration
+depth."""
 _DEGREE = 5
-"""Degree of the splines through the samples [1]; the error of slopes is 1e-5 rad."""
+"""Degree of the splines through the samples [1]; the error of the slopes is 1e-5 rad."""
 
 
 @dataclass(frozen=True)
@@ -263,14 +275,15 @@ class WallShape:
 
     table: WallTable
     sides: Array
-    """Staggered angles left and right of the wall [rad]: even and odd rotors, shape (2, 2)."""
+    """Staggered angles far left and far right of the wall [rad], for even and odd rotors, shape
+    (2, 2)."""
 
 
 class WallShapes:
     """Shapes of the kinks and anti-kinks of a chain."""
 
     def __init__(self, chain: Chain) -> None:
-        """Compute static walls in a long uniform chain; raise errors as `static_wall` does."""
+        """Compute static walls in a long uniform chain; raise the same errors as `static_wall`."""
         depth = penetration_depth(chain) / chain.spacing
         beside = math.ceil(_DEPTHS * depth + _ROTORS)
         even = beside + beside % 2
@@ -285,16 +298,16 @@ class WallShapes:
             self._sampled([static_wall(window, float(site), leg) for site in self._sites])
             for leg in range(2 if chain.motion is Motion.SPINNER else 1)
         )
-        """Shape of the kink in each leg of the orbit; spinners turn in opposite senses in them."""
+        """Shape of the kink in each leg of the orbit; a flipper has one shape for all legs."""
         found = find_solitons(window, static_wall(window, even + 4.5))
         self.width = found[0].width if found else math.nan
-        """Width of a wall at rest [m], NaN if the wall has no tanh profile."""
+        """Width of a wall at rest [m]; NaN if the wall has no tanh profile."""
         spinner = chain.motion is Motion.SPINNER
         self.stretches = math.isfinite(self.width) and (spinner or chain.lean_ratio < 1)
 
     @cached_property
     def anti_kinks(self) -> tuple[WallShape, ...]:
-        """Shapes of anti-kinks, computed at the first use because that is slow."""
+        """Shapes of anti-kinks, computed at the first use because the computation is slow."""
         try:
             path = anti_kink_path(self._window, float(self._sites[0]))
         except ArithmeticError:
@@ -306,7 +319,7 @@ class WallShapes:
 
     @cached_property
     def pinning_speed(self) -> float:
-        """Speed at which an anti-kink has its barrier energy [rotor spacings / s]; 0 if pinned."""
+        """Speed at which an anti-kink can cross its barrier [rotor spacings / s]; 0 if pinned."""
         try:
             sites, states = anti_kink_path(self._window, float(self._sites[0]))
         except ArithmeticError:

@@ -35,12 +35,15 @@ class LatticeCoordinates:
         self.near = min(reach, room / 3)
         """Distance below which two walls, or a wall and an edge, interact [rotor spacings]."""
         self.parted = min(1.5 * reach, room / 2)
-        """Distance above which two walls have separated [rotor spacings]."""
+        """Distance above which two walls count as separated [rotor spacings]."""
         self.period = 2 * math.pi / max(gap(chain), 1e-12)
         """Longest period of a phonon [s]."""
 
     def separation(self, site: float, other: float) -> float:
-        """Return the (on a ring, shorter) displacement from `other` to `site` [rotor spacings]."""
+        """Return the displacement from `other` to `site` [rotor spacings].
+
+        On a ring the shorter one.
+        """
         way = site - other
         return math.remainder(way, self.rotors) if self.periodic else way
 
@@ -53,11 +56,14 @@ class LatticeCoordinates:
         return math.inf if self.periodic else min(site, self.rotors - 1 - site)
 
     def nearest_edge(self, site: float) -> float:
-        """Return the site of the edge that is nearer to a given site."""
+        """Return the site of the edge that is nearer to a given site [rotor spacings]."""
         return 0.0 if site < (self.rotors - 1) / 2 else self.rotors - 1.0
 
     def rotors_between(self, low: float, high: float, edge: int = 0) -> NDArray[np.int64]:
-        """Return the rotors between two sites, without `edge` rotors at open ends."""
+        """Return the rotors between two sites.
+
+        Without the outermost `edge` rotors of an open chain.
+        """
         first, last = math.ceil(low), math.floor(high)
         if not self.periodic:
             first, last = max(first, edge), min(last, self.rotors - 1 - edge)
@@ -72,7 +78,7 @@ class LatticeCoordinates:
 
 
 class WallFrame:
-    """Angles and rates of one frame, with quantities near walls on demand."""
+    """Angles and rates of one frame, with methods for quantities near walls."""
 
     def __init__(
         self,
@@ -94,7 +100,10 @@ class WallFrame:
         return self._reporter.report(angles, sites, rates, self._errors).energies.wall
 
     def swing(self, site: float, lean: int) -> float:
-        """Return the largest relative swing [1] near a site from the state of `lean` +1 or -1."""
+        """Return the largest swing of a rotor near a site, relative to a full swing [1].
+
+        Swings are counted from the uniform state of `lean` +1 or -1.
+        """
         if self._angles is None:
             return 0.0
         field, _ = order_field(self._chain, self._angles)
@@ -102,7 +111,10 @@ class WallFrame:
         return float(np.abs(field[near % len(field)] - lean).max() / 2)
 
     def turn(self, left: float, right: float) -> int:
-        """Return the sense, +1 or -1, in which spinners turn in the left of two walls; else 0."""
+        """Return the sense, +1 or -1, in which spinners turn in the left one of two walls.
+
+        0 for flippers.
+        """
         chain, line, angles = self._chain, self._line, self._angles
         if angles is None or chain.motion is not Motion.SPINNER:
             return 0
@@ -114,12 +126,15 @@ class WallFrame:
 
 
 _MEMORY, _SIGNIFICANCE = 100, 3.0
-"""Frames in the mean of persistent residuals [1], and its threshold in standard deviations [1]."""
+"""Number of frames in the mean of persistent residuals [1], and threshold of a significant mean
+[standard deviations]."""
 _AVERAGED = 20
-"""Frames over which the variance of a fit is averaged [1], because a wall has few rotors."""
+"""Number of frames over which the variance of a fit is averaged [1], because a wall has few
+rotors."""
 _FORCE = 0.6
 """Process noise of the rate of a fast anti-kink, times v / u^4 [1], for its speed v and its speed
-u at the energy barrier; f^2 / 2 for f = pi / sqrt(8), the rms force of a sine at u = 1."""
+u at the energy barrier. The value is f^2 / 2 for f = pi / sqrt(8), the root mean square force of a
+sine at u = 1."""
 
 
 class WallMeasurement(NamedTuple):
@@ -128,25 +143,26 @@ class WallMeasurement(NamedTuple):
     rotor: float
     """Site of the centre of the wall [rotor spacings]."""
     deviation: float
-    """Standard deviation of the centre [rotor spacings], NaN if unknown."""
+    """Standard deviation of the site [rotor spacings], NaN if unknown."""
     charge: int
     """Charge of the wall, +1 or -1."""
     width: tuple[float, float] = (math.nan, math.nan)
     """Width of the wall [m] and standard deviation of the width [m], NaN if unknown."""
     persistent: float = 0.0
-    """Estimated variance of the centre due to persistent residuals [rotor spacings^2]."""
+    """Estimated variance of the site due to persistent residuals [rotor spacings^2]."""
     noise: float = 0.0
     """Variance of `persistent` due to noise [rotor spacings^4]."""
     elastic: float = 0.0
-    """Prior variance of the centre due to the deformation by springs [rotor spacings^2]."""
+    """Prior variance of the site due to the deformation by springs [rotor spacings^2]."""
     pinning: float = 0.0
-    """Speed at which a wall has its barrier energy between two sites [rotor spacings / s]."""
+    """Speed at which the kinetic energy of the wall equals its barrier between two sites [rotor
+    spacings / s]."""
     estimate: OrbitEstimate | None = None
     """Estimate of the `OrbitFilter`, which replaces the filter of the wall; None for a fit."""
 
 
 class WallTrack:
-    """State of a wall from frame to frame, from the `OrbitFilter` or from its own filter."""
+    """State of a wall from frame to frame, from the `OrbitFilter` or a filter of this wall."""
 
     def __init__(
         self,
@@ -163,7 +179,8 @@ class WallTrack:
         """Identifier of the wall, 1 or more; 0 until the wall is confirmed."""
         self.rotor = self.rate = self.deviation = self.rate_deviation = math.nan
         self.frames = self.missed = 0
-        """Number of frames that have shown this wall, and number of frames since the last one."""
+        """Number of frames that have shown this wall, and number of frames since the last of
+        them."""
         self.last_seen = math.nan
         """Time of the last frame that has shown this wall [s]."""
         self.width = math.nan, math.nan
@@ -187,7 +204,7 @@ class WallTrack:
         return TrackingStatus.TRACKING if self.frames > 1 else TrackingStatus.ACQUIRED
 
     def predict(self, elapsed: float) -> tuple[float, float]:
-        """Predict the site of the wall after the time `elapsed` [s], and its variance."""
+        """Predict the site of the wall after `elapsed` [s]; return site and variance."""
         if self._motion is None:
             rate = self.rate if math.isfinite(self.rate) else 0.0
             spread = 0.0 if rate else self._scale / self._arc * elapsed
@@ -205,7 +222,10 @@ class WallTrack:
         return self._line.wrap(site), variance / self._arc**2 + self._variance
 
     def update(self, measured: WallMeasurement, time: float) -> None:
-        """Update with a measurement at a time [s], after `predict` except for the first one."""
+        """Update the state with a measurement at a time [s].
+
+        Call `predict` before, except for the first one.
+        """
         self.frames += 1
         self.missed, self.last_seen, self.width = 0, time, measured.width
         self._pinning = measured.pinning
@@ -250,7 +270,7 @@ class WallTrack:
 
 
 class Encounter:
-    """Encounter of two neighbouring walls, from the time they approach until they separate."""
+    """Encounter of two neighbouring walls, from their approach until they separate."""
 
     def __init__(
         self,
@@ -265,15 +285,16 @@ class Encounter:
         self._line, self._settings = line, settings
         self.left, self.right = left, right
         self.energy = energy
-        """Energy near both walls before the encounter, or of the breather when it formed [J]."""
+        """Energy near both walls before the encounter, or energy of the breather when it formed
+        [J]."""
         self.collisions = 0
         """Number of overlaps of the two walls."""
         self.breather = 0
-        """Identifier of the breather; 0 if the walls have formed none."""
+        """Identifier of the breather; 0 if the walls have not formed a breather."""
         self.overlaps = False
         """Whether the two walls overlap, so that the last frame has shown neither of them."""
         self.when = self._moved = time
-        """Time of the first overlap, or before it of the smallest distance [s]."""
+        """Time of the first overlap [s]; before that, time of the smallest distance so far."""
         self.site = line.midpoint(left.rotor, right.rotor)
         """Midpoint between the walls at the time `when` [rotor spacings]."""
         self.passed = False
@@ -291,12 +312,15 @@ class Encounter:
 
     @property
     def ids_before(self) -> tuple[int, ...]:
-        """Identifiers before the encounter, from left to right, or that of the breather."""
+        """Identifiers of the walls before the encounter, from left to right.
+
+        A breather has one identifier.
+        """
         ids = self.left.id, self.right.id
         return (self.breather,) if self.breather else ids[::-1] if self.passed else ids
 
     def add_seen(self, time: float, turn: int) -> None:
-        """Add a frame that shows both walls, with the `WallFrame.turn` of the left wall."""
+        """Add a frame that shows both walls; `turn` is the `WallFrame.turn` of the left wall."""
         self.overlaps, self._moved = False, time
         self._distance = abs(self._line.separation(self.right.rotor, self.left.rotor))
         self._peak = max(self._peak, self._distance)
@@ -309,7 +333,10 @@ class Encounter:
         self._turn = turn or self._turn
 
     def add_overlap(self, time: float, swing: float) -> None:
-        """Add a frame in which the walls overlap, with the `WallFrame.swing` between them."""
+        """Add a frame in which the walls overlap.
+
+        `swing` is the `WallFrame.swing` between them.
+        """
         if not self.overlaps:
             if not self.collisions or self._peak > self._onset + self._line.width / 4:
                 self.collisions += 1
@@ -326,7 +353,10 @@ class Encounter:
         return self.both_seen and self._distance > self._line.parted
 
     def outcome(self, time: float) -> EventKind | None:
-        """Return the outcome at a time [s]; None if undecided or without an event."""
+        """Return the outcome of the encounter at a time [s].
+
+        None while undecided or if nothing happened.
+        """
         if self.is_over():
             nearer = self._initial - self._closest
             if self.breather:

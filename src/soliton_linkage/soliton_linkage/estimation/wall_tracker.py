@@ -22,9 +22,9 @@ from soliton_linkage.estimation.wall_track import (
 )
 
 _LONGEST_DELAY = 2.0
-"""Longest time for which the event of a wall that enters from an edge is delayed [s]."""
+"""Longest delay of the event of a wall that enters from an edge [s]."""
 _FORBIDDEN = 1e9
-"""Cost of a forbidden assignment [1], above the square of any gate."""
+"""Cost of a forbidden assignment [1], which exceeds the square of any gate."""
 
 
 class PredictedWall(NamedTuple):
@@ -44,10 +44,13 @@ def assign(
     seen: Sequence[WallMeasurement],
     gate: float,
 ) -> dict[int, int]:
-    """Return the index of the measured wall for each predicted wall that has one.
+    """Assign measured walls to predicted walls.
 
-    Pairs have equal charges and differ by less than `gate` standard deviations. The number of
-    pairs is maximal, then the sum of squared differences minimal.
+    Return the index of the measured one for each predicted one.
+
+    The walls of a pair have equal charges and differ by less than `gate` standard deviations. The
+    number of pairs is maximal. Of such assignments, the one with the smallest sum of squared
+    differences is returned.
     """
     if not predicted or not seen:
         return {}
@@ -72,9 +75,9 @@ class WallTracker:
         swing: float,
         settings: EstimationSettings,
     ) -> None:
-        """Start with the rate scale [rad/s] and arc length per spacing [rad].
+        """Start with the typical rate `scale` [rad/s] and the arc length per rotor spacing [rad].
 
-        At an edge, the chain moves along the orbit by `swing` [rotor spacings].
+        While a wall is at an edge, the chain moves along the orbit by `swing` [rotor spacings].
         """
         self._line, self._scale, self._arc = line, scale, site_arc
         self._edge_way = swing + 2 * line.near
@@ -94,7 +97,10 @@ class WallTracker:
     def update(
         self, time: float, seen: Sequence[WallMeasurement], frame: WallFrame, confirming: int
     ) -> tuple[list[WallTrack], list[SolitonEvent]]:
-        """Update with the walls of a frame; return those shown, sorted by site, and new events."""
+        """Update with the walls of a frame.
+
+        Return the visible tracks, sorted by site, and the new events.
+        """
         elapsed = time - self._time if self._frames else 0.0
         self._time, self._events = time, []
         self._frames += 1
@@ -188,7 +194,10 @@ class WallTracker:
                 self._add_inside(track, new, time, frame)
 
     def _confirmed(self, track: WallTrack, confirming: int) -> bool:
-        """Return whether a new wall is confirmed; wrong readings look like a pair of walls."""
+        """Return whether a new wall is confirmed.
+
+        A pair of new walls may be due to wrong readings.
+        """
         if track.frames >= min(confirming, self._frames) or self._is_at_edge(track):
             return True
         return not any(
@@ -349,7 +358,10 @@ class WallTracker:
             self._add(EventKind.LOST, track.last_seen, track.rotor, ids, charges, energies)
 
     def _report_pending(self, time: float, frame: WallFrame) -> None:
-        """Report events of walls that have left the edge, and drop those of false reflections."""
+        """Report the pending events of walls that have left the edge.
+
+        Discard false reflections.
+        """
         waiting = []
         for event, track in self._pending:
             free = self._line.edge_distance(track.rotor) > self._line.near

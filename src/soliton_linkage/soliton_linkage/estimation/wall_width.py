@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lorentz contraction of a moving wall, whose width is w / gamma for the width w at rest.
 
-The angle of rotor n is phi_n = f(gamma (X - n)), with the shape f at rest and the site X. This is
-exact for gamma = 1, and in the continuum limit for all gamma.
+The angle of rotor n is phi_n = f(gamma (X - n)), with the shape f of the wall at rest, its site X
+and the contraction gamma. This is exact for gamma = 1, and in the continuum limit for any gamma.
 """
 
 from __future__ import annotations
@@ -20,21 +20,24 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.solitons.continuum import wall_theory
 
 _CLEAR = 2
-"""Least distance from an edge, relative to the width of the wall and the penetration depth [1]."""
+"""Least distance of a wall from an edge, relative to the wall width or the penetration depth,
+whichever is larger [1]."""
 _CLOSE, _CLOSEST = 0.02, 1e-5
-"""Largest last step of ln(gamma) in standard deviations, and in absolute terms [1]."""
+"""Largest size of the last step of ln(gamma), relative to the standard deviation of ln(gamma), and
+in absolute terms [1]."""
 _DEGENERATE = 1e-12
 """Least determinant of a fit, relative to its largest possible value [1]."""
 _COARSEST = math.log(1.5)
-"""Largest standard deviation of a reported ln(gamma) [1]."""
+"""Largest standard deviation of ln(gamma) for which the contraction is reported [1]."""
 _LEAST_DEVIATION = 3e-4
 """Error of ln(gamma) due to the assumed shape of a moving wall [1]."""
 _PASSAGES, _FEWEST_PASSAGES = 30, 4
 """Largest and smallest number of passages for an estimate of the scatter [1]."""
 _SIGNIFICANCE = 2.5
-"""Least significant scatter in standard deviations [1]."""
+"""Threshold of the scatter between passages [standard deviations]; a smaller scatter counts as
+0."""
 _WIDEST_LEAN_RATIO = 2.0
-"""Lean ratio d from which on only spinners have a tanh profile [1]."""
+"""Lean ratio d from which on only the walls of spinners have a tanh profile [1]."""
 
 
 class Contraction(NamedTuple):
@@ -57,7 +60,7 @@ UNKNOWN = Contraction(math.nan, math.inf)
 
 
 class WallFamily:
-    """Family of the shapes of a wall, with the contraction as its parameter."""
+    """Family of the shapes of a wall; its parameter is the contraction."""
 
     def __init__(self, shapes: WallShapes, settings: WidthSettings = DEFAULTS.width) -> None:
         self.settings = settings
@@ -120,7 +123,10 @@ class ContractionMean:
         self._before, self._passage = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
     def update(self, angles: Array, site: float, leg: int, noise: float) -> Contraction:
-        """Add a frame as in `WallFamily.fit`, and return the mean contraction, or `UNKNOWN`."""
+        """Add a frame as in `WallFamily.fit`.
+
+        Return the mean contraction, or `UNKNOWN` if the fit fails.
+        """
         if leg != self._leg:
             self.restart()
             self._leg, self._anchor = leg, site
@@ -169,7 +175,10 @@ class ContractionMean:
 
 
 def passage_scatter(values: Array, variances: Array) -> float:
-    """Return the variance of ln(gamma) of M passages without their noise; 0 if not significant."""
+    """Return the variance of ln(gamma) between passages, without their noise.
+
+    0 if not significant.
+    """
     apart, freedoms = values - np.average(values, weights=1 / variances), len(values) - 1
     by_chance = freedoms + _SIGNIFICANCE * math.sqrt(2 * freedoms)
     if np.sum(apart**2 / variances) < by_chance:
@@ -185,14 +194,14 @@ class WidthReporter:
         self._at_rest = TheoryWidth(shapes.chain)(0.0)
 
     def update(self, angles: Array, site: float, leg: int, noise: float) -> tuple[float, float]:
-        """Add a frame as in `WallFamily.fit`; return width and its standard deviation [m]."""
+        """Add a frame as in `WallFamily.fit`; return the width and its standard deviation [m]."""
         found = self._mean.update(angles, site, leg, noise)
         width = self._at_rest / found.factor
         return width, width * found.deviation
 
 
 class TheoryWidth:
-    """Width of walls by continuum theory; NaN for flippers with a lean ratio d of 2 or more."""
+    """Width of walls in continuum theory; NaN for flippers with a lean ratio d of 2 or more."""
 
     def __init__(self, chain: Chain) -> None:
         theory = wall_theory(chain)

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Wobble of rotors beside a wall; the shape at rest selects them, so that noise adds no bias."""
+"""Wobble of rotors beside a wall.
+
+The wall at rest determines which rotors are evaluated, so that noise adds no bias.
+"""
 
 from __future__ import annotations
 
@@ -25,17 +28,20 @@ BARS = np.dtype(
         for name in ('rotor_length', 'spacing', 'rest_angle', 'lean_ratio', 'spins')
     ]
 )
-"""Record of the parameters of a chain that determine the wobble; spins is 1 for spinners."""
+"""Record of the parameters of a chain that determine the wobble; `spins` is 1 for spinners, else
+0."""
 _BARS = records(BARS)
 _LEAST_NOISE = 1e-12
 """Lower limit of the noise [rad], the size of rounding errors."""
 _CALM, _LARGEST, _ABOVE_NOISE = 1e-3, 0.5, 4.0
-"""Largest deviation of a calm rotor beside a static wall, largest in a tail [rest angles each],
-and smallest in a tail [standard deviations of the noise]."""
+"""Limits of deviations: largest one of a calm rotor beside a wall at rest, largest one in a tail
+[rest angles each], and smallest one in a tail [standard deviations of the noise]."""
 _BEND = 0.3
-"""Assumed shift of a zero of the tail [rotor spacings] for a deviation of one rest angle."""
+"""Assumed shift of a zero of the tail [rotor spacings] for a deviation of the size of the rest
+angle."""
 _CERTAIN, _COARSEST = 3.0, 0.2
-"""Least tail ratio [standard deviations] and largest relative error of a decay length [1]."""
+"""Least size of the tail ratio [standard deviations], and largest relative error of a decay length
+[1]."""
 _NO_OVERSHOOT = (math.nan, math.nan, math.nan)
 
 
@@ -50,7 +56,7 @@ def beside_wall(
     rest_angle: float,
     leans: Array,
 ) -> None:
-    """Set the leans of rotors beside a wall [rad], shape (2, n): at rest, and measured."""
+    """Set the leans of rotors beside a wall [rad], shape (2, n): of the wall at rest, measured."""
     expected, measured = leans[0], leans[1]
     high = low + expected.size
     alike = 0.0
@@ -73,7 +79,10 @@ def beside_wall(
 
 @compiled(const_f8_1d, f8, f8)
 def overshooting(expected: Array, rest_angle: float, calm: float) -> int:
-    """Return the index of the largest lean or, if `calm` is above 0, of the first calm rotor."""
+    """Return the index of the rotor with the largest lean.
+
+    If `calm` is above 0, return the index of the first rotor with a smaller lean [rad].
+    """
     at, most = 0, -math.inf
     for n in range(expected.size):
         if calm > 0:
@@ -91,7 +100,8 @@ def tail_sums(
 ) -> tuple[float, float, float, float, float]:
     """Return the sums of e^2, e (e' - F(e)), F'(e), (F'(e) e)^2 and F'(e) e e_inner in a tail.
 
-    e, e' and e_inner are the deviations [rad] of a rotor and its outer and inner neighbours.
+    e, e' and e_inner are the deviations [rad] from the uniform state of a rotor and its outer and
+    inner neighbours. F is the `next_deviation` with the derivative F'.
     """
     square, product, slopes, squares, both = 0.0, 0.0, 0.0, 0.0, 0.0
     share = 0.0
@@ -112,7 +122,7 @@ def tail_sums(
 def half_wavelength(
     measured: Array, begin: int, end: int, rest_angle: float, error: float, bend: float
 ) -> tuple[float, float]:
-    """Return the mean distance between zeros of a tail [rotor spacings] and its variance."""
+    """Return the mean distance between the zeros of a tail [rotor spacings] and its variance."""
     start = max(end - 1, begin)
     while start > begin and measured[start - 1] * measured[start] < 0:
         start -= 1
@@ -163,7 +173,10 @@ def _overshoot(
 def _decay_length(
     ratio: float, deviation: float, exact: float, spacing: float
 ) -> tuple[float, float]:
-    """Return the decay length -a / ln|lambda| and its standard deviation [m], or NaN."""
+    """Return the decay length -a / ln|lambda| and its standard deviation [m], NaN if unknown.
+
+    A is the spacing and lambda the tail ratio.
+    """
     known = abs(exact)
     if not (known > _CERTAIN * deviation and 0 < abs(ratio) < 1):
         return math.nan, math.nan
@@ -185,8 +198,9 @@ def wobble(
 ) -> tuple[Overshoot, Lengths]:
     """Return overshoot and lengths of the wobble beside a wall, for `WobbleReporter.wobble`.
 
-    The overshoot [m] is on the side where it is larger at rest. The lengths are tail ratio [1],
-    decay length and wavelength [m], each with its standard deviation. Unknown values are NaN.
+    The overshoot [m] is evaluated on the side where it is larger at rest. The lengths are tail
+    ratio [1], decay length and wavelength [m], each followed by its standard deviation. Unknown
+    values are NaN.
     """
     bar, rotors = bars[0], angles.size
     rest_angle, length, spacing = bar['rest_angle'], bar['rotor_length'], bar['spacing']
@@ -260,12 +274,12 @@ class Wobble(NamedTuple):
 
 
 class RestingWall(NamedTuple):
-    """Wall at rest at the site of a measured wall."""
+    """Wall at rest, at the site of a measured wall."""
 
     first: int
     """Index of the rotor to which the first angle belongs."""
     angles: Array
-    """Angles in the orientation of the orbit up to whole turns [rad], shape (n,)."""
+    """Angles in the orientation of the orbit, up to whole turns [rad], shape (n,)."""
     site: float
     """Site of the wall [rotor spacings]."""
 
@@ -287,10 +301,11 @@ class WobbleReporter:
     ) -> Wobble:
         """Return the wobble beside a wall, given finite angles [rad], shape (N,).
 
-        The tail ratio lambda is fitted to e' = F(e) + (lambda - lambda_0) e on both sides, with F
-        as in `next_deviation` and lambda_0 = (1 - d) / (1 + d). The wavelength is fitted to the
-        zeros of the tails. `noise` is the standard deviation of the angles, and `persistent` the
-        rms of the persistent differences from the orbit [rad].
+        The tail ratio lambda is fitted to e' = F(e) + (lambda - lambda_0) e on both sides. e and
+        e' are the deviations of a rotor and its outer neighbour from the uniform state, F is the
+        `next_deviation`, and lambda_0 = (1 - d) / (1 + d) for the lean ratio d. The wavelength is
+        fitted to the zeros of the tails. `noise` is the standard deviation of the angles, and
+        `persistent` the rms of the persistent differences from the orbit [rad].
         """
         overshoot, lengths = wobble(
             self._bars, angles, wall.angles, wall.first, wall.site, noise, persistent
