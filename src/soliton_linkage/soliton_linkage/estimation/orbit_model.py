@@ -268,9 +268,9 @@ class ComplianceCorrection:
         return here + beyond * (samples[(number + 1) % count] - here)
 
     def rate_after_impulse(self, rate: float, momentum: float) -> float:
-        """Return the rate [rad/s] after a change of p / I [rad/s], for the mean compliance.
+        """Return the rate [rad/s] after an impulse, for the mean compliance.
 
-        p is the momentum along the orbit, and I the inertia of a rotor.
+        `momentum` is the impulse along the orbit divided by the inertia of a rotor [rad/s].
         """
         return rate_after_impulse(rate, momentum, self._mean)
 
@@ -313,9 +313,9 @@ def _mu(orbit: Orbit, arc: float) -> float:
 
 
 def rate_after_impulse(rate: float, momentum: float, mu: float) -> float:
-    """Return the rate [rad/s] after a change of p / I [rad/s], for a compliance mu [s^2].
+    """Return the rate [rad/s] after an impulse, for a compliance mu [s^2].
 
-    p is the momentum along the orbit, and I the inertia of a rotor.
+    `momentum` is the impulse along the orbit divided by the inertia of a rotor [rad/s].
     """
     total = rate + 2 * mu * rate**3 + momentum
     scale = math.sqrt(6 * mu)

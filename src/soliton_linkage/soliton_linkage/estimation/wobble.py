@@ -56,7 +56,10 @@ def beside_wall(
     rest_angle: float,
     leans: Array,
 ) -> None:
-    """Set the leans of rotors beside a wall [rad], shape (2, n): of the wall at rest, measured."""
+    """Set the leans of the rotors beside a wall [rad], shape (2, n).
+
+    Row 0 is for the wall at rest, and row 1 for the measured angles.
+    """
     expected, measured = leans[0], leans[1]
     high = low + expected.size
     alike = 0.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Least-squares estimate of all lengths and encoder offsets with which every bond closes."""
+"""Least-squares estimate of all lengths and encoder offsets; with these, every bond closes."""
 
 from __future__ import annotations
 
@@ -22,15 +22,17 @@ from soliton_linkage.identification.readings import repeat_counts
 from soliton_linkage.linkage.chain import Array, Chain
 
 _MOST_STEPS = 30
-"""Largest number of Gauss-Newton steps; 6 to 15 are usual."""
+"""Largest number of Gauss-Newton steps [1]; 6 to 15 are usual."""
 _RESTARTS = 3
-"""Largest number of runs of the iteration; two suffice unless several bonds are near a limit."""
+"""Largest number of runs of the iteration [1]; two suffice unless several bonds are near a
+limit."""
 _HALVINGS = 8
-"""Number of fractions 1, 1/2, 1/4, ... of a step that are tried."""
+"""Number of fractions 1, 1/2, 1/4, ... of a step that are tried [1]."""
 _NOISE_OF_COST = 1.0
-"""Error of -2 log likelihood due to first-order derivatives; smaller increases are accepted."""
+"""Error of -2 log likelihood due to first-order derivatives [1]; smaller increases are
+accepted."""
 _CONVERGED = 0.05
-"""Length of the last step, in standard deviations (Mahalanobis distance) [1]."""
+"""Length of the last step of the iteration, in standard deviations (Mahalanobis distance) [1]."""
 _TOLERANCE_CHANGE = 0.05
 """Largest relative change of the tolerances in the last step [1]."""
 
@@ -41,14 +43,15 @@ class Adjustment:
 
     lengths: Lengths
     covariance: Array
-    """Covariance of the unknowns of `lengths`, (P, P). The mean spacing is taken as exact."""
+    """Covariance of the P unknowns of `lengths`, shape (P, P); the mean spacing counts as
+    exact."""
     information: Array
-    """Fisher information of the readings, without the prior, (P, P)."""
+    """Fisher information of the readings on the unknowns, without the prior, shape (P, P)."""
     tolerances: Tolerances
     noise: float
-    """Standard deviation of a reading, from the misclosures of all bonds [rad]."""
+    """Standard deviation of a reading [rad], computed from the misclosures of all bonds."""
     bond_noise: Array
-    """Standard deviation of a reading, from each bond alone [rad], (N - 1,)."""
+    """Standard deviation of a reading [rad], computed from each bond alone, shape (N - 1,)."""
     residuals: Array
     converged: bool
 
@@ -64,11 +67,11 @@ def adjust(
     tolerance: float | None = None,
     relative_deviations: Array | None = None,
 ) -> Adjustment:
-    """Estimate lengths and offsets from readings [rad], (T, N), NaN if missing.
+    """Estimate lengths and encoder offsets from readings [rad], (T, N), NaN if missing.
 
-    The tolerance of lengths [1] is estimated if it is None. All configurations are computed again
-    after convergence, because two configurations close all bonds where a bond is collinear with a
-    rotor.
+    `tolerance` is the prior standard deviation of a length [1]; None means that it is estimated.
+    All configurations are computed again after convergence, because where a bond is collinear with
+    a rotor, two configurations close all bonds.
     """
     for _ in range(_RESTARTS):
         found = _adjust_once(readings, start, tolerance, relative_deviations)
@@ -138,7 +141,10 @@ def _cost(bundle: Bundle, prior: Array, noise: float) -> float:
 
 
 def observable_basis(lengths: Lengths) -> Array:
-    """Return an orthonormal basis of the changes that keep the mean spacing, (P, P - 1)."""
+    """Return an orthonormal basis of the changes of the unknowns that keep the mean spacing.
+
+    The basis has shape (P, P - 1) for P unknowns.
+    """
     size = UNKNOWNS_PER_ROTOR * lengths.rotors - 2
     scale = np.zeros((size, 1))
     split(scale[:, 0])[2][:] = lengths.spacings
@@ -148,7 +154,11 @@ def observable_basis(lengths: Lengths) -> Array:
 def cramer_rao_bound(
     chain: Chain, angles: Array, noise: float, tolerances: Tolerances | None = None
 ) -> Array:
-    """Return the Cramer-Rao bound of the unknowns, (P, P), at true angles [rad], (T, N)."""
+    """Return the Cramer-Rao bound of the covariance of the unknowns, (P, P).
+
+    `angles` are the true angles [rad], (T, N), and `noise` is the standard deviation of a reading
+    [rad].
+    """
     bundle = Bundle(chain_lengths(chain), angles)
     information = bundle.normal_equations().matrix / noise**2
     if tolerances is not None:
@@ -164,18 +174,21 @@ def _covariance(bundle: Bundle, basis: Array, tolerances: Tolerances) -> tuple[f
 
 
 _CHANCE = 3.0
-"""Distance from a limit, in standard deviations, below which a bond is reported or corrected."""
+"""Distance of a bond from a limit [standard deviations] below which the bond is reported or
+corrected."""
 _MARGIN = 1e-3
 """Distance from the limit of a corrected bond, relative to its spacing [1]."""
 _ROUNDS = 5
-"""Largest number of corrections; one may move a neighbouring bond beyond its limit."""
+"""Largest number of corrections [1]; a correction may move a neighbouring bond beyond its
+limit."""
 
 
 def passable(lengths: Lengths, covariance: Array) -> Lengths:
     """Return the most likely lengths with which no bond stops a wall (`solitons.passage`).
 
-    With the excesses s over the limits, their derivatives G and the covariance C, (P, P), the
-    correction is dp = C G^T (G C G^T)^-1 s. Excesses that noise cannot explain are not corrected.
+    The unknowns p with the covariance C, (P, P), are corrected by dp = C G^T (G C G^T)^-1 s for
+    the excesses s over the limits and their derivatives G. Excesses that noise cannot explain are
+    not corrected.
     """
     for _ in range(_ROUNDS):
         room, slopes = _room(lengths)
@@ -193,7 +206,7 @@ def passable(lengths: Lengths, covariance: Array) -> Lengths:
 
 
 def near_limit_bonds(lengths: Lengths, covariance: Array) -> dict[int, float]:
-    """Return the bonds near a limit, with the probability that each exceeds the limit [1]."""
+    """Return the bonds near a limit, each with the probability that it exceeds the limit [1]."""
     room, slopes = _room(lengths)
     distances = (room / _deviations(slopes, covariance)).reshape(2, -1).min(axis=0)
     near = np.flatnonzero((distances > 0) & (distances < _CHANCE))
@@ -205,7 +218,11 @@ def _deviations(slopes: Array, covariance: Array) -> Array:
 
 
 def _room(lengths: Lengths) -> tuple[Array, Array]:
-    """Return l - a - |r_n - r_(n+1)| and |a + l - r_n - r_(n+1)| [m], (2 K,), and derivatives."""
+    """Return the distances from both limits [m], (2 K,), and their derivatives, for K bonds.
+
+    They are l - a - |r_n - r_(n+1)| and |a + l - r_n - r_(n+1)| for rest length l, spacing a and
+    rotor lengths r.
+    """
     r, a, rest = lengths.rotor_lengths, lengths.spacings, lengths.rest_lengths
     left, right = r[:-1], r[1:]
     longer = np.where(left > right, 1.0, -1.0)

@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Masses of rotors on rigid bars, relative to their mean, from the free motion of the wall.
 
-With the arc length s [rad] along the orbit of configurations, its unit tangent t, and a speed u,
+With the arc length s [rad] along the orbit of configurations phi, the unit tangent t of the orbit,
+and a mass-weighted speed u, the equations of motion are
 
     sqrt(I) ds/dt = u,    I = sum_n m_n r_n^2 t_n^2,
     sqrt(I) du/dt = sum_n m_n r_n g sin(phi_n + tilt) t_n
                     - c ds/dt - b tanh(ds/dt / w) sum_n |t_n|,
 
-with the damping c and the dry friction b. Errors dp of lengths and offsets change configurations
-by -R^T (R R^T)^-1 (df/dp) dp, with the misclosures f and R = df/dphi, and errors e of offsets
-shift measured arc lengths by t . e.
+with the masses m_n, the rotor lengths r_n, gravity g, the damping c, and the dry friction b, which
+is nearly constant above the rate w. Errors dp of lengths and offsets change configurations by -R^T
+(R R^T)^-1 (df/dp) dp, with the misclosures f and R = df/dphi. Errors e of offsets shift measured
+arc lengths by t . e.
 """
 
 from __future__ import annotations
@@ -39,25 +41,29 @@ from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.orbit.orbit import Orbit
 
 _GRID = 0.03
-"""Step of the arc length in a table [rad]. Sensitivity: at 0.5x, masses change by 1e-4."""
+"""Step of the arc length in a table [rad]. Sensitivity: at 0.5x, estimated masses change by
+1e-4."""
 _SLIDING = 0.1
-"""Rate w above which dry friction is nearly constant [rad/s]; small compared with walls."""
+"""Rate w above which dry friction is nearly constant [rad/s]; it is small compared with the rates
+in a wall."""
 _ROUNDS = 2
 """Number of times that the standard deviation of masses is estimated [1]."""
 _KNOWN = 1e-6
-"""Prior standard deviation of log gravity if gravity is known [1]."""
+"""Prior standard deviation of the log of gravity if gravity is known [1]."""
 _LARGEST_EXCESS = 1.5
-"""Ratio of residual noise to reading noise above which the motion is not free [1]."""
+"""Ratio of residual noise to reading noise above which the motion counts as not free [1]."""
 _MOST_STEPS = 15
-"""Largest number of evaluations of a fit; 4 to 6 are usual."""
+"""Largest number of evaluations in a fit [1]; 4 to 6 are usual."""
 _CONVERGED = 1e-4
-"""Relative decrease of the squares in the last step [1]; noise changes them 10 times as much."""
+"""Relative decrease of the sum of squares in the last step of a fit [1]; noise changes the sum 10
+times as much."""
 _RATE_FRAMES = 8
 """Number of frames from which the initial rate is estimated [1]."""
 _STEP = 1e-4
-"""Step of the unknowns for finite differences [1]."""
+"""Step of the unknowns for numerical derivatives [1]."""
 _INFORMED = 1e-9
-"""Smallest relative variance of a combination [1]; smaller ones are rounding errors."""
+"""Smallest relative variance of a combination of unknowns [1]; smaller ones are rounding
+errors."""
 
 
 def _acceleration(
@@ -106,12 +112,12 @@ def move_along(
     begin: Array,
     arcs: Array,
 ) -> None:
-    """Integrate K motions along an orbit by the Runge-Kutta method to arc lengths `arcs`, (T, K).
+    """Integrate K motions along an orbit (Runge-Kutta); set the arc lengths `arcs`, (T, K).
 
-    `begin`, (2, K), contains initial arc lengths and speeds u; `grid` the first arc length, the
-    step between arc lengths, and w; `drags`, (2, K), damping and dry friction. At G arc lengths,
-    `roots`, (G, K), is sqrt(I), `gravity`, (G, K), the force of gravity, and `friction`, (G,), sum
-    |t_n|.
+    `begin`, (2, K), contains the initial arc lengths and speeds u. `grid` contains the first arc
+    length, the step between arc lengths, and the rate w. `drags`, (2, K), contains damping and dry
+    friction. For G arc lengths, `roots`, (G, K), contains sqrt(I), `gravity`, (G, K), the force of
+    gravity, and `friction`, (G,), the sum of |t_n|.
     """
     for k in range(begin.shape[1]):
         s, u = begin[0, k], begin[1, k]
@@ -135,7 +141,7 @@ def move_along(
 
 
 class _Sums(NamedTuple):
-    """Inertia I and sum m r t exp(i phi) of K chains at G arc lengths, (G, K), or changes."""
+    """Inertia I and sum of m r t exp(i phi) at G arc lengths for K chains, (G, K)."""
 
     inertia: Array
     weight: NDArray[np.complex128]
@@ -202,19 +208,22 @@ class BarMotion(NamedTuple):
 
     masses: Array
     mass_deviations: Array
-    """Standard deviations of the logarithms of the masses [1], (N,)."""
+    """Standard deviations of the natural logarithms of the masses [1], (N,)."""
     drag: tuple[float, float]
-    """Damping [1/s] and dry friction [1/s^2]."""
+    """Damping [1/s] and dry friction [1/s^2], per unit of mass and squared spacing."""
     drag_deviations: tuple[float, float]
     gravity: float
     gravity_deviation: float
-    """Standard deviation of the logarithm of gravity [1], 0 if gravity is known."""
+    """Standard deviation of the logarithm of gravity [1]; 0 if gravity is known."""
 
 
 def bar_motion(
     readings: Readings, lengths: Lengths, covariance: Array, noise: float, gravity_known: bool
 ) -> BarMotion | None:
-    """Estimate masses and forces, in units of the mean spacing; None if other forces act."""
+    """Estimate masses and forces from a free motion; return None if other forces act.
+
+    The units are the mean spacing and the mean mass. `noise` is that of a reading [rad].
+    """
     orbit = orbit_of(lengths.chain(Chain()))
     intervals = free_intervals(readings.times, readings.interruptions)
     if not intervals:

@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bundle adjustment of lengths and offsets: least squares with errors in all readings.
 
-With h = r sin(phi), v = r cos(phi) and phi = y - o for a reading y, the misclosure of a bond is
+A reading y of a rotor with the encoder offset o gives the angle phi = y - o. The end of a rotor of
+length r is at h = r sin(phi) and v = r cos(phi) from its pivot. With the spacing a and the rest
+length l, the misclosure of a bond is
 
     f_n = |(a_n + h_{n+1} - h_n, v_{n+1} - v_n)| - l_n.
 
-To first order at angles x, it is w = f(x) + R (y - o - x), R = df/dphi. With the variances S of
-the readings and M = R S R^T, tridiagonal in each frame, the change dp of the unknowns p minimises
+To first order at angles x, the misclosure is w = f(x) + R (y - o - x), R = df/dphi. With the
+variances S of the readings, the matrix M = R S R^T is tridiagonal in each frame. The change dp of
+the unknowns p minimises
 
     sum over frames of (w + J dp)^T M^-1 (w + J dp),    J = dw/dp
 
@@ -26,30 +29,32 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.springs import spring_between
 
 _BATCH = 256
-"""Number of frames in a batch, whose arrays fit into the cache."""
+"""Number of frames in a batch; the arrays of a batch fit into the cache."""
 _MISSING_VARIANCE = 1e4
 """Variance of a missing reading, relative to a typical reading [1]."""
 _CLOSINGS = 8
-"""Largest number of corrections of the angles after a step; 2 or 3 are usual."""
+"""Largest number of corrections of the angles after a step [1]; 2 or 3 are usual."""
 _CLOSED = 1e-4
-"""Change of the angles in the last correction [rad], far below the noise."""
+"""Change of the angles in the last correction [rad]; it is far below the noise."""
 _LARGEST_ERROR = 0.3
-"""Limit of angles minus readings [rad]; otherwise Newton's method diverges for wrong lengths."""
+"""Limit of the differences between angles and readings [rad], without which Newton's method
+diverges for wrong lengths."""
 
 
 class Misclosures(NamedTuple):
-    """First-order misclosures f [m] of the bonds in T frames, (N - 1, T) unless stated."""
+    """First-order misclosures f [m] of the bonds in T frames; arrays have shape (N - 1, T)."""
 
     values: Array
     first: Array
-    """Derivatives df_n / dphi_n [m/rad]."""
+    """Derivatives of the misclosures by the angle of the left rotor, df_n / dphi_n [m/rad]."""
     second: Array
-    """Derivatives df_n / dphi_{n+1} [m/rad]."""
+    """Derivatives of the misclosures by the angle of the right rotor, df_n / dphi_{n+1}
+    [m/rad]."""
     slopes: Array
-    """Derivatives of f_n by the six unknowns of bond n (see `Lengths`), (N - 1, T, 6)."""
+    """Derivatives of f_n by the six unknowns of bond n (see `Lengths`), shape (N - 1, T, 6)."""
 
     def torques(self, forces: Array) -> Array:
-        """Return the torques R^T f, (N, T), for forces f in bonds, (N - 1, T)."""
+        """Return the torques R^T F on the rotors, (N, T), for bond forces F, (N - 1, T)."""
         torques = np.zeros((len(forces) + 1, forces.shape[1]))
         torques[:-1] = self.first * forces
         torques[1:] += self.second * forces
@@ -77,13 +82,13 @@ def misclosures(lengths: Lengths, angles: Array) -> Misclosures:
 
 
 class CholeskyFactor(NamedTuple):
-    """Diagonal and lower diagonal, (N - 1, T), of the Cholesky factor of M = R S R^T."""
+    """Cholesky factor of M = R S R^T: diagonal and lower diagonal, (N - 1, T) each."""
 
     diagonal: Array
     below: Array
 
     def whitened(self, values: Array) -> Array:
-        """Return misclosures transformed to unit variance, (N - 1, T)."""
+        """Return misclosures transformed to independent ones of variance 1, (N - 1, T)."""
         whitened = np.empty_like(values)
         whitened[0] = values[0] / self.diagonal[0]
         for n in range(1, len(values)):
@@ -91,7 +96,7 @@ class CholeskyFactor(NamedTuple):
         return whitened
 
     def solved(self, whitened: Array) -> Array:
-        """Return M^-1 w, (N - 1, T), given whitened misclosures w."""
+        """Return M^-1 w, (N - 1, T), for misclosures w, given the whitened misclosures."""
         solved = np.empty_like(whitened)
         last = len(solved) - 1
         solved[last] = whitened[last] / self.diagonal[last]
@@ -113,14 +118,14 @@ def cholesky_factor(first: Array, second: Array, variances: Array) -> CholeskyFa
 
 
 class NormalEquations(NamedTuple):
-    """Normal equations of the P unknowns, if readings have the variance 1 rad^2."""
+    """Normal equations of the P unknowns, for readings with the variance 1 rad^2."""
 
     matrix: Array
-    """Left side: the information sum J^T M^-1 J [1/rad^2], (P, P)."""
+    """Left side: the information, the sum of J^T M^-1 J over all frames [1/rad^2], (P, P)."""
     vector: Array
-    """Right side: -sum J^T M^-1 w, (P,)."""
+    """Right side: minus the sum of J^T M^-1 w over all frames, (P,)."""
     squares: Array
-    """Squared whitened misclosures of each bond, summed over frames [rad^2], (N - 1,)."""
+    """Sum over all frames of the squared whitened misclosures of each bond [rad^2], (N - 1,)."""
 
 
 class Bundle:
@@ -133,7 +138,11 @@ class Bundle:
         relative_deviations: Array | None = None,
         repeat_counts: Array | None = None,
     ) -> None:
-        """Start with readings [rad], (T, N), NaN if missing; a run of equal ones weighs as one."""
+        """Start with readings [rad], (T, N), NaN if missing.
+
+        `relative_deviations` are relative to a typical reading [1]. A run of n equal readings,
+        `repeat_counts`, has the weight of one.
+        """
         self._readings = np.ascontiguousarray(readings.T)
         self._seen = np.isfinite(self._readings)
         squared = 1.0 if relative_deviations is None else relative_deviations.T**2
@@ -162,7 +171,10 @@ class Bundle:
 
     @property
     def conditions(self) -> float:
-        """Number of independent conditions on the readings; one reading per frame adds none."""
+        """Number of independent conditions on the readings.
+
+        A single reading in a frame adds none.
+        """
         return float(np.sum(self._weights.sum(axis=0) - self._weights.max(axis=0)))
 
     def normal_equations(self) -> NormalEquations:
@@ -184,7 +196,10 @@ class Bundle:
         return NormalEquations(matrix, vector, squares)
 
     def close(self) -> float:
-        """Take one Newton step to closed bonds; return the largest change of an angle [rad]."""
+        """Take one Newton step that closes the bonds.
+
+        Return the largest change of an angle [rad].
+        """
         largest = 0.0
         for frames in self._batches():
             linearised, factors, whitened = self._linearised(frames)
@@ -197,7 +212,7 @@ class Bundle:
         return largest
 
     def residuals(self) -> Array:
-        """Return readings minus offsets minus angles [rad], (T, N), 0 for missing ones."""
+        """Return readings minus offsets minus angles [rad], (T, N); 0 for missing readings."""
         residuals = self._readings - self.lengths.offsets[:, None] - self.angles
         return np.asarray(np.where(self._seen, residuals, 0.0).T)
 
@@ -220,5 +235,5 @@ class Bundle:
 
 
 def covariance_in(basis: Array, information: Array) -> Array:
-    """Return the covariance, (P, P), of unknowns that change only along a basis, (P, K)."""
+    """Return the covariance, (P, P), of P unknowns that change only along a basis, (P, K)."""
     return np.asarray(basis @ np.linalg.inv(basis.T @ information @ basis) @ basis.T)

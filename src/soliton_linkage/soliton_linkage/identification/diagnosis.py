@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Warnings about an identified chain, and likely causes if no model explains the readings."""
+"""Warnings about an identified chain, and likely causes if no model matches the readings."""
 
 from __future__ import annotations
 
@@ -16,18 +16,21 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.passage import find_obstacles
 
 _LARGEST_SPREADS = 0.2, 0.25
-"""Largest plausible relative standard deviations of lengths, and of masses and stiffnesses [1]."""
+"""Largest plausible relative standard deviation of the lengths, and that of the masses and
+stiffnesses [1]."""
 _USUAL_OF_ROTOR, _USUAL_OF_FRAMES = 1.3, 0.3
-"""Typical mean square of the worst rotor over all, and share of the worst tenth of the frames."""
+"""Typical values: mean square residual of the worst rotor relative to all rotors, and share of the
+worst tenth of the frames in the squares [1]."""
 _FAR_SPACING = 1.5
-"""Ratio between a spacing and the median [1] above which the spacing is reported."""
+"""Ratio of a spacing to the median spacing [1] above which the spacing is reported."""
 _SCALE_PARTS = {'rotor_length', 'spacing', 'rest_length'}
 _MOST_NAMED = 4
 """Largest number of weakly observable combinations that are named [1]."""
 _NOT_OBSERVABLE = 1e-4
-"""Information below which a combination is called not observable (standard deviation 100) [1]."""
+"""Information below which a combination counts as not observable [1]; its standard deviation is
+100."""
 _WEAK = 0.1
-"""Standard deviation from the readings alone above which a combination is reported [1]."""
+"""Standard deviation, from the readings alone, above which a combination is reported [1]."""
 
 
 def check_explained(
@@ -35,8 +38,8 @@ def check_explained(
 ) -> None:
     """Raise ValueError with the most likely causes if the model does not explain the readings.
 
-    `noise` is relative to reading noise [1]; `spreads` are standard deviations of lengths and
-    masses [1].
+    `noise` is the residual noise relative to the reading noise [1]. `spreads` are the relative
+    standard deviations of the lengths and of the masses [1].
     """
     lengths, masses = spreads
     faults = []
@@ -81,7 +84,7 @@ def check_explained(
 
 
 def length_warnings(chain: Chain) -> list[str]:
-    """Return a warning for each spacing that differs much from the others."""
+    """Return a warning for each spacing that differs much from the other spacings."""
     ratios = chain.spacings / np.median(chain.spacings)
     return [
         f'the spacing of bond {bond} is {ratios[bond]:.2g} times the median: a rotor beside it is '
@@ -111,7 +114,10 @@ def obstacle_warnings(chain: Chain, lengths: Lengths, covariance: Array) -> list
 def weakly_observable(
     information: Array, basis: Array, split: Callable[[Array], dict[str, Array]]
 ) -> tuple[str, ...]:
-    """Describe weakly observable combinations along an orthonormal basis, (P, K)."""
+    """Describe the combinations of unknowns that are weakly observable.
+
+    `information` is that of the readings; `basis`, (P, K), contains the possible changes.
+    """
     values, vectors = np.linalg.eigh(basis.T @ information @ basis)
     weak = [
         _description(max(float(value), _NOT_OBSERVABLE) ** -0.5, split(basis @ vector))

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Free motion of a chain of springs, with sensitivities to all unknowns.
 
-The equation of motion of rotor n is
+The equation of motion of rotor n with mass m_n, length r_n and angle phi_n is
 
     m_n r_n^2 phi_n'' = -sum over both springs of k f df/dphi_n + g m_n r_n sin(phi_n + tilt)
                         - c phi_n' - b tanh(phi_n' / w),
 
-where f is the extension of a spring. The Q unknowns are those of `Lengths`, log k of each spring,
-log m of each rotor, damping c, dry friction b, log g, the initial angles and rates.
+where k is the stiffness and f the extension of a spring, g is gravity, and w the rate above which
+dry friction is nearly constant. The Q unknowns are those of `Lengths`, log k of each spring, log m
+of each rotor, the damping c, the dry friction b, log g, the initial angles and the initial rates.
 """
 
 from __future__ import annotations
@@ -36,13 +37,15 @@ from soliton_linkage.identification.motion_loops import (
 from soliton_linkage.linkage.chain import Array
 
 _LONGEST_STEP = 0.4
-"""Longest step times the fastest rate [1]; angles then have errors below 2e-5 rad."""
+"""Longest step of the integration times the fastest rate [1]; angles then have errors below 2e-5
+rad."""
 _BATCH = 32
-"""Number of frames in a batch of sensitivities; a batch of 40 rotors needs 3 MB."""
+"""Number of frames in a batch of sensitivities; a batch for 40 rotors needs 3 MB."""
 _SLIDING = 0.1
-"""Rate w above which dry friction is nearly constant [rad/s]; at 0.5x, it needs more steps."""
+"""Rate w above which dry friction is nearly constant [rad/s]; at 0.5x, the integration needs more
+steps."""
 FORCE_UNKNOWNS = 3
-"""Number of unknown forces: c, b and log g."""
+"""Number of unknown forces: damping c, dry friction b and log gravity."""
 
 
 class UnknownSlices(NamedTuple):
@@ -57,7 +60,7 @@ class UnknownSlices(NamedTuple):
 
 
 def unknown_slices(rotors: int) -> UnknownSlices:
-    """Return the indices of the unknowns of N rotors: the chain, then the initial state."""
+    """Return the indices of the unknowns for N rotors: first the chain, then the initial state."""
     sizes = [UNKNOWNS_PER_ROTOR * rotors - 2, rotors - 1, rotors, FORCE_UNKNOWNS, rotors, rotors]
     ends = np.cumsum(sizes).tolist()
     return UnknownSlices(*map(slice, [0, *ends[:-1]], ends))
@@ -65,7 +68,7 @@ def unknown_slices(rotors: int) -> UnknownSlices:
 
 @dataclass(frozen=True)
 class FreeMotion:
-    """Chain of springs and its initial state; masses, stiffnesses and drag per mean mass."""
+    """Chain of springs and its initial state; stiffnesses, masses and drag per mean mass."""
 
     lengths: Lengths
     stiffnesses: Array
@@ -99,7 +102,7 @@ class FreeMotion:
 
     @property
     def fastest(self) -> float:
-        """Upper bound of the angular frequencies and decay rates [rad/s]."""
+        """Upper bound of the angular frequencies and decay rates of the chain [rad/s]."""
         vibrations = 2 * math.sqrt(float(self.stiffnesses.max() / self.masses.min()))
         return vibrations + abs(self.friction) / _SLIDING / float(self.inertias.min())
 
@@ -134,7 +137,7 @@ class FreeMotion:
 
 
 def split_chain(unknowns: Array) -> dict[str, Array]:
-    """Return each kind of unknowns of a chain by name; `Deviations` uses the same names."""
+    """Return each kind of unknowns of a chain by its name; `Deviations` uses the same names."""
     at = unknown_slices((len(unknowns) + 3 - FORCE_UNKNOWNS) // (UNKNOWNS_PER_ROTOR + 2))
     damping, friction, gravity = np.split(unknowns[at.forces], FORCE_UNKNOWNS)
     return {
@@ -158,14 +161,18 @@ def states_at(motion: FreeMotion, times: Array) -> Array:
 
 
 def propagate(motion: FreeMotion, times: Array) -> tuple[Array, FreeMotion]:
-    """Return the angles at each time [rad], (T, N), and the motion that begins at the last."""
+    """Return the angles at each time [rad], (T, N), and the motion from the last time on."""
     states = states_at(motion, times)
     angles, rates = states[-1]
     return states[:, 0], replace(motion, angles=angles, rates=rates)
 
 
 def states_with_sensitivities(motion: FreeMotion, times: Array) -> Iterator[tuple[Array, Array]]:
-    """Yield states, (B, 2, N), and sensitivities of angles, (Q, B, N), for batches of B times."""
+    """Yield states and sensitivities for batches of B times.
+
+    The states have shape (B, 2, N). The sensitivities are the derivatives of the angles by the
+    unknowns, (Q, B, N).
+    """
     at = motion.slices
     changes = np.zeros((motion.size, 2, len(motion.masses)))
     changes[at.angles, 0] = changes[at.rates, 1] = np.eye(len(motion.masses))
@@ -173,7 +180,10 @@ def states_with_sensitivities(motion: FreeMotion, times: Array) -> Iterator[tupl
 
 
 def gradient_of(motion: FreeMotion, times: Array, states: Array, weights: Array) -> Array:
-    """Return the gradient of sum(angles * weights), (Q,), given `states_at`, (T, 2, N)."""
+    """Return the gradient of the sum of angles * weights by the unknowns, (Q,).
+
+    The weights have shape (T, N), and the states are `states_at`, (T, 2, N).
+    """
     rotors, at = len(motion.masses), motion.slices
     pull, gradient = np.zeros((2, rotors)), np.zeros(5 * rotors + FORCE_UNKNOWNS)
     spans = np.diff(times, prepend=times[0])

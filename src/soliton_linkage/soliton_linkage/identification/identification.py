@@ -44,17 +44,17 @@ _NOT_CLOSED = (
     'the joints, and whether a rotor was held'
 )
 _ADJUSTED = 0.05
-"""Share of the work that is done when the lengths close all bonds [1]."""
+"""Share of the work that is done when the lengths that close all bonds are known [1]."""
 _MOST_KICKS = 3
-"""Largest number of unrecorded kicks that are searched; each requires another fit."""
+"""Largest number of unrecorded kicks that are searched [1]; each search requires another fit."""
 _KICK_FRAMES = 7
-"""Number of frames whose residuals are averaged to find a kick."""
+"""Number of successive frames whose residuals are averaged in the search for a kick."""
 _BEFORE_KICK = 0.06
-"""Unused time before an estimated kick [s]; 0.05 s after the kick are also unused."""
+"""Time before an estimated kick without used frames [s]; 0.05 s after the kick are also unused."""
 _SUSPICIOUS = 1.05
-"""Residual noise over reading noise above which a kick is searched [1]."""
+"""Ratio of residual noise to reading noise above which a kick is searched [1]."""
 _KICKED = 5.5
-"""Mean residual of `_KICK_FRAMES` frames, in standard deviations, above which a kick acts [1]."""
+"""Mean residual of `_KICK_FRAMES` frames above which a kick acts [standard deviations]."""
 _KICK = (
     'a kick that was not recorded acts near {}; the frames near it were not used for masses, '
     'springs and drag'
@@ -64,7 +64,7 @@ _RIGID = (
     'impulses'
 )
 _ADJUSTMENTS = 6
-"""Largest number of adjustments; each may reveal outliers that were hidden by larger ones."""
+"""Largest number of adjustments [1]; each may reveal outliers that larger ones have hidden."""
 _MOST_FITTED = 3000
 """Largest number of frames in the fit of a motion; 40 rotors then take one or two minutes."""
 
@@ -78,9 +78,10 @@ def identify(
 ) -> Identification:
     """Identify a chain from a recording; raise ValueError if the recording determines no chain.
 
-    Gravity determines the mean spacing unless `spacing_known`, and known impulses the mean mass;
-    `given` supplies all other undetermined values. The tolerance of lengths [1] is estimated if it
-    is None. `progress` receives the fraction of the work that is done [1].
+    Gravity determines the mean spacing unless `spacing_known`. Known impulses determine the mean
+    mass. `given` supplies all other undetermined values. `tolerance` is the prior standard
+    deviation of a length [1]; None means that it is estimated. `progress` receives the fraction of
+    the work that is done [1].
     """
     absent = absent_joints(readings.joints)
     try:
@@ -234,7 +235,10 @@ def _fit_springs(
     spacing_known: bool,
     stages: Stages,
 ) -> tuple[MotionFitter, MotionFit] | str:
-    """Fit the free motion of springs, or return the reason, empty if bars fit equally well."""
+    """Fit the free motion of a chain of springs.
+
+    If the fit fails, return the reason as a text; the text is empty if bars fit equally well.
+    """
     rotors = found.lengths.rotors
     angles = some.filled - found.lengths.offsets - residuals
     stiffness = given.stiffness / given.mass

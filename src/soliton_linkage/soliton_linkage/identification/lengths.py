@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Unknown lengths of a chain and offsets of its encoders: order, initial values and prior.
 
-The order is r_0, o_0, a_0, l_0, r_1, ..., o_{N-1}: logarithms of lengths, and offsets [rad]. The
-prior of the logarithms of one kind is normal about their mean, that of the offsets about 0.
+The order is r_0, o_0, a_0, l_0, r_1, ..., o_{N-1}. r, a and l are the logarithms of rotor length,
+spacing and rest length, and o is an encoder offset [rad]. The prior of the logarithms of one kind
+is normal about their mean. The prior of the offsets is normal about 0.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ from soliton_linkage.linkage.chain import Array, Chain
 UNKNOWNS_PER_ROTOR = 4
 """Number of unknowns per rotor: r, o, a and l."""
 UNKNOWNS_PER_BOND = 6
-"""Number of unknowns on which the misclosure of a bond depends."""
+"""Number of unknowns that affect the misclosure of a bond."""
 _LONGEST_STEP = 0.2
-"""Largest change of a log length [1] or of an offset [rad] in one step."""
+"""Largest change of the log of a length [1] or of an offset [rad] in one step."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Lengths:
     spacings: Array
     """Distances a from each pivot to the next [m], (N - 1,)."""
     rest_lengths: Array
-    """Lengths l of relaxed springs or of bars [m], (N - 1,)."""
+    """Rest lengths l: lengths of relaxed springs, or of bars [m], (N - 1,)."""
     offsets: Array
     """Offsets o of the encoders, reading minus angle [rad], (N,)."""
 
@@ -41,7 +42,7 @@ class Lengths:
         return len(self.rotor_lengths)
 
     def changed(self, change: Array) -> Lengths:
-        """Return the lengths after a change of the unknowns, shortened if it is too long."""
+        """Return the lengths after a change of the unknowns; a too long change is shortened."""
         largest = float(np.abs(change).max(initial=0.0))
         rotor, offset, spacing, rest = split(change * min(1.0, _LONGEST_STEP / max(largest, 1e-9)))
         return Lengths(
@@ -89,25 +90,27 @@ def chain_lengths(chain: Chain) -> Lengths:
 
 
 def split(unknowns: Array) -> tuple[Array, Array, Array, Array]:
-    """Return views of the unknowns r, o, a and l, which are interleaved on the last axis."""
+    """Return views of the unknowns r, o, a and l; they alternate on the last axis."""
     r, o, a, length = (unknowns[..., k::UNKNOWNS_PER_ROTOR] for k in range(UNKNOWNS_PER_ROTOR))
     return r, o, a, length
 
 
 def split_lengths(unknowns: Array) -> dict[str, Array]:
-    """Return the unknowns of each kind by name; `Deviations` uses the same names."""
+    """Return each kind of unknowns by its name; `Deviations` uses the same names."""
     names = 'rotor_length', 'offset', 'spacing', 'rest_length'
     return dict(zip(names, split(unknowns), strict=True))
 
 
 _PASSING = 0.2
-"""Relative sin(phi_{n+1}) - sin(phi_n) above which a wall is near the bond [1]."""
+"""Threshold of sin(phi_{n+1}) - sin(phi_n), relative to its range, above which a wall is near the
+bond [1]."""
 
 
 def initial_lengths(angles: Array) -> Lengths:
     """Return lengths of equal rotors with spacing 1 that fit angles [rad], (T, N).
 
-    Raises ValueError if no chain fits. Freudenstein's equation of the bond between two rotors is
+    Raises ValueError if no chain fits. Freudenstein's equation relates the angles of the two
+    rotors of a bond with the constants K_0 and K_1:
 
         cos(phi_n - phi_{n+1}) = K_0 + K_1 (sin(phi_{n+1}) - sin(phi_n)),
         K_0 = (a^2 + 2 r^2 - l^2) / (2 r^2),    K_1 = a / r.
@@ -141,20 +144,22 @@ def initial_lengths(angles: Array) -> Lengths:
 
 
 _INITIAL = 0.04
-"""Initial tolerance of lengths [1] and offsets [rad]; with larger ones single lengths diverge."""
+"""Initial tolerance of lengths [1] and offsets [rad]; with a larger one, single lengths
+diverge."""
 _SMALLEST, _LARGEST = 1e-4, 0.3
-"""Limits of the tolerances [1] or [rad]; typical machined parts have ten times the lower one."""
+"""Limits of the tolerances of lengths [1] and offsets [rad]; typical machined parts have ten times
+the lower limit."""
 
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Prior standard deviations of the lengths of one kind [1], and of the offsets [rad]."""
+    """Tolerances: prior standard deviations of lengths of one kind [1], and of offsets [rad]."""
 
     lengths: float = _INITIAL
     offsets: float = _INITIAL
 
     def information(self, rotors: int) -> Array:
-        """Return the prior information on the P unknowns of N rotors, (P, P)."""
+        """Return the information of the prior on the P unknowns of N rotors, (P, P)."""
         size = UNKNOWNS_PER_ROTOR * rotors - 2
         information = np.zeros((size, size))
         for part in (0, 2, 3):
@@ -166,7 +171,7 @@ class Tolerances:
         return information
 
     def is_close(self, other: Tolerances, fraction: float) -> bool:
-        """Return whether both tolerances equal those of `other` up to a fraction [1]."""
+        """Return whether both tolerances differ from `other` by at most a fraction [1]."""
         return (
             abs(self.lengths - other.lengths) <= fraction * other.lengths
             and abs(self.offsets - other.offsets) <= fraction * other.offsets
@@ -174,7 +179,10 @@ class Tolerances:
 
     @staticmethod
     def estimated(lengths: Lengths, covariance: Array, given: float | None) -> Tolerances:
-        """Return tolerances estimated from lengths and their covariance, (P, P), or given."""
+        """Return tolerances estimated from lengths and their covariance, (P, P).
+
+        A `given` tolerance of the lengths [1] is kept.
+        """
         rotor, offset, spacing, rest = split(np.diag(covariance))
         squares = [
             _squares(np.log(lengths.rotor_lengths), rotor),

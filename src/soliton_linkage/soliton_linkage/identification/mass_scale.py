@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimation of the mean mass from known impulses and the changes of rates that they cause.
 
-An impulse J_n changes the rate of rotor n by J_n / (M m_n r_n^2), with the mean mass M. A fit to
-the readings near the impulses estimates M, the state before them, and their delay.
+An impulse J_n changes the rate of rotor n by J_n / (M m_n r_n^2), with the mean mass M, the
+relative mass m_n and the rotor length r_n. A fit to the readings near the impulses estimates M,
+the state before the impulses, and their delay.
 """
 
 from __future__ import annotations
@@ -27,19 +28,21 @@ from soliton_linkage.identification.windows import FreeWindow
 from soliton_linkage.linkage.chain import Array
 
 _BEFORE = 50
-"""Number of fitted frames before the impulses; at 2x, rates are 3 times as precise."""
+"""Number of fitted frames before the impulses; at 2x, the estimated rates are 3 times as
+precise."""
 _AFTER = 25
-"""Number of fitted frames after the impulses, which show most of the effect."""
+"""Number of fitted frames after the impulses; these frames show most of the effect."""
 _MOST = 5
-"""Largest number of sequences of impulses that are fitted, a second each."""
+"""Largest number of fitted sequences of impulses [1]; each fit takes a second."""
 _LONGEST = 500
-"""Largest number of frames between two free motions for which the first determines the second."""
+"""Largest number of frames between two free motions for which the first one determines the
+second."""
 
 
 def mass_scale(
     fitted: MotionFit, readings: Readings, spacing: float
 ) -> tuple[float, float] | None:
-    """Return the mean mass [kg] and the standard deviation of its log, or None if unknown."""
+    """Return the mean mass [kg] and the standard deviation of its log [1]; None if unknown."""
     found: list[tuple[float, float, float]] = []
     for before, after in pairwise(fitted.windows):
         impulses = _impulses_between(readings, before, after)
@@ -75,7 +78,10 @@ def _by_impulses(
     impulses: Sequence[tuple[float, Array]],
     spacing: float,
 ) -> tuple[float, float, float] | None:
-    """Return log(1 / M), and its variances due to noise and due to errors of the chain."""
+    """Return log(1 / M) for the mean mass M, and two variances of the logarithm.
+
+    The first variance is due to noise, the second one due to errors of the chain.
+    """
     times = readings.times
     first, last = before.frames.stop, after.frames.start
     begin = max(before.frames.start, first - _BEFORE)

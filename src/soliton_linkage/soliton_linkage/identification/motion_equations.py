@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Normal equations of the chain and of the initial states of all windows.
 
-With the blocks A_qq, A_qs, A_sq, A_ss for the parameters q of the chain and the initial state s of
-a window, and the right sides b_q, b_s, elimination of s leaves
+The normal equations of a window have the blocks A_qq, A_qs, A_sq and A_ss for the parameters q of
+the chain and the initial state s of the window, and the right sides b_q and b_s. The elimination
+of s leaves
 
     sum over windows of (A_qq - A_qs A_ss^-1 A_sq) dq = sum of (b_q - A_qs A_ss^-1 b_s),
 
@@ -29,11 +30,12 @@ from soliton_linkage.linkage.chain import Array
 _STATE_DEVIATION = 10.0
 """Prior standard deviation of each initial angle [rad] and each initial rate [rad/s]."""
 _SIGNIFICANT_STAMPS = 6.0
-"""Variance of stamp errors above which it is significant, in its standard deviations [1]."""
+"""Ratio of the variance of stamp errors to its standard deviation above which the variance is
+significant [1]."""
 
 
 class WindowEquations(NamedTuple):
-    """Normal equations of a window, for readings of unit variance, and squared residuals."""
+    """Normal equations of a window for readings of unit variance; sum of squared residuals."""
 
     matrix: Array
     vector: Array
@@ -41,7 +43,7 @@ class WindowEquations(NamedTuple):
 
 
 class Eliminated(NamedTuple):
-    """A_qq - A_qs A_ss^-1 A_sq, A_ss^-1 A_sq and A_ss^-1 of a window."""
+    """Matrices A_qq - A_qs A_ss^-1 A_sq, A_ss^-1 A_sq and A_ss^-1 of a window."""
 
     matrix: Array
     coupling: Array
@@ -49,7 +51,7 @@ class Eliminated(NamedTuple):
 
 
 def eliminated(matrix: Array, size: int, noise: float, damping: float) -> Eliminated:
-    """Eliminate the initial state, whose unknowns follow the first `size` ones."""
+    """Eliminate the initial state of a window; its unknowns follow the first `size` unknowns."""
     matrix = matrix / noise**2
     states = np.eye(len(matrix) - size)
     own = matrix[size:, size:] * (1 + damping * states) + states / _STATE_DEVIATION**2
@@ -63,8 +65,8 @@ def solver(
 ) -> Callable[[Array], Array]:
     """Return a function that solves the equations of the chain and of all initial states.
 
-    The chain changes only along the columns of `basis`. Right side and solution contain the chain,
-    then the state of each window.
+    The chain changes only along the columns of `basis`. The right side and the solution contain
+    the unknowns of the chain, then those of the state of each window.
     """
     matrix = basis.T @ (information + np.sum([each.matrix for each in parts], axis=0)) @ basis
     matrix += damping * np.diag(np.diag(matrix))
@@ -88,7 +90,10 @@ def solver(
 def quasi_newton_step(
     right: Array, solve: Callable[[Array], Array], pairs: Sequence[tuple[Array, Array]]
 ) -> Array:
-    """Return an L-BFGS step (J. Nocedal, 1980), given previous steps and gradient changes."""
+    """Return an L-BFGS step (J. Nocedal, 1980).
+
+    `pairs` contains previous steps and the changes of the gradient in them.
+    """
     factors = []
     for step, change in reversed(pairs):
         factors.append(step @ right / (step @ change))
@@ -100,10 +105,14 @@ def quasi_newton_step(
 
 
 class StampErrors(NamedTuple):
-    """Errors of time stamps; for weighted rates u they add v u u^T to the covariance."""
+    """Errors of time stamps, which add v u u^T to the covariance of the readings of a frame.
+
+    v is the variance of the errors, and u are the weighted rates of the rotors.
+    """
 
     variance: float
-    """Variance of stamp errors over that of a reading [s^2/rad^2], 0 if negligible."""
+    """Variance of stamp errors divided by the variance of a reading [s^2/rad^2]; 0 if
+    negligible."""
     delays: Array
 
     def whitened(self, pulls: Array, values: Array) -> Array:
@@ -127,7 +136,10 @@ class Record(NamedTuple):
     def weighted(
         self, window: FreeWindow, some: NDArray[np.intp] | None = None, states: Array | None = None
     ) -> tuple[Array, ...]:
-        """Return weights, weighted rates and residuals, (B, N), 0 for missing readings."""
+        """Return weights, weighted rates and weighted residuals of B frames, (B, N) each.
+
+        Missing readings have the weight 0.
+        """
         frames = window.frames if some is None else some
         if states is None:
             states = states_at(window.motion, self.times[frames])
@@ -137,14 +149,14 @@ class Record(NamedTuple):
         return weights, states[:, 1] * weights, np.where(weights > 0, errors * weights, 0.0)
 
     def whitened(self, frames: slice | NDArray[np.intp], pulls: Array, errors: Array) -> Array:
-        """Return weighted residuals relative to the recorded stamps, whitened, (B, N)."""
+        """Return whitened weighted residuals for the recorded stamps, (B, N)."""
         if self.stamps.variance:
             errors = errors + pulls * self.stamps.delays[frames, None]
         return self.stamps.whitened(pulls, errors)
 
 
 def window_equations(window: FreeWindow, record: Record, every: int = 1) -> WindowEquations:
-    """Return the normal equations of a window from each `every`-th frame."""
+    """Return the normal equations of a window, computed from each `every`-th frame."""
     motion, rotors = window.motion, np.arange(record.readings.shape[1])
     matrix, vector = np.zeros((motion.size, motion.size)), np.zeros(motion.size)
     squares, frames = 0.0, np.arange(window.frames.start, window.frames.stop, every)
@@ -162,7 +174,7 @@ def window_equations(window: FreeWindow, record: Record, every: int = 1) -> Wind
 
 
 def window_gradient(window: FreeWindow, record: Record) -> Array:
-    """Return the vector of the normal equations, (Q,), without their matrix."""
+    """Return the right side of the normal equations, (Q,), without computing their matrix."""
     times = record.times[window.frames]
     states = states_at(window.motion, times)
     weights, pulls, errors = record.weighted(window, None, states)
@@ -175,10 +187,10 @@ def window_gradient(window: FreeWindow, record: Record) -> Array:
 def estimated_stamps(
     record: Record, windows: Sequence[FreeWindow], stamps: Array, noise: float
 ) -> Record | None:
-    """Return the record with estimated times, or None if errors of stamps are not significant.
+    """Return the record with estimated times, or None if stamp errors are not significant.
 
-    Residuals along the rates give the delay of each frame; second differences of these delays give
-    their variance, because delays by model errors vary slowly.
+    The residuals along the rates give the delay of each frame. Model errors cause slowly varying
+    delays. Therefore the variance is computed from second differences of the delays.
     """
     delays, weights = np.zeros((2, len(stamps)))
     sums, squares = 0.0, 0.0

@@ -2,9 +2,9 @@
 """Estimation of a chain of springs and the forces on its rotors from its free motion.
 
 The solution of the equation of motion is fitted to the readings in windows with separate initial
-states, so that angles are nearly linear in all unknowns (multiple shooting, after Bock). Windows
-are merged as the estimate improves. `scipy.optimize` would need 10 GB for 3000 frames of 40
-rotors.
+states (multiple shooting, after Bock). In short windows, the angles are nearly linear in all
+unknowns. Windows are merged as the estimate improves. `scipy.optimize` would need 10 GB for 3000
+frames of 40 rotors.
 """
 
 from __future__ import annotations
@@ -42,64 +42,73 @@ from soliton_linkage.identification.windows import (
 from soliton_linkage.linkage.chain import Array
 
 _GROWTH_MASS_DEVIATION = 0.03
-"""Prior standard deviation while windows are merged [1]; at 3x, some flippers fit 10 % worse."""
+"""Prior standard deviation of log masses and stiffnesses while windows are merged [1]; at 3x, some
+flippers fit 10 % worse."""
 _STEPS = 6
-"""Largest number of steps before windows are merged again; 2 or 3 are usual."""
+"""Largest number of steps before windows are merged again [1]; 2 or 3 are usual."""
 _LAST_STEPS = 40
-"""Largest number of steps with the longest windows; 2 to 6 are usual, 20 in curved valleys."""
+"""Largest number of steps with the longest windows [1]; 2 to 6 are usual, 20 in curved valleys."""
 _ROUNDS = 4
 """Largest number of times that tolerances are estimated [1]."""
 _CONVERGED = 0.1
-"""Expected decrease of -2 log likelihood in the last step with the longest windows [1]."""
+"""Expected decrease of -2 log likelihood at which the fit of the longest windows ends [1]."""
 _COARSE = 0.1
-"""Expected decrease in the last step with shorter windows, per unknown [1]."""
+"""Expected decrease of -2 log likelihood, per unknown, at which the fit of shorter windows ends
+[1]."""
 _STIFFNESS_FACTORS = (1, 1 / 5, 5)
-"""Initial stiffnesses that are tried, relative to the given one [1]."""
+"""Initial stiffnesses that are tried, relative to the given stiffness [1]."""
 _TOLERANCE_CHANGE = 0.05
 """Relative change of the tolerances at which they have converged [1]."""
 _SAMPLES = 4
-"""Number of samples of the posterior; at 0.5x, standard deviations are 1.4 times as uncertain."""
+"""Number of samples of the posterior [1]; at 0.5x, standard deviations are 1.4 times as
+uncertain."""
 _SAMPLED_STEPS = 20
-"""Largest number of steps for a sample; 3 to 10 are usual."""
+"""Largest number of steps for a sample of the posterior [1]; 3 to 10 are usual."""
 _FITTING = 0.5
-"""Largest rms difference between motion and readings at which windows are merged [rad]."""
+"""Largest root mean square difference between motion and readings for which windows are merged
+[rad]."""
 UNEXPLAINED = 1.5
-"""Ratio of residual noise to reading noise above which the model does not explain the readings."""
+"""Ratio of residual noise to reading noise above which the model does not match the readings
+[1]."""
 _SIGNIFICANT = 3.0
-"""Significant difference between residuals of bars and springs, in standard deviations [1]."""
+"""Difference between the residuals of bars and springs above which the difference is significant
+[standard deviations]."""
 _NOISE_SCATTER = 2.3
-"""Relative standard deviation of the squared noise of n readings times sqrt(n) [1]."""
+"""Relative standard deviation of the squared noise, estimated from n readings, times sqrt(n)
+[1]."""
 _MATRIX_FRAMES = 1000
-"""Number of frames from which the matrices of a step are computed; gradients use all."""
+"""Number of frames from which the matrices of a step are computed; gradients use all frames."""
 _DAMPINGS = 12
-"""Number of damping factors that are tried for one step; the last one is 100."""
+"""Number of damping factors that are tried for one step [1]; the last factor is 100."""
 _FASTEST = 100.0
-"""Largest angular frequency of vibrations times the frame interval [1]; faster ones take long."""
+"""Largest angular frequency of vibrations times the frame interval [1]; the integration of faster
+vibrations takes long."""
 _LONGEST_STEP = 1.0
 """Largest change of the logarithm of a length, stiffness or mass in one step [1]."""
 _FAR = 5.0
-"""Expected decrease per unknown above which matrices are computed again in each step [1]."""
+"""Expected decrease per unknown above which each step computes the matrices again [1]."""
 _SLOW = 0.5
-"""Ratio of successive expected decreases above which matrices are computed again [1]."""
+"""Ratio of successive expected decreases above which a step computes the matrices again [1]."""
 _SHARES = 0.2, 0.5, 0.7, 0.95
-"""Fractions of the work at the ends of the stages: stiffness, merging, tolerances, samples [1]."""
+"""Fractions of the work that are done after the stages stiffness, merging, tolerances and samples
+[1]."""
 _DAMPED = 1e-3
 """Damping factor above which a small expected decrease does not mean convergence [1]."""
 
 
 @dataclass(frozen=True)
 class MotionFit:
-    """A free motion that fits the readings, with the covariance of the chain."""
+    """Free motion that fits the readings, with the covariance of the unknowns of the chain."""
 
     windows: tuple[FreeWindow, ...]
     covariance: Array
-    """Covariance of the Q - 2 N unknowns of the chain."""
+    """Covariance of the Q - 2 N unknowns of the chain, without the initial state."""
     information: Array
     """Information of the readings on the same unknowns, without the prior."""
     basis: Array
     noise: float
     residuals: Array
-    """Residuals divided by relative deviations [rad], 0 for missing readings, (T, N)."""
+    """Residuals divided by relative deviations [rad], (T, N); 0 for missing readings."""
     prior: MotionPrior
     stamp_deviation: float
     """Standard deviation of the errors of time stamps [s], 0 if negligible."""
@@ -111,7 +120,7 @@ class MotionFit:
 
 
 class MotionFitter:
-    """Quasi-Newton fit to readings; unknown are the chain and the states of windows."""
+    """Quasi-Newton fit to readings; the unknowns are the chain and the states of windows."""
 
     def __init__(
         self,
@@ -144,7 +153,10 @@ class MotionFitter:
         self._basis = observable_changes(motion, gravity_known)
 
     def fit(self, bar_noise: float) -> MotionFit | None:
-        """Fit the chain; return None if bars, with noise `bar_noise` [rad], fit as well."""
+        """Fit the chain of springs; return None if bars fit equally well.
+
+        `bar_noise` is the residual noise of the fit of bars [rad].
+        """
         show, (begun, merged, estimated, _) = self._stages, _SHARES
         show.enter(0.0, begun)
         if not self._begin(bar_noise):
@@ -189,13 +201,16 @@ class MotionFitter:
         )
 
     def sampled(self, found: MotionFit) -> MotionFit:
-        """Return the result of `fit` with a covariance that is inflated to samples."""
+        """Return the result of `fit` with the covariance inflated to the scatter of samples."""
         samples = self._samples(self._found)
         covariance = inflated_covariance(found.covariance, samples, found.motion.slices)
         return replace(found, covariance=covariance)
 
     def _samples(self, equations: list[WindowEquations]) -> Array:
-        """Return samples by randomized maximum likelihood (Oliver, He, Reynolds 1996)."""
+        """Return samples of the posterior by randomized maximum likelihood.
+
+        Oliver, He and Reynolds (1996) describe the method.
+        """
         found, record, prior = self._windows, self._record, self._prior
         random, values = np.random.default_rng(0), prior.evaluate(self._motion)[1]
         samples = []
@@ -371,10 +386,10 @@ class MotionFitter:
 
 
 def inflated_covariance(covariance: Array, samples: Array, at: UnknownSlices) -> Array:
-    """Return the covariance, (P, P), inflated to the scatter of samples, (S, P).
+    """Return a covariance, (P, P), inflated to the scatter of samples, (S, P).
 
-    Lengths, stiffnesses and masses have one factor each; they compensate each other in curved
-    valleys.
+    Lengths, stiffnesses and masses have one factor each, because they compensate each other in
+    curved valleys of the likelihood.
     """
     variances, factors = np.diag(covariance), np.ones(len(covariance))
     for part in (at.lengths, at.stiffnesses, at.masses):

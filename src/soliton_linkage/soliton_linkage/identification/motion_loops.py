@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled loops that integrate a free motion, its sensitivities, and the gradient of a sum.
 
-With the classical Runge-Kutta method, the sensitivities X = dphi/dq and V = X' satisfy
+The classical Runge-Kutta method integrates the angles phi. Their sensitivities to the unknowns q,
+X = dphi/dq and V = X', satisfy
 
     X' = V,    V' = (dphi''/dphi) X + (dphi''/dphi') V + dphi''/dq,
 
@@ -37,7 +38,8 @@ from soliton_linkage.linkage.springs import spring_between
 
 R, A, L, K, INERTIA = range(5)
 M = INERTIA
-"""Number of log m among the five unknowns of a rotor in `direct`; the first four are R to K."""
+"""Number of log m among the five unknowns of a rotor in `direct`; the first four unknowns are R to
+K."""
 ACCELERATION, BELOW, MAIN, ABOVE, DRAG, BY_DAMPING, BY_FRICTION, FALL = range(8)
 """Rows of `work`: acceleration and its derivatives; FALL is the acceleration by gravity."""
 DAMPING, FRICTION, SLIDING, ALONG, DOWN, LONGEST = range(6)
@@ -50,7 +52,7 @@ spring = compile_loop(spring_between, inlined=True)
 def accelerate(
     table: Array, forces: Array, angles: Array, rates: Array, work: Array, direct: Array
 ) -> None:
-    """Set `work` and `direct` at given angles [rad] and rates [rad/s], (N,)."""
+    """Set `work` and `direct` for given angles [rad] and rates [rad/s], (N,) each."""
     rotors, values, inertias = angles.size, work[ACCELERATION], table[INERTIA]
     gravity = forces[ALONG] != 0.0 or forces[DOWN] != 0.0
     for n in range(rotors):
@@ -115,7 +117,7 @@ def accelerate(
 def advance(
     table: Array, forces: Array, step: float, state: Array, at: Array, works: Array, directs: Array
 ) -> None:
-    """Take one step [s] of the state, (2, N); store 4 stages in `at`, `works`, `directs`."""
+    """Advance the state, (2, N), by one step [s]; store 4 stages in `at`, `works`, `directs`."""
     rotors = state.shape[1]
     at[0] = state
     for stage in range(4):
@@ -141,7 +143,10 @@ def advance_sensitivities(
     own: Array,
     changes: Array,
 ) -> None:
-    """Take one step of x and v, (Q, 2, N); row 0 of `own`, (5, N + 2), has ends 0."""
+    """Advance the sensitivities of angles and rates, (Q, 2, N), by one step [s].
+
+    `own`, (5, N + 2), is storage; row 0 has zeros at both ends.
+    """
     rotors = changes.shape[2]
     x_at, v_at, acceleration, x_sum, v_sum = own[0], own[1], own[2], own[3], own[4]
     for q in range(changes.shape[0]):
@@ -193,7 +198,8 @@ def integrate(
 ) -> None:
     """Integrate state, (2, N), and sensitivities, (Q, 2, N), over T successive spans [s].
 
-    `states`, (T, 2, N), receives angles and rates, `slopes`, (Q, T, N), receives x.
+    `states`, (T, 2, N), receives angles and rates; `slopes`, (Q, T, N), receives the sensitivities
+    of the angles.
     """
     rotors, size = state.shape[1], changes.shape[0]
     at, works = np.empty((4, 2, rotors)), np.empty((4, 8, rotors))
@@ -214,7 +220,7 @@ def integrate(
 
 @compiled(f8, f8_3d, f8_3d, f8_2d, f8_1d)
 def reverse(step: float, works: Array, directs: Array, pull: Array, gradient: Array) -> None:
-    """Take one step of the adjoint state `pull`, (2, N), and of `gradient`, (5 N + 3,)."""
+    """Take the adjoint `pull` of the state, (2, N), and `gradient`, (5 N + 3,), one step back."""
     rotors = pull.shape[1]
     after, torque, total = np.zeros((2, rotors)), np.zeros(rotors + 2), pull.copy()
     for stage in range(3, -1, -1):
@@ -254,7 +260,10 @@ def pull_back(
     pull: Array,
     gradient: Array,
 ) -> None:
-    """Add derivatives of sum(angles * weights) to `pull` and `gradient`, like `reverse`."""
+    """Add the derivatives of the sum of angles * weights to `pull` and `gradient`.
+
+    `pull` belongs to the initial state, and `gradient` to the chain and the forces.
+    """
     rotors = pull.shape[1]
     at, works = np.empty((4, 2, rotors)), np.empty((4, 8, rotors))
     directs = np.zeros((4, 5 * rotors, 3))

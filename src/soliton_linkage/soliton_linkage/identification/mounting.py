@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks of the order and the mounting of encoders, from the angles of neighbouring rotors.
 
-The angles of two neighbours follow Freudenstein's equation of four-bar linkages,
+The angles of two neighbours follow Freudenstein's equation of four-bar linkages. With the spacing
+a, the rotor lengths r_1 and r_2, and the bond length l,
 
     cos(phi_1 - phi_2) = K_0 + K_1 sin(phi_2) - K_2 sin(phi_1),
     K_0 = (a^2 + r_1^2 + r_2^2 - l^2) / (2 r_1 r_2),    K_1 = a / r_1,    K_2 = a / r_2.
 
-An error of half a turn of phi_2 changes the signs of K_0 and K_1. With a reversed sign, or between
-other rotors, no such curve fits, or that of a bond that no wall can pass.
+An error of half a turn of phi_2 changes the signs of K_0 and K_1. If the sign of a reading is
+reversed, or the rotors are not neighbours, no such curve fits, or the fitted bond is one that no
+wall can pass.
 """
 
 from __future__ import annotations
@@ -22,37 +24,39 @@ from numpy.typing import NDArray
 from soliton_linkage.linkage.chain import Array
 
 _LARGEST_MISFIT = 0.04
-"""Misfit above which a curve does not explain the readings [rad]."""
+"""Misfit above which a curve does not match the readings [rad]."""
 _LEAST_SWING = 0.15
-"""Range of sin(phi) above which a wall has passed a rotor, relative to the median range [1]."""
+"""Range of sin(phi), relative to the median range, above which a wall has passed a rotor [1]."""
 _QUANTILES = 0.02, 0.98
-"""Quantiles of sin(phi) whose difference is called the range."""
+"""Quantiles of sin(phi); their difference is the range of sin(phi) [1]."""
 _WEIGHTINGS = 4
-"""Number of successive fits of a curve, each with weights from the previous fit."""
+"""Number of successive fits of a curve [1]; each fit uses weights from the previous one."""
 _FLATTEST = 0.1
-"""Value added in quadrature to derivatives, so that no single frame dominates [1]."""
+"""Value that is added in quadrature to derivatives, so that no single frame dominates [1]."""
 _BETTER = 0.8
-"""Relative misfit with one rotor reversed below which it counts as reversed [1]."""
+"""Ratio of the misfit with a reversed rotor to the misfit without below which the rotor counts as
+reversed [1]."""
 _AS_GOOD = 1.25
-"""Relative misfit that suffices if no wall can pass the bond as recorded [1]."""
+"""Same ratio, for a bond that no wall can pass as recorded [1]."""
 _IMPASSABLE = 0.95
-"""Relative l^2 below which no wall can pass a bond [1]; noise changes the ratio by 0.03."""
+"""Relative square of the bond length l below which no wall can pass a bond [1]; noise changes the
+square by 0.03."""
 _MOST_NAMED = 4
-"""Largest number of absent joints that a text names [1]."""
+"""Largest number of absent joints that a message names [1]."""
 _MOST_WRONG = 1 / 4
 """Largest fraction of wrongly mounted rotors that an error names one by one [1]."""
 
 
 class Mounting(NamedTuple):
-    """Mounting of an encoder, or of one relative to another."""
+    """Mounting of an encoder, in absolute terms or relative to another encoder."""
 
     reversed: bool = False
     turned: bool = False
-    """Whether the zero has an error of half a turn."""
+    """Whether the zero of the encoder has an error of half a turn."""
 
     @property
     def remedy(self) -> str:
-        """Formula that converts a reading phi to the angle."""
+        """Formula that converts a reading phi to the correct angle."""
         return {(False, True): 'phi - pi', (True, False): '-phi', (True, True): 'pi - phi'}.get(
             self, 'phi'
         )
@@ -62,9 +66,9 @@ class _Curve(NamedTuple):
     mounting: Mounting
     misfit: float
     room: float
-    """Square of l, relative to the smallest square in a passable bond [1]."""
+    """Square of the bond length l, relative to the smallest square in a passable bond [1]."""
     backward: bool
-    """Whether the joints are exchanged or both have an error of half a turn (K_1, K_2 < 0)."""
+    """Whether the joints are exchanged, or both have an error of half a turn (K_1, K_2 < 0)."""
 
     @property
     def strange(self) -> bool:
@@ -120,7 +124,7 @@ def check_neighbours(readings: Array, names: Sequence[str]) -> None:
 
 
 def absent_joints(names: Sequence[str]) -> str:
-    """Return a text that names the joints that are absent from numbered names, or ''."""
+    """Return a text that names the joints that are absent from numbered names; '' if none is."""
     found = [re.fullmatch(r'(.*?)(\d+)', name) for name in names]
     parts = [(each[1], int(each[2])) for each in found if each]
     numbers = {number for _, number in parts}
@@ -197,9 +201,11 @@ def _fitted(first: Array, second: Array, is_reversed: bool) -> _Curve:
 _CHECKED_FRAMES = 9
 """Number of frames in which the unit is checked [1]."""
 _SMALLEST_IN_DEGREES = 4.0
-"""Value that every frame in degrees exceeds: one of two neighbours is at 90 degrees or more."""
+"""Value that an angle in every frame in degrees exceeds, because one of two neighbours is at 90
+degrees or more."""
 _LARGEST_STAGGER = 0.2
-"""Median of 1 + cos(phi_n + phi_{n+1}) [1]: radians give less, degrees 0.4 or more."""
+"""Threshold of the median of 1 + cos(phi_n + phi_{n+1}) [1]; angles in radians are below, angles
+in degrees are at 0.4 or more."""
 
 
 def check_unit(readings: Array) -> None:
@@ -210,7 +216,7 @@ def check_unit(readings: Array) -> None:
 
 
 def in_degrees(angles: Array) -> bool:
-    """Return whether phi_n + phi_{n+1} = pi nearly holds only if angles are in degrees."""
+    """Return whether phi_n + phi_{n+1} = pi nearly holds only after conversion from degrees."""
     largest = np.nanmax(np.abs(angles), initial=0.0)
     return bool(
         np.isfinite(largest)

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Readings of a recording: angles with standard deviations, impulses and tilts.
 
-Rounding errors of changing angles are independent, with the variance q^2 / 12 of a step q (B.
-Widrow, I. Kollar, Quantization Noise, 2008). At rest all readings have the same rounding error.
+Rounding errors of changing angles are independent, with the variance q^2 / 12 for a step q of the
+encoder (B. Widrow, I. Kollar, Quantization Noise, 2008). At rest, all readings have the same
+rounding error.
 """
 
 from __future__ import annotations
@@ -21,15 +22,16 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 
 _FEWEST_ROTORS = 4
-"""Smallest number of rotors; the bonds at the edges contain little information."""
+"""Smallest number of rotors in a recording; the bonds at the edges contain little information."""
 _LEAST_PRESENT = 0.5
 """Smallest fraction of the frames in which each rotor has a reading [1]."""
 _MOST_NAMED = 4
 """Largest number of rotors that an error message names [1]."""
 _PAUSE = 1.0
-"""Time between two joined recordings [s]."""
+"""Time between two recordings after they are joined [s]."""
 _LARGEST_RELATIVE_DEVIATION = 100.0
-"""Largest ratio of a standard deviation to the typical one [1]; the smallest is its inverse."""
+"""Largest ratio of a standard deviation to the typical one [1]; the smallest ratio is its
+inverse."""
 
 
 class RecordedImpulse(NamedTuple):
@@ -65,7 +67,10 @@ class Readings:
 
     @cached_property
     def filled(self) -> Array:
-        """Readings without jumps of 2 pi, interpolated [rad]; ValueError if there are too few."""
+        """Readings [rad] without jumps of 2 pi and with interpolated gaps.
+
+        ValueError if too few.
+        """
         names, rotors = self.joints, self.angles.shape[1]
         if rotors < _FEWEST_ROTORS:
             raise ValueError(
@@ -84,12 +89,12 @@ class Readings:
 
     @cached_property
     def unwrapped(self) -> Array:
-        """Readings without jumps of 2 pi, NaN where missing [rad], (T, N)."""
+        """Readings [rad] without jumps of 2 pi, NaN where missing, (T, N)."""
         return np.where(np.isfinite(self.angles), self.filled, np.nan)
 
     @cached_property
     def relative_deviations(self) -> Array:
-        """Standard deviations divided by the typical one, 1 if unknown [1], (T, N)."""
+        """Standard deviations divided by the typical one [1], (T, N); 1 if unknown."""
         deviations = self.deviations
         if deviations is None:
             return np.ones_like(self.angles)
@@ -112,7 +117,7 @@ class Readings:
 
     @property
     def interruptions(self) -> list[float]:
-        """Times of impulses and changes of the tilt, at which free motion ends [s]."""
+        """Times at which free motion ends [s], because of impulses or changes of the tilt."""
         return [*(each.time for each in self.impulses), *(each.time for each in self.tilts)]
 
     def tilt_at(self, time: float) -> float:
@@ -129,7 +134,10 @@ class Readings:
 
 
 def interpolated(angles: Array, times: Array | None = None) -> Array:
-    """Return readings, (T, N), without jumps of 2 pi, interpolated; NaN without readings."""
+    """Return readings, (T, N), without jumps of 2 pi, and with interpolated gaps.
+
+    A rotor without readings is NaN.
+    """
     times = np.arange(len(angles), dtype=np.float64) if times is None else times
     filled = np.full_like(angles, np.nan)
     present = np.isfinite(angles)
@@ -140,7 +148,7 @@ def interpolated(angles: Array, times: Array | None = None) -> Array:
 
 
 def join_recordings(recordings: Sequence[Readings]) -> Readings:
-    """Join recordings with unknown impulses between them; ValueError if joints differ."""
+    """Join recordings with unknown impulses between them; ValueError for different joints."""
     first, *others = recordings
     if not others:
         return first
@@ -177,18 +185,22 @@ def join_recordings(recordings: Sequence[Readings]) -> Readings:
 
 
 _SMALLEST_STEP = 1e-9
-"""Smallest change that is a step of the encoder and no rounding error of the computer [rad]."""
+"""Smallest change that counts as a step of the encoder [rad]; smaller changes are rounding errors
+of the computer."""
 
 
 def rounding_noise(readings: Array) -> float:
-    """Return the standard deviation of rounding [rad], from the smallest change."""
+    """Return the standard deviation of rounding errors [rad], from the smallest change."""
     steps = np.abs(np.diff(readings, axis=0))
     smallest = float(steps[steps > _SMALLEST_STEP].min(initial=np.inf))
     return smallest / math.sqrt(12) if math.isfinite(smallest) else 0.0
 
 
 def repeat_counts(readings: Array) -> Array:
-    """Return the length of the run of equal readings around each, with which variances grow."""
+    """Return the length of the run of equal readings that contains each reading.
+
+    The variance of the rounding error grows with this length.
+    """
     counts = np.ones_like(readings)
     for column, values in zip(counts.T, readings.T, strict=True):
         seen = np.flatnonzero(np.isfinite(values))
@@ -199,23 +211,24 @@ def repeat_counts(readings: Array) -> Array:
 
 
 _NEAR = 100
-"""Number of frames kept before each impulse, and also after each impulse."""
+"""Number of frames that are kept before each impulse, and also after each impulse."""
 _NEAR_IMPULSES = 0.5
 """Largest fraction of the kept frames that may be near impulses [1]."""
 _AVERAGED = 8
-"""Number of frames in the moving average from which turning rotors are detected."""
+"""Number of frames in the moving average that shows which rotors turn."""
 _TURNING = 0.05
-"""Change of a rotor's mean direction above which the rotor turns [1]."""
+"""Change of the mean direction of a rotor above which the rotor counts as turning [1]."""
 _AT_REST = 0.1
-"""Density of kept frames at rest, relative to the density while a rotor turns [1]."""
+"""Density of kept frames while all rotors are at rest, relative to the density while a rotor turns
+[1]."""
 _FILLINGS = 5
-"""Number of iterations in which densities are limited to 1 and the excess is redistributed."""
+"""Number of iterations that limit densities to 1 and redistribute the excess [1]."""
 
 
 def informative_frames(
     times: Array, angles: Array, impulses: Sequence[float], most: int
 ) -> NDArray[np.intp]:
-    """Return at most `most` frame numbers, dense near impulses [s] and moving rotors."""
+    """Return at most `most` frame numbers, dense near impulses [s] and while rotors turn."""
     if len(times) <= most:
         return np.arange(len(times))
     kept = _near_impulses(times, impulses, int(_NEAR_IMPULSES * most))

@@ -19,9 +19,9 @@ from soliton_linkage.identification.screening import LEAST_NOISE
 from soliton_linkage.linkage.chain import Array, Chain
 
 STRAINED = 1.1
-"""Ratio of misclosures to reading noise above which bonds do not close [1]."""
+"""Ratio of misclosures to reading noise above which bonds count as not closed [1]."""
 _WORSE = 1.25
-"""Ratio of `bond_noise` to its median above which it is reported [1]; 1.1 is usual."""
+"""Ratio of `bond_noise` to its median above which the bond is reported [1]; 1.1 is usual."""
 
 
 @dataclass(frozen=True)
@@ -37,17 +37,17 @@ class Identification:
     offset_deviations: Array
     """Standard deviations of the offsets [rad], (N,)."""
     noise: float
-    """Standard deviation of a reading, from the residuals of the model [rad]."""
+    """Standard deviation of a reading [rad], computed from the residuals of the model."""
     reading_noise: float
-    """Standard deviation of a reading, from its changes between frames [rad]."""
+    """Standard deviation of a reading [rad], computed from its changes between frames."""
     bond_noise: Array
-    """Standard deviation of a reading, from each bond alone [rad], (N - 1,)."""
+    """Standard deviation of a reading [rad], computed from each bond alone, (N - 1,)."""
     tolerance: float
-    """Relative standard deviation of lengths of one kind about their mean [1]."""
+    """Relative standard deviation of lengths of one kind from their mean [1]."""
     rigid: bool
     """Whether all bonds close within the noise, so that stiffnesses are unknown."""
     unused_frames: int
-    """Number of frames without use for masses, stiffnesses and drag."""
+    """Number of frames that the fit of masses, stiffnesses and drag does not use."""
     weakly_observable: tuple[str, ...]
     warnings: tuple[str, ...]
     outliers: int = 0
@@ -59,13 +59,13 @@ class Identification:
     friction_deviation: float = math.nan
     """Standard deviation of the dry friction [N m], NaN if unknown."""
     spacing_deviation: float = math.nan
-    """Standard deviation of the log of the mean spacing [1], NaN if unknown."""
+    """Standard deviation of the log of the mean spacing [1]; NaN if unknown."""
     mass_deviation: float = math.nan
     """Standard deviation of the log of the mean mass [1], NaN if unknown."""
 
     @property
     def worst_bonds(self) -> tuple[int, ...]:
-        """Numbers of the bonds in the order of decreasing noise."""
+        """Numbers of the bonds, sorted by decreasing noise."""
         return tuple(np.argsort(-self.bond_noise).tolist())
 
 
@@ -76,7 +76,7 @@ def by_springs(
     scale: tuple[float, float] | None,
     unused_frames: int,
 ) -> Identification:
-    """Return the result for springs: lengths, stiffnesses, masses and drag are estimated."""
+    """Return the result for springs, with estimated lengths, stiffnesses, masses and drag."""
     motion = fitted.motion
     deviations = split_chain(np.sqrt(np.diag(fitted.covariance)))
     geometry = motion.slices.lengths
@@ -149,7 +149,7 @@ def by_bonds(
     moved: BarMotion | None,
     unused_frames: int,
 ) -> Identification:
-    """Return the result for bars: lengths from the bonds, masses and drag from the motion."""
+    """Return the result for bars; the bonds give lengths, and the motion masses and drag."""
     deviations = split_lengths(found.deviations)
     offsets = deviations.pop('offset')
     chain = found.lengths.scaled(given.spacing).chain(given)

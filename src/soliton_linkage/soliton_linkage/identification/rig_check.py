@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of the joint states of a rig; in a chain at rest, all bonds have their rest lengths."""
+"""Checks of the joint states of a rig: stamps, noise, order, signs and bond lengths at rest."""
 
 from __future__ import annotations
 
@@ -19,33 +19,37 @@ from soliton_linkage.linkage.chain import Array, Chain, staggered, wrapped
 
 RIGHT, DOUBTFUL, WRONG = 'right', 'doubtful', 'wrong'
 SMALLEST_TURN = 0.15
-"""Smallest rotation that counts as a turn by hand [rad]; it is far above the noise of encoders."""
+"""Smallest rotation that counts as a turn by hand [rad]; encoder noise is far below."""
 _LARGEST_JITTER = 1e-3
-"""Largest jitter of stamps that is right [s]; at 10 rad/s it acts as a noise of 0.01 rad."""
+"""Largest acceptable jitter of stamps [s]; at 10 rad/s, it acts like a noise of 0.01 rad."""
 _LARGEST_AGE = 0.5
-"""Largest age of a frame at its arrival that is right [s]."""
+"""Largest acceptable age of a frame at its arrival [s]."""
 _LARGEST_LEAD = 0.01
-"""Largest time by which a stamp may be in the future [s]; NTP is better."""
+"""Largest time by which a stamp may be in the future [s]; clocks synchronised by NTP differ
+less."""
 _LARGEST_SLOWNESS = 0.1
-"""Largest relative difference between the speeds of stamps and clock that is right [1]."""
+"""Largest acceptable relative difference between the speeds of the stamps and of the clock [1]."""
 _LATE = 1.5
-"""Interval, relative to the median interval, above which frames are missing [1]."""
+"""Ratio of an interval to the median interval above which frames count as missing [1]."""
 _LARGEST_NOISE = 0.05
-"""Largest noise of a reading that is right [rad]."""
+"""Largest acceptable noise of a reading [rad]."""
 _NOISY = 3.0
-"""Noise of a rotor, relative to the median rotor, above which it is called noisy [1]."""
+"""Ratio of the noise of a rotor to the noise of the median rotor above which the rotor counts as
+noisy [1]."""
 _SMALLEST_NOISE = 2e-3
-"""Noise below which no rotor is called noisy [rad]."""
+"""Noise of a reading below which no rotor counts as noisy [rad]."""
 _LEAST_SEEN = 0.99
-"""Smallest fraction of the frames in which a right rotor has a reading [1]."""
+"""Smallest acceptable fraction of the frames in which a rotor has a reading [1]."""
 _LARGEST_STRETCH = 0.02
-"""Largest relative bond stretch that is right [1]; a wrong zero of 0.05 rad stretches more."""
+"""Largest acceptable relative stretch of a bond [1]; a zero error of 0.05 rad causes more."""
 _EXPLAINED = 1 / 3
-"""Largest relative rms stretch after a correction that explains the stretches [1]."""
+"""Largest root mean square stretch after a correction, relative to the stretch before, for which
+the correction counts as the cause [1]."""
 _EQUALLY_GOOD = 1.5
-"""Largest ratio to the stretches after the best correction at which another is reported [1]."""
+"""Largest ratio of the stretch after a correction to that after the best correction for which the
+correction is also reported [1]."""
 _MOST_FRAMES = 200
-"""Largest number of frames from which stretches are computed [1]."""
+"""Largest number of frames from which the stretches are computed [1]."""
 _MOST_NAMED = 4
 """Largest number of rotors, or of possible causes, that a finding names [1]."""
 
@@ -63,7 +67,7 @@ class WatchedFrames:
 
 
 class Turn(NamedTuple):
-    """Frames after the request to turn a rotor in the positive direction by hand."""
+    """Frames recorded after the request to turn a rotor by hand in the positive direction."""
 
     rotor: int
     rest: Array
@@ -87,11 +91,12 @@ class RigFindings:
     noise: Array
     """Noise of each rotor [rad], (N,); NaN if unknown."""
     stretches: Array
-    """Apparent over configured bond length, minus 1 [1], (N - 1,); NaN if unknown."""
+    """Apparent bond length divided by the configured one, minus 1 [1], (N - 1,); NaN if
+    unknown."""
 
     @property
     def sound(self) -> bool:
-        """Whether nothing is wrong."""
+        """Whether no check has found a fault."""
         return all(each.verdict != WRONG for each in self.findings)
 
 
@@ -129,12 +134,15 @@ def check_rig(
 
 
 def is_resting(angles: Array) -> bool:
-    """Return whether no rotor turns in frames of readings [rad], shape (T, N)."""
+    """Return whether no rotor turns in some frames of readings [rad], shape (T, N)."""
     return not bool((np.ptp(interpolated(angles), axis=0) > SMALLEST_TURN / 2).any())
 
 
 def first_turn(rest: Array, angles: Array) -> tuple[int, float] | None:
-    """Return the rotor that turns first from `rest`, (N,), and its rotation [rad], or None."""
+    """Return the rotor that first turns from `rest` [rad], (N,), and its rotation [rad].
+
+    The result is None if no rotor turns.
+    """
     turned = np.nan_to_num(wrapped(angles - rest))
     frames = np.flatnonzero(np.abs(turned).max(axis=1, initial=0.0) > SMALLEST_TURN)
     if not frames.size:
@@ -281,7 +289,7 @@ class _Bonds:
         self._rest = chain.rest_lengths[: chain.number_of_rotors - 1]
 
     def stretches(self, angles: Array, of_rotors: float | Array = 1.0) -> Array:
-        """Return the median relative stretch of each bond, (N - 1,), for angles (T, N)."""
+        """Return the median relative stretch of each bond [1], (N - 1,), for angles, (T, N)."""
         lengths = self._lengths * of_rotors
         x = self._pivots + lengths * np.sin(angles)
         apart = np.hypot(np.diff(x, axis=1), np.diff(lengths * np.cos(angles), axis=1))
@@ -365,7 +373,7 @@ def _chain_findings(bonds: _Bonds, names: Sequence[str]) -> Iterator[RigFinding]
 
 
 def _passage_findings(angles: Array, names: Sequence[str]) -> Iterator[RigFinding]:
-    """Check zeros, signs and order of all rotors if a soliton has passed all of them."""
+    """Check zeros, signs and order of all rotors, if a soliton has passed all of them."""
     readings = interpolated(angles)
     if len(names) < 4 or not np.isfinite(readings).all():
         return

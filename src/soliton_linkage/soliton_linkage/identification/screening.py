@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks of a recording before identification, and of the residuals after identification.
 
-The staggered angles of a rotor before and after a wall are symmetric, for all rotors about 0 or
-for all about pi, unless the zero of its encoder is wrong.
+The staggered angles of a rotor before and after a wall are symmetric about 0 or about pi, the same
+for all rotors, unless the zero of the encoder is wrong.
 """
 
 from __future__ import annotations
@@ -21,19 +21,24 @@ from soliton_linkage.identification.readings import Readings, repeat_counts, rou
 from soliton_linkage.linkage.chain import Array, staggered
 
 _LEANING = 0.5
-"""|sin(phi)| above which a rotor clearly leans, relative to the median of the same rotor [1]."""
+"""Threshold of |sin(phi)| for a rotor that clearly leans, relative to the median of the same rotor
+[1]."""
 _FAR_OFF = 2.0
-"""Zero error above which the joints are probably in a wrong order [rad]."""
+"""Zero error above which the joints probably have a wrong order [rad]."""
 _LARGEST_ZERO_ERROR = 0.5
-"""Largest zero error for which least squares converges [rad]; apparent ones reach 0.3 rad."""
+"""Largest zero error for which least squares converges [rad]; correct encoders show apparent
+errors of up to 0.3 rad."""
 _TRIMMINGS = 6
-"""Number of iterations of the robust mean angle at rest."""
+"""Number of iterations of the robust mean angle at rest [1]."""
 _SHARPNESS = 20.0
 """Sharpness of the weights in the robust mean: 1 / (0.22 rad)^2 [1/rad^2]."""
 
 
 def check_motion(readings: Array, names: Sequence[str]) -> None:
-    """Raise ValueError unless a wall passes all rotors in the order of the joints, (T, N)."""
+    """Raise ValueError unless a wall passes all rotors in the order of the joints.
+
+    The readings [rad] have shape (T, N).
+    """
     check_mounting(readings, names)
     check_zeros(readings, names)
     inner = leaning_over(readings)[1:-1]
@@ -72,7 +77,7 @@ def check_zeros(readings: Array, names: Sequence[str]) -> None:
 
 
 def _zero_errors(readings: Array) -> Array:
-    """Return approximate zero errors, in staggered angles [rad]; spinners make half a turn."""
+    """Return approximate zero errors in staggered angles [rad]; spinners make half a turn."""
     sine = np.sin(readings)
     clear = np.abs(sine) > _LEANING * np.median(np.abs(sine), axis=0)
     turns = np.exp(1j * staggered(readings))
@@ -105,13 +110,14 @@ def leaning_over(readings: Array) -> NDArray[np.bool_]:
 
 
 LEAST_NOISE = 1e-4
-"""Smallest noise of a reading in the fit of a motion [rad]."""
+"""Smallest noise of a reading that the fit of a motion assumes [rad]."""
 _OUTLIER = 7.0
-"""Distance of a wrong reading from a smooth motion, in standard deviations [1]."""
+"""Distance from a smooth motion above which a reading counts as wrong [standard deviations]."""
 _OF_RANGE = 0.25
-"""Part of the limit of outliers proportional to the range of adjacent readings [1]."""
+"""Additional limit for wrong readings, relative to the range of the adjacent readings [1]."""
 _PASSES = 6
-"""Largest number of searches; a wrong reading is found only after larger errors near it."""
+"""Largest number of searches for wrong readings [1]; a search finds an error only after larger
+errors near it are removed."""
 
 
 def without_outliers(recording: Readings) -> Readings:
@@ -128,7 +134,10 @@ def without_outliers(recording: Readings) -> Readings:
 
 
 def isolated(values: Array, limits: Array) -> NDArray[np.bool_]:
-    """Return which values, (T, N), exceed limits around the cubic curve through 4 others."""
+    """Return which values, (T, N), are outliers of the cubic curve through 4 neighbours.
+
+    `limits` are the largest distances, without the share of the range of the neighbours.
+    """
     errors = np.zeros_like(values)
     near, far = values[1:-3] + values[3:-1], values[:-4] + values[4:]
     errors[2:-2] = np.abs(values[2:-2] - (4 * near - far) / 6)
@@ -141,13 +150,17 @@ def isolated(values: Array, limits: Array) -> NDArray[np.bool_]:
 
 
 _STRAY = 6.0
-"""Distance of an outlier from the median of adjacent residuals, relative to the noise [1]."""
+"""Distance from the median of adjacent residuals above which a residual is an outlier, relative to
+the noise [1]."""
 _MEDIAN_FRAMES = 9
-"""Number of frames in the median of residuals; up to four outliers change it little."""
+"""Number of frames in the median of residuals; up to four outliers change the median little."""
 
 
 def stray_residuals(residuals: Array, noise: float) -> NDArray[np.bool_]:
-    """Return which residuals are outliers, at most one per frame, (T, N); noise in [rad]."""
+    """Return which residuals [rad] are outliers, (T, N), at most one in each frame.
+
+    `noise` is the standard deviation of a residual [rad].
+    """
     usual = median_filter(residuals, (_MEDIAN_FRAMES, 1), mode='nearest')
     distances = np.abs(residuals - usual)
     largest = distances == distances.max(axis=1, keepdims=True)
@@ -155,21 +168,23 @@ def stray_residuals(residuals: Array, noise: float) -> NDArray[np.bool_]:
 
 
 _SLIP_RANGE = 3.0
-"""Cumulative sum of n residuals of a slipping encoder, relative to noise times sqrt(n) [1]."""
+"""Threshold of the cumulative sum of n residuals of a slipping encoder, relative to the noise
+times sqrt(n) [1]."""
 _SMALLEST_SLIP = 2.0
-"""Smallest reported slip, relative to the noise of a reading [1]."""
+"""Smallest slip that is reported, relative to the noise of a reading [1]."""
 _JUMP_FRAMES = 15
 """Number of frames that are averaged before and after a jump."""
 _JUMP_OVER_NOISE = 12.0
-"""Smallest reported jump, relative to the noise of a reading [1]; noise causes jumps of 2.2."""
+"""Smallest jump that is reported, relative to the noise of a reading [1]; noise causes jumps of
+2.2."""
 _SMALLEST_JUMP = 0.1
-"""Smallest reported jump [rad]; no motion changes so suddenly between frames."""
+"""Smallest jump that is reported [rad]; motions change less between two frames."""
 _JUMP_OVER_NEIGHBOURS = 3.0
-"""Smallest reported jump, relative to the larger jump of both neighbours [1]."""
+"""Smallest jump that is reported, relative to the larger jump of the two neighbours [1]."""
 
 
 def noise_of(readings: Array, relative_deviations: Array) -> float:
-    """Return the reading noise [rad] by the median of second differences; NaN if unknown."""
+    """Return the noise of a reading [rad] from the median of second differences, or NaN."""
     bends = readings[2:] - 2 * readings[1:-1] + readings[:-2]
     squares = relative_deviations**2
     bends /= np.sqrt(squares[2:] + 4 * squares[1:-1] + squares[:-2])
@@ -201,7 +216,10 @@ def check_jumps(recording: Readings, noise: float) -> None:
 
 
 def check_slips(recording: Readings, residuals: Array, noise: float) -> None:
-    """Raise ValueError if the residuals of an encoder, over relative deviations, have a step."""
+    """Raise ValueError if the residuals of an encoder have a step.
+
+    The residuals are divided by the relative deviations [rad].
+    """
     single = residuals / np.sqrt(repeat_counts(recording.unwrapped))
     sums = np.cumsum(single - single.mean(axis=0), axis=0) / (noise * math.sqrt(len(residuals)))
     largest = np.abs(sums).max(axis=0)

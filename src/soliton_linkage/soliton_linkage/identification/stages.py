@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Progress of an identification, which consists of stages with known shares of the work."""
+"""Progress of an identification; its stages have known shares of the work."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ class Stages:
         self._begin, self._end = 0.0, 1.0
 
     def enter(self, begin: float, end: float) -> None:
-        """Begin a stage that leads from one fraction to another."""
+        """Begin a stage that increases the fraction from `begin` to `end` [1]."""
         self._begin, self._end = begin, end
         self.show(0.0)
 
     def show(self, part: float) -> None:
-        """Report which part of the current stage is done [1]."""
+        """Report which fraction of the current stage is done [1]."""
         done = self._begin + (self._end - self._begin) * min(max(part, 0.0), 1.0)
         if done > self._done:
             self._done = done

@@ -17,17 +17,19 @@ from soliton_linkage.identification.lengths import Tolerances, to_unknowns
 from soliton_linkage.linkage.chain import Array
 
 _INITIAL_FRAMES = 25
-"""Number of frames in an initial window; with fewer, initial rates are uncertain."""
+"""Number of frames in an initial window; with fewer frames, the initial rates are uncertain."""
 _RATE_FRAMES = 8
 """Number of frames from which the initial rates of a window are estimated."""
 _FEWEST_FRAMES = 30
-"""Smallest number of frames between impulses that are used; a wall passes some rotors."""
+"""Smallest number of frames between impulses that are used; in that time a wall passes some
+rotors."""
 _ARRIVAL = 0.05
 """Largest delay between the command of an impulse and its effect [s]."""
 _MERGED = 4
-"""Largest number of windows merged at a time; at 2x, the wall may be too far from the readings."""
+"""Largest number of windows that are merged at a time [1]; at 2x, the predicted wall may be too
+far from the readings."""
 _DENSE_FRAMES = 0.05
-"""Quantile of the averaged frame intervals that is typical of dense frames [1]."""
+"""Quantile of the averaged frame intervals that counts as the interval of dense frames [1]."""
 
 
 class FreeWindow(NamedTuple):
@@ -35,11 +37,11 @@ class FreeWindow(NamedTuple):
 
     frames: slice
     motion: FreeMotion
-    """Motion that begins in the first frame. All windows have the same chain."""
+    """Motion that begins in the first frame; all windows have the same chain."""
 
 
 def free_intervals(times: Array, interruptions: Sequence[float]) -> list[slice]:
-    """Return the intervals between interruptions, given by their times [s], with enough frames."""
+    """Return the intervals between interruptions at given times [s] that have enough frames."""
     begins = [-math.inf, *(time + _ARRIVAL for time in sorted(interruptions))]
     ends = [*sorted(interruptions), math.inf]
     intervals = [
@@ -56,7 +58,10 @@ def initial_windows(
     interruptions: Sequence[float],
     tilt_at: Callable[[float], float] = lambda _: 0.0,
 ) -> list[FreeWindow]:
-    """Return short windows between interruptions [s], with states from angles [rad], (T, N)."""
+    """Return short windows between interruptions [s].
+
+    The angles [rad], (T, N), determine the initial states.
+    """
     windows = []
     intervals = free_intervals(times, interruptions)
     for interval in (part for each in intervals for part in _without_gaps(times, each)):
@@ -84,7 +89,7 @@ def _without_gaps(times: Array, interval: slice) -> list[slice]:
 def merge_windows(
     windows: Sequence[FreeWindow], fits: Callable[[FreeWindow, slice], bool]
 ) -> tuple[FreeWindow, ...]:
-    """Merge adjacent windows if the motion of the first `fits` the frames of the second."""
+    """Merge adjacent windows if the motion of the first one also `fits` the second one."""
     merged: list[FreeWindow] = []
     count = 0
     for window in windows:
@@ -101,26 +106,26 @@ def merge_windows(
 
 
 INITIAL_MASS_DEVIATION = 0.1
-"""Prior standard deviation of log masses and stiffnesses [1]; at 3x, some fits diverge."""
+"""Prior standard deviation of log masses and log stiffnesses [1]; at 3x, some fits diverge."""
 _SMALLEST, _LARGEST = 1e-3, 0.3
-"""Limits of the estimated standard deviation of log masses and stiffnesses [1]."""
+"""Limits of the estimated standard deviation of log masses and log stiffnesses [1]."""
 _DAMPING_RATE = 1.0
 """Prior standard deviation of the damping, divided by the moment of inertia of a rotor [1/s]."""
 _FRICTION_DECELERATION = 10.0
-"""Prior standard deviation of the dry friction over the moment of inertia [rad/s^2]."""
+"""Prior standard deviation of the dry friction, divided by the moment of inertia [rad/s^2]."""
 _LOG_GRAVITY = 1.0
-"""Prior standard deviation of the logarithm of gravity if the mean spacing is unknown [1]."""
+"""Prior standard deviation of the log of gravity if the mean spacing is unknown [1]."""
 _INFORMED = 1e-12
-"""Smallest eigenvalue of the information, relative to the largest [1]."""
+"""Smallest eigenvalue of the information that is used, relative to the largest one [1]."""
 
 
 def force_deviations(inertia: float) -> Array:
-    """Return prior standard deviations of damping, dry friction and log gravity, (3,)."""
+    """Return the prior standard deviations of damping, dry friction and log gravity, (3,)."""
     return np.array([_DAMPING_RATE * inertia, _FRICTION_DECELERATION * inertia, _LOG_GRAVITY])
 
 
 def estimated_deviation(squares: float, count: int) -> float:
-    """Return the standard deviation of `count` logarithms [1] from the sum of their squares."""
+    """Return the standard deviation of `count` logarithms [1], from the sum of their squares."""
     return min(max(math.sqrt(squares / count), _SMALLEST), _LARGEST)
 
 
@@ -133,10 +138,14 @@ class MotionPrior:
     mass_deviation: float = INITIAL_MASS_DEVIATION
     """Prior standard deviation of the logarithms of masses and stiffnesses [1]."""
     shift: Array | float = 0.0
-    """Shift of the prior mean of the unknowns, (Q - 2 N,), for samples of the posterior."""
+    """Shift of the prior mean of the unknowns of the chain, (Q - 2 N,), for samples of the
+    posterior."""
 
     def evaluate(self, motion: FreeMotion) -> tuple[Array, Array]:
-        """Return the prior information on Q - 2 N unknowns, and these minus their prior mean."""
+        """Return the information of the prior on the chain, and the distances from its mean.
+
+        Both are for the Q - 2 N unknowns of the chain.
+        """
         at, rotors = motion.slices, len(motion.masses)
         size = at.forces.stop
         information, values = np.zeros((size, size)), np.zeros(size)
@@ -154,7 +163,7 @@ class MotionPrior:
         return information, values - self.shift
 
     def sampled(self, motion: FreeMotion, random: np.random.Generator) -> MotionPrior:
-        """Return the prior with a mean that is shifted by a random sample."""
+        """Return the prior with a mean that a random sample has shifted."""
         values, vectors = np.linalg.eigh(self.evaluate(motion)[0])
         informed = values > _INFORMED * values[-1]
         values, vectors = values[informed], vectors[:, informed]
@@ -176,7 +185,7 @@ class MotionPrior:
 
 
 def observable_changes(motion: FreeMotion, gravity_known: bool) -> Array:
-    """Return an orthonormal basis of the changes that keep mean spacing and mean mass."""
+    """Return an orthonormal basis of the changes that keep the mean spacing and the mean mass."""
     at, rotors = motion.slices, len(motion.masses)
     basis = np.eye(at.forces.stop)
     equal_sum = np.linalg.qr(np.ones((rotors, 1)), mode='complete')[0][:, 1:]
