@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Models of the actuators at the edges: interface, implementations and a registry by name.
 
-To add a model, register a frozen dataclass with the methods of `Actuator` and `quantity` fields in
-`ACTUATORS`. The parameter `actuator` of the node selects it.
+To add a model, write a frozen dataclass with the methods of `Actuator` and fields made by
+`quantity`, and add it to `ACTUATORS`. The parameter `actuator` of the node selects it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ class PneumaticActuator:
     """Soft actuator with first-order pressure dynamics; raises ValueError for invalid parameters.
 
     The pressure p [Pa] approaches a higher command with the time constant `filling_time`, and a
-    lower one with `venting_time`. The torque k p is limited to `saturation_torque`.
+    lower one with `venting_time`. The torque k p, proportional to the pressure, is limited to
+    `saturation_torque`.
     """
 
     filling_time: float = quantity(0.03, 'time constant of a rising pressure', 's', 1e-4, 1e3)
@@ -59,8 +60,8 @@ class PneumaticActuator:
     ) -> tuple[float, float]:
         """Return the pressure [Pa] after `time` [s] and its integral [Pa s] over this time.
 
-        The lag e = u - p of the command u = target + slope t obeys de/dt = slope - e / tau, so
-        that
+        The command is u = target + slope t. With the time constant tau, the lag e = u - p obeys
+        de/dt = slope - e / tau, so that
 
             e(t) = e(0) E + slope tau (1 - E),    E = exp(-t / tau),
 
@@ -83,7 +84,7 @@ class PneumaticActuator:
     def response(
         self, pressure: float, command: Profile, start: float, end: float
     ) -> tuple[float, float]:
-        """Return the exact pressure at `end` [Pa] from that at `start`, and its integral."""
+        """Return the exact pressure at `end` [Pa], given that at `start`, and its integral."""
         integral = 0.0
         for line in command.segments(start, end):
             first, last = float(line.first), float(line.last)
@@ -93,9 +94,10 @@ class PneumaticActuator:
         return pressure, integral
 
     def responses(self, pressure: float, times: Array, commands: Array) -> Array:
-        """Return the pressure at the instants `times` [s] from the first one, `pressure` [Pa].
+        """Return the pressure [Pa] at the instants `times` [s].
 
-        Each element of `commands` [Pa] acts until the next instant.
+        `pressure` is that at the first one. Each element of `commands` [Pa] acts until the next
+        instant.
         """
         pressures = [pressure]
         for step, target in zip(np.diff(times).tolist(), commands.tolist(), strict=False):
@@ -114,8 +116,8 @@ class PneumaticActuator:
     def pulse_command(self, impulse: float, duration: float) -> float:
         """Return the commanded pressure [Pa] of a pulse with a duration [s] and impulse [N m s].
 
-        The impulse is k u [T + (tau_2 - tau_1) (1 - exp(-T / tau_1))] with the time constants
-        tau_1 towards the command u and tau_2 back to 0.
+        For a duration T, the impulse is k u [T + (tau_2 - tau_1) (1 - exp(-T / tau_1))]. The time
+        constants are tau_1 towards the command u and tau_2 back to 0.
         """
         towards, back = self._time_constant(impulse), self._time_constant(-impulse)
         effective_duration = duration - (back - towards) * math.expm1(-duration / towards)
@@ -148,7 +150,7 @@ class Actuator(Protocol):
     def response(
         self, level: float, command: Profile, start: float, end: float
     ) -> tuple[float, float]:
-        """Return the level at `end` [s] from that at `start`, and its integral over this time."""
+        """Return the level at `end` [s], given that at `start`, and its integral in between."""
 
     def torque(self, level: float) -> SupportsFloat:
         """Return the torque at a level [N m]."""

@@ -30,7 +30,8 @@ class ChainDriver:
 
     A command starts at the next frame. The torques of a frame are the means of the commands over
     an interval as long as the previous one. The last torques of a joint command are held for
-    `timeout` [s]. Torques before an interval above `longest_gap` [s] are reported as cut short.
+    `timeout` [s]. If an interval between frames exceeds `longest_gap` [s], the torques before it
+    are reported as cut short.
     """
 
     def __init__(
@@ -92,7 +93,7 @@ class ChainDriver:
         """Return the torques to apply from a frame on [N m], shape (N,), or None if nothing acts.
 
         `before` and `stamp` are the stamps of the previous and this frame [ns]. Raises ValueError
-        if they do not increase; if they decrease, all commands are dropped.
+        if the stamps do not increase. If the stamps decrease, the driver also drops all commands.
         """
         if self._origin is None:
             self._origin = stamp

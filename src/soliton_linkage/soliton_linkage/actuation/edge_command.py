@@ -47,8 +47,8 @@ class EdgeCommand:
     """Command to the actuator at an edge; raises ValueError for times that its kind forbids.
 
     The commanded quantity rises from 0 to `value` in `ramp_up` [s], is constant for `duration`
-    [s], and falls to 0 in `ramp_down` [s]. A pressure with duration 0 is held. A WAVEFORM is
-    multiplied by `value`.
+    [s], and falls to 0 in `ramp_down` [s]. A pressure with duration 0 acts until the next command.
+    A command of the kind WAVEFORM multiplies its `waveform` by `value`.
     """
 
     edge: Edge
@@ -107,7 +107,7 @@ class EdgeCommand:
 
     @property
     def profile(self) -> Profile:
-        """Commanded quantity by the time since the start of the command [s].
+        """Commanded quantity as a function of the time since the start of the command [s].
 
         Raises ValueError for a waveform with too many points or too long ramps.
         """
@@ -118,7 +118,7 @@ class EdgeCommand:
         return trapezoid(self.value, self.ramp_up, duration, self.ramp_down)
 
     def check(self, limits: EdgeLimits, actuator: Actuator) -> None:
-        """Raise ValueError for a value beyond the limits; `RotorDrive` limits wave torques."""
+        """Raise ValueError for a value beyond the limits; `RotorDrive` limits waveform torques."""
         if self.kind is CommandKind.PRESSURE:
             actuator.check_command(self.value)
         elif self.kind is CommandKind.KICK:
@@ -132,8 +132,9 @@ class EdgeCommand:
     def impulses(self, chain: Chain, mode: Array, period: float | None) -> Array:
         """Return the angular impulses of an instantaneous command [N m s], shape (N,).
 
-        With the unit zero mode m, a kick of speed v has the impulses I_n v m_n. A pulse of torque
-        tau has tau T m_n with the frame period T [s]; raises ValueError if T is None.
+        With the unit zero mode m and the moments of inertia I_n, a kick of speed v has the
+        impulses I_n v m_n. A pulse of torque tau has the impulses tau T m_n with the frame period
+        T [s]. Raises ValueError for a pulse if T is None.
         """
         if self.kind is CommandKind.KICK:
             return np.asarray(chain.moments_of_inertia * self.value * mode)
@@ -145,7 +146,7 @@ class EdgeCommand:
         return np.asarray(period * self.value * mode)
 
     def as_pressure(self, chain: Chain, actuator: Actuator, duration: float) -> EdgeCommand:
-        """Return the pressure command of a `duration` [s] with the impulse of this kick."""
+        """Return the pressure command of a `duration` [s] with the same impulse as this kick."""
         impulse = chain.moment_of_inertia * self.value
         pressure = actuator.pulse_command(impulse, duration)
         return EdgeCommand(self.edge, CommandKind.PRESSURE, pressure, duration)

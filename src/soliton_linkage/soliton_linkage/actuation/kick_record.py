@@ -13,8 +13,8 @@ from soliton_linkage.dynamics.work import TorqueLedger
 from soliton_linkage.linkage.chain import Array
 
 _DELIVERY_TIMEOUT = 10**9 // 2
-"""Longest wait for the delivery totals of the simulator [ns], in stamps of frames; even the
-slowest simulator publishes many frames in this time."""
+"""Longest wait for the delivery totals of the simulator [ns], counted in stamps of frames; even
+the slowest simulator publishes many frames in this time."""
 
 
 @dataclass(frozen=True)
@@ -86,8 +86,8 @@ class _Impulse:
 class KickRecord:
     """Record of the impulses and torques sent to the rotors; `report` receives each finished kick.
 
-    Without `DeliveryTotals`, impulse and work are computed, with torques sent after frame k acting
-    from frame k + 1 to frame k + 2.
+    Without `DeliveryTotals`, impulse and work are computed. The computation assumes that torques
+    that were sent after frame k act from frame k + 1 to frame k + 2.
     """
 
     def __init__(self, number_of_rotors: int, report: Callable[[KickReport], None]) -> None:
@@ -117,7 +117,7 @@ class KickRecord:
     def kicked(
         self, stamp: int, source: str, command: EdgeCommand, impulses: Array, work: float
     ) -> None:
-        """Record sent impulses [N m s], shape (N,), and their work [J] for the current rates."""
+        """Record sent impulses [N m s], shape (N,), and their work at the current rates [J]."""
         kick = _Impulse(stamp, source, command, impulses, work)
         if self.measured:
             self._impulses.append(kick)
@@ -139,7 +139,7 @@ class KickRecord:
             self._episode.cut_short = True
 
     def end(self, stamp: int, cut_short: bool = False, superseded: bool = False) -> None:
-        """End the episode at a stamp [ns]; `superseded` if other torques replace it."""
+        """End the episode at a stamp [ns]; `superseded` means that other torques replace it."""
         if self._episode is not None:
             self._episode.ended, self._episode.superseded = stamp, superseded
             self._episode.cut_short |= cut_short

@@ -13,7 +13,7 @@ import numpy as np
 from soliton_linkage.linkage.chain import Array
 
 RESOLUTION = 1e-9
-"""Resolution of the stamps [s]; a profile has ended if less than this time remains."""
+"""Resolution of the stamps [s]; a profile counts as ended if less than this time remains."""
 
 
 @dataclass(frozen=True)

@@ -12,19 +12,22 @@ from soliton_linkage.actuation.waveform import DrivenQuantity
 from soliton_linkage.linkage.chain import Array, Chain
 
 _STIFFNESS = 0.3
-"""Natural frequency of the angle servo times the frame period [1]. For a burst of 40 rad/s at 500
-Hz the angle has an error of 0.3 % of the amplitude, at 250 Hz 3 %; at 100 Hz the servo fails.
-Sensitivity: at 0.5x, 0.7 %; at 2x, 0.2 %."""
+"""Natural frequency of the angle servo times the frame period [1]. For a burst of 40 rad/s, the
+error of the angle is 0.3 % of the amplitude at 500 frames per second and 3 % at 250; at 100, the
+servo fails. Sensitivity at 500 frames per second: at 0.5x, the error is 0.7 %; at 2x, 0.2 %."""
 
 
 class RotorDrive:
     """Drive of one rotor by a waveform; a new command replaces the previous one.
 
-    To impose an angle q_ref(t), the drive applies, up to a limit and with the frame period T,
+    To impose an angle q_ref(t) on the angle q, the drive applies the following torque, up to a
+    limit. I is the moment of inertia, tau_springs the torque of the springs, and T the frame
+    period.
 
         tau = I q_ref'' - tau_springs + I [w^2 (q_ref - q) + 2 w (q_ref' - q')],    w = 0.3 / T.
 
-    A torque acts from the next frame on. Therefore tau_springs, q and q' are extrapolated to it.
+    A torque acts from the next frame on. Therefore tau_springs, q and q' are extrapolated to the
+    next frame.
     """
 
     def __init__(self, chain: Chain) -> None:

@@ -18,8 +18,8 @@ from soliton_linkage.linear.rigidity import Edge, mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain
 
 _REST_LEVEL = 1e-6
-"""Level of an actuator at rest, relative to the largest level since the command [1]; an
-exponential decay falls below it in 14 time constants, but never reaches 0."""
+"""Level, relative to the largest level since the command, below which an actuator counts as at
+rest [1]. An exponential decay falls below it in 14 time constants, but never reaches 0."""
 _SIGNS = {Edge.FIRST: 1.0, Edge.LAST: -1.0}
 """Sign of the torque of each edge actuator along the mode towards the last rotor [1]."""
 
@@ -171,9 +171,9 @@ class JointDrive:
     def follow(self, rotors: Rotors, times: Array, torques: Array, time: float) -> None:
         """Apply a torque trajectory, linear between its points, from the instant `time` [s] on.
 
-        `times` count from `time` [s]. `torques` [N m] have the shape (points, named). A trajectory
-        that starts later begins with the current torques; one that started earlier begins in its
-        middle.
+        `times` [s] are relative to `time`. `torques` [N m] have the shape (points, named). If the
+        first of `times` is positive, the torques change linearly from the current ones to the
+        first point. If it is negative, the trajectory begins in its middle.
         """
         now = self._now(time)[rotors]
         if times[0] > 0:
@@ -251,7 +251,7 @@ class TorqueDrive:
     def play(
         self, profile: Profile, quantity: DrivenQuantity, rotor: int, limit: float, time: float
     ) -> None:
-        """Start a waveform on a rotor in place of an edge command, with torques up to `limit`."""
+        """Start a waveform on a rotor, with torques up to `limit`, in place of an edge command."""
         self.edges.drop(time)
         self._rotor.command(profile, quantity, rotor, limit, time)
 

@@ -14,7 +14,7 @@ from soliton_linkage.linkage.chain import Array
 
 _POINTS_PER_PERIOD = 64
 """Number of profile points per period of the highest frequency [1]; the interpolation error is 0.1
-% of the amplitude. Sensitivity: at 0.5x, four times as large."""
+% of the amplitude. Sensitivity: at 0.5x, the error is four times as large."""
 _MOST_POINTS = 200_000
 """Largest number of profile points [1]; a waveform starts in 1 ms per 4000 points."""
 
@@ -93,13 +93,16 @@ class Waveform:
             )
 
     def length(self, given: float) -> float:
-        """Return the total duration [s], of a burst from `cycles`, otherwise the given one."""
+        """Return the total duration [s]: for a burst from `cycles`, otherwise the given one."""
         if self.shape is WaveShape.BURST:
             return 2 * math.pi * self.cycles / self.frequency
         return given
 
     def profile(self, amplitude: float, length: float, ramps: tuple[float, float]) -> Profile:
-        """Return the waveform of `length` [s], or ValueError for too many points or long ramps."""
+        """Return the profile of the waveform for a total duration `length` [s].
+
+        Raises ValueError for too many points or too long ramps.
+        """
         if not 0 < length < math.inf:
             raise ValueError(
                 f'duration of a {self.shape.value} = {length:g} s must be above 0; specify it'

@@ -31,16 +31,17 @@ class ElasticSettings(SimulationSettings):
 
     longest_step: float = 5.0
     """Longest step of scipy's solvers, times the fastest rate of the chain [1]. DOP853 is stable
-    up to 6. Sensitivity: at 0.5x, the computing time is 1.6 times as long with a soliton and twice
-    as long at rest; at 2x, the same with a soliton and half as long at rest."""
+    up to 6. Sensitivity of the computing time: at 0.5x, 1.6 times as long with a soliton and twice
+    as long at rest; at 2x, as long with a soliton and half as long at rest."""
     symplectic_fraction: float = 0.1
-    """Ratio of the tolerance of `SymplecticNystrom` to that of the simulation [1]. A kicked chain
-    of 12 rotors then has the same error as with DOP853, 7e-10 rad. Sensitivity: with 1, the error
+    """Ratio of the tolerance of `SymplecticNystrom` to that of the simulation [1]. For a kicked
+    chain of 12 rotors, the error is then 7e-10 rad, as with DOP853. Sensitivity: with 1, the error
     is 13 times as large and the steps are 1.4 times as long."""
     rotors_per_step: int = 400
-    """Number of rotors times number of method steps in one solver step of 0.05 to 0.07 ms, between
-    which the node runs other callbacks [1]. Sensitivity: at 0.5x, a frame of 40 rotors takes 20 to
-    60 % longer; at 2x, 10 to 30 % less, but one solver step takes 0.12 ms."""
+    """Number of rotors times number of method steps in one solver step [1]. A solver step takes
+    0.05 to 0.07 ms, and the node runs other callbacks between solver steps. Sensitivity: at 0.5x,
+    a frame of 40 rotors takes 20 to 60 % longer; at 2x, 10 to 30 % less, but one solver step takes
+    0.12 ms."""
 
 
 DEFAULTS = ElasticSettings()
@@ -140,9 +141,9 @@ def simulate(
     period: float,
     tolerance: float = 1e-11,
 ) -> Recording:
-    """Record the free motion of a chain of springs for `duration` [s], a frame every `period` [s].
+    """Record the free motion of a chain of springs for `duration` [s].
 
-    For `tolerance` [rad] and the errors see `Simulation`. Raises ArithmeticError if the solver
-    fails.
+    The recording has a frame every `period` [s]. For `tolerance` [rad] and the errors see
+    `Simulation`. Raises ArithmeticError if the solver fails.
     """
     return ElasticSimulation(chain, angles, rates, period, tolerance).record(duration)

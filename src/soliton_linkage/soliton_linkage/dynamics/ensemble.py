@@ -29,8 +29,8 @@ Reduction = Callable[[Chain, Recording], Any]
 
 _ROTORS_TOGETHER = 160
 """Number of rotors in one call of the compiled loops [1]; the time per rotor is half as long as
-with 20 rotors. Sensitivity for chains of 20 rotors: at 0.5x, 1.25 times as long; at 2x and 4x, the
-same."""
+with 20 rotors. Sensitivity for chains of 20 rotors: at 0.5x, the time is 1.25 times as long; at 2x
+and 4x, it is the same."""
 _EQUAL = ('friction_rate', 'on_site_order', 'on_site_phase')
 """Parameters of force terms that are equal in all chains of one simulation."""
 _SWITCHES = {
@@ -40,10 +40,10 @@ _SWITCHES = {
     'non_reciprocity': 'non_reciprocities',
     'on_site_torque': 'on_site_torques',
 }
-"""Chain parameters that switch off their force term with the value 0, and their chain arrays."""
+"""Chain parameters whose value 0 switches off a force term, each with its chain arrays."""
 _OF_SPRINGS = {'spacings': [0.0], 'offsets': [0.0], 'rest_lengths': [1e9], 'stiffnesses': [0.0]}
-"""Chain arrays of springs, and the values of an absent spring; with its large rest length, the
-computed spring length is never 0."""
+"""Chain arrays of springs, each with the value of an absent spring; the large rest length prevents
+a computed spring length of 0."""
 
 
 def joined(chains: Sequence[Chain]) -> Chain:
@@ -100,11 +100,11 @@ def simulate_many(
 
     `chains` is one chain for all initial states in `starts`, or one chain for each. `reduce`
     computes the result from a recording of the initial state and of `frames` instants at equal
-    intervals, as the caller consumes the results. By default, threads use all cores; `executor` is
-    another pool, for example `client.get_executor()` of Dask. The error of each step, as a norm
-    over a chain, is at most `tolerance` [rad]. Successive chains with free ends and the same force
-    terms are simulated in batches. Raises ArithmeticError if a motion cannot be integrated, and
-    ValueError for chains with feedback.
+    intervals. Chains are simulated while the caller consumes the results. By default, threads use
+    all cores; `executor` is another pool, for example `client.get_executor()` of Dask. The error
+    of each step, as a norm over a chain, is at most `tolerance` [rad]. Successive chains with free
+    ends and the same force terms are simulated in batches. Raises ArithmeticError if a motion
+    cannot be integrated, and ValueError for chains with feedback.
 
     >>> import soliton_linkage as sl
     >>> chains = [sl.Chain(number_of_rotors=8, stiffness=k) for k in (40.0, 50.0)]

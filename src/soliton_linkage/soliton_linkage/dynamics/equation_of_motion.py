@@ -35,12 +35,13 @@ from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 class EquationOfMotion:
     """Right-hand side for `scipy.integrate.solve_ivp` with the state (angles, rates, W).
 
-    M r^2 phi_ddot = sum of the torques of all terms, W_dot = sum of the powers that they
-    dissipate.
+    M r^2 phi_ddot is the sum of the torques of all terms, and W_dot the sum of the powers that the
+    terms dissipate.
 
-    W [J] is absent without a dissipative or active term. The terms are springs, torques, gravity,
-    those of `of_chain`, and `forces`. `Simulation` adds the torques of `Chain.feedback`, constant
-    between frames, to `torques`. Raises ValueError for torques and fixed rotors that do not fit.
+    The dissipated energy W [J] is part of the state only if a term is dissipative or active. The
+    terms are springs, `torques`, gravity, those of `of_chain`, and `forces`. `Simulation` adds the
+    torques of `Chain.feedback`, which are constant between frames, to `torques`. Raises ValueError
+    for torques and fixed rotors that do not fit.
     """
 
     chain: Chain
@@ -87,7 +88,7 @@ class EquationOfMotion:
         return (SpringTorques(self.chain), *self.loads)
 
     def table(self, terms: Sequence[Term]) -> TermTable:
-        """Return the kinds and parameters of those `terms` that are compiled."""
+        """Return the kinds and parameters of those of the given terms that are compiled."""
         return term_table([t for t in terms if isinstance(t, CompiledTerm)], self.rotors)
 
     @cached_property
@@ -104,14 +105,15 @@ class EquationOfMotion:
 
     @cached_property
     def decay_rates(self) -> Array:
-        """Decay rate c / (M r^2) by linear damping [1/s], 0 for fixed rotors, shape (N,)."""
+        """Decay rate c / (M r^2) due to linear damping c [1/s], 0 for fixed rotors, shape (N,)."""
         return np.asarray(self.chain.dampings / self.inertias)
 
     @cached_property
     def fastest_vibration(self) -> float:
         """Upper bound of the angular frequency of vibrations [rad/s].
 
-        sqrt(4 k_e / M + g / r + (4 abs(kappa) + m abs(A)) / (M r^2)).
+        The bound is sqrt(4 k_e / M + g / r + (4 abs(kappa) + m abs(A)) / (M r^2)) with the
+        non-reciprocity kappa, and the order m and the torque A of the on-site potential.
         """
         chain = self.chain
         of_springs = 4 * float(chain.stiffnesses.max() / chain.masses.min())
@@ -123,13 +125,13 @@ class EquationOfMotion:
 
     @cached_property
     def fastest_decay(self) -> float:
-        """Upper bound of the decay rate of rotors by linear damping and dry friction [1/s]."""
+        """Upper bound of the decay rate of rotors due to linear damping and dry friction [1/s]."""
         of_friction = self.chain.dry_frictions / self.chain.friction_rate / self.inertias
         return float((self.decay_rates + of_friction).max())
 
     @property
     def fastest_rate(self) -> float:
-        """Upper bound of vibration frequencies, and of decay rates of the energy [1/s]."""
+        """Upper bound of the vibration frequencies and of the decay rates of the energy [1/s]."""
         return max(self.fastest_vibration, 2 * self.fastest_decay)
 
     def external_energy(self, angles: Array) -> float:

@@ -26,7 +26,7 @@ def leaning(chain: Chain, lean: int) -> State:
     """Return a state at rest with relaxed springs that leans right (`lean` = 1) or left (-1).
 
     If the deviations of the chain do not allow such a state, return an equilibrium of the spring
-    torques. Raises ValueError if there is none either.
+    torques. Raises ValueError if no equilibrium is found.
     """
     # These imports load scipy, which modules that only use `State` do not need.
     from soliton_linkage.linear.statics import equilibrium, rest_state
@@ -41,10 +41,11 @@ def leaning(chain: Chain, lean: int) -> State:
 def with_soliton(chain: Chain, site: float, velocity: float) -> State:
     """Return a wall of charge +1 at a site coordinate [rotor spacings] with a velocity [m/s].
 
-    The angles are those of `static_wall` on leg 0, the rates Lambda v / a along the zero mode,
-    exact for rigid bars. With springs the wall contracts and radiates, which reduces its speed in
-    the example chains by 0.4 to 4 % at 0.2 c and by 3 to 42 % at 0.6 c. Raises ValueError for a
-    velocity that is not finite, and the errors of `static_wall`.
+    The angles are those of `static_wall` on leg 0. For a velocity v, the rates are Lambda v / a
+    times the zero mode, with the arc length Lambda per rotor spacing a. This state is exact for
+    rigid bars. With springs the wall contracts and radiates. Its speed decreases in the example
+    chains by 0.4 to 4 % at 0.2 c and by 3 to 42 % at 0.6 c. Raises ValueError for a velocity that
+    is not finite, and the errors of `static_wall`.
     """
     from soliton_linkage.solitons.static_wall import site_arc, static_wall
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Feedback law of motors: torques from measured angles, constant between two frames.
 
-Let q_n be the coordinates of `Chain.signs` at the frame `delay` frames ago, and v_n the difference
-between q_n and its value one frame earlier, divided by the time between the two frames. The torque
-on the coordinate of rotor n is
+Let q_n be the coordinates of `Chain.signs` in the frame `delay` frames ago. Let v_n be the
+difference between q_n and its value one frame earlier, divided by the time between the two frames.
+The torque on the coordinate of rotor n is
 
     -K (q_n - q_0) - D v_n + K_l (q_{n-1} - q_n) + K_r (q_{n+1} - q_n)
     + D_l (v_{n-1} - v_n) + D_r (v_{n+1} - v_n),
@@ -36,9 +36,9 @@ class MotorControllers:
     def torques(self, time: float, angles: Array) -> Array:
         """Return the torque of each motor [N m], shape (N,), from this frame to the next.
 
-        `angles` [rad], shape (N,), are measured at `time` [s]. A missing angle is NaN; the motors
-        of this rotor and of its neighbours then have no torque. All torques are 0 until `delay` +
-        2 frames are known.
+        `angles` [rad], shape (N,), are measured at `time` [s]. If an angle is missing (NaN), the
+        motors of this rotor and of its neighbours have no torque. All torques are 0 until `delay`
+        + 2 frames are known.
         """
         self._frames.append((time, angles))
         if len(self._frames) < self._chain.feedback.delay + 2:

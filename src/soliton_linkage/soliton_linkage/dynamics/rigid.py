@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motion of a chain of rigid bars, the limit of infinitely stiff springs.
 
-The configurations in which all bars have their rest length form a curve with the zero mode t(phi)
-as tangent. With sum_n I_n t_n^2 = 1, the speed s [J^(1/2)] and the kinetic energy T,
+The configurations phi in which all bars have their rest length form a curve. Its tangent is the
+zero mode t(phi), normalised to sum_n I_n t_n^2 = 1. With the speed s along the curve [J^(1/2)] and
+the kinetic energy T,
 
     dphi/dt = s t(phi),    ds/dt = t(phi) . torques,    T = s^2 / 2.
 """
@@ -37,8 +38,8 @@ class RigidSettings(SimulationSettings):
     max_bar_error: float = 1e-6
     """Largest relative error of the length of a bar in the initial state [1]."""
     jammed: float = 1e-5
-    """Smallest singular value of R, in units of r, below which a failed step reports jammed bars
-    [1]."""
+    """Smallest singular value of the rigidity matrix, in units of r, below which a failed step
+    reports jammed bars [1]."""
     longest_step: float = 100.0
     """Longest solver step in frame periods [1]. Sensitivity: no effect on run time and energy
     drift at 0.5x or 2x."""
@@ -79,9 +80,9 @@ class RigidSimulation(Simulation):
     def link_torques(self) -> Array:
         """Torque of the bars on each rotor in the current frame [N m], shape (N,).
 
-        The torque is R^T s with the bar forces s from R I^-1 R^T s = -(l_ddot + R I^-1 torques),
-        where l_ddot are the second derivatives of the lengths for phi_ddot = 0. Raises ValueError
-        if the bars jam.
+        With the rigidity matrix R, the torque is R^T s. The bar forces s solve R I^-1 R^T s =
+        -(l_ddot + R I^-1 torques), where l_ddot are the second derivatives of the lengths for
+        phi_ddot = 0. Raises ValueError if the bars jam.
         """
         chain, angles, rates = self.chain, self.angles, self.rates
         first, second = rigidity_bands(chain, angles)
@@ -164,8 +165,8 @@ class RigidSimulation(Simulation):
     def _corrected(self, state: Array) -> tuple[Array, float, float]:
         """Return exact angles, the speed, and the dissipated energy of a solver state.
 
-        The energy is corrected along its gradient (-t . torques, s), also at turning points, s =
-        0.
+        The energy is corrected along its gradient (-t . torques, s), even at turning points, where
+        the speed s is 0.
         """
         chain = self.chain
         angles, speed, dissipated = state[:-2].copy(), float(state[-2]), float(state[-1])
@@ -215,10 +216,10 @@ class RigidSimulation(Simulation):
 
 
 def _centripetal(chain: Chain, angles: Array, rates: Array) -> Array:
-    """Return -l_ddot for zero angular acceleration [m/s^2], shape (bars,).
+    """Return minus the second derivative of each bar length for zero angular accelerations.
 
-    l_ddot = (x_dot^2 + y_dot^2 + x x_ddot + y y_ddot) / l for the vector (x, y) between the
-    masses.
+    The result [m/s^2] has shape (bars,). The derivative is (x_dot^2 + y_dot^2 + x x_ddot + y
+    y_ddot) / l for the vector (x, y) between the masses.
     """
     horizontal, vertical = chain.positions(angles)
     x, y = chain.spacings + np.diff(horizontal), np.diff(vertical)
@@ -229,7 +230,10 @@ def _centripetal(chain: Chain, angles: Array, rates: Array) -> Array:
 
 @compiled(const_f8_1d, const_f8_1d, const_f8_1d, const_f8_1d)
 def mode_of_bars(angles: Array, lengths: Array, spacings: Array, inertias: Array) -> Array:
-    """Return `zero_mode` without under- or overflow, sum_n I_n t_n^2 = 1 [kg^(-1/2) m^(-1)]."""
+    """Return the zero mode with sum_n I_n t_n^2 = 1 [kg^(-1/2) m^(-1)], shape (N,).
+
+    Intermediate results do not overflow or underflow.
+    """
     rotors = angles.size
     mode, exponents = np.empty(rotors), np.empty(rotors, np.int64)
     mode[0], exponents[0], largest, sign = 1.0, 0, 0, 1.0

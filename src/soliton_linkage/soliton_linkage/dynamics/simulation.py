@@ -127,8 +127,8 @@ class Simulation(ABC):
     def energy_drift(self) -> float:
         """Relative energy error of the solver since the start [1].
 
-        It is energy - initial energy - work + dissipated energy, divided by the largest energy so
-        far.
+        The error is energy - initial energy - work + dissipated energy, divided by the largest
+        energy so far.
         """
         change = self.motion.external_energy(self.angles) - self._external_at_start
         self._largest_energy = max(self._largest_energy, self._motion_and_springs(), abs(change))
@@ -183,7 +183,7 @@ class Simulation(ABC):
 
     @property
     def steps_per_frame(self) -> float:
-        """Smallest possible number of solver steps per frame [1]; 0 after a restart."""
+        """Smallest possible number of solver steps per frame [1]; 0 just after a restart."""
         return 0.0 if self._stale else self.period / self._longest_step
 
     @property
@@ -290,7 +290,7 @@ class Simulation(ABC):
         """Return the energy dissipated since the last restart of the solver [J].
 
         `angles` [rad] are those of the current time. `dissipated` is the part of the energy that
-        the solver has integrated [J]. The other part is the negative work of the feedback.
+        the solver has integrated [J]. The other part is minus the work of the feedback.
         """
         return dissipated - work_of_torques(self.feedback_torques, angles - self._feedback_from)
 
@@ -335,7 +335,10 @@ def scipy_solver(
     tolerances: Array,
     longest_step: float,
 ) -> OdeSolver:
-    """Return a solver of scipy without an end time, with absolute tolerances; steps are in [s]."""
+    """Return a solver of scipy without an end time.
+
+    `tolerances` are absolute, and `longest_step` is in [s].
+    """
     return method(
         right_hand_side,
         0.0,

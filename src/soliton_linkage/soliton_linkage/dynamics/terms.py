@@ -7,7 +7,7 @@ one, write a subclass of `CompiledTerm`, its kernel, and a line in `sum_terms`. 
 
 A kernel reads angles, rates, cosines and sines from rows of `work`, shape (rows, P + VECTOR), and
 adds torques [N m] to its row TORQUES; the N rotors are padded with zeros to P, a multiple of
-VECTOR. It uses indices, because numba counts the references to row views.
+VECTOR. A kernel uses indices, because numba counts the references to row views, which takes time.
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ class LinearDamping(CompiledTerm):
 class DryFriction(CompiledTerm):
     """Friction torques -tau tanh(phi_dot / omega) of the bearings: regularised Coulomb friction.
 
-    `torque` is tau [N m], one number or shape (N,), and `regularisation` omega [rad/s].
+    `torque` is tau [N m], a number or an array of shape (N,). `regularisation` is omega [rad/s].
     """
 
     kind, dissipative = DRY_FRICTION, True
@@ -171,7 +171,8 @@ class QuadraticDamping(CompiledTerm):
 class OnSitePotential(CompiledTerm):
     """Torques of a potential that is periodic in each angle, as in the Frenkel-Kontorova model.
 
-    V = sum_n (A_n / m) [1 - cos(m (q_n - q_0))] with q = s phi + (1 - s) pi / 2, s =
+    With the largest torques A_n, the order m and the phase q_0, the potential is V = sum_n (A_n /
+    m) [1 - cos(m (q_n - q_0))]. The coordinate is q = s phi + (1 - s) pi / 2 with s =
     `Chain.signs`.
     """
 
@@ -196,10 +197,11 @@ class OnSitePotential(CompiledTerm):
 class NonReciprocal(CompiledTerm):
     """Torques of motors that break reciprocity: the same torque on both rotors of a bond.
 
-    The motors apply kappa (q_n - q_{n+1}) to q_n and to q_{n+1}, with q of `OnSitePotential` and
-    the difference wrapped to -pi ... pi. With D = phi_n + sigma phi_{n+1} - (1 + sigma) pi / 2,
-    sigma = 1 for flippers and -1 for spinners, this is kappa D on rotor n and -sigma kappa D on
-    rotor n + 1. Source: Brandenbourger et al., Nature Communications 10, 4608 (2019).
+    With the coordinates q of `OnSitePotential`, the motors apply the torque kappa (q_n - q_{n+1})
+    to q_n and to q_{n+1}. The difference is wrapped to the range from -pi to pi. In terms of D =
+    phi_n + sigma phi_{n+1} - (1 + sigma) pi / 2, with sigma = 1 for flippers and -1 for spinners,
+    the torques are kappa D on rotor n and -sigma kappa D on rotor n + 1. Source: Brandenbourger et
+    al., Nature Communications 10, 4608 (2019).
     """
 
     kind, active = NON_RECIPROCAL, True
@@ -257,7 +259,10 @@ def padded_size(rotors: int) -> int:
 
 @compile_loop
 def sum_terms(work: Array, rotors: int, kinds: NDArray[np.int64], parameters: Array) -> float:
-    """Set the torques to the sum of all terms, springs first and active last; return the power."""
+    """Set the torques to the sum of all terms; return the dissipated power [W].
+
+    The first terms must be the springs, and the last ones the active terms.
+    """
     prefer_wide_vectors()
     power, start = 0.0, 0
     if kinds.shape[0] and kinds[0, 0] == SPRINGS:
@@ -301,13 +306,13 @@ def _estimating(function: Callable[[float], float]) -> Callable[[float], float]:
 
 @_estimating
 def _inverse_root_estimate(w: float) -> float:
-    """Return 1 / sqrt(w) in single precision by one instruction and a Newton step."""
+    """Return an estimate of 1 / sqrt(w): one instruction in single precision, a Newton step."""
     return float(np.float32(1) / np.sqrt(np.float32(w)))
 
 
 @inlined
 def tension(w: float) -> float:
-    """Return 1 - 1 / sqrt(w): the force of a spring divided by k l, for l = lbar sqrt(w).
+    """Return 1 - 1 / sqrt(w), the force of a spring of length l = lbar sqrt(w) over k l.
 
     With an estimate y of 1 / sqrt(w) and d = 1 - w y^2, the series y (1 + d / 2 + 3 d^2 / 8) is
     exact in double precision. A division and a square root would take as long as the rest of the

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Work of impulses and torques on a chain.
 
-A kick with impulses J does the work W = J . (phi_dot before + phi_dot after) / 2. A constant
-torque tau does the work tau . (phi(t_1) - phi(t_0)) for any motion between two frames.
+A kick with the impulses J does the work J . (phi_dot before + phi_dot after) / 2. Constant torques
+tau do the work tau . (phi(t_1) - phi(t_0)) between two frames at t_0 and t_1, whatever the motion
+in between.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ def work_of_kick(impulses: Array, before: Array, after: Array) -> float:
 def work_of_impulse(chain: Chain, rates: Array, impulses: Array) -> float:
     """Return the work [J] of impulses J [N m s] on the rotors of a chain of springs, shape (N,).
 
-    The rates phi_dot [rad/s] change by J / I, so that it is J . phi_dot + sum_n J_n^2 / (2 I_n).
+    The rates phi_dot [rad/s] change by J / I. Therefore the work is J . phi_dot + sum_n J_n^2 / (2
+    I_n).
     """
     return float(impulses @ (rates + impulses / (2 * chain.moments_of_inertia)))
 

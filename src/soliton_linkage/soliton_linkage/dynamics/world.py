@@ -17,13 +17,13 @@ from soliton_linkage.linkage.quantities import quantity
 
 _MECHANICS = ('elastic', 'rigid')
 _LEANS = {'left_leaning': -1, 'right_leaning': 1}
-"""Sign of the staggered angle of the uniform states [1]."""
+"""Sign of the staggered angles in each uniform state [1]."""
 _SOLITON, _PAIR = 'soliton', 'pair'
 
 
 @dataclass(frozen=True)
 class WorldParameters:
-    """Parameters of the simulation, without those of the chain and of gravity."""
+    """Parameters of the simulation without those of the chain and of gravity."""
 
     mechanics: str = quantity(
         'elastic', 'whether rotors are joined by springs or by rigid bars', choices=_MECHANICS

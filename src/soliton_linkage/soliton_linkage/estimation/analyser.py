@@ -137,10 +137,7 @@ class Analyser:
 
     @property
     def offsets(self) -> Array:
-        """Estimated offset of each encoder [rad], shape (N,).
-
-        Offsets that are not significant are 0.
-        """
+        """Estimated offset of each encoder [rad], shape (N,); 0 for insignificant offsets."""
         if self._filter is None:
             return np.zeros(self.chain.number_of_rotors)
         return self._filter.offsets.corrections
@@ -154,18 +151,12 @@ class Analyser:
 
     @property
     def stamp_error(self) -> float:
-        """Standard deviation of the time errors of frames [s].
-
-        0 if these errors are not significant.
-        """
+        """Standard deviation of the errors of frame stamps [s]; 0 if insignificant."""
         return 0.0 if self._filter is None else math.sqrt(self._filter.jitter.variance)
 
     @property
     def rest_angle_error(self) -> float:
-        """Error of the rest angle that all rotors share [rad].
-
-        0 if the error is not significant.
-        """
+        """Error of the rest angle that all rotors share [rad]; 0 if insignificant."""
         return 0.0 if self._filter is None else self._filter.offsets.rest_angle_error
 
     @property

@@ -99,10 +99,7 @@ class FrameAnalyser(Protocol):
 
     @property
     def limitation(self) -> str:
-        """Reason why the analyser has no orbit and cannot locate walls on it.
-
-        Empty with an orbit.
-        """
+        """Reason why the analyser cannot locate walls on an orbit; empty if it can."""
 
     @property
     def late(self) -> int:
@@ -118,24 +115,15 @@ class FrameAnalyser(Protocol):
 
     @property
     def stamp_error(self) -> float:
-        """Standard deviation of the time errors of frames [s].
-
-        0 if these errors are not significant.
-        """
+        """Standard deviation of the errors of frame stamps [s]; 0 if insignificant."""
 
     @property
     def rest_angle_error(self) -> float:
-        """Error of the rest angle that all rotors share [rad].
-
-        0 if the error is not significant.
-        """
+        """Error of the rest angle that all rotors share [rad]; 0 if insignificant."""
 
     @property
     def offsets(self) -> Array:
-        """Estimated offset of each encoder [rad], shape (N,).
-
-        Offsets that are not significant are 0.
-        """
+        """Estimated offset of each encoder [rad], shape (N,); 0 for insignificant offsets."""
 
     @property
     def offset_deviations(self) -> Array:

@@ -98,9 +98,9 @@ class EncoderOffsets:
         significant."""
 
     def predict(self, sides: Array) -> tuple[Array, Array]:
-        """Return the predicted mean [rad] and variance [rad^2] of each residual.
+        """Return predicted mean [rad] and variance [rad^2] of each residual.
 
-        The sides are those of `update`.
+        `sides` as in `update`.
         """
         of_offset, mixed, of_rest = self._covariance
         expected = self.values + sides * self.rest_angles
@@ -133,10 +133,7 @@ class FarFieldResiduals:
     """Mean residuals of rotors far from the wall, over blocks of frames."""
 
     def __init__(self, offsets: EncoderOffsets, chain: Chain, strong: float) -> None:
-        """Start without frames.
-
-        Ignore blocks with a mean square residual above `strong` [rad^2].
-        """
+        """Start without frames; ignore blocks with a mean square above `strong` [rad^2]."""
         self._offsets, self._settings = offsets, offsets.settings
         self._margin = 1 + _DEPTHS_BESIDE * penetration_depth(chain) / chain.spacing
         self._tail, self._time_unit, self._strong = tail_ratio(chain), chain.time_unit, strong

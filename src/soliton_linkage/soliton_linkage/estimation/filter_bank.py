@@ -299,7 +299,7 @@ def assume_impulse(
 ) -> None:
     """Add a filter that assumes an impulse in this frame.
 
-    Each of the `older` latest ones replaces the next older one.
+    Each of the `older` latest impulse filters first moves to the place of the next older one.
     """
     likeliest = 0
     for n in range(1, base):
@@ -336,10 +336,7 @@ def restart_steady(filters: Records, base: int) -> None:
 
 @compiled(_FILTERS, i8)
 def restart_from_impulse(filters: Records, base: int) -> None:
-    """Restart all filters from the likeliest impulse filter.
-
-    Each keeps its variance of the bias.
-    """
+    """Restart all filters from the likeliest impulse; each keeps the variance of its bias."""
     likeliest = base
     for n in range(base, filters.size):
         if filters[n]['odds'] > filters[likeliest]['odds']:
@@ -366,10 +363,7 @@ def measure(
     freedoms: float,
     calm: float,
 ) -> tuple[float, float, float, float, float]:
-    """Update all filters as `MultipleModelFilter.update` does.
-
-    Return the `mixture` of the filters.
-    """
+    """Update all filters as `MultipleModelFilter.update` does; return the `mixture`."""
     given, now = settings[0], status[0]
     base, frames = int(now['base']), int(now['frames'])
     more, most = update(filters, base, arc, variance, freedoms)

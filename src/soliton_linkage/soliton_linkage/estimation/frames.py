@@ -38,10 +38,7 @@ def rotor_swing(chain: Chain) -> float:
 
 @compiled(const_f8_1d, f8_1d, f8_1d, f8_1d)
 def unwrap(angles: Array, last: Array, turns: Array, seen: Array) -> None:
-    """Set `seen` to the unwrapped angles [rad], shape (N,), without jumps since the last frame.
-
-    NaN if invalid.
-    """
+    """Set `seen` to unwrapped angles [rad], shape (N,); invalid readings become NaN."""
     for n in range(angles.size):
         angle = angles[n]
         if abs(angle) < LARGEST_ANGLE:
@@ -72,10 +69,7 @@ class FrameClock:
     """Clock that accepts the stamps of frames in ascending order and rejects late stamps."""
 
     def __init__(self, limit: float = DEFAULTS.tracking.clock_limit) -> None:
-        """Start without a stamp.
-
-        A stamp that is earlier by more than `limit` [s] restarts the clock.
-        """
+        """Start without a stamp; a stamp that is `limit` [s] too early restarts the clock."""
         self._limit = limit
         self.time = -math.inf
         """Time from the first frame to the last accepted frame [s]."""
@@ -203,10 +197,7 @@ class OnOrbit(NamedTuple):
 
 
 def on_orbit(orbit: Orbit, estimate: OrbitEstimate, residuals: Array) -> OnOrbit:
-    """Return angles and rates that the orbit predicts.
-
-    `residuals` [rad] have shape (N,), with the sign of the orbit.
-    """
+    """Return angles and rates on the orbit; `residuals` [rad], (N,), have the orbit's sign."""
     angles = orbit.configuration(estimate.arc)
     rates = orbit.tangent(estimate.arc) * estimate.rate
     if estimate.upside_down:

@@ -63,7 +63,7 @@ class Hypotheses:
     def weigh(self, likelihoods: list[float]) -> None:
         """Add the log likelihood of a frame to each hypothesis.
 
-        Remove unlikely hypotheses and duplicates.
+        Drop unlikely ones and duplicates.
         """
         if len(self.all) == 1:
             return
@@ -109,10 +109,7 @@ class Hypotheses:
         return bool(others < self._settings.likelihood.false_alarms * weights.sum())
 
     def mixture(self, arc_variance: float, rate_variance: float) -> MixtureMoments:
-        """Return site and rate of the wall.
-
-        Add given variances of the arc length and of its rate.
-        """
+        """Return site and rate of the wall; the arguments are additional variances."""
         if len(self.all) == 1:
             site, site_var, rate, rate_var = self._row(self.all[0], arc_variance, rate_variance)
             return MixtureMoments(site, math.sqrt(site_var), rate, math.sqrt(rate_var))

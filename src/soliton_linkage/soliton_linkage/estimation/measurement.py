@@ -211,18 +211,12 @@ class ReadingScales:
     """Standard deviations of the readings of a frame, relative to a typical standard deviation."""
 
     def __init__(self, usual: float | None = None) -> None:
-        """Start with the typical standard deviation of a reading [rad].
-
-        None takes it from the first frame.
-        """
+        """Start with the typical standard deviation of a reading [rad], by default of frame 1."""
         self._usual = usual
         self._squares: Array | None = None
 
     def set_deviations(self, deviations: Array | None) -> None:
-        """Set the standard deviations of a frame [rad], shape (N,).
-
-        NaN or None means a typical one.
-        """
+        """Set the standard deviations of a frame [rad], shape (N,); NaN or None if typical."""
         self._squares = None
         if deviations is None:
             return

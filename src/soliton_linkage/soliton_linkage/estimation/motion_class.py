@@ -197,10 +197,7 @@ def _flipping(left: float, right: float, variance: float) -> float:
 def evidence(
     settings: Records, angles: Array, sines: Array, cosines: Array, noise: float, tails: Array
 ) -> tuple[float, float, float]:
-    """Return site, log likelihood ratio and rest angle of a frame.
-
-    Add the products in its tails to `tails`.
-    """
+    """Return site, log likelihood ratio and rest angle of a frame; add to the sums `tails`."""
     rotors, fewest = angles.size, settings[0]['fewest_rotors']
     bond, before, beyond = bond_of_wall(sines)
     if not fewest < bond < rotors - fewest:
@@ -301,10 +298,7 @@ class MotionEvidence(NamedTuple):
     tail_ratio_deviation: float
 
     def verdict(self, settings: MotionSettings = DEFAULTS.motion) -> MotionClass:
-        """Return the class of motion.
-
-        None if its probability is below the least probability of the settings.
-        """
+        """Return the class of motion; None if its probability is below that of the settings."""
         determined = math.isfinite(self.tail_ratio)
         scaled = self.tail_ratio / self.tail_ratio_deviation if determined else 0.0
         wobbling = math.erfc(scaled / math.sqrt(2)) / 2
@@ -324,10 +318,7 @@ NO_EVIDENCE = MotionEvidence(math.nan, 0.0, math.nan, np.zeros((3, 3)), math.nan
 
 
 class MotionObserver:
-    """Observer that adds the evidence of all frames.
-
-    Frames with a wall near an edge are ignored.
-    """
+    """Observer of all frames, except those in which a wall is near an edge."""
 
     def __init__(self, settings: MotionSettings = DEFAULTS.motion) -> None:
         self._settings = settings

@@ -151,10 +151,7 @@ class MultipleModelFilter:
 
     @property
     def disturbance(self) -> float:
-        """Estimated unmodelled acceleration [rad/s^2].
-
-        0 if the settings include no disturbance.
-        """
+        """Estimated unmodelled acceleration [rad/s^2]; 0 if the settings exclude it."""
         if not self._settings.disturbance:
             return 0.0
         return float(self.filters['weight'] @ self.filters['state'][:, DISTURBANCE])

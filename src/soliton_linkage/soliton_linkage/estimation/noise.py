@@ -144,10 +144,7 @@ def learn(
     pairs: int,
     products: Array,
 ) -> Estimate:
-    """Add the squares and the `products_in_time` of the residuals of a frame.
-
-    Return the `estimate`.
-    """
+    """Add the squares and the `products_in_time` of a frame; return the `estimate`."""
     sums, numbers = noise[0], settings[0]
     fade = 1 - 1 / numbers['memory']
     sums['squares'] = fade * sums['squares'] + squares
@@ -192,10 +189,7 @@ class FrameNoise:
 
     @property
     def degrees_of_freedom(self) -> float:
-        """Degrees of freedom of the variance of the noise.
-
-        Infinite while the given variance is used.
-        """
+        """Degrees of freedom of the noise variance; infinite while the given one is used."""
         return math.inf if self.variance == self._given else max(self._freedoms, 1.0)
 
     def update(self, view: LinearisedMeasurement) -> None:

@@ -103,10 +103,7 @@ class OrbitFilter:
 
     @property
     def disturbance(self) -> float:
-        """Estimated unmodelled acceleration [rad/s^2].
-
-        0 if the settings include none, NaN if lost.
-        """
+        """Estimated unmodelled acceleration [rad/s^2]; 0 if not in the settings, NaN if lost."""
         return self._hypotheses.leader.motion.disturbance if self._hypotheses.all else math.nan
 
     def update(
@@ -289,9 +286,9 @@ class OrbitFilter:
         return variance
 
     def _relocated(self, time: float, seen: Array, fits: bool) -> bool:
-        """Restart at another position or lose the chain if several frames require it.
+        """Restart at another position or lose the chain, if several frames require it.
 
-        Return whether.
+        The result is whether the filter has done so.
         """
         tracking, view = self._tracking, self._hypotheses.leader.view
         if self._unexplained == 0:

@@ -48,7 +48,7 @@ class OrbitMeasurementModel:
     ) -> None:
         """Start with encoder offsets of 0.
 
-        Mean square residuals above `elastic` [rad^2] count as waves.
+        `elastic` [rad^2] is the mean square above which residuals count as waves.
         """
         chain = orbit.chain
         self._orbit, self._likelihood = orbit, likelihood
@@ -151,10 +151,7 @@ class OrbitMeasurementModel:
         noise: FrameNoise,
         upside_down: bool,
     ) -> bool:
-        """Update the encoder offsets.
-
-        Return whether the number of corrected encoders has changed.
-        """
+        """Update the encoder offsets; return whether the set of corrected ones has changed."""
         outlying = view.outlying if view.outliers else None
         residuals = view.residuals
         if self._likelihood.scales is not None:
@@ -275,9 +272,9 @@ class ComplianceCorrection:
         return rate_after_impulse(rate, momentum, self._mean)
 
     def damped(self, rate: float) -> float:
-        """Return the deceleration [rad/s] divided by the decay rate of the momentum p.
+        """Return the deceleration divided by the decay rate of the momentum p [rad/s].
 
-        For the inertia I, p / I = w + 2 mu w^3.
+        For the inertia I and the rate w, the momentum is p = I (w + 2 mu w^3).
         """
         square = 2 * self._mean * rate * rate
         return rate * (1 + square) / (1 + 3 * square)

@@ -77,10 +77,7 @@ class ShapeMeasurementModel:
         self._before[:] = math.nan
 
     def measure(self, state: FrameState, seen: Array) -> list[WallMeasurement]:
-        """Return the measurements of all walls.
-
-        `seen` are the angles [rad], shape (N,), NaN if unseen.
-        """
+        """Return the measurements of all walls for angles [rad], shape (N,), NaN if unseen."""
         borders = self._borders(state)
         if not borders:
             return []

@@ -220,10 +220,7 @@ def report(
     walls: Array,
     scope: Records,
 ) -> tuple[Shape, Sides, Energy, Energy]:
-    """Return topology, edge signs, elastic and kinetic energy of a state.
-
-    Rows of the arguments are as above.
-    """
+    """Return topology, edge signs, elastic and kinetic energy of a state."""
     half = springs[0]
     rows = np.empty((3, half.size))
     twists, upright = of_angles(angles, parameters, periodic, rows)

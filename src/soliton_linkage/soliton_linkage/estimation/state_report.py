@@ -123,10 +123,7 @@ class FrameState:
     """Configuration of a chain, with the extensions and levers of its springs."""
 
     def __init__(self, chain: Chain, angles: ArrayLike) -> None:
-        """Compute the springs for angles [rad], shape (N,).
-
-        Raise ValueError for invalid angles.
-        """
+        """Compute the springs for angles [rad], shape (N,), or raise ValueError."""
         self.chain = chain
         self.angles = np.ascontiguousarray(angles, dtype=np.float64)
         check_shape(self.angles, chain.number_of_rotors)

@@ -220,10 +220,7 @@ def fit_wall(
 def fit_about(
     angles: Array, span: float, last: int, table: WallTable, site: float, stretch: float
 ) -> tuple[float, float, tuple[float, float, float, float, float]]:
-    """Fit site and stretch to the angles [rad] within `span` of the site.
-
-    Return them with the `sums_of_fit`.
-    """
+    """Fit site and stretch to the angles [rad] within `span` of the site; add `sums_of_fit`."""
     first, end = max(math.ceil(site - span), 1), min(math.floor(site + span) + 1, last)
     theta = np.empty(max(end - first, 0))
     for k in range(theta.size):

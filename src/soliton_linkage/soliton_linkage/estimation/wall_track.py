@@ -40,10 +40,7 @@ class LatticeCoordinates:
         """Longest period of a phonon [s]."""
 
     def separation(self, site: float, other: float) -> float:
-        """Return the displacement from `other` to `site` [rotor spacings].
-
-        On a ring the shorter one.
-        """
+        """Return the shorter displacement from `other` to `site` [rotor spacings]."""
         way = site - other
         return math.remainder(way, self.rotors) if self.periodic else way
 
@@ -60,10 +57,7 @@ class LatticeCoordinates:
         return 0.0 if site < (self.rotors - 1) / 2 else self.rotors - 1.0
 
     def rotors_between(self, low: float, high: float, edge: int = 0) -> NDArray[np.int64]:
-        """Return the rotors between two sites.
-
-        Without the outermost `edge` rotors of an open chain.
-        """
+        """Return the rotors between two sites, except `edge` rotors at each open end."""
         first, last = math.ceil(low), math.floor(high)
         if not self.periodic:
             first, last = max(first, edge), min(last, self.rotors - 1 - edge)
@@ -111,10 +105,7 @@ class WallFrame:
         return float(np.abs(field[near % len(field)] - lean).max() / 2)
 
     def turn(self, left: float, right: float) -> int:
-        """Return the sense, +1 or -1, in which spinners turn in the left one of two walls.
-
-        0 for flippers.
-        """
+        """Return the sense, +1 or -1, in which spinners turn in the left wall; 0 for flippers."""
         chain, line, angles = self._chain, self._line, self._angles
         if angles is None or chain.motion is not Motion.SPINNER:
             return 0
@@ -222,10 +213,7 @@ class WallTrack:
         return self._line.wrap(site), variance / self._arc**2 + self._variance
 
     def update(self, measured: WallMeasurement, time: float) -> None:
-        """Update the state with a measurement at a time [s].
-
-        Call `predict` before, except for the first one.
-        """
+        """Update the state with a measurement at a time [s]; `predict` must precede."""
         self.frames += 1
         self.missed, self.last_seen, self.width = 0, time, measured.width
         self._pinning = measured.pinning
@@ -312,10 +300,7 @@ class Encounter:
 
     @property
     def ids_before(self) -> tuple[int, ...]:
-        """Identifiers of the walls before the encounter, from left to right.
-
-        A breather has one identifier.
-        """
+        """Identifiers of the walls before the encounter, from left to right, or one breather."""
         ids = self.left.id, self.right.id
         return (self.breather,) if self.breather else ids[::-1] if self.passed else ids
 
@@ -333,10 +318,7 @@ class Encounter:
         self._turn = turn or self._turn
 
     def add_overlap(self, time: float, swing: float) -> None:
-        """Add a frame in which the walls overlap.
-
-        `swing` is the `WallFrame.swing` between them.
-        """
+        """Add a frame in which the walls overlap, with the `WallFrame.swing` between them."""
         if not self.overlaps:
             if not self.collisions or self._peak > self._onset + self._line.width / 4:
                 self.collisions += 1
@@ -353,10 +335,7 @@ class Encounter:
         return self.both_seen and self._distance > self._line.parted
 
     def outcome(self, time: float) -> EventKind | None:
-        """Return the outcome of the encounter at a time [s].
-
-        None while undecided or if nothing happened.
-        """
+        """Return the outcome of the encounter at a time [s]; None if undecided or uneventful."""
         if self.is_over():
             nearer = self._initial - self._closest
             if self.breather:

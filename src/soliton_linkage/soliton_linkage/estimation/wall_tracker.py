@@ -99,7 +99,7 @@ class WallTracker:
     ) -> tuple[list[WallTrack], list[SolitonEvent]]:
         """Update with the walls of a frame.
 
-        Return the visible tracks, sorted by site, and the new events.
+        Return visible tracks, sorted by site, and new events.
         """
         elapsed = time - self._time if self._frames else 0.0
         self._time, self._events = time, []
@@ -194,10 +194,7 @@ class WallTracker:
                 self._add_inside(track, new, time, frame)
 
     def _confirmed(self, track: WallTrack, confirming: int) -> bool:
-        """Return whether a new wall is confirmed.
-
-        A pair of new walls may be due to wrong readings.
-        """
+        """Return whether a new wall is confirmed; pairs of new walls may be wrong readings."""
         if track.frames >= min(confirming, self._frames) or self._is_at_edge(track):
             return True
         return not any(
@@ -358,10 +355,7 @@ class WallTracker:
             self._add(EventKind.LOST, track.last_seen, track.rotor, ids, charges, energies)
 
     def _report_pending(self, time: float, frame: WallFrame) -> None:
-        """Report the pending events of walls that have left the edge.
-
-        Discard false reflections.
-        """
+        """Report pending events of walls that have left the edge; drop false reflections."""
         waiting = []
         for event, track in self._pending:
             free = self._line.edge_distance(track.rotor) > self._line.near

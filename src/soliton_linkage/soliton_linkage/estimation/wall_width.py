@@ -123,10 +123,7 @@ class ContractionMean:
         self._before, self._passage = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
     def update(self, angles: Array, site: float, leg: int, noise: float) -> Contraction:
-        """Add a frame as in `WallFamily.fit`.
-
-        Return the mean contraction, or `UNKNOWN` if the fit fails.
-        """
+        """Add a frame as in `WallFamily.fit`; return the mean contraction or `UNKNOWN`."""
         if leg != self._leg:
             self.restart()
             self._leg, self._anchor = leg, site
@@ -175,10 +172,7 @@ class ContractionMean:
 
 
 def passage_scatter(values: Array, variances: Array) -> float:
-    """Return the variance of ln(gamma) between passages, without their noise.
-
-    0 if not significant.
-    """
+    """Return the variance of ln(gamma) between passages, without noise; 0 if insignificant."""
     apart, freedoms = values - np.average(values, weights=1 / variances), len(values) - 1
     by_chance = freedoms + _SIGNIFICANCE * math.sqrt(2 * freedoms)
     if np.sum(apart**2 / variances) < by_chance:

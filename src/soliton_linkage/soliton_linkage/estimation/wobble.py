@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Wobble of rotors beside a wall.
-
-The wall at rest determines which rotors are evaluated, so that noise adds no bias.
-"""
+"""Wobble of rotors beside a wall; the shape at rest selects the rotors, without bias."""
 
 from __future__ import annotations
 
@@ -176,9 +173,9 @@ def _overshoot(
 def _decay_length(
     ratio: float, deviation: float, exact: float, spacing: float
 ) -> tuple[float, float]:
-    """Return the decay length -a / ln|lambda| and its standard deviation [m], NaN if unknown.
+    """Return the decay length and its standard deviation [m], NaN if unknown.
 
-    A is the spacing and lambda the tail ratio.
+    The decay length is -a / ln|lambda| for the spacing a and the tail ratio lambda.
     """
     known = abs(exact)
     if not (known > _CERTAIN * deviation and 0 < abs(ratio) < 1):

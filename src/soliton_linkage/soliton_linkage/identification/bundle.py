@@ -171,10 +171,7 @@ class Bundle:
 
     @property
     def conditions(self) -> float:
-        """Number of independent conditions on the readings.
-
-        A single reading in a frame adds none.
-        """
+        """Number of independent conditions on the readings; one reading per frame adds none."""
         return float(np.sum(self._weights.sum(axis=0) - self._weights.max(axis=0)))
 
     def normal_equations(self) -> NormalEquations:
@@ -196,7 +193,7 @@ class Bundle:
         return NormalEquations(matrix, vector, squares)
 
     def close(self) -> float:
-        """Take one Newton step that closes the bonds.
+        """Take a Newton step that closes the bonds.
 
         Return the largest change of an angle [rad].
         """

@@ -207,10 +207,7 @@ class MotionFitter:
         return replace(found, covariance=covariance)
 
     def _samples(self, equations: list[WindowEquations]) -> Array:
-        """Return samples of the posterior by randomized maximum likelihood.
-
-        Oliver, He and Reynolds (1996) describe the method.
-        """
+        """Return samples by randomized maximum likelihood (Oliver, He and Reynolds, 1996)."""
         found, record, prior = self._windows, self._record, self._prior
         random, values = np.random.default_rng(0), prior.evaluate(self._motion)[1]
         samples = []

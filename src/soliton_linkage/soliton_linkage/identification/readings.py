@@ -67,10 +67,7 @@ class Readings:
 
     @cached_property
     def filled(self) -> Array:
-        """Readings [rad] without jumps of 2 pi and with interpolated gaps.
-
-        ValueError if too few.
-        """
+        """Readings [rad] without jumps of 2 pi or gaps (interpolated); ValueError if too few."""
         names, rotors = self.joints, self.angles.shape[1]
         if rotors < _FEWEST_ROTORS:
             raise ValueError(

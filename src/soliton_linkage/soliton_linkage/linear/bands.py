@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Linear theory of the uniform chain: phonons, speed of sound, zero mode, tails of walls.
 
-Wave numbers k refer to staggered angles, dtheta_n ~ e^(i k a n); those of phi differ by pi / a. No
-result is a difference of nearly equal numbers. `lean` is +1 or -1, otherwise ValueError.
+Wave numbers k [rad/m] refer to staggered angles, dtheta_n ~ e^(i k a n) with the spacing a. For
+the angles phi, they differ by pi / a. d is the lean ratio, r the rotor length, M the mass, k_e the
+stiffness, lbar the rest length and theta_bar the rest angle. Another `lean` than +1 or -1 raises
+ValueError.
 """
 
 from __future__ import annotations
@@ -22,9 +24,9 @@ ComplexArray = NDArray[np.complex128]
 def couplings(chain: Chain, lean: int = 1) -> tuple[float, float]:
     """Return the couplings q+ and q- of the right-leaning (+1) or left-leaning (-1) state [m/rad].
 
-    In the right-leaning state q+- = r cos(theta_bar) (2 r sin(theta_bar) +- a) / lbar, and dl_n =
-    -(q+ dtheta_n + q- dtheta_{n+1}); the paper (section 1) omits the minus sign. In the
-    left-leaning state -q- replaces q+, and -q+ replaces q-.
+    A spring lengthens by dl_n = -(q+ dtheta_n + q- dtheta_{n+1}). In the right-leaning state q+- =
+    r cos(theta_bar) (2 r sin(theta_bar) +- a) / lbar; the paper (section 1) omits the minus sign
+    of dl_n. In the left-leaning state -q- replaces q+, and -q+ replaces q-.
     """
     if lean not in (-1, 1):
         raise ValueError(f'lean = {lean!r} must be +1 (right) or -1 (left)')
@@ -38,8 +40,8 @@ def bloch_matrix(chain: Chain, wave_numbers: ArrayLike, lean: int = 1) -> Comple
     """Return the rigidity matrix R(k) of the cell of two rotors [m/rad], shape (..., 2, 2).
 
     R(k) = -[[q+, q-], [q- e^(2 i k a), q+]] maps the staggered angles of a cell to its extensions.
-    Wave numbers [rad/m] are finite and may be complex. In the paper (section 1) the phase factor
-    is in the lower right corner, with the winding number of the opposite lean.
+    Wave numbers [rad/m] are finite and may be complex. In the paper (section 1), the phase factor
+    is in the lower right corner, so that the winding number is that of the opposite lean.
     """
     plus, minus = couplings(chain, lean)
     phases = _phases(chain, np.asarray(wave_numbers, dtype=np.complex128))
@@ -76,16 +78,16 @@ def dispersion(chain: Chain, wave_numbers: ArrayLike, branch: int = 1) -> Array:
 
 
 def gap(chain: Chain) -> float:
-    """Return the lowest angular frequency of any phonon [rad/s], sqrt(k_e / M) ||q+| - |q-|| / r.
+    """Return the lowest angular frequency of a phonon [rad/s], sqrt(k_e / M) ||q+| - |q-|| / r.
 
     In units of sqrt(k_e / M) it is 2 r sin(2 theta_bar) / lbar for d < 1 and 2 a cos(theta_bar) /
-    lbar for d > 1; the paper (section 1) has r^2 sin(2 theta_bar) / lbar for all d.
+    lbar for d > 1. The paper (section 1) has r^2 sin(2 theta_bar) / lbar for all d.
     """
     return band_edges(chain)[0]
 
 
 def band_edges(chain: Chain) -> tuple[float, float]:
-    """Return the band edges [rad/s], sqrt(k_e / M) ||q+| -+ |q-|| / r."""
+    """Return lowest and highest frequency of phonons [rad/s], sqrt(k_e / M) ||q+| -+ |q-|| / r."""
     scale = 2 * math.cos(chain.rest_angle) / (chain.rest_length * chain.time_unit)
     lean_across = 2 * chain.rotor_length * math.sin(chain.rest_angle)
     lower, upper = sorted((lean_across, chain.spacing))
@@ -95,7 +97,8 @@ def band_edges(chain: Chain) -> tuple[float, float]:
 def speed_of_sound(chain: Chain) -> float:
     """Return c = a sqrt(|q+ q-|) / r sqrt(k_e / M) [m/s] (paper, section 1).
 
-    omega^2 = gap^2 + c^2 k^2 with k from the band minimum, at 0 for d < 1 and pi/a for d > 1.
+    Near the band minimum, omega^2 = gap^2 + c^2 k^2. Here k is counted from the minimum, which is
+    at 0 for d < 1 and at pi / a for d > 1.
     """
     plus, minus = couplings(chain)
     return chain.spacing * math.sqrt(abs(plus * minus)) / (chain.rotor_length * chain.time_unit)
@@ -110,7 +113,8 @@ def largest_group_velocity(chain: Chain) -> float:
 def penetration_depth(chain: Chain) -> float:
     """Return the decay length of the zero mode [m], ell = a / ln|q+ / q-|; 0 for d = 1.
 
-    The logarithm is 2 artanh(min(d, 1/d)). In the paper (section 1) ell ~ 1 / sin(theta_bar).
+    The logarithm is 2 artanh(min(d, 1/d)) with the lean ratio d. The paper (section 1) has ell ~ 1
+    / sin(theta_bar).
 
     >>> wide = Chain(rest_angle=0.1)
     >>> round(penetration_depth(wide) / wide.spacing, 2), round(1 / (2 * wide.lean_ratio), 2)
@@ -121,10 +125,10 @@ def penetration_depth(chain: Chain) -> float:
 
 
 def tail_ratio(chain: Chain) -> float:
-    """Return the ratio q- / q+ = (d - 1) / (d + 1) of the tail of a wall at neighbours [1].
+    """Return the ratio of the tails of a wall at neighbouring rotors, (d - 1) / (d + 1) [1].
 
-    The tail is the small difference of phi from a uniform state; the farther rotor is in the
-    numerator.
+    The tail is the small difference of phi from a uniform state. The numerator is that of the
+    rotor farther from the wall.
     """
     plus, minus = couplings(chain)
     return minus / plus
@@ -134,7 +138,7 @@ def tail_ratio(chain: Chain) -> float:
 class Tail:
     """Decay of the displacement from a uniform state with the distance from a wall.
 
-    decay_length: distance in which the displacement decreases by a factor of e [m].
+    decay_length: distance over which the displacement decreases by a factor of e [m].
     wave_number: wave number of the oscillation of the sign [rad/m]; 0 if the sign is constant.
     """
 
@@ -145,7 +149,7 @@ class Tail:
 def exact_tail(chain: Chain) -> Tail:
     """Return the tail of a wall in the discrete chain, du_n ~ (-(d - 1) / (d + 1))^n.
 
-    Its signs alternate for d > 1, which is the wobble of a wobbling flipper.
+    For a lean ratio d > 1, its signs alternate; this is the wobble of a wobbling flipper.
     """
     wave_number = math.pi / chain.spacing if chain.lean_ratio > 1 else 0.0
     return Tail(penetration_depth(chain), wave_number)
@@ -154,10 +158,10 @@ def exact_tail(chain: Chain) -> Tail:
 def wobble_exponents(chain: Chain) -> tuple[complex, complex]:
     """Return the two exponents lambda [1/m] of the tail e^(lambda x) in the continuum.
 
-    lambda_+- = 1 / ub +- sqrt(1 / ub^2 - 8 / a^2), ub = r sin(theta_bar), solve (a^2 / 8) du'' -
-    (a^2 / (4 ub)) du' + du = 0, the second-order expansion of the bar length on the side of rotor
-    0. In the paper (supporting information, eq. wobblingode) the middle term has the opposite
-    sign.
+    The exponents lambda_+- = 1 / ub +- sqrt(1 / ub^2 - 8 / a^2), ub = r sin(theta_bar), solve (a^2
+    / 8) du'' - (a^2 / (4 ub)) du' + du = 0. This equation is the second-order expansion of the bar
+    length on the side of rotor 0. In the paper (supporting information, eq. wobblingode), the
+    middle term has the opposite sign.
     """
     inverse = 1 / (chain.rotor_length * math.sin(chain.rest_angle))
     square = (inverse - math.sqrt(8) / chain.spacing) * (inverse + math.sqrt(8) / chain.spacing)
@@ -171,8 +175,9 @@ def wobble_exponents(chain: Chain) -> tuple[complex, complex]:
 def continuum_tail(chain: Chain) -> Tail:
     """Return the tail with the exponent of `wobble_exponents` that decays more slowly.
 
-    For d > 1 / sqrt(2) it oscillates, an artefact of the expansion, with decay length ub and a
-    wave number up to sqrt(8) / a. The decay length agrees with `exact_tail` for d << 1 and d >> 1.
+    For d > 1 / sqrt(2), the tail oscillates, with the decay length ub and a wave number up to
+    sqrt(8) / a. The oscillation is an artefact of the expansion. The decay length agrees with
+    `exact_tail` for d << 1 and d >> 1.
     """
     plus, minus = wobble_exponents(chain)
     return Tail(1 / minus.real, plus.imag)
@@ -181,9 +186,9 @@ def continuum_tail(chain: Chain) -> Tail:
 def zero_mode_wave_number(chain: Chain, lean: int = 1) -> complex:
     """Return the complex wave number k of the zero mode [rad/m], e^(i k a) = -q+ / q-.
 
-    Its imaginary part is -1 / ell for the right-leaning and 1 / ell for the left-leaning state,
-    infinite for d = 1, and its real part 0 for d < 1 and pi / a for d > 1. For small d it tends to
-    i omega_0 / c; the paper (section 1) has sqrt(-omega_0) / c.
+    With the penetration depth ell, the imaginary part is -1 / ell for the right-leaning and 1 /
+    ell for the left-leaning state. The real part is 0 for d < 1 and pi / a for d > 1. For small d,
+    k tends to i omega_0 / c with the gap omega_0; the paper (section 1) has sqrt(-omega_0) / c.
     """
     plus, minus = couplings(chain, lean)
     depth = penetration_depth(chain)
@@ -194,8 +199,9 @@ def zero_mode_wave_number(chain: Chain, lean: int = 1) -> complex:
 def density_of_states(chain: Chain, frequencies: ArrayLike) -> Array:
     """Return the density of modes of an infinite chain [modes / rotor / (rad/s)], shape (...).
 
-    g(omega) = 2 omega / (pi sqrt((omega^2 - lowest^2) (highest^2 - omega^2))) inside the band,
-    with the integral 1. Raises ValueError for frequencies [rad/s] that are negative or not finite.
+    Between the band edges `lowest` and `highest`, the density is g(omega) = 2 omega / (pi
+    sqrt((omega^2 - lowest^2) (highest^2 - omega^2))). Its integral is 1. Raises ValueError for
+    frequencies [rad/s] that are negative or not finite.
     """
     given = np.asarray(frequencies, dtype=np.float64)
     check_frequencies(given)
@@ -209,10 +215,11 @@ def density_of_states(chain: Chain, frequencies: ArrayLike) -> Array:
 
 
 def winding_number(chain: Chain, lean: int) -> int:
-    """Return how often det R(k) = q+^2 - q-^2 e^(2 i k a) winds around 0 in the Brillouin zone.
+    """Return how often det R(k) winds around 0 as k passes through the Brillouin zone [1].
 
-    In the left-leaning state it is 1, and the zero mode is at the first edge. In the right-leaning
-    state it is 0, and the zero mode is at the last edge (paper, section 1).
+    In the left-leaning state, the determinant q+^2 - q-^2 e^(2 i k a) winds once, and the zero
+    mode is at the first edge. In the right-leaning state it does not wind, and the zero mode is at
+    the last edge (paper, section 1).
 
     >>> [winding_number(Chain(), lean) for lean in (+1, -1)]
     [0, 1]

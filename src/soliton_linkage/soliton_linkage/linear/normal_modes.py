@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Normal modes of small vibrations about any configuration with relaxed springs.
 
-With the rigidity matrix R, I = M r^2, and B = k_e^(1/2) R I^(-1/2), the modes are the right
-singular vectors of B, and the angular frequencies are its singular values. Their rounding errors
-are 1e-16 times the largest frequency; from the eigenvalues of B^T B they would be 1e-8 times.
+Let R be the rigidity matrix, I the moments of inertia, k_e the stiffnesses, and B = k_e^(1/2) R
+I^(-1/2). The modes are the right singular vectors of B, and the angular frequencies are its
+singular values. The rounding errors of the frequencies are 1e-16 times the largest frequency. From
+the eigenvalues of B^T B they would be 1e-8 times the largest frequency.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from soliton_linkage.linear.statics import unstretched
 from soliton_linkage.linkage.chain import Array, Chain
 
 _MOST_STRETCH = 1e-6
-"""Largest relative extension of a relaxed spring [1], the relative error of frequencies."""
+"""Largest relative extension of a spring that counts as relaxed [1]; it is the relative error of
+the frequencies."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ class NormalModes:
 
 
 def normal_modes(chain: Chain, angles: ArrayLike) -> NormalModes:
-    """Return the normal modes about relaxed springs, the zero mode of free ends first.
+    """Return the normal modes about relaxed springs, with the zero mode of free ends first.
 
     Takes a time O(N^3) and a memory O(N^2). Raises ValueError if a spring is stretched.
     """
@@ -105,9 +107,10 @@ def mode_energies(modes: NormalModes, displacements: ArrayLike, rates: ArrayLike
 def phonon_energies(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> tuple[Array, Array]:
     """Return frequencies [rad/s] and energies [J] of the modes about `unstretched`, (N,) each.
 
-    The sum of the energies is the total energy up to third order. With free ends, the first is
-    that of the zero mode, the kinetic energy of a wall of rigid bars. Raises ValueError for angles
-    [rad] and rates [rad/s] that do not fit, and if no relaxed configuration is near.
+    The sum of the energies is the total energy up to third order in the displacements. With free
+    ends, the first energy is that of the zero mode, the kinetic energy of a wall in a chain of
+    rigid bars. Raises ValueError for angles [rad] and rates [rad/s] that do not fit, and if no
+    relaxed configuration is near.
     """
     relaxed, displacement = _departure(chain, angles)
     modes = normal_modes(chain, relaxed)
@@ -118,10 +121,11 @@ def phonon_energies(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> tuple[
 def phonon_energy(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> float:
     """Return the energy of a moving state outside the zero mode [J] in a time O(N).
 
-    E = sum_n (k_e / 2) (R dphi)_n^2 + T(phi_dot - t (t . I phi_dot) / (t . I t)) is the sum of
-    `phonon_energies` without the first, such as the elastic energy of a moving wall. Of several
-    walls, only the common motion is excluded; with periodic ends, E is the total energy. Raises
-    the errors of `phonon_energies`.
+    With the rigidity matrix R, the zero mode t, the kinetic energy T and the displacement dphi
+    from `unstretched`, E = sum_n (k_e / 2) (R dphi)_n^2 + T(phi_dot - t (t . I phi_dot) / (t . I
+    t)). E is the sum of `phonon_energies` without the first one. It includes the elastic energy of
+    a moving wall. Of several walls, only the common motion is excluded; with periodic ends, E is
+    the total energy. Raises the errors of `phonon_energies`.
     """
     relaxed, displacement = _departure(chain, angles)
     left = chain.check_angles(rates, 'rate')
@@ -153,7 +157,7 @@ def _relaxed(chain: Chain, angles: ArrayLike) -> Array:
 
 
 def _weighted_rigidity_matrix(chain: Chain, angles: Array) -> Array:
-    """Return B = k_e^(1/2) R I^(-1/2) [rad/s], shape (springs, N)."""
+    """Return B = k_e^(1/2) R I^(-1/2) [rad/s], shape (springs, N); R is the rigidity matrix."""
     matrix = rigidity_matrix(chain, angles).toarray()
     weighted = np.sqrt(chain.stiffnesses)[:, None] * matrix
     return np.asarray(weighted / np.sqrt(chain.moments_of_inertia))

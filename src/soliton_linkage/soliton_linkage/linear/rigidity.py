@@ -17,9 +17,10 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 VANISHING = 1e-280
-"""Value that replaces a vanishing lever [m^2/rad], far below rounding errors."""
+"""Value that replaces a vanishing lever [m^2/rad]; rounding errors are far larger."""
 _BLOCK = 500
-"""Factors between 1/2 and 1 that are multiplied without rescaling [1], above 2^-1022."""
+"""Number of factors between 1/2 and 1 whose product needs no rescaling [1]; the product is above
+2^-1022."""
 _FAR_FROM_OVERFLOW = 1e100
 """Limit for the components of a mode and their inverses [1]; their squares do not overflow."""
 
@@ -68,14 +69,18 @@ def dynamical_matrix(chain: Chain, angles: Array) -> csr_array:
 def zero_modes(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
     """Return the orthonormal zero modes t [1], the solutions of R t = 0, shape (N, N_0).
 
-    N_0 - N_ss = N - springs (paper, section 1). A singular value counts as 0 below `tolerance`
-    times the largest one. Takes a time O(N^3).
+    The numbers of zero modes and of states of self-stress satisfy N_0 - N_ss = N - springs (paper,
+    section 1). A singular value counts as 0 below `tolerance` times the largest one. Takes a time
+    O(N^3).
     """
     return _null_space(rigidity_matrix(chain, angles).toarray(), tolerance)
 
 
 def states_of_self_stress(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
-    """Return the orthonormal spring tensions s [1] without torques, R^T s = 0, (springs, N_ss)."""
+    """Return the orthonormal spring tensions s [1] without torques, R^T s = 0.
+
+    The result has shape (springs, N_ss); N_ss is the number of states of self-stress.
+    """
     return _null_space(rigidity_matrix(chain, angles).toarray().T, tolerance)
 
 
@@ -88,9 +93,9 @@ def _null_space(matrix: Array, tolerance: float) -> Array:
 def zero_mode(chain: Chain, angles: Array) -> Array:
     """Return the zero mode at a configuration: the unit vector t [1] with R t = 0, shape (N,).
 
-    t_{n+1} = -(A_n / B_n) t_n has no cancellation and takes a time O(N). The sign is that of the
-    maximal minors of R, (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2}, so that t is continuous along a
-    motion. Raises ValueError for periodic ends.
+    With the levers A and B of `rigidity_bands`, t_{n+1} = -(A_n / B_n) t_n has no cancellation and
+    takes a time O(N). The sign of t is that of the maximal minors of R, (-1)^n A_0 ... A_{n-1} B_n
+    ... B_{N-2}, so that t is continuous along a motion. Raises ValueError for periodic ends.
 
     >>> chain = Chain(number_of_rotors=10)
     >>> leaning_left = chain.uniform_state(-1)
@@ -110,10 +115,10 @@ def mode_centre(mode: Array) -> float:
 def mode_towards_last(chain: Chain, angles: Array) -> Array:
     """Return the zero mode with the sign that moves the wall towards the last rotor [1], (N,).
 
-    In a spinner, sum_n h_n then grows. In a left-leaning flipper with d < 1, all theta_n grow, and
-    all A_n and B_n have the sign (-1)^(n+1), reversed upside down. When an edge rotor swings past
-    the mass of its neighbour, A_0 or B_{N-2} changes its sign, and so does this sign relative to
-    `zero_mode`.
+    In a spinner, the mode then increases the sum of h_n = r sin(phi_n). In a left-leaning flipper
+    with d < 1, all theta_n increase, and all levers A_n and B_n have the sign (-1)^(n+1). Upside
+    down, this sign is opposite. When an edge rotor swings past the mass of its neighbour, A_0 or
+    B_{N-2} changes its sign, and therefore the sign of the result relative to `zero_mode`.
     """
     first, second = _levers_of_free_chain(chain, angles)
     mode = _zero_mode_of(first, second)
@@ -149,7 +154,7 @@ def resolved_edge_mode(
 
 
 def _levers_of_free_chain(chain: Chain, angles: Array) -> tuple[Array, Array]:
-    """Return A_n l_n and B_n l_n [m^2], whose ratio is A_n / B_n; ValueError for periodic ends."""
+    """Return A_n l_n and B_n l_n [m^2]: levers times spring lengths; ValueError if periodic."""
     if chain.periodic:
         raise ValueError(
             'a chain with periodic ends has as many springs as rotors and in general no zero '

@@ -14,11 +14,11 @@ from soliton_linkage.linear.rigidity import Edge, rigidity_bands, rigidity_matri
 from soliton_linkage.linkage.chain import Array, Chain
 
 _ITERATIONS = 60
-"""Largest number of Newton iterations [1]; a start far from the result needs many."""
+"""Largest number of Newton iterations [1]; a start far from the result needs many iterations."""
 _LONGEST_STEP = 0.5
 """Largest change of an angle per iteration [rad], so that the result stays near the start."""
 _ROUNDING = 1e-12
-"""Largest torque of an equilibrium, relative to k_e lbar r [1]: the rounding error."""
+"""Largest torque in an equilibrium, relative to k_e lbar r [1]; it is the rounding error."""
 
 
 def length_rounding(chain: Chain) -> float:
@@ -31,7 +31,8 @@ def unstretched(chain: Chain, angles: Array) -> Array:
     """Return a configuration near `angles` in which every spring is relaxed [rad], shape (N,).
 
     Each Newton step is the smallest change of the angles that relaxes the linearised springs, dphi
-    = -R^T (R R^T)^(-1) (l - lbar). Raises ValueError if the method does not converge.
+    = -R^T (R R^T)^(-1) (l - lbar), for the rigidity matrix R, the lengths l and the rest lengths
+    lbar. Raises ValueError if the method does not converge.
     """
     state = chain.check_angles(angles).copy()
     enough = length_rounding(chain)
@@ -55,8 +56,8 @@ def unstretched(chain: Chain, angles: Array) -> Array:
 def rest_state(chain: Chain, lean: int) -> Array:
     """Return the state with relaxed springs near a uniform state [rad], shape (N,).
 
-    `lean` is +1 for the right-leaning and -1 for the left-leaning uniform state, which is the
-    result without deviations. Raises ValueError if no such state exists.
+    `lean` is +1 for the right-leaning and -1 for the left-leaning uniform state. In a chain
+    without deviations, the result is the uniform state. Raises ValueError if no such state exists.
     """
     return unstretched(chain, chain.uniform_state(lean))
 
@@ -64,8 +65,8 @@ def rest_state(chain: Chain, lean: int) -> Array:
 def toggled_angle(chain: Chain, angles: Array, edge: Edge) -> float:
     """Return the other angle of an edge rotor at which its bar has the same length [rad].
 
-    phi_t = 2 psi - phi with the direction psi from its pivot to the mass of its neighbour, as
-    after the reflection of a wall.
+    The angle is 2 psi - phi, where psi is the direction from the pivot of the rotor to the mass of
+    its neighbour. The reflection of a wall leaves the rotor at this angle.
     """
     checked = chain.check_angles(angles)
     last = edge.resolved(chain, checked) is Edge.LAST
@@ -77,9 +78,10 @@ def toggled_angle(chain: Chain, angles: Array, edge: Edge) -> float:
 
 
 def min_norm_change(chain: Chain, angles: Array, lengthening: Array) -> Array:
-    """Return dphi = R^T (R R^T)^(-1) dl, the smallest change for given extensions [rad], (N,).
+    """Return the smallest change of the angles [rad], (N,), that causes given extensions.
 
-    `lengthening` dl [m] has the shape (springs,). Raises ValueError for a state of self-stress.
+    The change is R^T (R R^T)^(-1) dl with the rigidity matrix R. The extensions dl, `lengthening`
+    [m], have the shape (springs,). Raises ValueError for a state of self-stress.
     """
     try:
         if chain.periodic:
@@ -110,8 +112,9 @@ def gram_matrix_bands(first: Array, second: Array) -> Array:
 def stiffness_matrix(chain: Chain, angles: Array) -> csc_array:
     """Return the second derivatives of the elastic energy [N m/rad^2], sparse, shape (N, N).
 
-    K = sum_n k_e (grad l grad l^T + (l - lbar) grad grad l), with grad grad l = grad grad e / (2
-    l) - grad l grad l^T / l and e = l^2 - lbar^2.
+    For springs of length l, rest length lbar and stiffness k_e, the matrix is the sum of k_e (grad
+    l grad l^T + (l - lbar) grad grad l), with grad grad l = grad grad e / (2 l) - grad l grad l^T
+    / l and e = l^2 - lbar^2.
     """
     checked = chain.check_angles(angles)
     extensions, first, second = chain.springs(checked)

@@ -179,7 +179,7 @@ class Chain:
 
     @cached_property
     def time_unit(self) -> float:
-        """Time scale of the springs [s], sqrt(M / k_e)."""
+        """Time scale of the chain [s], sqrt(M / k_e)."""
         return math.sqrt(self.mass / self.stiffness)
 
     @cached_property
@@ -289,7 +289,7 @@ class Chain:
 
     @cached_property
     def spring_parameters(self) -> Array:
-        """Rows r [m] of the rotors and a [m], c [m^2], lbar [m] of the springs or 0, (4, N)."""
+        """Rotor lengths r [m], and a [m], c [m^2] and lbar [m] of the springs, else 0, (4, N)."""
         rows = np.zeros((4, self.number_of_rotors))
         rows[0] = self.rotor_lengths
         rows[1:, : self.number_of_springs] = self.spacings, self.offsets, self.rest_lengths
@@ -322,7 +322,7 @@ def displacement(chain: Chain, angles: ArrayLike) -> Array:
 
 
 def uprightness(angles: ArrayLike) -> int:
-    """Return the sign of the even inner rotors of a flipper, -1 if it is assembled upside down."""
+    """Return the sign of the sum of cos(theta) of the inner rotors; -1 if upside down."""
     vertical = np.cos(angles)
     return -1 if vertical[2:-1:2].sum() < vertical[1:-1:2].sum() else 1
 

@@ -39,8 +39,8 @@ class Deviations:
     """Relative deviations of single rotors and springs from the parameters of the chain.
 
     A rotor with 0.02 in `rotor_length` is 1.02 times as long; an empty tuple means 0 for all.
-    Deviations are above -1, otherwise ValueError. Those of frictions may be -1; those of
-    non-reciprocities, on-site torques and feedback gains may be lower.
+    Raises ValueError for deviations of -1 or less. However, frictions may have deviations of -1,
+    and non-reciprocities, on-site torques and feedback gains may have lower ones.
     """
 
     spacing: tuple[float, ...] = _fractions('distances between rotors', 'spring')
@@ -81,7 +81,7 @@ class Deviations:
                 )
 
     def joined(self, others: Deviations) -> Deviations:
-        """Return the union of two sets; raise ValueError if both contain the same quantity."""
+        """Return the union of two sets of deviations; ValueError if both contain a quantity."""
         for name in _NAMES:
             if getattr(self, name) and getattr(others, name):
                 raise ValueError(
@@ -97,7 +97,7 @@ _NAMES = tuple(f.name for f in fields(Deviations))
 _OF_SPRINGS = ('spacing', 'stiffness', 'rest_length', 'non_reciprocity')
 NO_DEVIATIONS = Deviations()
 _LARGEST_SPREAD = 0.5
-"""Largest relative standard deviation [1]; one random parameter in forty is then negative."""
+"""Largest relative standard deviation [1]; one random parameter in forty is then below 0."""
 
 
 def _spread(of: str) -> Any:

@@ -21,7 +21,7 @@ from soliton_linkage.linkage.quantities import (
 @document_fields
 @dataclass(frozen=True)
 class EncoderErrors:
-    """Errors of encoder readings. Raises ValueError for values out of their range."""
+    """Errors of encoder readings. Raises ValueError for values out of range."""
 
     noise: float = quantity(
         0.0, 'standard deviation of each reading', 'rad', 0.0, 10.0, adjustable=True
@@ -47,7 +47,7 @@ class EncoderErrors:
 @document_fields
 @dataclass(frozen=True)
 class KnownEncoders:
-    """Known offsets, reading minus angle, of encoders. ValueError for values out of range."""
+    """Known offsets of encoders, reading minus angle; ValueError for values out of range."""
 
     offsets: tuple[float, ...] = quantity(
         (),
@@ -64,8 +64,8 @@ class Encoders:
 
         reading = q round((phi + offset + noise n) / q),    rate = (reading - previous) / period,
 
-    with the resolution q and a normal random number n that depends only on seed and frame. The
-    rate is 0 without a previous frame. Raises ValueError for a wrong number of offsets.
+    where q is the resolution, and n a normal random number that depends only on seed and frame.
+    Without a previous frame, the rate is 0. Raises ValueError for a wrong number of offsets.
     """
 
     def __init__(self, number_of_rotors: int, period: float, errors: EncoderErrors) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from soliton_linkage.linkage.quantities import check_quantities, document_fields, quantity
 
 _LARGEST_GAIN = 1e6
-"""Largest allowed gain, in the units of each gain; it equals the limits of the other torques."""
+"""Largest allowed gain, in the unit of each gain; it equals the limits of other torques."""
 MOST_FRAMES_OF_DELAY = 1000
 """Largest allowed delay [frames]. At 1000 frames per second it is one second."""
 
@@ -22,7 +22,7 @@ def _gain(of: str, unit: str) -> float:
 @document_fields
 @dataclass(frozen=True)
 class Feedback:
-    """Feedback of motors from angles, see `motor_controllers`; ValueError if out of range."""
+    """Feedback of motors, see `motor_controllers`; ValueError for values out of range."""
 
     angle: float = _gain('the coordinate of the own rotor', 'N m/rad')
     rate: float = _gain('the rate of the own rotor', 'N m s/rad')
@@ -48,7 +48,7 @@ class Feedback:
 
     @property
     def uses_rates(self) -> bool:
-        """Whether a gain of a rate differs from 0."""
+        """Whether the gain of a rate differs from 0."""
         return any((self.rate, self.left_rate, self.right_rate))
 
 

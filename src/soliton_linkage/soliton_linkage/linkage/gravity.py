@@ -14,7 +14,7 @@ from soliton_linkage.linkage.quantities import check_quantities, document_fields
 @document_fields
 @dataclass(frozen=True)
 class Gravity:
-    """Uniform gravity along -z, rotated towards +x by the tilt. ValueError if out of range."""
+    """Uniform gravity along -z, turned towards +x by the tilt; ValueError if out of range."""
 
     acceleration: float = quantity(
         0.0, 'acceleration of a free mass', 'm/s^2', 0.0, 1e6, adjustable=True

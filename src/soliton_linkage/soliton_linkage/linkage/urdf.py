@@ -20,8 +20,8 @@ BASE = 'linkage'
 _THICKNESS = 1 / 12
 """Diameter of a rod, relative to the smaller of rotor length and spacing [1]."""
 _POINT = 1e-6
-"""Moment of inertia of a mass about its own centre, relative to that about the pivot [1]. The
-masses are points, but many programs reject a moment of inertia of 0."""
+"""Moment of inertia of a mass about its own centre, relative to that about the pivot [1]. It is
+not 0, because many programs reject a moment of inertia of 0."""
 
 
 @document_fields
@@ -41,9 +41,9 @@ def robot_description(
 ) -> str:
     """Return the URDF of a chain, with one continuous joint about the +y axis for each rotor.
 
-    The default joint names are `rotor_0`, `rotor_1` and so on. A joint J moves the link `J_link`,
-    in which the mass is at (0, 0, r). Raises ValueError unless there is one distinct name per
-    rotor.
+    The default joint names are `rotor_0`, `rotor_1` and so on. A joint J moves the link `J_link`.
+    In the frame of this link, the mass is at (0, 0, r). Raises ValueError unless there is one
+    distinct name per rotor.
     """
     rotors = chain.number_of_rotors
     names = list(joint_names) or [f'rotor_{rotor}' for rotor in range(rotors)]
@@ -70,7 +70,7 @@ def robot_description(
 
 
 def link_name(joint: str) -> str:
-    """Return the name of the link that a joint moves, which is also the name of its frame."""
+    """Return the name of the link that a joint moves; the frame of the link has the same name."""
     return f'{joint}_link'
 
 

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Offset and drift of the clock of a microcontroller, from the arrival times of its messages.
 
-A message that is sent at x on the sender's clock arrives at x + y on the receiver's clock, with
+A message is sent at the time x of the sender's clock, and arrives at the time x + y of the
+receiver's clock, with
 
     y = a + b x + d,    d >= 0,
 
@@ -25,7 +26,8 @@ _MICROSECOND = 1000
 _SECOND = 10**9
 """Duration of a second [ns]."""
 _INTERVALS = 64
-"""Number of intervals in the fit; at 0.5x, the error doubles; at 2x, a fit takes 4x as long."""
+"""Number of intervals in the fit [1]; at 0.5x, the error doubles; at 2x, a fit takes 4 times as
+long."""
 _FIRST_INTERVAL = 1 / 16
 """Duration of the first intervals [s]; the drift is known after two intervals."""
 _LONGEST_INTERVAL = 2.0
@@ -33,19 +35,23 @@ _LONGEST_INTERVAL = 2.0
 LARGEST_DRIFT = 0.01
 """Largest accepted drift of a clock [1], twice that of the resonator of an Arduino Uno."""
 _FROM_THE_FUTURE = 0.25
-"""Largest time of a measurement after its arrival [s]; more means a restarted clock."""
+"""Largest time by which a measurement may be later than its arrival [s]; more means that the clock
+has restarted."""
 _FROM_THE_PAST = 10.0
 """Largest accepted delay [s]; a larger one means that the clock has stopped."""
 _SMALLEST_JUMP = 1e-3
-"""Smallest detected jump of a clock [s]; at 2x, undetected jumps bias the drift more."""
+"""Smallest jump of a clock that is detected [s]; at 2x, undetected jumps bias the drift more."""
 _EARLY, _LATE = 3.0, 10.0
-"""Implausible distances below and above the line, in medians of the delay [1]."""
+"""Distances below and above the line beyond which a delay is implausible [medians of the
+delay]."""
 _UNUSUAL = 8.0
-"""Unusual difference from the median interval, in medians of this difference [1]."""
+"""Difference from the median interval above which an interval is unusual [medians of this
+difference]."""
 _CLOCK_RESOLUTION = 1e-4
-"""Smallest threshold of unusual intervals [s], 25 ticks of micros() of an Arduino."""
+"""Smallest difference that makes an interval unusual [s]; it equals 25 ticks of micros() of an
+Arduino."""
 _CONFIRMATIONS = 3
-"""Number of implausible, but mutually consistent times that prove a jump or a restart."""
+"""Number of implausible times, consistent with each other, that prove a jump or a restart."""
 
 
 class DelayEnvelope:
@@ -110,8 +116,9 @@ def _slope_under(xs: Array, ys: Array) -> float:
 class DeviceClock:
     """Conversion of times of the controller's clock to increasing stamps of the host's clock.
 
-    No message arrives before it is sent. Three successive implausible times that are consistent
-    with each other restart the estimate of offset and drift; other implausible times are rejected.
+    The estimate uses that no message arrives before it is sent. Three successive implausible times
+    that are consistent with each other restart the estimate of offset and drift; other implausible
+    times are rejected.
     """
 
     def __init__(self) -> None:
@@ -120,19 +127,19 @@ class DeviceClock:
         self.jumps = 0
         """Number of jumps of the controller's clock by less than 0.25 s."""
         self.delay = 0.0
-        """Difference between the delay of the last measurement and the smallest delay [s]."""
+        """Delay of the last measurement, beyond the smallest delay of any measurement [s]."""
         self._last: int | None = None
         self._stamp = -1
         self.reset()
 
     @property
     def drift(self) -> float:
-        """Drift [1]; the host's clock advances by 1 + drift per second of the controller's."""
+        """Drift [1]: in one second of the controller's clock, the host's advances by 1 + drift."""
         return self._envelope.drift
 
     @property
     def scatter(self) -> float:
-        """Uncertainty of stamps apart from the smallest delay [s]; NaN if it is unknown."""
+        """Uncertainty of the stamps without that of the smallest delay [s]; NaN if unknown."""
         return self._envelope.scatter
 
     def reset(self) -> None:
@@ -169,12 +176,12 @@ class DeviceClock:
         return self._stamp
 
     def stamp_of_arrival(self, arrival: int) -> int:
-        """Return the arrival time, increased so that stamps increase [ns]."""
+        """Return the arrival time, increased if necessary so that stamps increase [ns]."""
         self._stamp = max(arrival, self._stamp + 1)
         return self._stamp
 
     def _advance(self, time: int, arrival: int) -> None:
-        """Advance to a time, or restart; raise ValueError if it is implausible."""
+        """Advance to a time of the controller, or restart; ValueError if it is implausible."""
         assert self._last is not None
         passed = (time - self._last) % CLOCK_RANGE
         if not passed:

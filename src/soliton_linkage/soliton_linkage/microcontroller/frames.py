@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Text and binary frames on a serial line to a microcontroller (docs/serial.md).
 
-A binary frame consists of a header, values, and the CRC-32 of zlib, without zero bytes by
-consistent overhead byte stuffing (S. Cheshire and M. Baker, IEEE/ACM Transactions on Networking 7,
+A binary frame consists of a header, values, and the CRC-32 of zlib. Consistent overhead byte
+stuffing removes its zero bytes (S. Cheshire and M. Baker, IEEE/ACM Transactions on Networking 7,
 159 (1999), doi:10.1109/90.769765). A zero byte ends the frame.
 """
 
@@ -21,16 +21,16 @@ import numpy as np
 from soliton_linkage.linkage.chain import Array
 
 SEQUENCES = 2**16
-"""Number of different frame numbers, which are uint16_t and start again at 0."""
+"""Number of different frame numbers (uint16_t); after the last one, numbers restart at 0."""
 CLOCK_RANGE = 2**32
-"""Period of a controller's clock [us], 71.6 minutes as for micros() of an Arduino."""
+"""Period of a controller's clock [us]: 71.6 minutes, as for micros() of an Arduino."""
 VERSION = 1
 """Version of the binary layout; other versions are rejected."""
 LONGEST_FRAME = 2**16
-"""Longest accepted frame [bytes], enough for 2500 rotors in text."""
+"""Longest accepted frame [bytes]; it suffices for 2500 rotors in text."""
 _LINE_END, _FRAME_END = b'\n', b'\0'
 _HEADER = struct.Struct('<cBHI')
-"""Binary header of 8 bytes: letter of the kind, version, frame number, time [us]."""
+"""Binary header of 8 bytes: letter of the frame kind, version, frame number, time [us]."""
 _CHECKSUM = struct.Struct('<I')
 _LONGEST_BLOCK = 254
 """Longest block of data without a zero byte in byte stuffing [bytes]."""
@@ -43,12 +43,12 @@ _MISSING = '-'
 
 
 class FrameKind(Enum):
-    """Kind of a frame with counts [1] or angles [rad], or of a command."""
+    """Frame with counts [1] or angles [rad] of the encoders, or command."""
 
     COUNTS = 'counts'
     RADIANS = 'radians'
     HELLO = 'hello'
-    """Report without values that the controller has started or restarted."""
+    """Message that the controller has started or restarted; it has no values."""
     TORQUES = 'torques'
     """Torques that the valves shall apply to the rotors [N m]."""
     PRESSURES = 'pressures'
@@ -85,8 +85,8 @@ class SerialFrame:
     sequence: int | None = None
     """Frame number modulo `SEQUENCES`; None if the frame contains no number."""
     time: int | None = None
-    """Time of a measurement by the controller's clock, modulo `CLOCK_RANGE`, or duration for which
-    commands are valid [us]; None if the frame contains no time."""
+    """Time of a measurement by the controller's clock, modulo `CLOCK_RANGE` [us]. In a command,
+    duration for which the command is valid [us]. None if the frame contains no time."""
     values: Array = field(default_factory=lambda: np.zeros(0))
     """One value per rotor, NaN if missing."""
 
@@ -171,7 +171,7 @@ def _packed(values: Array, type_: np.dtype[Any]) -> bytes | None:
 
 
 def decode_binary(piece: bytes) -> SerialFrame:
-    """Return the frame of the bytes before an end of a frame; ValueError if invalid."""
+    """Return the frame that `piece`, without its end byte, encodes; ValueError if invalid."""
     whole = unstuff(piece)
     if len(whole) < _HEADER.size + _CHECKSUM.size:
         least = _HEADER.size + _CHECKSUM.size
@@ -244,7 +244,7 @@ class FrameDecoder:
         self.reset()
 
     def reset(self) -> None:
-        """Prepare for another controller. The numbers of frames are not reset."""
+        """Prepare for another controller, but keep the counts of frames."""
         self.protocol = None
         self._checked = False
         self._lines, self._pieces = _Splitter(_LINE_END), _Splitter(_FRAME_END)

@@ -132,15 +132,15 @@ class AngleStream:
         self._numbers.clear()
 
     def reconnect(self) -> None:
-        """Prepare for a controller that may have restarted; reset only an unknown clock."""
+        """Prepare for a controller that may have restarted; reset the clock only if unknown."""
         if math.isnan(self.clock.scatter):
             self.reset()
 
     def take(self, frame: SerialFrame, arrival: int) -> StampedAngles | None:
         """Return the angles of a frame that arrives at `arrival` [ns], or None for `hello`.
 
-        Raises ValueError for a frame without readings, for another chain, repeated, or
-        implausible.
+        Raises ValueError for a frame that has no readings, belongs to another chain, is repeated,
+        or is implausible.
         """
         if frame.kind is FrameKind.HELLO:
             self.reset()
@@ -165,7 +165,7 @@ class AngleStream:
         return StampedAngles(stamp, self._reader.read(frame))
 
     def _count_lost(self, number: int) -> None:
-        """Count lost frames from several numbers, so that one wrong number has no effect."""
+        """Count lost frames from several frame numbers, so that one wrong number has no effect."""
         totals = [
             lost + missing
             for earlier, arrived, lost in self._numbers

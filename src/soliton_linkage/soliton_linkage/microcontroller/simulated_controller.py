@@ -46,7 +46,7 @@ class ControllerSettings:
 
 
 class SimulatedController:
-    """Simulated controller of a chain; commands are valid for their duration."""
+    """Simulated controller of a chain; it executes each command for the stated duration."""
 
     def __init__(
         self,
@@ -80,7 +80,7 @@ class SimulatedController:
         return encode(frame, self._protocol)
 
     def receive(self, now: float, chunk: bytes) -> None:
-        """Receive bytes at the time `now` [s]; ignore frames that are no valid commands."""
+        """Receive bytes at the time `now` [s]; ignore frames that are not valid commands."""
         for frame in self._decoder.feed(chunk):
             if frame.kind in COMMANDS and len(frame.values) == self._rotors:
                 pressures = frame.kind is FrameKind.PRESSURES

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Orbit of a chain with known deviations of its rotors and springs.
 
-It corresponds to the orbit without deviations where half of |t|^2 of the zero mode t is on the
-left of the same bond, and at the ends of the legs; a monotonic cubic relates the arc lengths
-between. The wall has the site coordinate of the corresponding configuration.
+Each configuration of the orbit corresponds to one of the uniform chain. Two configurations
+correspond if half of |t|^2 of the zero mode t is on the left of the same bond. The ends of the
+legs correspond, too. Between such points, a monotonic cubic relates the arc lengths. The wall has
+the site coordinate of the corresponding uniform configuration.
 """
 
 from __future__ import annotations
@@ -24,9 +25,11 @@ from soliton_linkage.orbit.seed_path import blocked_wall_error
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
 _SAMPLES_A_SITE = 4
-"""Samples per rotor spacing that bracket the arc length with half of |t|^2 left of a bond [1]."""
+"""Samples per rotor spacing in the search for the arc length with half of |t|^2 left of a bond
+[1]."""
 _SAME_MODE = 1 - 1e-6
-"""Smallest cosine between tangent and zero mode [1]; below, the tangent misses a moving rotor."""
+"""Smallest cosine between tangent and zero mode [1]; a smaller one means that the tangent misses a
+moving rotor."""
 
 
 def orbit_of(chain: Chain) -> Orbit:
@@ -66,7 +69,7 @@ class DeviatingOrbit(Orbit):
 
     @property
     def wall_extent(self) -> float:
-        """Arc length in which one rotor moves as a wall passes it, see `Orbit` [rad]."""
+        """Arc length in which one rotor moves as a wall passes it [rad], see `Orbit`."""
         return self._uniform.wall_extent * self.site_arc / self._uniform.site_arc
 
     def site(self, arc: float) -> float:
@@ -74,14 +77,14 @@ class DeviatingOrbit(Orbit):
         return self._uniform.site(self._uniform_arc.at(arc % self.length)[0])
 
     def arc_at(self, site: float, leg: int) -> float:
-        """Return the arc length [rad] of a site in a leg, beyond it as on the uniform orbit."""
+        """Return the arc length [rad] of a site in a leg; beyond it as on the uniform orbit."""
         uniform_arc = self._uniform.arc_at(site, leg)
         begin, end = self._uniform.leg_arcs(leg)
         within = min(max(uniform_arc, begin), end)
         return self._uniform_arc.inverse(within) + (uniform_arc - within)
 
     def site_arc_at(self, arc: float) -> float:
-        """Return ds / d(site), the arc length per rotor spacing, at an arc length s [rad]."""
+        """Return the arc length per rotor spacing, ds / d(site), at an arc length s [rad]."""
         uniform_arc, slope = self._uniform_arc.at(arc % self.length)
         return self._uniform.site_arc_at(uniform_arc) / slope
 
@@ -94,15 +97,16 @@ class DeviatingOrbit(Orbit):
         return OrbitSegment(piece.first, values[: piece.rotors], values[piece.rotors :])
 
     def background(self, arc: float) -> tuple[Array, Array]:
-        """Return the angles far from the wall [rad], on its left and right, shape (N,) each."""
+        """Return the angles far from the wall, on its left and right [rad], shape (N,) each."""
         left, right = self._backgrounds[self.leg(arc)]
         return left.copy(), right.copy()
 
     def _reflections(self) -> list[float]:
         """Return the arc lengths at which the legs end [rad], from the start of the first piece.
 
-        A leg ends in a flipper when the edge rotor is collinear with its bar, so that its
-        neighbour reverses its rotation, and in a spinner at an extremum of sum_n sin(phi_n).
+        In a flipper, a leg ends when the edge rotor is collinear with its bar, because the
+        neighbour of the edge rotor then reverses its rotation. In a spinner, a leg ends at an
+        extremum of sum_n sin(phi_n).
         """
         last = self.chain.number_of_rotors - 1
         spinner = self.chain.motion is Motion.SPINNER
@@ -135,7 +139,7 @@ class DeviatingOrbit(Orbit):
                 raise blocked_wall_error(self.chain, piece.seed)
 
     def _relaxed(self, leg: int) -> tuple[Array, Array]:
-        """Return `background` of a leg, where ambiguous nearest to that without deviations."""
+        """Return the `background` of a leg, if ambiguous the one nearer to the uniform chain."""
         last = self.chain.number_of_rotors - 1
         left, right = self._uniform.background(self._uniform.leg_arcs(leg)[0])
         begin, end = self.leg_arcs(leg)
@@ -157,9 +161,10 @@ class DeviatingOrbit(Orbit):
         return angles
 
     def _nearest(self, rotor: int, angle: float, turning: float) -> float:
-        """Return the arc length [rad] at which an edge rotor, the seed, is nearest to an angle.
+        """Return the arc length [rad] at which an edge rotor is nearest to an angle [rad].
 
-        The search is around a reflection at `turning` [rad].
+        The rotor is the seed there. The search is near a reflection at the arc length `turning`
+        [rad].
         """
         pieces, count = self._pieces, len(self._pieces)
         number = bisect_right(self._ends, (turning + self._origin) % self._ends[-1]) % count
@@ -234,7 +239,7 @@ class _ArcMap:
 
 
 def _arcs_at_bonds(orbit: Orbit, leg: int) -> Array:
-    """Return the arc length [rad] in a leg with half of |t|^2 on the left of each bond, or NaN."""
+    """Return the arc lengths [rad] in a leg with half of |t|^2 left of each bond, or NaN."""
     rotors = orbit.chain.number_of_rotors
     arcs = np.linspace(*orbit.leg_arcs(leg), _SAMPLES_A_SITE * rotors)
     if leg % 2 == 1:
@@ -257,7 +262,7 @@ def _arcs_at_bonds(orbit: Orbit, leg: int) -> Array:
 
 
 def _median(segment: OrbitSegment) -> float:
-    """Return the interpolated site coordinate with half of |t|^2 on its left [rotor spacings]."""
+    """Return the site coordinate with half of |t|^2 on its left [rotor spacings]."""
     sums = np.cumsum(segment.tangent**2)
     half = sums[-1] / 2
     n = int(np.searchsorted(sums, half))

@@ -24,7 +24,8 @@ class OrbitSegment(NamedTuple):
     angles: Array
     """Actual (not staggered) angles [rad], shape (n,)."""
     tangent: Array
-    """Derivative of the angles by the arc length [1], shape (n,), below 1e-6 elsewhere."""
+    """Derivative of the angles by the arc length [1], shape (n,); below 1e-6 for all other
+    rotors."""
 
 
 class PiecewiseCubic:
@@ -51,12 +52,12 @@ class PiecewiseCubic:
 class Orbit(ABC):
     """Closed orbit of a chain: a curve of configurations, parametrised by its arc length.
 
-    `arc` [rad] is any real integral of ds = sqrt(sum_n dphi_n^2). A leg is the part between two
-    reflections of the wall, which moves towards the last rotor in even legs, towards the first in
-    odd ones. At arc 0 the wall is reflected at the first rotor, and leg 0 begins, in which no edge
-    rotor of a flipper has toggled (swung from one of its rest angles to the other). The
-    right-leaning state has theta = theta_bar; phi -> pi - phi is a chain assembled upside down.
-    Angles are defined up to whole turns.
+    The arc length `arc` [rad] is the integral of ds = sqrt(sum_n dphi_n^2), any real number. A leg
+    is the part of the orbit between two reflections of the wall. In even legs the wall moves
+    towards the last rotor, in odd legs towards the first. At arc length 0 the wall is reflected at
+    the first rotor, and leg 0 begins. In leg 0, no edge rotor of a flipper has toggled (swung from
+    one of its rest angles to the other). The right-leaning state has theta = theta_bar. A chain
+    that is assembled upside down has the angles pi - phi. Angles are defined up to whole turns.
     """
 
     chain: Chain
@@ -81,7 +82,7 @@ class Orbit(ABC):
     @property
     @abstractmethod
     def wall_extent(self) -> float:
-        """Largest arc in which a rotor moves as a wall passes it or is reflected [rad]."""
+        """Largest arc length in which a rotor moves as a wall passes it or is reflected [rad]."""
 
     def leg_arcs(self, leg: int) -> tuple[float, float]:
         """Return the arc lengths [rad] at which a leg begins and ends."""
@@ -102,7 +103,7 @@ class Orbit(ABC):
 
     @abstractmethod
     def site_arc_at(self, arc: float) -> float:
-        """Return ds / d(site), the arc length per rotor spacing, at an arc length s [rad]."""
+        """Return the arc length per rotor spacing, ds / d(site), at an arc length s [rad]."""
 
     @abstractmethod
     def segment(self, arc: float) -> OrbitSegment:
@@ -110,7 +111,7 @@ class Orbit(ABC):
 
     @abstractmethod
     def background(self, arc: float) -> tuple[Array, Array]:
-        """Return the relaxed angles left and right of the wall in a leg, shape (N,) each [rad]."""
+        """Return the relaxed angles left and right of the wall in a leg [rad], shape (N,) each."""
 
     def configuration(self, arc: float) -> Array:
         """Return the angles of the whole chain at an arc length [rad], shape (N,)."""
@@ -136,7 +137,9 @@ class Orbit(ABC):
     def free_rate(self, arc: float) -> float:
         """Return the rate ds/dt of free motion, relative to a chain of equal rotors [1].
 
-        It is 1 / sqrt(sum_n (I_n / I) t_n^2), because sum_n (I_n / 2) (t_n ds/dt)^2 is conserved.
+        With the tangent t and the moments of inertia I_n, the rate is proportional to 1 /
+        sqrt(sum_n (I_n / I) t_n^2), because the kinetic energy sum_n (I_n / 2) (t_n ds/dt)^2 is
+        conserved.
         """
         segment = self.segment(arc)
         end = segment.first + len(segment.tangent)

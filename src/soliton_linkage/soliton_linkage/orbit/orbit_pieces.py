@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Orbit of a chain with deviations of rotors and springs, as pieces with Chebyshev series.
 
-The angle of one rotor in the wall, the seed, determines its neighbours outwards, with errors that
-decay as the zero mode. The tangent t follows from t_{n+1} = -(A_n / B_n) t_n and |t| = 1, the arc
-length from ds = dphi_seed / t_seed. A piece has one seed. All pieces are computed together.
+The angle of one rotor in the wall, the seed, determines the angles of its neighbours, and these
+the next ones. Errors decay outwards as the zero mode does. The tangent t follows from t_{n+1} =
+-(A_n / B_n) t_n with the levers A and B of the bars, and from |t| = 1. The arc length follows from
+ds = dphi_seed / t_seed. A piece has one seed. All pieces are computed together.
 """
 
 from __future__ import annotations
@@ -23,17 +24,19 @@ _NODES = 20
 _MOST_SPLITS = 8
 """Largest number of halvings of a piece [1]; more do not improve convergence."""
 _ACCURACY = 1e-11
-"""Largest of the last two coefficients of a converged series [rad]."""
+"""Threshold of the last two coefficients of a converged series [rad]."""
 _STILL = 2e-11
-"""Largest tangent of an immobile rotor [1]: the rounding error of a series."""
+"""Tangent below which a rotor counts as immobile [1]; it is the rounding error of a series."""
 _DEPTHS_BESIDE = 25
-"""Penetration depths computed on each side of a seed [1]; e^-25 is below `_STILL`."""
+"""Range of the computed rotors on each side of a seed [penetration depths]; e^-25 is below
+`_STILL`."""
 _ROTORS_BESIDE = 6
-"""Additional rotors on each side of a seed [1], for penetration depths close to 0."""
+"""Number of additional rotors on each side of a seed [1], for penetration depths close to 0."""
 _NEWTON_STEPS = 30
-"""Largest number of Newton steps [1]; far fewer are necessary."""
+"""Largest number of Newton steps [1]; far fewer are usual."""
 _BATCH = 2_000_000
-"""Number of values that are computed together [1]: 16 MB. Larger batches are not faster."""
+"""Number of values that are computed together [1]; they need 16 MB. Larger batches are not
+faster."""
 _MOST_NUMBERS = 20_000_000
 """Largest number of computed values for an orbit [1]; they take about a minute."""
 
@@ -42,7 +45,7 @@ _POINTS = np.cos(math.pi * np.arange(_NODES)[::-1] / (_NODES - 1))
 _ORDERS = np.arange(_NODES + 1)
 """Orders of the Chebyshev polynomials in the integral of a series, shape (K + 1,)."""
 _TO_SERIES = np.linalg.inv(chebyshev.chebvander(_POINTS, _NODES - 1))
-"""Matrix from values at the points to the coefficients of the series, shape (K, K)."""
+"""Matrix that converts values at `_POINTS` to the coefficients of the series, shape (K, K)."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,7 @@ class OrbitPiece:
         return int(self.series.shape[1]) // 2
 
     def at(self, arc: float) -> Array:
-        """Return angles [rad] and tangents [1], (2 n,), at an arc length from the start [rad]."""
+        """Return angles [rad] and tangents [1], (2 n,), at an arc length in the piece [rad]."""
         x = min(max(2 * arc / self.length - 1, -1.0), 1.0)
         return np.asarray(np.cos(_ORDERS[:-1] * math.acos(x)) @ self.series)
 
@@ -115,7 +118,7 @@ def _is_cut(piece: OrbitPiece, beside: int, last: int) -> bool:
 
 
 class _Window:
-    """W rotors and W - 1 bars around each of P seeds, arrays (P, W) and (P, W - 1)."""
+    """Windows of W rotors and W - 1 bars around each of P seeds; arrays (P, W) and (P, W - 1)."""
 
     def __init__(self, chain: Chain, path: SeedPath) -> None:
         self.beside = path.left_branches.shape[1] // 2
@@ -203,10 +206,10 @@ def _resolved(chain: Chain, path: SeedPath) -> list[OrbitPiece | None]:
 
 
 def _nodes_in_arc(speeds: Array) -> Array:
-    """Return the parameters of the points that are Chebyshev nodes in the arc length, (P, K).
+    """Return the points that are Chebyshev nodes in the arc length, as parameters x, (P, K).
 
-    The parameter x from -1 to 1 is proportional to the angle of the seed; `speeds` are the
-    Chebyshev coefficients of ds/dx, (P, K).
+    The parameter x from -1 to 1 is proportional to the angle of the seed. `speeds`, (P, K), are
+    the Chebyshev coefficients of ds/dx.
     """
     arcs = chebyshev.chebint(speeds, axis=1, lbnd=-1)
     wanted = arcs.sum(axis=1)[:, None] * (1 + _POINTS) / 2

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Path of a wall from rotor to rotor through a chain with deviations of rotors and springs.
 
-The angle of the seed, the rotor that moves most, determines all others; at |A_n| = |B_n| its
-neighbour becomes the seed. Of the two angles of rotor n that the bar to rotor n + 1 allows, the
-sign of A_n when the seed changed from n to n + 1 selects one, because A_n does not vanish while
-the seed is on its right. In the same way, B_{n-1} selects the angle of rotor n from that of rotor
-n - 1.
+The seed is the rotor that moves most. Its angle determines the angles of all other rotors. Where
+the levers of the bar to a neighbour are equal, |A_n| = |B_n|, the neighbour becomes the seed. The
+bar from rotor n to rotor n + 1 allows two angles of rotor n. While the seed is to the right of
+rotor n, A_n does not vanish. Therefore the sign that A_n had when the seed changed from n to n + 1
+selects one of the angles. In the same way, for a seed to the left of rotor n, the sign of B_{n-1}
+selects the angle.
 """
 
 from __future__ import annotations
@@ -33,15 +34,17 @@ Numbers = NDArray[np.int64]
 Branches = NDArray[np.int8]
 
 _LONGEST_STEP = 0.1
-"""Largest step / min(rest angle, 1 rad) [1]; no rotor is the seed for less than a step."""
+"""Longest step, relative to the smaller of the rest angle and 1 rad [1]; every rotor is the seed
+for more than a step."""
 _SHORTEST_STEP = 1e-10
-"""Shortest step of the seed [rad], above rounding errors of the lengths of bars."""
+"""Shortest step of the seed [rad]; it exceeds the rounding errors of the bar lengths."""
 _CLEAR_LEAD = 1e-9
-"""Smallest lead, above rounding errors, with which another rotor becomes the seed [1]."""
+"""Smallest lead with which another rotor becomes the seed [1]; it exceeds rounding errors."""
 _NEGLIGIBLE_LEAD = -4.0
-"""Lead below which rotors farther out are ignored [1]: the motion cannot grow by e^4 there."""
+"""Lead below which rotors farther out are ignored [1], because the motion cannot grow by e^4
+there."""
 _MOST_PIECES_A_ROTOR = 20
-"""Largest number of pieces of a closed path per rotor [1]. Flippers need 4, spinners 2."""
+"""Largest number of pieces of a closed path per rotor [1]; flippers need 4, spinners 2."""
 
 
 class SeedPath(NamedTuple):
@@ -53,12 +56,12 @@ class SeedPath(NamedTuple):
     ends: Array
     """Angle of the seed at the end of the piece [rad], without jumps of 2 pi."""
     left_branches: Branches
-    """Signs of A for the bars seed - beside ... seed + beside - 1, shape (P, 2 beside)."""
+    """Signs of A for the bars from seed - beside to seed + beside - 1, shape (P, 2 beside)."""
     right_branches: Branches
     """Signs of B for the same bars, shape (P, 2 beside)."""
 
     def take(self, which: Numbers) -> SeedPath:
-        """Return a path with the pieces of given indices."""
+        """Return a path that consists of the pieces with given indices."""
         return SeedPath._make(part[which] for part in self)
 
     def halves(self) -> SeedPath:
@@ -75,20 +78,20 @@ class _Bond(NamedTuple):
 
     angle: float
     near: float
-    """Lever of the inner rotor times the length of the bar [m^2]."""
+    """Lever of the inner rotor, times the length of the bar [m^2]."""
     far: float
-    """Lever of the outer rotor times the length of the bar [m^2]."""
+    """Lever of the outer rotor, times the length of the bar [m^2]."""
 
     @property
     def lead(self) -> float:
-        """Logarithm of |rate of the outer rotor| / |rate of the inner rotor| [1]."""
+        """Logarithm of the ratio of the rates, |outer rotor| / |inner rotor| [1]."""
         if self.near == 0:
             return -math.inf
         return math.log(abs(self.near / self.far)) if self.far else math.inf
 
 
 class _Seed:
-    """Seed at one position on the orbit, which its methods move along the orbit."""
+    """Seed at one position on the orbit, with methods that move it along the orbit."""
 
     def __init__(self, chain: Chain) -> None:
         self._chain = chain
@@ -127,7 +130,10 @@ class _Seed:
         return left.tobytes(), right.tobytes()
 
     def lead(self, towards: int, angle: float) -> tuple[float, int]:
-        """Return the largest log |t_n / t_seed| of the rotors n on a side or -inf, and n."""
+        """Return the largest lead, log |t_n / t_seed|, of the rotors n on one side, and n.
+
+        The lead is -inf if no rotor is on this side.
+        """
         rotor, lead = self.rotor, 0.0
         best = -math.inf, rotor
         while lead > _NEGLIGIBLE_LEAD and 0 <= rotor + towards <= self._last:
@@ -151,8 +157,8 @@ class _Seed:
     def turn(self, most: float) -> int:
         """Rotate the seed by one step of at most `most` [rad], and return the next seed.
 
-        The step ends where another rotor moves as much as the turned rotor. Raises ArithmeticError
-        if no step fits the bars.
+        The step ends where another rotor moves as much as the seed. Raises ArithmeticError if no
+        step fits the bars.
         """
         step = min(self._step, most)
         while step > _SHORTEST_STEP:
@@ -197,8 +203,8 @@ class _Seed:
 def seed_path(chain: Chain, beside: int) -> SeedPath:
     """Return the path of the wall along the orbit from the middle of leg 0.
 
-    It contains the branches of `beside` bars on each side of the seeds. Raises ValueError if the
-    wall cannot pass through the chain.
+    The path contains the branches (signs of A and B) of `beside` bars on each side of the seeds.
+    Raises ValueError if the wall cannot pass through the chain.
     """
     seed = _Seed(chain)
     rotor, angle, branches = seed.rotor, seed.angle, seed.branches

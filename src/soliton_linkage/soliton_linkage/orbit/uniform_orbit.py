@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Orbit of a chain of any length without deviations, composed from the orbit of a short chain.
 
-Between the same reflections at the edges, the motion past the two middle rotors repeats, shifted
-by an even number of rotors. The orbit is integrated from the middle of one leg through the
-reflection at the last rotor to the middle of the next; that at the first rotor is its mirror
-image. The site coordinate is that of `static_wall`.
+In a longer chain, the motion of the wall past the two middle rotors of the short chain repeats,
+shifted by an even number of rotors. The orbit of the short chain is integrated from the middle of
+one leg, through the reflection at the last rotor, to the middle of the next leg. The reflection at
+the first rotor is the mirror image. The site coordinate is that of `static_wall`.
 """
 
 from __future__ import annotations
@@ -29,36 +29,39 @@ from soliton_linkage.orbit.orbit import Orbit, OrbitSegment, PiecewiseCubic
 from soliton_linkage.solitons.static_wall import follow_zero_mode, site_arc, static_wall
 
 _DEPTHS_BESIDE = 15
-"""Penetration depths from a wall to the edges of the short chain [1]; angles err by 1e-6 rad."""
+"""Distance from a wall to the edges of the short chain [penetration depths]; the errors of the
+angles are 1e-6 rad."""
 _ROTORS_BESIDE = 6
-"""Rotors added to this distance [1], for penetration depths close to 0."""
+"""Number of rotors that are added to this distance [1], for penetration depths close to 0."""
 _TOLERANCE = 1e-9
-"""Tolerance of a solver step, norm over all rotors [rad]; the orbit errs by less than 1e-6 rad."""
+"""Tolerance of a solver step, as a norm over all rotors [rad]; the orbit has errors below 1e-6
+rad."""
 _SAMPLES_A_STEP = 3
 """Spline points per solver step [1]; interpolation errors are below those of the solver."""
 _DEPTHS_OF_EDGE = 8.0
-"""Distance from an edge, plus two rotor spacings, beyond which site and arc length are
+"""Distance from an edge, in addition to two rotor spacings, beyond which site and arc length are
 proportional up to e^-16 [penetration depths]."""
 _SAMPLES_A_SITE = 16
-"""Samples near an edge per max(rotor spacing, penetration depth) [1]; sites err by 1e-6."""
+"""Samples near an edge per rotor spacing or penetration depth, whichever is larger [1]; the errors
+of sites are 1e-6."""
 _STEP = 1e-5
 """Step of the site for the numerical derivative of the angles of a wall [rotor spacings]."""
 _SHORT = 0.3
-"""Ratio of the last step to the step before it, below which the two are merged [1]."""
+"""Ratio of the last step to the step before below which the two steps are merged [1]."""
 _EXACT = 1e-12
 """Largest Newton step of a converged search for the arc length at a site [rad]."""
 _STEPS = 20
 """Largest number of Newton steps in this search [1]; usually three are enough."""
 _DEGREE = 7
-"""Degree of the spline [1], one less than the order of the solver."""
+"""Degree of the spline [1]; it is one less than the order of the solver."""
 
 
 class UniformOrbit(Orbit):
     """Orbit of a chain without deviations; deviations of the given chain are ignored.
 
-    Angles have errors below 1e-6 rad. Takes less than a second, except for d close to d_c and
-    walls over 1000 rotors. Raises ValueError for two rotors or periodic ends, and the errors of
-    `site_arc`.
+    Angles have errors below 1e-6 rad. Takes less than a second, except for a lean ratio d close to
+    the critical d_c and for walls wider than 1000 rotors. Raises ValueError for two rotors or
+    periodic ends, and the errors of `site_arc`.
     """
 
     def __init__(self, chain: Chain) -> None:
@@ -87,7 +90,7 @@ class UniformOrbit(Orbit):
 
     @property
     def wall_extent(self) -> float:
-        """Arc length in which one rotor moves as a wall passes it, see `Orbit` [rad]."""
+        """Arc length in which one rotor moves as a wall passes it [rad], see `Orbit`."""
         swing = self._starts[1] - (self.chain.number_of_rotors - 1) * self.site_arc
         return self._short.number_of_rotors * self.site_arc + swing
 
@@ -109,7 +112,7 @@ class UniformOrbit(Orbit):
         return arc
 
     def site_arc_at(self, arc: float) -> float:
-        """Return ds / d(site), the arc length per rotor spacing, at an arc length s [rad]."""
+        """Return the arc length per rotor spacing, ds / d(site), at an arc length s [rad]."""
         return abs(1 / self._site(arc % self._starts[-1], self.leg(arc))[1])
 
     def _site(self, arc: float, leg: int) -> tuple[float, float]:
@@ -140,7 +143,7 @@ class UniformOrbit(Orbit):
         return OrbitSegment(first, values[low:high], values[rotors + low : rotors + high])
 
     def background(self, arc: float) -> tuple[Array, Array]:
-        """Return the angles far from the wall [rad], on its left and right, shape (N,) each."""
+        """Return the angles far from the wall, on its left and right [rad], shape (N,) each."""
         left, right = self.chain.uniform_state(1), self.chain.uniform_state(-1)
         if self.chain.motion is Motion.SPINNER:
             right = self.chain.uniform_state(1) + math.pi
@@ -162,9 +165,9 @@ class _HalfLegs(NamedTuple):
     def mirrored(self, chain: Chain) -> _HalfLegs:
         """Return the mirror image of the samples, n -> N - 1 - n, phi -> -phi, in reversed order.
 
-        The order is not reversed in spinners of odd N. The mirror image of spinners of odd N and
-        of flippers of even N is assembled upside down, so that pi is added; in spinners this
-        exchanges the legs.
+        In spinners of odd N, the order is not reversed. The mirror image of spinners of odd N and
+        of flippers of even N is assembled upside down. Therefore pi is added to their angles,
+        which exchanges the legs of a spinner.
         """
         spinner, odd = chain.motion is Motion.SPINNER, chain.number_of_rotors % 2 == 1
         angles, tangents = self.angles[:, ::-1], self.tangents[:, ::-1]
@@ -199,8 +202,8 @@ class _ShortOrbit:
             for leg in range(legs)
         ]
         self.edges = [[self._edge(leg, first) for first in (False, True)] for leg in range(legs)]
-        """Distance of the wall from the last and first rotor [rotor spacings] by that without the
-        effect of the edge, for each leg."""
+        """Distance of the wall from the last and first rotor [rotor spacings], as a function of
+        the distance without the effect of the edge, for each leg."""
 
     def _edge(self, leg: int, at_first: bool) -> PiecewiseCubic:
         chain, last = self._chain, self._chain.number_of_rotors - 1
@@ -227,8 +230,9 @@ class _ShortOrbit:
     def _tangent(self, angles: Array) -> Array:
         """Return the unit zero mode in the direction of the orbit [1], shape (N,).
 
-        t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2} is faster than `zero_mode`. Levers are divided
-        by the larger coupling, so that products rarely overflow.
+        The product of levers t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2} is faster than
+        `zero_mode`. The levers are divided by the larger coupling, so that products rarely
+        overflow.
         """
         first, second = rigidity_bands(self._chain, angles)
         mode = self._signs.copy()
@@ -253,8 +257,9 @@ class _ShortOrbit:
     def _pieces(self) -> list[_HalfLegs]:
         """Return all pieces in the order of the orbit.
 
-        Reflections at the first rotor are mirror images of those at the last: leg 2 of leg 0 for d
-        > 1, leg 3 of leg 1 for d < 1, where `toggled_edges` counts from the left-leaning state.
+        A reflection at the first rotor is the mirror image of a reflection at the last rotor. For
+        a lean ratio d > 1, leg 2 is the mirror image of leg 0. For d < 1, where `toggled_edges`
+        counts from the left-leaning state, leg 3 is the mirror image of leg 1.
         """
         legs = len(self.walls)
         last = [self._followed(leg) for leg in range(0, legs, 2)]
@@ -283,8 +288,8 @@ class _ShortOrbit:
     def _rate(self, arc: float, leg: int) -> float:
         """Return a quantity that changes its sign when the wall is reflected at the end of a leg.
 
-        In a flipper it is the lever of the edge rotor, in a spinner the derivative of sum_n
-        sin(phi_n).
+        In a flipper, the quantity is the lever of the edge rotor, in a spinner the derivative of
+        sum_n sin(phi_n) by the arc length.
         """
         angles, tangent = np.split(np.asarray(self._spline(arc)), 2)
         if self._chain.motion is Motion.SPINNER:
@@ -297,7 +302,7 @@ _short_orbit = lru_cache(maxsize=4)(_ShortOrbit)
 
 
 def _short_chain(chain: Chain) -> Chain:
-    """Return the shortest chain in which the edges do not affect a wall in the middle."""
+    """Return the shortest chain in which edges have no effect on a wall in the middle."""
     depth = penetration_depth(chain) / chain.spacing
     beside = math.ceil(_DEPTHS_BESIDE * depth) + _ROTORS_BESIDE
     fewest = 2 * beside + chain.number_of_rotors % 2
@@ -369,10 +374,11 @@ def set_near_wall(
 ) -> tuple[int, int, int]:
     """Set the angles and tangents of the rotors of a short chain for a wall in a long chain.
 
-    `values` are the angles [rad], then the tangents [1]. `arc` [rad] is on the orbit of the long
-    chain, which has 2 * `repeats` rotors more. The rows of `legs` are the start in the long chain,
-    the start in the short chain, and the distance to its middle [rad] of each leg. Return the
-    index of a rotor of the long chain and the range of rotors of the short chain from there on.
+    `values` are the angles [rad], followed by the tangents [1]. `arc` [rad] is the arc length on
+    the orbit of the long chain, which has 2 * `repeats` rotors more. `legs` has three rows [rad]
+    with a column for each leg: the start of the leg on the orbit of the long chain, the start on
+    that of the short chain, and the distance from there to the middle of the leg. Return the index
+    of the first of these rotors in the long chain, and the range of rotors of the short chain.
     """
     leg = legs.shape[1] - 1
     while leg > 0 and arc < legs[0, leg]:

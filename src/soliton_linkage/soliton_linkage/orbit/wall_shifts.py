@@ -2,16 +2,18 @@
 """Errors of the position and rate of a wall due to small unmodelled deviations of the chain.
 
 The errors are computed to first order. Let p be the relative deviations of the rotor lengths and
-of the spacings from the uniform chain. Because the bars keep their lengths, the angles change by
-dphi with R dphi + E p = 0, where dphi is orthogonal to the zero mode t. Let S_n be the part of
-|t|^2 on the left of bond n. A wall is at bond b if S_b has a certain value (`DeviatingOrbit`).
-Because t_{n+1} / t_n = -A_n / B_n, the deviations change ln(S_b / (1 - S_b)) by
+of the spacings from the uniform chain. The bars keep their lengths. Therefore the angles change by
+dphi with R dphi + E p = 0, where R and E are the derivatives of the bar lengths by the angles and
+by p. dphi is orthogonal to the zero mode t. Let S_n be the part of |t|^2 on the left of bond n,
+and A_n and B_n the levers of the bar. A wall is at bond b if S_b has a certain value
+(`DeviatingOrbit`). Because t_{n+1} / t_n = -A_n / B_n, the deviations change ln(S_b / (1 - S_b))
+by
 
     dQ = -sum_n w_n d ln|A_n / B_n|,   w_n = min(S_n / S_b, (1 - S_n) / (1 - S_b)).
 
-dQ depends on angles and lengths, dQ = Q_phi . dphi + Q_p . p. The error ds_b of the arc length at
-which the wall is at bond b solves Q_phi . t ds_b = -dQ. The time that a wall in free motion takes
-from bond b to bond b + 1 has the relative change
+This change depends on angles and lengths, dQ = Q_phi . dphi + Q_p . p. The error ds_b of the arc
+length at which the wall is at bond b solves Q_phi . t ds_b = -dQ. The time that a wall in free
+motion takes from bond b to bond b + 1 has the relative change
 
     (ds_{b+1} - ds_b) / (s_{b+1} - s_b) - Phi'' . dphi + sum_n t_n^2 (p_n + m_n / 2),
 
@@ -39,23 +41,26 @@ from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
 _SAMPLES = 4
-"""Points between two bonds at which arc element and inertia are computed [1]."""
+"""Points between two bonds at which the arc element and the inertia are computed [1]."""
 
 
 class Shifts(NamedTuple):
     """Standard deviations of the errors of a wall, relative to a far rotor (`WallShifts`)."""
 
     arc: float
-    """Relative standard deviation of the arc length of the wall [1]."""
+    """Standard deviation of the arc length of the wall, relative to the error of a far rotor
+    [1]."""
     rate: float
-    """Relative standard deviation of the relative error of the rate [1/rad]."""
+    """Standard deviation of the relative error of the rate, relative to the error of a far rotor
+    [1/rad]."""
 
 
 class WallShifts:
     """Errors of a wall due to unmodelled deviations, relative to the error of a far rotor.
 
-    The latter is the change of its angle, without the part that continues the tail of the next
-    rotor. All lengths and masses have independent relative deviations of equal variance.
+    The error of a far rotor is the change of its angle, without the part that continues the tail
+    of the next rotor. All lengths and masses have independent relative deviations of equal
+    variance.
     """
 
     def __init__(self, orbit: Orbit) -> None:
@@ -110,9 +115,9 @@ class WallShifts:
 class _BarsNearWall:
     """Effects of the relative deviations of the 2 n - 1 lengths near a wall: rotors and spacings.
 
-    A bar of length l joins masses at (h, v) and (h', v') relative to their pivots. With c = h v' -
-    v h', its levers are l A = c - a v and l B = a v' - c, so that all derivatives are products of
-    positions.
+    A bar of length l joins masses at (h, v) and (h', v') relative to their pivots, which are the
+    spacing a apart. With c = h v' - v h', the levers A and B of the bar satisfy l A = c - a v and
+    l B = a v' - c. Therefore all derivatives are products of positions.
     """
 
     def __init__(self, chain: Chain, segment: OrbitSegment) -> None:
@@ -128,7 +133,7 @@ class _BarsNearWall:
         self._second = a * right[1] - self._cross
 
     def far_rotor_effect(self, tail: float) -> Array:
-        """Return the effects of the lengths on rotor 1 [rad]; `tail` is the `tail_ratio`."""
+        """Return the effects of the lengths on a far rotor [rad]; `tail` is the `tail_ratio`."""
         weights = np.zeros(len(self._tangent))
         weights[1:3] = 1.0, -tail
         return self._angle_effect(weights)
@@ -140,7 +145,7 @@ class _BarsNearWall:
         return effects
 
     def arc_effect(self, bond: int) -> Array:
-        """Return the effects on the arc length with a fixed part of |t|^2 left of a bond [rad]."""
+        """Return the effects on the arc length at which a wall is at a bond [rad]."""
         left = np.cumsum(self._tangent**2)[:-1]
         right = np.cumsum(self._tangent[::-1] ** 2)[-2::-1]
         weights = np.minimum(left / left[bond], right / right[bond])

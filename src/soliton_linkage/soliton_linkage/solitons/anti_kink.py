@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Anti-kinks at rest: the states of least elastic energy V at each site coordinate x.
+"""Anti-kinks at rest: the states with the least elastic energy V at each site coordinate x.
 
-The energy depends on the site, so that a constraint holds the anti-kink,
+The energy depends on the site, so that a constraint with the force p must hold the anti-kink,
 
     grad V(phi) = p grad sum_n F_n(phi),    sum_n F_n(phi) = N - 1 - 2 x,
 
-with the field F_n of `constraint_field`. An anti-kink is pinned if a state is unstable.
+with the field F_n of `constraint_field`. An anti-kink counts as pinned if one of these states is
+unstable.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from soliton_linkage.linear.statics import stiffness_matrix
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 
 _SAMPLES = 65
-"""Samples of two rotor spacings [1]; splines through them have errors of 1e-6."""
+"""Number of samples over two rotor spacings [1]; splines through them have errors of 1e-6."""
 _NEWTON_STEPS = 30
 """Largest number of Newton steps [1]; about five are needed."""
 _CONVERGED = 1e-7
@@ -29,15 +30,17 @@ _CONVERGED = 1e-7
 _LONGEST = 0.3
 """Largest change of an angle in a Newton step [rad]."""
 _BUCKLING = 1e-6
-"""Negative curvature above the rounding error, relative to the largest diagonal element [1]."""
+"""Least size of a negative curvature, relative to the largest diagonal element [1]; it exceeds
+rounding errors."""
 
 
 @lru_cache(maxsize=8)
 def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
     """Return K sites [rotor spacings] and the angles [rad], (K, N), of an anti-kink.
 
-    They cover two rotor spacings from `begin` and repeat beyond; sites are proportional to the arc
-    length. The edges must be far. Raises ArithmeticError if the anti-kink is pinned.
+    The sites cover two rotor spacings from `begin`, after which the path repeats. Sites are
+    proportional to the arc length of the path. The edges must be far. Raises ArithmeticError if
+    the anti-kink is pinned.
     """
     angles, multiplier = continuum_anti_kink(chain, begin), 0.0
     found = []
@@ -56,7 +59,7 @@ def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
 def resting_anti_kink(chain: Chain, near: float) -> tuple[float, Array]:
     """Return site [rotor spacings] and angles [rad], (N,), of an anti-kink in equilibrium.
 
-    The edge rotors are fixed. Of the two equilibria of a flipper, it has the smaller energy.
+    The edge rotors are fixed. For a flipper, the result is the equilibrium of smaller energy.
     """
     starts = (near,) if chain.motion is Motion.SPINNER else (near, near + 0.5)
     found = [_minimum(chain, continuum_anti_kink(chain, start)) for start in starts]
@@ -79,8 +82,8 @@ def continuum_anti_kink(chain: Chain, site: float) -> Array:
 def constraint_field(chain: Chain, angles: Array) -> tuple[Array, Array, Array]:
     """Return the field F_n of each rotor and its first two derivatives by the angle, (N,) each.
 
-    F = (3 m - m^3) / 2 for flippers with the order field m, cos(theta - theta_bar) for spinners;
-    both are stationary far from the anti-kink.
+    F_n is (3 m - m^3) / 2 for flippers with the `order_field` m, and cos(theta - theta_bar) for
+    spinners. Both are stationary far from the anti-kink.
     """
     theta, sense = staggered(angles), np.where(np.arange(len(angles)) % 2, -1.0, 1.0)
     if chain.motion is Motion.SPINNER:
@@ -135,8 +138,9 @@ def _constrained_minimum(
 def _is_stable(diagonal: Array, beside: Array, along: Array) -> bool:
     """Return whether x . H x > 0 for all x orthogonal to b, with a tridiagonal matrix H.
 
-    By Haynsworth's theorem, H bordered by b has as many negative eigenvalues as H, plus one if b .
-    H^-1 b > 0. The result is true if it has one.
+    `along` is b, and `diagonal` and `beside` are the elements of H. By Haynsworth's theorem, H
+    bordered by b has as many negative eigenvalues as H, plus one if b . H^-1 b > 0. The result is
+    true if the bordered matrix has one negative eigenvalue.
     """
     limit = -_BUCKLING * float(np.abs(diagonal).max())
     negative = eigvalsh_tridiagonal(diagonal, beside, select='v', select_range=(-np.inf, limit))

@@ -23,15 +23,16 @@ from soliton_linkage.linear.bands import speed_of_sound
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 
 _HARDEST_KICK = 1e9
-"""Kick K in units of Lambda c [1] above which v = c up to rounding: 1 - v / c is about 2 / K^4."""
+"""Kick K in units of Lambda c [1] above which the speed v equals c up to rounding, because 1 - v /
+c is about 2 / K^4."""
 
 
 @dataclass(frozen=True)
 class WallTheory(ABC):
     """Theory of relativistic walls in a uniform chain, exact in a limit of d.
 
-    By default c is the exact speed of sound, which agrees better with simulated walls; E_s = M_eff
-    c^2 then holds only in the limit. Velocities are in [m/s]. Methods raise ValueError for a
+    By default, c is the exact speed of sound, which agrees better with simulated walls. E_s =
+    M_eff c^2 then holds only in the limit. Velocities are in [m/s]. Methods raise ValueError for a
     velocity not below c, and for a charge other than +1 or -1.
     """
 
@@ -51,11 +52,11 @@ class WallTheory(ABC):
     @property
     @abstractmethod
     def energy_scale(self) -> float:
-        """Energy E_s [J], half the energy of a wall of charge -1 at rest."""
+        """Energy E_s [J]; a wall of charge -1 at rest has twice this energy."""
 
     @property
     def speed_of_sound(self) -> float:
-        """Speed of sound c of the boosts [m/s]."""
+        """Speed of sound c in the Lorentz factor [m/s]."""
         if not self.exact_sound:
             return self.limiting_speed_of_sound
         return speed_of_sound(self.chain)
@@ -71,7 +72,7 @@ class WallTheory(ABC):
         return 1 / math.sqrt((1 - ratio) * (1 + ratio))
 
     def width(self, velocity: float = 0.0) -> float:
-        """Return the width w in tanh(x / w) [m]: the width at rest, divided by gamma."""
+        """Return the width w of the profile tanh(x / w) [m]: the width at rest over gamma."""
         return self.chain.wall_width / self.lorentz_factor(velocity)
 
     def kinetic_energy(self, velocity: float) -> float:
@@ -92,8 +93,9 @@ class WallTheory(ABC):
     def speed_after_kick(self, kick: float, arc_per_site: float | None = None) -> float:
         """Return the speed of a wall [m/s] after a kick v_0 = r |phi_dot| along the zero mode.
 
-        M v_0^2 / 2 = (gamma - 1) M Lambda^2 c^2 gives v = c sqrt(1 - 1 / (1 + v_0^2 / (2 Lambda^2
-        c^2))^2), which tends to v_0 / Lambda for slow walls. `arc_per_site` replaces Lambda [1].
+        The energy balance M v_0^2 / 2 = (gamma - 1) M Lambda^2 c^2 gives v = c sqrt(1 - 1 / (1 +
+        v_0^2 / (2 Lambda^2 c^2))^2). For slow walls, v tends to v_0 / Lambda. `arc_per_site`
+        replaces Lambda [1].
         """
         arc = self.arc_per_site if arc_per_site is None else arc_per_site
         if not math.isfinite(kick):
@@ -109,7 +111,7 @@ class WallTheory(ABC):
         return math.copysign(speed, kick)
 
     def _ratio(self, velocity: float) -> float:
-        """Return v / c, which is 0 for a wall at rest also at d = 1, where c is 0."""
+        """Return v / c; the ratio is 0 for a wall at rest, even at d = 1, where c is 0."""
         if velocity == 0:
             return 0.0
         speed_of_sound = self.speed_of_sound
@@ -126,7 +128,7 @@ class WallTheory(ABC):
         return (gamma * self._ratio(velocity)) ** 2 / (gamma + 1)
 
     def _misfit(self, velocity: float, charge: int) -> float:
-        """Return Q gamma - 1 [1]: the relative difference from the slope of a kink at rest."""
+        """Return Q gamma - 1 [1], the relative difference from the slope of a kink at rest."""
         excess = self._excess(velocity)
         return excess if _checked_sign('charge', charge) > 0 else -2 - excess
 
@@ -143,8 +145,8 @@ class WallTheory(ABC):
 class FlipperTheory(WallTheory):
     """phi^4 theory of the walls of a flipper with d << 1. Raises ValueError for a spinner.
 
-    The field is the displacement u = r sin(theta) [m]. With ub = r sin(theta_bar) and K = 4 k_e /
-    lbar^2, the Lagrangian is
+    The field is the displacement u = r sin(theta) [m], with the time derivative u_t and the slope
+    u_x. With ub = r sin(theta_bar) and K = 4 k_e / lbar^2, the Lagrangian is
 
         L = (1 / a) integral dx {(M / 2) u_t^2 - (K / 2) [(ub^2 - u^2) + (a^2 / 2) u_x]^2}.
 
@@ -184,7 +186,8 @@ class FlipperTheory(WallTheory):
     ) -> Array:
         """Return the field u = -Q ub tanh((x - X) / w) [m] at positions x [m], shape (...).
 
-        The wall is at `position` X [m]. The paper (eqs. width and Kink2) has Q = -1.
+        The wall of charge Q and width w is at `position` X [m]. The paper (eqs. width and Kink2)
+        has Q = -1.
         """
         scaled = self._scaled(x, position, velocity)
         return np.asarray(-_checked_sign('charge', charge) * self.lean * np.tanh(scaled))
@@ -195,7 +198,10 @@ class FlipperTheory(WallTheory):
         return np.asarray(2 / self.chain.spacing**2 * (squares - self.lean**2))
 
     def elastic_density(self, displacements: ArrayLike, slopes: ArrayLike) -> Array:
-        """Return the elastic energy density [J/m], (K / 2 a) [(ub^2 - u^2) + (a^2 / 2) u']^2."""
+        """Return the elastic energy per length [J/m].
+
+        It is (K / 2 a) [(ub^2 - u^2) + (a^2 / 2) u']^2.
+        """
         chain = self.chain
         misfit = np.asarray(slopes) - self.static_slope(displacements)
         stretch = chain.spacing**2 * misfit / chain.rest_length
@@ -208,7 +214,7 @@ class FlipperTheory(WallTheory):
     def extensions(
         self, x: ArrayLike, position: float = 0.0, velocity: float = 0.0, charge: int = 1
     ) -> Array:
-        """Return the extensions of springs at x, -(2 / lbar) (Q gamma - 1) (ub^2 - u^2) [m]."""
+        """Return the extensions of springs at x [m], -(2 / lbar) (Q gamma - 1) (ub^2 - u^2)."""
         squares = self.lean**2 * _sech_squared(self._scaled(x, position, velocity))
         factor = -2 / self.chain.rest_length * self._misfit(velocity, charge)
         return np.asarray(factor * squares)
@@ -218,7 +224,8 @@ class FlipperTheory(WallTheory):
     ) -> tuple[Array, Array]:
         """Return angles [rad] and rates [rad/s] of a chain with a wall at a position [m].
 
-        sin(theta) = u / r with the even rotors pointing up, and u_t = -v u'.
+        The angles satisfy sin(theta) = u / r with the even rotors pointing up. The rates follow
+        from u_t = -v u'.
         """
         chain, pivots = self.chain, self._pivots()
         displacements = self.displacements(pivots, position, velocity, charge)
@@ -233,16 +240,17 @@ class FlipperTheory(WallTheory):
 class SpinnerTheory(WallTheory):
     """Sine-Gordon theory of the walls of a spinner. Raises ValueError for a flipper.
 
-    The rotation psi [rad] increases across a wall from 0 to pi; phi increases with psi (turn +1)
-    or decreases (-1). theta = theta_bar + turn psi on rotors 0, 2, ... (the odd sites of the
-    paper), and theta_bar - turn psi on the others. With I = M r^2, ub = r sin(theta_bar) and K =
-    k_e r^4 a^2 sin(2 theta_bar)^2 / lbar^2,
+    The rotation psi [rad] increases across a wall from 0 to pi. With `turn` = +1, phi increases
+    with psi, with -1 it decreases. theta is theta_bar + turn psi on rotors 0, 2, ... (the odd
+    sites of the paper), and theta_bar - turn psi on the others. With I = M r^2, ub = r
+    sin(theta_bar) and K = k_e r^4 a^2 sin(2 theta_bar)^2 / lbar^2, the Lagrangian is
 
         L = (1 / a) integral dx {(I / 2) psi_t^2 - (K / 2) [psi_x - sin(psi) / ub]^2}.
 
     The paper (supporting information) has another factor a in the last term. In the family +1,
-    rotors turn from theta_bar to pi + theta_bar; in the family -1, assembled in another way, from
-    -theta_bar - pi to -theta_bar, with psi - pi for psi and -theta_bar for theta_bar.
+    rotors turn from theta_bar to pi + theta_bar. In the family -1, which is assembled in another
+    way, they turn from -theta_bar - pi to -theta_bar. There psi - pi replaces psi, and -theta_bar
+    replaces theta_bar.
     """
 
     family: int = 1
@@ -296,9 +304,10 @@ class SpinnerTheory(WallTheory):
     ) -> Array:
         """Return the staggered angles theta [rad] of even (0) or odd (1) rotors at x [m].
 
-        cos(theta - theta_bar) = -Q tanh((x - X) / w), so at rest theta' = Q sin(theta - theta_bar)
-        / (r sin(theta_bar)) (paper, eq. sgd; eq. sg has the opposite sign). The family -1 reverses
-        the signs of theta_bar and the right-hand sides.
+        For a wall of charge Q and width w at `position` X, cos(theta - theta_bar) = -Q tanh((x -
+        X) / w). At rest, theta' = Q sin(theta - theta_bar) / (r sin(theta_bar)) (paper, eq. sgd;
+        eq. sg has the opposite sign). In the family -1, the signs of theta_bar and of both
+        right-hand sides are opposite.
         """
         if sublattice not in (0, 1):
             raise ValueError(f'sublattice = {sublattice!r} must be 0 (even rotors) or 1 (odd)')
@@ -330,8 +339,8 @@ class SpinnerTheory(WallTheory):
     ) -> Array:
         """Return the extension [m] of springs on the right of even rotors at positions x [m].
 
-        turn * family * (r^2 a sin(2 theta_bar) / lbar) (Q gamma - 1) sin(psi) / ub; on the right
-        of odd rotors the sign is opposite.
+        The extension is turn * family * (r^2 a sin(2 theta_bar) / lbar) (Q gamma - 1) sin(psi) /
+        ub. For springs on the right of odd rotors, the sign is opposite.
         """
         sign = _checked_sign('turn', turn) * self.family
         factor = sign * self._lever * self._misfit(velocity, charge)
@@ -343,7 +352,7 @@ class SpinnerTheory(WallTheory):
     ) -> tuple[Array, Array]:
         """Return angles [rad] and rates [rad/s] of a chain with a wall at a position [m].
 
-        phi = phi_uniform + turn psi, and psi_t = -v psi'.
+        The angles are phi = phi_uniform + turn psi. The rates follow from psi_t = -v psi'.
         """
         pivots = self._pivots()
         rotation = self.rotation(pivots, position, velocity, charge)
@@ -358,7 +367,7 @@ class SpinnerTheory(WallTheory):
 
     @property
     def _lever(self) -> float:
-        """Ratio of spring extension to slope difference, r^2 a sin(2 theta_bar) / lbar [m^2]."""
+        """Ratio of the extension to the slope difference, r^2 a sin(2 theta_bar) / lbar [m^2]."""
         chain = self.chain
         across = chain.rotor_length**2 * math.sin(2 * chain.rest_angle)
         return across * chain.spacing / chain.rest_length

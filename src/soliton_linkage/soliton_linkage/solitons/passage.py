@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bonds that stop a wall in a chain with deviations of rotors and springs.
 
-Each bond is a four-bar linkage of two rotors, the line between their pivots, and their spring. In
-another class of four-bar linkages, the rotors reach a limit before the wall has passed.
+Each bond is a four-bar linkage of two rotors, the line between their pivots, and their spring. If
+the linkage of one bond is of another class than the others, its rotors reach a limit before the
+wall has passed.
 """
 
 from __future__ import annotations
@@ -28,7 +29,10 @@ class Obstacle(NamedTuple):
 
 
 def length_excesses(chain: Chain) -> Array:
-    """Return r_n + r_{n+1} - lbar_n of each bond [m], below 0 for d < 1, above a for spinners."""
+    """Return r_n + r_{n+1} - lbar_n of each bond [m]: rotor lengths minus rest length.
+
+    Flippers with a lean ratio d < 1 have values below 0, spinners values above the spacing a.
+    """
     first, second = _rotor_lengths(chain)
     return np.asarray(first + second - chain.rest_lengths)
 
@@ -36,10 +40,11 @@ def length_excesses(chain: Chain) -> Array:
 def blocked_bonds(chain: Chain) -> NDArray[np.bool_]:
     """Return for each bond whether it may stop a wall, shape (springs,).
 
-    A wall passes if lbar_n > a_n + |r_n - r_{n+1}| and r_n + r_{n+1} - a_n - lbar_n has one sign
-    on all bonds, here that of most bonds. According to Grashof, a negative sign is a triple
-    rocker, as in flippers, a positive one a double crank. The conditions are sufficient but not
-    necessary.
+    A wall passes if two conditions hold for the rotor lengths r, the spacings a and the rest
+    lengths lbar. First, lbar_n > a_n + |r_n - r_{n+1}| on all bonds. Second, r_n + r_{n+1} - a_n -
+    lbar_n has the same sign on all bonds, that of most bonds. According to Grashof, a bond with a
+    negative sign is a triple rocker, as in flippers, and one with a positive sign a double crank.
+    The conditions are sufficient but not necessary.
     """
     excess = length_excesses(chain) - chain.spacings
     other_class = ~(excess > 0) if _spinning(chain) else ~(excess < 0)
@@ -47,7 +52,7 @@ def blocked_bonds(chain: Chain) -> NDArray[np.bool_]:
 
 
 def find_obstacles(chain: Chain) -> tuple[Obstacle, ...]:
-    """Return the bonds that may stop a wall, with lengths and reason, in the order of the chain.
+    """Return the bonds that may stop a wall, with the lengths of their bars and the reason.
 
     >>> import soliton_linkage as sl
     >>> shorter = sl.Deviations(rotor_length=(0.0, 0.0, -0.9, 0.0, 0.0))
@@ -73,7 +78,8 @@ def find_obstacles(chain: Chain) -> tuple[Obstacle, ...]:
 def motion_of_bonds(chain: Chain) -> Motion | None:
     """Return the class of motion of a chain with deviations, or None if a bond may stop a wall.
 
-    With r_n + r_{n+1} - lbar_n > a_n on every bond it is a spinner, below 0 a flipper.
+    The chain is a spinner if r_n + r_{n+1} - lbar_n exceeds the spacing a_n on every bond. It is a
+    flipper if this difference is below 0 on every bond.
     """
     if blocked_bonds(chain).any():
         return None

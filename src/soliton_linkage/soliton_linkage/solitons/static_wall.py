@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Walls at rest, and the arc length of the orbit per rotor spacing of the motion of a wall.
+"""Walls at rest, and the arc length of the orbit per displacement of the wall by a rotor spacing.
 
-A bar allows two angles of a rotor for a given neighbour (branches). The sign of its lever selects
-one, B_n to the right and A_n to the left. Outwards from the wall, errors decay as the zero mode.
+For a given angle of the neighbour, a bar allows two angles of a rotor (branches). The sign of a
+lever of the bar selects one of them: B_n to the right of the wall, A_n to the left. Errors decay
+outwards from the wall as the zero mode does.
 """
 
 from __future__ import annotations
@@ -22,33 +23,36 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 
 _DEPTHS_BESIDE = 19
-"""Range of the squared zero mode above rounding errors [penetration depths]."""
+"""Distance from a wall beyond which the squared zero mode is below rounding errors [penetration
+depths]."""
 _MOST_BESIDE = 49_000
-"""Largest number of rotors on each side of a wall [1], limited by the longest `Chain`."""
+"""Largest number of rotors on each side of a wall [1]; the longest `Chain` limits it."""
 _MOST_STEPS = 100_000
-"""Largest number of solver steps along an orbit [1]; d near d_c needs one or two thousand."""
+"""Largest number of solver steps along an orbit [1]; a lean ratio d near d_c needs one or two
+thousand."""
 _TRANSITION = 1e-9
-"""Smallest |d - d_c| / d_c [1] without rounding errors in the sense of rotation."""
+"""Smallest |d - d_c| / d_c [1] for which rounding errors do not change the sense of rotation."""
 _TOLERANCE = 1e-13
-"""Relative [1] and absolute [rad] tolerance of a solver step; arc lengths err by 1e-11 rad."""
+"""Relative [1] and absolute [rad] tolerance of a solver step; the errors of arc lengths are 1e-11
+rad."""
 _ARRIVED = 1e-4
-"""Largest difference of the angles of equal configurations [rad]."""
+"""Largest difference between the angles of two configurations that count as equal [rad]."""
 
 
 def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False) -> Array:
     """Return the angles of a chain at rest with its wall at a site coordinate [rad], shape (N,).
 
-    The site coordinate [rotor spacings] is n + 1/2 in the middle between rotors n and n + 1, and
-    in an infinite chain proportional to the arc length of the zero-energy orbit. A finite chain
+    The site coordinate [rotor spacings] is n + 1/2 in the middle between rotors n and n + 1. In an
+    infinite chain, it is proportional to the arc length of the zero-energy orbit. A finite chain
     has the same angles, except for toggled edge rotors, which have swung from one of their rest
     angles to the other.
 
-    In flippers, no edge rotor has toggled on `leg` 0 of the `Orbit`, the last rotor on leg 1, both
-    on leg 2, the first on leg 3. In spinners, legs 0 and 1 differ by the side on which rotors turn
-    over. `inverted` is phi -> pi - phi, a chain assembled upside down. Deviations do not change
-    the rotor nearest to the wall. Raises ValueError for a chain of two rotors or with periodic
-    ends, a site outside 0 ... N - 1, an unknown leg, bars of impossible length, and the errors of
-    `site_arc`.
+    In flippers, no edge rotor has toggled on `leg` 0 of the `Orbit`, the last one on leg 1, both
+    on leg 2, the first one on leg 3. In spinners, legs 0 and 1 differ by the side on which rotors
+    turn over. `inverted` means a chain that is assembled upside down, with pi - phi for phi.
+    Deviations do not change the rotor nearest to the wall. Raises ValueError for a chain of two
+    rotors or with periodic ends, a site outside 0 ... N - 1, an unknown leg, bars of impossible
+    length, and the errors of `site_arc`.
 
         >>> import soliton_linkage as sl
         >>> chain = sl.Chain(number_of_rotors=20)
@@ -77,9 +81,9 @@ def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False)
 def site_arc(chain: Chain) -> float:
     """Return Lambda, the arc length of the zero-energy orbit per rotor spacing [rad].
 
-    Lambda is the integral of sqrt(sum_n dphi_n^2) over one rotor spacing without deviations; a
-    slow wall has the speed v = a |phi_dot| / Lambda. Raises ValueError if d differs from d_c by
-    less than 1e-9 d_c, and for d below 2e-4.
+    Lambda is the integral of sqrt(sum_n dphi_n^2) over one rotor spacing of the chain without
+    deviations. With the norm |phi_dot| of the rates, a slow wall has the speed v = a |phi_dot| /
+    Lambda. Raises ValueError if d differs from d_c by less than 1e-9 d_c, and for d below 2e-4.
 
         >>> chain = Chain(rest_angle=0.97)
         >>> round(site_arc(chain) * chain.rotor_length / chain.spacing, 6)
@@ -106,7 +110,7 @@ def effective_mass(chain: Chain) -> float:
 def angles_from_seed(
     chain: Chain, seed: int, angle: float, left_branches: Array, right_branches: Array
 ) -> Array:
-    """Return the angles of a chain of bars in which the rotor `seed` has an angle [rad], (N,).
+    """Return all angles of a chain of bars [rad], (N,), given the angle of the rotor `seed`.
 
     A_n has the sign left_branches[n] on the left of the seed, B_n the sign right_branches[n] on
     its right, shape (springs,) each. Raises ValueError if a bar is too short or too long.
@@ -129,11 +133,12 @@ def angles_from_seed(
 def neighbour_angle(
     chain: Chain, bar: int, rotor: int, known_angle: float, offset: float, branch: float
 ) -> float:
-    """Return the angle of `rotor` [rad] if a bar joins it to a neighbour of known angle [rad].
+    """Return the angle of `rotor` [rad] that a bar to a neighbour of known angle [rad] allows.
 
-    `offset` [m] is the neighbour's pivot minus the rotor's. With the distance D from the pivot to
-    the neighbour's mass, the rotor is at the angle beta of sign `branch` from it: lbar^2 = D^2 +
-    r^2 - 2 D r cos(beta). Raises ValueError if the bar is too short or too long.
+    `offset` [m] is the position of the neighbour's pivot minus that of the rotor's. The line from
+    the rotor's pivot to the neighbour's mass has the length D. The rotor is at the angle beta from
+    this line, with lbar^2 = D^2 + r^2 - 2 D r cos(beta) and the sign `branch`. Raises ValueError
+    if the bar is too short or too long.
     """
     known = bar if rotor > bar else bar + 1
     r, length = float(chain.rotor_lengths[rotor]), float(chain.rest_lengths[bar])
@@ -221,7 +226,7 @@ def _uniform_state(chain: Chain, lean: int, inverted: bool) -> Array:
 
 
 def _seed_angle(chain: Chain, seed: int, beyond: float, leg: int, inverted: bool) -> float:
-    """Return the angle of a rotor if a wall is `beyond` rotor spacings past it [rad]."""
+    """Return the angle of a rotor [rad] that a wall has passed by `beyond` rotor spacings."""
     if chain.motion is not Motion.SPINNER:
         leg = 0
     elif inverted:
@@ -236,8 +241,9 @@ def _symmetric_wall(chain: Chain, rotor: int, leg: int) -> Array:
     """Return the angles of a wall in the middle between `rotor` and the next rotor [rad], (N,).
 
     By symmetry (n -> 2 rotor + 1 - n with phi -> phi + pi for flippers, -phi for spinners), r
-    sin(phi) is r^2 sin(theta_bar)^2 / a for flippers, and for spinners (a + lbar) / 2 if the two
-    masses have crossed, (a - lbar) / 2 if not, in alternation.
+    sin(phi) of `rotor` is r^2 sin(theta_bar)^2 / a for flippers. For spinners it is, alternating
+    from rotor to rotor, (a + lbar) / 2 where the two masses have crossed and (a - lbar) / 2
+    elsewhere.
     """
     spinner, crossed = chain.motion is Motion.SPINNER, False
     if spinner:
@@ -256,7 +262,7 @@ def _without_deviations(chain: Chain) -> Chain:
 
 
 def _rotors_beside(chain: Chain) -> int:
-    """Return how many rotors on each side of a wall contribute to the norm of the zero mode."""
+    """Return the number of rotors on each side of a wall that contribute to its zero mode."""
     check_transition(chain)
     beside = math.ceil(_DEPTHS_BESIDE * penetration_depth(chain) / chain.spacing) + 10
     if beside > _MOST_BESIDE:
@@ -268,7 +274,7 @@ def _rotors_beside(chain: Chain) -> int:
 
 
 class _SitePassage:
-    """Motion of a wall past one rotor, over one rotor spacing and the arc length `arc` [rad]."""
+    """Motion of a wall past one rotor, over one rotor spacing and an arc length `arc` [rad]."""
 
     def __init__(self, chain: Chain, leg: int, odd: bool) -> None:
         beside = _rotors_beside(chain)

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Solitons in one frame of angles: their positions, velocities, widths and charges.
 
-A wall is detected where the polarisation, the direction in which the zero mode grows across a
-bond, changes its sign. Its position X follows from a fit of m_n = -Q tanh((n - X) / w) to the
-order field, +1 where the chain leans right and -1 where it leans left, with the width w of a slow
-wall. The bias of X is below 0.002 rotor spacings for d < 0.9 and d > 2.5 d_c, below 0.1 for d < 2
-and d > 1.4 d_c, and otherwise up to 2, because the profile is no tanh.
+The polarisation of a bond is the direction in which the zero mode grows across the bond. A wall is
+detected where the polarisation changes its sign. The order field is +1 where the chain leans right
+and -1 where it leans left. The position X of a wall of charge Q follows from a fit of m_n = -Q
+tanh((n - X) / w) to the order field, with the width w of a slow wall. The bias of X is below 0.002
+rotor spacings for lean ratios d < 0.9 and d > 2.5 d_c, and below 0.1 for d < 2 and d > 1.4 d_c.
+Otherwise it is up to 2, because the profile is no tanh.
 """
 
 from __future__ import annotations
@@ -23,13 +24,14 @@ from soliton_linkage.linear.rigidity import rigidity_bands
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 
 DOMAIN = 0.5
-"""Smallest |polarisation| of a bond in a domain [1]; in a uniform state it is 1."""
+"""Least absolute polarisation of a bond in a domain [1]; in a uniform state it is 1."""
 _FIT_ITERATIONS = 12
 """Number of Newton steps of a fit [1]; usually half of them suffice."""
 _FIT_REACH = 4.0
-"""Distance of fitted rotors from the wall [wall widths]; beyond, 1 - |tanh| is below 7e-4."""
+"""Largest distance of a fitted rotor from the wall [wall widths]; beyond it, 1 - |tanh| is below
+7e-4."""
 _WIDEST_LEAN_RATIO_WITH_A_WIDTH = 2.0
-"""Largest d of flippers whose walls have a tanh profile and a width [1]."""
+"""Largest lean ratio d of flippers whose walls have a tanh profile with a width [1]."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +61,8 @@ class Soliton:
 def polarisation(chain: Chain, angles: Array) -> Array:
     """Return the polarisation of each bond [1], shape (..., springs).
 
-    (A^2 - B^2) / (A^2 + B^2), divided by its value in the right-leaning state: +1 in the
-    right-leaning and -1 in the left-leaning state.
+    With the levers A and B, the polarisation is (A^2 - B^2) / (A^2 + B^2), divided by its value in
+    the right-leaning state. It is +1 in the right-leaning and -1 in the left-leaning state.
     """
     first, second = rigidity_bands(chain, angles)
     plus, minus = couplings(chain)
@@ -72,8 +74,8 @@ def polarisation(chain: Chain, angles: Array) -> Array:
 def order_field(chain: Chain, angles: Array) -> tuple[Array, Array]:
     """Return the order field m [1] and its derivative dm/dphi [1/rad], each of shape (N,).
 
-    For flippers m = sin(theta) / sin(theta_bar). For spinners m = cos(theta - theta_bar), or
-    -cos(theta + theta_bar) if walls turn the rotors from -theta_bar.
+    For flippers, m = sin(theta) / sin(theta_bar). For spinners, m = cos(theta - theta_bar). If
+    walls turn the rotors of a spinner from -theta_bar, m = -cos(theta + theta_bar).
     """
     theta = staggered(angles)
     turn = np.where(np.arange(theta.shape[-1]) % 2, -1.0, 1.0)
@@ -86,7 +88,7 @@ def order_field(chain: Chain, angles: Array) -> tuple[Array, Array]:
 
 
 def find_solitons(chain: Chain, angles: Array, rates: Array | None = None) -> tuple[Soliton, ...]:
-    """Return the walls in a frame of angles [rad] and rates [rad/s], shape (N,), in order of site.
+    """Return the walls in a frame of angles [rad] and rates [rad/s], (N,), sorted by their sites.
 
     Without rates, the velocities are NaN. Sites of periodic chains are from 0 to N.
     """
@@ -180,7 +182,8 @@ class _TanhFit:
     def _velocity(self, rates: Array | None) -> tuple[float, float]:
         """Return the rate of the centre and its standard deviation [rotor spacings / s].
 
-        It is the time derivative of sum_n (m_n - f_n) df_n/dX = 0 with the fitted function f_n.
+        The rate follows from the time derivative of the condition sum_n (m_n - f_n) df_n/dX = 0
+        with the fitted function f_n.
         """
         if rates is None or len(self._rotors) < 2:
             return math.nan, math.nan
@@ -249,7 +252,11 @@ def _sech_squared(argument: ArrayLike) -> Array:
 
 
 def _deviation(residual: Array, parameters: int, information: float) -> float:
-    """Return the standard deviation of a parameter from its element of J^T J, or NaN."""
+    """Return the standard deviation of a parameter, or NaN.
+
+    `information` is the diagonal element of J^T J for the parameter, with the Jacobian J of the
+    fit.
+    """
     freedom = len(residual) - parameters
     if freedom < 1 or information <= 0:
         return math.nan
@@ -257,7 +264,7 @@ def _deviation(residual: Array, parameters: int, information: float) -> float:
 
 
 def _spinner_lean(chain: Chain, angles: Array) -> int:
-    """Return +1 (theta_bar) or -1 (-theta_bar): the sign of (-1)^n (B_n - A_n)."""
+    """Return the sign, +1 or -1, of the rest angle theta_bar: the sign of (-1)^n (B_n - A_n)."""
     first, second = rigidity_bands(chain, angles)
     levers = second - first
     return 1 if levers[::2].sum() > levers[1::2].sum() else -1
@@ -277,8 +284,9 @@ def _polarisation_crossings(polarised: Array) -> list[tuple[float, int]]:
 def charge_of_field(displacements: ArrayLike, lean: float) -> float:
     """Return the topological charge of a field u(x), Q = [u(-inf) - u(+inf)] / (2 ub) [1].
 
-    `displacements` are values of u along the chain [m], and `lean` is ub [m]. The paper (eq.
-    soliton_charge) has the opposite sign; here the wall with zero energy has the charge +1.
+    `displacements` are the values of u along the chain [m], and `lean` is ub [m]. The paper (eq.
+    soliton_charge) has the opposite sign, so that here the wall with zero energy has the charge
+    +1.
     """
     if not (math.isfinite(lean) and lean > 0):
         raise ValueError(f'lean = {lean} m must be a finite number above 0')
@@ -287,7 +295,7 @@ def charge_of_field(displacements: ArrayLike, lean: float) -> float:
 
 
 def topological_charge(chain: Chain, angles: ArrayLike) -> int:
-    """Return the number of walls of charge +1 minus that of charge -1, which is 1, 0 or -1."""
+    """Return the number of walls of charge +1 minus that of charge -1: 1, 0 or -1."""
     if chain.periodic:
         chain.check_angles(angles)
         return 0

@@ -41,7 +41,7 @@ class Crossing:
     start: float
     """Time at which the soliton left the outer fifth at one end [s]."""
     end: float
-    """Time at which it entered the outer fifth at the other end [s]."""
+    """Time at which the soliton entered the outer fifth at the other end [s]."""
     direction: int
     """+1 towards the last rotor, -1 towards rotor 0."""
     site_rate: float

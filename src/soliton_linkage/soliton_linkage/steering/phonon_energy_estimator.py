@@ -6,7 +6,8 @@ phonons is twice their mean kinetic energy, so that
 
     E = < I |phi_dot - t (t . phi_dot)|^2 > - I (N - 1) sigma^2
 
-with the noise sigma of a rate, from the variance 20 sigma^2 of third differences between frames.
+for rates phi_dot and moments of inertia I. The noise sigma of a rate follows from third
+differences between frames, whose variance is 20 sigma^2.
 """
 
 from __future__ import annotations
@@ -42,10 +43,10 @@ class PhononEnergyEstimator:
         return max(self._sum / self._weight, 0.0) if self._weight else math.nan
 
     def update(self, time: float, rates: Array | None, arc: float) -> None:
-        """Process time [s] and rates [rad/s], shape (N,), of a frame with the wall at `arc` [rad].
+        """Add a frame with its time [s] and its rates [rad/s], (N,).
 
-        Frames that are not later than the previous one are ignored. If the time decreases by more
-        than the averaging time, the estimate restarts.
+        The wall is at the arc length `arc` [rad]. Frames that are not later than the previous one
+        are ignored. If the time decreases by more than the averaging time, the estimate restarts.
         """
         if time < self._time - self._memory:
             self._rates.clear()

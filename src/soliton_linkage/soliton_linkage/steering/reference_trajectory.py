@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reference trajectories of a wall along the orbit, and their adiabatic speed limit.
 
-A wall with the rate w = ds/dt of its arc length exerts the force I w^2 t_n'(s) on rotor n,
-orthogonally to the orbit with the tangent t. A Fourier component of wave number q with q w above
-the gap omega_0 radiates about the fraction |q t_n(q)|^2 of the energy of the wall, with t_n(q) =
-int t_n e^(iqs) ds.
+A wall with the rate w = ds/dt of its arc length exerts the force I w^2 t_n'(s) on rotor n with the
+moment of inertia I. The force is orthogonal to the orbit, whose tangent is t. It has the Fourier
+components t_n(q) = int t_n e^(iqs) ds. If q w exceeds the gap omega_0, a component radiates about
+the fraction |q t_n(q)|^2 of the energy of the wall.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.steering.settings import DEFAULTS, SteeringSettings
 
 _SAMPLES = 2048
-"""Number of samples of the tangent while a wall passes a rotor [1]; the spectrum has then
-decayed."""
+"""Number of samples of the tangent while a wall passes a rotor [1]; with this number, the spectrum
+decays to 0."""
 _PEAK = 15 / 8
 """Ratio of the largest rate to the mean rate of a trajectory from rest to rest [1]."""
 _EXTENSION = 1.1
@@ -95,8 +95,8 @@ class ReferenceTrajectory:
 def adiabatic_rate(orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> float:
     """Return the largest rate of the arc length at which a wall radiates little energy [rad/s].
 
-    It is `adiabatic_fraction` times the rate up to which each of the two middle rotors radiates
-    less than the fraction `radiated_share` of the energy of the wall.
+    Up to a certain rate, each of the two middle rotors radiates less than the fraction
+    `radiated_share` of the energy of the wall. The result is `adiabatic_fraction` times this rate.
     """
     middle = orbit.arc_at(orbit.middle, 0)
     begin, end = orbit.leg_arcs(0)
@@ -126,7 +126,7 @@ def adiabatic_rate(orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> float
 def bandwidth(orbit: Orbit, period: float, settings: SteeringSettings = DEFAULTS) -> float:
     """Return the bandwidth of the feedback [rad/s] for a frame period [s], NaN if it is unknown.
 
-    It is far below the phonon gap and the frame rate, because of noise and late frames.
+    The bandwidth is far below the phonon gap and the frame rate, because of noise and late frames.
     """
     limit = settings.bandwidth_share * gap(orbit.chain)
     return limit if math.isnan(period) else min(limit, settings.bandwidth_step / period)

@@ -43,9 +43,9 @@ class SteeringSettings:
         1e-3,
         1.0,
     )
-    """Sensitivity: at 0.5x, moves take up to twice as long; at 2x, down to half as long. At 2x the
-    phonon energy per energy of the wall rises from 3e-11 to 5e-8 for a flipper and from 3e-10 to
-    2e-4 for a wobbling flipper."""
+    """Sensitivity: at 0.5x, moves take up to twice as long; at 2x, down to half as long. At 2x,
+    the ratio of the phonon energy to the energy of the wall rises from 3e-11 to 5e-8 for a flipper
+    and from 3e-10 to 2e-4 for a wobbling flipper."""
 
     bandwidth_share: float = quantity(
         0.125, 'ratio of the bandwidth of the feedback to the phonon gap', '', 1e-3, 1.0
@@ -93,14 +93,15 @@ class SteeringSettings:
         '',
         0.0,
     )
-    """Errors decay to (1 + 3) e^-3 = 0.2 in this time. Sensitivity: at 0.5x, arrivals are reported
-    1.5 / b earlier, with up to six times the error; at 2x, 3 / b later, with the same error."""
+    """In this time, errors decay to (1 + 3) e^-3 = 0.2. Sensitivity: at 0.5x, arrivals are
+    reported 1.5 / b earlier, with up to six times the error; at 2x, 3 / b later, with the same
+    error."""
 
     settling_timeout: float = quantity(
         30.0, 'longest time to settle after the trajectory, times the bandwidth', '', 0.0
     )
-    """Sensitivity: the time until a wall that never settles is reported is proportional. All other
-    walls settled before half of this time."""
+    """Sensitivity: a wall that never settles is reported after a time proportional to this
+    parameter. All other walls settled before half of this time."""
 
     max_error: float = quantity(
         1.5,
@@ -117,8 +118,8 @@ class SteeringSettings:
         20, 'number of restarts after which a soliton that does not settle is lost', '', 0
     )
     """After missing frames, one to three restarts are enough. Sensitivity: a load above the force
-    of the actuators displaces the wall until it is released; at 0.5x, 15 rotor spacings earlier;
-    at 2x, 30 rotor spacings later."""
+    of the actuators displaces the wall until the wall is released. At 0.5x, the release is 15
+    rotor spacings earlier; at 2x, 30 rotor spacings later."""
 
     max_gap: float = quantity(
         5.0, 'time without frames after which the soliton may have moved', 'frame periods', 1.0
@@ -129,8 +130,8 @@ class SteeringSettings:
     detection_timeout: float = quantity(
         0.2, 'time without a frame that shows the soliton, after which it is lost', 's', 0.0
     )
-    """Sensitivity: at 0.5x, the wall is lost in a gap of 0.15 s. At 2x, it is not lost in a gap of
-    0.35 s, with the same error."""
+    """Sensitivity: at 0.5x, the wall is lost in a gap of 0.15 s. At 2x, a gap of 0.35 s does not
+    lose the wall, and the error is the same."""
 
     min_noise: float = quantity(
         3e-3, 'lower limit of the noise of an angle in the observer', 'rad', 1e-9
@@ -153,4 +154,4 @@ class SteeringSettings:
 
 
 DEFAULTS = SteeringSettings()
-"""Tuned values."""
+"""Tuned values of the steering."""

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Position control of a wall by torques along the zero mode.
 
-To follow a reference r(t) with the arc length s of constant inertia I = M r^2, the controller
-applies the force
+The wall at the arc length s has the constant inertia I = M r^2. To follow a reference r(t), the
+controller applies the force
 
     F = I [r'' + 2 b (r' - s') + b^2 (r - s) - d]
 
-along the orbit, with the bandwidth b and estimates of s, s' and the disturbance d, all predicted
+along the orbit, with the bandwidth b. The estimates of s, s' and the disturbance d are predicted
 to the instant at which the torques act. Noise causes a force proportional to b^(5/2), and torques
-proportional to q^(-1/2) with the coupling q of `TorqueAllocation`, so that b ~ q^(1/5).
+proportional to b^(5/2) q^(-1/2) with the coupling q of `TorqueAllocation`. Therefore b is
+proportional to q^(1/5).
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ from soliton_linkage.steering.torque_allocation import TorqueAllocation
 from soliton_linkage.steering.wall_observer import WallEstimate, WallObserver
 
 _BANDWIDTH_EXPONENT = 1 / 5
-"""Exponent e in b ~ q^e [1], with which the torques due to noise do not depend on q."""
+"""Exponent e in b ~ q^e [1]; with it, the torques due to noise do not depend on q."""
 _MAX_EXTENSIONS = 8
 """Number of durations that are tried for a trajectory of a moving wall [1]."""
 _EXTENSION = 1.5
@@ -193,9 +194,10 @@ class Steering:
         return self._check_arrival(self._trajectory, estimate)
 
     def move(self, site: float, speed: float = 0.0) -> MoveResult | None:
-        """Start to move the wall to a site [rotor spacings], or return the reason of a rejection.
+        """Start to move the wall to a site [rotor spacings]; return the reason of a rejection.
 
-        `speed` [rotor spacings / s] is a limit in addition to `adiabatic_speed`; 0 means none.
+        `speed` [rotor spacings / s] limits the speed, in addition to `adiabatic_speed`; 0 means no
+        limit.
         """
         estimate = self._observer.estimate
         rejection = self._rejection(site, speed, estimate)
@@ -270,7 +272,10 @@ class Steering:
         self._resting_since = None
 
     def _jumped(self, last: WallEstimate, found: WallEstimate) -> bool:
-        """Return whether a wall moved by over `max_error` plus twice the distance of its rate."""
+        """Return whether a wall moved farther than its rate and `max_error` allow.
+
+        The limit is `max_error` plus twice the distance at the estimated rate.
+        """
         distance = abs(math.remainder(found.arc - last.arc, self.orbit.length))
         explained = 2 * abs(last.rate) * (found.time - last.time)
         return distance > explained + self.settings.max_error * self.orbit.site_arc
@@ -312,13 +317,13 @@ class Steering:
         return trajectory
 
     def _reference(self, estimate: WallEstimate) -> ReferencePoint:
-        """Return the reference at the time of the estimate, without a trajectory the estimate."""
+        """Return the reference at the time of the estimate; without a trajectory, the estimate."""
         if self._trajectory is None:
             return ReferencePoint(estimate.arc, estimate.rate, 0.0)
         return self._trajectory.at(estimate.time)
 
     def _nearest_arc(self, site: float, arc: float) -> float:
-        """Return the arc length [rad] nearest to `arc` that has the wall at the site."""
+        """Return the arc length [rad] nearest to `arc` at which the wall is at the site."""
         legs = range(self.orbit.number_of_legs)
         distances = [self.orbit.arc_at(site, leg) - arc for leg in legs]
         return arc + min((math.remainder(each, self.orbit.length) for each in distances), key=abs)

@@ -3,11 +3,13 @@
 
 A force F along the orbit, with the tangent t, needs torques tau with t . tau = F. The torques of
 least norm on a set S of rotors are tau_n = F t_n / q with the coupling q = sum of t_n^2 over S. If
-S is not the whole chain, they also deflect the rotors against the springs by
+S is not the whole chain, the torques also deflect the rotors against the springs by dphi, with
+spring forces f and the rigidity matrix R:
 
     dphi = R^T (R R^T)^(-1) f / k_e,    R^T f = tau - F t.
 
-With actuators at an edge, the deflection grows as e^(2 x / ell) with the distance x of the wall.
+With actuators at an edge, the deflection grows as e^(2 x / ell) with the distance x of the wall
+from the edge and the penetration depth ell.
 """
 
 from __future__ import annotations
@@ -24,9 +26,10 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.orbit import Orbit
 
 _SAMPLES_PER_SITE = 4
-"""Number of samples of a path per rotor spacing [1]; t_n^2 varies smoothly in between."""
+"""Number of samples of a path per rotor spacing [1]; t_n^2 varies smoothly between samples."""
 _MIN_COUPLING = 1e-12
-"""Coupling q below which actuators have no effect [1]; the orbit sets |t_n| < 1e-6 to 0."""
+"""Coupling q below which actuators have no effect [1], because the orbit sets |t_n| < 1e-6 to
+0."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +121,7 @@ class TorqueAllocation:
         return float((tangents[:, self._actuated] ** 2).sum(axis=1).min())
 
     def reach(self, arc: float, force: float) -> Reach:
-        """Return the sites that a wall can reach on its leg from an arc length with a force."""
+        """Return the sites on its leg that a wall at an arc length can reach with a force."""
         orbit = self.orbit
         here, leg = orbit.site(arc), orbit.leg(arc)
         last = orbit.chain.number_of_rotors - 1

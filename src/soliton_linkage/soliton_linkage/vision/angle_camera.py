@@ -2,8 +2,8 @@
 """Measurement of angles in pictures of a chain with markers.
 
 The angle of a rotor is the direction from its pivot to the dot on its mass. A fitted dot is a mean
-over the exposure, of duration T, in its row. With the middle t_row of the exposure of the row, the
-rate omega and the acceleration alpha, the angle in the middle t of the exposure of the pivots is
+over the exposure time T of its row. Let t_row be the middle of this exposure, t the middle of the
+exposure of the pivots, omega the rate and alpha the acceleration of the rotor. The angle at t is
 
     phi(t) = phi_measured - alpha T^2 / 24 + omega (t - t_row) + alpha (t - t_row)^2 / 2.
 """
@@ -29,7 +29,7 @@ from soliton_linkage.vision.rotor_tracks import Pivots, RotorTracks
 _DOT_DEVIATION = 0.7
 """Standard deviation of the position of a dot that the assignment assumes [pixels]."""
 _SEARCHED = 5.0
-"""Largest error of a predicted angle, relative to its standard deviation [1]."""
+"""Largest error of a predicted angle for which the dot is found [standard deviations]."""
 _MIN_RADIUS = 1.5
 """Smallest radius of dots that can be fitted [pixels]."""
 
@@ -43,7 +43,7 @@ class AngleFrame:
     angles: Array
     """Unwrapped angles phi [rad], (N,)."""
     deviations: Array
-    """Standard deviations of the angles by noise and marker positions [rad], (N,)."""
+    """Standard deviations of the angles due to noise and marker positions [rad], (N,)."""
     masses: Array
     """Centres of the dots on the masses [pixels], (N, 2)."""
     pivots: Array
@@ -51,7 +51,7 @@ class AngleFrame:
     frame_dots: Array
     """Centres of the dots of the frame markers [pixels], (K, 2)."""
     status: str
-    """Wrong sizes of the printed markers and reasons of hidden rotors, otherwise empty."""
+    """Reasons why rotors are hidden and errors of the print scale; otherwise empty."""
 
     @property
     def seen(self) -> int:

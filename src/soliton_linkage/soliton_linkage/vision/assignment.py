@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Assignment of dots to rotors by maximum likelihood over the whole chain.
 
-In this hidden Markov model the states of a rotor are its candidate dots and "hidden". Likelihoods
-depend on the circle around the pivot, the predicted angle, the colour, and the lengths of bonds.
-Viterbi's algorithm finds the best sequence. A cost is minus twice the log of a likelihood.
+In this hidden Markov model, a state of a rotor is one of its candidate dots or "hidden". The
+likelihoods depend on the distances of the dots from the circle around the pivot, the predicted
+angle, the colour, and the lengths of bonds. Viterbi's algorithm finds the best sequence. A cost is
+minus twice the log of a likelihood.
 """
 
 from __future__ import annotations
@@ -16,19 +17,21 @@ from numpy.typing import NDArray
 from soliton_linkage.linkage.chain import Array
 
 HIDDEN = -1
-"""Number that replaces the dot number of a hidden rotor."""
+"""Dot number of a hidden rotor."""
 _CANDIDATES = 6
 """Largest number of candidate dots of a rotor."""
 _HIDDEN_COST = 14.0
-"""Cost of the state "hidden" [1], between those of errors of 3 and 4 standard deviations."""
+"""Cost of the state "hidden" [1]; a dot with an error of 3 standard deviations costs less, one
+with 4 costs more."""
 _MAX_ANGLE_COST = 30.0
 """Limit of the cost of an unexpected angle [1], because kicks are not predicted."""
 _MAX_BOND_COST = 12.0
-"""Limit of the cost of a bond [1], so that a wrong dot does not hide the neighbour."""
+"""Limit of the cost of a bond [1], so that a wrong dot of one rotor does not hide its
+neighbour."""
 _PIVOT_COST = 8.0
 """Additional cost of a dot at a pivot [1]; one such dot in fifty is a mass."""
 _MAX_LENGTH_ERROR = 4.0
-"""Largest error of the rotor length of a candidate, in standard deviations [1]."""
+"""Largest error of the rotor length for a candidate dot [standard deviations]."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,7 @@ class Prediction:
     """Angles [rad], (N,)."""
     angle_deviations: Array
     bonds: Array
-    """Distances between the masses of neighbouring rotors [m], (N - 1,)."""
+    """Predicted distances between the masses of neighbouring rotors [m], (N - 1,)."""
     bond_deviations: Array
     colours: NDArray[np.intp]
     """Index in `COLOURS` of the dot of each mass, (N,)."""
@@ -55,8 +58,9 @@ def assign_dots(
 ) -> NDArray[np.intp]:
     """Return the dot number of each rotor, or `HIDDEN`, (N,).
 
-    `points`, (2, K, 2), are the positions of K dots for the heights of even and of odd rotors,
-    with deviations (K,) [m]. `colour_costs`, (K, C), is the cost of each colour.
+    `points`, (2, K, 2), are the positions of K dots [m], computed for the height of even rotors
+    and for that of odd rotors. `point_deviations`, (K,), are their standard deviations [m].
+    `colour_costs`, (K, C), is the cost of each colour.
     """
     rotors = len(predicted.pivots)
     if not points.shape[1]:
@@ -106,7 +110,7 @@ def _bond_costs(points: Array, predicted: Prediction) -> Array:
 
 
 def _viterbi(costs: Array, bond_costs: Array) -> NDArray[np.intp]:
-    """Return the most likely candidate number of each rotor, (N,); `width` means hidden."""
+    """Return the most likely candidate number of each rotor, (N,); the last one means hidden."""
     rotors, width = costs.shape
     own = np.column_stack([costs, np.full(rotors, _HIDDEN_COST)])
     steps = np.zeros((rotors - 1, width + 1, width + 1))

@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Camera model with exposure times, and calibration of a camera with a chessboard.
 
-In the coordinates of the camera (x right, y down, z ahead), the lens maps a ray (x, y, 1) to
+The coordinates of the camera are x to the right, y downwards and z ahead. With the distortion
+coefficients k1 to k6, p1 and p2, the lens maps a ray (x, y, 1) to
 
     x' = x R(q) + 2 p1 x y + p2 (q + 2 x^2),   y' = y R(q) + p1 (q + 2 y^2) + 2 p2 x y,
     q = x^2 + y^2,   R = (1 + k1 q + k2 q^2 + k3 q^3) / (1 + k4 q + k5 q^2 + k6 q^3),
 
-the model `rational_polynomial` of sensor_msgs/CameraInfo. The pixel is (fx x' + cx, fy y' + cy),
-with the centre of the first pixel at (0, 0).
+the model `rational_polynomial` of sensor_msgs/CameraInfo. The pixel is (fx x' + cx, fy y' + cy)
+for the focal lengths fx, fy and the principal point (cx, cy). The centre of the first pixel is at
+(0, 0).
 """
 
 from __future__ import annotations
@@ -22,15 +24,18 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.vision.opencv import Picture, opencv
 
 _MAX_PIXELS = 32_768
-"""Largest width and height of a picture [pixels], more than any sensor has."""
+"""Largest accepted width and height of a picture [pixels]; sensors have fewer."""
 _COEFFICIENTS = 8
 """Number of distortion coefficients of the model rational_polynomial."""
 _MAX_ITERATIONS, _TOLERANCE = 50, 1e-6
-"""Limits of the inverse of the lens [1, pixels]; 5 iterations err by 0.8 pixels at wide angles."""
+"""Largest number of iterations [1] and last step [pixels] of the inverse of the lens model. After
+5 iterations, the error at wide angles is 0.8 pixels."""
 _MIN_PICTURES, _MAX_PICTURES = 3, 60
-"""Numbers of calibration pictures; fewer do not separate focal lengths and distortion."""
+"""Smallest and largest number of pictures for a calibration [1]; fewer do not separate focal
+lengths and distortion."""
 _MIN_MOVE = 0.02
-"""Smallest mean displacement of the corners between used pictures, in picture widths [1]."""
+"""Smallest mean displacement of the corners between two used pictures, relative to the picture
+width [1]."""
 
 
 @dataclass(frozen=True)

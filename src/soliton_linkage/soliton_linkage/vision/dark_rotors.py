@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measurement of angles without markers: separate dark rotors on a light background.
 
-The moments of the darkness of a bar define its middle and length, and a fitted line its axis. The
-ends of the bars on one common line are the pivots. The camera must face the chain with rotor 0 on
-the left, and bonds must be thinner than rotors. Errors of angles exceed those by pixel noise by
-the same factor as the observed errors of the lengths.
+Each rotor is a dark bar. The moments of its darkness give its middle and its length, and a fitted
+line gives its axis. The pivots are the ends of the bars that lie on one common line. The camera
+must face the chain with rotor 0 on the left, and bonds must be thinner than rotors. The errors of
+the angles are the errors due to pixel noise, multiplied by the factor that is observed for the
+lengths.
 """
 
 from __future__ import annotations
@@ -29,9 +30,10 @@ _MIN_ASPECT = 2.0
 _MAX_PIVOT_SHIFT = 0.35
 """Largest accepted shift of a pivot since the first picture, relative to the spacing [1]."""
 _ITERATIONS = 3
-"""Number of iterations of a direction; each reduces the error to a tenth or less."""
+"""Number of iterations in the search for a direction [1]; each reduces the error to a tenth or
+less."""
 _RANK_TOLERANCE = 1e-3
-"""Relative variation of heights of arms below which their length is not fitted [1]."""
+"""Relative variation of the heights of the arms below which the arm length is not fitted [1]."""
 _MIN_NOISE = 0.3
 """Smallest noise of a pixel, because grey levels are rounded [grey levels]."""
 _MAX_MEASUREMENTS = 1000
@@ -42,12 +44,12 @@ _MIN_AREA = 12
 
 @dataclass(frozen=True)
 class _Bars:
-    """Middles of K dark bars, vectors to one end, (K, 2) [pixels], and deviations."""
+    """Middles [pixels] of K dark bars, and vectors from the middle to one end [pixels], (K, 2)."""
 
     middles: Array
     halves: Array
     deviations: Array
-    """Standard deviations of the direction [rad] and the half length [pixels], (K, 2)."""
+    """Standard deviations of the direction [rad] and of the half length [pixels], (K, 2)."""
 
 
 class DarkRotors:
@@ -109,7 +111,10 @@ class DarkRotors:
     def _error_factor(
         self, rotors: NDArray[np.intp], bars: _Bars, which: NDArray[np.bool_]
     ) -> float:
-        """Return the ratio of errors to those by pixel noise, from changes of lengths [1]."""
+        """Return the ratio of the observed errors to those due to pixel noise [1].
+
+        The errors are observed as changes of the lengths.
+        """
         lengths = np.hypot(*bars.halves[which].T)
         known = self._counts[rotors] > 0
         errors = (lengths - self._lengths[rotors]) / bars.deviations[which, 1]
@@ -148,7 +153,7 @@ def _bar(
     level: float,
     noise: float,
 ) -> tuple[Array, Array, Array] | None:
-    """Return middle, half length and standard deviations of a bar, or None if it is too round."""
+    """Return middle, half length and standard deviations of a bar; None if it is too round."""
     left, top, width, height = (int(each) for each in statistics[:4])
     rows = slice(max(top - 2, 0), top + height + 2)
     columns = slice(max(left - 2, 0), left + width + 2)

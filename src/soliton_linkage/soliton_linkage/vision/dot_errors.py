@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of dots beyond pixel noise: compression, repeated pixels and the dead zone of a video.
 
-A mass stays on a circle around its pivot. Changes of its distance are therefore errors, and errors
-along the circle are assumed to be equally large. A codec repeats pixels exactly where changes are
-below a threshold. A repeated dot may therefore have moved (dead zone). Then errors are estimated
-from the sixth divided differences of the angles of fast dots, which contain only errors. With the
-variances s^2 of resting and e^2 of moving dots, and the typical number t of repetitions, a dot
-that was repeated n times has the variance
+A mass stays on a circle around its pivot. Changes of its distance from the pivot are therefore
+errors, and errors along the circle are assumed to be equally large. A codec repeats pixels exactly
+where changes are below a threshold. A dot with repeated pixels may therefore have moved (dead
+zone). In videos with a dead zone, the errors are estimated from the sixth divided differences of
+the angles of fast dots, which contain only errors. Let s^2 be the variance of resting dots, e^2
+that of moving dots, and t the typical number of repetitions. A dot that was repeated n times has
+the variance
 
     s^2 + (e^2 - s^2) / (1 + n / t).
 """
@@ -25,15 +26,18 @@ from soliton_linkage.vision.opencv import Picture
 MEMORY = 300
 """Number of pictures after which the weight of a value has decreased to 1/e."""
 _PRIOR_WEIGHT = 30.0
-"""Weight of the expected mean square, as a number of values."""
+"""Weight of the expected mean square, as an equivalent number of values [1]."""
 _MAX_VALUE = 5.0
-"""Limit of a value, relative to the rms [1]; larger ones probably belong to other dots."""
+"""Limit of a value, relative to the root mean square [1]; larger ones probably belong to other
+dots."""
 _MOVING = 0.1
-"""Displacement between two pictures above which a dot moves [pixels]; noise is a tenth."""
+"""Displacement between two pictures above which a dot counts as moving [pixels]; noise is a
+tenth."""
 _ORDER = 6
-"""Order of the divided difference; slow waves are reduced to a thousandth."""
+"""Order of the divided difference [1], which reduces slow waves to a thousandth."""
 _RECORDED_STEP = 0.4
-"""Displacement between two pictures above which every usable video updates a dot [pixels]."""
+"""Displacement between two pictures [pixels] that every usable video records; smaller ones may be
+lost in the dead zone."""
 
 
 def _faded(total: float) -> float:
@@ -47,14 +51,14 @@ class FadingMeanSquare:
         self._squares = self._count = 0.0
 
     def add(self, values: Array, expected: float = 1.0) -> None:
-        """Add the values of a picture, (K,), except outliers."""
+        """Add the values of one picture, (K,), without outliers."""
         valid = values[np.isfinite(values)]
         valid = valid[valid**2 < _MAX_VALUE**2 * self.value(expected)]
         self._squares = _faded(self._squares) + float(valid @ valid)
         self._count = _faded(self._count) + len(valid)
 
     def add_weighted(self, values: Array, weights: Array) -> None:
-        """Add the values of a picture, with numbers of pictures as weights, (K,) each."""
+        """Add the values of one picture, (K,); the weights, (K,), are numbers of pictures."""
         squares = np.minimum(values**2, _MAX_VALUE**2 * self.value())
         self._squares = _faded(self._squares) + float(weights @ squares)
         self._count = _faded(self._count) + float(weights.sum())
@@ -95,7 +99,8 @@ class DotMeasurements:
     noise: Array
     """Standard deviations of the angles due to pixel noise [rad]."""
     length_errors: Array
-    """Errors of distances from pivots, over their standard deviations by pixel noise [1]."""
+    """Errors of the distances from the pivots, over their standard deviations due to pixel noise
+    [1]."""
     pixels_per_radian: Array
     """Displacements of the centres per change of the angles [pixels/rad]."""
     displacements: Array
@@ -105,7 +110,7 @@ class DotMeasurements:
 
 
 class ErrorScale:
-    """Ratios of the errors of dots to the errors due to pixel noise, from the pictures so far."""
+    """Ratios of the errors of dots to the errors due to pixel noise, from all earlier pictures."""
 
     def __init__(self, rotors: int) -> None:
         self._resting, self._moving, self._jumps = (FadingMeanSquare() for _ in range(3))
@@ -148,11 +153,11 @@ class DeadZone:
 
     @property
     def present(self) -> bool:
-        """Whether the video has a dead zone: recently some dots were repeated, others updated."""
+        """Whether the video has a dead zone: recently, some dots were repeated and others not."""
         return self._since < MEMORY
 
     def add_repeated(self, repeated: NDArray[np.bool_], seen: NDArray[np.bool_]) -> None:
-        """Add a picture: which dots are repeated and which are visible, shape (N,) each."""
+        """Add a picture, with flags of the repeated and of the visible dots, shape (N,) each."""
         ended = self._repeats[(self._repeats > 0) & ~repeated & seen]
         self._log_repeats = _faded(self._log_repeats) + float(np.log(ended).sum())
         self._ended = _faded(self._ended) + len(ended)
@@ -160,7 +165,7 @@ class DeadZone:
         self._since = 0 if repeated.any() and (seen & ~repeated).any() else self._since + 1
 
     def add(self, dots: DotMeasurements, jumps: float) -> None:
-        """Add a picture; `jumps` is the expected variance ratio before dots have moved [1]."""
+        """Add a picture. Before dots have moved, the expected variance ratio is `jumps` [1]."""
         self._times = np.append(self._times[1:], dots.time)
         self._angles = np.vstack([self._angles[1:], dots.angles])
         self._length_errors = np.vstack([self._length_errors[1:], dots.length_errors])
@@ -174,7 +179,10 @@ class DeadZone:
         self._across.add(self._length_errors[_ORDER // 2, always])
 
     def variances(self, resting: float, jumps: float) -> Array:
-        """Return variances over pixel noise [1], (N,), given those of resting and jumping dots."""
+        """Return the variance of each dot relative to pixel noise [1], (N,).
+
+        `resting` is the ratio for resting dots, and `jumps` the ratio for jumping dots.
+        """
         along = self._along.value(jumps)
         along *= max(1.0, self._across.value() / self._across_difference.value())
         usual = math.exp(self._log_repeats / max(self._ended, 1.0))

@@ -6,9 +6,10 @@ A model of a dark dot, with centre p and radius R, is fitted to the grey levels 
     I(x) = (1 + g (x - p)) (w - c T(x - p)),
     T(y) = mean_k erfc((|S (y - s_k)| - R) / (b sqrt 2)) / 2,
 
-with the grey level w of the label, the contrast c, the gradient g of the light, and the blur b.
-The offsets s_k divide the path during the exposure. S, of determinant 1, maps the ellipse of the
-dot to a circle. Pixels at the edge of the label would bias the centre and are excluded.
+with the grey level w of the label, the contrast c, the gradient g of the light, and the blur b. T
+is the share of a pixel that the dot covers. The offsets s_k are points on the path of the dot
+during the exposure. The matrix S, of determinant 1, maps the ellipse of the dot to a circle.
+Pixels at the edge of the label are excluded, because they would bias the centre.
 """
 
 from __future__ import annotations
@@ -32,19 +33,19 @@ _RADII = (0.7, 1.4)
 _PARAMETERS = 8
 """Number of fitted parameters: w, c, g (2), p (2), R and b."""
 _LABEL_MARGIN = 1.4
-"""Width of the excluded margin of a label [pixels], more than twice the blur."""
+"""Width of the excluded margin of a label [pixels]; it is more than twice the blur."""
 _MAX_DISTANCE = 4.0
 """Largest distance of a fitted pixel from the edge of the dot [pixels]."""
 _MAX_ITERATIONS = 6
-"""Largest number of iterations, enough for initial errors of less than a pixel."""
+"""Largest number of iterations [1]; it suffices for initial errors of less than a pixel."""
 _TOLERANCE = 3e-4
-"""Step of the centre at convergence [pixels]; the error left is a hundredth of the noise."""
+"""Step of the centre at convergence [pixels]; the remaining error is a hundredth of the noise."""
 _MAX_STEP = 0.7
-"""Longest step of the centre [pixels]; for longer ones the model is not linear."""
+"""Longest step of the centre [pixels]; for longer steps, the model is not linear."""
 _OFFSETS = 5
 """Number of offsets s_k along the path of a moving dot."""
 _HALF_WIDTH = 4.0
-"""Half width of an edge in the tables, in blurs [1]; beyond, errors are 3e-5."""
+"""Half width of an edge in the tables [blurs]; beyond it, errors are 3e-5."""
 _STEPS = 64
 """Number of points of the tables per blur; interpolation errors are below 1e-5."""
 _DISTANCES = np.arange(2 * int(_HALF_WIDTH) * _STEPS + 1) / _STEPS - _HALF_WIDTH
@@ -77,7 +78,7 @@ def begin_loop(grey: NDArray[np.uint8], dot: Array, state: Array) -> None:
 def _cover(
     x: float, y: float, offsets: int, dot: Array, radius: float, blur: float
 ) -> tuple[float, float, float, float, float]:
-    """Return the coverage T at (x, y), and its derivatives by x, y, R and b."""
+    """Return the covered share T at (x, y), and its derivatives by x, y, R and b."""
     sxx, sxy, syx, syy, smear_x, smear_y = dot[4:]
     cover = by_x = by_y = by_radius = by_blur = 0.0
     for k in range(offsets):
@@ -181,7 +182,7 @@ def normal_loop(
 
 @compiled(f8_2d, f8_1d)
 def solve_loop(matrix: Array, right: Array) -> None:
-    """Solve a positive definite system, given its upper triangle, in place of `right`."""
+    """Solve a positive definite system from its upper triangle; the solution replaces `right`."""
     size = len(right)
     for i in range(size):
         pivot = max(matrix[i, i], 1e-12)
@@ -263,7 +264,7 @@ class FittedDots:
 def fit_dots(
     grey: NDArray[np.uint8], starts: Array, outlines: Array, dot_share: float, smears: Array
 ) -> FittedDots:
-    """Fit K dots near `starts` [pixels], (K, 2), with displacements `smears` [pixels], (K, 2).
+    """Fit K dots near `starts` [pixels], (K, 2); `smears` [pixels], (K, 2), are their paths.
 
     `outlines`, (K, 2, 2), map each dot to the unit circle [1/pixel]. `dot_share` is the radius of
     a dot divided by the radius of its label [1].

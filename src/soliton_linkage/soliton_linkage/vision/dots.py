@@ -14,21 +14,22 @@ from soliton_linkage.vision.layout import COLOURS, DOT_SHARE
 from soliton_linkage.vision.opencv import Picture, opencv
 
 MIN_CONTRAST = 20.0
-"""Smallest contrast of a fitted dot [grey levels of 256], a tenth of that in good light."""
+"""Smallest contrast of a fitted dot [grey levels of 256]; it is a tenth of the contrast in good
+light."""
 _THRESHOLD = 0.3 * MIN_CONTRAST
 """Smallest difference between a dark spot and its surroundings [grey levels]."""
 _AREAS = (0.2, 4.0)
 """Accepted area of a dark spot, relative to the area of a resting dot [1]."""
 _MAX_RELATIVE_RESIDUAL, _MAX_RESIDUAL = 2.0, 0.02
-"""Limits of residuals, over the median residual and over the contrast [1]."""
+"""Limits of the residual of a dot, relative to the median residual and to the contrast [1]."""
 _MAX_SHIFT = 2.5
-"""Largest distance of a dot from its dark spot, minus half the smear [pixels]."""
+"""Largest distance of a dot from its dark spot, without half the smear [pixels]."""
 _GREY_SATURATION = 0.25
 """Saturation above which a dot is certainly not black [1]."""
 _HUE_DEVIATION = 0.5
 """Standard deviation of a measured hue [rad]."""
 MAX_COLOUR_COST = 20.0
-"""Largest cost of a wrong colour [1], above that of a hidden rotor."""
+"""Largest cost of a wrong colour [1]; it exceeds the cost of a hidden rotor."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +54,9 @@ def find_dots(
 ) -> Dots:
     """Return the dots in a region (left, top, right, bottom) [pixels].
 
-    Dots must be nearer than `reaches`, (M,), to a position `predicted`, (M, 2), and are fitted
-    with its outline, (M, 2, 2), and smear, (M, 2) [pixels] (see `fit_dots`).
+    A dot must be nearer than `reaches`, (M,) [pixels], to one of the positions `predicted`, (M,
+    2). It is fitted with the outline, (M, 2, 2), and the smear, (M, 2) [pixels], of this position
+    (see `fit_dots`).
     """
     radius = float(np.median(np.abs(np.linalg.det(outlines)))) ** -0.5
     left, top, right, bottom = region
@@ -116,7 +118,7 @@ def _accepted(fitted: FittedDots, spots: Array, smears: Array) -> NDArray[np.boo
 
 
 def _colour_costs(picture: Picture, centres: Array, radius: float) -> Array:
-    """Return the cost of each colour for each dot, (K, C), 0 in a grey picture."""
+    """Return the cost of each colour for each dot, (K, C); all costs are 0 in a grey picture."""
     if picture.ndim == 2 or not len(centres):
         return np.zeros((len(centres), len(COLOURS)))
     middle = np.array([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)]) * min(radius / 3, 1.0)

@@ -24,7 +24,8 @@ from soliton_linkage.vision.plane import ChainPlane, fit_plane
 class PlacingErrors:
     """Errors of angles due to errors in the stated positions of the frame markers.
 
-    Displacements of markers displace the fitted plane, to first order, by the field
+    To first order, displacements of markers displace the point (x, z) of the fitted plane by the
+    field
 
         u_x = p0 + p1 x + p2 z + p6 x^2 + p7 x z,
         u_z = p3 + p4 x + p5 z + p6 x z + p7 z^2.
@@ -38,7 +39,7 @@ class PlacingErrors:
         self._parameters = np.linalg.lstsq(fields, moved, rcond=None)[0]
 
     def deviations(self, pivots: Array, arms: Array) -> Array:
-        """Return deviations of angles per deviation of markers [rad/m], (N,)."""
+        """Return standard deviations of angles per standard deviation of markers [rad/m], (N,)."""
         change = self._fields(pivots + arms) - self._fields(pivots)
         across = np.stack([arms[:, 1], -arms[:, 0]], axis=1) / np.sum(arms**2, axis=1)[:, None]
         turns = np.einsum('ni,nij->nj', across, change) @ self._parameters
@@ -53,23 +54,27 @@ class PlacingErrors:
 
 
 _MAX_PICTURES = 1000
-"""Largest number of pictures in a mean, which then follows slow motions of the frame."""
+"""Largest number of pictures in a mean; the mean then follows slow motions of the frame."""
 _FIT_PERIOD = 30
 """Period of the fits of the plane [pictures], after a fit in each of the first pictures."""
 FEWEST_DOTS = 6
 """Smallest number of dots that defines a plane and its residual."""
 _MOTION_THRESHOLD = 6.0
-"""Mean shift of the dots of a moved camera, in standard deviations [1]."""
+"""Mean shift of the dots above which the camera counts as moved [standard deviations]."""
 _MIN_MOTION = 0.1
-"""Smallest detected motion of the camera [pixels]; flickering lamps shift dots by less."""
+"""Smallest shift that counts as a motion of the camera [pixels]; flickering lamps shift dots by
+less."""
 _MIN_OUTLIER = 0.5
 """Difference from the common shift above which a dot counts as hidden [pixels]."""
 _MAX_RESIDUAL = 0.12
-"""Largest residual of a dot over its contrast [1]; hidden parts cause larger ones."""
+"""Largest residual of a visible dot, relative to its contrast [1]; partly hidden dots have larger
+ones."""
 _MAX_SCALE_ERROR = 0.02
-"""Largest relative difference of print and distances that is not reported [1]."""
+"""Relative difference between print size and distances above which the difference is reported
+[1]."""
 _SEARCH_PERIOD = 60
-"""Period of the search for missing markers [pictures]; it takes a picture period."""
+"""Period of the search for missing markers [pictures]; a search takes as long as one picture
+period."""
 
 
 class FrameMarkers:
@@ -83,9 +88,9 @@ class FrameMarkers:
         self.fit_error = 0.0
         """Standard deviation of the constant error of a fitted centre [pixels]."""
         self.placing: PlacingErrors | None = None
-        """Errors by the positions of the frame markers, None until the plane is known."""
+        """Errors due to the positions of the frame markers; None until the plane is known."""
         self.print_scale = 1.0
-        """Size of the printed markers over the size in the layout [1]."""
+        """Size of the printed markers divided by the size in the layout [1]."""
         self.seen = 0
         """Number of visible dots in the latest picture."""
         self.moves = 0
@@ -229,7 +234,7 @@ def _spreads(dots: Array) -> tuple[float, float]:
 
 
 def _shape_error(dots: Array, expected: Array) -> float:
-    """Return the deviation of markers, (M, 4, 2), from expected shapes [pixels]."""
+    """Return the root mean square error of the shapes of markers, (M, 4, 2) [pixels]."""
     one, other = (
         np.ascontiguousarray(each).view(np.complex128)[..., 0] for each in (dots, expected)
     )

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Positions, sizes and colours of the markers of a chain.
 
-Each pivot has a black dot and each mass a dot in red, green or blue in turn, on white labels.
-ArUco markers on the frame identify black dots beyond their corners, which define the plane.
+Each pivot has a black dot on a white label. Each mass has a dot in red, green or blue, in turn, on
+a white label. ArUco markers on the frame have black dots beyond their corners. These dots define
+the plane of the chain, and the markers identify them.
 """
 
 from __future__ import annotations
@@ -19,27 +20,28 @@ from soliton_linkage.linkage.quantities import check_quantities, document_fields
 from soliton_linkage.vision.opencv import opencv
 
 DICTIONARY = 'DICT_4X4_50'
-"""ArUco dictionary with the fewest cells, detected from the largest distance."""
+"""ArUco dictionary with the fewest cells; its markers are detected from the largest distance."""
 MODULES = 6
 """Number of cells along the side of a frame marker, including the black border."""
 DOT_SHARE = 0.48
-"""Diameter of a dot over that of its label [1]; the white ring is needed because of blur."""
+"""Diameter of a dot, relative to that of its label [1]; blur requires the white ring."""
 COLOURS = ((0, 0, 0), (200, 30, 40), (0, 120, 60), (30, 60, 190))
-"""Red, green and blue of the dots of pivots and of masses [0 to 255]."""
+"""Red, green and blue of the dots: first of pivots, then of masses [0 to 255]."""
 _LABEL_OF_SPACING, _LABEL_OF_ROTOR = 0.45, 0.9
-"""Largest diameter of a label, over the spacing and over the rotor length [1]."""
+"""Largest diameter of a label, relative to the spacing and to the rotor length [1]."""
 _MARKER_OF_SPACING = 0.9
 """Side of a frame marker, relative to the spacing [1]."""
 _MIN_DISTANCE = 1.05
-"""Smallest distance of the centres of frame markers, over the side of their paper [1]."""
+"""Smallest distance between the centres of frame markers, relative to the side of their paper
+[1]."""
 _LABEL_GAP = 0.25
-"""Gap between the paper of a frame marker and the next label, over the spacing [1]."""
+"""Gap between the paper of a frame marker and the next label, relative to the spacing [1]."""
 
 
 @document_fields
 @dataclass(frozen=True)
 class MarkerSettings:
-    """Sizes and positions of markers. Raises ValueError for values out of range."""
+    """Sizes and positions of markers; raises ValueError for values out of range."""
 
     label_diameter: float = quantity(
         0.0, 'diameter of the white labels; 0 derives it from the chain', 'm', 0.0, 1.0
@@ -161,7 +163,7 @@ class MarkerLayout:
 
     @cached_property
     def bounds(self) -> Array:
-        """Box of all labels: lowest x and z, highest x and z [m], (2, 2)."""
+        """Box that contains all labels: lowest x and z, highest x and z [m], (2, 2)."""
         chain = self.chain
         reach = float(chain.rotor_lengths.max()) + self.label_radius
         return np.array([[-reach, -reach], [float(chain.pivots[-1]) + reach, reach]])

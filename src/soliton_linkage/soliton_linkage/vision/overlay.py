@@ -15,15 +15,16 @@ from soliton_linkage.vision.angle_camera import AngleFrame
 from soliton_linkage.vision.opencv import Picture, opencv
 
 _FONT_SIZE = 1 / 1800
-"""Font size over the width of the picture [1/pixel], readable at 1280 pixels."""
+"""Font size, relative to the width of the picture [1/pixel]; it is readable at 1280 pixels."""
 _SHADOW = (20, 20, 20)
 """Colour (blue, green, red) of the shadow of letters, for contrast on any background."""
 _WALL_LENGTH = 1.35
 """Half length of the line that marks a wall, relative to the rotor length [1]."""
 _NAME_DISTANCE = 0.95
-"""Distance of the name of a rotor from its pivot, outside the label, over the spacing [1]."""
+"""Distance of the name of a rotor from its pivot, relative to the spacing [1]; it is outside the
+label."""
 _WALL_DEVIATIONS = 2.0
-"""Half width of the band around a wall, in standard deviations [1]."""
+"""Half width of the band around a wall [standard deviations]."""
 _OPACITY = 0.35
 """Opacity of the band around a wall [1]."""
 _SHIFT = 4

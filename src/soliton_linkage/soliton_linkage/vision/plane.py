@@ -5,7 +5,8 @@ The ray from the camera to the point (x, z) at the height h above the plane, tow
 
     g1 x + g2 z + g3 + h g1 x g2    (cross product),
 
-with the axes g1 and g2 of the plane, unit vectors if the lens is calibrated.
+with the axes g1 and g2 of the plane and its origin g3. If the lens is calibrated, g1 and g2 are
+unit vectors.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ class ChainPlane:
         return np.asarray(solved / (a * d - b * c)[..., None])
 
     def pixels_per_metre(self, points: Array, heights: ArrayLike = 0.0) -> Array:
-        """Return the scale of the picture at each point, a mean over directions [pixels/m]."""
+        """Return the scale of the picture at each point [pixels/m], a mean over all directions."""
         step = 1e-4 * abs(self.columns[2, 2]) / self._unit
         ends = np.stack([points + side * axis for axis in step * np.eye(2) for side in (1, -1)])
         right, left, top, bottom = self.pixels(ends, heights)
@@ -68,7 +69,7 @@ class ChainPlane:
         return np.asarray(np.sqrt(area) / (2 * step))
 
     def metres_per_pixel(self, pixels: Array, heights: ArrayLike = 0.0) -> Array:
-        """Return the derivative of the shown point by each pixel [m/pixel], (..., 2, 2)."""
+        """Return the derivative of the point by the pixel that shows it [m/pixel], (..., 2, 2)."""
         ends = np.stack([pixels + side * axis for axis in 0.5 * np.eye(2) for side in (1, -1)])
         points = self.points(ends, heights)
         return np.stack([points[0] - points[1], points[2] - points[3]], axis=-1)
@@ -76,7 +77,7 @@ class ChainPlane:
     def circle_centres(self, image_centres: Array, radius: float) -> Array:
         """Return the pixels of the centres of circles of a radius [m], (K, 2).
 
-        They differ from the centres of the ellipses in the picture, `image_centres` [pixels].
+        The picture of a circle is an ellipse with another centre, `image_centres` [pixels].
         """
         turns = np.arange(16) * (np.pi / 8)
         circle = radius * np.column_stack([np.cos(turns), np.sin(turns)])
@@ -95,7 +96,8 @@ class ChainPlane:
 def fit_plane(camera: Camera, points: Array, pixels: Array) -> tuple[ChainPlane, float]:
     """Return the plane that maps points [m] to pixels, (K, 2) each, and the residual [pixels].
 
-    The residual is the rms error of a coordinate. Raises ValueError if no plane is defined.
+    The residual is the root mean square error of a coordinate. Raises ValueError if no plane is
+    defined.
     """
     if len(points) < _MIN_POINTS:
         raise ValueError(

@@ -15,31 +15,33 @@ _MEMORY = 3
 _MAX_GAP = 0.25
 """Longest time between measurements from which a rate is computed [s]."""
 _ACCELERATION = 300.0
-"""Typical acceleration of a resting rotor by a kick [rad/s^2]."""
+"""Typical acceleration of a resting rotor during a kick [rad/s^2]."""
 _INITIAL_RATE = 10.0
 """Standard deviation of the rate of a rotor before its second measurement [rad/s]."""
 _MIN_DEVIATION = 0.03
-"""Standard deviation of a predicted angle at the time of the last measurement [rad]."""
+"""Standard deviation of a predicted angle at the time of its last measurement [rad]."""
 _MAX_DEVIATION = 1.5
-"""Deviation of a prediction below which it determines the turns of a rotor [rad]."""
+"""Standard deviation of a prediction below which the prediction determines the whole turns of a
+rotor [rad]."""
 _UNMEASURED = 0.07
-"""Relative standard deviation of configured lengths [1], typical for handmade parts."""
+"""Relative standard deviation of configured lengths [1]; typical for handmade parts."""
 _MEASURED_ROTOR, _MEASURED_BOND = 0.02, 0.03
-"""Relative deviations of measured rotor lengths, and of bonds, which may be springs [1]."""
+"""Relative standard deviations of measured rotor lengths and of measured bonds [1]; bonds may be
+springs."""
 _MAX_LENGTH_ERROR = 0.2
-"""Largest relative difference of a measured from the configured length [1]."""
+"""Largest relative difference between the measured and the configured length [1]."""
 _MIN_MEASUREMENTS, _MAX_MEASUREMENTS = 5, 300
 """Smallest and largest number of pictures in the mean of a length."""
 _PIVOT_TOLERANCE = 0.25
-"""Largest distance of a pivot from its expected position, over the spacing [1]."""
+"""Largest distance of a pivot from its expected position, relative to the spacing [1]."""
 _SPACING_TOLERANCE = 0.4
-"""Largest error of the distance of two pivots, over the spacing [1]."""
+"""Largest error of the distance between two pivots, relative to the spacing [1]."""
 _MIN_VISIBLE = 0.8
-"""Fraction of the pivots that are visible before they are numbered [1]."""
+"""Fraction of the pivots that must be visible before pivots are numbered [1]."""
 _MAX_PIVOT_PICTURES = 1000
-"""Largest number of pictures in a mean position, which follows slow motions."""
+"""Largest number of pictures in a mean position; the mean then follows slow motions."""
 _MAX_BLACK_COST = 4.0
-"""Largest colour cost of a black dot [1], of two standard deviations."""
+"""Largest colour cost of a black dot [1]; it equals two standard deviations."""
 
 
 class RotorTracks:
@@ -49,9 +51,11 @@ class RotorTracks:
         chain = layout.chain
         rotors = chain.number_of_rotors
         self.lengths = chain.rotor_lengths.copy()
-        """Mean measured, at first configured, length of each rotor [m], (N,)."""
+        """Mean measured length of each rotor [m], (N,); before a measurement, the configured
+        one."""
         self.bonds = chain.rest_lengths[: rotors - 1].copy()
-        """Mean measured, at first configured, distance of neighbouring masses [m], (N - 1,)."""
+        """Mean measured distance of neighbouring masses [m], (N - 1,); before, the configured
+        one."""
         self._colours = layout.colours
         self._length_counts, self._bond_counts = np.zeros(rotors), np.zeros(rotors - 1)
         self._times = np.full((_MEMORY, rotors), -np.inf)
@@ -61,7 +65,11 @@ class RotorTracks:
         self._configured = self.lengths.copy(), self.bonds.copy()
 
     def predict(self, times: Array, pivots: Array, dot_deviation: float) -> Prediction:
-        """Return predicted states at times [s], (N,), given pivots, (N, 2), and dot noise [m]."""
+        """Return the states predicted for times [s], (N,).
+
+        `pivots`, (N, 2), are the positions of the pivots [m], and `dot_deviation` is the standard
+        deviation of a dot [m].
+        """
 
         def deviations(lengths: Array, counts: Array, measured: float) -> Array:
             relative = np.where(counts < _MIN_MEASUREMENTS, _UNMEASURED, measured)
@@ -80,9 +88,10 @@ class RotorTracks:
         )
 
     def length_errors(self, lengths: Array) -> Array:
-        """Return errors of measured lengths [m], (N,), NaN with few measurements.
+        """Return errors of measured lengths [m], (N,); NaN after few measurements.
 
-        They are divided by sqrt(1 + 1 / n), because the mean of n lengths has an error too.
+        An error is the difference from the mean of n lengths, divided by sqrt(1 + 1 / n) because
+        the mean has an error, too.
         """
         counts = np.maximum(self._length_counts, 1.0)
         errors = (lengths - self.lengths) / np.sqrt(1 + 1 / counts)
@@ -100,7 +109,7 @@ class RotorTracks:
         return angles, np.where(measured, np.minimum(deviations, np.pi), np.pi)
 
     def motion(self) -> tuple[Array, Array, Array]:
-        """Return rates [rad/s], accelerations [rad/s^2] and deviations of rates, (N,) each."""
+        """Return rates [rad/s], accelerations [rad/s^2] and errors of the rates, (N,) each."""
         (t0, t1, t2), (a0, a1, a2) = self._times, self._angles
         with np.errstate(invalid='ignore', divide='ignore'):
             slope = (a0 - a1) / (t0 - t1)
@@ -118,8 +127,8 @@ class RotorTracks:
     def unwrap(self, times: Array, angles: Array) -> Array:
         """Return angles to which the whole turns have been added [rad], (N,).
 
-        A wall turns all rotors of a spinner in one sense; a rotor that was hidden for long
-        receives the turns of its neighbours. Flippers make no whole turns.
+        A rotor of a spinner that was hidden for long receives the turns of its neighbours, because
+        a wall turns all rotors in one sense. Rotors of flippers make no whole turns.
         """
         expected, deviations = self.predict_angles(times)
         known = np.isfinite(angles) & (deviations < _MAX_DEVIATION)
@@ -167,15 +176,19 @@ class Pivots:
         self.known = np.zeros(chain.number_of_rotors, dtype=bool)
         """Whether the position of each pivot is known, (N,)."""
         self.positions = np.column_stack([chain.pivots, np.zeros(chain.number_of_rotors)])
-        """Measured, interpolated, or at first configured positions [m], (N, 2)."""
+        """Measured or interpolated positions [m], (N, 2); before a measurement, the configured
+        ones."""
         self.candidates = 0
-        """Number of dots that are possibly pivots."""
+        """Number of dots that may be pivots."""
         self._layout = layout
         self._spots = np.zeros((0, 2))
         self._counts = np.zeros(0)
 
     def update(self, points: Array, colour_costs: Array) -> None:
-        """Add K dots, at heights of even and odd rotors [m], (2, K, 2), with costs (K, C)."""
+        """Add K dots with colour costs, (K, C).
+
+        `points`, (2, K, 2), are their positions for the heights of even and of odd rotors [m].
+        """
         black = colour_costs[:, 0] <= _MAX_BLACK_COST
         if self.known.any():
             self._average(points[:, black])

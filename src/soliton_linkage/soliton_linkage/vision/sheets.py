@@ -18,11 +18,11 @@ from soliton_linkage.vision.layout import COLOURS, MODULES, MarkerLayout, marker
 PAPERS = {'a4': (0.210, 0.297), 'a3': (0.297, 0.420), 'letter': (0.2159, 0.2794)}
 """Width and height of each paper [m]."""
 _MARGIN = 0.010
-"""Width of the margin of a sheet, where printers cannot print [m]."""
+"""Width of the margin of a sheet, in which printers cannot print [m]."""
 _HEADER = 0.022
 """Height of the title and the ruler together [m]."""
 _GAP = 0.002
-"""Gap between markers, and height of the text below a marker [m]."""
+"""Gap between two markers, and height of the text below a marker [m]."""
 _RULER = 0.1
 """Length of the printed ruler that shows the scale of the print [m]."""
 _INCH = 0.0254

@@ -18,15 +18,17 @@ from soliton_linkage.vision.opencv import Picture, opencv, pyav
 _TICKS = 90_000
 """Time base of written videos [Hz], as in MPEG."""
 _SILENT = 0
-"""Log level with which OpenCV writes no messages."""
+"""Log level at which OpenCV writes no messages."""
 _GAP = 1.6
-"""Interval over the typical interval above which pictures are missing [1]."""
+"""Ratio of an interval to the typical interval above which pictures count as missing [1]."""
 _MEMORY = 31
 """Number of recent intervals from which the typical interval is computed."""
 _PERCENTILE = 75
-"""Percentile of the typical interval [%], high because frame rates of phones vary."""
+"""Percentile of recent intervals that is the typical interval [%]; it is high because frame rates
+of phones vary."""
 _CUT = 3.0
-"""Missing length over the longest interval above which a film is incomplete [1]."""
+"""Ratio of the missing length to the longest interval above which a film counts as incomplete
+[1]."""
 _SOUND = 1.0
 """Largest time by which the sound may be longer than the pictures of a film [s]."""
 _SYNC, _PACKET = b'G', 188
@@ -34,7 +36,7 @@ _SYNC, _PACKET = b'G', 188
 
 
 class TimedPicture(NamedTuple):
-    """Picture and its time since the first picture [s]."""
+    """Picture, and its time since the first picture [s]."""
 
     time: float
     picture: Picture
@@ -59,7 +61,7 @@ class GapCounter:
         self._periods: list[float] = []
 
     def add(self, taken: float) -> int:
-        """Add a picture at a time [s]; return how many pictures are missing before it."""
+        """Add a picture at a time [s]; return the number of missing pictures before it."""
         period = 0.0 if self._last is None else taken - self._last
         self._last = taken
         if period <= 0:
@@ -137,7 +139,7 @@ def write_video(
     """Write an H.264 video; return the number of pictures.
 
     `quality` is the constant rate factor (CRF), better if lower. With `alone`, each picture is a
-    key frame, so that the file contains all small motions.
+    key frame, so that small motions are not lost.
     """
     av: Any = pyav()
     count = 0
@@ -162,7 +164,7 @@ def write_video(
 def _checked(
     path: Path, pictures: Iterator[TimedPicture], length: float, slack: float
 ) -> Iterator[TimedPicture]:
-    """Yield the pictures; raise ValueError if the film is shorter than `length` by `slack` [s]."""
+    """Yield the pictures; raise ValueError if the film lacks more than `slack` [s] of `length`."""
     last, interval = 0.0, 0.0
     for taken in pictures:
         last, interval = taken.time, max(interval, taken.time - last)
@@ -194,7 +196,10 @@ def _opened_camera(number: int) -> Any:
 
 
 def _start(path: Path, created: str, length: float) -> float:
-    """Return the creation time, or the last change minus the length, since the epoch [s]."""
+    """Return the time of the first picture [s] since the epoch.
+
+    It is the creation time, or the last change minus the length.
+    """
     try:
         return datetime.datetime.fromisoformat(created.replace('Z', '+00:00')).timestamp()
     except ValueError:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled loops of `nystrom_steps`; the docstring of that module contains the equations.
 
-A drift rotates a rotor by a small angle, whose cosine and sine are polynomials, so that the
-compiler can vectorise all loops. `work` has the rows of the module `terms`, and those below.
+A drift rotates a rotor by a small angle. Polynomials give the cosine and sine of this angle, so
+that the compiler can vectorise all loops. `work` has the rows of the module `terms` and those
+below.
 """
 
 from __future__ import annotations
@@ -71,8 +72,8 @@ class Step(NamedTuple):
     """Durations for which the torques of the kicks act [s], shape (14,)."""
     decays: Array
     """Coefficients of linear damping, shape (2, 2, 15, P), or (2, 2, 15, 0) without it. The first
-    index selects a half or a whole step, the second the factor of the rate [1], or the rotation
-    divided by the initial rate [s]."""
+    index selects a half or a whole step. The second index selects the factor of the rate [1], or
+    the rotation divided by the initial rate [s]."""
 
 
 PlainStep = tuple[Array, Array, Array]
@@ -169,7 +170,7 @@ def damp(work: Array, rotors: int, forces: Forces, time: float) -> float:
 
 @compile_loop
 def take_step(work: Array, rotors: int, forces: Forces, step: Step, share: float) -> float:
-    """Take the `share` 0.5 or 1 of a step; return the energy that its terms dissipate [J]."""
+    """Take the `share` 0.5 or 1 of a step; return the energy that the terms dissipate [J]."""
     never_inlined()
     dissipated = 0.0
     for stage in range(step.drifts.size):
@@ -219,7 +220,7 @@ def copy_state(source: Array, target: Array) -> None:
 
 @inlined
 def scaled_difference(before: Array, whole: Array, halves: Array, checks: Checks) -> float:
-    """Return the error of a step as defined in `Checks` from its states before and after [1]."""
+    """Return the error of a step as defined in `Checks` [1], from the states before and after."""
     squares = 0.0
     for n in range(whole.size):
         size = max(abs(before[n]), abs(halves[n]))
@@ -357,7 +358,7 @@ def put_knot(
 
 @inlined
 def fit(knots: Array) -> None:
-    """Compute the coefficients of x^0 to x^8 from value, slope, curvature at x = -1, 0 and 1."""
+    """Compute coefficients of x^0 to x^8 from value, slope and curvature at x = -1, 0 and 1."""
     for n in range(knots.shape[1]):
         value, slope, curvature = knots[3, n], knots[4, n], knots[5, n]
         before, after = knots[0, n] - value, knots[6, n] - value

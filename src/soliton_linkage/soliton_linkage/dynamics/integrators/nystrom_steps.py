@@ -6,13 +6,13 @@ A step of length h is a symmetric sequence of drifts and kicks,
     drift(a_15 h) kick(b_14 h) drift(a_14 h) ... kick(b_1 h) drift(a_1 h).
 
 A kick applies the torques that depend on the angles, and a drift those that depend on the rates.
-With linear damping, gamma = c / (M r^2), a drift is the exact solution
+With linear damping c, gamma = c / (M r^2), a drift is the exact solution
 
     phi_dot(t) = phi_dot e^(-gamma t),    phi(t) = phi + phi_dot (1 - e^(-gamma t)) / gamma,
 
-otherwise a Runge-Kutta step of order 4. Without damping a step is symplectic and reversible. With
-linear damping it reduces volumes in phase space as the true motion does, so that energy plus
-dissipated energy has no drift.
+With other damping, a drift is a Runge-Kutta step of order 4. Without damping a step is symplectic
+and reversible. With linear damping it reduces volumes in phase space as the true motion does, so
+that energy plus dissipated energy has no drift.
 
 The coefficients are those of the method SRKN_14^a of order 6, for a quadratic kinetic energy: S.
 Blanes and P. C. Moan, J. Comput. Appl. Math. 142 (2002) 313.
@@ -85,7 +85,7 @@ class SolverSettings:
 
     rotors_per_call: int = 16_000
     """Number of rotors times number of steps in one call of the compiled loops [1]. Sensitivity:
-    10 % slower at 0.5x or 2x."""
+    at 0.5x or 2x, the solver is 10 % slower."""
     safety: float = 0.8
     """Largest rotation of the fastest rotor in one drift, as a fraction of LARGEST_TURN [1].
     Sensitivity: at 0.5x, 60 % more force evaluations if a rotor spins fast; with 1, a rotor that
@@ -122,7 +122,8 @@ _NONE: Numbers = np.empty(0, dtype=np.int64)
 def steps_to_measure(taken: int, count: int, every: int) -> Numbers:
     """Return the numbers of the next `count` steps whose error is measured; the next step is 1.
 
-    They are the steps 1, 4, 16 and every `every`-th after `taken` steps of the current length.
+    Of the steps of one length, these are the steps 1, 4 and 16, and every `every`-th step. `taken`
+    steps of this length are already taken.
     """
     regular = np.arange(every - taken % every, count + 1, every)
     early = [step for step in (1, 4, 16) if taken < step <= taken + count]
@@ -181,10 +182,10 @@ class NystromSteps:
         return states[: done + 1], error
 
     def interpolated(self, states: Array, length: float, times: Array) -> Array:
-        """Return the states at times in steps since the first state, shape (times, len(state)).
+        """Return the states at given times; a time is a number of steps since the first state.
 
-        Polynomials of degree 8 fit angle, rate and acceleration at start, middle and end of a
-        step.
+        The result has shape (times, len(state)). Polynomials of degree 8 fit angle, rate and
+        acceleration at the start, middle and end of a step.
         """
         angles = states[:, : self._motion.rotors]
         output = np.empty((len(times), states.shape[1]))

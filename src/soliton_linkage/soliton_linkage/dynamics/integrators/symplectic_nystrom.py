@@ -38,9 +38,10 @@ class SymplecticNystrom(OdeSolver):
 
     The solver chooses a step length with an error below atol + rtol abs(y), in the norm of scipy's
     solvers, and keeps it as long as possible, because the energy error is bounded only while the
-    length is constant. The error is the difference from two half steps, measured in the first,
-    fourth and sixteenth step of a length, and then in every 32nd. Steps with a too large error are
-    repeated with a shorter length; if it is far below the tolerance, the length increases.
+    length is constant. The error is the difference between a step and two half steps. It is
+    measured in the first, fourth and sixteenth step of each length, and then in every 32nd step.
+    Steps with a too large error are repeated with a shorter length. If the error is far below the
+    tolerance, the length increases.
 
     `length` is the length of a method step [s], and `together` the largest number of method steps
     in one solver step. Raises TypeError for a right-hand side that is not an `EquationOfMotion`,
@@ -48,8 +49,8 @@ class SymplecticNystrom(OdeSolver):
     """
 
     _tried = 4
-    """Number of steps after which the first step length is accepted [1]; the error of the last one
-    is measured."""
+    """Number of steps after which the first step length is accepted [1]; the error of the last of
+    them is measured."""
 
     n: int
     t: float
@@ -109,7 +110,7 @@ class SymplecticNystrom(OdeSolver):
 
     @classmethod
     def load(cls) -> None:
-        """Compile or load all loops by two steps, so that no first step of a simulation waits."""
+        """Compile or load all loops by taking two steps, so that no simulation has to wait."""
         motion = EquationOfMotion(Chain(number_of_rotors=2))
         few_rows = SolverSettings(rotors_per_call=1)
         solver = cls(motion, 0.0, np.zeros(4), math.inf, settings=few_rows)
@@ -184,7 +185,7 @@ class SymplecticNystrom(OdeSolver):
             self._change_to(better)
 
     def _better(self, error: float) -> float:
-        """Return the step length [s] that a measured error of the current length suggests."""
+        """Return the step length [s] that the measured error suggests for the next steps."""
         if not math.isfinite(error):
             return self.length / 4
         factor = min(4.0, (self._settings.aim / error) ** (1 / (ORDER + 1))) if error else 4.0
