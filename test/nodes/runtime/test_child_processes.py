@@ -39,28 +39,25 @@ def wait_until(condition: Callable[[], bool], what: str) -> None:
         time.sleep(0.02)
 
 
-def test_a_node_runs_until_it_is_stopped_with_its_words_in_a_log(
-    children: ChildProcesses, environment: dict[str, str], tmp_path: Path
-) -> None:
+@pytest.fixture
+def recording(children: ChildProcesses, environment: dict[str, str], tmp_path: Path) -> Path:
+    """Start a recorder, wait for its first words in its log, and return the name of its bag."""
     children.start('bag_recorder', ['-p', f'output:={tmp_path / "run"}'], environment)
     log = tmp_path / 'log' / 'bag_recorder.log'
     wait_until(lambda: 'recording to' in log.read_text(encoding='utf-8'), 'the first words')
-    children.check()
-    assert not children.wait('bag_recorder', 0)
-    assert children.stop() == {'bag_recorder': 0}
-    assert (tmp_path / 'run_0' / 'metadata.yaml').is_file()
+    return tmp_path / 'run'
 
 
 def test_one_process_stops_while_others_continue(
-    children: ChildProcesses, environment: dict[str, str], tmp_path: Path
+    children: ChildProcesses, environment: dict[str, str], recording: Path
 ) -> None:
-    children.start('bag_recorder', ['-p', f'output:={tmp_path / "run"}'], environment)
-    children.start('soliton_analyser', [], environment)
-    log = tmp_path / 'log' / 'bag_recorder.log'
-    wait_until(lambda: 'recording to' in log.read_text(encoding='utf-8'), 'the first words')
-    assert children.stop(['bag_recorder']) == {'bag_recorder': 0}
+    children.start('edge_actuator', [], environment)
     children.check()
-    assert children.stop().keys() == {'soliton_analyser'}
+    assert not children.wait('bag_recorder', 0)
+    assert children.stop(['bag_recorder']) == {'bag_recorder': 0}
+    assert Path(f'{recording}_0', 'metadata.yaml').is_file()
+    children.check()
+    assert children.stop().keys() == {'edge_actuator'}
 
 
 def test_one_that_ends_by_itself_is_missed_with_its_last_words(
@@ -75,12 +72,9 @@ def test_one_that_ends_by_itself_is_missed_with_its_last_words(
 
 
 def test_one_that_does_not_heed_the_interrupt_is_killed(
-    children: ChildProcesses, environment: dict[str, str], tmp_path: Path
+    children: ChildProcesses, recording: Path
 ) -> None:
-    children.start('bag_recorder', ['-p', f'output:={tmp_path / "run"}'], environment)
-    log = tmp_path / 'log' / 'bag_recorder.log'
-    wait_until(lambda: 'recording to' in log.read_text(encoding='utf-8'), 'the first words')
-    os.kill(process_with(str(tmp_path / 'run')), signal.SIGSTOP)
+    os.kill(process_with(str(recording)), signal.SIGSTOP)
     assert children.stop() == {'bag_recorder': -signal.SIGKILL}
 
 
@@ -90,7 +84,7 @@ import os, signal, sys
 from pathlib import Path
 from soliton_linkage_nodes.runtime.child_processes import ChildProcesses
 children = ChildProcesses(Path(sys.argv[1]))
-children.start('soliton_analyser', [], dict(os.environ))
+children.start('edge_actuator', [], dict(os.environ))
 print('started', flush=True)
 signal.pause()
 """
@@ -105,7 +99,7 @@ signal.pause()
     number = Path(f'/proc/{process.pid}/task/{process.pid}/children').read_text(encoding='ascii')
     child = Path('/proc', number.strip())
     executable = Path(get_package_prefix('soliton_linkage_nodes'), 'lib', 'soliton_linkage_nodes')
-    name = str(executable / 'soliton_analyser').encode()
+    name = str(executable / 'edge_actuator').encode()
     wait_until(lambda: name in (child / 'cmdline').read_bytes(), 'the child')
     process.kill()
     process.communicate()
