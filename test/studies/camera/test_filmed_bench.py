@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from filmed_chains import CAMERA
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.solitons.passage import blocked_bonds
 from soliton_linkage.vision.angle_camera import AngleCamera
 from soliton_linkage.vision.layout import MarkerLayout, MarkerSettings
+from soliton_linkage_studies.camera import filmed_bench, runs
 from soliton_linkage_studies.camera.filmed_bench import BenchParameters, FilmedBench
-from soliton_linkage_studies.camera.runs import CAMERA
 
 PLAN = Chain(6, 0.1, 0.05, 0.97)
 BENCH = FilmedBench(PLAN, MarkerSettings(), BenchParameters(seed=3, duration=0.5))
@@ -25,8 +26,12 @@ def test_the_chain_differs_from_its_plan_and_walls_pass() -> None:
         assert 0.01 < np.std(getattr(made, name) / of_plan) < 0.12, name
 
 
-def test_a_camera_with_only_the_plan_measures_the_true_angles() -> None:
+def test_a_camera_with_only_the_plan_measures_the_true_angles(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headless')
+    for module in (runs, filmed_bench):
+        monkeypatch.setattr(module, 'CAMERA', CAMERA)
     film = BENCH.film()
     eye = AngleCamera(MarkerLayout(PLAN), CAMERA)
     shots = [next(film) for _ in range(3)]
