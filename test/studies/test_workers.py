@@ -11,12 +11,11 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
 import pytest
+from pools import Here
 
 from soliton_linkage_studies import workers as study_workers
 from soliton_linkage_studies.sweep.config import Axis, SweepStudy
@@ -298,28 +297,6 @@ class Clock:
         return self.now
 
 
-class Here:
-    """Pool of two workers that run tasks immediately in this thread."""
-
-    count = 2
-
-    def __init__(self) -> None:
-        self.chunks: list[tuple[int, float]] = []
-        self.done: list[Future[Any]] = []
-
-    def submit(self, task: Any, /, *arguments: Any) -> Future[Any]:
-        future: Future[Any] = Future()
-        result = task(*arguments)
-        self.chunks.append((len(result[0]), result[2]))
-        future.set_result(result)
-        self.done.append(future)
-        return future
-
-    def finished(self) -> Iterator[Future[Any]]:
-        while self.done:
-            yield self.done.pop()
-
-
 @pytest.mark.parametrize('seconds', [0.001, 0.1, 5.0])
 def test_a_chunk_takes_about_a_second_or_one_row(
     seconds: float, monkeypatch: pytest.MonkeyPatch
@@ -328,10 +305,10 @@ def test_a_chunk_takes_about_a_second_or_one_row(
     pool = Here()
     done = list(measure_rows(pool, STUDY, range(STUDY.rows)))
     assert sorted(int(row[0]) for cells in done for row in cells) == list(range(STUDY.rows))
-    longest = max(spent for _, spent in pool.chunks)
+    longest = max(spent for *_, spent in pool.results)
     assert longest <= max(1.0, seconds) + seconds
     if seconds == 0.1:
-        assert sum(count for count, _ in pool.chunks if count > 5) > STUDY.rows / 2
+        assert sum(len(rows) for rows, *_ in pool.results if len(rows) > 5) > STUDY.rows / 2
 
 
 def test_slow_rows_are_removed_from_their_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -339,7 +316,7 @@ def test_slow_rows_are_removed_from_their_chunk(monkeypatch: pytest.MonkeyPatch)
     pool = Here()
     done = list(measure_rows(pool, STUDY, range(STUDY.rows)))
     assert sorted(int(row[0]) for cells in done for row in cells) == list(range(STUDY.rows))
-    assert max(spent for _, spent in pool.chunks) <= 1 + 3
+    assert max(spent for *_, spent in pool.results) <= 1 + 3
 
 
 def test_rows_measured_by_processes_are_the_same() -> None:

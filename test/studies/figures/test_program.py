@@ -121,7 +121,7 @@ def test_an_external_figure_is_drawn_with_the_others(
     monkeypatch.syspath_prepend(tmp_path)
     importlib.import_module('own_figure')
     try:
-        assert figures.main([str(config), '--output', str(tmp_path), '--only', 'own']) == 0
+        assert figures.main([str(config), '--output', str(tmp_path), '--workers', '1']) == 0
     finally:
         del FIGURES['own_parabola'], sys.modules['own_figure']
     assert (tmp_path / 'own_parabola.png').exists()

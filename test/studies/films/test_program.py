@@ -130,7 +130,7 @@ def test_a_quick_run_makes_nine_playable_films(
         film.update({key: 0.05 * film[key] for key in ('duration',) if key in film})
     config = tmp_path / 'films.yaml'
     config.write_text(yaml.safe_dump(content), encoding='utf-8')
-    assert main([str(config), '--output', str(output), '--quick']) == 0
+    assert main([str(config), '--output', str(output), '--quick', '--workers', '1']) == 0
     kind = file_kind()
     captions = [output / f'{name}.txt' for name in NAMES]
     films = sorted(set(output.iterdir()) - set(captions))
