@@ -93,7 +93,7 @@ def listed(offenders: list[str]) -> str:
     return ''.join(f'\n    {offender}' for offender in offenders)
 
 
-def test_physics_imports_nothing_but_itself_and_numerics() -> None:
+def test_physics_imports_nothing_but_itself_and_numerics():
     offenders = []
     for module in modules():
         package, inner = room(module)
@@ -107,7 +107,7 @@ def test_physics_imports_nothing_but_itself_and_numerics() -> None:
     assert not offenders, f'physics knows numerics and no ROS:{listed(offenders)}'
 
 
-def test_packages_import_downwards_only() -> None:
+def test_packages_import_downwards_only():
     offenders = []
     for module in modules():
         package, inner = room(module)
@@ -125,7 +125,7 @@ def test_packages_import_downwards_only() -> None:
     assert not offenders, f'a package imports from those below it:{listed(sorted(offenders))}'
 
 
-def test_bags_know_no_linkage_and_no_message_of_it() -> None:
+def test_bags_know_no_linkage_and_no_message_of_it():
     offenders = [
         f'{module} imports {name}'
         for module in modules()
@@ -136,7 +136,7 @@ def test_bags_know_no_linkage_and_no_message_of_it() -> None:
     assert not offenders, f'bags play and record whatever there is:{listed(offenders)}'
 
 
-def test_no_circle_of_imports() -> None:
+def test_no_circle_of_imports():
     graph = {module: imports(module) & set(modules()) - {module} for module in modules()}
     outside = True
     while outside:
@@ -149,7 +149,7 @@ def test_no_circle_of_imports() -> None:
     assert not offenders, f'these imports run in a circle:{listed(sorted(offenders))}'
 
 
-def test_no_module_is_longer_than_450_lines() -> None:
+def test_no_module_is_longer_than_450_lines():
     offenders = [
         f'{path.relative_to(SOURCES)}: {count}'
         for path in sorted(SOURCES.glob('soliton_linkage*/soliton_linkage*/**/*.py'))
@@ -158,7 +158,7 @@ def test_no_module_is_longer_than_450_lines() -> None:
     assert not offenders, f'more than {MOST_LINES} lines in a module:{listed(offenders)}'
 
 
-def test_no_function_takes_more_than_8_positional_arguments() -> None:
+def test_no_function_takes_more_than_8_positional_arguments():
     offenders = []
     for module, syntax in modules().items():
         for function in ast.walk(syntax):
@@ -170,7 +170,7 @@ def test_no_function_takes_more_than_8_positional_arguments() -> None:
     assert not offenders, f'more than {MOST_ARGUMENTS} positional arguments:{listed(offenders)}'
 
 
-def test_each_package_describes_its_content() -> None:
+def test_each_package_describes_its_content():
     folders = {path.parent for path in SOURCES.glob('soliton_linkage*/soliton_linkage*/**/*.py')}
     offenders = [
         str(folder.relative_to(SOURCES))
@@ -181,7 +181,7 @@ def test_each_package_describes_its_content() -> None:
     assert not offenders, f'no docstring in the __init__.py of:{listed(offenders)}'
 
 
-def test_a_name_of_a_class_means_one_thing() -> None:
+def test_a_name_of_a_class_means_one_thing():
     homes = defaultdict(list)
     for module, syntax in modules().items():
         for statement in ast.walk(syntax):
@@ -193,7 +193,7 @@ def test_a_name_of_a_class_means_one_thing() -> None:
     assert not offenders, f'classes of one name for two things:{listed(sorted(offenders))}'
 
 
-def test_a_number_has_its_reason() -> None:
+def test_a_number_has_its_reason():
     offenders = [
         f'{module}:{line} {name}'
         for module, syntax in modules().items()
@@ -231,7 +231,7 @@ def is_number(part: ast.AST) -> bool:
     )
 
 
-def test_tests_of_nodes_use_public_names() -> None:
+def test_tests_of_nodes_use_public_names():
     offenders = [
         f'{path.relative_to(TESTS)}:{part.lineno} {ast.unparse(part)}'
         for path in sorted([*TESTS.glob('nodes/**/*.py'), *TESTS.glob('system/**/*.py')])

@@ -42,7 +42,7 @@ def conda_package(key: str) -> str:
     return OTHER_NAMES.get(key, key.removeprefix('python3-'))
 
 
-def test_the_container_has_the_dependencies_of_the_packages() -> None:
+def test_the_container_has_the_dependencies_of_the_packages():
     text = (ROOT / 'Dockerfile').read_text(encoding='utf-8')
     listed = re.findall(r'^    ([a-z][a-z0-9-]*) \\$', text, re.MULTILINE)
     tools = {'build-essential', 'python3-colcon-common-extensions', 'python3-pip'}
@@ -52,7 +52,7 @@ def test_the_container_has_the_dependencies_of_the_packages() -> None:
     assert {f'python3-{name}-pip' for name in installed.split()} == by_pip
 
 
-def test_pixi_has_the_dependencies_of_the_packages() -> None:
+def test_pixi_has_the_dependencies_of_the_packages():
     text = (ROOT / 'pixi.toml').read_text(encoding='utf-8')
     tables = dict(re.findall(r'^\[([a-z-]+)\]\n((?:[^\[\n].*\n)*)', text, re.MULTILINE))
     tools = {'colcon-common-extensions', 'compilers', 'ros-jazzy-ros-base'}

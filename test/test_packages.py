@@ -95,18 +95,18 @@ def project(requirement: str) -> str:
 
 
 @pytest.mark.parametrize('package', PACKAGES)
-def test_rosdep_installs_the_imported_packages(package: str) -> None:
+def test_rosdep_installs_the_imported_packages(package):
     needed = {KEYS.get(name, name) for name in imported(package) - EXTRAS}
     assert declared(package) == needed | WHEN_NEEDED[package]
 
 
-def test_packages_without_a_key_are_dependencies_of_packages_with_one() -> None:
+def test_packages_without_a_key_are_dependencies_of_packages_with_one():
     brought = {project(requirement) for requirement in requires('rosbags') or []}
     assert {'backports.zstd', 'lz4'} <= brought
 
 
 @pytest.mark.parametrize('package', PACKAGES)
-def test_pip_installs_the_imported_packages(package: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pip_installs_the_imported_packages(package, monkeypatch):
     data = setup_data(package, monkeypatch, 'bdist_wheel')
     extras = data.get('extras_require', {})
     required = {project(name) for name in data['install_requires']}
@@ -119,33 +119,33 @@ def test_pip_installs_the_imported_packages(package: str, monkeypatch: pytest.Mo
     assert required <= needed <= required | optional
 
 
-def test_the_page_is_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_page_is_an_extra(monkeypatch):
     data = setup_data('soliton_linkage_nodes', monkeypatch, 'bdist_wheel')
     assert [project(name) for name in data['extras_require']['live']] == ['nicegui']
     brought = {project(requirement) for requirement in requires('nicegui') or []}
     assert OF_THE_PAGE & imported('soliton_linkage_nodes') == OF_THE_PAGE <= brought | {'nicegui'}
 
 
-def test_the_server_for_foxglove_is_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_server_for_foxglove_is_an_extra(monkeypatch):
     data = setup_data('soliton_linkage_nodes', monkeypatch, 'bdist_wheel')
     assert data['extras_require']['foxglove'] == ['foxglove-sdk']
     assert 'foxglove' in imported('soliton_linkage_nodes')
 
 
-def test_the_camera_is_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_camera_is_an_extra(monkeypatch):
     data = setup_data('soliton_linkage', monkeypatch, 'bdist_wheel')
     extra = {project(name) for name in data['extras_require']['camera']}
     assert extra == {'av', 'matplotlib', 'opencv-python-headless'}
 
 
-def test_the_serial_port_is_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_serial_port_is_an_extra(monkeypatch):
     data = setup_data('soliton_linkage', monkeypatch, 'bdist_wheel')
     assert [project(name) for name in data['extras_require']['serial']] == ['pyserial']
     nodes = setup_data('soliton_linkage_nodes', monkeypatch, 'bdist_wheel')
     assert nodes['extras_require']['serial'] == ['soliton_linkage[serial]']
 
 
-def test_a_plain_colcon_build_makes_the_packages_of_the_suite_alone() -> None:
+def test_a_plain_colcon_build_makes_the_packages_of_the_suite_alone():
     found = set()
     for folder, subfolders, files in os.walk(ROOT):
         if 'COLCON_IGNORE' in files:
@@ -156,7 +156,7 @@ def test_a_plain_colcon_build_makes_the_packages_of_the_suite_alone() -> None:
     assert found == OWN
 
 
-def test_one_version(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_version(monkeypatch):
     manifests = {manifest(package).findtext('version') for package in OWN}
     (version,) = manifests
     for package in PACKAGES:
@@ -164,7 +164,7 @@ def test_one_version(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize('package', PACKAGES)
-def test_a_build_by_pip_leaves_the_source_tree_unchanged(package: str, tmp_path: Path) -> None:
+def test_a_build_by_pip_leaves_the_source_tree_unchanged(package, tmp_path):
     source = tmp_path / 'source'
     shutil.copytree(SOURCES / package, source, ignore=shutil.ignore_patterns('__pycache__'))
     before = sorted(source.rglob('*'))
@@ -174,7 +174,7 @@ def test_a_build_by_pip_leaves_the_source_tree_unchanged(package: str, tmp_path:
     assert (tmp_path / 'built' / package / '__init__.py').is_file()
 
 
-def test_a_wheel_puts_one_name_on_the_path(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wheel_puts_one_name_on_the_path(monkeypatch):
     names = {
         command: [
             script.partition(' = ')[0]
@@ -200,9 +200,7 @@ def test_a_wheel_puts_one_name_on_the_path(monkeypatch: pytest.MonkeyPatch) -> N
         ('soliton_linkage_studies', 'settings', 'config/studies/*'),
     ],
 )
-def test_settings_and_bags_are_installed(
-    monkeypatch: pytest.MonkeyPatch, package: str, share: str, sources: str
-) -> None:
+def test_settings_and_bags_are_installed(monkeypatch, package, share, sources):
     data = setup_data(package, monkeypatch)
     installed = {
         Path(name).name
@@ -218,7 +216,7 @@ def test_settings_and_bags_are_installed(
     )
 
 
-def test_metadata_of_the_physics(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_metadata_of_the_physics(monkeypatch):
     data = setup_data('soliton_linkage', monkeypatch)
     found = Distribution(data).metadata
     assert 'import soliton_linkage as sl' in found.get_long_description()
@@ -227,7 +225,7 @@ def test_metadata_of_the_physics(monkeypatch: pytest.MonkeyPatch) -> None:
     assert data['python_requires'] == '>=3.10'
 
 
-def test_studies_without_matplotlib_name_the_package_to_install() -> None:
+def test_studies_without_matplotlib_name_the_package_to_install():
     hidden = """
 import sys
 from importlib.machinery import PathFinder

@@ -16,12 +16,12 @@ import pytest
 SETUP = Path(__file__).parents[1] / 'setup'
 
 
-def test_every_requirement_has_a_pin() -> None:
+def test_every_requirement_has_a_pin():
     problems: Callable[[Path], list[str]] = runpy.run_path(str(SETUP / 'pins.py'))['problems']
     assert problems(SETUP) == []
 
 
-def test_a_requirement_without_a_pin_is_named(tmp_path: Path) -> None:
+def test_a_requirement_without_a_pin_is_named(tmp_path):
     problems: Callable[[Path], list[str]] = runpy.run_path(str(SETUP / 'pins.py'))['problems']
     (tmp_path / 'constraints.txt').write_text('numpy==2.2.6\nscipy>=1.11\n', encoding='utf-8')
     (tmp_path / 'requirements-run.txt').write_text(
@@ -54,7 +54,7 @@ def zipped(names: list[str], year: int, mode: int) -> bytes:
 
 
 @pytest.mark.parametrize('kind', ['repacked', 'rezipped'])
-def test_an_archive_does_not_depend_on_its_time_and_author(kind: str) -> None:
+def test_an_archive_does_not_depend_on_its_time_and_author(kind):
     again: Any = runpy.run_path(str(SETUP / 'release.py'))[kind]
     if kind == 'repacked':
         first, second = packed(['a', 'b'], 5, 0o644, 'me'), packed(['b', 'a'], 7, 0o600, 'you')

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -17,9 +16,7 @@ sys.path.append(str(PROGRAMS))
 
 
 @pytest.fixture(scope='session')
-def run_part(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> Callable[..., Path]:
+def run_part(request, tmp_path_factory):
     """Run a part by its name and return its output; show its messages if it fails."""
     if not request.config.getoption('--benchmarks'):
         pytest.skip("parts of the benchmark: make test ARGS='--benchmarks'")

@@ -20,7 +20,7 @@ from live_watchers import crowd
 from soliton_linkage_nodes.live_view.frame_layout import pack, pack_history
 
 
-def test_a_watcher_reports_exactly_the_drawn_pictures() -> None:
+def test_a_watcher_reports_exactly_the_drawn_pictures():
     picture, history = pack({}, {}), pack_history(0, [])
     said: list[list[str]] = []
 
@@ -40,7 +40,7 @@ def test_a_watcher_reports_exactly_the_drawn_pictures() -> None:
     assert said == [['drawn', 'drawn']] * 3
 
 
-def test_memory_is_the_resident_memory_of_a_process() -> None:
+def test_memory_is_the_resident_memory_of_a_process():
     before = memory(os.getpid())
     kept = bytearray(os.urandom(50_000_000))
     assert memory(os.getpid()) - before == pytest.approx(len(kept) / 1e6, abs=10)

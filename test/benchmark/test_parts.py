@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 import statistics
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -35,9 +34,7 @@ def measured(found: Found) -> dict[str, list[float]]:
     return {each['what']: each['values'] for each in found['figures']}
 
 
-def test_both_analyses_find_the_wall_and_ours_no_worse_than_its_noise(
-    run_part: Callable[..., Path],
-) -> None:
+def test_both_analyses_find_the_wall_and_ours_no_worse_than_its_noise(run_part):
     found = part(run_part('analyse'))
     for sides in found['details']['runs'].values():
         for name, farthest in (('theirs', 0.1), ('ours', 0.02)):
@@ -47,7 +44,7 @@ def test_both_analyses_find_the_wall_and_ours_no_worse_than_its_noise(
     assert used['cpu'] > 0
 
 
-def test_growth_is_measured_at_every_size(run_part: Callable[..., Path]) -> None:
+def test_growth_is_measured_at_every_size(run_part):
     output = run_part('growth', '--frames', '100', '--rotors', '20', '400')
     found = part(output)
     for work, by_size in found['details']['seconds'].items():
@@ -58,9 +55,7 @@ def test_growth_is_measured_at_every_size(run_part: Callable[..., Path]) -> None
     assert output.with_name('benchmark_growth.png').stat().st_size > 10_000
 
 
-def test_the_identification_of_every_class_is_near_its_bound(
-    run_part: Callable[..., Path],
-) -> None:
+def test_the_identification_of_every_class_is_near_its_bound(run_part):
     output = run_part('identification')
     assert len(list((output.parent / 'identification_draws').iterdir())) == 6
     figures = measured(part(output))
@@ -69,9 +64,7 @@ def test_the_identification_of_every_class_is_near_its_bound(
         assert figures[f'{name}: position error / bound'][0] < 1.3
 
 
-def test_errors_of_integrators_fall_and_compilation_is_slower_than_loading(
-    run_part: Callable[..., Path],
-) -> None:
+def test_errors_of_integrators_fall_and_compilation_is_slower_than_loading(run_part):
     for needed in ('heyoka', 'mujoco', 'numba'):
         pytest.importorskip(needed, reason=f'needs {needed}: run make benchmark once')
     output = run_part('integrate', '--rotors', '20', '30')
@@ -86,16 +79,12 @@ def test_errors_of_integrators_fall_and_compilation_is_slower_than_loading(
     assert output.with_name('benchmark_integrate.png').stat().st_size > 10_000
 
 
-def test_memory_does_not_grow_for_a_browser_that_reads_nothing(
-    run_part: Callable[..., Path],
-) -> None:
+def test_memory_does_not_grow_for_a_browser_that_reads_nothing(run_part):
     figures = measured(part(run_part('live', '--only', 'silent')))
     assert figures['memory for a browser that reads nothing for 3 s'][0] < 20
 
 
-def test_a_hundred_times_as_many_joints_take_longer_to_publish(
-    run_part: Callable[..., Path],
-) -> None:
+def test_a_hundred_times_as_many_joints_take_longer_to_publish(run_part):
     found = part(run_part('publish', '--rounds', '3', '--rotors', '20', '2000'))
     seconds = found['details']['seconds']
     for way in ('idiomatic', 'ours', 'floor'):
@@ -103,7 +92,7 @@ def test_a_hundred_times_as_many_joints_take_longer_to_publish(
         assert statistics.median(many) > statistics.median(few) > 0
 
 
-def test_both_simulators_run_at_a_rate(run_part: Callable[..., Path]) -> None:
+def test_both_simulators_run_at_a_rate(run_part):
     runs = part(run_part('rate'))['details']['runs']
     for side in ('ours', 'theirs'):
         (run,) = runs[side]
@@ -112,9 +101,7 @@ def test_both_simulators_run_at_a_rate(run_part: Callable[..., Path]) -> None:
         assert sorted(run['jitter']) == run['jitter']
 
 
-def test_every_nudge_is_followed_by_impulses_a_frame_and_a_state(
-    run_part: Callable[..., Path],
-) -> None:
+def test_every_nudge_is_followed_by_impulses_a_frame_and_a_state(run_part):
     rounds = part(run_part('react', '--rounds', '2', '--nudges', '12'))['details']['seconds']
     assert len(rounds) == 2
     for seconds in rounds:
@@ -123,9 +110,7 @@ def test_every_nudge_is_followed_by_impulses_a_frame_and_a_state(
         assert (np.diff([np.zeros(12), *order], axis=0) > 0).all()
 
 
-def test_recorders_are_sent_more_and_more_and_bags_are_analysed(
-    run_part: Callable[..., Path],
-) -> None:
+def test_recorders_are_sent_more_and_more_and_bags_are_analysed(run_part):
     pytest.importorskip('mcap', reason='needs mcap: pip install mcap')
     output = run_part('record')
     found = part(output)

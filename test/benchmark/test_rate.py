@@ -23,7 +23,7 @@ def frames(instants: np.ndarray) -> np.ndarray:
     return np.stack([np.arange(len(instants)), instants], axis=1)
 
 
-def test_a_punctual_simulator_holds() -> None:
+def test_a_punctual_simulator_holds():
     run = run_of(40, RATE, frames(PUNCTUAL), PUNCTUAL, 0.1)
     assert run.holds
     assert (run.frames, run.missed, run.missed_by_sleeping) == (1001, 0, 0)
@@ -31,7 +31,7 @@ def test_a_punctual_simulator_holds() -> None:
     assert run.jitter == pytest.approx((0, 0, 0), abs=1e-12)
 
 
-def test_a_stall_is_a_missed_deadline_unless_sleeping_misses_one_too() -> None:
+def test_a_stall_is_a_missed_deadline_unless_sleeping_misses_one_too():
     stalled = PUNCTUAL.copy()
     stalled[500] += 2 * PERIOD + PERIOD // 2
     stalled[501] = stalled[502] = stalled[500]
@@ -41,12 +41,12 @@ def test_a_stall_is_a_missed_deadline_unless_sleeping_misses_one_too() -> None:
     assert run_of(40, RATE, frames(stalled), stalled, 0.1).holds
 
 
-def test_a_frame_that_was_not_received_is_no_missed_deadline() -> None:
+def test_a_frame_that_was_not_received_is_no_missed_deadline():
     seen = np.delete(frames(PUNCTUAL), [400, 401, 402], axis=0)
     assert run_of(40, RATE, seen, PUNCTUAL, 0.1).holds
 
 
-def test_a_simulator_that_is_slow_does_not_hold() -> None:
+def test_a_simulator_that_is_slow_does_not_hold():
     run = run_of(40, RATE, frames(PUNCTUAL * 5 // 4), PUNCTUAL, 0.1)
     assert run.real_time_factor == pytest.approx(0.8)
     assert not run.holds
@@ -66,7 +66,7 @@ class Imagined(Bench):
         return Run(rotors, rate, factor, 1000, 0, 0, (0.0, 0.0, 0.0), 0.1)
 
 
-def test_the_largest_size_that_holds_is_found_and_confirmed() -> None:
+def test_the_largest_size_that_holds_is_found_and_confirmed():
     for limit in [3, 30, 1234, 20_000]:
         (found,) = Imagined(limit, limit).most_rotors('ours', lambda *_: [])
         assert limit / 1.2 <= found <= limit
@@ -75,13 +75,13 @@ def test_the_largest_size_that_holds_is_found_and_confirmed() -> None:
         assert 0.65 * lasts <= lasting <= lasts
 
 
-def test_no_rate_above_the_limit_is_requested() -> None:
+def test_no_rate_above_the_limit_is_requested():
     bench = Imagined(10 * MOST_ROTORS, 10 * MOST_ROTORS)
     assert bench.most_rotors('ours', lambda *_: []) == [MOST_ROTORS]
     assert bench.longest == MOST_ROTORS
 
 
-def test_no_rate_is_found_if_none_is_sustained() -> None:
+def test_no_rate_is_found_if_none_is_sustained():
     assert Imagined(0, 0).most_rotors('ours', lambda *_: []) == []
 
 
@@ -96,6 +96,6 @@ class Unlucky(Imagined):
         return super().run(name, command, 2 * MOST_ROTORS if unlucky else rotors, rate, seconds)
 
 
-def test_bad_luck_in_one_run_does_not_end_the_search() -> None:
+def test_bad_luck_in_one_run_does_not_end_the_search():
     (found,) = Unlucky(1234, 1234).most_rotors('ours', lambda *_: [])
     assert 1234 / 1.2 <= found <= 1234

@@ -24,7 +24,7 @@ def frame(stamp: int) -> bytes:
     return bytes(4) + seconds.to_bytes(4, 'little') + nanoseconds.to_bytes(4, 'little') + bytes(8)
 
 
-def test_a_slope_is_that_of_all_lives_within_its_error() -> None:
+def test_a_slope_is_that_of_all_lives_within_its_error():
     chance = np.random.default_rng(1)
     times = np.arange(0.0, 600.0, 5.0)
     lives = [
@@ -40,7 +40,7 @@ def test_a_slope_is_that_of_all_lives_within_its_error() -> None:
 
 
 @pytest.mark.parametrize('missing', [[], [40, 41, 42]])
-def test_frames_that_are_missing_in_files_are_found(tmp_path: Path, missing: list[int]) -> None:
+def test_frames_that_are_missing_in_files_are_found(tmp_path, missing):
     writer = BagWriter(tmp_path / 'life')
     topic = writer.add_topic('/joint_states', 'sensor_msgs/msg/JointState', interfaces.CHAIN.qos)
     for number in range(100):
@@ -76,7 +76,7 @@ def noted(folder: Path, **changes: Any) -> Ledger:
     return ledger
 
 
-def test_losses_without_a_kill_are_reported(tmp_path: Path) -> None:
+def test_losses_without_a_kill_are_reported(tmp_path):
     for changes, complaints in [
         ({}, 0),
         ({'gaps': [[59.9, 63.0]]}, 0),
@@ -90,7 +90,7 @@ def test_losses_without_a_kill_are_reported(tmp_path: Path) -> None:
         assert sum(not good for _, good in judged) == complaints
 
 
-def test_a_run_continues_after_a_truncated_line(tmp_path: Path) -> None:
+def test_a_run_continues_after_a_truncated_line(tmp_path):
     ledger = Ledger(tmp_path / 'ledger.jsonl')
     ledger.note('nudge')
     with (tmp_path / 'ledger.jsonl').open('a', encoding='utf-8') as file:
@@ -101,7 +101,7 @@ def test_a_run_continues_after_a_truncated_line(tmp_path: Path) -> None:
     assert again.now >= ledger.entries[0]['time']
 
 
-def test_the_page_is_one_file(tmp_path: Path) -> None:
+def test_the_page_is_one_file(tmp_path):
     text = write_page(tmp_path, noted(tmp_path)).read_text(encoding='utf-8')
     assert 'data:image/png;base64,' in text
     assert '1000 frames recorded, 0 gaps' in text

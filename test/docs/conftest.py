@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The directives of the pages and the examples are imported from where they stand."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 
@@ -13,5 +11,5 @@ sys.path[:0] = [str(Path(__file__).parent), str(ROOT / 'docs/extensions'), str(R
 
 
 @pytest.fixture(autouse=True)
-def no_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+def no_screen(monkeypatch):
     monkeypatch.setenv('MPLBACKEND', 'agg')

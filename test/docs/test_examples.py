@@ -29,9 +29,7 @@ from soliton_linkage.solitons.continuum import wall_theory
 REGISTERED = ACTUATORS.pop('voice_coil')
 
 
-def test_a_harder_kick_makes_a_faster_soliton_as_in_theory(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_harder_kick_makes_a_faster_soliton_as_in_theory(capsys):
     speeds = speed_against_kick.main((4.0, 8.0))
     chain = speed_against_kick.CHAIN
     for kick, speed in speeds.items():
@@ -40,12 +38,12 @@ def test_a_harder_kick_makes_a_faster_soliton_as_in_theory(
     assert 'theory / c' in capsys.readouterr().out
 
 
-def test_a_slow_wall_follows_the_arc_of_the_orbit() -> None:
+def test_a_slow_wall_follows_the_arc_of_the_orbit():
     ((speed, slow),) = speed_against_rest_angle.main((0.97,)).values()
     assert speed == pytest.approx(slow, rel=0.01)
 
 
-def test_a_bag_becomes_columns_of_one_length(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bag_becomes_columns_of_one_length(capsys):
     columns = bag_to_pandas.main(ROOT / 'bags/flipper_0')
     (length,) = {len(column) for column in columns.values()}
     assert length > 500
@@ -55,7 +53,7 @@ def test_a_bag_becomes_columns_of_one_length(capsys: pytest.CaptureFixture[str])
     assert 'of 20 rotors, a flipper' in capsys.readouterr().out
 
 
-def test_the_coil_gives_the_torque_of_its_current_at_once() -> None:
+def test_the_coil_gives_the_torque_of_its_current_at_once():
     assert REGISTERED is own_actuator.VoiceCoil
     coil = own_actuator.VoiceCoil(torque_per_current=0.01)
     drive = EdgeDrive(coil)
@@ -70,7 +68,7 @@ def test_the_coil_gives_the_torque_of_its_current_at_once() -> None:
         coil.check_command(3.0)
 
 
-def test_the_encoders_angles_are_those_of_a_wall_that_the_analyser_follows() -> None:
+def test_the_encoders_angles_are_those_of_a_wall_that_the_analyser_follows():
     analyser = Analyser(Chain(own_encoders.ROTORS))
     for frame in range(100, 300):
         time = frame / own_encoders.RATE
@@ -82,7 +80,7 @@ def test_the_encoders_angles_are_those_of_a_wall_that_the_analyser_follows() -> 
     assert math.isclose(soliton.velocity, 0.5, abs_tol=0.05)
 
 
-def test_the_notebook_runs_cell_by_cell(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_notebook_runs_cell_by_cell(capsys):
     content = json.loads((ROOT / 'examples/physics.ipynb').read_text(encoding='utf-8'))
     names: dict[str, Any] = {}
     for cell in content['cells']:
@@ -93,7 +91,7 @@ def test_the_notebook_runs_cell_by_cell(capsys: pytest.CaptureFixture[str]) -> N
     assert float(found) == pytest.approx(0.02, rel=0.1)
 
 
-def test_every_example_is_on_the_page_of_tutorials() -> None:
+def test_every_example_is_on_the_page_of_tutorials():
     page = (ROOT / 'docs/tutorials/index.md').read_text(encoding='utf-8')
     for path in sorted(Path(ROOT / 'examples').iterdir()):
         if path.suffix in ('.py', '.ipynb'):

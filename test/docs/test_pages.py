@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pages name existing files, topics and parameters."""
 
-from __future__ import annotations
-
 import ast
 import re
 
@@ -24,7 +22,7 @@ MOST_PICTURES = 1_200_000
 """Bytes that all pictures may take in the repository."""
 
 
-def test_every_file_that_a_page_names_is_there() -> None:
+def test_every_file_that_a_page_names_is_there():
     for page in PAGES:
         text = page.read_text(encoding='utf-8')
         linked = [page.parent / target for target, _ in LINK.findall(text) if target]
@@ -35,7 +33,7 @@ def test_every_file_that_a_page_names_is_there() -> None:
 
 
 @pytest.fixture(scope='module')
-def sources() -> str:
+def sources():
     """Names and contents of all sources and tests."""
     paths = [
         path for folder in ('src', 'test', 'benchmark') for path in (ROOT / folder).rglob('*.*')
@@ -48,7 +46,7 @@ def sources() -> str:
     return '\n'.join([*map(str, paths), *texts])
 
 
-def test_names_on_a_page_exist_in_the_code(sources: str) -> None:
+def test_names_on_a_page_exist_in_the_code(sources):
     for page in OF_THE_CODE:
         names = set(
             re.findall(r'(?<!`)`([A-Za-z_][\w./]*)`(?!`)', page.read_text(encoding='utf-8'))
@@ -62,13 +60,13 @@ def test_names_on_a_page_exist_in_the_code(sources: str) -> None:
         assert not unknown
 
 
-def test_the_python_on_a_page_is_python() -> None:
+def test_the_python_on_a_page_is_python():
     for page in PAGES:
         for block in re.findall(r'```python\n(.*?)```', page.read_text(encoding='utf-8'), re.S):
             ast.parse(block)
 
 
-def test_rows_of_a_table_have_equal_numbers_of_cells() -> None:
+def test_rows_of_a_table_have_equal_numbers_of_cells():
     for page in PAGES:
         text = page.read_text(encoding='utf-8')
         text = re.sub(r'```.*?```|`[^`\n]*`|\\\|', '', text, flags=re.S)
@@ -76,17 +74,17 @@ def test_rows_of_a_table_have_equal_numbers_of_cells() -> None:
             assert len({row.count('|') for row in rows.splitlines()}) == 1, rows
 
 
-def test_the_readme_fits_on_two_pages() -> None:
+def test_the_readme_fits_on_two_pages():
     assert len((ROOT / 'README.md').read_text(encoding='utf-8').splitlines()) < 150
 
 
-def test_the_readme_s_script_runs(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_readme_s_script_runs(capsys):
     (script,) = re.findall(r'```python\n(.*?)```', (ROOT / 'README.md').read_text(), re.S)
     exec(script, {})
     assert 'direction=1' in capsys.readouterr().out
 
 
-def test_the_table_of_topics_is_that_of_the_nodes() -> None:
+def test_the_table_of_topics_is_that_of_the_nodes():
     told = {}
     for name, kind, _, meaning in table(DOCS / 'nodes.md', '## Topics'):
         type_name = re.findall(r'`(.*?)`', kind)[0]
@@ -107,7 +105,7 @@ def test_the_table_of_topics_is_that_of_the_nodes() -> None:
     }
 
 
-def test_every_parameter_is_in_a_table() -> None:
+def test_every_parameter_is_in_a_table():
     shown = {
         row[0].strip('`')
         for arguments in directives('parameters')
@@ -126,7 +124,7 @@ def test_every_parameter_is_in_a_table() -> None:
     assert shown - known <= commented | {name for name in shown if '.deviations.' in name}
 
 
-def test_each_picture_has_a_caption_and_all_are_small() -> None:
+def test_each_picture_has_a_caption_and_all_are_small():
     pictures = [path for path in DOCS.glob('pictures/*') if path.suffix != '.txt']
     assert sum(path.stat().st_size for path in pictures) < MOST_PICTURES
     for path in DOCS.glob('pictures/*.png'):

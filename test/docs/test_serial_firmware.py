@@ -37,7 +37,7 @@ def compiled(firmware: Path, folder: Path) -> Path:
     return program
 
 
-def test_the_short_firmware_sends_lines_with_checksums(tmp_path: Path) -> None:
+def test_the_short_firmware_sends_lines_with_checksums(tmp_path):
     page = (ROOT / 'docs/serial.md').read_text(encoding='utf-8')
     code = page.partition('## Short firmware')[2].split('```')[1].removeprefix('cpp')
     firmware = tmp_path / 'short.ino'
@@ -54,7 +54,7 @@ def test_the_short_firmware_sends_lines_with_checksums(tmp_path: Path) -> None:
     assert all(frame.values.tolist() == [100, 200, 300, 400] for frame in readings)
 
 
-def test_the_firmware_sends_and_receives_binary_frames(tmp_path: Path) -> None:
+def test_the_firmware_sends_and_receives_binary_frames(tmp_path):
     program = compiled(FIRMWARE, tmp_path)
     torques = np.array([0.1, 0.0, 0.05, np.nan])
     command = SerialFrame(FrameKind.TORQUES, 0, 100_000, np.nan_to_num(torques))

@@ -6,7 +6,7 @@ from __future__ import annotations
 import itertools
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -38,7 +38,7 @@ def pytest_itemcollected(item: pytest.Item) -> None:
 
 
 @pytest.fixture
-def graph() -> Iterator[Graph]:
+def graph():
     with domain_coordinator.domain_id(_next_domain) as domain:
         graph = Graph(domain)
         yield graph
@@ -46,7 +46,7 @@ def graph() -> Iterator[Graph]:
 
 
 @pytest.fixture
-def start(graph: Graph, tmp_path: Path) -> Iterator[Callable[..., Program]]:
+def start(graph, tmp_path):
     """Start a program of the suite on the test's domain, or a command that runs it."""
     programs: list[Program] = []
 
@@ -62,13 +62,13 @@ def start(graph: Graph, tmp_path: Path) -> Iterator[Callable[..., Program]]:
 
 
 @pytest.fixture
-def named() -> NamedChain:
+def named():
     """A chain of a few rotors."""
     return NamedChain(Chain(number_of_rotors=8), default_joint_names(8))
 
 
 @pytest.fixture
-def terminal() -> Iterator[PseudoTerminal]:
+def terminal():
     """A serial port with its other end in the test."""
     opened = PseudoTerminal()
     yield opened
@@ -76,7 +76,7 @@ def terminal() -> Iterator[PseudoTerminal]:
 
 
 @pytest.fixture
-def said(capfd: pytest.CaptureFixture[str]) -> Callable[[], str]:
+def said(capfd):
     """Return the log lines of the nodes so far."""
     lines: list[str] = []
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 import inspect
 from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -22,8 +21,6 @@ from soliton_linkage_nodes.bags.play.playback_clock import PlaybackClock
 from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
-from soliton_linkage_nodes.messages.conversions import NamedChain
-from soliton_linkage_nodes.programs.simulated_controller import PseudoTerminal
 from soliton_linkage_nodes.runtime.interfaces import SUITE_TOPICS
 from soliton_linkage_nodes.serial_encoders.node import SerialEncoders
 from soliton_linkage_nodes.simulator.node import Simulator
@@ -99,13 +96,8 @@ def survive(graph: Graph, kind: Any, fixed: dict[str, Any], speakers: Sequence[A
 
 @pytest.mark.parametrize('kind', NODES, ids=lambda kind: kind.__name__)
 def test_no_value_of_a_range_and_no_message_is_a_failure(
-    kind: Any,
-    graph: Graph,
-    named: NamedChain,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    terminal: PseudoTerminal,
-) -> None:
+    kind, graph, named, tmp_path, monkeypatch, terminal
+):
     # The random output path of a recorder is a name in this folder.
     monkeypatch.chdir(tmp_path)
     brief = partial(PlaybackClock, longest_burst=0.1)

@@ -53,9 +53,7 @@ def launch(graph: Graph, folder: Path, *arguments: str) -> subprocess.Popen[str]
 
 
 @pytest.mark.parametrize('arguments', BEGUN, ids=lambda arguments: arguments[0])
-def test_all_begin_and_end_with_it(
-    graph: Graph, tmp_path: Path, arguments: tuple[str, ...]
-) -> None:
+def test_all_begin_and_end_with_it(graph, tmp_path, arguments):
     launched = launch(graph, tmp_path, *arguments)
     try:
         graph.until(
@@ -75,7 +73,7 @@ def test_all_begin_and_end_with_it(
         assert (tmp_path / 'run_0' / 'metadata.yaml').exists()
 
 
-def test_a_replay_ends_with_its_bag(graph: Graph, tmp_path: Path) -> None:
+def test_a_replay_ends_with_its_bag(graph, tmp_path):
     launched = launch(graph, tmp_path, 'replay.launch.py', 'bag:=flipper_0', 'rate:=50')
     said, _ = launched.communicate(timeout=LONGEST_END)
     assert launched.returncode == 0
@@ -93,9 +91,7 @@ def test_a_replay_ends_with_its_bag(graph: Graph, tmp_path: Path) -> None:
     ],
     ids=lambda each: each[0],
 )
-def test_a_wrong_argument_begins_nothing(
-    graph: Graph, tmp_path: Path, arguments: tuple[str, ...], complaint: str
-) -> None:
+def test_a_wrong_argument_begins_nothing(graph, tmp_path, arguments, complaint):
     launched = launch(graph, tmp_path, *arguments)
     said, _ = launched.communicate(timeout=LONGEST_END)
     assert launched.returncode

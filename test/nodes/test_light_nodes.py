@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Programs without integration start fast and use little memory: they do not import scipy."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 
@@ -41,7 +39,7 @@ print(*{name.partition('.')[0] for name in sys.modules})
 """
 
 
-def test_nodes_without_integration_import_no_scipy() -> None:
+def test_nodes_without_integration_import_no_scipy():
     modules = [getattr(programs, name).args[0] for name in LIGHT]
     command = [sys.executable, '-c', _IMPORTED, *modules]
     imported = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()

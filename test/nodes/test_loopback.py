@@ -8,10 +8,9 @@ killed at its start, all others of the machine wait for.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from pathlib import Path
 
-from programs import LONGEST_WAIT, Program
+from programs import LONGEST_WAIT
 
 ROOT = Path(__file__).parents[2]
 ENTER = (
@@ -34,9 +33,7 @@ def addresses(process: int) -> set[str]:
     return found
 
 
-def test_a_running_graph_binds_the_loopback_alone_and_shares_no_memory(
-    start: Callable[..., Program],
-) -> None:
+def test_a_running_graph_binds_the_loopback_alone_and_shares_no_memory(start):
     enter = ['bash', '-c', ENTER]
     nodes = [start(name, command=enter) for name in ('simulator', 'soliton_analyser')]
     deadline = time.monotonic() + LONGEST_WAIT

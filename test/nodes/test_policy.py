@@ -16,8 +16,6 @@ from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.chain_identifier.node import ChainIdentifier
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
-from soliton_linkage_nodes.messages.conversions import NamedChain
-from soliton_linkage_nodes.programs.simulated_controller import PseudoTerminal
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.serial_encoders.node import SerialEncoders
 from soliton_linkage_nodes.simulator.node import Simulator
@@ -90,7 +88,7 @@ def as_right(how: str, topic: str) -> Rights:
     return {('execute' if how in ('publish', 'reply') else 'call', action)}
 
 
-def test_the_policy_has_the_form_of_the_schema() -> None:
+def test_the_policy_has_the_form_of_the_schema():
     root = ElementTree.parse(POLICY).getroot()
     assert (root.tag, root.attrib) == ('policy', {'version': '0.2.0'})
     assert [child.tag for child in root] == ['enclaves']
@@ -105,9 +103,7 @@ def test_the_policy_has_the_form_of_the_schema() -> None:
     sros2.load_policy(POLICY)
 
 
-def test_nodes_open_what_the_policy_allows(
-    graph: Graph, named: NamedChain, tmp_path: Path, terminal: PseudoTerminal
-) -> None:
+def test_nodes_open_what_the_policy_allows(graph, named, tmp_path, terminal):
     bag = write_bag(tmp_path / 'bag', run_of(named, 2))
     given: dict[Any, dict[str, Any]] = {
         Simulator: {'publish_clock': True},
@@ -132,7 +128,7 @@ def test_nodes_open_what_the_policy_allows(
         assert set() < opened(graph, node) <= rights[node], node
 
 
-def test_a_user_may_command_and_watch_all_that_there_is() -> None:
+def test_a_user_may_command_and_watch_all_that_there_is():
     rights = {name: allowed(enclave) for name, enclave in enclaves()}
     for topic in (*interfaces.SUITE_TOPICS, *interfaces.DISPLAY_TOPICS):
         assert ('subscribe', f'/{topic.name.lstrip("/")}') in rights['user']

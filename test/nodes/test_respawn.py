@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A killed and restarted node resumes its work by itself."""
 
-from __future__ import annotations
-
-from graphs import Graph
 from std_msgs.msg import Float64
 
 from soliton_linkage_msgs.msg import SolitonState
@@ -24,7 +21,7 @@ MOVING = {
 }
 
 
-def test_an_analyser_has_the_soliton_again_within_two_passages_of_a_rotor(graph: Graph) -> None:
+def test_an_analyser_has_the_soliton_again_within_two_passages_of_a_rotor(graph):
     heard = graph.hear(interfaces.SOLITON_STATE)
     graph.start(Simulator, MOVING)
     for _ in range(2):
@@ -39,7 +36,7 @@ def test_an_analyser_has_the_soliton_again_within_two_passages_of_a_rotor(graph:
         assert taken / SECOND < 2 * SPACING / SPEED
 
 
-def test_a_simulator_that_comes_back_is_followed_and_driven(graph: Graph) -> None:
+def test_a_simulator_that_comes_back_is_followed_and_driven(graph):
     heard = graph.hear(interfaces.SOLITON_STATE)
     graph.start(SolitonAnalyser)
     graph.start(EdgeActuator, {'state_timeout': 60.0})

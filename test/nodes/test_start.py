@@ -7,13 +7,12 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from importlib.metadata import distribution
 from itertools import cycle
 from pathlib import Path
 
 import pytest
-from programs import Program, signalled
+from programs import signalled
 
 from soliton_linkage_nodes import start as programs
 
@@ -52,12 +51,12 @@ TOOLS = (
 )
 
 
-def test_these_are_the_programs() -> None:
+def test_these_are_the_programs():
     installed = distribution('soliton_linkage_nodes').entry_points
     assert installed.select(group='console_scripts').names == {*NODES, *TOOLS}
 
 
-def test_a_closed_pipe_ends_a_program_without_a_traceback() -> None:
+def test_a_closed_pipe_ends_a_program_without_a_traceback():
     reading, writing = os.pipe()
     os.close(reading)
     call = 'from soliton_linkage_nodes.start import robot_description; robot_description()'
@@ -74,7 +73,7 @@ def file_of(program: str) -> str:
     return f'/{getattr(programs, program).args[0].replace(".", "/")}.py'
 
 
-def test_a_signal_ends_every_program_that_is_being_imported(start: Callable[..., Program]) -> None:
+def test_a_signal_ends_every_program_that_is_being_imported(start):
     numbers = cycle([signal.SIGINT, signal.SIGTERM])
     given = list(zip((*NODES, *TOOLS), numbers, strict=False))
     running = [start(name, command=signalled(f'{file_of(name)}:<module>', n)) for name, n in given]
@@ -91,9 +90,7 @@ def test_a_signal_ends_every_program_that_is_being_imported(start: Callable[...,
         ('edge_actuator', 'runtime/process.py:_spin', 0),
     ],
 )
-def test_a_signal_ends_a_node_wherever_its_start_has_got_to(
-    start: Callable[..., Program], node: str, moment: str, code: int
-) -> None:
+def test_a_signal_ends_a_node_wherever_its_start_has_got_to(start, node, moment, code):
     program = start(node, command=signalled(moment, signal.SIGINT))
     assert program.wait() == code
     assert all('[INFO]' in line for line in program.said), 'no trace and no complaint'

@@ -7,13 +7,11 @@ import os
 import shutil
 import subprocess
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from graphs import values
-from programs import LONGEST_WAIT, Program
+from programs import LONGEST_WAIT
 from rclpy.serialization import deserialize_message
 from recordings import messages_of
 
@@ -38,7 +36,7 @@ def is_up(name: str, end: str) -> bool:
 
 
 @pytest.fixture
-def machines() -> Iterator[list[list[str]]]:
+def machines():
     """Commands that run a program on one of two machines that are joined by a wire."""
     if shutil.which('ip') is None:
         pytest.skip('needs the command ip: apt install iproute2')
@@ -64,9 +62,7 @@ def machines() -> Iterator[list[list[str]]]:
             subprocess.run(['ip', 'netns', 'del', name], check=False, capture_output=True)
 
 
-def test_simulator_here_analyser_there(
-    machines: list[list[str]], start: Callable[..., Program], tmp_path: Path
-) -> None:
+def test_simulator_here_analyser_there(machines, start, tmp_path):
     here, there = machines
     bag = tmp_path / 'run_0'
     hearing = start(

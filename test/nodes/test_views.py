@@ -100,12 +100,12 @@ def curves() -> list[dict[str, str]]:
     return [curve.attrib for curve in Xml.parse(VIEWS / 'plotjuggler.xml').iter('curve')]
 
 
-def test_plots_of_foxglove_and_rqt_show_numbers_that_there_are() -> None:
+def test_plots_of_foxglove_and_rqt_show_numbers_that_there_are():
     for series in [*foxglove_series(), *rqt_series()]:
         check(series)
 
 
-def test_panels_of_foxglove_show_topics_of_their_type_and_each_is_on_the_page() -> None:
+def test_panels_of_foxglove_show_topics_of_their_type_and_each_is_on_the_page():
     panels = foxglove()['configById']
     assert sorted(leaves(foxglove()['layout'])) == sorted(panels)
     assert {name.partition('!')[0] for name in panels} == PANELS
@@ -124,12 +124,12 @@ def test_panels_of_foxglove_show_topics_of_their_type_and_each_is_on_the_page() 
     assert SetBool.Request(**json.loads(pause['requestPayload'])).data
 
 
-def test_the_image_of_rqt_is_the_kymograph() -> None:
+def test_the_image_of_rqt_is_the_kymograph():
     (view,) = (held for name, held in rqt_plugins().items() if 'ImageView' in name)
     assert TOPICS[view['topic']].__name__ == 'Image'
 
 
-def test_displays_of_rviz_show_topics_of_their_type_and_durability() -> None:
+def test_displays_of_rviz_show_topics_of_their_type_and_durability():
     held = yaml.safe_load((VIEWS / 'linkage.rviz').read_text(encoding='utf-8'))
     manager = held['Visualization Manager']
     assert manager['Global Options']['Fixed Frame'] == 'linkage'
@@ -147,7 +147,7 @@ def test_displays_of_rviz_show_topics_of_their_type_and_durability() -> None:
     assert all(f"'{name}'" in text for name in markers['Namespaces'])
 
 
-def test_curves_of_plotjuggler_show_numbers_that_there_are() -> None:
+def test_curves_of_plotjuggler_show_numbers_that_there_are():
     for curve in curves():
         topic, field = curve['topic'], curve['field']
         assert curve['name'] == topic + field
@@ -168,7 +168,7 @@ def test_curves_of_plotjuggler_show_numbers_that_there_are() -> None:
             check((topic, path))
 
 
-def test_layouts_of_plotjuggler_have_valid_splitters_and_one_plot_per_area() -> None:
+def test_layouts_of_plotjuggler_have_valid_splitters_and_one_plot_per_area():
     root = Xml.parse(VIEWS / 'plotjuggler.xml').getroot()
     assert (root.tag, root.get('pj4_version'), root.get('binding')) == ('root', '4', 'generic')
     for splitter in root.iter('DockSplitter'):
@@ -180,7 +180,7 @@ def test_layouts_of_plotjuggler_have_valid_splitters_and_one_plot_per_area() -> 
     assert len({area[0].get('id') for area in areas}) == len(areas)
 
 
-def test_each_shows_chain_track_phase_energies_and_diagnostics() -> None:
+def test_each_shows_chain_track_phase_energies_and_diagnostics():
     for shown in [
         [f'{topic}/{"/".join(path)}' for topic, path in foxglove_series()]
         + [p['topicToRender'] for p in foxglove()['configById'].values() if 'topicToRender' in p],

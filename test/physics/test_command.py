@@ -24,7 +24,7 @@ def failing(arguments: list[str]) -> int:
 
 
 @pytest.fixture
-def entries(monkeypatch: pytest.MonkeyPatch) -> None:
+def entries(monkeypatch):
     """Have one sub-command, `fail`."""
     entry = EntryPoint('fail', f'{__name__}:failing', 'soliton_linkage.commands')
     monkeypatch.setattr(EntryPoint, 'load', lambda _: failing)
@@ -44,9 +44,7 @@ def entries(monkeypatch: pytest.MonkeyPatch) -> None:
     ],
 )
 @pytest.mark.usefixtures('entries')
-def test_errors_are_one_line_and_a_code(
-    capsys: pytest.CaptureFixture[str], given: list[str], code: int, said: str
-) -> None:
+def test_errors_are_one_line_and_a_code(capsys, given, code, said):
     assert command.main(['fail', *given]) == code
     shown = capsys.readouterr().err
     assert shown.count('\n') == (1 if said else 0)
@@ -54,7 +52,7 @@ def test_errors_are_one_line_and_a_code(
 
 
 @pytest.mark.usefixtures('entries')
-def test_without_a_command_there_is_help(capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_a_command_there_is_help(capsys):
     assert command.main([]) == 0
     assert 'fail' in capsys.readouterr().out
     with pytest.raises(SystemExit, match='2'):
@@ -66,9 +64,7 @@ def test_without_a_command_there_is_help(capsys: pytest.CaptureFixture[str]) -> 
     assert said.count('\n') == 1
 
 
-def test_a_study_without_its_package_names_the_package_to_install(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_study_without_its_package_names_the_package_to_install(monkeypatch, capsys):
     monkeypatch.setattr(command, 'entry_points', lambda **_: [])
     with pytest.raises(SystemExit, match='2'):
         command.main(['figures', '--quick'])
@@ -78,7 +74,7 @@ def test_a_study_without_its_package_names_the_package_to_install(
     ) in capsys.readouterr().err
 
 
-def test_help_imports_neither_studies_nor_numerics() -> None:
+def test_help_imports_neither_studies_nor_numerics():
     code = 'import sys; from soliton_linkage.command import main; main([]); print(*sys.modules)'
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
     *shown, imported = done.stdout.splitlines()
@@ -86,7 +82,7 @@ def test_help_imports_neither_studies_nor_numerics() -> None:
     assert any(line.split()[:3] == ['figures', 'Draw', 'the'] for line in shown)
 
 
-def test_the_parser_of_a_sub_command_completes_its_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_parser_of_a_sub_command_completes_its_line(monkeypatch):
     assert words_before() == []
     line = 'soliton-linkage sweep --qu'
     for name, value in (

@@ -1,14 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The face of the package: its public names, and what a first script costs."""
 
-from __future__ import annotations
-
 import doctest
 import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
@@ -31,7 +28,7 @@ WITH_EXAMPLES = [
 
 
 @pytest.mark.parametrize('package', PACKAGES, ids=lambda package: package.__name__)
-def test_every_public_name_is_there_and_documented(package: ModuleType) -> None:
+def test_every_public_name_is_there_and_documented(package):
     assert package.__all__
     for name in package.__all__:
         assert getattr(package, name).__doc__, name
@@ -41,13 +38,13 @@ def test_every_public_name_is_there_and_documented(package: ModuleType) -> None:
 
 
 @pytest.mark.parametrize('module', WITH_EXAMPLES)
-def test_examples_in_docstrings_are_true(module: str) -> None:
+def test_examples_in_docstrings_are_true(module):
     results = doctest.testmod(import_module(module))
     assert results.attempted > 0
     assert results.failed == 0
 
 
-def test_unused_modules_are_not_imported() -> None:
+def test_unused_modules_are_not_imported():
     command = 'import sys, soliton_linkage; soliton_linkage.Chain(); print(*sys.modules)'
     done = subprocess.run(
         [sys.executable, '-c', command], capture_output=True, text=True, check=True

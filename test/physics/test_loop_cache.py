@@ -6,7 +6,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -80,11 +79,11 @@ RIGHT = '21.0 33 5.5'
 
 
 @pytest.fixture
-def loops(tmp_path: Path) -> Loops:
+def loops(tmp_path):
     return Loops(tmp_path)
 
 
-def test_a_second_process_compiles_nothing(loops: Loops) -> None:
+def test_a_second_process_compiles_nothing(loops):
     assert loops.run() == (RIGHT, [])
     files = loops.files()
     assert files
@@ -106,9 +105,7 @@ def with_a_wrong_byte(content: bytes) -> bytes:
 
 
 @pytest.mark.parametrize('damage', [emptied, truncated, with_a_wrong_byte])
-def test_damaged_files_are_compiled_again_and_one_line_reports_it(
-    loops: Loops, damage: Callable[[bytes], bytes]
-) -> None:
+def test_damaged_files_are_compiled_again_and_one_line_reports_it(loops, damage):
     loops.run()
     for path in loops.files():
         path.write_bytes(damage(path.read_bytes()))
@@ -119,29 +116,27 @@ def test_damaged_files_are_compiled_again_and_one_line_reports_it(
     assert loops.run() == (RIGHT, [])
 
 
-def test_each_processor_has_its_own_files(loops: Loops) -> None:
+def test_each_processor_has_its_own_files(loops):
     loops.run()
     files = loops.files()
     assert loops.run(NUMBA_CPU_NAME='generic') == (RIGHT, [])
     assert loops.files().items() > files.items()
 
 
-def test_files_of_another_numba_are_replaced(loops: Loops) -> None:
+def test_files_of_another_numba_are_replaced(loops):
     loops.run()
     other = loops.run(f'import numba; numba.__version__ = "0.1"; {RUN}')
     assert other == (RIGHT, [])
     assert loops.run() == (RIGHT, [])
 
 
-def test_a_change_of_a_called_loop_in_another_module_compiles_the_caller_again(
-    loops: Loops,
-) -> None:
+def test_a_change_of_a_called_loop_in_another_module_compiles_the_caller_again(loops):
     loops.run()
     loops.write(factor=20)
     assert loops.run() == ('41.0 63 10.5', [])
 
 
-def test_comments_docstrings_and_line_numbers_compile_nothing_again(loops: Loops) -> None:
+def test_comments_docstrings_and_line_numbers_compile_nothing_again(loops):
     described = LOOPS.replace('return', '"""Return it."""\n    return')
     (loops.folder / 'loops.py').write_text(described, encoding='utf-8')
     loops.run()
@@ -152,7 +147,7 @@ def test_comments_docstrings_and_line_numbers_compile_nothing_again(loops: Loops
     assert loops.files() == files
 
 
-def test_a_change_of_the_fields_of_a_named_tuple_compiles_again(loops: Loops) -> None:
+def test_a_change_of_the_fields_of_a_named_tuple_compiles_again(loops):
     record = """
 from typing import NamedTuple
 from soliton_linkage.compiling import compile_loop
@@ -172,7 +167,7 @@ def first(x):
     assert printed == [('1.0', []), ('2.0', [])]
 
 
-def test_processes_that_write_at_once_do_not_disturb_each_other(loops: Loops) -> None:
+def test_processes_that_write_at_once_do_not_disturb_each_other(loops):
     orders = ('loops.lazy(3), loops.lazy(0.5)', 'loops.lazy(0.5), loops.lazy(3)')
     processes = [loops.start(f'import loops; print({order})') for order in 2 * orders]
     results = [process.communicate() for process in processes]
@@ -180,9 +175,7 @@ def test_processes_that_write_at_once_do_not_disturb_each_other(loops: Loops) ->
     assert loops.run() == (RIGHT, [])
 
 
-def test_without_a_folder_that_can_be_written_loops_are_compiled_at_each_start(
-    loops: Loops,
-) -> None:
+def test_without_a_folder_that_can_be_written_loops_are_compiled_at_each_start(loops):
     (loops.folder / '__pycache__').write_text('a file, so that no folder can be made')
     nowhere = {
         'NUMBA_CACHE_DIR': '/proc/none',
@@ -195,7 +188,7 @@ def test_without_a_folder_that_can_be_written_loops_are_compiled_at_each_start(
     assert 'NUMBA_CACHE_DIR' in warnings[0]
 
 
-def test_a_folder_that_becomes_unwritable_stops_no_program(loops: Loops) -> None:
+def test_a_folder_that_becomes_unwritable_stops_no_program(loops):
     late = 'import shutil, loops; shutil.rmtree(r"{0}"); open(r"{0}", "w").close(); '
     result, warnings = loops.run(
         late.format(loops.cache) + 'print(loops.eager(2.0), loops.lazy(3), loops.lazy(0.5))'

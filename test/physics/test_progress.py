@@ -32,7 +32,7 @@ class Clock:
 
 
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+def clock(monkeypatch):
     clock = Clock()
     monkeypatch.setattr(progress, 'time', clock)
     return clock
@@ -44,9 +44,7 @@ def screen(monkeypatch: pytest.MonkeyPatch, terminal: bool) -> Screen:
     return screen
 
 
-def test_a_file_contains_plain_lines_and_no_bar_without_a_total(
-    clock: Clock, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_contains_plain_lines_and_no_bar_without_a_total(clock, monkeypatch):
     written = screen(monkeypatch, terminal=False)
     line = ProgressLine('checking my_run_0', 0)
     line.show(0, '1000 messages')
@@ -63,9 +61,7 @@ def test_a_file_contains_plain_lines_and_no_bar_without_a_total(
     ]
 
 
-def test_a_terminal_shows_one_updated_line_below_permanent_notes(
-    clock: Clock, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_terminal_shows_one_updated_line_below_permanent_notes(clock, monkeypatch):
     written = screen(monkeypatch, terminal=True)
     line = ProgressLine('playing', 4)
     for done in (0, 1, 4):
@@ -80,9 +76,7 @@ def test_a_terminal_shows_one_updated_line_below_permanent_notes(
 
 
 @pytest.mark.parametrize(('terminal', 'interval'), [(True, 0.1), (False, 2.0)])
-def test_updates_within_the_interval_are_skipped(
-    clock: Clock, monkeypatch: pytest.MonkeyPatch, terminal: bool, interval: float
-) -> None:
+def test_updates_within_the_interval_are_skipped(clock, monkeypatch, terminal, interval):
     written = screen(monkeypatch, terminal)
     line = ProgressLine('playing', 4)
     for done in (1, 2, 3):
@@ -105,13 +99,8 @@ def test_updates_within_the_interval_are_skipped(
     ],
 )
 def test_a_short_line_keeps_the_remark_and_cuts_bar_and_title(
-    clock: Clock,
-    monkeypatch: pytest.MonkeyPatch,
-    width: int,
-    title: str,
-    remark: str,
-    expected: str,
-) -> None:
+    clock, monkeypatch, width, title, remark, expected
+):
     written = screen(monkeypatch, terminal=True)
     monkeypatch.setattr(progress, 'line_width', lambda: width)
     line = ProgressLine(title, 4)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Walls in active chains move as the theory along their orbits states."""
 
-from __future__ import annotations
-
 import csv
 import math
 from pathlib import Path
@@ -32,7 +30,7 @@ FLIPPER = Chain(50, rotor_length=0.03)
 SPINNER = Chain(50, rotor_length=0.2, rest_angle=1.4)
 
 
-def test_wide_walls_move_at_twice_the_ratio_whatever_their_charge() -> None:
+def test_wide_walls_move_at_twice_the_ratio_whatever_their_charge():
     deviations = []
     for rotor_length in (0.05, 0.03, 0.02):
         chain = Chain(60, rotor_length=rotor_length)
@@ -43,9 +41,7 @@ def test_wide_walls_move_at_twice_the_ratio_whatever_their_charge() -> None:
 
 @pytest.mark.parametrize(('chain', 'charge'), [(FLIPPER, 1), (FLIPPER, -1), (SPINNER, 1)])
 @pytest.mark.parametrize('decay', [4.0, 10.0])
-def test_the_terminal_velocity_is_that_of_the_orbit(
-    chain: Chain, charge: int, decay: float
-) -> None:
+def test_the_terminal_velocity_is_that_of_the_orbit(chain, charge, decay):
     drive, active = wall_drive(chain, charge), motorised(chain, decay, 2.0)
     expected = 2 * drive.ratio
     angles, rates = moving(active, 10.5, charge, expected)
@@ -59,7 +55,7 @@ def test_the_terminal_velocity_is_that_of_the_orbit(
     assert run.injected[end].mean() == pytest.approx(run.dissipated[end].mean(), rel=0.02)
 
 
-def test_an_anti_kink_stays_below_the_pinning_threshold_and_leaves_above() -> None:
+def test_an_anti_kink_stays_below_the_pinning_threshold_and_leaves_above():
     chain = Chain(40, rotor_length=0.05)
     pinning = wall_drive(chain, -1).pinning
     decay = 4.0
@@ -73,7 +69,7 @@ def test_an_anti_kink_stays_below_the_pinning_threshold_and_leaves_above() -> No
     assert found == {False: 'is pinned', True: 'runs'}
 
 
-def test_waves_in_a_uniform_ring_grow_beyond_the_limit() -> None:
+def test_waves_in_a_uniform_ring_grow_beyond_the_limit():
     chain = Chain(60, rotor_length=0.03, periodic=True)
     limit = stability_limit(chain)
     growths = []
@@ -89,7 +85,7 @@ def test_waves_in_a_uniform_ring_grow_beyond_the_limit() -> None:
     assert growths[0] < 1e-4 < 1e-2 < growths[1]
 
 
-def test_the_walls_of_a_pair_are_found_with_their_charges() -> None:
+def test_the_walls_of_a_pair_are_found_with_their_charges():
     angles = with_pair(FLIPPER, 30.0, 15.5).angles
     (first, charge), (second, other) = wall_sites(FLIPPER, angles)
     assert (charge, other) == (-1, 1)
@@ -99,7 +95,7 @@ def test_the_walls_of_a_pair_are_found_with_their_charges() -> None:
     np.testing.assert_allclose(turned, math.pi)
 
 
-def test_the_program_writes_page_table_and_data(tmp_path: Path) -> None:
+def test_the_program_writes_page_table_and_data(tmp_path):
     settings = yaml.safe_load(CONFIG.read_text(encoding='utf-8'))
     settings['chains'] = {'flipper': settings['chains']['flipper'] | {'number_of_rotors': 40}}
     settings |= {'ratios': [4.0], 'diagram': {'ratios': [0.25, 4.0], 'decays': [4.0]}}

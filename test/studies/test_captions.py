@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Captions describe a chain."""
 
-from __future__ import annotations
-
 from chains import SPINNER, chain_of
 
 from soliton_linkage_studies.captions import class_and_shape, description, parameters, shape
@@ -10,7 +8,7 @@ from soliton_linkage_studies.captions import class_and_shape, description, param
 CHAIN = chain_of(SPINNER, 20)
 
 
-def test_a_caption_names_class_and_parameters() -> None:
+def test_a_caption_names_class_and_parameters():
     assert class_and_shape(CHAIN) == 'spinner (2, 1.18)'
     assert parameters(CHAIN) == 'r/a = 2, θ̄ = 1.18'
     assert shape(CHAIN) == 'r/a = 2, θ̄ = 1.18, d = 3.70'

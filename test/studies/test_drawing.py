@@ -53,9 +53,7 @@ def reach(chain: Chain) -> float:
 
 @FEW
 @given(any_configuration())
-def test_masses_are_at_the_ends_of_rotors_on_evenly_spaced_pivots(
-    configuration: tuple[Chain, Array],
-) -> None:
+def test_masses_are_at_the_ends_of_rotors_on_evenly_spaced_pivots(configuration):
     chain, angles = configuration
     picture = ChainPicture(new_axes(), chain, angles)
     limit = 8 * EPS * reach(chain)
@@ -71,9 +69,7 @@ def test_masses_are_at_the_ends_of_rotors_on_evenly_spaced_pivots(
 
 @FEW
 @given(any_configuration())
-def test_springs_are_drawn_from_mass_to_mass_with_their_length(
-    configuration: tuple[Chain, Array],
-) -> None:
+def test_springs_are_drawn_from_mass_to_mass_with_their_length(configuration):
     chain, angles = configuration
     first, last = ends(ChainPicture(new_axes(), chain, angles).springs)
     lengths = np.hypot(*(last - first).T)
@@ -83,7 +79,7 @@ def test_springs_are_drawn_from_mass_to_mass_with_their_length(
     assert lengths == pytest.approx(expected, rel=0, abs=4 * limit)
 
 
-def test_a_ring_has_a_spring_beyond_its_last_rotor() -> None:
+def test_a_ring_has_a_spring_beyond_its_last_rotor():
     chain = Chain(6, 0.1, 0.05, 0.97, periodic=True)
     angles = chain.uniform_state(1)
     first, last = ends(ChainPicture(new_axes(), chain, angles).springs)
@@ -93,9 +89,7 @@ def test_a_ring_has_a_spring_beyond_its_last_rotor() -> None:
 
 
 @given(any_configuration(), st.data())
-def test_arrows_have_the_direction_of_the_mass_velocities(
-    configuration: tuple[Chain, Array], data: st.DataObject
-) -> None:
+def test_arrows_have_the_direction_of_the_mass_velocities(configuration, data):
     chain, angles = configuration
     mode = data.draw(any_angles(chain))
     step = 1e-5
@@ -106,9 +100,7 @@ def test_arrows_have_the_direction_of_the_mass_velocities(
 
 @FEW
 @given(any_chain(fewest=2), st.sampled_from([-1, 1]), st.floats(0.1, 3))
-def test_drawn_arrows_have_one_scale_for_all_rotors(
-    chain: Chain, lean: int, arrow_length: float
-) -> None:
+def test_drawn_arrows_have_one_scale_for_all_rotors(chain, lean, arrow_length):
     angles = chain.uniform_state(lean)
     mode = zero_mode(chain, angles)
     quiver = mode_quiver(new_axes(), chain, angles, mode, arrow_length)
@@ -118,7 +110,7 @@ def test_drawn_arrows_have_one_scale_for_all_rotors(
     assert quiver.get_offsets() == pytest.approx(mass_points(chain, angles), rel=EPS)
 
 
-def test_an_updated_picture_equals_a_new_picture() -> None:
+def test_an_updated_picture_equals_a_new_picture():
     for example in EXAMPLES:
         chain = chain_of(example, 12)
         rest, wall = chain.uniform_state(1), wall_between(chain, 5)
@@ -138,9 +130,7 @@ def test_an_updated_picture_equals_a_new_picture() -> None:
 
 @FEW
 @given(any_configuration(), st.floats(-1.5, 1.5))
-def test_a_tilt_turns_the_chain_about_its_middle_and_lowers_the_last_rotor(
-    configuration: tuple[Chain, Array], tilt: float
-) -> None:
+def test_a_tilt_turns_the_chain_about_its_middle_and_lowers_the_last_rotor(configuration, tilt):
     chain, angles = configuration
     picture = ChainPicture(new_axes(), chain, angles, angles)
     flat = np.concatenate([picture.masses.get_xydata(), picture.pivots.get_xydata()])
@@ -159,9 +149,7 @@ def test_a_tilt_turns_the_chain_about_its_middle_and_lowers_the_last_rotor(
 
 @FEW
 @given(any_configuration(), st.booleans())
-def test_the_limits_contain_the_chain_with_equal_scales(
-    configuration: tuple[Chain, Array], projections: bool
-) -> None:
+def test_the_limits_contain_the_chain_with_equal_scales(configuration, projections):
     chain, angles = configuration
     axes = new_axes()
     picture = ChainPicture(axes, chain, angles, projections=projections)
@@ -178,9 +166,7 @@ def test_the_limits_contain_the_chain_with_equal_scales(
 
 @FEW
 @given(any_configuration(), any_configuration())
-def test_expanded_limits_contain_every_arrow_and_are_equal_in_all_pictures(
-    one: tuple[Chain, Array], other: tuple[Chain, Array]
-) -> None:
+def test_expanded_limits_contain_every_arrow_and_are_equal_in_all_pictures(one, other):
     pictures = [
         ChainPicture(new_axes(), chain, angles, zero_mode(chain, angles))
         for chain, angles in (one, other)
@@ -199,9 +185,7 @@ def test_expanded_limits_contain_every_arrow_and_are_equal_in_all_pictures(
 
 @FEW
 @given(any_configuration())
-def test_projections_are_the_displacements_below_their_pivots(
-    configuration: tuple[Chain, Array],
-) -> None:
+def test_projections_are_the_displacements_below_their_pivots(configuration):
     chain, angles = configuration
     quiver = projection_quiver(new_axes(), chain, angles)
     vectors, positions = arrow_vectors(quiver), np.asarray(quiver.get_offsets())
@@ -215,9 +199,7 @@ def test_projections_are_the_displacements_below_their_pivots(
 
 
 @given(st.floats(-20, 20), st.floats(-3, 3), st.floats(-3, 3))
-def test_a_curve_on_the_torus_is_broken_where_it_leaves_the_square(
-    start: float, across: float, up: float
-) -> None:
+def test_a_curve_on_the_torus_is_broken_where_it_leaves_the_square(start, across, up):
     steps = np.linspace(0, 5, 60)
     curve = np.column_stack([start + across * steps, up * steps])
     broken = split_at_wraps(curve)
@@ -230,9 +212,7 @@ def test_a_curve_on_the_torus_is_broken_where_it_leaves_the_square(
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_the_ground_states_on_the_torus_lean_as_labelled_and_lie_on_the_curves(
-    example: tuple[float, float],
-) -> None:
+def test_the_ground_states_on_the_torus_lean_as_labelled_and_lie_on_the_curves(example):
     chain = chain_of(example, 2)
     curves = configuration_curves(chain, 2000)
     axes = new_axes()

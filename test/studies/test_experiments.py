@@ -37,7 +37,7 @@ def walls_at(chain: Chain, positions: Array, period: float) -> Recording:
     return Recording(times, angles, np.empty((0, chain.number_of_rotors)))
 
 
-def test_a_kick_gives_the_masses_its_speed_and_stretches_no_spring() -> None:
+def test_a_kick_gives_the_masses_its_speed_and_stretches_no_spring():
     for edge in [Edge.FIRST, Edge.LAST]:
         for chain in [FLIPPER, SPINNER]:
             rest = chain.uniform_state(-1 if edge is Edge.FIRST else 1)
@@ -54,20 +54,18 @@ def test_a_kick_gives_the_masses_its_speed_and_stretches_no_spring() -> None:
 
 
 @given(positions=st.lists(st.floats(0, 9), min_size=1, max_size=1), width=st.floats(0.5, 3))
-def test_a_zero_is_interpolated_linearly_between_two_rotors(
-    positions: list[float], width: float
-) -> None:
+def test_a_zero_is_interpolated_linearly_between_two_rotors(positions, width):
     position = 1.5 + 0.75 * positions[0]
     field = (position - np.arange(11)) / width
     assert zero_crossing(field) == pytest.approx(position, abs=1e-12)
 
 
-def test_a_field_without_a_zero_gives_nan_and_edge_rotors_are_ignored() -> None:
+def test_a_field_without_a_zero_gives_nan_and_edge_rotors_are_ignored():
     assert math.isnan(zero_crossing(np.ones(6)))
     assert math.isnan(zero_crossing(np.array([-1.0, 1, 1, 1, 1, -1])))
 
 
-def test_the_arctanh_width_of_a_tanh_is_its_width() -> None:
+def test_the_arctanh_width_of_a_tanh_is_its_width():
     for width in [0.8, 3.0]:
         positions = np.linspace(-12, 12, 40)
         assert arctanh_width(positions, -np.tanh(positions / width)) == pytest.approx(
@@ -75,7 +73,7 @@ def test_the_arctanh_width_of_a_tanh_is_its_width() -> None:
         )
 
 
-def test_snapshots_have_the_known_speed_and_position_of_walls() -> None:
+def test_snapshots_have_the_known_speed_and_position_of_walls():
     for direction in [1, -1]:
         positions = np.linspace(3, 26, 47)[::direction]
         recording = walls_at(FLIPPER, positions, period=0.02)
@@ -88,7 +86,7 @@ def test_snapshots_have_the_known_speed_and_position_of_walls() -> None:
         assert (np.sign(seen.fields[seen.distances > 0.1]) == -1).all()
 
 
-def test_a_wall_that_never_reaches_the_middle_is_rejected() -> None:
+def test_a_wall_that_never_reaches_the_middle_is_rejected():
     recording = walls_at(FLIPPER, np.array([1.0, 1.5, 2.0]), period=1.0)
     with pytest.raises(
         ValueError, match='in 0 frames, but 2 are required; kick the wall, or record'
@@ -97,14 +95,14 @@ def test_a_wall_that_never_reaches_the_middle_is_rejected() -> None:
 
 
 @pytest.mark.parametrize(('chain', 'kick'), [(FLIPPER, 0.004), (SPINNER, 0.02)])
-def test_a_slow_wall_crosses_in_the_time_of_rigid_bars(chain: Chain, kick: float) -> None:
+def test_a_slow_wall_crosses_in_the_time_of_rigid_bars(chain, kick):
     recording, speed = record_moving_wall(chain, kick)
     slow = (chain.number_of_rotors - 1) / (slow_crossing_time(chain, kick) * chain.time_unit)
     assert speed == pytest.approx(slow, rel=5e-3)
     assert len(recording.times) == 601
 
 
-def test_a_recording_has_the_requested_duration_and_frames() -> None:
+def test_a_recording_has_the_requested_duration_and_frames():
     recording = record_kick(FLIPPER, 0.05, duration=20.0, frames=40)
     assert len(recording.times) == 41
     assert recording.times[-1] == pytest.approx(20 * FLIPPER.time_unit, rel=1e-12)

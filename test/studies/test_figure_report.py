@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import csv
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,7 +28,7 @@ def plate_with(points: list[tuple[float, float]]) -> FigureReport:
     return report
 
 
-def test_data_are_saved_without_loss_of_digits(tmp_path: Path) -> None:
+def test_data_are_saved_without_loss_of_digits(tmp_path):
     points = [(0.1, 1 / 3), (math.pi, -2e-300), (5e20, math.nan)]
     plate_with(points).save(tmp_path, 'line')
     with (tmp_path / 'line.csv').open(newline='', encoding='utf-8') as file:
@@ -40,7 +39,7 @@ def test_data_are_saved_without_loss_of_digits(tmp_path: Path) -> None:
     assert kinds == {('a', 'line', 'time [s]', 'phi [rad]')}
 
 
-def test_the_same_figure_makes_the_same_files(tmp_path: Path) -> None:
+def test_the_same_figure_makes_the_same_files(tmp_path):
     for name in ('once', 'again'):
         plate_with([(0, 1), (1, 3)]).save(tmp_path, name)
     for suffix in ('png', 'pdf', 'csv', 'txt'):
@@ -50,7 +49,7 @@ def test_the_same_figure_makes_the_same_files(tmp_path: Path) -> None:
     assert (tmp_path / 'once.pdf').read_bytes().startswith(b'%PDF')
 
 
-def test_a_caption_is_saved_next_to_the_picture_in_short_lines(tmp_path: Path) -> None:
+def test_a_caption_is_saved_next_to_the_picture_in_short_lines(tmp_path):
     report = plate_with([(0, 1)])
     report.caption = f"""
     {'A blue line. ' * 20}
@@ -65,18 +64,18 @@ def test_a_caption_is_saved_next_to_the_picture_in_short_lines(tmp_path: Path) -
     assert second == 'And more.\n'
 
 
-def test_a_picture_without_a_caption_is_rejected(tmp_path: Path) -> None:
+def test_a_picture_without_a_caption_is_rejected(tmp_path):
     for caption in ['', ' \n\n \n']:
         with pytest.raises(ValueError, match='line has no caption; describe its content'):
             save_caption(caption, tmp_path / 'line.txt')
 
 
-def test_points_with_different_lengths_are_rejected() -> None:
+def test_points_with_different_lengths_are_rejected():
     with pytest.raises(ValueError, match=r'argument \d is (shorter|longer)'):
         FigureReport(Figure(), 'Nothing.').add_points('a', 'line', ('x', 'y'), [1, 2], [3])
 
 
-def test_the_error_is_relative_to_theory() -> None:
+def test_the_error_is_relative_to_theory():
     for measured, expected, error in [
         (1.02, 1.0, '+2 %'),
         (0.5, 2.0, '-75 %'),
@@ -90,7 +89,7 @@ def test_the_error_is_relative_to_theory() -> None:
         assert Comparison('gap', 'w', 'w', measured, expected).error == error
 
 
-def test_the_table_has_one_row_of_six_cells_per_comparison(tmp_path: Path) -> None:
+def test_the_table_has_one_row_of_six_cells_per_comparison(tmp_path):
     report = plate_with([(0, 0)])
     report.add_comparison('gap', '|r|', 'q', 2.0, 1.0)
     report.add_comparison('overshoot', 'd³', 'none', 0.25)
@@ -103,7 +102,7 @@ def test_the_table_has_one_row_of_six_cells_per_comparison(tmp_path: Path) -> No
     assert 'none | 0.25 |  |' in lines[3]
 
 
-def test_a_row_prints_the_formula_of_its_number(tmp_path: Path) -> None:
+def test_a_row_prints_the_formula_of_its_number(tmp_path):
     report = plate_with([(0, 0)])
     report.add_comparison(
         'speed', 'v', Formula('|v| / Λ', 0.75, {'v': -3.0, 'Λ': 4.0}, 'slow'), 1.5
@@ -115,7 +114,7 @@ def test_a_row_prints_the_formula_of_its_number(tmp_path: Path) -> None:
     )
 
 
-def test_rows_of_figures_that_are_not_redrawn_are_kept_in_figure_order(tmp_path: Path) -> None:
+def test_rows_of_figures_that_are_not_redrawn_are_kept_in_figure_order(tmp_path):
     order, path = ('b', 'a', 'd', 'c'), tmp_path / 'table.md'
     first = {name: [Comparison(f'{name}{n}', '|r|', 'q', n) for n in range(3)] for name in 'ab'}
     write_table(first, path, order)

@@ -32,7 +32,7 @@ from soliton_linkage_studies.measures import (
 QUICK = {'tolerance': 1e-5, 'time_limit': 1000.0}
 
 
-def test_without_deviations_the_motion_is_the_class_of_the_chain() -> None:
+def test_without_deviations_the_motion_is_the_class_of_the_chain():
     for example in EXAMPLES:
         chain = chain_of(example, 20)
         assert measure_motion(chain, SweepTrial()) == {
@@ -41,7 +41,7 @@ def test_without_deviations_the_motion_is_the_class_of_the_chain() -> None:
         }
 
 
-def test_one_bond_of_another_class_blocks_the_wall() -> None:
+def test_one_bond_of_another_class_blocks_the_wall():
     chain = chain_of(SPINNER, 9)
     fractions = (*[0.0] * 4, 0.8, *[0.0] * 3)
     mixed = dataclasses.replace(chain, deviations=Deviations(rest_length=fractions))
@@ -49,9 +49,7 @@ def test_one_bond_of_another_class_blocks_the_wall() -> None:
 
 
 @pytest.mark.parametrize(('example', 'kick'), [(FLIPPER, 0.04), (SPINNER, 0.15)])
-def test_slow_walls_have_the_speed_of_rigid_bars(
-    example: tuple[float, float], kick: float
-) -> None:
+def test_slow_walls_have_the_speed_of_rigid_bars(example, kick):
     chain = chain_of(example, 14)
     # v = v0 / Lambda, where Lambda / r is the arc of the motion of bars over one spacing.
     _, arc = walls_over_a_site(chain, 7, False, False, 3)
@@ -62,7 +60,7 @@ def test_slow_walls_have_the_speed_of_rigid_bars(
     assert taken['speed'] == pytest.approx(slow, rel=0.05)
 
 
-def test_a_faster_kick_leaves_more_phonons() -> None:
+def test_a_faster_kick_leaves_more_phonons():
     chain = chain_of(FLIPPER, 20)
     slow, fast = (
         float(measure_speed(chain, SweepTrial(kick=kick, **QUICK))['phonons'])
@@ -72,7 +70,7 @@ def test_a_faster_kick_leaves_more_phonons() -> None:
     assert fast > 10 * slow
 
 
-def test_the_energies_of_wall_and_phonons_sum_to_the_total() -> None:
+def test_the_energies_of_wall_and_phonons_sum_to_the_total():
     chain = chain_of(FLIPPER, 20)
     recording, track, crossings = send_wall(chain, SweepTrial(kick=0.2, **QUICK))
     share = phonon_share(chain, recording, track, crossings[0])
@@ -94,7 +92,7 @@ def test_the_energies_of_wall_and_phonons_sum_to_the_total() -> None:
     assert phonon_share(chain, louder, track, crossings[0]) == pytest.approx(expected, rel=1e-9)
 
 
-def test_walls_that_are_sent_together_move_as_each_of_them_alone() -> None:
+def test_walls_that_are_sent_together_move_as_each_of_them_alone():
     lengths = drawn_deviations(12, 3, rotor_length=0.02, stiffness=0.02)
     trials = [
         (chain_of(FLIPPER, 14), SweepTrial(kick=0.2, **QUICK)),
@@ -119,7 +117,7 @@ def test_walls_that_are_sent_together_move_as_each_of_them_alone() -> None:
         assert len(sent.crossings) == (0 if trial.kick == 0.01 else 2)
 
 
-def test_a_chain_without_rest_state_does_not_stop_the_others() -> None:
+def test_a_chain_without_rest_state_does_not_stop_the_others():
     stretched = Deviations(rest_length=(0.0,) * 4 + (-0.9,) + (0.0,) * 4)
     wrong = dataclasses.replace(chain_of(FLIPPER, 10), deviations=stretched)
     trial = SweepTrial(kick=0.2, **QUICK)
@@ -129,14 +127,14 @@ def test_a_chain_without_rest_state_does_not_stop_the_others() -> None:
     assert len(sent.crossings) == 2
 
 
-def test_without_enough_rotors_outside_the_wall_phonons_are_nan() -> None:
+def test_without_enough_rotors_outside_the_wall_phonons_are_nan():
     chain = chain_of(FLIPPER, 8)
     recording, track, _ = send_wall(chain, SweepTrial(kick=0.1, **QUICK))
     whole = Crossing(0.0, float(track.times[-1]), -1, 1.0)
     assert math.isnan(phonon_share(chain, recording, track, whole))
 
 
-def test_a_wall_is_lost_at_the_time_limit() -> None:
+def test_a_wall_is_lost_at_the_time_limit():
     taken = measure_speed(chain_of(FLIPPER, 30), SweepTrial(kick=0.02, time_limit=20.0))
     assert taken['outcome'] == 'lost'
     assert math.isnan(float(taken['speed']))
@@ -145,8 +143,8 @@ def test_a_wall_is_lost_at_the_time_limit() -> None:
 
 @pytest.mark.parametrize(('spacings_a_frame', 'crossings'), [(1.0, 1), (3.0, 1), (20.0, 0)])
 def test_a_track_that_jumps_to_another_wall_is_no_crossing(
-    spacings_a_frame: float, crossings: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    spacings_a_frame, crossings, monkeypatch
+):
     chain = chain_of(FLIPPER, 30)
 
     def path(_chain: Chain, recording: Recording) -> Track:
@@ -160,14 +158,14 @@ def test_a_track_that_jumps_to_another_wall_is_no_crossing(
 
 @pytest.mark.parametrize('mechanics', ['elastic', 'rigid'])
 @pytest.mark.parametrize('example', [FLIPPER, SPINNER])
-def test_walls_of_uniform_chains_return(example: tuple[float, float], mechanics: str) -> None:
+def test_walls_of_uniform_chains_return(example, mechanics):
     kick = 0.3 if example is SPINNER else 0.1
     trial = SweepTrial(kick=kick, mechanics=mechanics, **QUICK)
     taken = measure_survival(chain_of(example, 10), trial)
     assert taken == {'outcome': 'returns', 'obstacles': 0}
 
 
-def test_bars_that_stop_a_wall_have_obstacles() -> None:
+def test_bars_that_stop_a_wall_have_obstacles():
     outcomes = set()
     for seed in range(8):
         deviations = drawn_deviations(8, seed, rotor_length=0.08, spacing=0.08)
@@ -182,7 +180,7 @@ def test_bars_that_stop_a_wall_have_obstacles() -> None:
     assert len(outcomes) > 1
 
 
-def test_a_measure_returns_its_columns_and_its_classes() -> None:
+def test_a_measure_returns_its_columns_and_its_classes():
     for name in MEASURES:
         measure = MEASURES[name]
         taken = measure.take(Chain(6), SweepTrial(kick=0.2, tolerance=1e-4, time_limit=100.0))
@@ -191,7 +189,7 @@ def test_a_measure_returns_its_columns_and_its_classes() -> None:
         assert not measure.classes or taken[measure.shown] in measure.classes
 
 
-def test_a_trial_out_of_range_is_rejected() -> None:
+def test_a_trial_out_of_range_is_rejected():
     for values, complaint in [
         ({'kick': 0.0}, r'SweepTrial.kick = 0.0 must lie in the range 1e-09 to 1000'),
         ({'mechanics': 'soft'}, "SweepTrial.mechanics = 'soft' must be one of 'elastic', 'rigid'"),

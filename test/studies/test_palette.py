@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Colours are defined in one module and are distinguishable with colour blindness."""
 
-from __future__ import annotations
-
 import re
 from itertools import combinations
 from pathlib import Path
@@ -31,7 +29,7 @@ PROTANOPIA = np.array(
 )
 
 
-def test_no_colour_is_named_outside_the_palette() -> None:
+def test_no_colour_is_named_outside_the_palette():
     literal = re.compile(r"""'#[0-9a-fA-F]{3,6}'|colou?rs?=?'(?!none)(?:[a-z]+|0\.\d+)'""")
     found = {
         f'{path.name}: {match}'
@@ -42,7 +40,7 @@ def test_no_colour_is_named_outside_the_palette() -> None:
     assert not found
 
 
-def test_adjacent_colours_are_distinguishable() -> None:
+def test_adjacent_colours_are_distinguishable():
     for colours in [
         palette.COLOURS,
         tuple(palette.MOTION_COLOURS.values()),
@@ -58,7 +56,7 @@ def test_adjacent_colours_are_distinguishable() -> None:
                 assert np.linalg.norm(one - other) > 0.15
 
 
-def test_a_class_has_its_colour_and_chains_of_one_class_have_shades() -> None:
+def test_a_class_has_its_colour_and_chains_of_one_class_have_shades():
     chains = [chain_of(example, 6) for example in EXAMPLES]
     expected = [palette.MOTION_COLOURS[chain.motion] for chain in chains]
     assert palette.chain_colours(chains)[-1] == expected[-1]
@@ -70,6 +68,6 @@ def test_a_class_has_its_colour_and_chains_of_one_class_have_shades() -> None:
     assert colours[3] == palette.MOTION_COLOURS[spinner.motion]
 
 
-def test_scale_colours_get_lighter_in_order() -> None:
+def test_scale_colours_get_lighter_in_order():
     lightness = [sum(to_rgb(colour)) for colour in palette.scale_colours(5)]
     assert lightness == sorted(lightness)

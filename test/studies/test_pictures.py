@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,12 +34,12 @@ def new_axes() -> Any:
 
 
 @pytest.fixture
-def recording() -> Recording:
+def recording():
     walls, _ = walls_over_a_site(CHAIN, 9, False, False, 9)
     return Recording(0.5 * np.arange(9) + 2, walls, np.zeros_like(walls))
 
 
-def test_a_kymograph_has_a_pixel_for_each_rotor_and_frame(recording: Recording) -> None:
+def test_a_kymograph_has_a_pixel_for_each_rotor_and_frame(recording):
     axes = new_axes()
     assert kymograph(axes, CHAIN, recording, follow(CHAIN, recording)) is axes
     (image,) = axes.images
@@ -52,14 +51,14 @@ def test_a_kymograph_has_a_pixel_for_each_rotor_and_frame(recording: Recording) 
     assert image.norm.vmax == -image.norm.vmin == CHAIN.rotor_length
 
 
-def test_the_track_lies_over_the_wall_of_the_kymograph(recording: Recording) -> None:
+def test_the_track_lies_over_the_wall_of_the_kymograph(recording):
     track = follow(CHAIN, recording)
     (line,) = kymograph(new_axes(), CHAIN, recording, track).lines
     assert line.get_xdata() == pytest.approx(recording.times)
     assert line.get_ydata() == pytest.approx(np.linspace(9.5, 10.5, 9), abs=0.001)
 
 
-def test_a_long_kymograph_is_thinned_out_and_keeps_its_span() -> None:
+def test_a_long_kymograph_is_thinned_out_and_keeps_its_span():
     times = 0.01 * np.arange(9000)
     angles = np.repeat(CHAIN.uniform_state(1)[None], 9000, axis=0)
     recording = Recording(times, angles, np.empty((0, 20)))
@@ -69,7 +68,7 @@ def test_a_long_kymograph_is_thinned_out_and_keeps_its_span() -> None:
     assert image.get_extent()[:2] == pytest.approx([0, 90], abs=0.05)
 
 
-def test_a_track_shows_position_velocity_and_the_mean_of_each_crossing() -> None:
+def test_a_track_shows_position_velocity_and_the_mean_of_each_crossing():
     times = np.linspace(0, 10, 11)
     track = Track(times, 2 * times, np.full(11, 2.0))
     crossings = (Crossing(1.0, 4.0, 1, 2.0), Crossing(6.0, 9.0, -1, 3.0))
@@ -87,7 +86,7 @@ def test_a_track_shows_position_velocity_and_the_mean_of_each_crossing() -> None
     assert low < -3 < 3 < high
 
 
-def test_oscillations_about_rest_have_distinct_colours_in_every_chain() -> None:
+def test_oscillations_about_rest_have_distinct_colours_in_every_chain():
     for example in EXAMPLES:
         chain = chain_of(example, 20)
         rest = chain.rotor_length * np.sin(chain.rest_angle)
@@ -103,7 +102,7 @@ def test_oscillations_about_rest_have_distinct_colours_in_every_chain() -> None:
         )
 
 
-def test_a_track_has_a_band_of_twice_its_deviations() -> None:
+def test_a_track_has_a_band_of_twice_its_deviations():
     times = np.linspace(0, 4, 5)
     track = Track(times, 3 * times, np.full(5, 3.0), np.full(5, 0.25), np.full(5, 0.5))
     position, velocity = track_positions(new_axes(), CHAIN, track), new_axes()
@@ -118,9 +117,7 @@ def test_a_track_has_a_band_of_twice_its_deviations() -> None:
 
 
 @pytest.mark.parametrize('example', [FLIPPER, SPINNER])
-def test_figures_of_one_frame_show_something_and_name_the_chain(
-    example: tuple[float, float], tmp_path: Path
-) -> None:
+def test_figures_of_one_frame_show_something_and_name_the_chain(example, tmp_path):
     chain = chain_of(example, 8)
     recording = Recording(np.zeros(1), chain.uniform_state(1)[None], np.empty((0, 8)))
     track = follow(chain, recording)
@@ -132,9 +129,7 @@ def test_figures_of_one_frame_show_something_and_name_the_chain(
         assert '8 rotors' in title
 
 
-def test_a_run_is_saved_as_two_pictures_with_a_caption_each(
-    recording: Recording, tmp_path: Path
-) -> None:
+def test_a_run_is_saved_as_two_pictures_with_a_caption_each(recording, tmp_path):
     save_run(CHAIN, recording, follow(CHAIN, recording), (), tmp_path)
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {
@@ -145,7 +140,7 @@ def test_a_run_is_saved_as_two_pictures_with_a_caption_each(
         assert explained in words
 
 
-def test_a_track_is_interrupted_where_it_changes_to_another_soliton() -> None:
+def test_a_track_is_interrupted_where_it_changes_to_another_soliton():
     sites = np.array([24.0, 24.5, 12.0, 12.5, np.nan, 30.0, 31.0])
     track = Track(np.arange(7.0), sites, 0 * sites)
     shown = unbroken_sites(track)

@@ -20,7 +20,7 @@ def steps(
     return StepResponse(times, commands, pressures + noise * generator.normal(size=len(times)))
 
 
-def test_the_time_constants_of_an_exact_record_are_recovered() -> None:
+def test_the_time_constants_of_an_exact_record_are_recovered():
     for times in [(0.03, 0.05), (0.2, 0.05), (0.01, 0.15)]:
         actuator = PneumaticActuator(filling_time=times[0], venting_time=times[1])
         fit = fit_step_response(steps(actuator, 0.0, np.random.default_rng(1)))
@@ -28,7 +28,7 @@ def test_the_time_constants_of_an_exact_record_are_recovered() -> None:
         assert fit.residual < 1e-2
 
 
-def test_errors_with_noise_agree_with_the_stated_deviations() -> None:
+def test_errors_with_noise_agree_with_the_stated_deviations():
     actuator = PneumaticActuator(filling_time=0.03, venting_time=0.08)
     generator = np.random.default_rng(2)
     errors = []
@@ -41,7 +41,7 @@ def test_errors_with_noise_agree_with_the_stated_deviations() -> None:
     assert np.std(errors) == pytest.approx(1.0, abs=4 / np.sqrt(2 * len(errors)))
 
 
-def test_without_falling_pressure_the_venting_time_is_rejected() -> None:
+def test_without_falling_pressure_the_venting_time_is_rejected():
     record = steps(PneumaticActuator(), 0.0, np.random.default_rng(3))
     rising = record.times < 0.7
     columns = (record.times[rising], record.commands[rising], record.pressures[rising])
@@ -49,7 +49,7 @@ def test_without_falling_pressure_the_venting_time_is_rejected() -> None:
         fit_step_response(StepResponse(*columns))
 
 
-def test_torques_give_their_slope_and_saturation() -> None:
+def test_torques_give_their_slope_and_saturation():
     actuator = PneumaticActuator(torque_per_pressure=1e-7, saturation_torque=0.012)
     pressures = np.linspace(-1.8e5, 2e5, 39)
     slope, limit = fit_torque(pressures, actuator.torque(pressures))
@@ -60,7 +60,7 @@ def test_torques_give_their_slope_and_saturation() -> None:
     assert (slope, limit) == pytest.approx((1e-7, 0.012), rel=0.02)
 
 
-def test_torques_that_do_not_saturate_have_no_limit() -> None:
+def test_torques_that_do_not_saturate_have_no_limit():
     pressures = np.linspace(0.0, 1e5, 11)
     noise = 1e-5 * np.random.default_rng(6).normal(size=11)
     for torques, tolerance in ((3e-8 * pressures, 1e-12), (3e-8 * pressures + noise, 0.01)):
@@ -69,7 +69,7 @@ def test_torques_that_do_not_saturate_have_no_limit() -> None:
         fit_torque(np.zeros(3), np.zeros(3))
 
 
-def test_invalid_records_are_rejected() -> None:
+def test_invalid_records_are_rejected():
     for times, complaint in [
         ([0.0, 1.0, 2.0], 'must have at least 4'),
         ([0.0, 1.0, 1.0, 2.0], 'must increase'),

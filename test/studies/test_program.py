@@ -11,7 +11,6 @@ import sys
 import time
 from collections.abc import Callable
 from importlib.metadata import entry_points
-from pathlib import Path
 
 import pytest
 
@@ -57,7 +56,7 @@ def failing(error: BaseException) -> Callable[[argparse.Namespace], str]:
     return study
 
 
-def test_each_study_is_a_command(capsys: pytest.CaptureFixture[str]) -> None:
+def test_each_study_is_a_command(capsys):
     for name in STUDIES:
         found = entry_points(group='soliton_linkage.commands')
         main = next(each.load() for each in found if each.name == name)
@@ -69,7 +68,7 @@ def test_each_study_is_a_command(capsys: pytest.CaptureFixture[str]) -> None:
             assert option in shown
 
 
-def test_a_wrong_command_line_ends_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_wrong_command_line_ends_in_one_line(capsys):
     for wrong in [['--bogus'], ['--workers', '0'], ['a.yaml', 'b.yaml'], ['--output'], ['--only']]:
         parser = study_parser('figures', None, 'fewer points', selective=True)
         with pytest.raises(SystemExit, match='2'):
@@ -80,23 +79,21 @@ def test_a_wrong_command_line_ends_in_one_line(capsys: pytest.CaptureFixture[str
         assert said.count('\n') == 1
 
 
-def test_each_study_has_installed_settings() -> None:
+def test_each_study_has_installed_settings():
     for name in [*(name for name in STUDIES if name != 'sweep'), 'phase_diagram']:
         path = installed_settings(name)
         assert path is not None
         assert load_settings(path).values
 
 
-def test_settings_that_are_not_installed_must_be_specified(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_settings_that_are_not_installed_must_be_specified(capsys):
     assert installed_settings('none') is None
     with pytest.raises(SystemExit, match='2'):
         study_parser('none', '', 'less').parse_args([])
     assert 'the following arguments are required: config' in capsys.readouterr().err
 
 
-def test_names_are_selected_in_full_or_by_their_first_part() -> None:
+def test_names_are_selected_in_full_or_by_their_first_part():
     known = ['S1_one', 'S2_two', 'S22_more', 'plain']
     assert select_names(known, []) == known
     assert select_names(known, ['plain', 'S2', 'S1_one']) == ['S1_one', 'S2_two', 'plain']
@@ -104,14 +101,14 @@ def test_names_are_selected_in_full_or_by_their_first_part() -> None:
         select_names(known, ['S2', 'S3'])
 
 
-def test_results_have_the_order_of_the_tasks(capsys: pytest.CaptureFixture[str]) -> None:
+def test_results_have_the_order_of_the_tasks(capsys):
     names = ['c', 'a', 'b', 'd']
     results = run_parallel('naming', {name: name.upper for name in names}, 2)
     assert list(results.items()) == [(name, name.upper()) for name in names]
     assert 'naming: 4 done in' in capsys.readouterr().err
 
 
-def test_a_failed_study_prints_its_error_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_failed_study_prints_its_error_in_one_line(capsys):
     for error, status, said in [
         (ValueError('length is -1; make it longer'), 1, 'any: length is -1; make it longer\n'),
         (FileNotFoundError(2, 'No such file', 'x'), 1, "any: [Errno 2] No such file: 'x'\n"),
@@ -125,19 +122,19 @@ def test_a_failed_study_prints_its_error_in_one_line(capsys: pytest.CaptureFixtu
         assert signal.getsignal(signal.SIGTERM) == handler
 
 
-def test_a_programming_error_is_not_hidden() -> None:
+def test_a_programming_error_is_not_hidden():
     with pytest.raises(KeyError):
         run_study(study_parser('any', '', 'less'), ['any.yaml'], failing(KeyError('x')), '')
 
 
-def test_the_returned_text_is_printed_last(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_returned_text_is_printed_last(capsys):
     parser = study_parser('any', '', 'less')
     assert run_study(parser, ['any.yaml', '--quick'], lambda each: f'{each.quick}', '') == 0
     assert capsys.readouterr().out == 'True\n'
 
 
 @pytest.mark.parametrize('sent', [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_study_leaves_no_process(sent: signal.Signals, tmp_path: Path) -> None:
+def test_an_interrupted_study_leaves_no_process(sent, tmp_path):
     script = tmp_path / 'waiting.py'
     script.write_text(WAITING, encoding='utf-8')
     process = subprocess.Popen(

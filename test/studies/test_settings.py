@@ -23,7 +23,7 @@ def written(folder: Path, text: str) -> Path:
     return path
 
 
-def test_values_are_read_with_the_requested_type(tmp_path: Path) -> None:
+def test_values_are_read_with_the_requested_type(tmp_path):
     settings = load_settings(
         written(tmp_path, 'x: 1.5\nn: 3\nname: abc\nmany: [1, 2]\nparts: {one: {y: 1}, two: {}}\n')
     )
@@ -36,7 +36,7 @@ def test_values_are_read_with_the_requested_type(tmp_path: Path) -> None:
     assert parts['one'].number('y', 0, 2) == 1
 
 
-def test_only_absent_keys_take_their_default() -> None:
+def test_only_absent_keys_take_their_default():
     assert SECTION.number('absent', 0, 1, 0.5) == 0.5
     assert SECTION.whole_number('absent', 0, 1, 1) == 1
     assert SECTION.text('absent', ('left', 'right'), 'right') == 'right'
@@ -46,7 +46,7 @@ def test_only_absent_keys_take_their_default() -> None:
 
 
 @given(st.floats(-1e6, 1e6), st.floats(0, 1e6), st.floats(-3e6, 3e6))
-def test_a_range_includes_its_bounds(minimum: float, span: float, value: float) -> None:
+def test_a_range_includes_its_bounds(minimum, span, value):
     maximum = minimum + span
     section = Section('file.yaml', '', {'x': value, 'low': minimum, 'high': maximum})
     assert section.number('low', minimum, maximum) == minimum
@@ -58,7 +58,7 @@ def test_a_range_includes_its_bounds(minimum: float, span: float, value: float) 
             section.number('x', minimum, maximum)
 
 
-def test_a_value_that_is_no_finite_number_is_rejected_by_name() -> None:
+def test_a_value_that_is_no_finite_number_is_rejected_by_name():
     for value in ['1e-3', True, None, [1], float('nan'), float('inf')]:
         section = Section('file.yaml', 'part', {'x': value})
         message = re.escape(f'file.yaml: part.x = {value!r} must be a number in the range 0 to 1')
@@ -66,13 +66,13 @@ def test_a_value_that_is_no_finite_number_is_rejected_by_name() -> None:
             section.number('x', 0, 1)
 
 
-def test_a_number_that_yaml_reads_as_text_is_explained(tmp_path: Path) -> None:
+def test_a_number_that_yaml_reads_as_text_is_explained(tmp_path):
     settings = load_settings(written(tmp_path, 'x: 1e-3\n'))
     with pytest.raises(ValueError, match=r"x = '1e-3' must be .*; write exponents as 1\.0e-3"):
         settings.number('x', 0, 1)
 
 
-def test_an_error_names_file_key_and_limit() -> None:
+def test_an_error_names_file_key_and_limit():
     for read, message in [
         (lambda: SECTION.number('y', 0, 1), 'part.y is missing; give a number in the range 0 to'),
         (lambda: SECTION.number('x', 3, 4), 'part.x = 2 must be a number in the range 3 to 4; ch'),
@@ -96,13 +96,13 @@ def test_an_error_names_file_key_and_limit() -> None:
             read()
 
 
-def test_a_whole_number_has_no_decimal_point() -> None:
+def test_a_whole_number_has_no_decimal_point():
     section = Section('file.yaml', '', {'n': 3.0})
     with pytest.raises(ValueError, match=r'n = 3\.0 must be a whole .* omit the decimal poi'):
         section.whole_number('n', 0, 9)
 
 
-def test_a_file_without_settings_is_rejected(tmp_path: Path) -> None:
+def test_a_file_without_settings_is_rejected(tmp_path):
     for text, message in [
         ('x: [1', 'is not YAML .*line'),
         ('- 1\n- 2\n', 'contains list .* instead of sections of keys and values'),
@@ -114,7 +114,7 @@ def test_a_file_without_settings_is_rejected(tmp_path: Path) -> None:
             load_settings(path)
 
 
-def test_a_file_that_is_absent_or_not_text_is_rejected(tmp_path: Path) -> None:
+def test_a_file_that_is_absent_or_not_text_is_rejected(tmp_path):
     with pytest.raises(ValueError, match=r'absent\.yaml: cannot be read .*; give a settings file'):
         load_settings(tmp_path / 'absent.yaml')
     (tmp_path / 'binary').write_bytes(b'\xff\xfe\x00')
@@ -123,21 +123,19 @@ def test_a_file_that_is_absent_or_not_text_is_rejected(tmp_path: Path) -> None:
 
 
 @given(st.floats(0.02, 20), st.floats(0.01, 1.56), st.floats(1e-3, 10))
-def test_a_chain_has_the_given_ratio_and_scale(
-    ratio: float, rest_angle: float, spacing: float
-) -> None:
+def test_a_chain_has_the_given_ratio_and_scale(ratio, rest_angle, spacing):
     values = {**CHAIN, 'rotor_length_ratio': ratio, 'rest_angle': rest_angle, 'spacing': spacing}
     chain = chain_from(Section('file.yaml', 'chain', values))
     assert chain == Chain(7, spacing, ratio * spacing, rest_angle)
 
 
-def test_a_chain_takes_optional_keys() -> None:
+def test_a_chain_takes_optional_keys():
     values = {**CHAIN, 'mass': 3, 'stiffness': 2.0, 'damping': 0.1}
     chain = chain_from(Section('file.yaml', 'chain', values))
     assert (chain.mass, chain.stiffness, chain.damping) == (3, 2, 0.1)
 
 
-def test_an_invalid_chain_is_rejected() -> None:
+def test_an_invalid_chain_is_rejected():
     for key, value, message in [
         ('rest_angle', 2, 'chain.rest_angle = 2 must be a number in the range 0.001 to 1.57'),
         ('number_of_rotors', 1, 'chain.number_of_rotors = 1 must be a whole number in the range'),
@@ -153,7 +151,7 @@ def test_an_invalid_chain_is_rejected() -> None:
             chain_from(Section('file.yaml', 'chain', values))
 
 
-def test_a_chain_requires_its_shape() -> None:
+def test_a_chain_requires_its_shape():
     for key in list(CHAIN):
         values = {name: value for name, value in CHAIN.items() if name != key}
         with pytest.raises(ValueError, match=f'chain.{key} is missing; give'):

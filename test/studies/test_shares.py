@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The limits of a proportion interval are the stated number of standard deviations away."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -13,8 +11,8 @@ from soliton_linkage_studies.figures.disorder import score_interval
 
 @given(st.integers(1, 1000), st.floats(0, 1), st.floats(0.5, 3))
 def test_a_proportion_is_the_given_number_of_standard_deviations_from_its_limits(
-    count: int, part: float, deviations: float
-) -> None:
+    count, part, deviations
+):
     share = round(part * count) / count
     low, high = score_interval(np.array(share), count, deviations)
     assert 0 <= low <= share <= high <= 1

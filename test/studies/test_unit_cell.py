@@ -78,7 +78,7 @@ def reference_partners(chain: Chain, theta_1: float) -> tuple[mpmath.mpf, list[m
 
 
 @given(any_chain(2, 2), ANGLES)
-def test_the_partners_agree_with_forty_digit_solutions(chain: Chain, angle: float) -> None:
+def test_the_partners_agree_with_forty_digit_solutions(chain, angle):
     with mpmath.workdps(40):
         square, expected = reference_partners(chain, angle)
         # A length error changes the second angle by this error over the root of the radicand.
@@ -96,7 +96,7 @@ def test_the_partners_agree_with_forty_digit_solutions(chain: Chain, angle: floa
 
 @settings(max_examples=10)
 @given(any_chain(2, 2))
-def test_curves_close_and_keep_the_bar(chain: Chain) -> None:
+def test_curves_close_and_keep_the_bar(chain):
     curves = configuration_curves(chain, 100)
     spinner = chain.motion is Motion.SPINNER
     assert len(curves) == (2 if spinner else 1)
@@ -109,9 +109,7 @@ def test_curves_close_and_keep_the_bar(chain: Chain) -> None:
 
 @settings(max_examples=8)
 @given(near_transition())
-def test_one_curve_splits_into_two_at_d_c_and_no_step_crosses_the_gap(
-    pair: tuple[Chain, Chain],
-) -> None:
+def test_one_curve_splits_into_two_at_d_c_and_no_step_crosses_the_gap(pair):
     flipper, spinner = pair
     (whole,) = configuration_curves(flipper, 800)
     halves = configuration_curves(spinner, 400)
@@ -126,7 +124,7 @@ def test_one_curve_splits_into_two_at_d_c_and_no_step_crosses_the_gap(
 
 @settings(max_examples=10)
 @given(any_chain(2, 2))
-def test_steps_along_a_curve_are_even_in_arc_length(chain: Chain) -> None:
+def test_steps_along_a_curve_are_even_in_arc_length(chain):
     # A chord is never longer than its arc, and the sum of ever shorter chords converges to it.
     curves, finer_ones = configuration_curves(chain, 200), configuration_curves(chain, 1600)
     for curve, finer in zip(curves, finer_ones, strict=True):
@@ -154,7 +152,7 @@ def on_a_curve(chain: Chain, configurations: Array, points: int = 400) -> Array:
 
 @settings(max_examples=10)
 @given(any_chain(2, 2))
-def test_the_curves_pass_through_the_ground_states(chain: Chain) -> None:
+def test_the_curves_pass_through_the_ground_states(chain):
     states = ground_states(chain)
     assert (np.abs(extensions(chain, states)) <= length_rounding(chain)).all()
     assert (on_a_curve(chain, states) <= 0.5 + 1e-6).all()
@@ -162,7 +160,7 @@ def test_the_curves_pass_through_the_ground_states(chain: Chain) -> None:
 
 @settings(max_examples=10)
 @given(any_chain(2, 2), st.integers(0, 99), st.integers(-2, 2))
-def test_mirror_images_lie_on_the_curves(chain: Chain, position: int, turns: int) -> None:
+def test_mirror_images_lie_on_the_curves(chain, position, turns):
     curves = configuration_curves(chain, 100)
     spinner = len(curves) == 2
     first, second = curves[0][position]
@@ -175,7 +173,7 @@ def test_mirror_images_lie_on_the_curves(chain: Chain, position: int, turns: int
     assert (on_a_curve(chain, turned) <= 0.5 + 1e-6).all()
 
 
-def test_a_component_of_a_spinner_holds_one_pair_of_ground_states() -> None:
+def test_a_component_of_a_spinner_holds_one_pair_of_ground_states():
     for example in [SPINNER, WIDE_SPINNER]:
         chain = chain_of(example, 2)
         states = ground_states(chain)
@@ -187,7 +185,7 @@ def test_a_component_of_a_spinner_holds_one_pair_of_ground_states() -> None:
             assert near == [component == index for component in (0, 1, 1, 0)]
 
 
-def test_the_curve_of_a_flipper_visits_all_ground_states_in_order() -> None:
+def test_the_curve_of_a_flipper_visits_all_ground_states_in_order():
     for example in [FLIPPER, WOBBLER, STRONG_WOBBLER]:
         chain = chain_of(example, 2)
         (curve,) = configuration_curves(chain)
@@ -212,9 +210,7 @@ def perimeter(chain: Chain) -> float:
 @pytest.mark.parametrize(
     ('example', 'sense'), [*((example, 1) for example in EXAMPLES), (FLIPPER, -1), (SPINNER, -1)]
 )
-def test_two_rotors_on_a_rigid_bar_run_along_the_curve(
-    example: tuple[float, float], sense: int
-) -> None:
+def test_two_rotors_on_a_rigid_bar_run_along_the_curve(example, sense):
     # Both rotors have the same inertia, so without forces the speed along the curve is constant.
     chain = chain_of(example, 2)
     for curve in configuration_curves(chain, 200):
@@ -227,7 +223,7 @@ def test_two_rotors_on_a_rigid_bar_run_along_the_curve(
 
 
 @given(RATIOS, REST_ANGLES)
-def test_motion_of_agrees_with_the_class_of_the_chain(ratio: float, rest_angle: float) -> None:
+def test_motion_of_agrees_with_the_class_of_the_chain(ratio, rest_angle):
     chain = chain_of((ratio, rest_angle), 2)
     d, d_c = chain.lean_ratio, chain.critical_lean_ratio
     assume(abs(d - 1) > 8 * EPS and abs(d / d_c - 1) > 8 * EPS)
@@ -235,7 +231,7 @@ def test_motion_of_agrees_with_the_class_of_the_chain(ratio: float, rest_angle: 
 
 
 @given(REST_ANGLES, st.floats(1e-14, 0.5), st.sampled_from([-1, 1]))
-def test_the_limits_separate_the_classes(rest_angle: float, share: float, side: int) -> None:
+def test_the_limits_separate_the_classes(rest_angle, share, side):
     factor = 1 + side * share
     first, second = flipper_limit(rest_angle), spinner_limit(rest_angle)
     assert first < second
@@ -243,7 +239,7 @@ def test_the_limits_separate_the_classes(rest_angle: float, share: float, side: 
     assert (motion_of(second * factor, rest_angle) == 2) == (side > 0)
 
 
-def test_at_d_c_itself_a_curve_is_still_closed() -> None:
+def test_at_d_c_itself_a_curve_is_still_closed():
     chain = Chain(2, spacing=0.1, rotor_length=0.2, rest_angle=math.asin(math.sqrt(0.5)))
     assert chain.lean_ratio == pytest.approx(chain.critical_lean_ratio, rel=4 * EPS)
     for curve in configuration_curves(chain):
@@ -252,6 +248,6 @@ def test_at_d_c_itself_a_curve_is_still_closed() -> None:
         windings(curve)
 
 
-def test_a_curve_that_does_not_close_is_rejected() -> None:
+def test_a_curve_that_does_not_close_is_rejected():
     with pytest.raises(ValueError, match=r'differ by 0\.159155 and 0 turns'):
         windings([[0, 0], [1, 0]])

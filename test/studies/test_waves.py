@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Wave packets move at the group velocity, and act on walls in the band only."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 
@@ -26,7 +24,7 @@ CONFIG = Path(__file__).parents[2] / 'config/studies/waves.yaml'
 SPINNER = Chain(60, rotor_length=0.13, rest_angle=1.3)
 
 
-def test_a_burst_delivers_no_net_impulse_and_has_its_amplitude() -> None:
+def test_a_burst_delivers_no_net_impulse_and_has_its_amplitude():
     burst, inertia = Burst(30.0, 10.0, 0.1), 2e-4
     times = np.linspace(0.0, burst.duration, 100_001)
     torques = np.array([burst.torque(inertia, float(time)) for time in times])
@@ -39,7 +37,7 @@ def test_a_burst_delivers_no_net_impulse_and_has_its_amplitude() -> None:
 
 
 @pytest.mark.parametrize('frequency', [30.0, 39.0, 46.0])
-def test_a_small_packet_moves_at_the_group_velocity(frequency: float) -> None:
+def test_a_small_packet_moves_at_the_group_velocity(frequency):
     run = WaveTask(SPINNER, Burst(frequency, 12.0, 0.005), 4.0)()
     velocity = packet_velocity(SPINNER, run.recording, 30)
     assert velocity == pytest.approx(group_velocity(SPINNER, frequency), rel=0.05)
@@ -49,7 +47,7 @@ def test_a_small_packet_moves_at_the_group_velocity(frequency: float) -> None:
     np.testing.assert_allclose(energies, total, rtol=1e-12, atol=1e-20)
 
 
-def test_packets_of_the_band_pull_the_kink_and_others_do_not() -> None:
+def test_packets_of_the_band_pull_the_kink_and_others_do_not():
     low, high = band_edges(SPINNER)
     moved = {
         frequency: WaveTask(SPINNER, Burst(frequency, 20.0, 0.1), 6.0, 30.0)().displacement
@@ -60,7 +58,7 @@ def test_packets_of_the_band_pull_the_kink_and_others_do_not() -> None:
     assert max(map(abs, moved.values())) < 1e-2
 
 
-def test_a_kink_has_a_zero_mode_local_modes_and_no_barrier_at_any_site() -> None:
+def test_a_kink_has_a_zero_mode_local_modes_and_no_barrier_at_any_site():
     low, high = band_edges(SPINNER)
     frequencies = []
     for site in np.linspace(29.0, 31.0, 9):
@@ -76,7 +74,7 @@ def test_a_kink_has_a_zero_mode_local_modes_and_no_barrier_at_any_site() -> None
     assert np.ptp(frequencies) > 5
 
 
-def test_the_program_writes_page_table_and_data(tmp_path: Path) -> None:
+def test_the_program_writes_page_table_and_data(tmp_path):
     settings = yaml.safe_load(CONFIG.read_text(encoding='utf-8'))
     settings['duration'] = 2.0
     settings['kink'] = {'frequencies': [10.0, 39.0], 'amplitudes': [0.1], 'cycles': [5.0]}

@@ -95,21 +95,19 @@ def has_ended(process: int) -> bool:
     return state == 'Z'
 
 
-def test_a_number_of_processes_is_parsed() -> None:
+def test_a_number_of_processes_is_parsed():
     for text in ['1', '2', '1000']:
         assert process_count(text) == int(text)
 
 
-def test_an_invalid_number_of_processes_is_rejected() -> None:
+def test_an_invalid_number_of_processes_is_rejected():
     for text in ['0', '-1', '1001', '1.5', 'two', '', '²', '٣']:
         complaint = f'{text!r} must be a whole number from 1 to 1000'
         with pytest.raises(argparse.ArgumentTypeError, match=complaint):
             process_count(text)
 
 
-def test_each_process_has_one_thread_and_the_parent_is_unchanged(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_each_process_has_one_thread_and_the_parent_is_unchanged(monkeypatch):
     monkeypatch.setenv(THREADS[0], '7')
     monkeypatch.delenv(THREADS[1], raising=False)
     before = dict(os.environ)
@@ -120,14 +118,14 @@ def test_each_process_has_one_thread_and_the_parent_is_unchanged(
 
 
 @pytest.fixture
-def gate(tmp_path: Path) -> Path:
+def gate(tmp_path):
     """A pipe that a task reads until the test writes."""
     path = tmp_path / 'gate'
     os.mkfifo(path)
     return path
 
 
-def test_tasks_are_yielded_as_they_finish_including_later_submissions(gate: Path) -> None:
+def test_tasks_are_yielded_as_they_finish_including_later_submissions(gate):
     with local_processes(2) as processes:
         processes.submit(gate.read_text)
         for number in range(5):
@@ -142,7 +140,7 @@ def test_tasks_are_yielded_as_they_finish_including_later_submissions(gate: Path
     assert finished == [*range(6), 'open']
 
 
-def test_unawaited_tasks_finish_before_the_processes_end(tmp_path: Path) -> None:
+def test_unawaited_tasks_finish_before_the_processes_end(tmp_path):
     with local_processes(1) as processes:
         for name in 'abc':
             processes.submit((tmp_path / name).touch)
@@ -150,7 +148,7 @@ def test_unawaited_tasks_finish_before_the_processes_end(tmp_path: Path) -> None
     assert not multiprocessing.active_children()
 
 
-def test_a_task_error_has_its_traceback_and_the_process_continues() -> None:
+def test_a_task_error_has_its_traceback_and_the_process_continues():
     with local_processes(1) as processes:
         with pytest.raises(ValueError, match='invalid literal') as raised:
             result(processes, int, 'seven')
@@ -158,9 +156,7 @@ def test_a_task_error_has_its_traceback_and_the_process_continues() -> None:
         assert result(processes, int, '7') == 7
 
 
-def test_a_task_that_the_process_cannot_import_is_reported(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_task_that_the_process_cannot_import_is_reported(monkeypatch):
     def here() -> None:
         pass
 
@@ -186,13 +182,13 @@ def test_a_task_that_the_process_cannot_import_is_reported(
         ((os._exit, 3), 'ended with 3 before its task was done$'),
     ],
 )
-def test_a_process_that_ends_too_early_is_reported(task: Any, complaint: str) -> None:
+def test_a_process_that_ends_too_early_is_reported(task, complaint):
     with pytest.raises(ChildProcessError, match=rf'process \d+ {complaint}'):
         work_beside_one_that_works(*task)
     assert not multiprocessing.active_children()
 
 
-def test_only_the_processes_of_the_pool_end_if_the_work_fails() -> None:
+def test_only_the_processes_of_the_pool_end_if_the_work_fails():
     other = multiprocessing.get_context('spawn').Process(target=time.sleep, args=(3600,))
     other.start()
     try:
@@ -204,7 +200,7 @@ def test_only_the_processes_of_the_pool_end_if_the_work_fails() -> None:
         other.join()
 
 
-def test_processes_end_when_their_parent_is_killed(tmp_path: Path) -> None:
+def test_processes_end_when_their_parent_is_killed(tmp_path):
     command = command_of(ORPHANING, tmp_path)
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
@@ -219,7 +215,7 @@ def test_processes_end_when_their_parent_is_killed(tmp_path: Path) -> None:
             time.sleep(0.02)
 
 
-def test_the_first_processes_of_a_program_do_not_receive_ctrl_c(tmp_path: Path) -> None:
+def test_the_first_processes_of_a_program_do_not_receive_ctrl_c(tmp_path):
     command = command_of(MASKS, tmp_path)
     said = subprocess.run(command, capture_output=True, text=True, check=True)
     assert said.stdout == '[True, True, True]\n'
@@ -227,9 +223,7 @@ def test_the_first_processes_of_a_program_do_not_receive_ctrl_c(tmp_path: Path) 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize('delay', [0.0, 0.003])
-def test_an_interrupt_ends_the_pool_while_results_are_sent(
-    number: int, delay: float, tmp_path: Path
-) -> None:
+def test_an_interrupt_ends_the_pool_while_results_are_sent(number, delay, tmp_path):
     command = command_of(SENDING, tmp_path)
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -247,7 +241,7 @@ def test_an_interrupt_ends_the_pool_while_results_are_sent(
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_a_deferred_interrupt_is_raised_afterwards(number: int) -> None:
+def test_a_deferred_interrupt_is_raised_afterwards(number):
     reached = []
 
     def interrupted() -> None:
@@ -298,9 +292,7 @@ class Clock:
 
 
 @pytest.mark.parametrize('seconds', [0.001, 0.1, 5.0])
-def test_a_chunk_takes_about_a_second_or_one_row(
-    seconds: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_chunk_takes_about_a_second_or_one_row(seconds, monkeypatch):
     Clock(monkeypatch, [seconds] * STUDY.rows)
     pool = Here()
     done = list(measure_rows(pool, STUDY, range(STUDY.rows)))
@@ -311,7 +303,7 @@ def test_a_chunk_takes_about_a_second_or_one_row(
         assert sum(len(rows) for rows, *_ in pool.results if len(rows) > 5) > STUDY.rows / 2
 
 
-def test_slow_rows_are_removed_from_their_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_slow_rows_are_removed_from_their_chunk(monkeypatch):
     Clock(monkeypatch, [0.001] * 100 + [3.0] * 100)
     pool = Here()
     done = list(measure_rows(pool, STUDY, range(STUDY.rows)))
@@ -319,14 +311,14 @@ def test_slow_rows_are_removed_from_their_chunk(monkeypatch: pytest.MonkeyPatch)
     assert max(spent for *_, spent in pool.results) <= 1 + 3
 
 
-def test_rows_measured_by_processes_are_the_same() -> None:
+def test_rows_measured_by_processes_are_the_same():
     with local_processes(2) as workers:
         done = list(measure_rows(workers, STUDY, [5, 3, 8]))
     expected = measure_chunk(STUDY, [3, 5, 8])[0]
     assert sorted(row for cells in done for row in cells) == sorted(expected)
 
 
-def test_rows_measured_by_a_cluster_are_the_same() -> None:
+def test_rows_measured_by_a_cluster_are_the_same():
     distributed = pytest.importorskip('distributed', reason='needs Dask: pip install distributed')
     local = distributed.LocalCluster(
         n_workers=1, threads_per_worker=2, processes=False, dashboard_address=':0'
@@ -339,14 +331,14 @@ def test_rows_measured_by_a_cluster_are_the_same() -> None:
         assert cells == measure_chunk(STUDY, [int(row[0]) for row in cells])[0]
 
 
-def test_a_cluster_that_does_not_answer_is_reported() -> None:
+def test_a_cluster_that_does_not_answer_is_reported():
     pytest.importorskip('distributed', reason='needs Dask: pip install distributed')
     complaint = r'--scheduler tcp://127.0.0.1:9 does not answer'
     with pytest.raises(ValueError, match=complaint), cluster('tcp://127.0.0.1:9', timeout=0.5):
         pass
 
 
-def test_without_the_package_a_cluster_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_package_a_cluster_is_rejected(monkeypatch):
     monkeypatch.setitem(sys.modules, 'distributed', None)
     complaint = 'not installed; run pip install distributed, or use --workers'
     with pytest.raises(ValueError, match=complaint), cluster('tcp://127.0.0.1:9'):

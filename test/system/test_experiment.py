@@ -8,7 +8,7 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +42,7 @@ Start = Callable[..., subprocess.Popen[str]]
 
 
 @pytest.fixture
-def start() -> Iterator[Start]:
+def start():
     """Start an experiment in a process group of its own; none outlives the test."""
     running: list[subprocess.Popen[str]] = []
 
@@ -66,7 +66,7 @@ def start() -> Iterator[Start]:
         process.communicate()
 
 
-def test_a_soliton_crosses_is_recorded_and_replayed_alike(start: Start, tmp_path: Path) -> None:
+def test_a_soliton_crosses_is_recorded_and_replayed_alike(start, tmp_path):
     configuration = configured(tmp_path, SCENARIO)
     tmp_path /= 'out'
     leave_an_earlier_run(tmp_path, SCENARIO)
@@ -100,7 +100,7 @@ def test_a_soliton_crosses_is_recorded_and_replayed_alike(start: Start, tmp_path
     assert_nothing_runs(tmp_path)
 
 
-def test_ctrl_c_stops_everything_and_leaves_a_readable_bag(start: Start, tmp_path: Path) -> None:
+def test_ctrl_c_stops_everything_and_leaves_a_readable_bag(start, tmp_path):
     output = tmp_path / 'out'
     process = start(configured(tmp_path, 'flipper', nudge=25.0), output)
     wait_for_line(process, 'replaying [')
@@ -108,9 +108,7 @@ def test_ctrl_c_stops_everything_and_leaves_a_readable_bag(start: Start, tmp_pat
     assert frames_in(output / 'flipper_0') > 100
 
 
-def test_a_signal_while_nodes_come_up_stops_them_and_leaves_a_readable_bag(
-    start: Start, tmp_path: Path
-) -> None:
+def test_a_signal_while_nodes_come_up_stops_them_and_leaves_a_readable_bag(start, tmp_path):
     process = start(CONFIGURATION / 'flipper.yaml', tmp_path)
     bag = tmp_path / 'flipper_0'
     deadline = time.monotonic() + LONGEST_RUN
@@ -121,7 +119,7 @@ def test_a_signal_while_nodes_come_up_stops_them_and_leaves_a_readable_bag(
     assert check_bag(bag).damage == []
 
 
-def test_a_parameter_that_stops_a_node_stops_the_experiment(start: Start, tmp_path: Path) -> None:
+def test_a_parameter_that_stops_a_node_stops_the_experiment(start, tmp_path):
     configuration = tmp_path / 'wrong.yaml'
     configuration.write_text('bag_recorder:\n  ros__parameters:\n    regx: x\n')
     process = start(configuration, tmp_path / 'out')
@@ -132,15 +130,15 @@ def test_a_parameter_that_stops_a_node_stops_the_experiment(start: Start, tmp_pa
     assert_nothing_runs(tmp_path / 'out')
 
 
-def test_a_wrong_configuration_and_output_are_logged_in_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_wrong_configuration_and_output_are_logged_in_one_line(tmp_path, monkeypatch):
     (tmp_path / 'file').write_text('no folder')
     for configuration, output, complaint in (
         (configured(tmp_path, 'flipper', nugde=10.0), tmp_path / 'out', "mean 'nudge'?"),
         (CONFIGURATION / 'flipper.yaml', tmp_path / 'file' / 'out', str(tmp_path / 'file')),
     ):
-        monkeypatch.setattr('sys.argv', ['experiment', str(configuration), '--output', str(output)])
+        monkeypatch.setattr(
+            'sys.argv', ['experiment', str(configuration), '--output', str(output)]
+        )
         with pytest.raises(SystemExit) as end:
             main()
         (line,) = str(end.value).strip().splitlines()
@@ -148,9 +146,7 @@ def test_a_wrong_configuration_and_output_are_logged_in_one_line(
         assert complaint in line
 
 
-def test_a_missing_configuration_is_named(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_missing_configuration_is_named(monkeypatch, capsys):
     monkeypatch.setattr('sys.argv', ['experiment', 'nowhere.yaml'])
     with pytest.raises(SystemExit, match='2'):
         main()

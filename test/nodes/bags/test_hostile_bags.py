@@ -13,7 +13,6 @@ from types import FrameType
 from typing import Any
 
 import pytest
-from graphs import Graph
 from hostile_bags import CASES, MEBIBYTE, base, write_hostile
 from recordings import data_file
 
@@ -21,7 +20,6 @@ from soliton_linkage_nodes.bags.guards import BagLimits
 from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.reading import message_class, open_bag, read_messages
 from soliton_linkage_nodes.bags.recovery import check_bag, recover_bag
-from soliton_linkage_nodes.messages.conversions import NamedChain
 
 SIZE = 100_000
 LIMITS = BagLimits(max_unpacked=2 * MEBIBYTE, max_unpacked_file=8 * MEBIBYTE)
@@ -94,9 +92,7 @@ def attempt(act: Callable[[], object]) -> str:
 
 
 @pytest.mark.parametrize('case', CASES)
-def test_intact_messages_are_recovered_in_bounded_memory_and_time(
-    case: str, named: NamedChain, tmp_path: Path
-) -> None:
+def test_intact_messages_are_recovered_in_bounded_memory_and_time(case, named, tmp_path):
     storage = 'sqlite3' if case in SQLITE else 'mcap'
     sent = contents(base(tmp_path / 'sent', named, storage))
     bag = write_hostile(case, tmp_path / 'hostile', named, SIZE)
@@ -118,16 +114,14 @@ def test_intact_messages_are_recovered_in_bounded_memory_and_time(
 @pytest.mark.parametrize(
     'case', ['pipe as metadata', 'link to a device as metadata', 'laughs in metadata']
 )
-def test_invalid_metadata_is_reported_with_its_reason(
-    case: str, named: NamedChain, tmp_path: Path
-) -> None:
+def test_invalid_metadata_is_reported_with_its_reason(case, named, tmp_path):
     bag = write_hostile(case, tmp_path / 'hostile', named, SIZE)
     (damage,) = check_bag(bag).damage
     assert damage.startswith('metadata.yaml cannot be read: ')
     assert 'metadata.yaml' in attempt(lambda: contents(bag))
 
 
-def test_a_link_within_a_bag_is_followed(named: NamedChain, tmp_path: Path) -> None:
+def test_a_link_within_a_bag_is_followed(named, tmp_path):
     bag = base(tmp_path / 'run', named)
     sent = contents(bag)
     data = data_file(bag)
@@ -137,7 +131,7 @@ def test_a_link_within_a_bag_is_followed(named: NamedChain, tmp_path: Path) -> N
     assert check_bag(bag).damage == []
 
 
-def test_a_bag_that_is_itself_a_link_is_followed(named: NamedChain, tmp_path: Path) -> None:
+def test_a_bag_that_is_itself_a_link_is_followed(named, tmp_path):
     bag = base(tmp_path / 'run', named)
     (tmp_path / 'latest').symlink_to(bag)
     assert contents(tmp_path / 'latest') == contents(bag)
@@ -147,9 +141,7 @@ def test_a_bag_that_is_itself_a_link_is_followed(named: NamedChain, tmp_path: Pa
 @pytest.mark.parametrize(
     'case', ['many channels', 'one channel many times', 'many topics', 'repeated definitions']
 )
-def test_the_work_for_many_definitions_is_proportional_to_their_number(
-    case: str, named: NamedChain, tmp_path: Path
-) -> None:
+def test_the_work_for_many_definitions_is_proportional_to_their_number(case, named, tmp_path):
     lines = []
     for size in (50_000, 200_000):
         bag = write_hostile(case, tmp_path / f'hostile{size}', named, size)
@@ -169,17 +161,13 @@ def test_the_work_for_many_definitions_is_proportional_to_their_number(
     assert lines[1] < 6 * lines[0]
 
 
-def test_no_more_topics_are_played_than_publishers_are_cheap(
-    graph: Graph, named: NamedChain, tmp_path: Path
-) -> None:
+def test_no_more_topics_are_played_than_publishers_are_cheap(graph, named, tmp_path):
     bag = write_hostile('many topics', tmp_path / 'hostile', named, 400_000)
     with pytest.raises(ValueError, match='has 2003 topics, and at most 1000 are played; name'):
         graph.start(BagPlayer, {'bag': str(bag)})
 
 
-def test_limits_of_the_player_are_parameters(
-    graph: Graph, named: NamedChain, tmp_path: Path
-) -> None:
+def test_limits_of_the_player_are_parameters(graph, named, tmp_path):
     bag = write_hostile('zstd bomb: honest chunk', tmp_path / 'hostile', named, SIZE)
     player = graph.start(
         BagPlayer, {'bag': str(bag), 'subscriber_timeout': 0.0, 'max_unpacked': 2 * MEBIBYTE}
@@ -190,7 +178,7 @@ def test_limits_of_the_player_are_parameters(
     )
 
 
-def test_the_name_of_a_type_runs_no_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_name_of_a_type_runs_no_code(tmp_path, monkeypatch):
     (tmp_path / 'strange_code.py').write_text('raise SystemExit')
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(ValueError, match='is not installed'):

@@ -9,14 +9,13 @@ import re
 import select
 import signal
 import struct
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from ament_index_python.packages import get_package_prefix
 from graphs import Graph, values
-from programs import PACKAGE, Program
+from programs import PACKAGE
 from rclpy.serialization import deserialize_message
 from recordings import MILLISECOND, START, frame_message, run_of, write_bag
 from sensor_msgs.msg import Image
@@ -50,8 +49,8 @@ def played(graph: Graph) -> str:
 
 @pytest.mark.parametrize(('storage', 'namespace'), [('mcap', '/lab'), ('sqlite3', '')])
 def test_every_message_is_played_unchanged_and_in_order(
-    graph: Graph, named: NamedChain, tmp_path: Path, storage: str, namespace: str
-) -> None:
+    graph, named, tmp_path, storage, namespace
+):
     entries = run_of(named, 300)
     bag = write_bag(tmp_path / 'run', entries, storage, namespace)
     heard = {}
@@ -67,9 +66,7 @@ def test_every_message_is_played_unchanged_and_in_order(
     assert heard == expected
 
 
-def test_latched_topics_come_first_and_the_rest_waits_for_a_subscriber(
-    graph: Graph, named: NamedChain, tmp_path: Path
-) -> None:
+def test_latched_topics_come_first_and_the_rest_waits_for_a_subscriber(graph, named, tmp_path):
     bag = write_bag(tmp_path / 'run', run_of(named, 100))
     chains = graph.hear(interfaces.CHAIN)
     nudges = graph.hear(interfaces.NUDGE)
@@ -84,9 +81,7 @@ def test_latched_topics_come_first_and_the_rest_waits_for_a_subscriber(
     assert len(chains) == 1
 
 
-def test_a_late_analyser_still_gets_the_chain(
-    graph: Graph, named: NamedChain, tmp_path: Path
-) -> None:
+def test_a_late_analyser_still_gets_the_chain(graph, named, tmp_path):
     bag = write_bag(tmp_path / 'run', run_of(named, 2, gap=MINUTE))
     frames = graph.hear(interfaces.JOINT_STATES)
     graph.start(BagPlayer, {'bag': str(bag)})
@@ -95,9 +90,7 @@ def test_a_late_analyser_still_gets_the_chain(
     graph.until(lambda: chains, 'the chain')
 
 
-def test_without_subscribers_it_plays_and_reports_so(
-    graph: Graph, named: NamedChain, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_without_subscribers_it_plays_and_reports_so(graph, named, tmp_path, capfd):
     bag = write_bag(tmp_path / 'run', run_of(named, 10))
     player = graph.start(BagPlayer, {'bag': str(bag), 'subscriber_timeout': 0.0})
     graph.until(lambda: player.finished, 'the end of the bag')
@@ -106,9 +99,7 @@ def test_without_subscribers_it_plays_and_reports_so(
     assert said in capfd.readouterr().err
 
 
-def test_only_the_topics_that_are_asked_for_are_played(
-    graph: Graph, named: NamedChain, tmp_path: Path
-) -> None:
+def test_only_the_topics_that_are_asked_for_are_played(graph, named, tmp_path):
     bag = write_bag(tmp_path / 'run', run_of(named, 20), namespace='/lab')
     given = {
         'bag': str(bag),
@@ -126,9 +117,7 @@ def test_only_the_topics_that_are_asked_for_are_played(
     assert (figures['messages played'], figures['messages']) == ('21', '21')
 
 
-def test_the_clock_shows_the_recorded_time_where_it_is_asked_for(
-    graph: Graph, named: NamedChain, tmp_path: Path
-) -> None:
+def test_the_clock_shows_the_recorded_time_where_it_is_asked_for(graph, named, tmp_path):
     bag = write_bag(tmp_path / 'run', run_of(named, 20))
     clocks = graph.hear(interfaces.CLOCK)
     graph.hear(interfaces.JOINT_STATES)
@@ -153,9 +142,7 @@ def test_the_clock_shows_the_recorded_time_where_it_is_asked_for(
         ({'bag': 'RUN', 'speed': 2.0}, "parameter 'speed' of bag_player is unknown"),
     ],
 )
-def test_an_unplayable_bag_is_reported_in_one_line(
-    graph: Graph, named: NamedChain, tmp_path: Path, given: dict[str, Any], complaint: str
-) -> None:
+def test_an_unplayable_bag_is_reported_in_one_line(graph, named, tmp_path, given, complaint):
     run = run_of(named, 3)
     paths = {
         'RUN': write_bag(tmp_path / 'run', run),
@@ -171,9 +158,7 @@ def test_an_unplayable_bag_is_reported_in_one_line(
     assert '\n' not in str(refusal.value)
 
 
-def test_damage_that_shows_while_playing_ends_it_with_one_line(
-    start: Callable[..., Program], named: NamedChain, tmp_path: Path
-) -> None:
+def test_damage_that_shows_while_playing_ends_it_with_one_line(start, named, tmp_path):
     bag = write_bag(tmp_path / 'run', run_of(named, 2000))
     data = bag / 'run_0_0.mcap'
     whole = data.read_bytes()
@@ -191,9 +176,7 @@ def test_damage_that_shows_while_playing_ends_it_with_one_line(
     assert 'Traceback' not in ''.join(program.said)
 
 
-def test_it_ends_after_all_subscribers_received_all_messages(
-    graph: Graph, start: Callable[..., Program], named: NamedChain, tmp_path: Path
-) -> None:
+def test_it_ends_after_all_subscribers_received_all_messages(graph, start, named, tmp_path):
     bag = write_bag(tmp_path / 'run', run_of(named, 100))
     frames = graph.hear(interfaces.JOINT_STATES)
     program = start('bag_player', '--ros-args', '-p', f'bag:={bag}', '-p', 'rate:=100.0')
@@ -205,13 +188,8 @@ def test_it_ends_after_all_subscribers_received_all_messages(
 
 @pytest.mark.parametrize(('number', 'heard'), [(signal.SIGINT, True), (signal.SIGTERM, False)])
 def test_a_signal_stops_it_while_it_plays_and_while_it_waits(
-    graph: Graph,
-    start: Callable[..., Program],
-    named: NamedChain,
-    tmp_path: Path,
-    number: signal.Signals,
-    heard: bool,
-) -> None:
+    graph, start, named, tmp_path, number, heard
+):
     bag = write_bag(tmp_path / 'run', run_of(named, 2, gap=MINUTE))
     given = ['-p', f'bag:={bag}', '-p', 'subscriber_timeout:=3600.0']
     chains = graph.hear(interfaces.CHAIN)
@@ -225,9 +203,7 @@ def stamps_of(messages: list[Any]) -> list[int]:
     return [time_from_msg(message.header.stamp) - START for message in messages]
 
 
-def test_from_an_offset_the_last_latched_message_before_it_comes_first(
-    graph: Graph, named: NamedChain, tmp_path: Path
-) -> None:
+def test_from_an_offset_the_last_latched_message_before_it_comes_first(graph, named, tmp_path):
     entries = chains_among_frames(named)
     bag = write_bag(tmp_path / 'run', entries)
     chains, frames = graph.hear(interfaces.CHAIN), graph.hear(interfaces.JOINT_STATES)
@@ -250,9 +226,7 @@ def chains_among_frames(named: NamedChain, frames: int = 100) -> list[Any]:
     return entries
 
 
-def test_a_seek_sends_the_preceding_latched_message_and_continues_there(
-    graph: Graph, named: NamedChain, tmp_path: Path
-) -> None:
+def test_a_seek_sends_the_preceding_latched_message_and_continues_there(graph, named, tmp_path):
     bag = write_bag(tmp_path / 'run', chains_among_frames(named))
     chains, frames = graph.hear(interfaces.CHAIN), graph.hear(interfaces.JOINT_STATES)
     player = graph.start(BagPlayer, {'bag': str(bag), 'start_paused': True})
@@ -271,9 +245,7 @@ def test_a_seek_sends_the_preceding_latched_message_and_continues_there(
     assert stamps_of(frames) == [n * MILLISECOND for n in range(33, 100)]
 
 
-def test_the_time_in_which_the_recorder_was_paused_is_skipped(
-    graph: Graph, named: NamedChain, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_the_time_in_which_the_recorder_was_paused_is_skipped(graph, named, tmp_path, capfd):
     entries = run_of(named, 20)
     paused, resumed = START + 9 * MILLISECOND + 1, START + 1000 * SECOND
     pause = resumed - paused
@@ -286,18 +258,14 @@ def test_the_time_in_which_the_recorder_was_paused_is_skipped(
 
 
 @pytest.mark.parametrize('place', [-1, 200])
-def test_a_seek_outside_the_bag_is_rejected(
-    graph: Graph, named: NamedChain, tmp_path: Path, place: int
-) -> None:
+def test_a_seek_outside_the_bag_is_rejected(graph, named, tmp_path, place):
     bag = write_bag(tmp_path / 'run', run_of(named, 100))
     graph.start(BagPlayer, {'bag': str(bag), 'start_paused': True, 'subscriber_timeout': 0.0})
     sought = time_to_msg(START + place * MILLISECOND)
     assert not graph.call(Seek, 'bag_player/seek', time=sought).success
 
 
-def test_in_a_pause_it_plays_message_by_message(
-    graph: Graph, named: NamedChain, tmp_path: Path
-) -> None:
+def test_in_a_pause_it_plays_message_by_message(graph, named, tmp_path):
     bag = write_bag(tmp_path / 'run', run_of(named, 20)[1:-1])
     frames = graph.hear(interfaces.JOINT_STATES)
     player = graph.start(BagPlayer, {'bag': str(bag), 'start_paused': True})
@@ -312,7 +280,7 @@ def test_in_a_pause_it_plays_message_by_message(
     assert frames == [frame_message(named, number) for number in range(20)]
 
 
-def test_the_rate_is_set_and_reported(graph: Graph, named: NamedChain, tmp_path: Path) -> None:
+def test_the_rate_is_set_and_reported(graph, named, tmp_path):
     bag = write_bag(tmp_path / 'run', run_of(named, 2, gap=MINUTE))
     player = graph.start(BagPlayer, {'bag': str(bag), 'subscriber_timeout': 0.0})
     assert graph.call(GetRate, 'bag_player/get_rate').rate == 1.0
@@ -323,7 +291,7 @@ def test_the_rate_is_set_and_reported(graph: Graph, named: NamedChain, tmp_path:
     graph.until(lambda: player.finished, 'the end of two minutes')
 
 
-def test_a_loop_begins_again(graph: Graph, named: NamedChain, tmp_path: Path) -> None:
+def test_a_loop_begins_again(graph, named, tmp_path):
     bag = write_bag(tmp_path / 'run', run_of(named, 10))
     chains, frames = graph.hear(interfaces.CHAIN), graph.hear(interfaces.JOINT_STATES)
     player = graph.start(BagPlayer, {'bag': str(bag), 'loop': True})
@@ -333,9 +301,7 @@ def test_a_loop_begins_again(graph: Graph, named: NamedChain, tmp_path: Path) ->
     assert len(chains) >= 3
 
 
-def test_it_waits_for_the_subscribers_that_are_expected(
-    graph: Graph, named: NamedChain, tmp_path: Path
-) -> None:
+def test_it_waits_for_the_subscribers_that_are_expected(graph, named, tmp_path):
     bag = write_bag(tmp_path / 'run', run_of(named, 20))
     frames = graph.hear(interfaces.JOINT_STATES)
     given = {'bag': str(bag), 'wait_for': ['joint_states', 'nudge'], 'subscriber_timeout': 60.0}
@@ -375,9 +341,7 @@ def frames_in(bag: Path) -> int:
 
 
 @pytest.mark.parametrize(('rotor_length', 'nudge'), [(0.05, 10.0), (0.12, 12.5)])
-def test_replays_in_lockstep_give_the_same_soliton_states(
-    graph: Graph, tmp_path: Path, rotor_length: float, nudge: float
-) -> None:
+def test_replays_in_lockstep_give_the_same_soliton_states(graph, tmp_path, rotor_length, nudge):
     chain = Chain(number_of_rotors=12, rotor_length=rotor_length)
     start = chain.uniform_state(-1)
     kick = nudge * mode_towards_last(chain, start)
@@ -418,9 +382,7 @@ def pickled(value: Any) -> bytes:
     return repr(value).encode()
 
 
-def test_in_lockstep_no_more_frames_are_on_their_way_than_the_window(
-    graph: Graph, named: NamedChain, tmp_path: Path
-) -> None:
+def test_in_lockstep_no_more_frames_are_on_their_way_than_the_window(graph, named, tmp_path):
     bag = write_bag(tmp_path / 'run', run_of(named, 50))
     frames = graph.hear(interfaces.JOINT_STATES)
     topic = interfaces.SOLITON_STATE
@@ -434,9 +396,7 @@ def test_in_lockstep_no_more_frames_are_on_their_way_than_the_window(
         answers.publish(topic.type(header=frames[expected - 7].header))
 
 
-def test_frames_that_the_analyser_does_not_answer_are_given_up(
-    graph: Graph, named: NamedChain, tmp_path: Path
-) -> None:
+def test_frames_that_the_analyser_does_not_answer_are_given_up(graph, named, tmp_path):
     bag = write_bag(tmp_path / 'run', run_of(named, 20)[1:-1])
     topic = interfaces.SOLITON_STATE
     graph.user.create_publisher(topic.type, topic.name, topic.qos)
@@ -450,7 +410,7 @@ def test_frames_that_the_analyser_does_not_answer_are_given_up(
     assert report.level == report.WARN
 
 
-def test_lockstep_needs_an_analyser(graph: Graph, named: NamedChain, tmp_path: Path) -> None:
+def test_lockstep_needs_an_analyser(graph, named, tmp_path):
     bag = write_bag(tmp_path / 'run', run_of(named, 20))
     graph.hear(interfaces.JOINT_STATES)
     given = {'bag': str(bag), 'lockstep': True, 'subscriber_timeout': 1.0}
@@ -460,7 +420,7 @@ def test_lockstep_needs_an_analyser(graph: Graph, named: NamedChain, tmp_path: P
     assert said in str(player.failure)
 
 
-def test_a_bag_of_other_topics_is_played_as_well(graph: Graph, tmp_path: Path) -> None:
+def test_a_bag_of_other_topics_is_played_as_well(graph, tmp_path):
     image = interfaces.Topic('camera', Image, interfaces.stream_qos())
     entries = [(image, START + number, Image(height=number)) for number in range(5)]
     bag = write_bag(tmp_path / 'run', entries)
@@ -470,9 +430,7 @@ def test_a_bag_of_other_topics_is_played_as_well(graph: Graph, tmp_path: Path) -
     assert [message.height for message in images] == list(range(5))
 
 
-def test_the_keys_of_a_terminal_pause_step_and_change_the_rate(
-    graph: Graph, named: NamedChain, tmp_path: Path
-) -> None:
+def test_the_keys_of_a_terminal_pause_step_and_change_the_rate(graph, named, tmp_path):
     bag = write_bag(tmp_path / 'run', run_of(named, 1000, gap=100 * MILLISECOND)[1:-1])
     frames = graph.hear(interfaces.JOINT_STATES)
     executable = Path(get_package_prefix(PACKAGE), 'lib', PACKAGE, 'bag_player')

@@ -10,7 +10,6 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,6 @@ from typing import Any
 import pytest
 import yaml
 from graphs import Graph, values
-from programs import Program
 from rclpy.serialization import serialize_message
 from recordings import lost_in, messages_of, publish_frames
 from std_msgs.msg import Float64
@@ -29,14 +27,12 @@ from soliton_linkage_nodes.bags.reading import gaps_of, open_bag, read_topic
 from soliton_linkage_nodes.bags.record.subscriptions import RecordedSubscription
 from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.bags.recovery import check_bag, recover_bag
-from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg
+from soliton_linkage_nodes.messages.conversions import chain_to_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 
-def test_every_message_of_every_topic_is_recorded_unchanged(
-    graph: Graph, named: NamedChain, tmp_path: Path
-) -> None:
+def test_every_message_of_every_topic_is_recorded_unchanged(graph, named, tmp_path):
     recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
     sent = {}
     for topic in interfaces.SUITE_TOPICS:
@@ -54,9 +50,7 @@ def test_every_message_of_every_topic_is_recorded_unchanged(
     assert lost_in(tmp_path / 'run_0') == dict.fromkeys(held, 0)
 
 
-def test_the_chain_is_recorded_though_it_was_published_before(
-    graph: Graph, named: NamedChain, tmp_path: Path
-) -> None:
+def test_the_chain_is_recorded_though_it_was_published_before(graph, named, tmp_path):
     topic = interfaces.CHAIN
     publisher = graph.user.create_publisher(topic.type, topic.name, topic.qos)
     publisher.publish(chain_to_msg(named, time_to_msg(5)))
@@ -68,7 +62,7 @@ def test_the_chain_is_recorded_though_it_was_published_before(
     assert message == chain_to_msg(named, time_to_msg(5))
 
 
-def test_topics_of_another_namespace_are_not_recorded(graph: Graph, tmp_path: Path) -> None:
+def test_topics_of_another_namespace_are_not_recorded(graph, tmp_path):
     recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run')}, namespace='/lab')
     topic = interfaces.NUDGE
     graph.user.create_publisher(topic.type, 'nudge', topic.qos).publish(Float64(data=1.0))
@@ -82,15 +76,13 @@ def test_topics_of_another_namespace_are_not_recorded(graph: Graph, tmp_path: Pa
     assert '/diagnostics' in held
 
 
-def test_only_the_topics_that_are_asked_for_are_recorded(graph: Graph, tmp_path: Path) -> None:
+def test_only_the_topics_that_are_asked_for_are_recorded(graph, tmp_path):
     given = {'output': str(tmp_path / 'run'), 'topics': ['chain', '/nudge']}
     graph.stop(graph.start(BagRecorder, given))
     assert messages_of(tmp_path / 'run_0').keys() == {'/chain', '/nudge'}
 
 
-def test_without_an_output_the_bag_is_named_by_date_and_time(
-    graph: Graph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_an_output_the_bag_is_named_by_date_and_time(graph, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     graph.stop(graph.start(BagRecorder))
     (bag,) = tmp_path.iterdir()
@@ -98,9 +90,7 @@ def test_without_an_output_the_bag_is_named_by_date_and_time(
     assert messages_of(bag).keys() >= {'/joint_states'}
 
 
-def test_losses_are_counted_reported_and_stored_in_the_bag(
-    graph: Graph, named: NamedChain, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_losses_are_counted_reported_and_stored_in_the_bag(graph, named, tmp_path, monkeypatch):
     drain = RecordedSubscription.drain
     entered, gate = threading.Event(), threading.Event()
     gate.set()
@@ -132,9 +122,7 @@ def test_losses_are_counted_reported_and_stored_in_the_bag(
     assert lost_in(tmp_path / 'run_0')['/joint_states'] == lost
 
 
-def test_a_report_names_the_bag_and_the_received_topics(
-    graph: Graph, named: NamedChain, tmp_path: Path
-) -> None:
+def test_a_report_names_the_bag_and_the_received_topics(graph, named, tmp_path):
     given = {'output': str(tmp_path / 'run'), 'topics': ['chain', 'joint_states', 'nudge']}
     recorder = graph.start(BagRecorder, given, namespace='/lab')
     topic = interfaces.JOINT_STATES
@@ -148,18 +136,14 @@ def test_a_report_names_the_bag_and_the_received_topics(
     assert figures['topics received'] == '/lab/joint_states'
 
 
-def test_an_unknown_parameter_begins_no_bag(
-    graph: Graph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_unknown_parameter_begins_no_bag(graph, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ValueError, match="parameter 'outptu' of bag_recorder is unknown"):
         graph.start(BagRecorder, {'outptu': 'run'})
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_signal_finishes_the_bag_with_all_that_was_sent(
-    graph: Graph, start: Callable[..., Program], named: NamedChain, tmp_path: Path
-) -> None:
+def test_a_signal_finishes_the_bag_with_all_that_was_sent(graph, start, named, tmp_path):
     bag = tmp_path / 'run'
     given = ['-p', f'output:={bag}']
     given += ['-p', 'topics:=[joint_states, chain]']
@@ -177,9 +161,7 @@ def test_a_signal_finishes_the_bag_with_all_that_was_sent(
     assert re.search(rf'closed {bag}_0: 701 messages, 0 lost$', program.said[-1])
 
 
-def test_messages_in_the_file_are_kept_after_a_kill(
-    graph: Graph, start: Callable[..., Program], named: NamedChain, tmp_path: Path
-) -> None:
+def test_messages_in_the_file_are_kept_after_a_kill(graph, start, named, tmp_path):
     bag = tmp_path / 'run'
     program = start('bag_recorder', '--ros-args', '-p', f'output:={bag}')
     publisher = graph.speak(interfaces.JOINT_STATES)
@@ -204,9 +186,7 @@ def test_messages_in_the_file_are_kept_after_a_kill(
     assert report.lost == 0
 
 
-def test_an_account_of_the_recording_is_kept_in_the_bag(
-    graph: Graph, named: NamedChain, tmp_path: Path
-) -> None:
+def test_an_account_of_the_recording_is_kept_in_the_bag(graph, named, tmp_path):
     recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
     graph.speak(interfaces.CHAIN).publish(chain_to_msg(named, time_to_msg(5)))
     graph.until(lambda: recorder.messages, 'the chain')
@@ -222,9 +202,7 @@ def test_an_account_of_the_recording_is_kept_in_the_bag(
 
 
 @pytest.mark.parametrize('limit', [{'max_bag_size': 100_000}, {'max_bag_duration': 0.3}])
-def test_a_bag_is_split_by_size_and_by_time(
-    graph: Graph, named: NamedChain, tmp_path: Path, limit: dict[str, Any]
-) -> None:
+def test_a_bag_is_split_by_size_and_by_time(graph, named, tmp_path, limit):
     given = {'output': str(tmp_path / 'run'), **limit}
     recorder = graph.start(BagRecorder, given)
     publisher = graph.speak(interfaces.JOINT_STATES)
@@ -254,7 +232,7 @@ def call(graph: Graph, name: str) -> Any:
     return graph.call(Trigger, f'bag_recorder/{name}')
 
 
-def test_a_bag_is_split_on_request(graph: Graph, named: NamedChain, tmp_path: Path) -> None:
+def test_a_bag_is_split_on_request(graph, named, tmp_path):
     recorder = graph.start(BagRecorder, few(tmp_path))
     publisher = graph.speak(interfaces.JOINT_STATES)
     publish_frames(publisher, named, 10)
@@ -271,9 +249,7 @@ def test_a_bag_is_split_on_request(graph: Graph, named: NamedChain, tmp_path: Pa
     ]
 
 
-def test_messages_during_a_pause_are_omitted_except_latched_ones(
-    graph: Graph, named: NamedChain, tmp_path: Path
-) -> None:
+def test_messages_during_a_pause_are_omitted_except_latched_ones(graph, named, tmp_path):
     recorder = graph.start(BagRecorder, few(tmp_path))
     publisher = graph.speak(interfaces.JOINT_STATES)
     chain = graph.speak(interfaces.CHAIN)
@@ -299,9 +275,7 @@ def test_messages_during_a_pause_are_omitted_except_latched_ones(
     assert received[9] < start < end < received[10]
 
 
-def test_each_service_logs_its_result_or_the_reason_of_a_rejection(
-    graph: Graph, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_each_service_logs_its_result_or_the_reason_of_a_rejection(graph, tmp_path, capfd):
     graph.start(BagRecorder, few(tmp_path))
     for name in ('pause', 'resume', 'split_bagfile', 'snapshot'):
         call(graph, name)
@@ -315,9 +289,7 @@ def test_each_service_logs_its_result_or_the_reason_of_a_rejection(
     ]
 
 
-def test_a_snapshot_holds_buffered_and_latched_messages(
-    graph: Graph, named: NamedChain, tmp_path: Path
-) -> None:
+def test_a_snapshot_holds_buffered_and_latched_messages(graph, named, tmp_path):
     recorder = graph.start(BagRecorder, {**few(tmp_path), 'snapshot_duration': 3600.0})
     publisher = graph.speak(interfaces.JOINT_STATES)
     graph.speak(interfaces.CHAIN).publish(chain_to_msg(named, time_to_msg(5)))
@@ -332,9 +304,7 @@ def test_a_snapshot_holds_buffered_and_latched_messages(
     assert len(held['/chain']) == 1
 
 
-def test_a_recorder_that_cannot_start_leaves_nothing(
-    graph: Graph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_recorder_that_cannot_start_leaves_nothing(graph, tmp_path, monkeypatch):
     def refuse(*_arguments: object) -> None:
         raise RuntimeError("can't start new thread")
 

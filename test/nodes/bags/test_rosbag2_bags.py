@@ -3,33 +3,27 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
-from graphs import Graph
 from recordings import MILLISECOND, START, frame_message
-from rosbag2_bags import JOINT_STATES, LAYOUTS, Layout, write_rosbag2_bag
+from rosbag2_bags import JOINT_STATES, LAYOUTS, write_rosbag2_bag
 
 from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.reading import open_bag, read_topic
 from soliton_linkage_nodes.bags.recovery import check_bag, recover_bag
-from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 
 
 @pytest.fixture(params=LAYOUTS)
-def layout(request: pytest.FixtureRequest) -> Layout:
+def layout(request):
     return LAYOUTS[request.param]
 
 
 @pytest.fixture
-def frames(named: NamedChain) -> list[tuple[int, interfaces.JointState]]:
+def frames(named):
     return [(START + n * MILLISECOND, frame_message(named, n)) for n in range(100)]
 
 
-def test_it_is_read_whole_and_comes_back_whole(
-    layout: Layout, frames: list[tuple[int, interfaces.JointState]], tmp_path: Path
-) -> None:
+def test_it_is_read_whole_and_comes_back_whole(layout, frames, tmp_path):
     bag = write_rosbag2_bag(tmp_path / 'rosbag2_2026', layout, frames)
     report = check_bag(bag)
     assert (report.damage, report.messages, report.lost) == ([], 100, 0)
@@ -40,9 +34,7 @@ def test_it_is_read_whole_and_comes_back_whole(
 
 
 @pytest.mark.parametrize('name', ['mcap in zstd chunks', 'split mcap', 'split sqlite3'])
-def test_it_is_played(
-    graph: Graph, name: str, frames: list[tuple[int, interfaces.JointState]], tmp_path: Path
-) -> None:
+def test_it_is_played(graph, name, frames, tmp_path):
     bag = write_rosbag2_bag(tmp_path / 'rosbag2_2026', LAYOUTS[name], frames)
     heard: list[interfaces.JointState] = []
     topic = interfaces.JOINT_STATES
@@ -53,9 +45,7 @@ def test_it_is_played(
 
 
 @pytest.mark.parametrize('name', ['mcap without chunks', 'mcap in lz4 chunks', 'sqlite3'])
-def test_an_unfinished_file_gives_its_messages(
-    name: str, frames: list[tuple[int, interfaces.JointState]], tmp_path: Path
-) -> None:
+def test_an_unfinished_file_gives_its_messages(name, frames, tmp_path):
     bag = write_rosbag2_bag(tmp_path / 'rosbag2_2026', LAYOUTS[name], frames)
     (bag / 'metadata.yaml').unlink()
     (data,) = bag.iterdir()
@@ -68,9 +58,7 @@ def test_an_unfinished_file_gives_its_messages(
     assert all(entry in frames for entry in held)
 
 
-def test_damage_to_a_file_without_chunks_loses_one_message(
-    frames: list[tuple[int, interfaces.JointState]], tmp_path: Path
-) -> None:
+def test_damage_to_a_file_without_chunks_loses_one_message(frames, tmp_path):
     bag = write_rosbag2_bag(tmp_path / 'rosbag2_2026', LAYOUTS['mcap without chunks'], frames)
     (data,) = bag.glob('*.mcap')
     whole = data.read_bytes()

@@ -9,7 +9,6 @@ from types import ModuleType, SimpleNamespace
 from typing import Any, cast
 
 import pytest
-from graphs import Graph
 from rclpy.logging import get_logger
 from std_srvs.srv import Empty, SetBool, Trigger
 
@@ -34,22 +33,22 @@ def act(complaint: str | None, _request: Any) -> Reply:
 
 
 @pytest.fixture(autouse=True)
-def without_rosbag2(monkeypatch: pytest.MonkeyPatch) -> None:
+def without_rosbag2(monkeypatch):
     for name in ('rosbag2_interfaces', 'rosbag2_interfaces.srv'):
         monkeypatch.setitem(sys.modules, name, None)
 
 
-def test_without_rosbag2_triggers_stand_in() -> None:
+def test_without_rosbag2_triggers_stand_in():
     for name in ['Pause', 'Resume', 'IsPaused', 'SplitBagfile', 'Snapshot']:
         assert service_type(name) is Trigger
 
 
-def test_without_rosbag2_ours_stand_in_where_there_are_fields() -> None:
+def test_without_rosbag2_ours_stand_in_where_there_are_fields():
     for name in ('Seek', 'SetRate', 'GetRate'):
         assert service_type(name) is getattr(srv, name)
 
 
-def test_with_rosbag2_its_types_are_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_with_rosbag2_its_types_are_taken(monkeypatch):
     module: Any = ModuleType('rosbag2_interfaces.srv')
     module.Pause = Empty
     monkeypatch.setitem(sys.modules, 'rosbag2_interfaces', ModuleType('rosbag2_interfaces'))
@@ -59,9 +58,7 @@ def test_with_rosbag2_its_types_are_taken(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 @pytest.mark.parametrize('complaint', [None, 'not now'])
-def test_a_service_returns_and_logs_its_result_or_error(
-    graph: Graph, complaint: str | None, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_service_returns_and_logs_its_result_or_error(graph, complaint, capfd):
     serve(graph.user, 'pause', 'Pause', partial(act, complaint))
     response = graph.call(service_type('Pause'), 'user/pause')
     told = (response.success, response.message)
@@ -70,7 +67,7 @@ def test_a_service_returns_and_logs_its_result_or_error(
     assert line in capfd.readouterr().err
 
 
-def test_every_form_of_response_is_filled() -> None:
+def test_every_form_of_response_is_filled():
     for fields, expected in [
         ({}, {}),
         ({'success': None}, {'success': False}),
@@ -84,7 +81,7 @@ def test_every_form_of_response_is_filled() -> None:
         assert vars(node.respond(None, SimpleNamespace(**fields))) == expected
 
 
-def test_figures_fill_the_fields_that_a_response_has() -> None:
+def test_figures_fill_the_fields_that_a_response_has():
     node = Offering()
     serve(cast(Any, node), 'burst', 'Burst', lambda _: Reply('7 messages', {'actually_burst': 7}))
     assert node.respond(None, SimpleNamespace(actually_burst=0)).actually_burst == 7
@@ -92,7 +89,7 @@ def test_figures_fill_the_fields_that_a_response_has() -> None:
     assert (response.success, response.message) == (True, '7 messages')
 
 
-def test_a_value_is_returned_in_its_field_or_as_success() -> None:
+def test_a_value_is_returned_in_its_field_or_as_success():
     node = Offering()
     serve_value(cast(Any, node), 'is_paused', 'IsPaused', 'paused', lambda: True)
     assert node.respond(None, SimpleNamespace(paused=False)).paused

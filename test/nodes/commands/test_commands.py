@@ -10,12 +10,10 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
-from graphs import Graph
 from programs import signalled
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.lifecycle import LifecycleNode
@@ -70,9 +68,7 @@ class Pendulum(LifecycleNode):
 
 
 @pytest.fixture
-def said(
-    graph: Graph, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Said:
+def said(graph, monkeypatch, capsys):
     """Run a command on the domain of the test while it spins; return the output."""
     monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain))
     # Only the main thread, which spins the graph, can have handlers of signals.
@@ -101,14 +97,14 @@ def said(
     return run_beside
 
 
-def test_a_latched_message_is_echoed(said: Said) -> None:
+def test_a_latched_message_is_echoed(said):
     assert said(topic, 'echo', '--once', 'angle') == 'data: 0.25\n---\n'
     assert said(topic, 'echo', '--once', '--field', 'data', '/angle') == '0.25\n---\n'
     with pytest.raises(ValueError, match='--field size: there is no size; there are data'):
         said(topic, 'echo', '--field', 'size', 'angle')
 
 
-def test_a_message_is_published_to_a_waiting_subscriber(said: Said, graph: Graph) -> None:
+def test_a_message_is_published_to_a_waiting_subscriber(said, graph):
     heard = graph.hear(interfaces.TILT)
     shown = said(topic, 'pub', '--once', 'tilt', 'std_msgs/msg/Float64', '{data: 3}')
     graph.until(lambda: heard, 'the message')
@@ -116,12 +112,12 @@ def test_a_message_is_published_to_a_waiting_subscriber(said: Said, graph: Graph
     assert shown == 'published on /tilt: std_msgs.msg.Float64(data=3.0)\n'
 
 
-def test_nothing_is_published_without_a_subscriber(said: Said) -> None:
+def test_nothing_is_published_without_a_subscriber(said):
     with pytest.raises(RuntimeError, match=r'/tilt has 0 subscribers after 0.1 s, not 1; nothing'):
         said(topic, 'pub', '--once', 'tilt', 'std_msgs/msg/Float64', '{data: 3}', timeout=0.1)
 
 
-def test_parameters_are_listed_got_set_and_dumped(said: Said) -> None:
+def test_parameters_are_listed_got_set_and_dumped(said):
     assert {'length', 'masses'} <= set(said(param, 'list', 'pendulum').split())
     assert said(param, 'get', '/pendulum', 'length') == '0.5\n'
     shown = said(param, 'set', 'pendulum', 'length', '0.75')
@@ -134,16 +130,14 @@ def test_parameters_are_listed_got_set_and_dumped(said: Said) -> None:
         said(param, 'get', 'pendulum', 'mass')
 
 
-def test_a_topic_is_described_with_its_endpoints(said: Said, graph: Graph) -> None:
+def test_a_topic_is_described_with_its_endpoints(said, graph):
     expected = 'Type: std_msgs/msg/Float64\nPublisher count: 1\nSubscription count: 0\n'
     graph.until(lambda: said(topic, 'info', 'angle') == expected, 'the publisher')
     shown = said(topic, 'info', '-v', 'angle')
     assert {'Node name: pendulum', '  Durability: TRANSIENT_LOCAL'} <= set(shown.split('\n'))
 
 
-def test_a_node_is_described_with_its_topics_services_and_actions(
-    said: Said, graph: Graph
-) -> None:
+def test_a_node_is_described_with_its_topics_services_and_actions(said, graph):
     truth = graph.user.get_service_names_and_types_by_node('pendulum', '/')
     services = {name: types[0] for name, types in truth if '/_' not in name}
     blocks: dict[str, Any] = {}
@@ -160,7 +154,7 @@ def test_a_node_is_described_with_its_topics_services_and_actions(
         said(node, 'info', 'nobody', timeout=0.1)
 
 
-def test_a_goal_is_sent_and_its_result_printed(said: Said, graph: Graph) -> None:
+def test_a_goal_is_sent_and_its_result_printed(said, graph):
     kind = 'soliton_linkage_msgs/action/MoveSoliton'
     graph.until(
         lambda: f'/swing [{kind}]' in said(action, 'list', '-t', timeout=0.0), 'the action'
@@ -178,7 +172,7 @@ def test_a_goal_is_sent_and_its_result_printed(said: Said, graph: Graph) -> None
         said(action, 'send_goal', 'sway', kind, timeout=0.1)
 
 
-def test_ctrl_c_cancels_the_goal(graph: Graph, tmp_path: Path) -> None:
+def test_ctrl_c_cancels_the_goal(graph, tmp_path):
     held: list[Any] = []
     cancelled: list[Any] = []
 
@@ -219,7 +213,7 @@ def test_ctrl_c_cancels_the_goal(graph: Graph, tmp_path: Path) -> None:
     assert log.read_text().rstrip().endswith('Goal finished with status: CANCELED')
 
 
-def test_a_lifecycle_state_is_printed_and_changed(said: Said) -> None:
+def test_a_lifecycle_state_is_printed_and_changed(said):
     assert said(lifecycle, 'get', 'pendulum') == 'unconfigured [1]\n'
     assert said(lifecycle, 'set', '/pendulum', 'configure') == 'Transitioning successful\n'
     assert said(lifecycle, 'get', 'pendulum') == 'inactive [2]\n'
@@ -229,7 +223,7 @@ def test_a_lifecycle_state_is_printed_and_changed(said: Said) -> None:
         said(lifecycle, 'get', 'nobody', timeout=0.1)
 
 
-def test_a_definition_is_shown_with_nested_fields(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_definition_is_shown_with_nested_fields(capsys):
     assert interface.main(['show', 'soliton_linkage_msgs/msg/SolitonState']) == 0
     shown = capsys.readouterr().out
     assert '\nstd_msgs/Header header\n\tbuiltin_interfaces/Time stamp\n\t\tint32 sec\n' in shown
@@ -263,9 +257,7 @@ def test_a_definition_is_shown_with_nested_fields(capsys: pytest.CaptureFixture[
         ),
     ],
 )
-def test_bags_are_handled_by_the_programs_of_the_suite(
-    monkeypatch: pytest.MonkeyPatch, words: list[str], forwarded: list[str]
-) -> None:
+def test_bags_are_handled_by_the_programs_of_the_suite(monkeypatch, words, forwarded):
     begun: list[list[str]] = []
     monkeypatch.setattr('sys.argv', ['soliton-linkage'])
     monkeypatch.setattr(run.start, forwarded[0], lambda: begun.append(list(sys.argv)))
@@ -273,7 +265,7 @@ def test_bags_are_handled_by_the_programs_of_the_suite(
     assert begun == [forwarded]
 
 
-def test_nodes_and_services_are_listed_and_called(said: Said, graph: Graph) -> None:
+def test_nodes_and_services_are_listed_and_called(said, graph):
     graph.until(lambda: '/pendulum' in said(node, 'list', timeout=0.0).split(), 'the node')
     listed = '/pendulum/list_parameters'
     graph.until(lambda: listed in said(service, 'list', timeout=0.0).split(), 'its services')
@@ -285,7 +277,7 @@ def test_nodes_and_services_are_listed_and_called(said: Said, graph: Graph) -> N
 @pytest.mark.parametrize(
     ('command', 'shown'), [(topic, '/angle'), (service, '/pendulum/get_parameters')]
 )
-def test_hidden_names_are_not_listed(said: Said, graph: Graph, command: Any, shown: str) -> None:
+def test_hidden_names_are_not_listed(said, graph, command, shown):
     user, listed = graph.user, list[str]()
     truth = [*user.get_topic_names_and_types(), *user.get_service_names_and_types()]
     assert any('/_action/' in name for name, _ in truth)
@@ -302,9 +294,7 @@ def test_hidden_names_are_not_listed(said: Said, graph: Graph, command: Any, sho
     ('announced', 'length'),
     [([3.1], 4.1), ([3.1, 4.0, 4.9], 5.9), ([], 3.2), ([0.7 * n for n in range(20)], 10)],
 )
-def test_a_list_is_complete_once_it_no_longer_grows(
-    graph: Graph, monkeypatch: pytest.MonkeyPatch, announced: list[float], length: float
-) -> None:
+def test_a_list_is_complete_once_it_no_longer_grows(graph, monkeypatch, announced, length):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain))
     now = 0.0
 
@@ -318,7 +308,7 @@ def test_a_list_is_complete_once_it_no_longer_grows(
     assert now == pytest.approx(length, abs=0.11)
 
 
-def test_an_unknown_name_is_reported(said: Said) -> None:
+def test_an_unknown_name_is_reported(said):
     with pytest.raises(
         RuntimeError, match='there is no topic /none; list all with: soliton-linkage topic list'
     ):
@@ -327,7 +317,7 @@ def test_an_unknown_name_is_reported(said: Said) -> None:
         said(param, 'get', 'nobody', 'length', timeout=0.1)
 
 
-def test_programs_are_run_by_their_names(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_programs_are_run_by_their_names(monkeypatch):
     begun: list[list[str]] = []
     monkeypatch.setattr('sys.argv', ['soliton-linkage'])
     monkeypatch.setattr(run.start, 'simulator', lambda: begun.append(list(sys.argv)))

@@ -7,8 +7,6 @@ import math
 from typing import Any
 
 import numpy as np
-import pytest
-from graphs import Graph
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, Header
 
@@ -48,9 +46,7 @@ def flood() -> list[tuple[interfaces.Topic, Any]]:
     ]
 
 
-def test_the_chain_moves_as_the_accepted_commands_alone_have_it(
-    graph: Graph, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_chain_moves_as_the_accepted_commands_alone_have_it(graph, monkeypatch):
     kicks: list[tuple[int, Array]] = []
     kick = ElasticSimulation.kick
 

@@ -60,7 +60,7 @@ class Desk:
 
 
 @pytest.fixture
-def desk(graph: Graph, named: NamedChain) -> Desk:
+def desk(graph, named):
     return Desk(graph, named, {'command_timeout': 0.05})
 
 
@@ -88,16 +88,14 @@ def at(**by_rotor: float) -> Array:
     return torques
 
 
-def test_efforts_by_name_act_on_those_joints_until_the_watchdog_ends_them(desk: Desk) -> None:
+def test_efforts_by_name_act_on_those_joints_until_the_watchdog_ends_them(desk):
     desk.say(JOINTS, efforts(rotor_5=1e-3, rotor_2=-2e-3))
     torques = desk.frames(8, messages=6)
     np.testing.assert_array_equal(torques[:5], [at(r5=1e-3, r2=-2e-3)] * 5)
     assert not torques[5].any()
 
 
-def test_a_stream_as_topic_based_ros2_control_sends_it_acts_message_by_message(
-    graph: Graph, named: NamedChain
-) -> None:
+def test_a_stream_as_topic_based_ros2_control_sends_it_acts_message_by_message(graph, named):
     """All joints of the hardware in every message, only effort, stamped."""
     desk = Desk(graph, named, {'command_timeout': 60.0})
     names = list(desk.bench.named.joint_names)
@@ -108,15 +106,13 @@ def test_a_stream_as_topic_based_ros2_control_sends_it_acts_message_by_message(
         np.testing.assert_array_equal(desk.frames(1), [asked])
 
 
-def test_an_array_as_for_forward_command_controller_commands_all_joints(desk: Desk) -> None:
+def test_an_array_as_for_forward_command_controller_commands_all_joints(desk):
     asked = 1e-3 * np.arange(8.0)
     desk.say(EFFORTS, Float64MultiArray(data=list(asked)))
     np.testing.assert_array_equal(desk.frames(3), [asked] * 3)
 
 
-def test_listed_joints_use_arrays_in_their_order_and_their_own_limits(
-    graph: Graph, named: NamedChain
-) -> None:
+def test_listed_joints_use_arrays_in_their_order_and_their_own_limits(graph, named):
     given = {
         'joints': ['rotor_6', 'rotor_1'],
         'torque_limits.rotor_6': 0.02,
@@ -139,9 +135,7 @@ def test_listed_joints_use_arrays_in_their_order_and_their_own_limits(
     np.testing.assert_array_equal(desk.frames(1), [at(r6=0.02, r1=-0.3)])
 
 
-def test_without_a_timeout_efforts_are_held_until_they_are_taken_back(
-    graph: Graph, named: NamedChain
-) -> None:
+def test_without_a_timeout_efforts_are_held_until_they_are_taken_back(graph, named):
     desk = Desk(graph, named, {'command_timeout': 0.0})
     desk.say(JOINTS, efforts(rotor_3=1e-3))
     np.testing.assert_array_equal(desk.frames(300), [at(r3=1e-3)] * 300)
@@ -149,16 +143,14 @@ def test_without_a_timeout_efforts_are_held_until_they_are_taken_back(
     assert not desk.frames(3, messages=1).any()
 
 
-def test_a_trajectory_interpolates_its_points_linearly_and_is_held_for_the_timeout(
-    desk: Desk,
-) -> None:
+def test_a_trajectory_interpolates_its_points_linearly_and_is_held_for_the_timeout(desk):
     desk.say(TRAJECTORY, trajectory(['rotor_4'], (0.02, [2e-3]), (0.05, [-1e-3])))
     torques = desk.frames(12, messages=11)
     expected = 1e-3 * np.array([0.5, 1.5, 1.5, 0.5, -0.5, *[-1.0] * 5, 0.0])
     np.testing.assert_allclose(torques, [at(r4=effort) for effort in expected], atol=1e-15)
 
 
-def test_a_trajectory_may_start_in_the_future_or_the_past(desk: Desk) -> None:
+def test_a_trajectory_may_start_in_the_future_or_the_past(desk):
     now = desk.bench.node.get_clock().now().nanoseconds
     late = trajectory(['rotor_4'], (0.0, [1e-3]), (100.0, [1e-3]))
     late.header.stamp = time_to_msg(now - 50 * 10**9)
@@ -232,7 +224,7 @@ WRONG: list[tuple[interfaces.Topic, Any, str]] = [
 ]
 
 
-def test_a_trajectory_without_points_ends_torques(desk: Desk) -> None:
+def test_a_trajectory_without_points_ends_torques(desk):
     for names in [[], ['rotor_4', 'rotor_5']]:
         desk.say(TRAJECTORY, trajectory(['rotor_4'], (0.0, [1e-3]), (10.0, [1e-3])))
         assert desk.frames(2)[-1][4] == pytest.approx(1e-3)
@@ -241,7 +233,7 @@ def test_a_trajectory_without_points_ends_torques(desk: Desk) -> None:
         desk.frames(5, 0)
 
 
-def test_wrong_commands_are_rejected_whole(desk: Desk) -> None:
+def test_wrong_commands_are_rejected_whole(desk):
     desk.say(JOINTS, efforts(rotor_1=5e-4))
     desk.frames(1)
     for number, (topic, message, complaint) in enumerate(WRONG, start=1):
@@ -250,7 +242,7 @@ def test_wrong_commands_are_rejected_whole(desk: Desk) -> None:
     np.testing.assert_array_equal(desk.frames(1), [at(r1=5e-4)])
 
 
-def test_joints_and_an_edge_act_together(desk: Desk) -> None:
+def test_joints_and_an_edge_act_together(desk):
     desk.bench.carry_out(edge=EdgeCommand.FIRST, kind=EdgeCommand.PULSE, value=1e-3, duration=60.0)
     (alone,) = desk.frames(1)
     desk.say(JOINTS, efforts(rotor_6=2e-3))
@@ -258,7 +250,7 @@ def test_joints_and_an_edge_act_together(desk: Desk) -> None:
     np.testing.assert_allclose(together, alone + at(r6=2e-3), rtol=1e-12)
 
 
-def test_stamps_that_go_back_end_all_torques(desk: Desk) -> None:
+def test_stamps_that_go_back_end_all_torques(desk):
     desk.say(JOINTS, efforts(rotor_6=2e-3))
     desk.frames(1)
     rest = desk.bench.named.chain.uniform_state(-1)
@@ -270,7 +262,7 @@ def test_stamps_that_go_back_end_all_torques(desk: Desk) -> None:
     assert desk.bench.torques == []
 
 
-def test_a_frame_that_comes_twice_changes_nothing(desk: Desk) -> None:
+def test_a_frame_that_comes_twice_changes_nothing(desk):
     desk.say(JOINTS, efforts(rotor_6=2e-3))
     desk.frames(1)
     rest = desk.bench.named.chain.uniform_state(-1)
@@ -279,7 +271,7 @@ def test_a_frame_that_comes_twice_changes_nothing(desk: Desk) -> None:
     np.testing.assert_array_equal(desk.frames(1), [at(r6=2e-3)])
 
 
-def test_wrong_parameters_stop_it(graph: Graph, named: NamedChain) -> None:
+def test_wrong_parameters_stop_it(graph, named):
     for given, complaint in [
         ({'joints': ['rotor_1', 'rotor_1']}, 'each once'),
         ({'joints': ['rotor_1'], 'torque_limits.rotor_2': 1.0}, 'is unknown'),
@@ -290,9 +282,7 @@ def test_wrong_parameters_stop_it(graph: Graph, named: NamedChain) -> None:
             Bench(graph, named, given)
 
 
-def test_a_listed_joint_that_is_unknown_is_rejected_with_the_chain(
-    graph: Graph, named: NamedChain
-) -> None:
+def test_a_listed_joint_that_is_unknown_is_rejected_with_the_chain(graph, named):
     bench = Bench(graph, named, {'joints': ['rotor_9']})
     bench.tell_chain()
     assert "parameter joints names 'rotor_9', which is none of 'rotor_0' to" in bench.refusal()

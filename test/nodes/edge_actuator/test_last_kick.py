@@ -111,7 +111,7 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize('name', COMMANDS)
-def test_the_reported_work_equals_the_change_of_the_energy(graph: Graph, name: str) -> None:
+def test_the_reported_work_equals_the_change_of_the_energy(graph, name):
     rig = Rig(graph)
     for _ in range(2):
         before = rig.energy
@@ -129,7 +129,7 @@ def test_the_reported_work_equals_the_change_of_the_energy(graph: Graph, name: s
         assert len(kick.name) == len(kick.impulse)
 
 
-def test_a_pulse_is_reported_with_its_command_and_effect(graph: Graph) -> None:
+def test_a_pulse_is_reported_with_its_command_and_effect(graph):
     rig = Rig(graph)
     topic, command = COMMANDS['pulse']
     rig.say(topic, command)
@@ -143,7 +143,7 @@ def test_a_pulse_is_reported_with_its_command_and_effect(graph: Graph) -> None:
     assert kick.header.stamp.sec > 0
 
 
-def test_a_late_joiner_gets_the_last_kick(graph: Graph) -> None:
+def test_a_late_joiner_gets_the_last_kick(graph):
     rig = Rig(graph)
     rig.say(*COMMANDS['nudge'])
     kick = rig.next_kick()
@@ -156,7 +156,7 @@ def _heard_late(graph: Graph) -> list[LastKick]:
     return late
 
 
-def test_a_command_that_takes_over_cuts_the_last_one_short(graph: Graph) -> None:
+def test_a_command_that_takes_over_cuts_the_last_one_short(graph):
     rig = Rig(graph)
     rig.say(*edge(EdgeCommand.PULSE, 2e-3, duration=600.0))
     graph.until(lambda: rig.driver.driving, 'the pulse')
@@ -169,7 +169,7 @@ def test_a_command_that_takes_over_cuts_the_last_one_short(graph: Graph) -> None
     assert first.work + second.work == pytest.approx(rig.energy, rel=1e-8)
 
 
-def test_a_paused_pulse_continues_after_resume_without_loss(graph: Graph) -> None:
+def test_a_paused_pulse_continues_after_resume_without_loss(graph):
     rig = Rig(graph, {'state_timeout': 1.0})
     rig.say(*edge(EdgeCommand.PULSE, 2e-3, duration=0.4))
     graph.until(lambda: rig.energy > 0, 'the pulse')
@@ -184,7 +184,7 @@ def test_a_paused_pulse_continues_after_resume_without_loss(graph: Graph) -> Non
     assert not kick.cut_short
 
 
-def test_saturation_is_reported(graph: Graph) -> None:
+def test_saturation_is_reported(graph):
     rig = Rig(graph, {'saturation_torque': 1e-3})
     rig.say(*COMMANDS['pressure'])
     kick = rig.next_kick()
@@ -192,7 +192,7 @@ def test_saturation_is_reported(graph: Graph) -> None:
     assert kick.peak_torque == pytest.approx(1e-3)
 
 
-def test_impulses_that_the_simulator_rejects_are_not_reported_as_delivered(graph: Graph) -> None:
+def test_impulses_that_the_simulator_rejects_are_not_reported_as_delivered(graph):
     rig = Rig(graph, {'speed_limit': 1e6})
     rig.say(interfaces.NUDGE, Float64(data=1e5))
     kick = rig.next_kick()
@@ -201,7 +201,7 @@ def test_impulses_that_the_simulator_rejects_are_not_reported_as_delivered(graph
 
 
 @pytest.mark.parametrize('name', ['nudge', 'pulse'])
-def test_a_kick_while_a_joint_is_driven_has_its_own_ledger(graph: Graph, name: str) -> None:
+def test_a_kick_while_a_joint_is_driven_has_its_own_ledger(graph, name):
     rig = Rig(graph, {'command_timeout': 0.0})
     rig.say(interfaces.EFFORT_COMMANDS, Float64MultiArray(data=[0.0, 2e-4, *[0.0] * 6]))
     graph.until(lambda: rig.driver.driving, 'the torque')

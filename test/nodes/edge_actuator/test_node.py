@@ -5,14 +5,13 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pytest
 from bench import Bench
-from graphs import Graph, values
+from graphs import values
 from numpy.typing import ArrayLike
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Header
@@ -36,14 +35,14 @@ LASTING = EdgeCommand.PRESSURE
 
 
 @pytest.fixture
-def bench(graph: Graph, named: NamedChain) -> Bench:
+def bench(graph, named):
     bench = Bench(graph, named)
     bench.tell_chain()
     return bench
 
 
 @pytest.mark.parametrize('lean', [LEFT, RIGHT])
-def test_a_nudge_is_an_impulse_along_the_zero_mode_of_its_speed(bench: Bench, lean: int) -> None:
+def test_a_nudge_is_an_impulse_along_the_zero_mode_of_its_speed(bench, lean):
     for speed in [7.5, -7.5]:
         chain = bench.named.chain
         angles = chain.uniform_state(lean)
@@ -59,9 +58,7 @@ def test_a_nudge_is_an_impulse_along_the_zero_mode_of_its_speed(bench: Bench, le
 
 
 @pytest.mark.parametrize('lean', [LEFT, RIGHT])
-def test_a_positive_kick_sends_a_wall_from_its_edge_into_the_chain(
-    graph: Graph, lean: int
-) -> None:
+def test_a_positive_kick_sends_a_wall_from_its_edge_into_the_chain(graph, lean):
     chain = Chain(number_of_rotors=20)
     named = NamedChain(chain, tuple(f'joint_{rotor}' for rotor in range(20)))
     bench = Bench(graph, named)
@@ -77,7 +74,7 @@ def test_a_positive_kick_sends_a_wall_from_its_edge_into_the_chain(
     assert wall.velocity * lean < 0
 
 
-def test_the_mode_is_that_of_the_latest_configuration(bench: Bench) -> None:
+def test_the_mode_is_that_of_the_latest_configuration(bench):
     chain = bench.named.chain
     rest = chain.uniform_state(LEFT)
     start = 10.0 * edge_mode(chain, rest, Edge.FIRST)
@@ -91,7 +88,7 @@ def test_the_mode_is_that_of_the_latest_configuration(bench: Bench) -> None:
         )
 
 
-def test_the_edge_of_nudges_can_be_changed_and_not_to_nonsense(bench: Bench) -> None:
+def test_the_edge_of_nudges_can_be_changed_and_not_to_nonsense(bench):
     bench.joints(bench.named.chain.uniform_state(LEFT))
     for edge, allowed in (('last', True), ('middle', False)):
         assert bench.set('nudge_edge', edge) == allowed
@@ -100,9 +97,7 @@ def test_the_edge_of_nudges_can_be_changed_and_not_to_nonsense(bench: Bench) -> 
 
 
 @pytest.mark.parametrize('speed', [7.0, -2.0])
-def test_a_nudge_can_be_a_pressure_with_the_impulse_of_the_kick(
-    bench: Bench, speed: float
-) -> None:
+def test_a_nudge_can_be_a_pressure_with_the_impulse_of_the_kick(bench, speed):
     assert bench.set('nudge_as', 'pressure')
     assert bench.set('nudge_duration', 0.08)
     chain = bench.named.chain
@@ -119,7 +114,7 @@ def test_a_nudge_can_be_a_pressure_with_the_impulse_of_the_kick(
     assert not torques[-1].any()
 
 
-def test_a_pulse_follows_the_mode_and_its_ramps_until_its_time_is_over(bench: Bench) -> None:
+def test_a_pulse_follows_the_mode_and_its_ramps_until_its_time_is_over(bench):
     chain = bench.named.chain
     rest = chain.uniform_state(LEFT)
     moved = simulate(
@@ -144,7 +139,7 @@ def test_a_pulse_follows_the_mode_and_its_ramps_until_its_time_is_over(bench: Be
         np.testing.assert_allclose(given, 5e-3 * mean * mode, atol=1e-15)
 
 
-def test_a_pulse_without_a_time_is_the_impulse_of_one_period(bench: Bench) -> None:
+def test_a_pulse_without_a_time_is_the_impulse_of_one_period(bench):
     chain = bench.named.chain
     rest = chain.uniform_state(RIGHT)
     pulse = {'edge': EdgeCommand.LAST, 'kind': EdgeCommand.PULSE, 'value': -0.05}
@@ -158,9 +153,7 @@ def test_a_pulse_without_a_time_is_the_impulse_of_one_period(bench: Bench) -> No
 
 
 @pytest.mark.parametrize('side', [Edge.FIRST, Edge.LAST])
-def test_a_pressure_follows_the_filling_and_venting_of_the_chamber(
-    bench: Bench, side: Edge
-) -> None:
+def test_a_pressure_follows_the_filling_and_venting_of_the_chamber(bench, side):
     chain = bench.named.chain
     rest = chain.uniform_state(LEFT if side is Edge.FIRST else RIGHT)
     bench.joints(rest, stamp=0.0)
@@ -177,7 +170,7 @@ def test_a_pressure_follows_the_filling_and_venting_of_the_chamber(
     np.testing.assert_allclose(torques, expected, atol=1e-14)
 
 
-def test_a_pressure_for_ever_lasts_until_it_is_vented_wherever_the_mode_is(bench: Bench) -> None:
+def test_a_pressure_for_ever_lasts_until_it_is_vented_wherever_the_mode_is(bench):
     chain = bench.named.chain
     left, right = chain.uniform_state(LEFT), chain.uniform_state(RIGHT)
     bench.joints(left, stamp=0.0)
@@ -230,7 +223,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
 ]
 
 
-def test_wrong_commands_are_rejected_and_the_active_one_continues(bench: Bench) -> None:
+def test_wrong_commands_are_rejected_and_the_active_one_continues(bench):
     rest = bench.named.chain.uniform_state(LEFT)
     bench.joints(rest)
     bench.joints(rest)
@@ -246,7 +239,7 @@ def test_wrong_commands_are_rejected_and_the_active_one_continues(bench: Bench) 
         assert bench.torques == []
 
 
-def test_a_wrong_nudge_is_rejected(bench: Bench) -> None:
+def test_a_wrong_nudge_is_rejected(bench):
     for number, value in enumerate((math.nan, math.inf, 1e3), start=1):
         bench.joints(bench.named.chain.uniform_state(LEFT))
         bench.nudge(value)
@@ -255,7 +248,7 @@ def test_a_wrong_nudge_is_rejected(bench: Bench) -> None:
         bench.next_impulses()
 
 
-def test_without_joint_states_commands_are_rejected(bench: Bench) -> None:
+def test_without_joint_states_commands_are_rejected(bench):
     bench.nudge(1.0)
     assert 'no fresh joint_states: none received, the limit is 60 s' in bench.refusal()
     bench.command(**FULL_PRESSURE)
@@ -263,7 +256,7 @@ def test_without_joint_states_commands_are_rejected(bench: Bench) -> None:
     assert bench.torques == []
 
 
-def test_with_old_joint_states_commands_are_rejected(graph: Graph, named: NamedChain) -> None:
+def test_with_old_joint_states_commands_are_rejected(graph, named):
     bench = Bench(graph, named, {'state_timeout': 1e-3})
     bench.tell_chain()
     bench.joints(named.chain.uniform_state(LEFT))
@@ -275,16 +268,14 @@ def test_with_old_joint_states_commands_are_rejected(graph: Graph, named: NamedC
     assert 's old, the limit is 0.001 s; start or resume the simulator, or raise' in refusal
 
 
-def test_without_a_chain_commands_are_rejected(graph: Graph, named: NamedChain) -> None:
+def test_without_a_chain_commands_are_rejected(graph, named):
     bench = Bench(graph, named)
     bench.joints(named.chain.uniform_state(LEFT))
     bench.nudge(1.0)
     assert 'the chain is unknown; publish chain or set chain_from' in bench.refusal()
 
 
-def test_a_frame_that_is_read_again_is_not_late(
-    graph: Graph, named: NamedChain, said: Callable[[], str]
-) -> None:
+def test_a_frame_that_is_read_again_is_not_late(graph, named, said):
     bench = Bench(graph, named)
     bench.tell_chain()
     bench.joints(named.chain.uniform_state(LEFT))
@@ -298,7 +289,7 @@ def test_a_frame_that_is_read_again_is_not_late(
     assert 'joint_states are not in order: a stamp is equal to the previous one' in said()
 
 
-def test_warnings_have_the_real_names_of_topics(graph: Graph, said: Callable[[], str]) -> None:
+def test_warnings_have_the_real_names_of_topics(graph, said):
     renamed = ['--ros-args', '-r', 'nudge:=poke', '-r', '~/commands:=/efforts']
     graph.start(EdgeActuator, namespace='left', cli_args=renamed)
     for topic, name in (
@@ -314,9 +305,7 @@ def test_warnings_have_the_real_names_of_topics(graph: Graph, said: Callable[[],
     assert 'rejected /left/poke: nothing subscribes' in said()
 
 
-def test_wrong_joint_states_are_rejected_when_they_are_needed(
-    bench: Bench, named: NamedChain
-) -> None:
+def test_wrong_joint_states_are_rejected_when_they_are_needed(bench, named):
     rest = named.chain.uniform_state(LEFT)
     spoiled: list[tuple[dict[str, Any], str]] = [
         ({'position': [0.0]}, 'joint_states.position has 1 values for 8 names'),
@@ -336,9 +325,7 @@ def test_wrong_joint_states_are_rejected_when_they_are_needed(
         bench.next_impulses()
 
 
-def test_without_a_subscriber_of_impulses_commands_are_rejected(
-    graph: Graph, named: NamedChain
-) -> None:
+def test_without_a_subscriber_of_impulses_commands_are_rejected(graph, named):
     reports = graph.reports('edge_actuator')
     graph.start(EdgeActuator)
     for number, (topic, message, torques) in enumerate(
@@ -357,7 +344,7 @@ def test_without_a_subscriber_of_impulses_commands_are_rejected(
         )
 
 
-def test_a_report_has_the_missing_input(graph: Graph, named: NamedChain) -> None:
+def test_a_report_has_the_missing_input(graph, named):
     bench = Bench(graph, named)
     graph.until(lambda: bench.reports, 'a report')
     assert bench.reports[-1].message == 'waiting for the topic chain'
@@ -375,7 +362,7 @@ def test_a_report_has_the_missing_input(graph: Graph, named: NamedChain) -> None
     assert values(report)['commands carried out'] == '1'
 
 
-def test_a_subscriber_of_torques_is_sufficient(graph: Graph, named: NamedChain) -> None:
+def test_a_subscriber_of_torques_is_sufficient(graph, named):
     given = {'chain_from': 'parameters', 'chain.number_of_rotors': named.rotors}
     node = graph.start(EdgeActuator, {**given, 'state_timeout': 60.0})
     joints = graph.speak(interfaces.JOINT_STATES)
@@ -389,7 +376,7 @@ def test_a_subscriber_of_torques_is_sufficient(graph: Graph, named: NamedChain) 
     graph.until(lambda: graph.next_report('edge_actuator').message == 'ready', 'to be ready')
 
 
-def test_impulses_are_stamped(bench: Bench) -> None:
+def test_impulses_are_stamped(bench):
     bench.joints(bench.named.chain.uniform_state(LEFT))
     bench.nudge(1.0)
     bench.graph.until(lambda: bench.impulses, 'impulses')
@@ -408,12 +395,12 @@ class TwinBellows(PneumaticActuator):
 
 
 @pytest.fixture
-def twin_bellows(monkeypatch: pytest.MonkeyPatch) -> None:
+def twin_bellows(monkeypatch):
     monkeypatch.setitem(ACTUATORS, 'twin_bellows', TwinBellows)
 
 
 @pytest.mark.usefixtures('twin_bellows')
-def test_the_actuator_that_is_chosen_gives_the_torques(graph: Graph, named: NamedChain) -> None:
+def test_the_actuator_that_is_chosen_gives_the_torques(graph, named):
     bench = Bench(graph, named, {'actuator': 'twin_bellows', 'bellows': 3})
     bench.tell_chain()
     rest = named.chain.uniform_state(-1)
@@ -426,7 +413,7 @@ def test_the_actuator_that_is_chosen_gives_the_torques(graph: Graph, named: Name
     np.testing.assert_allclose(held, expected, rtol=1e-6)
 
 
-def test_frames_in_halves_are_whole_for_a_kick(bench: Bench, named: NamedChain) -> None:
+def test_frames_in_halves_are_whole_for_a_kick(bench, named):
     rest = named.chain.uniform_state(LEFT)
     for number in (1, 2):
         message = frame_to_msg(named, Frame(rest, None), 0 * rest, time_to_msg(number * 10**7))

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +25,7 @@ from soliton_linkage_msgs.msg import Chain, EdgeCommand
 from soliton_linkage_msgs.srv import Reset
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.foxglove_server.node import FoxgloveServer
-from soliton_linkage_nodes.messages.conversions import (
-    Frame,
-    NamedChain,
-    chain_to_msg,
-    frame_to_msg,
-)
+from soliton_linkage_nodes.messages.conversions import Frame, chain_to_msg, frame_to_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.simulator.node import Simulator
 
@@ -47,13 +42,13 @@ Connect = Callable[[FoxgloveServer], FoxgloveClient]
 
 
 @pytest.fixture
-def served(graph: Graph) -> FoxgloveServer:
+def served(graph):
     server: FoxgloveServer = graph.start(FoxgloveServer, {'port': 0})
     return server
 
 
 @pytest.fixture
-def connect(graph: Graph) -> Iterator[Connect]:
+def connect(graph):
     clients: list[FoxgloveClient] = []
 
     def connected(server: FoxgloveServer) -> FoxgloveClient:
@@ -66,7 +61,7 @@ def connect(graph: Graph) -> Iterator[Connect]:
 
 
 @pytest.fixture
-def client(served: FoxgloveServer, connect: Connect) -> FoxgloveClient:
+def client(served, connect):
     return connect(served)
 
 
@@ -80,9 +75,7 @@ def until(graph: Graph, client: FoxgloveClient, condition: Callable[[], Any], wh
     graph.until(received, what)
 
 
-def test_topics_of_actions_are_not_offered(
-    graph: Graph, served: FoxgloveServer, client: FoxgloveClient
-) -> None:
+def test_topics_of_actions_are_not_offered(graph, served, client):
     feedback = '/move_soliton/_action/feedback'
     graph.user.create_publisher(MoveSoliton.Impl.FeedbackMessage, feedback, 10)
     graph.user.create_publisher(Float64, '/seen', 10)
@@ -92,7 +85,7 @@ def test_topics_of_actions_are_not_offered(
     assert served.diagnostics.rejected == 0
 
 
-def test_topics_are_offered_with_their_definitions(graph: Graph, client: FoxgloveClient) -> None:
+def test_topics_are_offered_with_their_definitions(graph, client):
     graph.user.create_publisher(Chain, 'lab/chain', interfaces.CHAIN.qos)
     graph.user.create_subscription(EdgeCommand, 'edge_command', [].append, 10)
     wanted = {'/lab/chain', '/edge_command'}
@@ -106,8 +99,8 @@ def test_topics_are_offered_with_their_definitions(graph: Graph, client: Foxglov
 
 
 def test_clients_receive_messages_unchanged_and_can_decode_them_by_their_definitions(
-    graph: Graph, client: FoxgloveClient, named: NamedChain
-) -> None:
+    graph, client, named
+):
     frame = frame_to_msg(
         named, Frame(named.chain.uniform_state(1), None), np.arange(8.0), Time(sec=7)
     )
@@ -129,9 +122,7 @@ def test_clients_receive_messages_unchanged_and_can_decode_them_by_their_definit
     until(graph, client, lambda: not publisher.get_subscription_count(), 'no subscription')
 
 
-def test_each_client_receives_latched_messages(
-    graph: Graph, served: FoxgloveServer, connect: Connect, named: NamedChain
-) -> None:
+def test_each_client_receives_latched_messages(graph, served, connect, named):
     interfaces.CHAIN.publisher(graph.user).publish(chain_to_msg(named, Time()))
     for _ in range(2):
         client = connect(served)
@@ -141,9 +132,7 @@ def test_each_client_receives_latched_messages(
         assert tuple(deserialize_message(received[0], Chain).joint_names) == named.joint_names
 
 
-def test_messages_of_a_best_effort_publisher_are_received(
-    graph: Graph, client: FoxgloveClient
-) -> None:
+def test_messages_of_a_best_effort_publisher_are_received(graph, client):
     qos = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
     publisher = graph.user.create_publisher(Float64, 'sensed', qos)
     until(graph, client, lambda: '/sensed' in client.channels, 'a topic')
@@ -158,9 +147,7 @@ def test_messages_of_a_best_effort_publisher_are_received(
 
 
 @pytest.mark.parametrize('encoding', ['cdr', 'json'])
-def test_a_nudge_from_a_client_kicks_the_chain(
-    graph: Graph, client: FoxgloveClient, named: NamedChain, encoding: str
-) -> None:
+def test_a_nudge_from_a_client_kicks_the_chain(graph, client, named, encoding):
     graph.start(EdgeActuator, {'state_timeout': 60.0})
     impulses = graph.hear(interfaces.ROTOR_IMPULSES)
     chain, joints = graph.speak(interfaces.CHAIN), graph.speak(interfaces.JOINT_STATES)
@@ -183,9 +170,7 @@ def test_a_nudge_from_a_client_kicks_the_chain(
     assert any(impulses[0].impulse)
 
 
-def test_a_client_calls_services_by_their_definitions(
-    graph: Graph, client: FoxgloveClient
-) -> None:
+def test_a_client_calls_services_by_their_definitions(graph, client):
     graph.start(Simulator, {'chain.number_of_rotors': 3})
     wanted = {'/simulator/pause', '/simulator/step', '/simulator/reset'}
     until(graph, client, lambda: wanted <= client.services.keys(), 'services')
@@ -220,9 +205,7 @@ def test_a_client_calls_services_by_their_definitions(
 
 
 @pytest.mark.parametrize('data', [b'', b'\0\1\0\0', b'\0\1\0\0\7\0\0\0'])
-def test_a_service_without_fields_accepts_each_encoding_of_an_empty_request(
-    graph: Graph, client: FoxgloveClient, data: bytes
-) -> None:
+def test_a_service_without_fields_accepts_each_encoding_of_an_empty_request(graph, client, data):
     def answer(_: Any, response: Trigger.Response) -> Trigger.Response:
         response.message = 'done'
         return response
@@ -234,9 +217,7 @@ def test_a_service_without_fields_accepts_each_encoding_of_an_empty_request(
     assert deserialize_message(client.answers[call], Trigger.Response).message == 'done'
 
 
-def test_a_failed_call_reports_the_reason(
-    graph: Graph, served: FoxgloveServer, client: FoxgloveClient
-) -> None:
+def test_a_failed_call_reports_the_reason(graph, served, client):
     service = graph.user.create_service(SetBool, 'lab/pause', lambda _, response: response)
     until(graph, client, lambda: '/lab/pause' in client.services, 'a service')
     sound = serialize_message(SetBool.Request())
@@ -251,9 +232,7 @@ def test_a_failed_call_reports_the_reason(
     until(graph, client, lambda: '/lab/pause' not in client.services, 'the end of the service')
 
 
-def test_a_call_without_a_response_is_reported(
-    graph: Graph, served: FoxgloveServer, client: FoxgloveClient
-) -> None:
+def test_a_call_without_a_response_is_reported(graph, served, client):
     unspun = Graph(graph.domain)
     unspun.user.create_service(SetBool, 'lab/pause', lambda _, response: response)
     until(graph, client, lambda: '/lab/pause' in client.services, 'a service')
@@ -264,9 +243,7 @@ def test_a_call_without_a_response_is_reported(
     unspun.close()
 
 
-def test_an_invalid_message_is_rejected(
-    graph: Graph, served: FoxgloveServer, client: FoxgloveClient
-) -> None:
+def test_an_invalid_message_is_rejected(graph, served, client):
     for topic, schema, encoding, data in (
         ('/nudge', 'std_msgs/msg/Float64', 'cdr', b'\x00'),
         ('/nudge', 'std_msgs/msg/Float64', 'json', b'{"data": "fast"}'),
@@ -290,9 +267,7 @@ def test_an_invalid_message_is_rejected(
     ),
     messages=st.lists(st.one_of(st.binary(max_size=40), st.sampled_from(MESSAGES)), max_size=4),
 )
-def test_every_message_of_a_client_is_published_or_rejected(
-    served: FoxgloveServer, advertised: tuple[str, str, str], messages: list[bytes]
-) -> None:
+def test_every_message_of_a_client_is_published_or_rejected(served, advertised, messages):
     serving, key = served.serving, (1, 2)
     rejected, published = served.diagnostics.rejected, serving.published
     serving.advertise(key, *advertised)
@@ -304,7 +279,7 @@ def test_every_message_of_a_client_is_published_or_rejected(
     serving.unadvertise(key)
 
 
-def test_clients_of_a_read_only_server_publish_nothing(graph: Graph, connect: Connect) -> None:
+def test_clients_of_a_read_only_server_publish_nothing(graph, connect):
     server = graph.start(FoxgloveServer, {'port': 0, 'read_only': True})
     client = connect(server)
     until(graph, client, lambda: client.information, 'the server information')
@@ -312,6 +287,6 @@ def test_clients_of_a_read_only_server_publish_nothing(graph: Graph, connect: Co
     assert server.serving.services is None
 
 
-def test_an_error_names_a_port_that_is_in_use(graph: Graph, served: FoxgloveServer) -> None:
+def test_an_error_names_a_port_that_is_in_use(graph, served):
     with pytest.raises(OSError, match=f'127.0.0.1:{served.serving.port}.*set another'):
         graph.start(FoxgloveServer, {'port': served.serving.port}, namespace='other')

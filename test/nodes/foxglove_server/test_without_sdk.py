@@ -1,17 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
 import sys
 
 import pytest
-from graphs import Graph
 
 from soliton_linkage_nodes.foxglove_server.node import FoxgloveServer
 
 
-def test_an_error_in_one_line_names_the_missing_package(
-    graph: Graph, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_error_in_one_line_names_the_missing_package(graph, monkeypatch):
     monkeypatch.setitem(sys.modules, 'foxglove', None)
     for name in ('serving', 'outgoing'):
         monkeypatch.delitem(sys.modules, f'soliton_linkage_nodes.foxglove_server.{name}', False)

@@ -9,7 +9,6 @@ import re
 import numpy as np
 import pytest
 from cdr import CdrWriter
-from graphs import Graph
 from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
@@ -113,7 +112,7 @@ def named_chain(rotors: int, length: int) -> NamedChain:
 
 
 @pytest.fixture
-def deserialized(monkeypatch: pytest.MonkeyPatch) -> list[bytes]:
+def deserialized(monkeypatch):
     """Messages that ROS deserialized."""
     made: list[bytes] = []
     deserialize = cdr.deserialize_message
@@ -130,9 +129,7 @@ def deserialized(monkeypatch: pytest.MonkeyPatch) -> list[bytes]:
     NAMES | st.just(['a', 'b']),
     st.lists(st.tuples(states(NAMES | st.just(['a', 'b'])), st.integers(0, 255)), max_size=6),
 )
-def test_a_message_that_fits_a_layout_has_its_frame_names_and_arrays(
-    frame_id: str, names: list[str], messages: list[tuple[JointState, int]]
-) -> None:
+def test_a_message_that_fits_a_layout_has_its_frame_names_and_arrays(frame_id, names, messages):
     layout = Layout(frame_id, tuple(names))
     for message, filling in messages:
         serialized = scribbled(message, filling)
@@ -148,15 +145,13 @@ def test_a_message_that_fits_a_layout_has_its_frame_names_and_arrays(
 
 
 @given(st.lists(states(NAMES), min_size=1, max_size=4))
-def test_any_joint_states_come_back_whatever_came_before(messages: list[JointState]) -> None:
+def test_any_joint_states_come_back_whatever_came_before(messages):
     decoder = JointStateDecoder()
     for message in messages * 2:
         assert_same(decoder, message, serialize_message(message))
 
 
-def test_joint_states_of_the_same_joints_are_not_deserialized_again(
-    deserialized: list[bytes],
-) -> None:
+def test_joint_states_of_the_same_joints_are_not_deserialized_again(deserialized):
     decoder = JointStateDecoder()
     for filling in range(20):
         message = JointState(name=['one', 'other'], position=[1.0, filling])
@@ -170,7 +165,7 @@ def test_joint_states_of_the_same_joints_are_not_deserialized_again(
     assert len(deserialized) == 3
 
 
-def test_big_endian_messages_come_back() -> None:
+def test_big_endian_messages_come_back():
     message = JointState(name=['a'], position=[2.5])
     decoder = JointStateDecoder()
     assert_same(decoder, message, serialize_message(message))
@@ -179,7 +174,7 @@ def test_big_endian_messages_come_back() -> None:
     assert_same(decoder, message, swapped + bytes(8))
 
 
-def test_bytes_that_are_no_joint_states_are_rejected() -> None:
+def test_bytes_that_are_no_joint_states_are_rejected():
     for known in [False, True]:
         message = JointState(name=['a', 'b'], position=[1.0, math.nan], velocity=[3.0, 4.0])
         whole = CdrWriter(message).serialized
@@ -195,13 +190,13 @@ def test_bytes_that_are_no_joint_states_are_rejected() -> None:
 
 
 @given(st.lists(IMPULSES, min_size=2, max_size=5))
-def test_impulses_are_decoded_independently_of_earlier_ones(messages: list[RotorImpulses]) -> None:
+def test_impulses_are_decoded_independently_of_earlier_ones(messages):
     decoder = ImpulseDecoder(ROTORS, LARGEST)
     for message in messages * 2:
         assert_as_of_the_message(decoder, message, serialize_message(message))
 
 
-def test_impulses_of_the_same_joints_are_not_deserialized_again(deserialized: list[bytes]) -> None:
+def test_impulses_of_the_same_joints_are_not_deserialized_again(deserialized):
     decoder = ImpulseDecoder(ROTORS, LARGEST)
     for value in np.linspace(-LARGEST, LARGEST, 9):
         message = RotorImpulses(name=['three', 'one'], impulse=[value, 0.5])
@@ -209,7 +204,7 @@ def test_impulses_of_the_same_joints_are_not_deserialized_again(deserialized: li
     assert len(deserialized) == 1
 
 
-def test_bytes_that_are_no_impulses_are_rejected() -> None:
+def test_bytes_that_are_no_impulses_are_rejected():
     for known in [False, True]:
         message = RotorImpulses(name=['two', 'one'], impulse=[1.0, -1.0])
         whole = CdrWriter(message).serialized
@@ -223,16 +218,14 @@ def test_bytes_that_are_no_impulses_are_rejected() -> None:
 
 
 @given(st.lists(IMPULSES, min_size=2, max_size=5), st.lists(st.floats(), max_size=3))
-def test_torques_are_decoded_independently_of_earlier_ones(
-    values: list[RotorImpulses], angles: list[float]
-) -> None:
+def test_torques_are_decoded_independently_of_earlier_ones(values, angles):
     decoder = TorqueDecoder(ROTORS, LARGEST)
     for value in values * 2:
         message = JointState(name=value.name, position=angles, effort=value.impulse)
         assert_as_of_the_message(decoder, message, serialize_message(message))
 
 
-def test_a_buffer_writes_the_message_with_its_size() -> None:
+def test_a_buffer_writes_the_message_with_its_size():
     for rotors in [2, 3, 4, 41, 1000]:
         for length in range(1, 10):
             named = named_chain(rotors, length)
@@ -256,7 +249,7 @@ def test_a_buffer_writes_the_message_with_its_size() -> None:
                 assert len(filled) == len(serialize(efforts))
 
 
-def test_a_frame_is_filled_in_place_and_written_apart(named: NamedChain) -> None:
+def test_a_frame_is_filled_in_place_and_written_apart(named):
     buffer = JointStateBuffer(named)
     zeros = np.zeros(named.rotors)
     written = buffer.write(1, zeros + 1, zeros, zeros)
@@ -266,7 +259,7 @@ def test_a_frame_is_filled_in_place_and_written_apart(named: NamedChain) -> None
     assert filled == written
 
 
-def test_a_buffer_is_published_as_its_bytes_at_that_time(graph: Graph, named: NamedChain) -> None:
+def test_a_buffer_is_published_as_its_bytes_at_that_time(graph, named):
     heard = graph.hear(interfaces.JOINT_STATES)
     publisher = graph.speak(interfaces.JOINT_STATES)
     buffer = JointStateBuffer(named)

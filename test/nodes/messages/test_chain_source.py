@@ -4,13 +4,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from graphs import Graph, values
+from graphs import values
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.deviations import Disorder
@@ -36,9 +35,7 @@ class Learner(GuardedNode):
         self.source = ChainSource(self, diagnostics, self.learnt.append)
 
 
-def test_nodes_receive_the_chain_before_and_after_it_is_published(
-    graph: Graph, named: NamedChain
-) -> None:
+def test_nodes_receive_the_chain_before_and_after_it_is_published(graph, named):
     early = graph.start(Learner)
     assert early.source.named is None
     topic = interfaces.CHAIN
@@ -51,9 +48,7 @@ def test_nodes_receive_the_chain_before_and_after_it_is_published(
         assert learner.source.named == named
 
 
-def test_offsets_are_those_of_the_chain_unless_parameters_know_others(
-    graph: Graph, named: NamedChain
-) -> None:
+def test_offsets_are_those_of_the_chain_unless_parameters_know_others(graph, named):
     told, own = (
         dataclasses.replace(named, encoder_offsets=(x,) * named.rotors) for x in (0.2, 0.1)
     )
@@ -67,7 +62,7 @@ def test_offsets_are_those_of_the_chain_unless_parameters_know_others(
     assert [each.learnt for each in learners] == [[told], [own]]
 
 
-def test_the_chain_can_change(graph: Graph, named: NamedChain) -> None:
+def test_the_chain_can_change(graph, named):
     learner = graph.start(Learner)
     publisher = graph.speak(interfaces.CHAIN)
     other = NamedChain(Chain(number_of_rotors=2, mass=1.0), ('left', 'right'))
@@ -77,9 +72,7 @@ def test_the_chain_can_change(graph: Graph, named: NamedChain) -> None:
     assert learner.learnt == [named, other]
 
 
-def test_a_chain_that_changes_is_logged_once(
-    graph: Graph, named: NamedChain, said: Callable[[], str]
-) -> None:
+def test_a_chain_that_changes_is_logged_once(graph, named, said):
     learner = graph.start(Learner)
     publisher = graph.speak(interfaces.CHAIN)
     other = NamedChain(Chain(number_of_rotors=2, mass=1.0), ('left', 'right'))
@@ -95,16 +88,14 @@ def test_a_chain_that_changes_is_logged_once(
     )
 
 
-def test_two_publishers_of_the_chain_are_reported(graph: Graph, said: Callable[[], str]) -> None:
+def test_two_publishers_of_the_chain_are_reported(graph, said):
     graph.start(Learner)
     graph.speak(interfaces.CHAIN)
     graph.speak(interfaces.CHAIN)
     graph.until(lambda: '2 nodes publish /chain' in said(), 'the warning')
 
 
-def test_a_message_that_describes_no_chain_changes_nothing(
-    graph: Graph, named: NamedChain
-) -> None:
+def test_a_message_that_describes_no_chain_changes_nothing(graph, named):
     learner = graph.start(Learner)
     publisher = graph.speak(interfaces.CHAIN)
     publisher.publish(chain_to_msg(named, time_to_msg(0)))
@@ -118,7 +109,7 @@ def test_a_message_that_describes_no_chain_changes_nothing(
     assert learner.learnt == [named]
 
 
-def test_parameters_replace_the_topic(graph: Graph) -> None:
+def test_parameters_replace_the_topic(graph):
     given = {'chain_from': 'parameters', 'chain.number_of_rotors': 3, 'chain.mass': 0.5}
     learner = graph.start(Learner, given)
     chain = Chain(number_of_rotors=3, mass=0.5)
@@ -126,12 +117,12 @@ def test_parameters_replace_the_topic(graph: Graph) -> None:
     assert graph.user.count_subscribers(interfaces.CHAIN.name) == 0
 
 
-def test_parameters_of_no_chain_are_rejected(graph: Graph) -> None:
+def test_parameters_of_no_chain_are_rejected(graph):
     with pytest.raises(ValueError, match=r'parameter chain\.mass of learner = -1\.0 must lie'):
         graph.start(Learner, {'chain_from': 'parameters', 'chain.mass': -1.0})
 
 
-def test_parameters_of_disorder_draw_the_chain_that_the_same_seed_draws(graph: Graph) -> None:
+def test_parameters_of_disorder_draw_the_chain_that_the_same_seed_draws(graph):
     given = {
         'chain_from': 'parameters',
         'chain.number_of_rotors': 6,
@@ -149,7 +140,7 @@ def test_parameters_of_disorder_draw_the_chain_that_the_same_seed_draws(graph: G
     assert learner.source.named.chain == expected
 
 
-def test_parameters_that_describe_no_chain_stop_the_node(graph: Graph) -> None:
+def test_parameters_that_describe_no_chain_stop_the_node(graph):
     for given, complaint in [
         (
             {'chain.disorder.mass': 0.1, 'chain.deviations.mass': [0.1] * 40},
@@ -172,7 +163,7 @@ def test_parameters_that_describe_no_chain_stop_the_node(graph: Graph) -> None:
 CONFIG = Path(__file__).parents[3] / 'config'
 
 
-def test_a_file_that_describes_no_chain_is_rejected(tmp_path: Path) -> None:
+def test_a_file_that_describes_no_chain_is_rejected(tmp_path):
     for content, complaint in [
         ('just words', 'is no parameter file'),
         ('/**: {ros__parameters: {chain.weight: 1.0}}', 'chain.weight is unknown; known: '),
@@ -188,7 +179,7 @@ def test_a_file_that_describes_no_chain_is_rejected(tmp_path: Path) -> None:
             chain_of_file(path)
 
 
-def test_a_file_may_name_the_joints(tmp_path: Path) -> None:
+def test_a_file_may_name_the_joints(tmp_path):
     path = tmp_path / 'chain.yaml'
     path.write_text(
         'soliton_analyser:\n  ros__parameters:\n    chain.number_of_rotors: 2\n'
@@ -198,12 +189,12 @@ def test_a_file_may_name_the_joints(tmp_path: Path) -> None:
     assert chain_of_file(path) == NamedChain(chain, ('left', 'right'))
 
 
-def test_the_file_of_all_parameters_describes_the_chain_that_nodes_have_by_themselves() -> None:
+def test_the_file_of_all_parameters_describes_the_chain_that_nodes_have_by_themselves():
     named = chain_of_file(CONFIG / 'linkage.yaml')
     assert named == NamedChain(Chain(), default_joint_names(Chain().number_of_rotors))
 
 
-def test_a_file_may_hold_deviations_and_groups_of_parameters(tmp_path: Path) -> None:
+def test_a_file_may_hold_deviations_and_groups_of_parameters(tmp_path):
     path = tmp_path / 'chain.yaml'
     path.write_text(
         'left:\n  simulator:\n    ros__parameters:\n      chain:\n'

@@ -28,7 +28,7 @@ NOISE = Waveform(
 )
 
 
-def test_commands_come_back() -> None:
+def test_commands_come_back():
     for command in [
         PULSE,
         EdgeCommand(Edge.FIRST, CommandKind.KICK, 7.0),
@@ -43,14 +43,14 @@ def test_commands_come_back() -> None:
             )
 
 
-def test_unknown_codes_are_rejected() -> None:
+def test_unknown_codes_are_rejected():
     for fields in [{'edge': 3}, {'kind': 4}, {'shape': 4}, {'quantity': 2}, {'window': 2}]:
         ((name, code),) = fields.items()
         with pytest.raises(ValueError, match=f'{name} = {code} must be one of 0, 1'):
             conversions.edge_command_from_msg(msg.EdgeCommand(**fields))
 
 
-def test_a_delivery_survives_the_round_trip() -> None:
+def test_a_delivery_survives_the_round_trip():
     delivered = DeliveryTotals(STAMP, 3, 0.1, True, -0.2, np.array([1.0, -2.0, 0.0, 1e-300]))
     back = conversions.delivery_from_msg(conversions.delivery_to_msg(delivered))
     for field in dataclasses.fields(DeliveryTotals):
@@ -64,7 +64,7 @@ def kick(**changes: Any) -> KickReport:
     return dataclasses.replace(usual, **changes)
 
 
-def test_a_kick_names_the_joints_that_it_acted_on() -> None:
+def test_a_kick_names_the_joints_that_it_acted_on():
     message = conversions.last_kick_to_msg(NAMED, kick())
     assert list(message.name) == ['rotor_1', 'rotor_3']
     assert list(message.impulse) == [1.5, -2.5]
@@ -74,12 +74,12 @@ def test_a_kick_names_the_joints_that_it_acted_on() -> None:
     assert conversions.edge_command_from_msg(message.command) == PULSE
 
 
-def test_torques_of_joints_were_not_asked_of_an_edge() -> None:
+def test_torques_of_joints_were_not_asked_of_an_edge():
     message = conversions.last_kick_to_msg(NAMED, kick(command=None, source='~/commands'))
     assert message.command == msg.EdgeCommand()
 
 
-def test_actuators_are_those_that_are_listed_or_all() -> None:
+def test_actuators_are_those_that_are_listed_or_all():
     for names in [(), ('rotor_3', 'rotor_0')]:
         actuators = conversions.joint_actuators(NAMED, names, LIMITS.__getitem__)
         assert actuators.names == (names or NAMED.joint_names)
@@ -89,7 +89,7 @@ def test_actuators_are_those_that_are_listed_or_all() -> None:
             assert (NAMED.joint_names[rotor], LIMITS[name]) == (name, limit)
 
 
-def test_each_effort_finds_its_rotor_and_its_limit() -> None:
+def test_each_effort_finds_its_rotor_and_its_limit():
     for names in [(), ('rotor_3', 'rotor_0')]:
         actuators = conversions.joint_actuators(NAMED, names, LIMITS.__getitem__)
         message = JointState(name=['rotor_3', 'rotor_0'], effort=[4.0, -1.0])

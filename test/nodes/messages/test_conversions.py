@@ -36,17 +36,17 @@ STAMP = time_to_msg(1_700_000_000_123_456_789)
 
 
 @given(st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1))
-def test_times_keep_every_nanosecond(nanoseconds: int) -> None:
+def test_times_keep_every_nanosecond(nanoseconds):
     assert time_from_msg(time_to_msg(nanoseconds)) == nanoseconds
 
 
-def test_the_ends_of_a_chain_come_back() -> None:
+def test_the_ends_of_a_chain_come_back():
     for periodic in [True, False]:
         named = NamedChain(Chain(number_of_rotors=4, periodic=periodic), default_joint_names(4))
         assert conversions.chain_from_msg(conversions.chain_to_msg(named, STAMP)) == named
 
 
-def test_a_chain_and_its_names_come_back() -> None:
+def test_a_chain_and_its_names_come_back():
     deviations = Deviations((0.1, 0.2), (), (0.3, -0.4, 0.5), (), (0.0, -0.9), (1.0, 2.0, 3.0))
     law = Feedback(0.1, 0.2, 0.3, -0.4, 0.5, -0.6, reference=0.7, delay=8, limit=0.9)
     chain = Chain(3, 0.11, 0.07, 1.2, 0.03, 77.0, 1e-3, deviations=deviations, feedback=law)
@@ -57,7 +57,7 @@ def test_a_chain_and_its_names_come_back() -> None:
 
 
 @given(st.permutations(range(5)))
-def test_a_frame_comes_back_whatever_the_order_of_its_joints(order: list[int]) -> None:
+def test_a_frame_comes_back_whatever_the_order_of_its_joints(order):
     message = conversions.frame_to_msg(NAMED, Frame(ANGLES, RATES), ANGLES + RATES, STAMP)
     shuffled = JointState(
         name=[message.name[n] for n in order],
@@ -69,7 +69,7 @@ def test_a_frame_comes_back_whatever_the_order_of_its_joints(order: list[int]) -
     np.testing.assert_array_equal(frame.rates, RATES)
 
 
-def test_joints_that_are_no_rotors_are_passed_over() -> None:
+def test_joints_that_are_no_rotors_are_passed_over():
     message = JointState(
         name=['gripper', *NAMED.joint_names], position=[9.0, *ANGLES], velocity=[8.0, *RATES]
     )
@@ -78,12 +78,12 @@ def test_joints_that_are_no_rotors_are_passed_over() -> None:
     np.testing.assert_array_equal(frame.rates, RATES)
 
 
-def test_a_frame_without_rates_has_none() -> None:
+def test_a_frame_without_rates_has_none():
     message = conversions.frame_to_msg(NAMED, Frame(ANGLES, None), ANGLES, STAMP)
     assert conversions.frame_from_msg(NAMED, message).rates is None
 
 
-def test_impulses_and_torques_come_back() -> None:
+def test_impulses_and_torques_come_back():
     impulses = conversions.impulses_to_msg(NAMED, ANGLES, STAMP)
     np.testing.assert_array_equal(conversions.impulses_from_msg(ROTORS, impulses, 40.0), ANGLES)
     torques = conversions.torques_to_msg(NAMED, ANGLES, STAMP)
@@ -91,7 +91,7 @@ def test_impulses_and_torques_come_back() -> None:
     assert (len(torques.position), len(torques.velocity)) == (0, 0)
 
 
-def test_rotors_that_are_not_named_get_nothing() -> None:
+def test_rotors_that_are_not_named_get_nothing():
     message = RotorImpulses(name=['rotor_3', 'rotor_1'], impulse=[3.0, 1.0])
     given_impulses = conversions.impulses_from_msg(ROTORS, message, 10.0)
     np.testing.assert_array_equal(given_impulses, [0.0, 1.0, 0.0, 3.0, 0.0])
@@ -124,7 +124,7 @@ def take_torques(message: JointState) -> None:
     conversions.torques_from_msg(ROTORS, message, 10.0)
 
 
-def test_a_wrong_message_is_rejected_with_the_reason() -> None:
+def test_a_wrong_message_is_rejected_with_the_reason():
     for take, message, complaint in [
         (take_frame, joint_state(name=[]), "lacks 5 of 5 rotors, first 'rotor_0'"),
         (
@@ -185,7 +185,7 @@ def test_a_wrong_message_is_rejected_with_the_reason() -> None:
         assert '\n' not in str(refusal.value)
 
 
-def test_a_message_that_describes_no_chain_is_rejected() -> None:
+def test_a_message_that_describes_no_chain_is_rejected():
     for changes, complaint in [
         ({'spacing': math.nan}, 'spacing = nan must be a finite number'),
         ({'mass': -1.0}, 'mass = -1.0 must lie in the range'),
@@ -205,7 +205,7 @@ def test_a_message_that_describes_no_chain_is_rejected() -> None:
             conversions.chain_from_msg(message)
 
 
-def test_angles_beyond_encoders_are_rejected() -> None:
+def test_angles_beyond_encoders_are_rejected():
     message = joint_state(position=[0.0, 1e308, 0.0, 0.0, 0.0])
     complaint = (
         'position of rotor_1 = 1e+308 must lie in the range -1e+09 to 1e+09; check its publisher'
@@ -214,7 +214,7 @@ def test_angles_beyond_encoders_are_rejected() -> None:
         conversions.frame_from_msg(NAMED, message)
 
 
-def test_a_reset_by_name_moves_the_named_joints_and_stops_the_others() -> None:
+def test_a_reset_by_name_moves_the_named_joints_and_stops_the_others():
     named = NamedChain(Chain(number_of_rotors=3), ('a', 'b', 'c'))
     now = State(np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0, 6.0]))
     request = Reset.Request(name=['c', 'a'], angle=[0.5, -0.5], rate=[7.0, 8.0])
@@ -227,7 +227,7 @@ def test_a_reset_by_name_moves_the_named_joints_and_stops_the_others() -> None:
     assert now.angles.tolist() == [1.0, 2.0, 3.0]
 
 
-def test_a_wrong_reset_by_name_is_rejected() -> None:
+def test_a_wrong_reset_by_name_is_rejected():
     for request_, complaint in [
         (Reset.Request(name=['d'], angle=[1.0]), "reset.angle names joint 'd', which is none of"),
         (Reset.Request(name=['a', 'a'], angle=[1.0, 2.0]), "'a' twice"),

@@ -22,7 +22,7 @@ def diagnosis() -> DiagnosticArray:
     return DiagnosticArray(status=[DiagnosticStatus(level=b'\x00', name='chain', values=values)])
 
 
-def test_a_written_message_reads_back() -> None:
+def test_a_written_message_reads_back():
     for message in [
         Float64(data=0.25),
         JointState(name=['rotor_0'], position=[0.5], effort=[-1.0]),
@@ -33,18 +33,18 @@ def test_a_written_message_reads_back() -> None:
         assert read(type(message), to_yaml(message)) == message
 
 
-def test_messages_in_lists_are_read() -> None:
+def test_messages_in_lists_are_read():
     text = '{status: [{name: chain, values: [{key: rate, value: "50"}, {key: place, value: ü}]}]}'
     assert read(DiagnosticArray, text) == diagnosis()
     assert yaml.safe_load(to_yaml(diagnosis()))['status'][0]['level'] == [0]
 
 
-def test_whole_numbers_are_taken_for_numbers_with_a_point() -> None:
+def test_whole_numbers_are_taken_for_numbers_with_a_point():
     assert read(Float64, '{data: 10}').data == 10.0
     assert read(JointState, '{position: [1, 2]}').position.tolist() == [1.0, 2.0]
 
 
-def test_a_value_of_the_wrong_type_is_named() -> None:
+def test_a_value_of_the_wrong_type_is_named():
     for message, text, complaint in [
         (Float64, '{dato: 1}', "std_msgs/msg/Float64 has no field 'dato'; it has data"),
         (Float64, '{data: x}', "std_msgs/msg/Float64: data = 'x' must be of type double"),
@@ -65,13 +65,13 @@ def test_a_value_of_the_wrong_type_is_named() -> None:
         assert '\n' not in str(raised.value)
 
 
-def test_types_are_found_by_their_names() -> None:
+def test_types_are_found_by_their_names():
     assert interface_type('std_msgs/msg/Float64', 'msg') is Float64
     assert interface_type('std_msgs/Float64', 'msg') is Float64
     assert interface_type('std_srvs/srv/SetBool', 'srv') is SetBool
 
 
-def test_types_that_are_not_there_are_named() -> None:
+def test_types_that_are_not_there_are_named():
     for name, complaint in [
         ('Float64', "'Float64' must be a type name such as PACKAGE/msg/NAME"),
         ('std_srvs/srv/SetBool', 'must be a type name such as PACKAGE/msg/NAME'),

@@ -35,9 +35,7 @@ def whole(frame: int, joints: Sequence[int] = range(6)) -> dict[str, float]:
 
 
 @given(st.permutations(range(6)), st.sets(st.integers(1, 5)), st.booleans())
-def test_parts_of_a_frame_in_any_division_and_order_are_one_frame(
-    order: list[int], cuts: set[int], known: bool
-) -> None:
+def test_parts_of_a_frame_in_any_division_and_order_are_one_frame(order, cuts, known):
     assembler = FrameAssembler(NAMES if known else ())
     ends = [0, *sorted(cuts), 6]
     messages = [
@@ -48,7 +46,7 @@ def test_parts_of_a_frame_in_any_division_and_order_are_one_frame(
     assert all((frame.velocity == frame.position + 0.5).all() for frame in frames)
 
 
-def test_a_frame_is_returned_as_soon_as_it_is_complete() -> None:
+def test_a_frame_is_returned_as_soon_as_it_is_complete():
     assembler = FrameAssembler(NAMES)
     for frame in range(1, 4):
         assert assembler.add(part(frame, [0, 1, 2])) == []
@@ -56,7 +54,7 @@ def test_a_frame_is_returned_as_soon_as_it_is_complete() -> None:
         assert read(found) == whole(frame)
 
 
-def test_a_joint_that_never_comes_delays_the_first_frame_only() -> None:
+def test_a_joint_that_never_comes_delays_the_first_frame_only():
     assembler = FrameAssembler(NAMES)
     assert assembler.add(part(1, [0, 1])) == []
     assert [read(each) for each in assembler.add(part(2, [0, 1]))] == [
@@ -66,7 +64,7 @@ def test_a_joint_that_never_comes_delays_the_first_frame_only() -> None:
     assert len(assembler.add(part(3, [4]))) == 1
 
 
-def test_a_lost_part_costs_only_its_joints() -> None:
+def test_a_lost_part_costs_only_its_joints():
     assembler = FrameAssembler(NAMES)
     messages = [part(n, at) for n in range(1, 6) for at in ([0, 1, 2], [3, 4, 5])]
     del messages[5]
@@ -80,7 +78,7 @@ def test_a_lost_part_costs_only_its_joints() -> None:
     ]
 
 
-def test_a_part_that_stays_away_is_no_longer_awaited() -> None:
+def test_a_part_that_stays_away_is_no_longer_awaited():
     assembler = FrameAssembler(NAMES)
     for joints in ([0, 1, 2], [3, 4, 5]):
         assembler.add(part(1, joints))
@@ -90,7 +88,7 @@ def test_a_part_that_stays_away_is_no_longer_awaited() -> None:
     assert sum(returned) == 28
 
 
-def test_a_part_that_comes_after_its_frame_is_awaited_in_the_next_one() -> None:
+def test_a_part_that_comes_after_its_frame_is_awaited_in_the_next_one():
     assembler = FrameAssembler(NAMES)
     frames = list(assembler.add_all([part(1, [0]), part(2, [0]), part(2, [1])]))
     assert [read(frame) for frame in frames] == [whole(1, [0]), whole(2, [0]), whole(2, [1])]
@@ -98,7 +96,7 @@ def test_a_part_that_comes_after_its_frame_is_awaited_in_the_next_one() -> None:
     assert [read(each) for each in assembler.add(part(3, [1]))] == [whole(3, [0, 1])]
 
 
-def test_rates_of_some_parts_are_kept() -> None:
+def test_rates_of_some_parts_are_kept():
     assembler = FrameAssembler(NAMES)
     assembler.add(part(1, [0, 1, 2], rates=False))
     (frame,) = assembler.add(part(1, [3, 4, 5]))
@@ -106,7 +104,7 @@ def test_rates_of_some_parts_are_kept() -> None:
     assert frame.velocity[3:].tolist() == [13.5, 14.5, 15.5]
 
 
-def test_joints_of_other_robots_are_no_part_of_a_frame() -> None:
+def test_joints_of_other_robots_are_no_part_of_a_frame():
     assembler = FrameAssembler(NAMES)
     for stamp in (1, 2):
         gripper = part(stamp, [0])._replace(name=('gripper',))
@@ -114,7 +112,7 @@ def test_joints_of_other_robots_are_no_part_of_a_frame() -> None:
         assert [read(each) for each in assembler.add(part(stamp, range(6)))] == [whole(stamp)]
 
 
-def test_a_part_whose_angles_and_names_differ_in_number_is_rejected_alone() -> None:
+def test_a_part_whose_angles_and_names_differ_in_number_is_rejected_alone():
     assembler = FrameAssembler(NAMES)
     assembler.add(part(1, [0, 1, 2]))
     with pytest.raises(ValueError, match='has 1 values for 2 names'):
@@ -129,7 +127,7 @@ def serialized(frame: int, joints: Sequence[int]) -> bytes:
     return serialize_message(message)
 
 
-def test_serialized_frames_are_passed_on_or_assembled() -> None:
+def test_serialized_frames_are_passed_on_or_assembled():
     frames = SerializedFrames()
     frames.set_joints(NAMES)
     for stamp in (1, 2):

@@ -5,14 +5,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from graphs import Graph
-from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from soliton_linkage.dynamics.initial_states import with_soliton
@@ -43,7 +40,7 @@ def joint_state(**changes: Any) -> JointState:
     return JointState(**{**fields, **changes})
 
 
-def test_incomplete_frames_are_read_as_far_as_possible() -> None:
+def test_incomplete_frames_are_read_as_far_as_possible():
     reader = FrameReader(NAMES)
 
     def read(message: JointState) -> Frame:
@@ -65,7 +62,7 @@ def test_incomplete_frames_are_read_as_far_as_possible() -> None:
     np.testing.assert_array_equal(read(message).angles, [math.nan, 7.0] + 3 * [math.nan])
 
 
-def test_known_offsets_of_encoders_are_taken_off() -> None:
+def test_known_offsets_of_encoders_are_taken_off():
     offsets = (0.05, 0.0, -0.1, 0.2, 0.0)
     reader = FrameReader(NAMES, offsets)
     for order in ([0, 1, 2, 3, 4], [3, 1, 4, 0, 2]):
@@ -81,7 +78,7 @@ def test_known_offsets_of_encoders_are_taken_off() -> None:
         np.testing.assert_array_equal(strict.angles, frame.angles)
 
 
-def test_frames_in_the_order_of_the_rotors_are_read_without_sharing_memory() -> None:
+def test_frames_in_the_order_of_the_rotors_are_read_without_sharing_memory():
     reader = FrameReader(NAMES)
     joints = joint_states_from_msg(joint_state())
     frame = reader.read(joints)
@@ -91,7 +88,7 @@ def test_frames_in_the_order_of_the_rotors_are_read_without_sharing_memory() -> 
     np.testing.assert_array_equal(joints.position, ANGLES)
 
 
-def test_contradictory_joint_states_are_rejected() -> None:
+def test_contradictory_joint_states_are_rejected():
     for message, complaint in [
         (joint_state(name=[]), 'position has 5 values for 0 names'),
         (joint_state(name=list('abcde')), 'has none of the 5 rotors, such as'),
@@ -103,7 +100,7 @@ def test_contradictory_joint_states_are_rejected() -> None:
             FrameReader(NAMES).read(joint_states_from_msg(message))
 
 
-def test_values_beyond_encoders_are_missing() -> None:
+def test_values_beyond_encoders_are_missing():
     message = JointState(name=['a', 'b', 'c'], position=[1e308, 0.5, -1e308])
     frame = FrameReader(('a', 'b', 'c')).read(joint_states_from_msg(message))
     np.testing.assert_array_equal(frame.angles, [np.nan, 0.5, np.nan])
@@ -123,7 +120,7 @@ def states(chain: Chain) -> list[Array]:
     return [chain.uniform_state(-1), chain.uniform_state(1), *walls, *turned]
 
 
-def test_degrees_are_distinguished_from_radians() -> None:
+def test_degrees_are_distinguished_from_radians():
     for noise in [0.0, 0.05]:
         for chain in CHAINS:
             errors = noise * np.random.default_rng(7).standard_normal(20)
@@ -132,7 +129,7 @@ def test_degrees_are_distinguished_from_radians() -> None:
                 assert in_degrees(np.rad2deg(angles + errors))
 
 
-def test_rotors_that_are_not_seen_are_passed_over() -> None:
+def test_rotors_that_are_not_seen_are_passed_over():
     angles = np.rad2deg(CHAINS[0].uniform_state(1))
     angles[::5] = np.nan
     assert in_degrees(angles)
@@ -140,7 +137,7 @@ def test_rotors_that_are_not_seen_are_passed_over() -> None:
     assert not in_degrees(np.full(20, np.inf))
 
 
-def test_each_mistake_is_logged_once() -> None:
+def test_each_mistake_is_logged_once():
     told: list[str] = []
     watch = EncoderMonitor(told.append)
     angles = CHAINS[0].uniform_state(1)
@@ -157,9 +154,7 @@ def test_each_mistake_is_logged_once() -> None:
 
 
 @pytest.mark.parametrize('create', [SolitonAnalyser, EdgeActuator, SolitonSteering])
-def test_the_nodes_log_mistakes(
-    graph: Graph, create: Callable[..., Node], said: Callable[[], str]
-) -> None:
+def test_the_nodes_log_mistakes(graph, create, said):
     chain = replace(Chain(), number_of_rotors=8)
     graph.start(create, {'chain_from': 'parameters', 'chain.number_of_rotors': 8})
     publisher = graph.speak(interfaces.JOINT_STATES)

@@ -56,7 +56,7 @@ assert WOBBLING.wobble is not None
 WOBBLE = WOBBLING.wobble
 
 
-def test_an_analysis_has_the_header_of_its_frame_and_its_solitons_come_back() -> None:
+def test_an_analysis_has_the_header_of_its_frame_and_its_solitons_come_back():
     for count in [0, 1, 2]:
         solitons = (SOLITON, NAN_SOLITON)[:count]
         message = state_to_msg(WOBBLING._replace(solitons=solitons), JOINTS)
@@ -167,14 +167,14 @@ HEADERS = st.builds(
 
 
 @given(ANALYSES, HEADERS)
-def test_every_field_is_filled_by_name(analysis: Analysis, joints: JointStates) -> None:
+def test_every_field_is_filled_by_name(analysis, joints):
     message = state_to_msg(analysis, joints)
     assert repr(message) == repr(filled(analysis, joints))
     assert repr(deserialize_message(serialize_message(message), SolitonState)) == repr(message)
 
 
 @given(ANALYSES, HEADERS)
-def test_a_row_has_a_cell_for_every_column(analysis: Analysis, joints: JointStates) -> None:
+def test_a_row_has_a_cell_for_every_column(analysis, joints):
     cells = dict(zip(columns(), row(analysis, joints), strict=True))
     assert cells['stamp [ns]'] == joints.seconds * 10**9 + joints.nanoseconds
     assert cells['solitons'] == len(analysis.solitons)
@@ -187,7 +187,7 @@ def test_a_row_has_a_cell_for_every_column(analysis: Analysis, joints: JointStat
     assert cells['unseen'] == analysis.unseen
 
 
-def test_a_column_names_its_unit_unless_it_is_a_plain_number() -> None:
+def test_a_column_names_its_unit_unless_it_is_a_plain_number():
     cells = dict(zip(columns(), row(WOBBLING, JOINTS), strict=True))
     plain = {name for name, cell in cells.items() if isinstance(cell, float) and '[' not in name}
     assert plain == {
@@ -200,7 +200,7 @@ def test_a_column_names_its_unit_unless_it_is_a_plain_number() -> None:
     }
 
 
-def test_a_new_field_is_filled_by_the_attribute_of_its_name() -> None:
+def test_a_new_field_is_filled_by_the_attribute_of_its_name():
     class MarkedSoliton(AnalysedSoliton):
         mark: int = 7
 
@@ -212,7 +212,7 @@ def test_a_new_field_is_filled_by_the_attribute_of_its_name() -> None:
     assert number_fields.names[-1] == 'mark'
 
 
-def test_a_field_without_a_source_is_rejected() -> None:
+def test_a_field_without_a_source_is_rejected():
     marked = [*msg.Soliton.get_fields_and_field_types(), 'mark']
     with pytest.raises(TypeError, match='field mark of SolitonState has no source: AnalysedSol'):
         NumberFields(marked, AnalysedSoliton)
@@ -220,6 +220,6 @@ def test_a_field_without_a_source_is_rejected() -> None:
         NumberFields(['mark'], Analysis, {'mark': 'measured_motion.mark'})
 
 
-def test_each_kind_has_a_number_of_its_own() -> None:
+def test_each_kind_has_a_number_of_its_own():
     assert sorted(KINDS.values()) == list(range(len(EventKind)))
     assert KINDS[EventKind.PASSING] == SolitonEvent.PASSING

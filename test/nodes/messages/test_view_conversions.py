@@ -22,7 +22,7 @@ from soliton_linkage_nodes.messages import view_conversions as views
 NOTHING = [math.nan, math.inf, -math.inf, '1', None, True, [1.0]]
 
 
-def test_a_state_becomes_numbers_and_its_walls_a_list() -> None:
+def test_a_state_becomes_numbers_and_its_walls_a_list():
     message = SolitonState(
         motion=SolitonState.SPINNER,
         solitons=[
@@ -40,14 +40,14 @@ def test_a_state_becomes_numbers_and_its_walls_a_list() -> None:
     assert views.soliton_values(message) == [2.5, 0.01, 1.0, 7.5, 0.02, -1.0]
 
 
-def test_without_a_wall_its_numbers_are_nan() -> None:
+def test_without_a_wall_its_numbers_are_nan():
     numbers = views.state_numbers(SolitonState())
     assert numbers['walls'] == 0
     assert all(math.isnan(numbers[name]) for name in ('rotor', 'velocity', 'position_deviation'))
     assert views.soliton_values(SolitonState()) == []
 
 
-def test_an_edge_command_has_all_that_was_asked_for() -> None:
+def test_an_edge_command_has_all_that_was_asked_for():
     for edge in ['nearest', 'first', 'last']:
         for kind in ['kick', 'pulse', 'pressure']:
             command = views.edge_command_of(kind, edge, -2.0, 0.5, 0.25, 0.125)
@@ -57,7 +57,7 @@ def test_an_edge_command_has_all_that_was_asked_for() -> None:
             assert times == (-2.0, 0.5, 0.25, 0.125)
 
 
-def test_a_waveform_has_its_shape_frequencies_and_cycles() -> None:
+def test_a_waveform_has_its_shape_frequencies_and_cycles():
     for shape in ['burst', 'chirp', 'noise']:
         for quantity in ['torque', 'angle']:
             command = views.edge_command_of(
@@ -76,7 +76,7 @@ def test_a_waveform_has_its_shape_frequencies_and_cycles() -> None:
         views.edge_command_of(*('waveform', 'first', 0.1, 2.0, 0.0, 0.0), frequency=math.inf)
 
 
-def test_infinite_numbers_are_rejected_everywhere() -> None:
+def test_infinite_numbers_are_rejected_everywhere():
     for value in NOTHING:
         for convert in (
             views.number_to_msg,
@@ -91,14 +91,14 @@ def test_infinite_numbers_are_rejected_everywhere() -> None:
                 convert(value)
 
 
-def test_a_step_is_a_whole_number_of_periods() -> None:
+def test_a_step_is_a_whole_number_of_periods():
     for periods in [0, -1, 1.5, 2**32]:
         with pytest.raises(ValueError, match='whole number of 1 or more'):
             views.step_request(periods)
         assert views.step_request(7.0).periods == 7
 
 
-def test_unknown_names_are_rejected_with_the_known_ones() -> None:
+def test_unknown_names_are_rejected_with_the_known_ones():
     with pytest.raises(ValueError, match="kind = 'push' must be one of kick, pulse, pressure"):
         views.edge_command_of('push', 'nearest', 0.0, 0.0, 0.0, 0.0)
     with pytest.raises(ValueError, match="edge = 'left' must be one of nearest, first, last"):
@@ -107,7 +107,7 @@ def test_unknown_names_are_rejected_with_the_known_ones() -> None:
         views.reset_request('chaos', 0.0, 0.0)
 
 
-def test_every_state_of_a_reset_and_every_outcome_of_a_move_has_a_word() -> None:
+def test_every_state_of_a_reset_and_every_outcome_of_a_move_has_a_word():
     assert set(views.STATES.values()) == set(range(Reset.Request.ANGLES + 1))
     request = views.reset_request('angles', 0.0, 0.0, {'rotor_1': 0.5})
     assert (request.state, request.name, list(request.angle)) == (4, ['rotor_1'], [0.5])
@@ -118,7 +118,7 @@ def descriptor(name: str, kind: int, **more: Any) -> ParameterDescriptor:
     return ParameterDescriptor(name=name, type=kind, description=f'{name} of the test', **more)
 
 
-def test_parameters_that_may_be_changed_come_with_range_and_choices() -> None:
+def test_parameters_that_may_be_changed_come_with_range_and_choices():
     number = ParameterType.PARAMETER_DOUBLE
     ranged = descriptor('gain', number)
     ranged.floating_point_range = [FloatingPointRange(from_value=0.0, to_value=2.0)]
@@ -144,7 +144,7 @@ def test_parameters_that_may_be_changed_come_with_range_and_choices() -> None:
         views.parameter_value(gain, 'much')
 
 
-def test_read_only_parameters_and_lists_are_not_offered() -> None:
+def test_read_only_parameters_and_lists_are_not_offered():
     number = ParameterType.PARAMETER_DOUBLE
     assert views.is_adjustable(descriptor('gain', number))
     assert not views.is_adjustable(descriptor('gain', number, read_only=True))
@@ -152,7 +152,7 @@ def test_read_only_parameters_and_lists_are_not_offered() -> None:
     assert not views.is_adjustable(descriptor('gains', ParameterType.PARAMETER_DOUBLE_ARRAY))
 
 
-def test_reports_have_node_level_and_figures() -> None:
+def test_reports_have_node_level_and_figures():
     status = DiagnosticStatus(
         level=DiagnosticStatus.WARN,
         name='simulator: simulation',

@@ -8,12 +8,11 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from ament_index_python.packages import get_package_prefix
-from graphs import Graph
 
 from soliton_linkage_nodes.runtime.child_processes import ChildProcesses
 
@@ -21,14 +20,14 @@ LONGEST_WAIT = 240.0
 
 
 @pytest.fixture
-def children(graph: Graph, tmp_path: Path) -> Iterator[ChildProcesses]:
+def children(graph, tmp_path):
     children = ChildProcesses(tmp_path / 'log')
     yield children
     children.stop()
 
 
 @pytest.fixture
-def environment(graph: Graph) -> dict[str, str]:
+def environment(graph):
     return {**os.environ, 'ROS_DOMAIN_ID': str(graph.domain)}
 
 
@@ -40,7 +39,7 @@ def wait_until(condition: Callable[[], bool], what: str) -> None:
 
 
 @pytest.fixture
-def recording(children: ChildProcesses, environment: dict[str, str], tmp_path: Path) -> Path:
+def recording(children, environment, tmp_path):
     """Start a recorder, wait for its first words in its log, and return the name of its bag."""
     children.start('bag_recorder', ['-p', f'output:={tmp_path / "run"}'], environment)
     log = tmp_path / 'log' / 'bag_recorder.log'
@@ -48,9 +47,7 @@ def recording(children: ChildProcesses, environment: dict[str, str], tmp_path: P
     return tmp_path / 'run'
 
 
-def test_one_process_stops_while_others_continue(
-    children: ChildProcesses, environment: dict[str, str], recording: Path
-) -> None:
+def test_one_process_stops_while_others_continue(children, environment, recording):
     children.start('edge_actuator', [], environment)
     children.check()
     assert not children.wait('bag_recorder', 0)
@@ -60,9 +57,7 @@ def test_one_process_stops_while_others_continue(
     assert children.stop().keys() == {'edge_actuator'}
 
 
-def test_one_that_ends_by_itself_is_missed_with_its_last_words(
-    children: ChildProcesses, environment: dict[str, str]
-) -> None:
+def test_one_that_ends_by_itself_is_missed_with_its_last_words(children, environment):
     children.start('bag_player', ['-p', 'bag:=nowhere'], environment)
     with pytest.raises(RuntimeError, match='bag_player ended with exit code 1') as failure:
         wait_until(lambda: bool(children.check()), 'its end')
@@ -71,14 +66,12 @@ def test_one_that_ends_by_itself_is_missed_with_its_last_words(
         children.wait('bag_player', LONGEST_WAIT)
 
 
-def test_one_that_does_not_heed_the_interrupt_is_killed(
-    children: ChildProcesses, recording: Path
-) -> None:
+def test_one_that_does_not_heed_the_interrupt_is_killed(children, recording):
     os.kill(process_with(str(recording)), signal.SIGSTOP)
     assert children.stop() == {'bag_recorder': -signal.SIGKILL}
 
 
-def test_none_outlives_a_parent_that_was_killed(graph: Graph, tmp_path: Path) -> None:
+def test_none_outlives_a_parent_that_was_killed(graph, tmp_path):
     parent = """
 import os, signal, sys
 from pathlib import Path

@@ -1,24 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nodes have help that holds every parameter, and refuse arguments that they do not know."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Callable
-from pathlib import Path
 
 import pytest
-from graphs import Graph
-from programs import Program
-from rclpy.node import Node
 from recordings import run_of, write_bag
 
 from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.chain_identifier.node import ChainIdentifier
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
-from soliton_linkage_nodes.messages.conversions import NamedChain
-from soliton_linkage_nodes.programs.simulated_controller import PseudoTerminal
 from soliton_linkage_nodes.runtime.command_line import check_arguments, executable_name, help_text
 from soliton_linkage_nodes.serial_encoders.node import SerialEncoders
 from soliton_linkage_nodes.simulator.node import Simulator
@@ -45,9 +36,7 @@ OF_ROS = {
 
 
 @pytest.mark.parametrize('node', NODES, ids=executable_name)
-def test_help_lists_every_parameter_and_topic(
-    graph: Graph, node: type[Node], named: NamedChain, tmp_path: Path, terminal: PseudoTerminal
-) -> None:
+def test_help_lists_every_parameter_and_topic(graph, node, named, tmp_path, terminal):
     needed = {
         BagRecorder: {'output': str(tmp_path / 'out')},
         BagPlayer: {'bag': str(write_bag(tmp_path / 'bag', run_of(named, 2)))},
@@ -68,7 +57,7 @@ def test_help_lists_every_parameter_and_topic(
     assert {name.rpartition('/')[2] for name in spoken} - OF_ROS - replayed <= words
 
 
-def test_help_describes_each_parameter() -> None:
+def test_help_describes_each_parameter():
     told = help_text(Simulator)
     assert (
         '  publish_rate:=500.0  (double)\n      rate of joint_states in simulated time [Hz]; '
@@ -80,7 +69,7 @@ def test_help_describes_each_parameter() -> None:
     assert max(map(len, told.splitlines())) < 100
 
 
-def test_help_ends_well(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_ends_well(capsys):
     for arguments in [['--help'], ['-h'], ['--ros-args', '-p', 'x:=1', '-h']]:
         with pytest.raises(SystemExit) as ended:
             check_arguments(BagRecorder, arguments)
@@ -88,9 +77,7 @@ def test_help_ends_well(capsys: pytest.CaptureFixture[str]) -> None:
         assert capsys.readouterr().out.startswith('bag_recorder: Node that records')
 
 
-def test_unknown_arguments_are_rejected_with_a_proposal(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_unknown_arguments_are_rejected_with_a_proposal(capsys):
     for node, arguments, meant in [
         (Simulator, ['config/flipper.yaml'], '--ros-args --params-file config/flipper.yaml'),
         (Simulator, ['--params-file', 'x.yaml'], '--ros-args --params-file x.yaml'),
@@ -114,14 +101,12 @@ def test_unknown_arguments_are_rejected_with_a_proposal(
         assert line.endswith(command)
 
 
-def test_arguments_of_ros_are_left_to_ros() -> None:
+def test_arguments_of_ros_are_left_to_ros():
     for arguments in [[], ['--ros-args', '-p', 'publish_rate:=5']]:
         check_arguments(Simulator, arguments)
 
 
-def test_a_program_prints_its_help_and_starts_nothing(
-    start: Callable[..., Program], tmp_path: Path
-) -> None:
+def test_a_program_prints_its_help_and_starts_nothing(start, tmp_path):
     program = start('bag_recorder', '--help')
     assert program.wait() == 0
     assert any('snapshot_duration:=0.0' in line for line in program.said)

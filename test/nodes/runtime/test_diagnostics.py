@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from graphs import Graph, values
+from graphs import values
 from rclpy.node import Node
 
 from soliton_linkage_nodes.runtime import diagnostics
@@ -22,19 +22,17 @@ class Reporter(Node):
 
 
 @pytest.fixture
-def reporter(graph: Graph) -> Reporter:
+def reporter(graph):
     return graph.start(Reporter)
 
 
-def test_it_reports_once_a_second_whatever_the_clock_of_ros_does(reporter: Reporter) -> None:
+def test_it_reports_once_a_second_whatever_the_clock_of_ros_does(reporter):
     (timer,) = reporter.timers
     assert timer.timer_period_ns == 10**9
     assert timer.clock.clock_type.name == 'STEADY_TIME'
 
 
-def test_a_report_names_node_and_task_and_holds_the_figures(
-    graph: Graph, reporter: Reporter
-) -> None:
+def test_a_report_names_node_and_task_and_holds_the_figures(graph, reporter):
     status = graph.next_report('reporter')
     assert (status.name, status.hardware_id) == ('reporter: turning', '/lab/reporter')
     assert (status.level, status.message) == (DiagnosticStatus.OK, 'well')
@@ -46,15 +44,13 @@ def test_a_report_names_node_and_task_and_holds_the_figures(
     }
 
 
-def test_a_warning_of_the_node_is_a_warning(graph: Graph, reporter: Reporter) -> None:
+def test_a_warning_of_the_node_is_a_warning(graph, reporter):
     reporter.report = Report('late', warning=True)
     status = graph.next_report('reporter')
     assert (status.level, status.message) == (DiagnosticStatus.WARN, 'late')
 
 
-def test_rejections_warn_in_the_next_report_and_stay_counted(
-    graph: Graph, reporter: Reporter
-) -> None:
+def test_rejections_warn_in_the_next_report_and_stay_counted(graph, reporter):
     heard = graph.reports('reporter')
     graph.until(lambda: heard, 'a report')
     reporter.diagnostics.reject('nudge', ValueError('speed = nan'))
@@ -68,9 +64,7 @@ def test_rejections_warn_in_the_next_report_and_stay_counted(
     assert values(later)['last rejection'] == 'nudge: speed = inf'
 
 
-def test_a_flood_of_rejections_is_counted_and_logged_in_one_line(
-    reporter: Reporter, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_flood_of_rejections_is_counted_and_logged_in_one_line(reporter, capfd):
     for _ in range(1000):
         reporter.diagnostics.reject('nudge', 'speed = nan rad/s must be a finite number')
     assert reporter.diagnostics.rejected == 1000
@@ -78,7 +72,7 @@ def test_a_flood_of_rejections_is_counted_and_logged_in_one_line(
     assert line.endswith('rejected nudge: speed = nan rad/s must be a finite number')
 
 
-def test_invalid_messages_are_rejected_and_valid_ones_processed(reporter: Reporter) -> None:
+def test_invalid_messages_are_rejected_and_valid_ones_processed(reporter):
     take = reporter.diagnostics.guarded('numbers', float)
     for text in ('1.5', 'one', '2'):
         take(text)
@@ -89,14 +83,14 @@ def test_invalid_messages_are_rejected_and_valid_ones_processed(reporter: Report
 
 
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+def clock(monkeypatch):
     now = [100.0]
     monkeypatch.setattr(diagnostics.time, 'monotonic', lambda: now[0])
     return now
 
 
 @pytest.mark.usefixtures('clock')
-def test_each_reason_gets_a_line() -> None:
+def test_each_reason_gets_a_line():
     said: list[str] = []
     throttle = LogThrottle(said.append, 1.0)
     reasons = [f'nudge: {chr(97 + n)} is wrong' for n in range(26)]
@@ -105,7 +99,7 @@ def test_each_reason_gets_a_line() -> None:
     assert said == reasons
 
 
-def test_a_reason_with_other_numbers_is_the_same_until_a_while_is_over(clock: list[float]) -> None:
+def test_a_reason_with_other_numbers_is_the_same_until_a_while_is_over(clock):
     said: list[str] = []
     throttle = LogThrottle(said.append, 1.0)
     for speed in range(1000):
@@ -118,7 +112,7 @@ def test_a_reason_with_other_numbers_is_the_same_until_a_while_is_over(clock: li
     ]
 
 
-def test_a_flood_of_reasons_is_bounded_in_lines_and_memory(clock: list[float]) -> None:
+def test_a_flood_of_reasons_is_bounded_in_lines_and_memory(clock):
     said: list[str] = []
     throttle = LogThrottle(said.append, 1.0)
     names = [''.join(chr(97 + n // 26**k % 26) for k in range(4)) for n in range(20_000)]

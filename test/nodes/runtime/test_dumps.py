@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -18,7 +16,6 @@ from recordings import run_of, write_bag
 from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
-from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
@@ -47,9 +44,7 @@ def dump(graph: Graph, node: Node) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize('create', LISTS, ids=lambda create: create.__name__)
-def test_a_dump_of_all_parameters_makes_the_same_node_again(
-    graph: Graph, named: NamedChain, create: Callable[..., Node], tmp_path: Path
-) -> None:
+def test_a_dump_of_all_parameters_makes_the_same_node_again(graph, named, create, tmp_path):
     needed = {
         BagRecorder: {'output': str(tmp_path / 'out')},
         BagPlayer: {'bag': str(write_bag(tmp_path / 'bag', run_of(named, 2)))},
@@ -64,7 +59,7 @@ def test_a_dump_of_all_parameters_makes_the_same_node_again(
     assert dump(graph, again) == dumped
 
 
-def test_an_empty_list_is_allowed_on_the_command_line(graph: Graph) -> None:
+def test_an_empty_list_is_allowed_on_the_command_line(graph):
     arguments = ['--ros-args', '-p', 'fixed_rotors:=[]', '-p', 'sensors.offsets:=[]']
     simulator = graph.start(Simulator, cli_args=arguments)
     assert simulator.settings.fixed_rotors == ()

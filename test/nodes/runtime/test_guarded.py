@@ -4,10 +4,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from typing import Any
 
-from graphs import Graph, values
+from graphs import values
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64
@@ -43,9 +42,7 @@ class Clumsy(GuardedNode):
         raise RuntimeError(f'tick {self.ticks}\nwas too much')
 
 
-def test_a_message_whose_callback_raises_is_the_only_one_lost(
-    graph: Graph, said: Callable[[], str]
-) -> None:
+def test_a_message_whose_callback_raises_is_the_only_one_lost(graph, said):
     node = graph.start(Clumsy)
     publisher = graph.speak(interfaces.NUDGE)
     for number in (1.0, -1.0, 2.0):
@@ -56,16 +53,14 @@ def test_a_message_whose_callback_raises_is_the_only_one_lost(
     assert 'test_guarded.py:' in line
 
 
-def test_a_call_that_fails_is_answered(graph: Graph) -> None:
+def test_a_call_that_fails_is_answered(graph):
     graph.start(Clumsy)
     response = graph.call(Trigger, 'clumsy/ask')
     assert not response.success
     assert response.message.startswith("could not answer ~/ask: KeyError: 'nothing'")
 
 
-def test_a_timer_that_fails_continues_and_logs_one_line(
-    graph: Graph, said: Callable[[], str]
-) -> None:
+def test_a_timer_that_fails_continues_and_logs_one_line(graph, said):
     node = graph.start(Clumsy)
     graph.until(lambda: node.ticks > 5, 'more ticks')
     first, *others = [line for line in said().splitlines() if 'tick' in line]
@@ -76,7 +71,7 @@ def test_a_timer_that_fails_continues_and_logs_one_line(
     assert 'could not run a timer' in status.message
 
 
-def test_a_timer_that_is_destroyed_when_it_is_due_calls_back_no_more(graph: Graph) -> None:
+def test_a_timer_that_is_destroyed_when_it_is_due_calls_back_no_more(graph):
     node = graph.start(Clumsy)
     calls: list[str] = []
 
@@ -95,7 +90,7 @@ def test_a_timer_that_is_destroyed_when_it_is_due_calls_back_no_more(graph: Grap
         assert not calls
 
 
-def test_an_invalid_parameter_is_rejected_with_the_reason(graph: Graph) -> None:
+def test_an_invalid_parameter_is_rejected_with_the_reason(graph):
     graph.start(Clumsy)
     for name, reason in (
         ('speed', 'could not answer clumsy/set_parameters: IndexError'),
@@ -107,7 +102,7 @@ def test_an_invalid_parameter_is_rejected_with_the_reason(graph: Graph) -> None:
         assert reason in result.reason
 
 
-def test_two_hundred_calls_at_once_are_all_answered(graph: Graph) -> None:
+def test_two_hundred_calls_at_once_are_all_answered(graph):
     graph.start(Clumsy)
     clients = [
         graph.user.create_client(Trigger, 'clumsy/ask', qos_profile=SERVICE_QOS) for _ in range(20)

@@ -1,12 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Everybody publishes and subscribes with the type and quality of service of the table."""
 
-from __future__ import annotations
-
 import threading
-from pathlib import Path
 
-from graphs import Graph
 from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
@@ -42,7 +38,7 @@ ENDPOINTS = {
 }
 
 
-def test_publishers_and_subscribers_agree_with_the_table(graph: Graph, tmp_path: Path) -> None:
+def test_publishers_and_subscribers_agree_with_the_table(graph, tmp_path):
     nodes = [
         graph.start(create, namespace='/lab')
         for create in (Simulator, EdgeActuator, SolitonAnalyser, Observer)
@@ -76,7 +72,7 @@ def test_publishers_and_subscribers_agree_with_the_table(graph: Graph, tmp_path:
         assert min(own, default=topic.qos.depth) == topic.qos.depth
 
 
-def test_topics_are_reliable_and_latched_ones_serve_late_joiners() -> None:
+def test_topics_are_reliable_and_latched_ones_serve_late_joiners():
     lasting = (
         interfaces.CHAIN,
         interfaces.IDENTIFIED_CHAIN,
@@ -90,7 +86,7 @@ def test_topics_are_reliable_and_latched_ones_serve_late_joiners() -> None:
 
 
 @given(st.integers(0, 10**12))
-def test_queues_hold_10_to_1000_messages_and_64_mebibytes_where_these_allow(size: int) -> None:
+def test_queues_hold_10_to_1000_messages_and_64_mebibytes_where_these_allow(size):
     depth = interfaces.stream_qos(size).depth
     assert 10 <= depth <= 1000
     assert depth == 10 or depth * size <= 64 * 2**20
@@ -101,25 +97,25 @@ TOPIC = interfaces.NUDGE
 FOR_EVER = 1e6
 
 
-def test_it_ends_once_there_is_a_subscriber(graph: Graph) -> None:
+def test_it_ends_once_there_is_a_subscriber(graph):
     publisher = graph.user.create_publisher(TOPIC.type, TOPIC.name, TOPIC.qos)
     graph.hear(TOPIC)
     assert wait_for_subscriber(publisher, FOR_EVER)
 
 
-def test_it_ends_in_time_without_a_subscriber(graph: Graph) -> None:
+def test_it_ends_in_time_without_a_subscriber(graph):
     publisher = graph.user.create_publisher(TOPIC.type, TOPIC.name, TOPIC.qos)
     assert not wait_for_subscriber(publisher, 0.0)
 
 
-def test_it_ends_on_a_stop_request(graph: Graph) -> None:
+def test_it_ends_on_a_stop_request(graph):
     publisher = graph.user.create_publisher(TOPIC.type, TOPIC.name, TOPIC.qos)
     stopping = threading.Event()
     stopping.set()
     assert not wait_for_subscriber(publisher, FOR_EVER, stopping)
 
 
-def test_it_waits_for_as_many_as_asked_for(graph: Graph) -> None:
+def test_it_waits_for_as_many_as_asked_for(graph):
     publisher = graph.user.create_publisher(TOPIC.type, TOPIC.name, TOPIC.qos)
     graph.hear(TOPIC)
     assert wait_for_subscriber(publisher, FOR_EVER)

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -20,8 +18,6 @@ from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.chain_identifier.node import ChainIdentifier
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
-from soliton_linkage_nodes.messages.conversions import NamedChain
-from soliton_linkage_nodes.programs.simulated_controller import PseudoTerminal
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.managed import ManagedNode
 from soliton_linkage_nodes.serial_encoders.node import SerialEncoders
@@ -65,9 +61,7 @@ def topics(node: ManagedNode) -> set[str]:
 
 
 @pytest.fixture
-def needed(
-    named: NamedChain, tmp_path: Path, terminal: PseudoTerminal
-) -> dict[type, dict[str, Any]]:
+def needed(named, tmp_path, terminal):
     """Parameter that nodes require."""
     bag = write_bag(tmp_path / 'bag', run_of(named, 200, gap=10**7))
     played = {'bag': str(bag), 'subscriber_timeout': 0.0}
@@ -79,9 +73,7 @@ def needed(
 
 
 @pytest.mark.parametrize('create', NODES, ids=lambda create: create.__name__)
-def test_a_manager_takes_every_node_through_its_life_twice(
-    graph: Graph, create: type[ManagedNode], needed: dict[type, dict[str, Any]]
-) -> None:
+def test_a_manager_takes_every_node_through_its_life_twice(graph, create, needed):
     node = graph.start(create, {**MANAGED, **needed.get(create, {})})
     assert state(graph, node) == State.PRIMARY_STATE_UNCONFIGURED
     before = topics(node)
@@ -101,9 +93,7 @@ def test_a_manager_takes_every_node_through_its_life_twice(
     assert state(graph, node) == State.PRIMARY_STATE_FINALIZED
 
 
-def test_the_manager_of_navigation2_starts_pauses_and_ends_the_suite(
-    graph: Graph, tmp_path: Path
-) -> None:
+def test_the_manager_of_navigation2_starts_pauses_and_ends_the_suite(graph, tmp_path):
     """With `bond_timeout: 0.0`: its lifecycle_manager's calls, in its order, and its checks."""
     kinds = (BagRecorder, SolitonAnalyser, SolitonSteering, EdgeActuator, Simulator)
     of_its_own = {BagRecorder: {'output': str(tmp_path / 'run')}}
@@ -126,13 +116,11 @@ def test_the_manager_of_navigation2_starts_pauses_and_ends_the_suite(
     all_to(end, State.PRIMARY_STATE_FINALIZED, backwards=True)
 
 
-def test_a_node_starts_by_itself_with_autostart(graph: Graph) -> None:
+def test_a_node_starts_by_itself_with_autostart(graph):
     assert state(graph, graph.start(SolitonAnalyser)) == State.PRIMARY_STATE_ACTIVE
 
 
-def test_an_invalid_transition_is_rejected_and_the_node_continues(
-    graph: Graph, said: Callable[[], str]
-) -> None:
+def test_an_invalid_transition_is_rejected_and_the_node_continues(graph, said):
     node = graph.start(SolitonAnalyser)
     assert not change(graph, node, CONFIGURE)
     assert not change(graph, node, 250)
@@ -166,9 +154,7 @@ class Fragile(ManagedNode):
             raise ValueError(f'{where} fails; fix it')
 
 
-def test_a_failed_configuration_logs_the_reason_and_can_be_repeated(
-    graph: Graph, monkeypatch: pytest.MonkeyPatch, said: Callable[[], str]
-) -> None:
+def test_a_failed_configuration_logs_the_reason_and_can_be_repeated(graph, monkeypatch, said):
     node = graph.start(Fragile, MANAGED)
     before = topics(node)
     monkeypatch.setattr(Fragile, 'FAILING', {'configure', 'activate'})
@@ -184,9 +170,7 @@ def test_a_failed_configuration_logs_the_reason_and_can_be_repeated(
     assert change(graph, node, ACTIVATE)
 
 
-def test_nothing_keeps_a_node_from_stopping(
-    graph: Graph, monkeypatch: pytest.MonkeyPatch, said: Callable[[], str]
-) -> None:
+def test_nothing_keeps_a_node_from_stopping(graph, monkeypatch, said):
     monkeypatch.setattr(Fragile, 'FAILING', {'deactivate', 'cleanup'})
     node = graph.start(Fragile)
     assert change(graph, node, DEACTIVATE)
@@ -196,15 +180,13 @@ def test_nothing_keeps_a_node_from_stopping(
     Fragile.FAILING.clear()
 
 
-def test_a_node_that_starts_by_itself_raises_its_error(
-    graph: Graph, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_node_that_starts_by_itself_raises_its_error(graph, monkeypatch):
     monkeypatch.setattr(Fragile, 'FAILING', {'activate'})
     with pytest.raises(ValueError, match='activate fails; fix it'):
         graph.start(Fragile)
 
 
-def test_a_deactivated_simulator_stops_and_continues_with_the_next_frame(graph: Graph) -> None:
+def test_a_deactivated_simulator_stops_and_continues_with_the_next_frame(graph):
     heard = graph.hear(interfaces.JOINT_STATES)
     simulator = graph.start(Simulator, {'chain.number_of_rotors': 8, 'publish_rate': 100.0})
     graph.until(lambda: len(heard) > 3, 'frames')
@@ -224,7 +206,7 @@ def test_a_deactivated_simulator_stops_and_continues_with_the_next_frame(graph: 
     assert set(np.diff(stamps)) == {10**7}
 
 
-def test_a_deactivated_actuator_releases_the_chain(graph: Graph) -> None:
+def test_a_deactivated_actuator_releases_the_chain(graph):
     torques = graph.hear(interfaces.ROTOR_TORQUES)
     graph.start(Simulator, {'chain.number_of_rotors': 8, 'publish_rate': 100.0})
     actuator = graph.start(
@@ -243,9 +225,7 @@ def test_a_deactivated_actuator_releases_the_chain(graph: Graph) -> None:
     graph.until(lambda: any(torques[-1].effort), 'torques again')
 
 
-def test_a_deactivated_recorder_records_nothing_and_continues_its_bag(
-    graph: Graph, tmp_path: Path
-) -> None:
+def test_a_deactivated_recorder_records_nothing_and_continues_its_bag(graph, tmp_path):
     recorder = graph.start(BagRecorder, {**MANAGED, 'output': str(tmp_path / 'run')})
     assert change(graph, recorder, CONFIGURE)
     nudge = graph.speak(interfaces.NUDGE)
@@ -260,12 +240,12 @@ def test_a_deactivated_recorder_records_nothing_and_continues_its_bag(
     assert (tmp_path / 'run_0/metadata.yaml').exists()
 
 
-def test_the_shutdown_of_a_node_that_has_done_nothing(graph: Graph) -> None:
+def test_the_shutdown_of_a_node_that_has_done_nothing(graph):
     node = graph.start(Fragile, MANAGED)
     assert node.trigger_shutdown() == TransitionCallbackReturn.SUCCESS
 
 
-def test_transitions_while_frames_pour_in(graph: Graph) -> None:
+def test_transitions_while_frames_pour_in(graph):
     heard = graph.hear(interfaces.SOLITON_STATE)
     graph.start(Simulator, {'chain.number_of_rotors': 8, 'publish_rate': 1000.0})
     analyser = graph.start(SolitonAnalyser)

@@ -40,7 +40,7 @@ class Enough(Exception):
 
 
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+def clock(monkeypatch):
     clock = Clock()
     monkeypatch.setattr(pacing, 'time', clock)
     return clock
@@ -73,13 +73,13 @@ def instants(
 
 
 @pytest.mark.parametrize('rate', [1.0, 300.0, 1999.99])
-def test_deadlines_are_absolute_and_never_drift(clock: Clock, rate: float) -> None:
+def test_deadlines_are_absolute_and_never_drift(clock, rate):
     seen, loop = instants(clock, rate, 20_000)
     assert seen == [round(tick * SECOND / rate) for tick in range(20_000)]
     assert loop.punctuality == pacing.Punctuality(20_000, 0, 0.0, 0.0)
 
 
-def test_a_short_stall_is_caught_up_with_and_counted(clock: Clock) -> None:
+def test_a_short_stall_is_caught_up_with_and_counted(clock):
     stall = {10: SECOND // 20}
     seen, loop = instants(clock, 100.0, 40, lambda call: stall.get(call, 0))
     deadlines = [tick * SECOND // 100 for tick in range(40)]
@@ -90,7 +90,7 @@ def test_a_short_stall_is_caught_up_with_and_counted(clock: Clock) -> None:
     assert loop.punctuality == pacing.Punctuality(40, 3, 0.04, 0.0)
 
 
-def test_after_a_long_stall_the_deadlines_lag_instead_of_bursting(clock: Clock) -> None:
+def test_after_a_long_stall_the_deadlines_lag_instead_of_bursting(clock):
     stall = {10: SECOND}
     seen, loop = instants(clock, 100.0, 40, lambda call: stall.get(call, 0))
     period = SECOND // 100
@@ -100,7 +100,7 @@ def test_after_a_long_stall_the_deadlines_lag_instead_of_bursting(clock: Clock) 
     assert loop.punctuality == pacing.Punctuality(40, 1, late / SECOND, late / SECOND)
 
 
-def test_an_overloaded_loop_runs_at_full_speed_and_reports_its_lag(clock: Clock) -> None:
+def test_an_overloaded_loop_runs_at_full_speed_and_reports_its_lag(clock):
     work = SECOND // 10
     seen, loop = instants(clock, 1000.0, 100, lambda call: work)
     assert seen == [call * work for call in range(100)]
@@ -108,7 +108,7 @@ def test_an_overloaded_loop_runs_at_full_speed_and_reports_its_lag(clock: Clock)
     assert loop.punctuality.lag == pytest.approx(99 * 0.099, abs=0.1)
 
 
-def test_a_failure_ends_the_loop_and_is_kept() -> None:
+def test_a_failure_ends_the_loop_and_is_kept():
     failure = RuntimeError('the chain broke')
     calls = []
     broken = threading.Event()
@@ -126,7 +126,7 @@ def test_a_failure_ends_the_loop_and_is_kept() -> None:
     assert calls == [1]
 
 
-def test_stop_completes_the_current_call_and_makes_no_other() -> None:
+def test_stop_completes_the_current_call_and_makes_no_other():
     entered, release, calls = threading.Event(), threading.Event(), []
 
     def act() -> None:
@@ -146,7 +146,7 @@ def test_stop_completes_the_current_call_and_makes_no_other() -> None:
     assert calls == [1]
 
 
-def test_a_rate_that_is_set_later_counts_from_then_on(clock: Clock) -> None:
+def test_a_rate_that_is_set_later_counts_from_then_on(clock):
     seen: list[int] = []
     enough = threading.Event()
 
@@ -169,7 +169,7 @@ def test_a_rate_that_is_set_later_counts_from_then_on(clock: Clock) -> None:
     assert loop.punctuality.missed == 0
 
 
-def test_at_an_infinite_rate_it_sleeps_only_without_work(clock: Clock) -> None:
+def test_at_an_infinite_rate_it_sleeps_only_without_work(clock):
     asleep: list[int] = []
     enough = threading.Event()
 
@@ -191,7 +191,7 @@ def test_at_an_infinite_rate_it_sleeps_only_without_work(clock: Clock) -> None:
 
 
 @pytest.fixture
-def requests(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
+def requests(monkeypatch):
     """Requests of a loop for priority."""
     asked: list[bool] = []
     monkeypatch.setattr(pacing, 'raise_priority', asked.append)
@@ -203,8 +203,8 @@ def requests(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     [(100.0, True, [True, False, True]), (100.0, False, []), (math.inf, True, [False])],
 )
 def test_it_has_priority_if_asked_for_and_while_it_keeps_its_rate(
-    clock: Clock, requests: list[bool], rate: float, first: bool, asked: list[bool]
-) -> None:
+    clock, requests, rate, first, asked
+):
     stall = {10: SECOND // 20}
     instants(clock, rate, 40, lambda call: stall.get(call, 0), first=first)
     assert requests == asked
@@ -237,14 +237,14 @@ def allowed() -> bool:
     return os.geteuid() == 0 and policies_of_a_thread()[1] == os.SCHED_FIFO
 
 
-def test_a_thread_with_priority_gives_it_to_its_children() -> None:
+def test_a_thread_with_priority_gives_it_to_its_children():
     if not allowed():
         pytest.skip('needs real-time priority: run as root, or raise the limit rtprio')
     ordinary = os.SCHED_OTHER
     assert policies_of_a_thread() == [ordinary, os.SCHED_FIFO, os.SCHED_FIFO, ordinary]
 
 
-def test_without_permission_a_thread_keeps_its_priority(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_permission_a_thread_keeps_its_priority(monkeypatch):
     system = os.sched_setscheduler
 
     def forbid(thread: int, policy: int, parameters: os.sched_param) -> None:
@@ -257,9 +257,7 @@ def test_without_permission_a_thread_keeps_its_priority(monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize('first', [False, True])
-def test_a_thread_with_priority_yields_to_others(
-    monkeypatch: pytest.MonkeyPatch, first: bool
-) -> None:
+def test_a_thread_with_priority_yields_to_others(monkeypatch, first):
     if first and not allowed():
         pytest.skip('needs real-time priority: run as root, or raise the limit rtprio')
     yielded: list[bool] = []
@@ -275,7 +273,7 @@ def test_a_thread_with_priority_yields_to_others(
     assert yielded == [True] * first
 
 
-def test_it_is_first_only_while_it_mostly_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_is_first_only_while_it_mostly_waits(monkeypatch):
     asked: list[bool] = []
     now = busy = 0.0
 
@@ -294,6 +292,6 @@ def test_it_is_first_only_while_it_mostly_waits(monkeypatch: pytest.MonkeyPatch)
     assert asked == [True, False, True]
 
 
-def test_without_real_time_nothing_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_real_time_nothing_is_asked_for(monkeypatch):
     monkeypatch.setattr(pacing, 'raise_priority', lambda *_: pytest.fail('it asked'))
     IdlePriority(real_time=False).update()

@@ -1,14 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameter files name the nodes they apply to, and a node logs which values it uses."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from graphs import Graph
 from rclpy.node import Node
 
 from soliton_linkage_nodes.bags.recorder import BagRecorder
@@ -22,7 +18,7 @@ MINE = '/**/simulator: {ros__parameters: {publish_rate: 250.0}}\n'
 ALL = '/**: {ros__parameters: {chain.spacing: 0.2}}\n'
 
 
-def test_which_nodes_a_section_is_for(graph: Graph, tmp_path: Path) -> None:
+def test_which_nodes_a_section_is_for(graph, tmp_path):
     for pattern, node, named in [
         ('simulator', '/simulator', True),
         ('/simulator', '/simulator', True),
@@ -50,13 +46,13 @@ def test_which_nodes_a_section_is_for(graph: Graph, tmp_path: Path) -> None:
         assert started.has_parameter('x') == named, 'ROS has it otherwise'
 
 
-def test_names_are_joined(tmp_path: Path) -> None:
+def test_names_are_joined(tmp_path):
     path = tmp_path / 'file.yaml'
     path.write_text('left:\n  simulator:\n    ros__parameters: {gravity: {tilt: 0.1}, x: []}\n')
     assert read_sections(path) == {'/left/simulator': {'gravity.tilt': 0.1, 'x': []}}
 
 
-def test_an_invalid_parameter_file_is_rejected(tmp_path: Path) -> None:
+def test_an_invalid_parameter_file_is_rejected(tmp_path):
     for content in ['words', 'a: 1', '', '- 1', '{', 'a\nb: c', 'node: {x: 1.0}']:
         path = tmp_path / 'file.yaml'
         path.write_text(content)
@@ -68,7 +64,7 @@ def test_an_invalid_parameter_file_is_rejected(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('namespace', ['', 'left', 'left/hand'])
-def test_the_files_of_the_suite_work_in_every_namespace(graph: Graph, namespace: str) -> None:
+def test_the_files_of_the_suite_work_in_every_namespace(graph, namespace):
     arguments = ['--ros-args', '--params-file', str(CONFIG / 'wobbler.yaml')]
     node = graph.start(Simulator, namespace=namespace, cli_args=arguments)
     assert node.settings.publish_rate == 250.0
@@ -92,9 +88,7 @@ def test_the_files_of_the_suite_work_in_every_namespace(graph: Graph, namespace:
         ('other: {ros__parameters: {x: 1}}', [], 500.0, 'parameters for /other, not for /simulat'),
     ],
 )
-def test_overridden_values_are_logged(
-    graph: Graph, tmp_path: Path, content: str, rules: list[str], rate: float, told: str | None
-) -> None:
+def test_overridden_values_are_logged(graph, tmp_path, content, rules, rate, told):
     path = tmp_path / 'file.yaml'
     path.write_text(content)
     given = [argument for rule in rules for argument in ('-p', rule)]
@@ -106,7 +100,7 @@ def test_overridden_values_are_logged(
     assert all(told is not None and told in text and str(path) in text for text in said)
 
 
-def test_a_file_for_a_node_of_the_same_process_is_no_mistake(graph: Graph, tmp_path: Path) -> None:
+def test_a_file_for_a_node_of_the_same_process_is_no_mistake(graph, tmp_path):
     path = tmp_path / 'file.yaml'
     path.write_text(MINE)
     arguments = ['--ros-args', '--params-file', str(path)]
@@ -117,14 +111,12 @@ def test_a_file_for_a_node_of_the_same_process_is_no_mistake(graph: Graph, tmp_p
 
 
 @pytest.mark.parametrize('create', [Simulator, SolitonSteering])
-def test_each_node_rejects_unknown_parameters_of_the_chain(
-    graph: Graph, create: Callable[..., Node]
-) -> None:
+def test_each_node_rejects_unknown_parameters_of_the_chain(graph, create):
     with pytest.raises(ValueError, match=r"unknown; did you mean 'chain\.spacing'\?"):
         graph.start(create, cli_args=['--ros-args', '-p', 'chain.spacng:=0.1'])
 
 
-def test_a_recorder_takes_the_file_of_a_chain(graph: Graph, tmp_path: Path) -> None:
+def test_a_recorder_takes_the_file_of_a_chain(graph, tmp_path):
     file = str(CONFIG / 'flipper.yaml')
     arguments = ['--ros-args', '--params-file', file, '-p', f'output:={tmp_path / "run"}']
     node = graph.start(BagRecorder, cli_args=arguments)

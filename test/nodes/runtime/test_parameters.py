@@ -6,7 +6,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -168,7 +167,7 @@ def of_node(node: str) -> dict[str, Any]:
     return declared
 
 
-def test_given_values_replace_the_defaults(graph: Graph) -> None:
+def test_given_values_replace_the_defaults(graph):
     given = {
         'rate': 10.0,
         'count': 1,
@@ -186,7 +185,7 @@ def test_given_values_replace_the_defaults(graph: Graph) -> None:
     )
 
 
-def test_an_invalid_value_is_logged_in_one_line(graph: Graph) -> None:
+def test_an_invalid_value_is_logged_in_one_line(graph):
     for name, value, complaint in [
         ('rate', '5', "= '5' must be a number such as 1.0"),
         ('rate', True, '= True must be a number'),
@@ -216,7 +215,7 @@ def test_an_invalid_value_is_logged_in_one_line(graph: Graph) -> None:
         assert '\n' not in str(refusal.value)
 
 
-def test_integers_are_accepted_for_floats(graph: Graph) -> None:
+def test_integers_are_accepted_for_floats(graph):
     node = graph.start(Declarer, {'group.rate': 5, 'group.weights': [1, -2]})
     assert node.settings == dataclasses.replace(Examples(), rate=5.0, weights=(1.0, -2.0))
     assert type(node.get_parameter('group.rate').value) is float
@@ -232,7 +231,7 @@ def test_integers_are_accepted_for_floats(graph: Graph) -> None:
     assert 'Wrong parameter type' in change(graph, gain='3')[0].reason
 
 
-def test_a_list_can_be_emptied(graph: Graph) -> None:
+def test_a_list_can_be_emptied(graph):
     node = graph.start(Declarer, {'group.parts': ['a']})
     empty = ParameterValue(type=ParameterType.PARAMETER_BOOL_ARRAY)
     emptied = ParameterMessage(name='group.parts', value=empty)
@@ -241,7 +240,7 @@ def test_a_list_can_be_emptied(graph: Graph) -> None:
     assert current(node, Examples, 'group.').parts == ()
 
 
-def test_an_undeclared_parameter_is_rejected_with_a_proposal(graph: Graph) -> None:
+def test_an_undeclared_parameter_is_rejected_with_a_proposal(graph):
     for name, meant in [
         ('group.rat', "did you mean 'group.rate'?"),
         ('zzz', 'known: group.count, group.gain'),
@@ -251,12 +250,12 @@ def test_an_undeclared_parameter_is_rejected_with_a_proposal(graph: Graph) -> No
             graph.start(Declarer, {name: 1.0})
 
 
-def test_parameters_of_the_chain_and_of_ros_may_be_given_to_every_node(graph: Graph) -> None:
+def test_parameters_of_the_chain_and_of_ros_may_be_given_to_every_node(graph):
     node = graph.start(Declarer, {'chain.spacing': 0.2, 'use_sim_time': True})
     assert not node.has_parameter('chain.spacing')
 
 
-def test_a_change_at_run_time_that_is_not_allowed_changes_nothing(graph: Graph) -> None:
+def test_a_change_at_run_time_that_is_not_allowed_changes_nothing(graph):
     for name, value, reason in [
         ('lean', 'up', "parameter group.lean = 'up' must be one of 'left', 'right'"),
         ('gain', math.nan, 'out of range'),
@@ -270,7 +269,7 @@ def test_a_change_at_run_time_that_is_not_allowed_changes_nothing(graph: Graph) 
         assert node.get_parameter(f'group.{name}').value == before
 
 
-def test_an_adjustable_parameter_can_be_changed(graph: Graph) -> None:
+def test_an_adjustable_parameter_can_be_changed(graph):
     node = graph.start(Declarer)
     assert change(graph, lean='right')[0].successful
     assert node.get_parameter('group.lean').value == 'right'
@@ -281,8 +280,8 @@ def test_an_adjustable_parameter_can_be_changed(graph: Graph) -> None:
     'create', [Simulator, EdgeActuator, BagRecorder], ids=lambda c: c.__name__
 )
 def test_nodes_describe_each_parameter_with_unit_range_and_whether_it_can_change(
-    graph: Graph, create: Callable[..., Node], tmp_path: Path
-) -> None:
+    graph, create, tmp_path
+):
     given = {'output': str(tmp_path / 'bag')} if create is BagRecorder else {}
     name = graph.start(create, given).get_name()
     declared = of_node(name) | (of_node('/**') if create is not BagRecorder else {})
@@ -305,7 +304,7 @@ def test_nodes_describe_each_parameter_with_unit_range_and_whether_it_can_change
         assert parameter.type != ParameterType.PARAMETER_NOT_SET
 
 
-def test_the_parameters_that_can_change_at_run_time() -> None:
+def test_the_parameters_that_can_change_at_run_time():
     adjustable = {
         name
         for node in OF_NODE
@@ -324,7 +323,7 @@ def test_the_parameters_that_can_change_at_run_time() -> None:
     }
 
 
-def test_the_configuration_shows_every_parameter_with_its_default() -> None:
+def test_the_configuration_shows_every_parameter_with_its_default():
     for node in OF_NODE:
         shown = yaml.safe_load((CONFIG / 'linkage.yaml').read_text())[section(node)]
         defaults = {name: field.default for name, field in of_node(node).items()}
@@ -334,7 +333,7 @@ def test_the_configuration_shows_every_parameter_with_its_default() -> None:
         }
 
 
-def test_configurations_name_known_parameters_only() -> None:
+def test_configurations_name_known_parameters_only():
     for path in sorted(CONFIG.glob('*.yaml')):
         sections = yaml.safe_load(path.read_text())
         assert list(sections)[-1] == '/**', 'what -p gives must come after the sections of nodes'

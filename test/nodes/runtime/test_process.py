@@ -7,20 +7,15 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from itertools import cycle
-from pathlib import Path
 
 import pytest
-from graphs import Graph
-from programs import Program
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from recordings import run_of, write_bag
 from std_msgs.msg import Float64
 
 from soliton_linkage_nodes.bags.recorder import BagRecorder
-from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime.process import SpinSlices, initialise
 
 NODES = (
@@ -44,9 +39,7 @@ FIRST_WORDS = {
 }
 
 
-def test_every_node_stops_cleanly_on_a_signal(
-    graph: Graph, start: Callable[..., Program], named: NamedChain, tmp_path: Path
-) -> None:
+def test_every_node_stops_cleanly_on_a_signal(graph, start, named, tmp_path):
     long_bag = write_bag(tmp_path / 'long', run_of(named, 2, gap=MINUTE))
     given = {
         'bag_recorder': ['-p', f'output:={tmp_path / "run"}'],
@@ -63,16 +56,14 @@ def test_every_node_stops_cleanly_on_a_signal(
         assert sum(FIRST_WORDS[node] in line for line in program.said) == 1, node
 
 
-def test_a_simulator_that_computes_a_long_frame_stops_as_well(
-    graph: Graph, start: Callable[..., Program]
-) -> None:
+def test_a_simulator_that_computes_a_long_frame_stops_as_well(graph, start):
     reports = graph.reports('simulator')
     program = start('simulator', '--ros-args', '-p', 'chain.number_of_rotors:=20000')
     graph.until(lambda: reports, 'a report')
     assert program.stop() == 0
 
 
-def test_two_signals_are_as_good_as_one(graph: Graph, start: Callable[..., Program]) -> None:
+def test_two_signals_are_as_good_as_one(graph, start):
     reports = {node: graph.reports(node) for node in ('simulator', 'bag_recorder')}
     nodes = {0.0: 'bag_recorder', 0.03: 'simulator', 0.1: 'bag_recorder'}
     programs = {gap: start(node) for gap, node in nodes.items()}
@@ -92,7 +83,7 @@ def test_two_signals_are_as_good_as_one(graph: Graph, start: Callable[..., Progr
         assert closed == (nodes[gap] == 'bag_recorder'), gap
 
 
-def test_a_slice_ends_under_a_continuous_stream_of_messages(graph: Graph) -> None:
+def test_a_slice_ends_under_a_continuous_stream_of_messages(graph):
     node = Node('busy', context=graph.context)
     executor = EventsExecutor(context=graph.context)
     executor.add_node(node)
@@ -117,7 +108,7 @@ def test_a_slice_ends_under_a_continuous_stream_of_messages(graph: Graph) -> Non
     assert len(heard) < MOST_HEARD
 
 
-def test_unreadable_parameters_are_logged_in_one_line(tmp_path: Path) -> None:
+def test_unreadable_parameters_are_logged_in_one_line(tmp_path):
     for content in [None, 'simulator:\n  ros__parameters: [', '\x00']:
         path = tmp_path / 'wrong.yaml'
         if content is not None:
@@ -129,7 +120,7 @@ def test_unreadable_parameters_are_logged_in_one_line(tmp_path: Path) -> None:
         assert '\n' not in str(refusal.value)
 
 
-def test_wrong_arguments_are_logged_in_one_line(start: Callable[..., Program]) -> None:
+def test_wrong_arguments_are_logged_in_one_line(start):
     program = start('edge_actuator', '--ros-args', '-p', 'chain.mass:=0.0')
     assert program.wait() == 1
     (line,) = [line for line in program.said if 'FATAL' in line]
@@ -140,7 +131,7 @@ def test_wrong_arguments_are_logged_in_one_line(start: Callable[..., Program]) -
         initialise(['--ros-args', '--unknown'])
 
 
-def test_an_unwritable_output_is_logged_in_one_line(graph: Graph, tmp_path: Path) -> None:
+def test_an_unwritable_output_is_logged_in_one_line(graph, tmp_path):
     for output in ['file/run', 'file/deep/run']:
         (tmp_path / 'file').write_text('not a directory')
         said = rf"bag '{tmp_path / output}_0' cannot be written: .*; choose another output$"
@@ -167,7 +158,7 @@ end_process(3)
 """
 
 
-def test_a_long_computation_does_not_delay_the_end_of_a_process() -> None:
+def test_a_long_computation_does_not_delay_the_end_of_a_process():
     ended = subprocess.run(
         [sys.executable, '-c', COMPUTING], capture_output=True, text=True, timeout=120, check=False
     )

@@ -45,8 +45,8 @@ def start_of_second(period: int, later: int) -> int:
 
 @given(st.integers(1, 10_000), st.integers(1, 10_000), PERIODS, PERIODS, st.integers(1, 300))
 def test_the_first_of_two_publishers_is_kept_for_any_numbers(
-    first: int, second: int, period: int, other_period: int, later: int
-) -> None:
+    first, second, period, other_period, later
+):
     last = first + start_of_second(period, later) // (2 * period)
     assume(not last < second <= last + 4)
     taken = taken_of_two(first, second, period, other_period, later)
@@ -56,12 +56,12 @@ def test_the_first_of_two_publishers_is_kept_for_any_numbers(
 
 
 @pytest.mark.xfail(strict=True, reason='a second publisher that continues the numbers is kept')
-def test_a_second_publisher_that_continues_the_numbers_of_the_first_is_not_kept() -> None:
+def test_a_second_publisher_that_continues_the_numbers_of_the_first_is_not_kept():
     assert taken_of_two(1, 4, 1, 2, 1).count('second') <= 2
 
 
 @given(st.lists(st.booleans(), min_size=1, max_size=200))
-def test_missing_messages_of_one_publisher_are_lost(came: list[bool]) -> None:
+def test_missing_messages_of_one_publisher_are_lost(came):
     kept = PublisherArbitration()
     numbers = [number for number, here in enumerate([True, *came, True]) if here]
     for number in numbers:
@@ -70,7 +70,7 @@ def test_missing_messages_of_one_publisher_are_lost(came: list[bool]) -> None:
 
 
 @given(st.lists(st.tuples(st.integers(1, 50), st.integers(0, 400)), min_size=1, max_size=50))
-def test_a_single_publisher_is_kept_with_uneven_periods(steps: list[tuple[int, int]]) -> None:
+def test_a_single_publisher_is_kept_with_uneven_periods(steps):
     kept = PublisherArbitration()
     number = sent = 0
     for ahead, elapsed in [*[(1, 2)] * 20, *steps]:
@@ -80,7 +80,7 @@ def test_a_single_publisher_is_kept_with_uneven_periods(steps: list[tuple[int, i
     assert kept.lost == sum(ahead - 1 for ahead, _ in steps)
 
 
-def test_a_silent_publisher_is_replaced_after_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_silent_publisher_is_replaced_after_a_while(monkeypatch):
     now = [10.0]
     monkeypatch.setattr(sequences.time, 'monotonic', lambda: now[0])
     kept = PublisherArbitration()
@@ -96,7 +96,7 @@ def test_a_silent_publisher_is_replaced_after_a_while(monkeypatch: pytest.Monkey
     assert kept.foreign == taken.index(True)
 
 
-def test_a_publisher_that_ended_is_replaced_at_once() -> None:
+def test_a_publisher_that_ended_is_replaced_at_once():
     kept = PublisherArbitration()
     for number in range(5000, 5100):
         assert kept.take(number, 2 * MILLISECOND * number, lambda: 1)
@@ -117,9 +117,7 @@ def kept_of_parts(streams: dict[str, list[tuple]]) -> tuple[list[str], StreamArb
 
 
 @given(st.integers(1, 1000), st.integers(1, 1000), PERIODS, PERIODS, st.integers(0, 300))
-def test_publishers_of_different_parts_are_all_kept(
-    first: int, second: int, period: int, other_period: int, later: int
-) -> None:
+def test_publishers_of_different_parts_are_all_kept(first, second, period, other_period, later):
     taken, arbitration = kept_of_parts(
         {
             'ab': list(stream('ab', first, 0, period, 300)),
@@ -130,7 +128,7 @@ def test_publishers_of_different_parts_are_all_kept(
     assert (arbitration.lost, arbitration.foreign, arbitration.successions) == (0, 0, 0)
 
 
-def test_a_second_publisher_of_one_part_is_not_kept_beside_a_third_of_another() -> None:
+def test_a_second_publisher_of_one_part_is_not_kept_beside_a_third_of_another():
     taken, arbitration = kept_of_parts(
         {
             'ab': list(stream('ab', 1, 0, 10, 100)),
@@ -142,7 +140,7 @@ def test_a_second_publisher_of_one_part_is_not_kept_beside_a_third_of_another() 
     assert (arbitration.lost, arbitration.foreign) == (0, 95)
 
 
-def test_lost_messages_of_each_part_count() -> None:
+def test_lost_messages_of_each_part_count():
     one, other = list(stream('ab', 1, 0, 10, 100)), list(stream('c', 501, 1, 10, 100))
     del one[50:53], other[20]
     taken, arbitration = kept_of_parts({'ab': one, 'c': other})
@@ -157,19 +155,17 @@ def lost(numbers: Iterable[int], publishers: int = 1) -> int:
 
 
 @given(st.sets(st.integers(1, 200), min_size=1))
-def test_every_missing_number_of_a_publisher_after_the_first_is_lost(numbers: set[int]) -> None:
+def test_every_missing_number_of_a_publisher_after_the_first_is_lost(numbers):
     missing = max(numbers) - min(numbers) + 1 - len(numbers)
     assert lost(sorted(numbers)) == missing
 
 
-def test_messages_before_the_first_one_received_do_not_count() -> None:
+def test_messages_before_the_first_one_received_do_not_count():
     assert lost([1000, 1001]) == 0
 
 
 @given(st.lists(st.integers(0, 2), max_size=100), st.tuples(*[st.integers(1, 50)] * 3))
-def test_several_continuous_publishers_lose_nothing(
-    turns: list[int], first: tuple[int, int, int]
-) -> None:
+def test_several_continuous_publishers_lose_nothing(turns, first):
     latest = list(first)
     numbers = list(first)
     for publisher in turns:
@@ -178,24 +174,24 @@ def test_several_continuous_publishers_lose_nothing(
     assert lost(numbers, publishers=3) == 0
 
 
-def test_a_loss_is_put_down_to_the_publisher_that_is_closest_behind() -> None:
+def test_a_loss_is_put_down_to_the_publisher_that_is_closest_behind():
     # One at 10, 11, the other at 500, 501, [502 and 503 lost], 504.
     assert lost([10, 500, 11, 501, 504, 12, 505], publishers=2) == 2
 
 
 @pytest.mark.parametrize('at', [1, 7])
-def test_a_publisher_that_restarts_loses_nothing(at: int) -> None:
+def test_a_publisher_that_restarts_loses_nothing(at):
     assert lost([5, 6, 7, 8, *range(at, at + 20)]) == 0
 
 
-def test_a_restarted_publisher_replaces_the_silent_one() -> None:
+def test_a_restarted_publisher_replaces_the_silent_one():
     # Three nodes report in turns; the one at 9 dies, comes back and begins at 1.
     before = [10, 12, 9, 11, 13, 10, 12, 14]
     after = [1, 13, 15, 2, 14, 16, 3]
     assert lost([*before, *after], publishers=3) == 0
 
 
-def test_a_publisher_that_died_hides_no_loss_of_the_others() -> None:
+def test_a_publisher_that_died_hides_no_loss_of_the_others():
     gaps = SequenceGaps()
     for number in (100, 7, 8, 9):
         gaps.take(number, 2)
@@ -205,7 +201,7 @@ def test_a_publisher_that_died_hides_no_loss_of_the_others() -> None:
 
 
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+def clock(monkeypatch):
     now = [1000.0]
     monkeypatch.setattr(sequences.time, 'monotonic', lambda: now[0])
     monkeypatch.setattr(sequences.time, 'time_ns', lambda: round(now[0] * 1e9))
@@ -213,7 +209,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 
 @pytest.mark.parametrize('difference', [0.0, -3600.0, 3600.0])
-def test_a_lag_longer_than_allowed_is_reported(clock: list[float], difference: float) -> None:
+def test_a_lag_longer_than_allowed_is_reported(clock, difference):
     watched = Lag(0.5)
     for _ in range(100):
         clock[0] += 0.01

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Serialized messages end where their CDR ends, as a strict reader requires."""
 
-from __future__ import annotations
-
 from geometry_msgs.msg import PoseWithCovariance
 from rclpy.serialization import deserialize_message
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -39,7 +37,7 @@ MESSAGES = [
 ]
 
 
-def test_a_strict_reader_accepts_the_bytes_of_each_message() -> None:
+def test_a_strict_reader_accepts_the_bytes_of_each_message():
     for message in MESSAGES:
         name = type_name(type(message))
         store = get_typestore(Stores.EMPTY)

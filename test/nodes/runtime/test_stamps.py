@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The last message ages with the wall clock; without a message the age is infinite."""
 
-from __future__ import annotations
-
 import math
 import random
 
@@ -12,7 +10,7 @@ from soliton_linkage_nodes.runtime import stamps
 from soliton_linkage_nodes.runtime.stamps import ClockMonitor, Freshness
 
 
-def test_the_age_increases_until_the_next_message(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_age_increases_until_the_next_message(monkeypatch):
     now = 100.0
     monkeypatch.setattr(stamps.time, 'monotonic', lambda: now)
     watched = Freshness(0.5)
@@ -29,7 +27,7 @@ def test_the_age_increases_until_the_next_message(monkeypatch: pytest.MonkeyPatc
 SECOND = 10**9
 
 
-def test_offset_and_drift_of_a_clock_are_reported() -> None:
+def test_offset_and_drift_of_a_clock_are_reported():
     for offset, drift in [(0.0, 0.0), (3.5, 500.0), (-7.0, -2000.0)]:
         ways = random.Random(1)
         watch = ClockMonitor()
@@ -46,7 +44,7 @@ def test_offset_and_drift_of_a_clock_are_reported() -> None:
         assert told['drift of stamps against the clock [ppm]'] == pytest.approx(drift, abs=20)
 
 
-def test_without_messages_nothing_is_reported() -> None:
+def test_without_messages_nothing_is_reported():
     watch = ClockMonitor()
     assert watch.figures() == {}
     watch.note(1, 2)

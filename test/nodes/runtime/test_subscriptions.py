@@ -4,14 +4,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from graphs import Graph, values
-from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from sensor_msgs.msg import JointState
@@ -56,7 +54,7 @@ def assert_heard(graph: Graph, publisher: Publisher, heard: list[Any], name: str
     graph.until(again, f'the joint states of {name}')
 
 
-def test_a_best_effort_publisher_and_a_later_one_are_received(graph: Graph) -> None:
+def test_a_best_effort_publisher_and_a_later_one_are_received(graph):
     heard = listen(graph)
     reliable = speak(graph, RELIABLE)
     assert_heard(graph, reliable, heard, 'reliable')
@@ -65,7 +63,7 @@ def test_a_best_effort_publisher_and_a_later_one_are_received(graph: Graph) -> N
     assert_heard(graph, reliable, heard, 'reliable as well')
 
 
-def test_it_is_reliable_again_if_all_publishers_are(graph: Graph) -> None:
+def test_it_is_reliable_again_if_all_publishers_are(graph):
     heard = listen(graph)
     driver = speak(graph, qos_profile_sensor_data)
     assert_heard(graph, driver, heard, 'driver')
@@ -80,12 +78,12 @@ def test_it_is_reliable_again_if_all_publishers_are(graph: Graph) -> None:
 
 
 @pytest.mark.parametrize('create', [SolitonAnalyser, EdgeActuator, SolitonSteering])
-def test_the_nodes_receive_sensor_data(graph: Graph, create: Callable[..., Node]) -> None:
+def test_the_nodes_receive_sensor_data(graph, create):
     graph.start(create)
     speak(graph, qos_profile_sensor_data)
 
 
-def test_several_publishers_are_named_once(graph: Graph, said: Callable[[], str]) -> None:
+def test_several_publishers_are_named_once(graph, said):
     listen(graph)
     speak(graph, RELIABLE)
     speak(graph, qos_profile_sensor_data)
@@ -100,7 +98,7 @@ def test_several_publishers_are_named_once(graph: Graph, said: Callable[[], str]
     assert 'offering incompatible' not in said()
 
 
-def test_the_common_offer_of_all_publishers_is_requested() -> None:
+def test_the_common_offer_of_all_publishers_is_requested():
     latched = interfaces.CHAIN.qos
     assert qos_for_all([latched], 7).durability == DurabilityPolicy.TRANSIENT_LOCAL
     assert qos_for_all([latched, RELIABLE], 7).durability == DurabilityPolicy.VOLATILE
@@ -132,9 +130,7 @@ class Listener:
         self.heard.append(message.name[0])
 
 
-def test_messages_beyond_the_queue_are_counted_and_reported(
-    graph: Graph, said: Callable[[], str]
-) -> None:
+def test_messages_beyond_the_queue_are_counted_and_reported(graph, said):
     listener = Listener(graph)
     publisher = speak(graph, RELIABLE)
     publisher.publish(JointState(name=['0']))
@@ -150,7 +146,7 @@ def test_messages_beyond_the_queue_are_counted_and_reported(
     assert f'{lost} messages of /joint_states were lost and 0 skipped' in said()
 
 
-def test_a_node_that_lags_too_long_skips_to_the_newest(graph: Graph) -> None:
+def test_a_node_that_lags_too_long_skips_to_the_newest(graph):
     listener = Listener(graph, longest_lag=0.1, takes=0.005)
     publisher = speak(graph, RELIABLE)
     publisher.publish(JointState(name=['0']))
@@ -163,7 +159,7 @@ def test_a_node_that_lags_too_long_skips_to_the_newest(graph: Graph) -> None:
     assert values(graph.next_report('listener'))['lost joint_states'] == '0'
 
 
-def test_the_first_of_two_publishers_is_used_until_it_ends(graph: Graph) -> None:
+def test_the_first_of_two_publishers_is_used_until_it_ends(graph):
     listener = Listener(graph)
     first, second = speak(graph, RELIABLE), speak(graph, RELIABLE)
     for number in range(20):
@@ -181,7 +177,7 @@ def test_the_first_of_two_publishers_is_used_until_it_ends(graph: Graph) -> None
     assert_heard(graph, second, listener.heard, 'second')
 
 
-def test_undispatched_messages_wait_until_they_are_taken(graph: Graph) -> None:
+def test_undispatched_messages_wait_until_they_are_taken(graph):
     listener = Listener(graph)
     subscription = listener.subscription
     subscription.dispatch(False)
@@ -206,7 +202,7 @@ def test_undispatched_messages_wait_until_they_are_taken(graph: Graph) -> None:
     assert values(graph.next_report('listener'))['lost joint_states'] == '0'
 
 
-def test_with_latest_older_messages_are_skipped(graph: Graph) -> None:
+def test_with_latest_older_messages_are_skipped(graph):
     listener = Listener(graph, takes=0.01, latest=True)
     publisher = speak(graph, RELIABLE)
     graph.until(publisher.get_subscription_count, 'a subscriber')
@@ -218,9 +214,7 @@ def test_with_latest_older_messages_are_skipped(graph: Graph) -> None:
     assert (status.level, values(status)['lost joint_states']) == (DiagnosticStatus.OK, '0')
 
 
-def test_publishers_that_come_and_go_are_noticed_once_and_the_subscription_can_end(
-    graph: Graph,
-) -> None:
+def test_publishers_that_come_and_go_are_noticed_once_and_the_subscription_can_end(graph):
     node = graph.start(lambda **kwargs: GuardedNode('listener', **kwargs))
     topic = replace(interfaces.JOINT_STATES, name='x')
     adaptive = AdaptiveSubscription(node, topic, lambda _: None)

@@ -71,7 +71,7 @@ def reference() -> Simulation:
     return begin_springs(LEFT)
 
 
-def test_a_kick_acts_at_the_instant_of_the_next_frame_which_shows_it() -> None:
+def test_a_kick_acts_at_the_instant_of_the_next_frame_which_shows_it():
     published = Published()
     published.tick(3)
     published.control.kick(KICK)
@@ -87,7 +87,7 @@ def test_a_kick_acts_at_the_instant_of_the_next_frame_which_shows_it() -> None:
         simulation.advance()
 
 
-def test_the_sum_of_kicks_is_announced_before_their_frame() -> None:
+def test_the_sum_of_kicks_is_announced_before_their_frame():
     published = Published()
     published.tick(3)
     published.control.kick(KICK)
@@ -97,7 +97,7 @@ def test_the_sum_of_kicks_is_announced_before_their_frame() -> None:
     np.testing.assert_array_equal(published.told[3], 3 * KICK)
 
 
-def test_torques_are_dropped_after_the_timeout_of_simulated_time() -> None:
+def test_torques_are_dropped_after_the_timeout_of_simulated_time():
     published = Published()
     published.control.hold(TORQUES)
     published.tick(12)
@@ -111,7 +111,7 @@ def test_torques_are_dropped_after_the_timeout_of_simulated_time() -> None:
         simulation.advance()
 
 
-def test_without_a_timeout_torques_are_held_for_ever() -> None:
+def test_without_a_timeout_torques_are_held_for_ever():
     published = Published(timeout=0.0)
     published.control.hold(TORQUES)
     published.tick(200)
@@ -122,7 +122,7 @@ def test_without_a_timeout_torques_are_held_for_ever() -> None:
     np.testing.assert_array_equal(published.angles[-1], simulation.angles)
 
 
-def test_a_pause_is_idempotent_and_waiting_commands_act_afterwards() -> None:
+def test_a_pause_is_idempotent_and_waiting_commands_act_afterwards():
     published = Published()
     published.tick(2)
     assert published.control.pause(True) is None
@@ -143,7 +143,7 @@ def test_a_pause_is_idempotent_and_waiting_commands_act_afterwards() -> None:
     np.testing.assert_array_equal(published.angles[-1], simulation.angles)
 
 
-def test_steps_are_taken_while_paused_only() -> None:
+def test_steps_are_taken_while_paused_only():
     published = Published()
     complaint = published.control.step(3)
     assert complaint is not None
@@ -154,7 +154,7 @@ def test_steps_are_taken_while_paused_only() -> None:
     assert published.numbers == [0, 1, 2]
 
 
-def test_a_reset_drops_commands_and_motion_and_time_continues() -> None:
+def test_a_reset_drops_commands_and_motion_and_time_continues():
     published = Published()
     published.control.kick(KICK)
     published.tick(4)
@@ -169,7 +169,7 @@ def test_a_reset_drops_commands_and_motion_and_time_continues() -> None:
         simulation.advance()
 
 
-def test_a_frame_that_cannot_be_computed_pauses_until_a_reset() -> None:
+def test_a_frame_that_cannot_be_computed_pauses_until_a_reset():
     published = Published()
     published.control.kick(np.full(6, 1e300))
     published.tick(3)
@@ -186,7 +186,7 @@ def test_a_frame_that_cannot_be_computed_pauses_until_a_reset() -> None:
     assert published.numbers == [0, 1, 2]
 
 
-def test_between_two_frames_all_kicks_and_the_latest_torques_act() -> None:
+def test_between_two_frames_all_kicks_and_the_latest_torques_act():
     published = Published()
     for _ in range(1000):
         published.control.kick(KICK / 500)
@@ -204,7 +204,7 @@ def test_between_two_frames_all_kicks_and_the_latest_torques_act() -> None:
         simulation.advance()
 
 
-def test_kicks_beyond_the_queue_are_rejected() -> None:
+def test_kicks_beyond_the_queue_are_rejected():
     published = Published()
     published.control.pause(True)
     assert {published.control.kick(0 * KICK) for _ in range(10_000)} == {None}
@@ -214,9 +214,7 @@ def test_kicks_beyond_the_queue_are_rejected() -> None:
 
 
 @pytest.mark.parametrize('begin', [begin_springs, begin_bars])
-def test_gravity_turns_at_the_instant_of_the_next_frame_and_stays_after_a_reset(
-    begin: Callable[[State, Gravity], Simulation],
-) -> None:
+def test_gravity_turns_at_the_instant_of_the_next_frame_and_stays_after_a_reset(begin):
     published = Published(begin=begin)
     published.tick(2)
     published.control.set_gravity(Gravity(9.81, -0.3))
@@ -236,7 +234,7 @@ def test_gravity_turns_at_the_instant_of_the_next_frame_and_stays_after_a_reset(
         simulation.advance()
 
 
-def test_a_pulse_continues_after_a_pause_without_loss() -> None:
+def test_a_pulse_continues_after_a_pause_without_loss():
     paused, through = Published(), Published()
     for published in (paused, through):
         published.control.hold(TORQUES)
@@ -250,7 +248,7 @@ def test_a_pulse_continues_after_a_pause_without_loss() -> None:
     np.testing.assert_array_equal(paused.angles, through.angles)
 
 
-def test_a_reset_that_the_mechanics_do_not_allow_changes_nothing() -> None:
+def test_a_reset_that_the_mechanics_do_not_allow_changes_nothing():
     published = Published(begin=begin_bars)
     published.tick(2)
     published.control.kick(KICK)
@@ -265,7 +263,7 @@ def test_a_reset_that_the_mechanics_do_not_allow_changes_nothing() -> None:
         simulation.advance()
 
 
-def test_the_state_is_that_of_the_frame_published_next() -> None:
+def test_the_state_is_that_of_the_frame_published_next():
     published = Published()
     published.control.kick(KICK)
     published.tick(3)
@@ -275,7 +273,7 @@ def test_the_state_is_that_of_the_frame_published_next() -> None:
     assert state.rates.any()
 
 
-def test_the_status_has_the_energy_that_a_kick_gave_and_the_damping_took() -> None:
+def test_the_status_has_the_energy_that_a_kick_gave_and_the_damping_took():
     chain = dataclasses.replace(CHAIN, damping=1e-4)
 
     def begin_damped(state: State, gravity: Gravity) -> Simulation:
@@ -294,7 +292,7 @@ def test_the_status_has_the_energy_that_a_kick_gave_and_the_damping_took() -> No
 
 
 @pytest.fixture
-def endless(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
+def endless(monkeypatch):
     """Block the computation of frames, and signal its start."""
     begun = threading.Event()
 
@@ -319,7 +317,7 @@ def begin(published: Published, begun: threading.Event) -> threading.Thread:
     return tick
 
 
-def test_calls_are_answered_while_a_frame_is_computed(endless: threading.Event) -> None:
+def test_calls_are_answered_while_a_frame_is_computed(endless):
     published = Published()
     tick = begin(published, endless)
     published.control.kick(KICK)
@@ -331,9 +329,7 @@ def test_calls_are_answered_while_a_frame_is_computed(endless: threading.Event) 
     end(published, tick)
 
 
-def test_a_reset_gives_up_the_frame_that_is_computed(
-    endless: threading.Event, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_reset_gives_up_the_frame_that_is_computed(endless, monkeypatch):
     published = Published()
     tick = begin(published, endless)
     published.control.reset(RIGHT)
@@ -348,16 +344,14 @@ def test_a_reset_gives_up_the_frame_that_is_computed(
         simulation.advance()
 
 
-def test_the_end_gives_up_the_frame_that_is_computed_and_publishes_no_other(
-    endless: threading.Event,
-) -> None:
+def test_the_end_gives_up_the_frame_that_is_computed_and_publishes_no_other(endless):
     published = Published()
     end(published, begin(published, endless))
     published.tick(3)
     assert published.numbers == [0]
 
 
-def test_a_state_from_which_no_frame_can_be_computed_is_rejected() -> None:
+def test_a_state_from_which_no_frame_can_be_computed_is_rejected():
     control = SimulationControl(
         lambda state, _: ElasticSimulation(
             CHAIN, state.angles, state.rates, 0.002, integrator='DOP853'
@@ -377,7 +371,7 @@ def test_a_state_from_which_no_frame_can_be_computed_is_rejected() -> None:
     assert control.tick()
 
 
-def test_a_failure_of_the_simulation_pauses_it_with_the_reason() -> None:
+def test_a_failure_of_the_simulation_pauses_it_with_the_reason():
     class Broken(ElasticSimulation):
         def step(self) -> None:
             raise TypeError('no such step')

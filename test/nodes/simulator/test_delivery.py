@@ -56,11 +56,11 @@ class Rig:
 
 
 @pytest.fixture
-def rig(graph: Graph) -> Rig:
+def rig(graph):
     return Rig(graph)
 
 
-def test_nothing_is_measured_while_nothing_acts(rig: Rig) -> None:
+def test_nothing_is_measured_while_nothing_acts(rig):
     rig.step(5)
     (first,) = rig.measured
     assert (first.impulses, first.work_of_impulses, first.work_of_torques) == (0, 0.0, 0.0)
@@ -68,7 +68,7 @@ def test_nothing_is_measured_while_nothing_acts(rig: Rig) -> None:
     assert list(first.impulse_of_torques) == [0.0] * ROTORS
 
 
-def test_torques_are_measured_frame_by_frame_and_once_more(rig: Rig) -> None:
+def test_torques_are_measured_frame_by_frame_and_once_more(rig):
     rig.say(interfaces.ROTOR_TORQUES, TORQUE)
     rig.step(4)
     rig.say(interfaces.ROTOR_TORQUES, JointState(name=['rotor_0'], effort=[0.0]))
@@ -84,7 +84,7 @@ def test_torques_are_measured_frame_by_frame_and_once_more(rig: Rig) -> None:
     assert entries[-1].work_of_impulses == 0.0
 
 
-def test_the_energy_balance_continues_through_a_reset(rig: Rig) -> None:
+def test_the_energy_balance_continues_through_a_reset(rig):
     rig.say(interfaces.ROTOR_IMPULSES, IMPULSE)
     rig.step(3)
     before = rig.measured[-1]
@@ -101,7 +101,7 @@ def test_the_energy_balance_continues_through_a_reset(rig: Rig) -> None:
     assert gained == pytest.approx(rig.energy(), rel=1e-9)
 
 
-def test_an_impulse_right_before_a_reset_is_measured(rig: Rig) -> None:
+def test_an_impulse_right_before_a_reset_is_measured(rig):
     rig.step(1)
     rig.say(interfaces.ROTOR_IMPULSES, IMPULSE)
     rig.step(1)

@@ -5,13 +5,12 @@ from __future__ import annotations
 
 import signal
 import time
-from pathlib import Path
 from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from graphs import Graph, values
+from graphs import values
 from programs import Program
 from sensor_msgs.msg import JointState
 from simulated_streams import (
@@ -36,7 +35,7 @@ from soliton_linkage_nodes.runtime.stamps import time_from_msg
 from soliton_linkage_nodes.simulator.node import Simulator
 
 
-def test_a_chain_at_rest_is_published_unchanged(graph: Graph) -> None:
+def test_a_chain_at_rest_is_published_unchanged(graph):
     stream = Stream(graph)
     stream.grow(100)
     stream.explain([])
@@ -46,9 +45,7 @@ def test_a_chain_at_rest_is_published_unchanged(graph: Graph) -> None:
 
 
 @pytest.mark.parametrize(('rate', 'frames'), [(1.0, 2), (1999.99, 500)])
-def test_stamps_are_step_count_times_period_at_any_rate(
-    graph: Graph, rate: float, frames: int
-) -> None:
+def test_stamps_are_step_count_times_period_at_any_rate(graph, rate, frames):
     stream = Stream(graph, {'publish_rate': rate})
     stream.grow(frames)
     stream.explain([])
@@ -61,9 +58,7 @@ def test_stamps_are_step_count_times_period_at_any_rate(
         {'chain.rotor_length': 0.2, 'chain.rest_angle': 1.18, 'initial_state': 'right_leaning'},
     ],
 )
-def test_kicks_between_frames_act_at_the_instant_of_a_frame(
-    graph: Graph, parameters: dict[str, Any]
-) -> None:
+def test_kicks_between_frames_act_at_the_instant_of_a_frame(graph, parameters):
     stream = Stream(graph, parameters)
     impulses = graph.speak(interfaces.ROTOR_IMPULSES)
     for _ in range(3):
@@ -73,7 +68,7 @@ def test_kicks_between_frames_act_at_the_instant_of_a_frame(
     assert len(stream.explain([kick] * 3, lean)) == 3
 
 
-def test_torques_act_for_the_command_timeout_without_another_message(graph: Graph) -> None:
+def test_torques_act_for_the_command_timeout_without_another_message(graph):
     stream = Stream(graph, {'command_timeout': 0.1})
     torques = graph.speak(interfaces.ROTOR_TORQUES)
     torques.publish(torque_message())
@@ -103,8 +98,8 @@ def test_torques_act_for_the_command_timeout_without_another_message(graph: Grap
     ],
 )
 def test_a_wrong_command_is_rejected_whole_and_the_next_valid_one_acts(
-    graph: Graph, topic: interfaces.Topic, wrong: Any, complaint: str
-) -> None:
+    graph, topic, wrong, complaint
+):
     stream = Stream(graph)
     reports = graph.reports('simulator')
     commands = graph.speak(topic)
@@ -119,7 +114,7 @@ def test_a_wrong_command_is_rejected_whole_and_the_next_valid_one_acts(
     stream.explain([kick])
 
 
-def test_a_command_of_nothing_changes_nothing(graph: Graph) -> None:
+def test_a_command_of_nothing_changes_nothing(graph):
     stream = Stream(graph)
     impulses = graph.speak(interfaces.ROTOR_IMPULSES)
     for message in (kick_message(), RotorImpulses()):
@@ -128,7 +123,7 @@ def test_a_command_of_nothing_changes_nothing(graph: Graph) -> None:
     stream.explain([kick])
 
 
-def test_a_report_holds_rate_lateness_and_energy(graph: Graph) -> None:
+def test_a_report_holds_rate_lateness_and_energy(graph):
     stream = Stream(graph)
     impulses = graph.speak(interfaces.ROTOR_IMPULSES)
     impulses.publish(kick_message())
@@ -146,7 +141,7 @@ def test_a_report_holds_rate_lateness_and_energy(graph: Graph) -> None:
     assert int(figures['frames']) >= len(stream.frames)
 
 
-def test_missed_deadlines_are_counted_and_warned_of(graph: Graph) -> None:
+def test_missed_deadlines_are_counted_and_warned_of(graph):
     graph.start(Simulator, {'chain.number_of_rotors': 20_000, 'publish_rate': 2000.0})
     reports = graph.reports('simulator')
 
@@ -161,7 +156,7 @@ def test_missed_deadlines_are_counted_and_warned_of(graph: Graph) -> None:
     assert float(figures['real-time factor']) < 1
 
 
-def test_the_chain_is_there_for_late_joiners(graph: Graph) -> None:
+def test_the_chain_is_there_for_late_joiners(graph):
     graph.start(Simulator, GIVEN)
     chains = graph.hear(interfaces.CHAIN)
     graph.until(lambda: chains, 'the chain')
@@ -169,7 +164,7 @@ def test_the_chain_is_there_for_late_joiners(graph: Graph) -> None:
     assert list(chains[0].joint_names) == NAMES
 
 
-def test_the_clock_has_the_stamp_of_each_frame_with_publish_clock(graph: Graph) -> None:
+def test_the_clock_has_the_stamp_of_each_frame_with_publish_clock(graph):
     clocks = graph.hear(interfaces.CLOCK)
     stream = Stream(graph, {'publish_clock': True})
     stream.grow(50)
@@ -180,7 +175,7 @@ def test_the_clock_has_the_stamp_of_each_frame_with_publish_clock(graph: Graph) 
     assert len(stamps & set(shown)) >= 40
 
 
-def test_time_begins_with_the_required_number_of_subscribers(graph: Graph) -> None:
+def test_time_begins_with_the_required_number_of_subscribers(graph):
     first = graph.hear(interfaces.JOINT_STATES)
     chains = graph.hear(interfaces.CHAIN)
     reports = graph.reports('simulator')
@@ -194,9 +189,7 @@ def test_time_begins_with_the_required_number_of_subscribers(graph: Graph) -> No
     assert first[0].header.stamp == chains[0].header.stamp
 
 
-def test_it_ends_once_its_last_frames_are_acknowledged_or_cannot_be(
-    graph: Graph, tmp_path: Path
-) -> None:
+def test_it_ends_once_its_last_frames_are_acknowledged_or_cannot_be(graph, tmp_path):
     stream = Stream(graph)
     arguments = ['--ros-args', '-p', f'output:={tmp_path / "run"}']
     recorder = Program('bag_recorder', arguments, graph.domain, tmp_path / 'log')
@@ -213,7 +206,7 @@ def test_it_ends_once_its_last_frames_are_acknowledged_or_cannot_be(
 
 
 @pytest.mark.parametrize(('seconds', 'when'), [(1, 'past'), (2**31 - 1, 'future')])
-def test_commands_of_another_time_are_rejected(graph: Graph, seconds: int, when: str) -> None:
+def test_commands_of_another_time_are_rejected(graph, seconds, when):
     stream = Stream(graph)
     header = Header(stamp=Time(sec=seconds))
     graph.speak(interfaces.ROTOR_TORQUES).publish(

@@ -92,9 +92,7 @@ def assert_shown(frames: list[JointState], simulation: Simulation) -> None:
 @pytest.mark.parametrize(
     ('mechanics', 'kind'), [('elastic', ElasticSimulation), ('rigid', RigidSimulation)]
 )
-def test_mechanics_gravity_and_damping_are_those_of_the_parameters(
-    graph: Graph, mechanics: str, kind: type[Simulation]
-) -> None:
+def test_mechanics_gravity_and_damping_are_those_of_the_parameters(graph, mechanics, kind):
     parameters = {
         'mechanics': mechanics,
         'chain.damping': 1e-4,
@@ -110,7 +108,7 @@ def test_mechanics_gravity_and_damping_are_those_of_the_parameters(
     assert float(values(graph.next_report('simulator'))['dissipated [J]']) > 0
 
 
-def test_the_tilt_turns_by_topic_and_by_parameter_at_the_instant_of_a_frame(graph: Graph) -> None:
+def test_the_tilt_turns_by_topic_and_by_parameter_at_the_instant_of_a_frame(graph):
     paused = Paused(graph, {'gravity.acceleration': 9.81})
     tilts = graph.speak(interfaces.TILT)
     twin = ElasticSimulation(CHAIN, CHAIN.uniform_state(-1), None, 1 / RATE, 1e-11, Gravity(9.81))
@@ -128,9 +126,7 @@ def test_the_tilt_turns_by_topic_and_by_parameter_at_the_instant_of_a_frame(grap
     assert_shown(paused.taken(1), twin)
 
 
-def test_motors_change_at_the_instant_of_a_frame_and_the_chain_is_published_again(
-    graph: Graph,
-) -> None:
+def test_motors_change_at_the_instant_of_a_frame_and_the_chain_is_published_again(graph):
     heard = graph.hear(interfaces.CHAIN)
     paused = Paused(graph, {'chain.non_reciprocity': 1e-5})
     active = dataclasses.replace(CHAIN, non_reciprocity=1e-5)
@@ -149,7 +145,7 @@ def test_motors_change_at_the_instant_of_a_frame_and_the_chain_is_published_agai
     assert not paused.change(chain__damping=1e-5).successful
 
 
-def test_a_tilt_that_is_no_angle_is_rejected(graph: Graph) -> None:
+def test_a_tilt_that_is_no_angle_is_rejected(graph):
     paused = Paused(graph, {'gravity.acceleration': 9.81, 'gravity.tilt': 0.1})
     reports = graph.reports('simulator')
     graph.speak(interfaces.TILT).publish(Float64(data=float('nan')))
@@ -159,7 +155,7 @@ def test_a_tilt_that_is_no_angle_is_rejected(graph: Graph) -> None:
     assert paused.node.get_parameter('gravity.tilt').value == 0.1
 
 
-def test_a_random_chain_is_published_exactly_with_a_warning(graph: Graph) -> None:
+def test_a_random_chain_is_published_exactly_with_a_warning(graph):
     spread = {'rotor_length': 0.1, 'rest_length': 0.1, 'mass': 0.1, 'damping': 0.2, 'seed': 1}
     parameters = {f'chain.disorder.{name}': value for name, value in spread.items()}
     parameters |= {'chain.damping': 1e-5, 'chain.deviations.stiffness': [0.1] * (ROTORS - 1)}
@@ -177,7 +173,7 @@ def test_a_random_chain_is_published_exactly_with_a_warning(graph: Graph) -> Non
     assert int(figures['bonds that may stop a soliton']) == obstacles > 0
 
 
-def test_periodic_ends_and_fixed_rotors(graph: Graph) -> None:
+def test_periodic_ends_and_fixed_rotors(graph):
     paused = Paused(graph, {'chain.periodic': True, 'fixed_rotors': ['rotor_2', '5']})
     assert paused.chain == dataclasses.replace(CHAIN, periodic=True)
     state = State(CHAIN.uniform_state(-1) + 0.1, np.zeros(ROTORS))
@@ -191,7 +187,7 @@ def test_periodic_ends_and_fixed_rotors(graph: Graph) -> None:
 
 
 @pytest.mark.parametrize('velocity', [0.5, -0.5])
-def test_a_reset_to_a_soliton_and_to_angles_by_name(graph: Graph, velocity: float) -> None:
+def test_a_reset_to_a_soliton_and_to_angles_by_name(graph, velocity):
     paused = Paused(graph)
     response = paused.reset(state=Reset.Request.SOLITON, rotor=3.2, velocity=velocity)
     assert (response.success, response.message) == (
@@ -212,7 +208,7 @@ def test_a_reset_to_a_soliton_and_to_angles_by_name(graph: Graph, velocity: floa
     assert_shown(paused.taken(30), ElasticSimulation(CHAIN, angles, rates, 1 / RATE))
 
 
-def test_an_impossible_reset_changes_nothing(graph: Graph) -> None:
+def test_an_impossible_reset_changes_nothing(graph):
     paused = Paused(graph, {'mechanics': 'rigid'})
     paused.reset(state=Reset.Request.SOLITON, rotor=3.0, velocity=0.5)
     for request_, complaint in (
@@ -242,7 +238,7 @@ def test_an_impossible_reset_changes_nothing(graph: Graph) -> None:
     assert_shown(paused.taken(10), RigidSimulation(CHAIN, state.angles, state.rates, 1 / RATE))
 
 
-def test_joint_states_equal_the_sensor_model(graph: Graph) -> None:
+def test_joint_states_equal_the_sensor_model(graph):
     errors = EncoderErrors(noise=0.02, quantisation=0.003, offsets=(0.1,) * ROTORS, seed=9)
     given = {
         'sensors.noise': 0.02,
@@ -270,7 +266,7 @@ def test_joint_states_equal_the_sensor_model(graph: Graph) -> None:
     assert list(frame.position) == (twin.angles + 0.1)[shown].tolist()
 
 
-def test_the_real_time_factor_sets_the_rate_of_the_loop_and_is_reported(graph: Graph) -> None:
+def test_the_real_time_factor_sets_the_rate_of_the_loop_and_is_reported(graph):
     clocks = graph.hear(interfaces.CLOCK)
     paused = Paused(graph, {'real_time_factor': 0.0, 'publish_clock': True})
     loop, control = paused.node.loop, paused.node.control
@@ -291,7 +287,7 @@ def test_the_real_time_factor_sets_the_rate_of_the_loop_and_is_reported(graph: G
     assert stamps == sorted(set(stamps))
 
 
-def test_fixed_parameters_are_read_only(graph: Graph) -> None:
+def test_fixed_parameters_are_read_only(graph):
     paused = Paused(graph)
     names = ('chain.damping', 'mechanics', 'sensors.seed', 'chain.disorder.mass', 'publish_rate')
     before = {name: paused.node.get_parameter(name).value for name in names}
@@ -313,7 +309,7 @@ def test_fixed_parameters_are_read_only(graph: Graph) -> None:
     ]
 
 
-def test_only_the_valid_commands_of_a_flood_are_executed(graph: Graph) -> None:
+def test_only_the_valid_commands_of_a_flood_are_executed(graph):
     paused = Paused(graph, {'command_timeout': 0.0})
     paused.reset()
     control = paused.node.control
@@ -345,7 +341,7 @@ def test_only_the_valid_commands_of_a_flood_are_executed(graph: Graph) -> None:
     assert_shown(frames[1:], twin)
 
 
-def test_a_pace_of_next_to_nothing_stands_still_and_can_be_left(graph: Graph) -> None:
+def test_a_pace_of_next_to_nothing_stands_still_and_can_be_left(graph):
     paused = Paused(graph)
     graph.call(SetBool, 'simulator/pause', data=False)
     assert paused.change(real_time_factor=5e-324).successful

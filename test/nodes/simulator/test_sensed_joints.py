@@ -28,7 +28,7 @@ def read(joints: SensedJoints, frame: int, simulation: Simulation) -> JointState
     return deserialize_message(bytes(joints.fill(10**9, frame, simulation)), JointState)
 
 
-def test_without_errors_the_readings_are_exact(named: NamedChain) -> None:
+def test_without_errors_the_readings_are_exact(named):
     for missing in [(), (0, 5), (7,)]:
         joints, simulation = SensedJoints(named, PERIOD, EncoderErrors(), missing), moving(named)
         shown = [rotor for rotor in range(8) if rotor not in missing]
@@ -41,7 +41,7 @@ def test_without_errors_the_readings_are_exact(named: NamedChain) -> None:
             simulation.advance()
 
 
-def test_with_errors_the_readings_equal_the_encoder_model(named: NamedChain) -> None:
+def test_with_errors_the_readings_equal_the_encoder_model(named):
     for missing in [(), (0, 5)]:
         joints, simulation = SensedJoints(named, PERIOD, NOISY, missing), moving(named)
         encoders = Encoders(8, PERIOD, NOISY)
@@ -55,7 +55,7 @@ def test_with_errors_the_readings_equal_the_encoder_model(named: NamedChain) -> 
             simulation.advance()
 
 
-def test_known_offsets_are_read_besides_errors(named: NamedChain) -> None:
+def test_known_offsets_are_read_besides_errors(named):
     known = np.linspace(-0.1, 0.1, 8)
     biased = replace(named, encoder_offsets=tuple(known))
     simulation = moving(named)
@@ -65,7 +65,7 @@ def test_known_offsets_are_read_besides_errors(named: NamedChain) -> None:
         np.testing.assert_allclose(read(joints, 0, simulation).position, expected, atol=1e-15)
 
 
-def test_another_simulation_has_no_frame_before(named: NamedChain) -> None:
+def test_another_simulation_has_no_frame_before(named):
     joints = SensedJoints(named, PERIOD, NOISY, ())
     read(joints, 0, moving(named))
     simulation = moving(named)
@@ -74,7 +74,7 @@ def test_another_simulation_has_no_frame_before(named: NamedChain) -> None:
     assert all(read(joints, 2, simulation).velocity)
 
 
-def test_errors_change_with_the_next_frame(named: NamedChain) -> None:
+def test_errors_change_with_the_next_frame(named):
     joints, simulation = SensedJoints(named, PERIOD, EncoderErrors(), ()), moving(named)
     exact = simulation.angles.tolist()
     assert list(read(joints, 0, simulation).position) == exact

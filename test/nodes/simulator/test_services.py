@@ -35,7 +35,7 @@ def settled(stream: Stream) -> int:
     return len(stream.frames)
 
 
-def test_a_pause_stops_time_at_once_and_can_be_repeated(graph: Graph) -> None:
+def test_a_pause_stops_time_at_once_and_can_be_repeated(graph):
     stream = Stream(graph)
     impulses = graph.speak(interfaces.ROTOR_IMPULSES)
     impulses.publish(kick_message())
@@ -54,7 +54,7 @@ def test_a_pause_stops_time_at_once_and_can_be_repeated(graph: Graph) -> None:
     stream.explain([kick])
 
 
-def test_steps_are_taken_while_paused_and_answered_when_done(graph: Graph) -> None:
+def test_steps_are_taken_while_paused_and_answered_when_done(graph):
     stream = Stream(graph)
     pause(graph, True)
     before = settled(stream)
@@ -70,7 +70,7 @@ def test_steps_are_taken_while_paused_and_answered_when_done(graph: Graph) -> No
     assert kicked == stream.number(stream.frames[before])
 
 
-def test_a_step_while_running_or_of_a_wrong_length_is_rejected(graph: Graph) -> None:
+def test_a_step_while_running_or_of_a_wrong_length_is_rejected(graph):
     stream = Stream(graph)
     response = step(graph, 5)
     assert (response.success, response.message) == (
@@ -88,7 +88,7 @@ def test_a_step_while_running_or_of_a_wrong_length_is_rejected(graph: Graph) -> 
     stream.explain([])
 
 
-def test_a_reset_forgets_commands_but_not_the_time(graph: Graph) -> None:
+def test_a_reset_forgets_commands_but_not_the_time(graph):
     stream = Stream(graph)
     impulses = graph.speak(interfaces.ROTOR_IMPULSES)
     torques = graph.speak(interfaces.ROTOR_TORQUES)
@@ -116,7 +116,7 @@ def test_a_reset_forgets_commands_but_not_the_time(graph: Graph) -> None:
         twin.advance()
 
 
-def test_a_motion_too_fast_to_compute_pauses_until_a_reset(graph: Graph) -> None:
+def test_a_motion_too_fast_to_compute_pauses_until_a_reset(graph):
     stream = Stream(graph, {'impulse_limit': 1e6})
     impulses = graph.speak(interfaces.ROTOR_IMPULSES)
     pause(graph, True)

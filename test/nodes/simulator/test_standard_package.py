@@ -1,10 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where the package of the standard is installed, the simulator serves its types."""
 
-from __future__ import annotations
-
 import pytest
-from graphs import Graph
 
 from soliton_linkage_nodes.simulator.node import Simulator
 
@@ -13,7 +10,7 @@ messages = pytest.importorskip('simulation_interfaces.msg', reason=reason)
 types = pytest.importorskip('simulation_interfaces.srv', reason=reason)
 
 
-def test_the_standard_services_pause_step_reset_and_report(graph: Graph) -> None:
+def test_the_standard_services_pause_step_reset_and_report(graph):
     graph.start(Simulator, {'chain.number_of_rotors': 4, 'publish_rate': 50.0})
     features = graph.call(types.GetSimulatorFeatures, 'simulator/get_simulator_features').features
     assert messages.SimulatorFeatures.STEP_SIMULATION_MULTIPLE in features.features

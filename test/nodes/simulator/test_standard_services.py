@@ -96,12 +96,12 @@ class Client:
         return self.call('set_simulation_state', state=SimpleNamespace(state=state)).result
 
 
-def test_the_features_are_those_that_there_are() -> None:
+def test_the_features_are_those_that_there_are():
     response = Client().call('get_simulator_features')
     assert response.features.features == list(range(20, 27))
 
 
-def test_it_plays_and_pauses() -> None:
+def test_it_plays_and_pauses():
     client = Client()
     assert client.state == PLAYING
     for state in (PAUSED, PLAYING, PAUSED):
@@ -112,7 +112,7 @@ def test_it_plays_and_pauses() -> None:
     assert client.services.resets == []
 
 
-def test_to_stop_is_to_pause_and_reset_until_something_moves() -> None:
+def test_to_stop_is_to_pause_and_reset_until_something_moves():
     client = Client()
     assert client.put(STOPPED).result == OK
     assert client.services.resets == [Reset.Request.INITIAL]
@@ -128,7 +128,7 @@ def test_to_stop_is_to_pause_and_reset_until_something_moves() -> None:
     assert client.state == PLAYING
 
 
-def test_it_does_not_quit() -> None:
+def test_it_does_not_quit():
     client = Client()
     result = client.put(QUITTING)
     assert result.result == UNSUPPORTED
@@ -136,14 +136,14 @@ def test_it_does_not_quit() -> None:
     assert client.state == PLAYING
 
 
-def test_it_steps() -> None:
+def test_it_steps():
     client = Client()
     client.put(PAUSED)
     assert client.call('step_simulation', steps=7).result.result == OK
     assert client.services.frames == 17
 
 
-def test_it_resets_the_state_but_not_the_time() -> None:
+def test_it_resets_the_state_but_not_the_time():
     for scope, result in [
         (2, OK),
         (6, OK),
@@ -159,7 +159,7 @@ def test_it_resets_the_state_but_not_the_time() -> None:
         assert ('request SCOPE_STATE = 2' in response.result.error_message) == (result != OK)
 
 
-def test_impossible_requests_are_rejected_with_a_reason() -> None:
+def test_impossible_requests_are_rejected_with_a_reason():
     client = Client()
     client.services.complaint = 'pause it first'
     for result in (

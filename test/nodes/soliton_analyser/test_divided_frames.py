@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +37,7 @@ FRAMES = 120
 
 
 @pytest.fixture
-def frames(named: NamedChain) -> list[JointState]:
+def frames(named):
     """A wall that leaves the edge."""
     start = named.chain.uniform_state(-1)
     kick = 10 * mode_towards_last(named.chain, start)
@@ -76,9 +76,7 @@ def start_analyser(graph: Graph, named: NamedChain, **parameters: object) -> lis
     return states
 
 
-def test_a_bag_with_frames_in_halves_gives_the_states_of_whole_frames(
-    named: NamedChain, frames: list[JointState], tmp_path: Path
-) -> None:
+def test_a_bag_with_frames_in_halves_gives_the_states_of_whole_frames(named, frames, tmp_path):
     messages = [half for frame in frames for half in halves(frame)]
     with open_bag(bag_of(tmp_path, named, messages)) as reader:
         found = list(analyse_frames(reader))
@@ -88,12 +86,8 @@ def test_a_bag_with_frames_in_halves_gives_the_states_of_whole_frames(
 
 @pytest.mark.parametrize('publishers', [1, 2])
 def test_halves_of_one_or_two_publishers_give_the_states_of_whole_frames(
-    graph: Graph,
-    named: NamedChain,
-    frames: list[JointState],
-    said: Callable[[], str],
-    publishers: int,
-) -> None:
+    graph, named, frames, said, publishers
+):
     states = start_analyser(graph, named)
     boards = [graph.speak(interfaces.JOINT_STATES) for _ in range(publishers)]
     for frame in frames:
@@ -106,9 +100,7 @@ def test_halves_of_one_or_two_publishers_give_the_states_of_whole_frames(
     assert 'nodes publish' not in said()
 
 
-def test_publishers_of_different_joints_and_stamps_are_both_used(
-    graph: Graph, named: NamedChain, frames: list[JointState]
-) -> None:
+def test_publishers_of_different_joints_and_stamps_are_both_used(graph, named, frames):
     states = start_analyser(graph, named)
     boards = [graph.speak(interfaces.JOINT_STATES) for _ in range(2)]
     for frame in frames:
@@ -119,9 +111,7 @@ def test_publishers_of_different_joints_and_stamps_are_both_used(
     assert sum(map(len, walls)) > FRAMES // 2
 
 
-def test_a_lockstep_replay_of_halves_answers_every_frame(
-    graph: Graph, named: NamedChain, frames: list[JointState], tmp_path: Path
-) -> None:
+def test_a_lockstep_replay_of_halves_answers_every_frame(graph, named, frames, tmp_path):
     bag = bag_of(tmp_path, named, [half for frame in frames for half in halves(frame)])
     states = graph.hear(interfaces.SOLITON_STATE)
     graph.start(SolitonAnalyser)
@@ -131,17 +121,13 @@ def test_a_lockstep_replay_of_halves_answers_every_frame(
     assert list(map(repr, states)) == list(map(repr, expected(named, frames)))
 
 
-def test_a_frame_that_stays_incomplete_is_analysed_without_a_later_one(
-    graph: Graph, named: NamedChain, frames: list[JointState]
-) -> None:
+def test_a_frame_that_stays_incomplete_is_analysed_without_a_later_one(graph, named, frames):
     states = start_analyser(graph, named)
     graph.speak(interfaces.JOINT_STATES).publish(halves(frames[60])[0])
     graph.until(lambda: states, 'the state')
 
 
-def test_joints_without_any_angle_are_reported_once(
-    graph: Graph, named: NamedChain, frames: list[JointState], said: Callable[[], str]
-) -> None:
+def test_joints_without_any_angle_are_reported_once(graph, named, frames, said):
     states = start_analyser(graph, named)
     joints = graph.speak(interfaces.JOINT_STATES)
     for frame in frames:
@@ -156,8 +142,8 @@ def test_joints_without_any_angle_are_reported_once(
 
 @pytest.mark.parametrize('stamps', ['header', 'arrival'])
 def test_frames_without_stamps_are_analysed_at_their_arrival_if_requested(
-    graph: Graph, named: NamedChain, frames: list[JointState], said: Callable[[], str], stamps: str
-) -> None:
+    graph, named, frames, said, stamps
+):
     states = start_analyser(graph, named, stamps=stamps)
     joints = graph.speak(interfaces.JOINT_STATES)
     for frame in frames:

@@ -10,7 +10,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -92,7 +92,7 @@ def tell_chain(graph: Graph, named: NamedChain) -> Publisher:
 
 
 @pytest.mark.parametrize('name', CHAINS)
-def test_every_frame_gets_its_solitons_under_its_own_header(graph: Graph, name: str) -> None:
+def test_every_frame_gets_its_solitons_under_its_own_header(graph, name):
     chain, speed = CHAINS[name]
     named = named_chain(chain)
     states = graph.hear(interfaces.SOLITON_STATE)
@@ -110,7 +110,7 @@ def test_every_frame_gets_its_solitons_under_its_own_header(graph: Graph, name: 
 
 
 @pytest.mark.parametrize('rates', [True, False])
-def test_joints_may_come_in_any_order_and_without_rates(graph: Graph, rates: bool) -> None:
+def test_joints_may_come_in_any_order_and_without_rates(graph, rates):
     chain, speed = CHAINS['flipper']
     named = named_chain(chain)
     states = graph.hear(interfaces.SOLITON_STATE)
@@ -134,7 +134,7 @@ def test_joints_may_come_in_any_order_and_without_rates(graph: Graph, rates: boo
     assert same(states[0], expected_of(named, [frame])[0])
 
 
-def test_no_soliton_is_an_empty_list(graph: Graph, named: NamedChain) -> None:
+def test_no_soliton_is_an_empty_list(graph, named):
     states = graph.hear(interfaces.SOLITON_STATE)
     tell_chain(graph, named)
     graph.start(SolitonAnalyser, EVERY_FRAME)
@@ -148,7 +148,7 @@ def test_no_soliton_is_an_empty_list(graph: Graph, named: NamedChain) -> None:
         assert state.motion_name == 'flipper'
 
 
-def test_frames_that_come_before_the_chain_are_analysed_once_it_is_known(graph: Graph) -> None:
+def test_frames_that_come_before_the_chain_are_analysed_once_it_is_known(graph):
     chain, speed = CHAINS['flipper']
     named = named_chain(chain)
     states = graph.hear(interfaces.SOLITON_STATE)
@@ -170,7 +170,7 @@ def test_frames_that_come_before_the_chain_are_analysed_once_it_is_known(graph: 
     assert [state.header for state in states] == [frame.header for frame in frames]
 
 
-def test_no_frame_is_lost_while_the_analyser_is_busy(graph: Graph, named: NamedChain) -> None:
+def test_no_frame_is_lost_while_the_analyser_is_busy(graph, named):
     reports = graph.reports('soliton_analyser')
     graph.start(SolitonAnalyser, EVERY_FRAME)
     joints = graph.speak(replace(interfaces.JOINT_STATES, qos=interfaces.lossless_stream_qos()))
@@ -192,9 +192,7 @@ while len(observer.states) < {count}:
 """
 
 
-def test_an_experiment_that_is_stopped_meanwhile_loses_no_state_of_a_replay(
-    graph: Graph, named: NamedChain
-) -> None:
+def test_an_experiment_that_is_stopped_meanwhile_loses_no_state_of_a_replay(graph, named):
     tell_chain(graph, named)
     analyser = graph.start(SolitonAnalyser, EVERY_FRAME)
     rest, count = named.chain.uniform_state(1), 2000
@@ -218,7 +216,7 @@ def test_an_experiment_that_is_stopped_meanwhile_loses_no_state_of_a_replay(
         observer.wait()
 
 
-def test_the_last_1000_frames_wait_for_the_chain(graph: Graph, named: NamedChain) -> None:
+def test_the_last_1000_frames_wait_for_the_chain(graph, named):
     topic = interfaces.SOLITON_STATE
     states = graph.hear(replace(topic, qos=interfaces.lossless_stream_qos()))
     analyser = graph.start(SolitonAnalyser)
@@ -233,7 +231,7 @@ def test_the_last_1000_frames_wait_for_the_chain(graph: Graph, named: NamedChain
     assert len(analyser.waiting) == 0
 
 
-def test_parameters_of_the_chain_replace_the_topic(graph: Graph, named: NamedChain) -> None:
+def test_parameters_of_the_chain_replace_the_topic(graph, named):
     states = graph.hear(interfaces.SOLITON_STATE)
     graph.start(
         SolitonAnalyser,
@@ -248,7 +246,7 @@ def test_parameters_of_the_chain_replace_the_topic(graph: Graph, named: NamedCha
         assert same(state, expected)
 
 
-def test_a_frame_of_any_numbers_is_analysed(graph: Graph) -> None:
+def test_a_frame_of_any_numbers_is_analysed(graph):
     chance = np.random.default_rng(3)
     named = named_chain(Chain(number_of_rotors=5))
     states = graph.hear(interfaces.SOLITON_STATE)
@@ -266,7 +264,7 @@ def test_a_frame_of_any_numbers_is_analysed(graph: Graph) -> None:
     assert not reports or values(reports[-1])['rejected'] == '0'
 
 
-def test_a_report_has_rate_and_number_of_solitons(graph: Graph, named: NamedChain) -> None:
+def test_a_report_has_rate_and_number_of_solitons(graph, named):
     states = graph.hear(interfaces.SOLITON_STATE)
     reports = graph.reports('soliton_analyser')
     tell_chain(graph, named)
@@ -282,7 +280,7 @@ def test_a_report_has_rate_and_number_of_solitons(graph: Graph, named: NamedChai
     assert float(figures['rate [Hz]']) > 0
 
 
-def test_a_parameter_maps_joints_to_rotors(graph: Graph, named: NamedChain) -> None:
+def test_a_parameter_maps_joints_to_rotors(graph, named):
     joints = [f'wheel_{7 - rotor}' for rotor in range(8)]
     states = graph.hear(interfaces.SOLITON_STATE)
     tell_chain(graph, named)
@@ -303,7 +301,7 @@ def test_a_parameter_maps_joints_to_rotors(graph: Graph, named: NamedChain) -> N
         assert same(state, expected)
 
 
-def test_joints_that_do_not_fit_the_chain_are_reported(graph: Graph, named: NamedChain) -> None:
+def test_joints_that_do_not_fit_the_chain_are_reported(graph, named):
     reports = graph.reports('soliton_analyser')
     tell_chain(graph, named)
     graph.start(SolitonAnalyser, {'joint_names': ['a', 'b']})
@@ -312,7 +310,7 @@ def test_joints_that_do_not_fit_the_chain_are_reported(graph: Graph, named: Name
     )
 
 
-def test_without_a_chain_the_angles_alone_give_the_motion(graph: Graph, named: NamedChain) -> None:
+def test_without_a_chain_the_angles_alone_give_the_motion(graph, named):
     states = graph.hear(interfaces.SOLITON_STATE)
     reports = graph.reports('soliton_analyser')
     graph.start(SolitonAnalyser, {'chain_from': 'nowhere'})
@@ -331,7 +329,7 @@ def test_without_a_chain_the_angles_alone_give_the_motion(graph: Graph, named: N
     graph.until(lambda: any(said in r.message for r in reports), 'a report')
 
 
-def test_late_frames_get_no_state_and_are_counted(graph: Graph, named: NamedChain) -> None:
+def test_late_frames_get_no_state_and_are_counted(graph, named):
     states = graph.hear(interfaces.SOLITON_STATE)
     reports = graph.reports('soliton_analyser')
     tell_chain(graph, named)
@@ -349,7 +347,7 @@ def test_late_frames_get_no_state_and_are_counted(graph: Graph, named: NamedChai
 @pytest.mark.parametrize(
     ('spoiled', 'said'), [(1, '1 of 16 rotors are not visible'), (0, 'soliton')]
 )
-def test_missing_rotors_are_reported(graph: Graph, spoiled: int, said: str) -> None:
+def test_missing_rotors_are_reported(graph, spoiled, said):
     chain, speed = CHAINS['flipper']
     named = named_chain(chain)
     states = graph.hear(interfaces.SOLITON_STATE)
@@ -368,9 +366,7 @@ def test_missing_rotors_are_reported(graph: Graph, spoiled: int, said: str) -> N
     assert report.level == (report.WARN if spoiled else report.OK)
 
 
-def test_a_second_chain_is_ignored_until_the_first_publisher_ends(
-    graph: Graph, said: Callable[[], str]
-) -> None:
+def test_a_second_chain_is_ignored_until_the_first_publisher_ends(graph, said):
     true, false = named_chain(CHAINS['flipper'][0]), named_chain(CHAINS['spinner'][0])
     reports = graph.reports('soliton_analyser')
     graph.start(SolitonAnalyser, EVERY_FRAME)
@@ -388,7 +384,7 @@ def test_a_second_chain_is_ignored_until_the_first_publisher_ends(
     assert 'describes a chain of 16 rotors (spinner' in said()
 
 
-def test_offsets_of_encoders_are_reported(graph: Graph) -> None:
+def test_offsets_of_encoders_are_reported(graph):
     chain, speed = CHAINS['flipper']
     named = named_chain(chain)
     reports = graph.reports('soliton_analyser')
@@ -404,9 +400,7 @@ def test_offsets_of_encoders_are_reported(graph: Graph) -> None:
     )
 
 
-def test_wrong_joint_states_are_rejected_and_valid_ones_analysed_as_before(
-    graph: Graph, named: NamedChain
-) -> None:
+def test_wrong_joint_states_are_rejected_and_valid_ones_analysed_as_before(graph, named):
     states = graph.hear(interfaces.SOLITON_STATE)
     reports = graph.reports('soliton_analyser')
     tell_chain(graph, named)
@@ -459,9 +453,7 @@ def test_wrong_joint_states_are_rejected_and_valid_ones_analysed_as_before(
         ),
     ],
 )
-def test_angles_that_do_not_fit_the_chain_are_reported(
-    graph: Graph, name: str, changes: dict[str, float] | None, warning: str, remedy: str
-) -> None:
+def test_angles_that_do_not_fit_the_chain_are_reported(graph, name, changes, warning, remedy):
     chain, speed = CHAINS[name]
     reports = graph.reports('soliton_analyser')
     tell_chain(graph, named_chain(dataclasses.replace(CHAINS['flipper'][0], **(changes or {}))))

@@ -107,7 +107,7 @@ class Bench:
         self.graph.until(lambda: len(self.frames) >= target, f'{frames} frames')
 
 
-def test_the_wall_is_drawn_out_of_its_edge_to_a_place_and_held_there(graph: Graph) -> None:
+def test_the_wall_is_drawn_out_of_its_edge_to_a_place_and_held_there(graph):
     bench = Bench(graph)
     ended = bench.move(4.3)
     assert (ended.status, ended.result.outcome) == (GoalStatus.STATUS_SUCCEEDED, Result.REACHED)
@@ -123,7 +123,7 @@ def test_the_wall_is_drawn_out_of_its_edge_to_a_place_and_held_there(graph: Grap
     assert bench.feedback[-1].phonon_energy < 1e-7
 
 
-def test_a_goal_during_a_move_replaces_the_current_one(graph: Graph) -> None:
+def test_a_goal_during_a_move_replaces_the_current_one(graph):
     bench = Bench(graph, disorder=UNEVEN)
     first = bench.send(6.0)
     graph.until(lambda: len(bench.feedback) > 3, 'feedback')
@@ -136,7 +136,7 @@ def test_a_goal_during_a_move_replaces_the_current_one(graph: Graph) -> None:
     assert bench.place == pytest.approx(2.0, abs=0.05)
 
 
-def test_cancel_holds_the_soliton_and_release_frees_it(graph: Graph) -> None:
+def test_cancel_holds_the_soliton_and_release_frees_it(graph):
     bench = Bench(graph)
     handle = bench.send(6.0)
     graph.until(lambda: bench.feedback and bench.feedback[-1].rotor > 1, 'a wall on its way')
@@ -157,7 +157,7 @@ def test_cancel_holds_the_soliton_and_release_frees_it(graph: Graph) -> None:
     assert not graph.call(Trigger, 'soliton_steering/release').success
 
 
-def test_impossible_goals_are_rejected_with_the_reason(graph: Graph) -> None:
+def test_impossible_goals_are_rejected_with_the_reason(graph):
     bench = Bench(graph, {'actuated_joints': ['rotor_0', 'rotor_1']})
     for rotor, speed, outcome, reason in (
         (7.5, 0.0, Result.OUT_OF_CHAIN, 'range 0 to 7'),
@@ -175,7 +175,7 @@ def test_impossible_goals_are_rejected_with_the_reason(graph: Graph) -> None:
     assert bench.torques == []
 
 
-def test_actuators_at_the_edge_carry_the_wall_as_far_as_they_reach(graph: Graph) -> None:
+def test_actuators_at_the_edge_carry_the_wall_as_far_as_they_reach(graph):
     bench = Bench(graph, {'actuated_joints': ['rotor_0', 'rotor_1']})
     assert bench.move(1.0).result.outcome == Result.REACHED
     assert bench.place == pytest.approx(1.0, abs=0.1)
@@ -183,7 +183,7 @@ def test_actuators_at_the_edge_carry_the_wall_as_far_as_they_reach(graph: Graph)
     assert not any(any(each.effort[2:]) for each in bench.torques)
 
 
-def test_a_wall_is_lost_when_the_joint_states_stop(graph: Graph) -> None:
+def test_a_wall_is_lost_when_the_joint_states_stop(graph):
     bench = Bench(graph, {'state_timeout': 2.0})
     handle = bench.send(6.0)
     graph.until(lambda: len(bench.feedback) > 3, 'feedback')
@@ -201,7 +201,7 @@ def test_a_wall_is_lost_when_the_joint_states_stop(graph: Graph) -> None:
     assert bench.move(2.0).result.outcome == Result.REACHED
 
 
-def test_a_wall_that_jumps_is_lost(graph: Graph) -> None:
+def test_a_wall_that_jumps_is_lost(graph):
     bench = Bench(graph)
     handle = bench.send(5.0)
     graph.until(lambda: bench.feedback and bench.feedback[-1].rotor > 2, 'a wall on its way')
@@ -214,7 +214,7 @@ def test_a_wall_that_jumps_is_lost(graph: Graph) -> None:
     assert bench.move(4.0).result.outcome == Result.REACHED
 
 
-def test_without_a_chain_or_a_wall_there_is_nothing_to_move(graph: Graph) -> None:
+def test_without_a_chain_or_a_wall_there_is_nothing_to_move(graph):
     client = ActionClient(graph.user, MoveSoliton, interfaces.MOVE_SOLITON)
     node = graph.start(SolitonSteering, {'state_timeout': 60.0})
 
@@ -243,7 +243,7 @@ def test_without_a_chain_or_a_wall_there_is_nothing_to_move(graph: Graph) -> Non
     assert math.isnan(none.rotor)
 
 
-def test_an_unknown_joint_is_rejected(graph: Graph) -> None:
+def test_an_unknown_joint_is_rejected(graph):
     reports = graph.reports('soliton_steering')
     graph.start(Simulator, {'chain.number_of_rotors': ROTORS})
     graph.start(SolitonSteering, {'actuated_joints': ['rotor_9']})
@@ -252,7 +252,7 @@ def test_an_unknown_joint_is_rejected(graph: Graph) -> None:
     )
 
 
-def test_deviations_that_block_the_way_are_ignored_and_reported() -> None:
+def test_deviations_that_block_the_way_are_ignored_and_reported():
     shortened = (*7 * (0.0,), -0.5, *4 * (0.0,))
     chain = Chain(12, rotor_length=0.2, rest_angle=1.18)
     blocked = replace(chain, deviations=Deviations(rotor_length=shortened))
@@ -264,7 +264,7 @@ def test_deviations_that_block_the_way_are_ignored_and_reported() -> None:
         assert ('cannot pass' in steered.limitation) is left_out
 
 
-def test_a_steering_node_that_ends_releases_the_wall(graph: Graph) -> None:
+def test_a_steering_node_that_ends_releases_the_wall(graph):
     bench = Bench(graph)
     bench.send(6.0)
     graph.until(lambda: bench.feedback and bench.feedback[-1].rotor > 1, 'a wall on its way')
@@ -272,7 +272,7 @@ def test_a_steering_node_that_ends_releases_the_wall(graph: Graph) -> None:
     graph.until(lambda: not any(bench.torques[-1].effort), 'torques of 0')
 
 
-def test_two_hundred_goals_at_once_are_all_ended(graph: Graph) -> None:
+def test_two_hundred_goals_at_once_are_all_ended(graph):
     graph.start(SolitonSteering)
     client = ActionClient(graph.user, MoveSoliton, interfaces.MOVE_SOLITON, **ACTION_QOS)
     graph.until(client.server_is_ready, 'the action server')

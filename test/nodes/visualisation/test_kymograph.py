@@ -30,9 +30,7 @@ def filled(seconds: float, rate: float = RATE, wall: float = float('nan')) -> Ky
 
 
 @pytest.mark.parametrize('rate', [RATE, 250, 4])
-def test_time_runs_to_the_right_and_rotors_upwards_in_the_colours_of_the_figures(
-    rate: float,
-) -> None:
+def test_time_runs_to_the_right_and_rotors_upwards_in_the_colours_of_the_figures(rate):
     picture = filled(1.0, rate).picture()
     assert picture.shape == (400, 60, 3)
     assert picture.dtype == np.uint8
@@ -43,13 +41,13 @@ def test_time_runs_to_the_right_and_rotors_upwards_in_the_colours_of_the_figures
     assert (picture[:, begin + 1 :] != BLANK).any(axis=2).all()
 
 
-def test_the_track_is_drawn_at_the_wall() -> None:
+def test_the_track_is_drawn_at_the_wall():
     picture = filled(1.0, wall=3.5).picture()
     black = (picture[:, -1] == BLACK).all(axis=1)
     assert abs(np.flatnonzero(black).mean() - (400 - 4.0 * 50)) <= 2
 
 
-def test_a_track_is_continuous_except_at_a_reset() -> None:
+def test_a_track_is_continuous_except_at_a_reset():
     kymograph = Kymograph(CHAIN, 2.0)
     for number, place in enumerate([1.0, 2.0, 3.0, 7.0]):
         kymograph.add(number / RATE, CHAIN.uniform_state(1), [place])
@@ -59,13 +57,13 @@ def test_a_track_is_continuous_except_at_a_reset() -> None:
     assert max(heights[2:]) <= 4
 
 
-def test_a_step_back_in_time_clears_the_picture() -> None:
+def test_a_step_back_in_time_clears_the_picture():
     kymograph = filled(2.0)
     kymograph.add(5.0, CHAIN.uniform_state(1), [])
     assert kymograph.picture()[:, :-1].tolist() == 400 * [59 * [BLANK]]
 
 
-def test_missing_joints_are_blank() -> None:
+def test_missing_joints_are_blank():
     kymograph = Kymograph(CHAIN, 2.0)
     angles = CHAIN.uniform_state(1)
     angles[2] = np.nan
@@ -74,7 +72,7 @@ def test_missing_joints_are_blank() -> None:
     assert [(rotor == BLANK).all() for rotor in column] == [n == 2 for n in range(8)]
 
 
-def test_long_chains_have_no_more_rows_than_a_screen() -> None:
+def test_long_chains_have_no_more_rows_than_a_screen():
     long = Chain(number_of_rotors=30_000)
     kymograph = Kymograph(long, 1.0)
     kymograph.add(0.0, long.uniform_state(1), [15_000.0])
@@ -84,7 +82,7 @@ def test_long_chains_have_no_more_rows_than_a_screen() -> None:
     assert abs(black.mean() / len(picture) - 0.5) < 0.01
 
 
-def test_white_is_upright() -> None:
+def test_white_is_upright():
     kymograph = Kymograph(CHAIN, 2.0)
     kymograph.add(0.0, np.zeros(8), [])
     middle = [255 * share for share in colormaps['PuOr'](0.5)[:3]]

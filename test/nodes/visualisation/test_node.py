@@ -67,7 +67,7 @@ class Stage:
 
 
 @pytest.fixture
-def stage(graph: Graph, named: NamedChain) -> Stage:
+def stage(graph, named):
     made = Stage(graph, named, {})
     made.learn(named)
     return made
@@ -77,7 +77,7 @@ def by_name(message: Any) -> dict[tuple[str, int], Marker]:
     return {(marker.ns, marker.id): marker for marker in message.markers}
 
 
-def test_the_description_is_that_of_the_chain_and_late_joiners_get_it(stage: Stage) -> None:
+def test_the_description_is_that_of_the_chain_and_late_joiners_get_it(stage):
     heard = stage.graph.hear(interfaces.ROBOT_DESCRIPTION)
     stage.graph.until(lambda: heard, 'a description')
     robot = URDF.from_xml_string(heard[0].data)
@@ -85,7 +85,7 @@ def test_the_description_is_that_of_the_chain_and_late_joiners_get_it(stage: Sta
     assert len(heard) == 1
 
 
-def test_markers_have_the_stamp_of_the_frame_and_walls_go(stage: Stage) -> None:
+def test_markers_have_the_stamp_of_the_frame_and_walls_go(stage):
     angles = stage.named.chain.uniform_state(1)
     heard = stage.graph.hear(interfaces.MARKERS)
     stage.tell(stage.move(angles), 0.25, 0.5)
@@ -107,7 +107,7 @@ def test_markers_have_the_stamp_of_the_frame_and_walls_go(stage: Stage) -> None:
     assert [marker.action for marker in gone if marker][-1] == Marker.DELETE
 
 
-def test_the_text_has_phase_energies_and_node_reports(stage: Stage) -> None:
+def test_the_text_has_phase_energies_and_node_reports(stage):
     diagnostics = stage.graph.speak(interfaces.DIAGNOSTICS, subscribers=1)
     status = DiagnosticStatus(level=b'\x01', name='pump: air', message='leaks')
     diagnostics.publish(DiagnosticArray(status=[status]))
@@ -129,7 +129,7 @@ def test_the_text_has_phase_energies_and_node_reports(stage: Stage) -> None:
     assert 'WARN pump: leaks' in told[2:]
 
 
-def test_the_last_kick_is_shown_for_a_while(stage: Stage) -> None:
+def test_the_last_kick_is_shown_for_a_while(stage):
     angles = stage.named.chain.uniform_state(1)
     heard = stage.graph.hear(interfaces.MARKERS)
     kick = LastKick(header=Header(stamp=stage.move(angles)), name=['rotor_2'], impulse=[1e-4])
@@ -148,7 +148,7 @@ def test_the_last_kick_is_shown_for_a_while(stage: Stage) -> None:
     assert 20 < stage.number - begin < 60
 
 
-def test_another_chain_clears_the_drawing(stage: Stage) -> None:
+def test_another_chain_clears_the_drawing(stage):
     heard = stage.graph.hear(interfaces.MARKERS)
     stage.move(stage.named.chain.uniform_state(1))
     stage.graph.until(lambda: heard, 'markers')
@@ -160,7 +160,7 @@ def test_another_chain_clears_the_drawing(stage: Stage) -> None:
     assert actions.count(Marker.DELETEALL) == 1
 
 
-def test_the_pose_is_that_of_the_first_wall(stage: Stage) -> None:
+def test_the_pose_is_that_of_the_first_wall(stage):
     heard = stage.graph.hear(interfaces.SOLITON_POSE)
     stage.graph.until(
         lambda: stage.node.count_subscribers(interfaces.SOLITON_POSE.name), 'a subscription'
@@ -175,7 +175,7 @@ def test_the_pose_is_that_of_the_first_wall(stage: Stage) -> None:
     assert not pose.covariance[1:].any()
 
 
-def test_the_kymograph_starts_before_the_first_subscriber(stage: Stage) -> None:
+def test_the_kymograph_starts_before_the_first_subscriber(stage):
     for _ in range(4):
         stage.move(stage.named.chain.uniform_state(1))
     heard = stage.graph.hear(interfaces.KYMOGRAPH)
@@ -188,7 +188,7 @@ def test_the_kymograph_starts_before_the_first_subscriber(stage: Stage) -> None:
     assert (pixels[0, -9:] != 217).any(axis=1).all()
 
 
-def test_nothing_is_drawn_without_subscribers(graph: Graph, named: NamedChain) -> None:
+def test_nothing_is_drawn_without_subscribers(graph, named):
     stage = Stage(graph, named, {})
     reports = graph.reports('visualisation')
     graph.until(lambda: reports, 'a report')
@@ -200,7 +200,7 @@ def test_nothing_is_drawn_without_subscribers(graph: Graph, named: NamedChain) -
     assert {told[f'{name} [Hz]'] for name in ('markers', 'soliton_pose', 'kymograph')} == {'0'}
 
 
-def test_joints_of_another_chain_are_rejected(stage: Stage) -> None:
+def test_joints_of_another_chain_are_rejected(stage):
     other = NamedChain(stage.named.chain, tuple('abcdefgh'))
     angles = stage.named.chain.uniform_state(1)
     stage.joints.publish(frame_to_msg(other, Frame(angles, None), angles, Time()))
@@ -208,7 +208,7 @@ def test_joints_of_another_chain_are_rejected(stage: Stage) -> None:
     assert stage.move(angles)
 
 
-def test_frames_in_two_messages_are_drawn_whole(stage: Stage) -> None:
+def test_frames_in_two_messages_are_drawn_whole(stage):
     observed, angles = stage.node.observed, stage.named.chain.uniform_state(1)
     stamps = count(1)
 

@@ -12,12 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from soliton_linkage.actuation.actuators import (
-    ACTUATORS,
-    Actuator,
-    PneumaticActuator,
-    actuator_type,
-)
+from soliton_linkage.actuation.actuators import ACTUATORS, PneumaticActuator, actuator_type
 from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand, EdgeLimits
 from soliton_linkage.actuation.profile import Profile, trapezoid
 from soliton_linkage.actuation.torque_drive import EdgeDrive, TorqueDrive
@@ -56,18 +51,18 @@ class DirectDrive:
 
 
 @pytest.fixture
-def motor(monkeypatch: pytest.MonkeyPatch) -> Actuator:
+def motor(monkeypatch):
     monkeypatch.setitem(ACTUATORS, 'direct_drive', DirectDrive)
     return actuator_type('direct_drive')()
 
 
-def test_the_actuator_model_is_selected_by_name() -> None:
+def test_the_actuator_model_is_selected_by_name():
     assert actuator_type('pneumatic') is PneumaticActuator
     with pytest.raises(ValueError, match="actuator = 'steam' must be one of 'pneumatic'"):
         actuator_type('steam')
 
 
-def test_a_custom_actuator_gives_its_commanded_torque(motor: Actuator) -> None:
+def test_a_custom_actuator_gives_its_commanded_torque(motor):
     drive = EdgeDrive(motor)
     drive.command(HALF_A_SECOND, Edge.FIRST, 1.0)
     given = [drive.mean_torque(t, t + PERIOD).torque for t in 1 + PERIOD * np.arange(150)]
@@ -76,7 +71,7 @@ def test_a_custom_actuator_gives_its_commanded_torque(motor: Actuator) -> None:
     assert not drive.active
 
 
-def test_a_custom_actuator_acts_along_the_zero_mode(motor: Actuator) -> None:
+def test_a_custom_actuator_acts_along_the_zero_mode(motor):
     chain = Chain(number_of_rotors=6)
     angles = chain.uniform_state(-1)
     drive = TorqueDrive(chain, motor, 0.0)
@@ -85,13 +80,13 @@ def test_a_custom_actuator_acts_along_the_zero_mode(motor: Actuator) -> None:
     np.testing.assert_allclose(drive.torques(angles, 0.0, PERIOD).torques, expected, rtol=1e-12)
 
 
-def test_a_custom_actuator_checks_its_commands(motor: Actuator) -> None:
+def test_a_custom_actuator_checks_its_commands(motor):
     command = EdgeCommand(Edge.FIRST, CommandKind.PRESSURE, 7.0)
     with pytest.raises(ValueError, match='current = 7 A must be at most 5 A'):
         command.check(EdgeLimits(speed=1.0, torque=1.0), motor)
 
 
-def test_a_pulse_of_a_custom_actuator_has_the_impulse_of_the_kick(motor: Actuator) -> None:
+def test_a_pulse_of_a_custom_actuator_has_the_impulse_of_the_kick(motor):
     chain = Chain(number_of_rotors=6)
     kick = EdgeCommand(Edge.LAST, CommandKind.KICK, 0.3)
     drive = EdgeDrive(motor)
@@ -123,7 +118,7 @@ def integrated(pressure: float, command: Profile, start: float, end: float) -> A
     return state
 
 
-def test_the_exact_response_agrees_with_small_integration_steps() -> None:
+def test_the_exact_response_agrees_with_small_integration_steps():
     for pressure in [0.0, 1.5e5, -5e4]:
         for ramps in [(0.0, 0.0), (0.05, 0.0), (0.02, 0.1)]:
             for value in [2e5, -8e4]:
@@ -135,9 +130,7 @@ def test_the_exact_response_agrees_with_small_integration_steps() -> None:
 
 
 @given(PRESSURES, PRESSURES, SLOPES, TIMES, TIMES)
-def test_two_consecutive_responses_equal_one(
-    pressure: float, target: float, slope: float, first: float, second: float
-) -> None:
+def test_two_consecutive_responses_equal_one(pressure, target, slope, first, second):
     whole, area = ACTUATOR.follow(pressure, target, slope, first + second)
     middle, before = ACTUATOR.follow(pressure, target, slope, first)
     end, after = ACTUATOR.follow(middle, target + slope * first, slope, second)
@@ -147,9 +140,7 @@ def test_two_consecutive_responses_equal_one(
 
 
 @given(PRESSURES, PRESSURES, TIMES)
-def test_the_pressure_never_overshoots_a_constant_command(
-    pressure: float, target: float, time: float
-) -> None:
+def test_the_pressure_never_overshoots_a_constant_command(pressure, target, time):
     reached, area = ACTUATOR.follow(pressure, target, 0.0, time)
     low, high = sorted((pressure, target))
     rounding = 1e-9 * (high - low) + 1e-9
@@ -158,9 +149,7 @@ def test_the_pressure_never_overshoots_a_constant_command(
 
 
 @given(st.floats(1e-6, 1e-3), st.sampled_from([-1.0, 1.0]), st.floats(0.01, 1.0))
-def test_the_pressure_of_a_pulse_gives_its_impulse(
-    size: float, sign: float, duration: float
-) -> None:
+def test_the_pressure_of_a_pulse_gives_its_impulse(size, sign, duration):
     impulse = sign * size
     pressure = ACTUATOR.pulse_command(impulse, duration)
     command = trapezoid(pressure, 0.0, duration, 0.0)
@@ -169,19 +158,19 @@ def test_the_pressure_of_a_pulse_gives_its_impulse(
     assert abs(left) < 1e-9 * abs(pressure)
 
 
-def test_the_torque_is_proportional_up_to_saturation() -> None:
+def test_the_torque_is_proportional_up_to_saturation():
     actuator = PneumaticActuator(torque_per_pressure=1e-7, saturation_torque=0.01)
     torques = actuator.torque(np.array([0.0, 5e4, -5e4, 1e5, 2e5, -2e5]))
     np.testing.assert_allclose(torques, [0.0, 0.005, -0.005, 0.01, 0.01, -0.01])
 
 
-def test_pressures_out_of_range_are_rejected() -> None:
+def test_pressures_out_of_range_are_rejected():
     for pressure in [2.1e5, -9e4, math.nan, math.inf]:
         with pytest.raises(ValueError, match=r'^pressure = .* Pa must'):
             ACTUATOR.check_command(pressure)
 
 
-def test_parameters_out_of_range_are_rejected() -> None:
+def test_parameters_out_of_range_are_rejected():
     for wrong in [{'filling_time': 0.0}, {'venting_time': -1.0}, {'lowest_pressure': 1.0}]:
         with pytest.raises(ValueError, match='must lie in the range'):
             PneumaticActuator(**wrong)

@@ -40,11 +40,11 @@ class Desk:
 
 
 @pytest.fixture
-def desk() -> Desk:
+def desk():
     return Desk()
 
 
-def test_a_command_starts_at_the_next_frame_and_ends_with_zero_torques(desk: Desk) -> None:
+def test_a_command_starts_at_the_next_frame_and_ends_with_zero_torques(desk):
     assert not desk.driver.busy
     desk.driver.command('edge_command', PULSE, Edge.FIRST)
     assert desk.driver.busy
@@ -56,7 +56,7 @@ def test_a_command_starts_at_the_next_frame_and_ends_with_zero_torques(desk: Des
     assert not desk.driver.busy
 
 
-def test_a_command_that_replaces_another_is_reported_separately(desk: Desk) -> None:
+def test_a_command_that_replaces_another_is_reported_separately(desk):
     desk.driver.command('edge_command', PULSE, Edge.FIRST)
     desk.torques(2)
     desk.driver.command('nudge', PULSE, Edge.FIRST)
@@ -70,7 +70,7 @@ def test_a_command_that_replaces_another_is_reported_separately(desk: Desk) -> N
 
 
 @pytest.mark.parametrize('duration', [0.05, 1.2])
-def test_a_long_gap_between_frames_cuts_the_torques_short(desk: Desk, duration: float) -> None:
+def test_a_long_gap_between_frames_cuts_the_torques_short(desk, duration):
     desk.driver.command('edge_command', replace(PULSE, duration=duration), Edge.FIRST)
     desk.torques(2)
     desk.frame(step=10**9)
@@ -79,7 +79,7 @@ def test_a_long_gap_between_frames_cuts_the_torques_short(desk: Desk, duration: 
     assert kick.cut_short
 
 
-def test_decreasing_stamps_end_all_commands(desk: Desk) -> None:
+def test_decreasing_stamps_end_all_commands(desk):
     desk.driver.command('edge_command', PULSE, Edge.FIRST)
     desk.torques(2)
     with pytest.raises(ValueError, match='all torques are dropped'):
@@ -91,7 +91,7 @@ def test_decreasing_stamps_end_all_commands(desk: Desk) -> None:
     assert desk.torques(6) == [pytest.approx(1e-3)] * 5 + [0.0]
 
 
-def test_a_repeated_stamp_is_rejected_and_commands_stay_active(desk: Desk) -> None:
+def test_a_repeated_stamp_is_rejected_and_commands_stay_active(desk):
     desk.driver.command('edge_command', PULSE, Edge.FIRST)
     desk.torques(2)
     with pytest.raises(ValueError, match='must be later than the previous one'):
@@ -99,7 +99,7 @@ def test_a_repeated_stamp_is_rejected_and_commands_stay_active(desk: Desk) -> No
     assert desk.torques(4) == [pytest.approx(1e-3)] * 3 + [0.0]
 
 
-def test_an_abandoned_driver_reports_its_torques_as_cut_short(desk: Desk) -> None:
+def test_an_abandoned_driver_reports_its_torques_as_cut_short(desk):
     desk.driver.hold('~/commands', np.array([2]), np.array([1e-3]))
     desk.torques(5)
     desk.driver.abandon()

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Commands are checked completely; commands without duration are impulses of known size."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -21,7 +19,7 @@ KICK, PRESSURE, PULSE, _ = CommandKind
 CHAIN = Chain(number_of_rotors=6)
 
 
-def test_a_command_with_invalid_times_is_rejected() -> None:
+def test_a_command_with_invalid_times_is_rejected():
     for fields, complaint in [
         ({'kind': KICK, 'duration': 0.5}, 'duration of a kick = 0.5 s must be 0'),
         ({'kind': KICK, 'ramp_up': math.nan}, 'ramp_up of a kick = nan s must be 0'),
@@ -38,7 +36,7 @@ def test_a_command_with_invalid_times_is_rejected() -> None:
             EdgeCommand(**{'edge': Edge.FIRST, 'value': 0.0, **fields}).check(LIMITS, ACTUATOR)
 
 
-def test_kicks_and_pulses_without_duration_are_impulses() -> None:
+def test_kicks_and_pulses_without_duration_are_impulses():
     for command, instantaneous in [
         (EdgeCommand(Edge.FIRST, KICK, 1.0), True),
         (EdgeCommand(Edge.FIRST, PULSE, 1.0), True),
@@ -49,7 +47,7 @@ def test_kicks_and_pulses_without_duration_are_impulses() -> None:
         assert command.instantaneous == instantaneous
 
 
-def test_the_impulses_of_a_kick_give_its_speed_along_the_mode() -> None:
+def test_the_impulses_of_a_kick_give_its_speed_along_the_mode():
     angles = CHAIN.uniform_state(-1)
     _, mode = resolved_edge_mode(CHAIN, angles, Edge.NEAREST)
     simulation = ElasticSimulation(CHAIN, angles, 0 * angles, 1e-3)
@@ -57,7 +55,7 @@ def test_the_impulses_of_a_kick_give_its_speed_along_the_mode() -> None:
     np.testing.assert_allclose(simulation.rates, -3.0 * mode, rtol=1e-12)
 
 
-def test_a_pulse_without_duration_acts_for_one_period() -> None:
+def test_a_pulse_without_duration_acts_for_one_period():
     pulse = EdgeCommand(Edge.FIRST, PULSE, 0.05)
     mode = np.full(6, 0.1)
     np.testing.assert_allclose(pulse.impulses(CHAIN, mode, 0.002), 1e-4 * mode, rtol=1e-12)
@@ -65,7 +63,7 @@ def test_a_pulse_without_duration_acts_for_one_period() -> None:
         pulse.impulses(CHAIN, mode, None)
 
 
-def test_a_kick_converted_to_a_pressure_keeps_its_impulse() -> None:
+def test_a_kick_converted_to_a_pressure_keeps_its_impulse():
     for speed in [0.5, -0.5]:
         kick = EdgeCommand(Edge.FIRST, KICK, speed)
         pressure = kick.as_pressure(CHAIN, ACTUATOR, 0.1)

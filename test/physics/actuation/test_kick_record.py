@@ -40,7 +40,7 @@ class Desk:
         self.record.deliver(DeliveryTotals(stamp=number * PERIOD, **{**nothing, **fields}))
 
 
-def test_unmeasured_torques_act_a_frame_after_they_were_sent() -> None:
+def test_unmeasured_torques_act_a_frame_after_they_were_sent():
     desk = Desk(measured=False)
     for number in range(6):
         desk.frame(number)
@@ -61,7 +61,7 @@ def test_unmeasured_torques_act_a_frame_after_they_were_sent() -> None:
     assert not desk.record.open
 
 
-def test_measured_torques_are_reported_with_the_difference_of_the_totals() -> None:
+def test_measured_torques_are_reported_with_the_difference_of_the_totals():
     desk = Desk(measured=True)
     desk.deliver(0, work_of_torques=5.0, impulse_of_torques=np.array([1.0, 1.0]))
     desk.frame(1)
@@ -78,7 +78,7 @@ def test_measured_torques_are_reported_with_the_difference_of_the_totals() -> No
     assert (kick.cut_short, kick.measured) == (True, True)
 
 
-def test_a_command_that_replaces_another_splits_the_totals_at_its_frame() -> None:
+def test_a_command_that_replaces_another_splits_the_totals_at_its_frame():
     desk = Desk(measured=True)
     desk.frame(1)
     desk.record.begin(PERIOD, 'edge_command', PULSE)
@@ -99,7 +99,7 @@ def test_a_command_that_replaces_another_splits_the_totals_at_its_frame() -> Non
     ]
 
 
-def test_sources_of_one_episode_are_reported_together() -> None:
+def test_sources_of_one_episode_are_reported_together():
     desk = Desk(measured=False)
     desk.frame(1)
     for source, asked in (('edge_command', PULSE), ('~/commands', None), ('~/commands', None)):
@@ -109,7 +109,7 @@ def test_sources_of_one_episode_are_reported_together() -> None:
     assert (kick.source, kick.command, kick.cut_short) == ('edge_command, ~/commands', PULSE, True)
 
 
-def test_an_unmeasured_kick_is_reported_immediately() -> None:
+def test_an_unmeasured_kick_is_reported_immediately():
     desk = Desk(measured=False)
     desk.record.kicked(PERIOD, 'nudge', KICK, IMPULSES, 0.75)
     (kick,) = desk.reports
@@ -117,7 +117,7 @@ def test_an_unmeasured_kick_is_reported_immediately() -> None:
     np.testing.assert_array_equal(kick.impulse, IMPULSES)
 
 
-def test_a_measured_kick_is_reported_with_its_own_work_while_torques_act() -> None:
+def test_a_measured_kick_is_reported_with_its_own_work_while_torques_act():
     desk = Desk(measured=True)
     desk.deliver(0, impulses=7, work_of_impulses=2.0)
     desk.record.kicked(PERIOD, 'nudge', KICK, IMPULSES, 0.75)
@@ -129,7 +129,7 @@ def test_a_measured_kick_is_reported_with_its_own_work_while_torques_act() -> No
     assert kick.measured
 
 
-def test_kicks_of_one_frame_are_reported_together() -> None:
+def test_kicks_of_one_frame_are_reported_together():
     desk = Desk(measured=True)
     desk.deliver(0)
     for number in range(3):
@@ -140,7 +140,7 @@ def test_kicks_of_one_frame_are_reported_together() -> None:
     np.testing.assert_array_equal(desk.reports[0].impulse, 3 * IMPULSES)
 
 
-def test_a_kick_that_is_never_measured_is_reported_without_impulse() -> None:
+def test_a_kick_that_is_never_measured_is_reported_without_impulse():
     desk = Desk(measured=True)
     desk.record.kicked(PERIOD, 'nudge', KICK, IMPULSES, 0.75)
     for number in range(1, 60):
@@ -150,7 +150,7 @@ def test_a_kick_that_is_never_measured_is_reported_without_impulse() -> None:
     assert not kick.impulse.any()
 
 
-def test_torques_without_further_totals_are_reported_up_to_the_last_ones() -> None:
+def test_torques_without_further_totals_are_reported_up_to_the_last_ones():
     desk = Desk(measured=True)
     desk.deliver(0, work_of_torques=1.0)
     desk.frame(1)

@@ -25,7 +25,7 @@ def profiles(draw: st.DrawFn) -> Profile:
 
 
 @given(profiles(), st.tuples(TIMES, TIMES, TIMES))
-def test_integrals_add_up(profile: Profile, instants: tuple[float, float, float]) -> None:
+def test_integrals_add_up(profile, instants):
     first, middle, last = sorted(instants)
     whole = profile.integral(first, last)
     parts = profile.integral(first, middle) + profile.integral(middle, last)
@@ -33,9 +33,7 @@ def test_integrals_add_up(profile: Profile, instants: tuple[float, float, float]
 
 
 @given(st.lists(st.tuples(st.floats(0.01, 1), VALUES), min_size=1, max_size=5), TIMES, TIMES)
-def test_the_integral_agrees_with_the_values(
-    points: list[tuple[float, float]], start: float, length: float
-) -> None:
+def test_the_integral_agrees_with_the_values(points, start, length):
     times = np.cumsum([step for step, _ in points])
     profile = Profile(times, np.array([value for _, value in points]))
     expected, _ = quad(
@@ -50,22 +48,20 @@ def test_the_integral_agrees_with_the_values(
 
 
 @given(profiles(), TIMES, st.floats(1e-6, 1.0))
-def test_a_mean_times_the_time_is_the_integral(
-    profile: Profile, start: float, length: float
-) -> None:
+def test_a_mean_times_the_time_is_the_integral(profile, start, length):
     end = start + length
     expected = profile.integral(start, end) / (end - start)
     np.testing.assert_allclose(profile.mean(start, end), expected, atol=1e-9)
 
 
 @given(VALUES, TIMES, st.floats(1e-6, 1.0))
-def test_the_mean_of_a_constant_is_exact(value: float, start: float, length: float) -> None:
+def test_the_mean_of_a_constant_is_exact(value, start, length):
     profile = Profile(np.array([-1.0]), np.array([value]))
     assert float(profile.mean(start, start + length)) == value
 
 
 @given(profiles())
-def test_a_profile_is_zero_before_its_points_and_holds_the_last_value(profile: Profile) -> None:
+def test_a_profile_is_zero_before_its_points_and_holds_the_last_value(profile):
     first, last = profile.times[0], profile.times[-1]
     assert not profile.before(first).any()
     assert not profile.integral(first - 2, first).any()
@@ -73,13 +69,13 @@ def test_a_profile_is_zero_before_its_points_and_holds_the_last_value(profile: P
     np.testing.assert_allclose(profile.integral(last, last + 2), 2 * profile.values[-1])
 
 
-def test_two_points_at_one_instant_form_a_jump() -> None:
+def test_two_points_at_one_instant_form_a_jump():
     profile = Profile(np.array([0.0, 1.0, 1.0, 2.0]), np.array([1.0, 2.0, -3.0, 0.0]))
     assert (float(profile.before(1.0)), float(profile.after(1.0))) == (2.0, -3.0)
     assert [float(line.last) for line in profile.segments(0.5, 1.5)] == [2.0, -1.5]
 
 
-def test_the_integral_of_a_trapezoid_is_its_area() -> None:
+def test_the_integral_of_a_trapezoid_is_its_area():
     for duration in [0.0, 1.0]:
         for ramp_down in [0.0, 0.3]:
             for ramp_up in [0.0, 0.2]:
@@ -90,14 +86,14 @@ def test_the_integral_of_a_trapezoid_is_its_area() -> None:
                 assert not profile.held
 
 
-def test_an_infinite_trapezoid_holds_its_value() -> None:
+def test_an_infinite_trapezoid_holds_its_value():
     profile = trapezoid(4.0, 1.0, math.inf, 0.0)
     assert profile.held
     assert float(profile.after(0.25)) == 1.0
     assert float(profile.integral(0.0, 10.0)) == pytest.approx(4.0 * 9.5)
 
 
-def test_invalid_profiles_are_rejected() -> None:
+def test_invalid_profiles_are_rejected():
     for times, values, complaint in [
         ([], [], 'have the same number of both'),
         ([0.0], [1.0, 2.0], 'the same number of both'),

@@ -21,7 +21,7 @@ CHAIN = chain_of(FLIPPER, 12)
 PULSE = EdgeCommand(Edge.LAST, CommandKind.PULSE, 0.03, 1.0)
 
 
-def test_torques_follow_the_mode_of_the_configuration_away_from_their_edge() -> None:
+def test_torques_follow_the_mode_of_the_configuration_away_from_their_edge():
     drive = TorqueDrive(CHAIN, PneumaticActuator(), timeout=0.0)
     drive.edges.command(PULSE, Edge.LAST, 0.0)
     for number, rotor in enumerate((9, 5, 2)):
@@ -32,7 +32,7 @@ def test_torques_follow_the_mode_of_the_configuration_away_from_their_edge() -> 
         np.testing.assert_allclose(given, expected, rtol=1e-12)
 
 
-def test_joint_and_edge_torques_add() -> None:
+def test_joint_and_edge_torques_add():
     drive = TorqueDrive(CHAIN, PneumaticActuator(), timeout=0.0)
     angles = CHAIN.uniform_state(1)
     drive.edges.command(PULSE, Edge.LAST, 0.0)
@@ -54,7 +54,7 @@ def torques(drive: EdgeDrive, start: float, end: float) -> Array:
     return np.array([drive.mean_torque(t, t + PERIOD).torque for t in starts])
 
 
-def test_a_short_pulse_gives_its_full_impulse() -> None:
+def test_a_short_pulse_gives_its_full_impulse():
     for ramps in [(0.0, 0.0), (0.0017, 0.0), (0.02, 0.05)]:
         for duration in [0.0005, 0.0301]:
             for side in [Edge.FIRST, Edge.LAST]:
@@ -69,7 +69,7 @@ def test_a_short_pulse_gives_its_full_impulse() -> None:
                 assert not drive.active
 
 
-def test_a_pressure_command_gives_the_torque_of_the_chamber() -> None:
+def test_a_pressure_command_gives_the_torque_of_the_chamber():
     for side in [Edge.FIRST, Edge.LAST]:
         drive = EdgeDrive(ACTUATOR)
         drive.command(EdgeCommand(side, CommandKind.PRESSURE, 1e5, 0.1, 0.02, 0.03), side, 2.0)
@@ -81,7 +81,7 @@ def test_a_pressure_command_gives_the_torque_of_the_chamber() -> None:
         np.testing.assert_allclose(given, expected, atol=1e-13)
 
 
-def test_missing_frames_do_not_change_the_later_pressure() -> None:
+def test_missing_frames_do_not_change_the_later_pressure():
     drives = [EdgeDrive(ACTUATOR), EdgeDrive(ACTUATOR)]
     for drive in drives:
         drive.command(EdgeCommand(Edge.FIRST, CommandKind.PRESSURE, 1e5, 0.1), Edge.FIRST, 0.0)
@@ -90,7 +90,7 @@ def test_missing_frames_do_not_change_the_later_pressure() -> None:
     assert late[0] == pytest.approx(late[1], rel=1e-9)
 
 
-def test_a_pressure_without_duration_is_held_until_it_is_vented() -> None:
+def test_a_pressure_without_duration_is_held_until_it_is_vented():
     drive = EdgeDrive(ACTUATOR)
     drive.command(EdgeCommand(Edge.LAST, CommandKind.PRESSURE, 1e5), Edge.LAST, 0.0)
     held = drive.mean_torque(50.0, 50.0 + PERIOD)
@@ -104,7 +104,7 @@ def test_a_pressure_without_duration_is_held_until_it_is_vented() -> None:
     assert drive.levels == (0.0, 0.0)
 
 
-def test_a_command_replaces_the_previous_one_which_vents() -> None:
+def test_a_command_replaces_the_previous_one_which_vents():
     drive = EdgeDrive(ACTUATOR)
     drive.command(EdgeCommand(Edge.FIRST, CommandKind.PRESSURE, 1e5, 1.0), Edge.FIRST, 0.0)
     drive.mean_torque(0.4, 0.4 + PERIOD)
@@ -119,7 +119,7 @@ def test_a_command_replaces_the_previous_one_which_vents() -> None:
     assert drive.mean_torque(3.1, 3.1 + PERIOD).torque == pytest.approx(expected)
 
 
-def test_a_torque_beyond_saturation_is_limited_and_reported() -> None:
+def test_a_torque_beyond_saturation_is_limited_and_reported():
     actuator = PneumaticActuator(torque_per_pressure=1e-7, saturation_torque=0.005)
     drive = EdgeDrive(actuator)
     drive.command(EdgeCommand(Edge.FIRST, CommandKind.PRESSURE, 1e5), Edge.FIRST, 0.0)
@@ -129,7 +129,7 @@ def test_a_torque_beyond_saturation_is_limited_and_reported() -> None:
     assert late.torque == 0.005
 
 
-def test_drop_ends_a_pulse_and_vents() -> None:
+def test_drop_ends_a_pulse_and_vents():
     drive = EdgeDrive(ACTUATOR)
     drive.command(EdgeCommand(Edge.FIRST, CommandKind.PULSE, 0.05, 1.0), Edge.FIRST, 0.0)
     assert drive.unfinished(0.1)
@@ -150,7 +150,7 @@ def rotors(*numbers: int) -> np.ndarray:
         st.tuples(st.sets(st.integers(0, 4), min_size=1), st.floats(-1, 1)), min_size=1, max_size=8
     )
 )
-def test_every_rotor_has_its_last_commanded_torque(commands: list[tuple[set[int], float]]) -> None:
+def test_every_rotor_has_its_last_commanded_torque(commands):
     drive, expected = JointDrive(5, 0.0), np.zeros(5)
     for number, (named, torque) in enumerate(commands):
         chosen = rotors(*named)
@@ -161,7 +161,7 @@ def test_every_rotor_has_its_last_commanded_torque(commands: list[tuple[set[int]
     assert drive.active == bool(expected.any())
 
 
-def test_a_torque_is_held_exactly_for_the_timeout() -> None:
+def test_a_torque_is_held_exactly_for_the_timeout():
     drive = JointDrive(3, timeout=0.125)
     drive.hold(rotors(1), np.array([2.0]), 1.0)
     starts = 1.0 + FRAME * np.arange(20)
@@ -170,7 +170,7 @@ def test_a_torque_is_held_exactly_for_the_timeout() -> None:
     assert not drive.active
 
 
-def test_repeated_commands_keep_a_torque_active() -> None:
+def test_repeated_commands_keep_a_torque_active():
     drive = JointDrive(2, timeout=0.1)
     for time in np.arange(0.0, 5.0, 0.05):
         drive.hold(rotors(0), np.array([1.0]), time)
@@ -179,7 +179,7 @@ def test_repeated_commands_keep_a_torque_active() -> None:
     assert not drive.active
 
 
-def test_without_a_timeout_a_torque_is_held_forever() -> None:
+def test_without_a_timeout_a_torque_is_held_forever():
     drive = JointDrive(2, timeout=0.0)
     drive.hold(rotors(0), np.array([1.0]), 0.0)
     np.testing.assert_array_equal(drive.mean_torques(1e6, 1e6 + FRAME), [1.0, 0.0])
@@ -187,7 +187,7 @@ def test_without_a_timeout_a_torque_is_held_forever() -> None:
     assert not drive.active
 
 
-def test_a_trajectory_is_linear_between_points_and_starts_from_the_current_torques() -> None:
+def test_a_trajectory_is_linear_between_points_and_starts_from_the_current_torques():
     drive = JointDrive(3, timeout=0.5)
     drive.hold(rotors(0, 1), np.array([4.0, 7.0]), 0.0)
     points = np.array([[0.0, 2.0], [6.0, 2.0]])
@@ -205,7 +205,7 @@ def test_a_trajectory_is_linear_between_points_and_starts_from_the_current_torqu
     assert not drive.active
 
 
-def test_a_trajectory_with_past_points_skips_them() -> None:
+def test_a_trajectory_with_past_points_skips_them():
     drive = JointDrive(1, timeout=0.0)
     drive.follow(rotors(0), np.array([-0.5, 0.5]), np.array([[0.0], [2.0]]), 0.0)
     assert drive.mean_torques(0.0, 0.25)[0] == pytest.approx(1.25)

@@ -51,7 +51,7 @@ def spectrum(order: EdgeCommand) -> tuple[Array, Array]:
     return 2 * math.pi * np.fft.rfftfreq(len(values), step), np.abs(np.fft.rfft(values)) ** 2
 
 
-def test_a_hann_burst_is_the_sine_under_one_raised_cosine() -> None:
+def test_a_hann_burst_is_the_sine_under_one_raised_cosine():
     profile = command(2.0, window=WaveWindow.HANN).profile
     times, length = profile.times[:-1], 10 * 2 * math.pi / 40.0
     window = np.sin(math.pi * times / length) ** 2
@@ -60,14 +60,14 @@ def test_a_hann_burst_is_the_sine_under_one_raised_cosine() -> None:
     assert not profile.held
 
 
-def test_linear_ramps_lie_inside_the_burst() -> None:
+def test_linear_ramps_lie_inside_the_burst():
     order = command(ramp_up=0.3, ramp_down=0.2)
     times = order.profile.times[:-1]
     envelope = np.minimum(np.minimum(times / 0.3, 1), (order.length - times) / 0.2)
     np.testing.assert_allclose(order.profile.values[:-1], envelope * np.sin(40 * times), atol=1e-9)
 
 
-def test_the_phase_of_a_chirp_has_the_commanded_rate() -> None:
+def test_the_phase_of_a_chirp_has_the_commanded_rate():
     profile = chirp().profile
     zeros = profile.times[1:][np.diff(np.sign(profile.values)) != 0]
     for start, frequency in ((0.0, 40.0), (2.5, 60.0), (4.5, 76.0)):
@@ -77,7 +77,7 @@ def test_the_phase_of_a_chirp_has_the_commanded_rate() -> None:
         assert math.pi * crossings / (last - first) == pytest.approx(mean, rel=0.02)
 
 
-def test_noise_stays_in_its_band_has_its_peak_and_depends_on_its_seed() -> None:
+def test_noise_stays_in_its_band_has_its_peak_and_depends_on_its_seed():
     frequencies, energy = spectrum(noise(3))
     inside = (frequencies > 29.5) & (frequencies < 50.5)
     assert energy[inside].sum() > 0.999 * energy.sum()
@@ -86,7 +86,7 @@ def test_noise_stays_in_its_band_has_its_peak_and_depends_on_its_seed() -> None:
     assert np.abs(noise(3).profile.values - noise(4).profile.values).max() > 0.1
 
 
-def test_a_table_passes_through_its_samples() -> None:
+def test_a_table_passes_through_its_samples():
     samples = (0.0, 1.0, -0.5, 0.25)
     order = command(2.0, shape=WaveShape.TABLE, samples=samples, cycles=0.0, duration=0.3)
     for time, sample in zip((0.0, 0.1, 0.2), samples, strict=False):
@@ -111,12 +111,12 @@ def test_a_table_passes_through_its_samples() -> None:
         ({'cycles': 1e7}, 'the limit is 200000; shorten it or lower its frequency'),
     ],
 )
-def test_impossible_waveforms_are_rejected(fields: dict[str, Any], complaint: str) -> None:
+def test_impossible_waveforms_are_rejected(fields, complaint):
     with pytest.raises(ValueError, match=complaint):
         assert command(**fields).profile
 
 
-def test_an_imposed_angle_is_at_most_half_a_turn() -> None:
+def test_an_imposed_angle_is_at_most_half_a_turn():
     limits = EdgeLimits(100.0, 0.1)
     command(3.0, quantity=DrivenQuantity.ANGLE).check(limits, PneumaticActuator())
     with pytest.raises(ValueError, match=r'angle = 4 rad must lie in the range -3.14'):
@@ -144,7 +144,7 @@ def driven(
 
 @pytest.mark.parametrize('rotor', [0, 5])
 @pytest.mark.parametrize(('period', 'bound'), [(0.001, 0.002), (PERIOD, 0.005), (0.004, 0.05)])
-def test_a_rotor_follows_an_imposed_angle(rotor: int, period: float, bound: float) -> None:
+def test_a_rotor_follows_an_imposed_angle(rotor, period, bound):
     order = command(0.3, quantity=DrivenQuantity.ANGLE, window=WaveWindow.HANN)
     angles, _, _ = driven(order, rotor, math.inf, period)
     # The command starts with frame 1 and acts from frame 2 on.
@@ -154,14 +154,14 @@ def test_a_rotor_follows_an_imposed_angle(rotor: int, period: float, bound: floa
     assert np.abs(error[delayed < order.length - period]).max() < bound * 0.3
 
 
-def test_a_torque_beyond_the_limit_is_cut_and_reported() -> None:
+def test_a_torque_beyond_the_limit_is_cut_and_reported():
     order = command(0.3, quantity=DrivenQuantity.ANGLE, window=WaveWindow.HANN)
     _, _, (report,) = driven(order, 0, 1e-3)
     assert report.saturated
     assert report.peak_torque == pytest.approx(1e-3)
 
 
-def test_the_report_of_a_torque_waveform_has_its_impulse_and_its_work() -> None:
+def test_the_report_of_a_torque_waveform_has_its_impulse_and_its_work():
     order = command(2e-3, ramp_up=0.1, ramp_down=0.1, cycles=10.25)
     _, simulation, (report,) = driven(order, 0, 0.1)
     expected = float(order.profile.integral(0.0, order.length))
@@ -173,7 +173,7 @@ def test_the_report_of_a_torque_waveform_has_its_impulse_and_its_work() -> None:
     assert not report.cut_short
 
 
-def test_another_edge_command_replaces_a_waveform() -> None:
+def test_another_edge_command_replaces_a_waveform():
     reports: list[KickReport] = []
     driver = ChainDriver(CHAIN, PneumaticActuator(), 0.5, 0.2, reports.append)
     driver.play('edge_command', command(0.01), 3, 0.1)

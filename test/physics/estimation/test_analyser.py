@@ -110,7 +110,7 @@ def only(analysis: Analysis) -> AnalysedSoliton:
 
 
 @pytest.mark.parametrize('name', CHAINS)
-def test_a_wall_crosses_the_chain_and_is_reflected(name: str) -> None:
+def test_a_wall_crosses_the_chain_and_is_reflected(name):
     chain, found = CHAINS[name], exact(name)
     last = chain.number_of_rotors - 1
     assert found[0].solitons == ()
@@ -127,7 +127,7 @@ def test_a_wall_crosses_the_chain_and_is_reflected(name: str) -> None:
 
 
 @pytest.mark.parametrize('name', CHAINS)
-def test_the_phase_grows_evenly_through_the_reflections(name: str) -> None:
+def test_the_phase_grows_evenly_through_the_reflections(name):
     phase = phases(exact(name))[BEGUN:]
     grown = np.diff(phase)
     assert 0 <= phase[0] < 2 * math.pi / 10
@@ -137,12 +137,12 @@ def test_the_phase_grows_evenly_through_the_reflections(name: str) -> None:
 
 
 @pytest.mark.parametrize('name', CHAINS)
-def test_noise_is_within_the_stated_deviation(name: str) -> None:
+def test_noise_is_within_the_stated_deviation(name):
     assert_true(name, seen_with_rates(name))
 
 
 @pytest.mark.parametrize('name', CHAINS)
-def test_wrapped_angles_give_the_same_result(name: str) -> None:
+def test_wrapped_angles_give_the_same_result(name):
     whole = seen(name)
     wound = analysed(CHAINS[name], wrapped(noisy(name)))
     for one, other in zip(whole, wound, strict=True):
@@ -163,7 +163,7 @@ def only_difference(one: Analysis, other: Analysis) -> float:
 
 
 @pytest.mark.parametrize('name', CHAINS)
-def test_missing_rotors_leave_a_larger_uncertainty(name: str) -> None:
+def test_missing_rotors_leave_a_larger_uncertainty(name):
     for share in [0.4]:
         angles, rates = noisy(name).copy(), record(name).rates.copy()
         missing = np.random.default_rng(3).random(angles.shape) < share
@@ -188,7 +188,7 @@ def elastic_deviation(analysis: Analysis) -> float:
 
 
 @pytest.mark.parametrize('name', CHAINS)
-def test_frames_without_any_rotor_are_coasted_through(name: str) -> None:
+def test_frames_without_any_rotor_are_coasted_through(name):
     angles = noisy(name).copy()
     gap = slice(len(angles) // 4, len(angles) // 4 + 60)
     angles[gap] = math.nan
@@ -201,7 +201,7 @@ def test_frames_without_any_rotor_are_coasted_through(name: str) -> None:
     assert all(each.unseen == CHAINS[name].number_of_rotors for each in found[gap])
 
 
-def test_late_and_repeated_frames_have_no_effect() -> None:
+def test_late_and_repeated_frames_have_no_effect():
     angles, when = noisy('flipper'), stamps(len(noisy('flipper')))
     analyser, other = Analyser(CHAINS['flipper']), Analyser(CHAINS['flipper'])
     generator = np.random.default_rng(8)
@@ -217,7 +217,7 @@ def test_late_and_repeated_frames_have_no_effect() -> None:
 
 
 @pytest.mark.parametrize('jump', [-3600, -2, 5000])
-def test_a_clock_that_is_set_back_starts_a_new_record(jump: int) -> None:
+def test_a_clock_that_is_set_back_starts_a_new_record(jump):
     angles, when = noisy('flipper'), stamps(len(noisy('flipper')))
     analyser = Analyser(CHAINS['flipper'])
     for number in range(300):
@@ -234,7 +234,7 @@ def test_a_clock_that_is_set_back_starts_a_new_record(jump: int) -> None:
 
 
 @pytest.mark.parametrize('name', CHAINS)
-def test_a_source_that_restarts_is_found_again(name: str) -> None:
+def test_a_source_that_restarts_is_found_again(name):
     angles = np.concatenate([noisy(name)[:450], noisy(name, 2)])
     found = analysed(CHAINS[name], angles)
     clean = exact(name)[:450] + exact(name)
@@ -252,7 +252,7 @@ def approached(chain: Chain) -> tuple[Array, Analysis]:
     return frames, analysed(chain, frames)[-1]
 
 
-def test_one_wrong_reading_does_not_move_a_wall() -> None:
+def test_one_wrong_reading_does_not_move_a_wall():
     for size in [0.1, 1.0, 3.0]:
         for rotor in [11, 13]:
             chain = Chain(40, rotor_length=0.1, rest_angle=0.77)
@@ -265,7 +265,7 @@ def test_one_wrong_reading_does_not_move_a_wall() -> None:
 
 
 @pytest.mark.parametrize('name', CHAINS)
-def test_random_wrong_readings_have_a_small_effect(name: str) -> None:
+def test_random_wrong_readings_have_a_small_effect(name):
     for share in [0.05]:
         generator = np.random.default_rng(7)
         angles = noisy(name).copy()
@@ -282,9 +282,7 @@ def test_random_wrong_readings_have_a_small_effect(name: str) -> None:
     ('name', 'degrees'),
     [('flipper', False), ('wobbler', False), ('spinner', False), ('spinner', True)],
 )
-def test_frames_without_a_wall_are_lost_and_searched_at_a_limited_rate(
-    name: str, degrees: bool
-) -> None:
+def test_frames_without_a_wall_are_lost_and_searched_at_a_limited_rate(name, degrees):
     chain, generator = CHAINS[name], np.random.default_rng(3)
     analyser, stated = Analyser(chain), 0
     for number, stamp in enumerate(stamps(100)):
@@ -300,7 +298,7 @@ def test_frames_without_a_wall_are_lost_and_searched_at_a_limited_rate(
 
 
 @pytest.mark.parametrize('name', CHAINS)
-def test_energies_are_those_of_the_simulation(name: str) -> None:
+def test_energies_are_those_of_the_simulation(name):
     chain, states = CHAINS[name], record(name)
     whole = float(chain.kinetic_energy(states.rates[0]) + chain.elastic_energy(states.angles[0]))
     for each in exact(name):
@@ -318,7 +316,7 @@ def test_energies_are_those_of_the_simulation(name: str) -> None:
 
 
 @pytest.mark.parametrize('name', CHAINS)
-def test_topology_agrees_with_the_wall(name: str) -> None:
+def test_topology_agrees_with_the_wall(name):
     for each in exact(name):
         assert each.topology is not None
         before, beyond = each.topology.winding_numbers
@@ -330,7 +328,7 @@ def test_topology_agrees_with_the_wall(name: str) -> None:
 
 
 @pytest.mark.parametrize('name', CHAINS)
-def test_the_class_of_motion_agrees_with_the_chain(name: str) -> None:
+def test_the_class_of_motion_agrees_with_the_chain(name):
     last = seen(name)[-1]
     assert last.motion is CHAINS[name].motion
     if name != 'flipper':
@@ -357,13 +355,13 @@ def domains(chain: Chain, walls: Sequence[float]) -> Array:
     return angles
 
 
-def test_an_invalid_noise_is_rejected() -> None:
+def test_an_invalid_noise_is_rejected():
     for noise in [-1.0, 0.0, math.nan, math.inf]:
         with pytest.raises(ValueError, match='must be finite and above 0; give None to estimate'):
             Analyser(Chain(), noise)
 
 
-def test_several_walls_are_all_reported() -> None:
+def test_several_walls_are_all_reported():
     chain = Chain(number_of_rotors=40)
     generator = np.random.default_rng(2)
     one = domains(chain, [8.0])
@@ -381,7 +379,7 @@ def test_several_walls_are_all_reported() -> None:
         assert only(each).rotor == pytest.approx(8.0, abs=0.05)
 
 
-def test_a_chain_without_a_cycle_is_analysed_frame_by_frame() -> None:
+def test_a_chain_without_a_cycle_is_analysed_frame_by_frame():
     ring = Chain(number_of_rotors=16, periodic=True)
     analyser = Analyser(ring)
     assert 'periodic ends has no orbit' in analyser.limitation
@@ -395,7 +393,7 @@ def test_a_chain_without_a_cycle_is_analysed_frame_by_frame() -> None:
 
 
 @pytest.mark.parametrize('name', CHAINS)
-def test_an_unknown_chain_has_a_class_of_motion(name: str) -> None:
+def test_an_unknown_chain_has_a_class_of_motion(name):
     analyser = UnknownChainAnalyser(CHAINS[name].number_of_rotors)
     found = [
         analyser.analyse(stamp, angles)
@@ -413,7 +411,7 @@ def test_an_unknown_chain_has_a_class_of_motion(name: str) -> None:
             assert abs(only(one).rotor - only(clean).rotor) < 2
 
 
-def test_frames_of_another_length_are_rejected() -> None:
+def test_frames_of_another_length_are_rejected():
     for rates in [None, np.zeros(15)]:
         with pytest.raises(ValueError, match='do not fit a chain of 16 rotors; give one'):
             Analyser(CHAINS['flipper']).analyse(
@@ -421,7 +419,7 @@ def test_frames_of_another_length_are_rejected() -> None:
             )
 
 
-def test_any_numbers_are_analysed() -> None:
+def test_any_numbers_are_analysed():
     generator = np.random.default_rng(4)
     analyser = Analyser(CHAINS['flipper'])
     for number in range(300):
@@ -440,9 +438,7 @@ def test_any_numbers_are_analysed() -> None:
     ],
     ids=['struck', 'pulled', 'pulled_on_both_sides'],
 )
-def test_a_wall_at_rest_does_not_remember_unmodelled_torques(
-    sections: list[tuple[float | None, int, int, float]],
-) -> None:
+def test_a_wall_at_rest_does_not_remember_unmodelled_torques(sections):
     """Each section has a position to which the chain is reset, frames, a rotor and its torque."""
     chain, period, stamp = Chain(12), 0.02, 0
     analyser = Analyser(chain)

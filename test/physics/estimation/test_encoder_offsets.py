@@ -26,7 +26,7 @@ NOISE, REST = 0.05, 0.03
 SETTINGS = OffsetSettings(rest_angle_deviation=REST)
 
 
-def test_offsets_agree_with_a_least_squares_fit_with_priors() -> None:
+def test_offsets_agree_with_a_least_squares_fit_with_priors():
     random = np.random.default_rng(1)
     residuals = random.normal(0.2, NOISE, (30, 1))
     sides = random.choice([-1, 0, 1], (30, 1))
@@ -42,7 +42,7 @@ def test_offsets_agree_with_a_least_squares_fit_with_priors() -> None:
     assert offsets.deviations[0] == pytest.approx(np.sqrt(covariance[0, 0]), rel=1e-9)
 
 
-def test_an_offset_is_separated_from_a_rest_angle_after_the_wall_has_passed() -> None:
+def test_an_offset_is_separated_from_a_rest_angle_after_the_wall_has_passed():
     for passed in [False, True]:
         random, rotors, frames = np.random.default_rng(2), 400, 100
         true, rest = random.normal(0, 0.3, rotors), random.normal(0, REST, rotors)
@@ -59,7 +59,7 @@ def test_an_offset_is_separated_from_a_rest_angle_after_the_wall_has_passed() ->
         assert low < scores @ scores < high
 
 
-def test_unknown_angles_and_rotors_about_the_wall_have_no_information() -> None:
+def test_unknown_angles_and_rotors_about_the_wall_have_no_information():
     offsets = EncoderOffsets(3)
     before = offsets.deviations.copy()
     offsets.update(np.array([np.nan, 1.0, 1.0]), np.array([1, 0, -1]), NOISE**2)
@@ -67,7 +67,7 @@ def test_unknown_angles_and_rotors_about_the_wall_have_no_information() -> None:
     assert offsets.deviations[2] < 0.1
 
 
-def test_only_significant_offsets_are_corrected() -> None:
+def test_only_significant_offsets_are_corrected():
     random, offsets = np.random.default_rng(3), EncoderOffsets(50, SETTINGS)
     true = np.zeros(50)
     true[7] = 0.5
@@ -98,9 +98,7 @@ def resting(orbit: UniformOrbit, seed: int, share: float) -> Array:
 
 
 @pytest.mark.parametrize(('example', 'share'), [(FLIPPER, 0.03), (WOBBLER, 0.03), (SPINNER, 0.03)])
-def test_stated_deviations_include_unmodelled_deviations_from_the_first_frame(
-    example: tuple[float, float], share: float
-) -> None:
+def test_stated_deviations_include_unmodelled_deviations_from_the_first_frame(example, share):
     orbit = UniformOrbit(chain_of(example, ROTORS))
     scores, fresh = np.empty((DRAWS, FRAMES)), OrbitFilter(orbit)
     for seed in range(DRAWS):
@@ -116,7 +114,7 @@ def test_stated_deviations_include_unmodelled_deviations_from_the_first_frame(
     assert low < squares[-1]
 
 
-def test_a_persistent_outlier_in_an_even_chain_is_a_wrong_reading() -> None:
+def test_a_persistent_outlier_in_an_even_chain_is_a_wrong_reading():
     orbit, off = UniformOrbit(chain_of(WOBBLER, ROTORS)), 1.2
     angles, random = resting(orbit, 0, 0.0), np.random.default_rng(0)
     angles[BOND + 2] += off

@@ -30,7 +30,7 @@ def due(waiting: ImpulseQueue, stamp: int) -> list[tuple[Array, int]]:
     ]
 
 
-def test_an_impulse_acts_from_the_next_frame() -> None:
+def test_an_impulse_acts_from_the_next_frame():
     for order in permutations([(15, ONE), (20, OTHER), (31, LAST)]):
         waiting = ImpulseQueue()
         assert waiting.due(10) == []
@@ -43,7 +43,7 @@ def test_an_impulse_acts_from_the_next_frame() -> None:
         assert waiting.late == 0
 
 
-def test_a_late_impulse_is_counted_and_has_no_effect() -> None:
+def test_a_late_impulse_is_counted_and_has_no_effect():
     for stamp in [19, 20]:
         waiting = ImpulseQueue()
         waiting.due(20)
@@ -52,7 +52,7 @@ def test_a_late_impulse_is_counted_and_has_no_effect() -> None:
         assert waiting.late == 1
 
 
-def test_an_impulse_of_an_unknown_clock_acts_from_the_next_frame() -> None:
+def test_an_impulse_of_an_unknown_clock_acts_from_the_next_frame():
     for stamp in [None, 0, 2 * DAY]:
         waiting = ImpulseQueue()
         waiting.due(DAY)
@@ -61,7 +61,7 @@ def test_an_impulse_of_an_unknown_clock_acts_from_the_next_frame() -> None:
         assert waiting.late == 0
 
 
-def test_impulses_are_dropped_when_the_clock_is_set_back() -> None:
+def test_impulses_are_dropped_when_the_clock_is_set_back():
     waiting = ImpulseQueue()
     waiting.due(50 * SECOND)
     waiting.add(50 * SECOND + 1, ONE)
@@ -83,7 +83,7 @@ def there(chain: Chain, frame: Array) -> OnOrbit:
 
 
 @given(st.integers(0, 2**32 - 1))
-def test_wrapped_angles_are_unwrapped(seed: int) -> None:
+def test_wrapped_angles_are_unwrapped(seed):
     generator = np.random.default_rng(seed)
     angles = np.cumsum(generator.uniform(-3, 3, (50, 4)), axis=0)
     seen = wrapped(angles)
@@ -98,7 +98,7 @@ def test_wrapped_angles_are_unwrapped(seed: int) -> None:
     assert (np.isnan(read) == np.isnan(seen)).all()
 
 
-def test_an_invalid_angle_is_unseen() -> None:
+def test_an_invalid_angle_is_unseen():
     for value in [math.nan, math.inf, -math.inf, 1e12, -1e300]:
         unwrapper = Unwrapper(2)
         unwrapper.unwrapped(np.array([1.0, 2.0]))
@@ -108,7 +108,7 @@ def test_an_invalid_angle_is_unseen() -> None:
         np.testing.assert_array_equal(unwrapper.last, [1.1, 2.0])
 
 
-def test_unseen_rotors_are_filled_in_from_the_orbit_with_their_turns() -> None:
+def test_unseen_rotors_are_filled_in_from_the_orbit_with_their_turns():
     for name in CHAINS:
         chain = CHAINS[name]
         frame = chain.uniform_state(1) + 0.01
@@ -127,7 +127,7 @@ def test_unseen_rotors_are_filled_in_from_the_orbit_with_their_turns() -> None:
         assert whole.rates is None
 
 
-def test_one_distant_rotor_is_unseen_and_two_adjacent_ones_are_a_domain() -> None:
+def test_one_distant_rotor_is_unseen_and_two_adjacent_ones_are_a_domain():
     for name in CHAINS:
         chain = CHAINS[name]
         far = math.pi / 2 if name == 'spinner' else chain.rest_angle
@@ -145,7 +145,7 @@ def test_one_distant_rotor_is_unseen_and_two_adjacent_ones_are_a_domain() -> Non
             assert not complete(chain, near, None, there(chain, near), near).filled.any()
 
 
-def test_missing_rates_are_filled_in_from_the_orbit() -> None:
+def test_missing_rates_are_filled_in_from_the_orbit():
     chain = CHAINS['flipper']
     frame, rates = chain.uniform_state(1), np.zeros(9)
     rates[[1, 2]] = math.nan, math.inf
@@ -157,7 +157,7 @@ def test_missing_rates_are_filled_in_from_the_orbit() -> None:
     np.testing.assert_array_equal(known, np.ones(9))
 
 
-def test_without_an_orbit_rotors_lean_like_their_neighbours() -> None:
+def test_without_an_orbit_rotors_lean_like_their_neighbours():
     chain = CHAINS['flipper']
     frame = chain.uniform_state(-1)
     frame[[0, 4, 5, 8]] = np.nan
@@ -189,7 +189,7 @@ def noise_of(times: Array, rates: Array) -> float:
     return noise.deviation
 
 
-def test_white_noise_is_measured() -> None:
+def test_white_noise_is_measured():
     for deviation in [0.01, 1.0]:
         generator = np.random.default_rng(5)
         times = PERIOD * np.arange(4000)
@@ -198,7 +198,7 @@ def test_white_noise_is_measured() -> None:
         assert noise_of(times, rates) == pytest.approx(deviation, rel=0.02)
 
 
-def test_phonons_do_not_count_as_noise() -> None:
+def test_phonons_do_not_count_as_noise():
     generator = np.random.default_rng(6)
     times = PERIOD * np.arange(500)
     waves = phonons(times, generator)
@@ -207,7 +207,7 @@ def test_phonons_do_not_count_as_noise() -> None:
     assert noise_of(times, noisy) == pytest.approx(0.1, rel=0.05)
 
 
-def test_an_unknown_noise_is_nan() -> None:
+def test_an_unknown_noise_is_nan():
     generator = np.random.default_rng(7)
     rates = generator.standard_normal((100, 30))
     assert math.isnan(noise_of(10 * PERIOD * np.arange(100), rates))
@@ -217,7 +217,7 @@ def test_an_unknown_noise_is_nan() -> None:
     assert math.isnan(noise_of(PERIOD * np.arange(100), np.full((100, 30), np.nan)))
 
 
-def test_a_restart_discards_all_frames() -> None:
+def test_a_restart_discards_all_frames():
     noise = RateNoise(CHAIN)
     for number in range(10):
         noise.update(PERIOD * number, np.full(30, (-1.0) ** number))

@@ -24,7 +24,7 @@ def likelihood() -> FrameLikelihood:
     return FrameLikelihood(2.0, GIVEN)
 
 
-def test_the_density_integrates_to_one() -> None:
+def test_the_density_integrates_to_one():
     for sigma in [0.01, 0.1]:
         floor = likelihood().floor(sigma**2)
 
@@ -36,7 +36,7 @@ def test_the_density_integrates_to_one() -> None:
         assert of_nothing / whole == pytest.approx(GIVEN.wrong, rel=0.05)
 
 
-def test_the_step_agrees_with_weighted_least_squares() -> None:
+def test_the_step_agrees_with_weighted_least_squares():
     differences = np.random.default_rng(1).normal(0, 0.1, ROTORS)
     differences[[0, 5]] = np.nan
     view = likelihood().linearise(2.0, FIRST, TANGENT, differences.copy(), 0.1**2)
@@ -53,7 +53,7 @@ def test_the_step_agrees_with_weighted_least_squares() -> None:
     assert np.isnan(view.residuals).nonzero()[0].tolist() == [0, 5]
 
 
-def test_no_single_reading_moves_the_arc_by_more_than_the_bound() -> None:
+def test_no_single_reading_moves_the_arc_by_more_than_the_bound():
     for rotor in [1, 2, 3]:
         sigma = 0.01
         for size in np.geomspace(0.001, 3.0, 60).tolist():
@@ -64,7 +64,7 @@ def test_no_single_reading_moves_the_arc_by_more_than_the_bound() -> None:
             assert moved < GIVEN.bound
 
 
-def test_an_uncertain_arc_does_not_turn_moving_rotors_into_outliers() -> None:
+def test_an_uncertain_arc_does_not_turn_moving_rotors_into_outliers():
     differences = np.zeros(ROTORS)
     differences[FIRST : FIRST + 5] = 0.3 * TANGENT
     assert likelihood().linearise(2.0, FIRST, TANGENT, differences.copy(), 0.01**2).outliers
@@ -73,7 +73,7 @@ def test_an_uncertain_arc_does_not_turn_moving_rotors_into_outliers() -> None:
     assert view.arc == pytest.approx(2.3)
 
 
-def test_doubtful_rotors_do_not_count() -> None:
+def test_doubtful_rotors_do_not_count():
     differences = np.full(ROTORS, 0.001)
     doubtful = np.zeros(ROTORS, dtype=np.bool_)
     doubtful[FIRST + 2] = True
@@ -82,7 +82,7 @@ def test_doubtful_rotors_do_not_count() -> None:
     assert view.information == pytest.approx(TANGENT @ TANGENT - TANGENT[2] ** 2)
 
 
-def test_the_rate_of_false_rejections_is_as_stated() -> None:
+def test_the_rate_of_false_rejections_is_as_stated():
     random, reported = np.random.default_rng(2), likelihood()
     refused = 0
     for _ in range(3000):
@@ -104,7 +104,7 @@ def view_of(differences: Array, variance: float = 1.0) -> LinearisedMeasurement:
 
 
 @pytest.mark.parametrize(('wave', 'angle'), [(0.0, 0.0), (0.1, 0.05), (0.1, 0.5)])
-def test_noise_is_separated_from_waves(wave: float, angle: float) -> None:
+def test_noise_is_separated_from_waves(wave, angle):
     for given in [None, 0.02]:
         random, noise = np.random.default_rng(3), FrameNoise(given)
         phases = random.uniform(0, 2 * math.pi, ROTORS)
@@ -120,7 +120,7 @@ def test_noise_is_separated_from_waves(wave: float, angle: float) -> None:
         assert math.sqrt(noise.scatter) == pytest.approx(expected, rel=0.25)
 
 
-def test_a_given_noise_that_is_too_small_is_corrected() -> None:
+def test_a_given_noise_that_is_too_small_is_corrected():
     random, noise = np.random.default_rng(4), FrameNoise(0.01)
     for _ in range(500):
         noise.update(view_of(0.02 * random.standard_normal(ROTORS)))
@@ -128,7 +128,7 @@ def test_a_given_noise_that_is_too_small_is_corrected() -> None:
     assert noise.degrees_of_freedom > 1000
 
 
-def test_the_misfit_is_averaged_over_60_frames() -> None:
+def test_the_misfit_is_averaged_over_60_frames():
     random, noise = np.random.default_rng(5), FrameNoise(0.01)
     for _ in range(3000):
         noise.update(view_of(0.01 * random.standard_normal(ROTORS)))
@@ -154,12 +154,12 @@ def beside(wave: float) -> ResidualVariance:
     return variance
 
 
-def test_without_waves_a_wall_is_calm_at_any_rate() -> None:
+def test_without_waves_a_wall_is_calm_at_any_rate():
     assert beside(0.0).calm(0.1) > 0.9
     assert ResidualVariance(SWING, NOISE, DEFAULTS).calm(0.0) == 1.0
 
 
-def test_waves_disturb_a_wall_in_proportion_to_motion_and_noise() -> None:
+def test_waves_disturb_a_wall_in_proportion_to_motion_and_noise():
     def odds(wave: float, rate: float) -> float:
         return 1 / beside(wave).calm(rate) - 1
 
@@ -170,11 +170,11 @@ def test_waves_disturb_a_wall_in_proportion_to_motion_and_noise() -> None:
     assert odds(0.2, 0.3) / odds(0.1, 0.3) == pytest.approx(16, rel=0.1)
 
 
-def test_a_wall_at_rest_among_waves_is_never_steady() -> None:
+def test_a_wall_at_rest_among_waves_is_never_steady():
     assert beside(0.02).calm(0.0) == 0.0
 
 
-def test_a_broken_wall_does_not_fit_but_one_wrong_reading_does() -> None:
+def test_a_broken_wall_does_not_fit_but_one_wrong_reading_does():
     likelihood = FrameLikelihood(1.8, DEFAULTS.likelihood)
     residuals = 0.01 * np.ones(20)
     assert likelihood.fits(residuals, 0, 10.0, 0.01)

@@ -52,7 +52,7 @@ def ratio_of(example: tuple[float, float]) -> float:
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_one_frame_without_noise_determines_the_class(example: tuple[float, float]) -> None:
+def test_one_frame_without_noise_determines_the_class(example):
     chain = chain_of(example, ROTORS)
     for angles in walls(example):
         found = motion_evidence(angles).verdict()
@@ -61,7 +61,7 @@ def test_one_frame_without_noise_determines_the_class(example: tuple[float, floa
 
 
 @pytest.mark.parametrize('example', FLIPPERS)
-def test_the_tail_ratio_of_a_wall_at_rest_agrees_with_theory(example: tuple[float, float]) -> None:
+def test_the_tail_ratio_of_a_wall_at_rest_agrees_with_theory(example):
     expected = ratio_of(example)
     for angles in walls(example):
         evidence = motion_evidence(angles)
@@ -72,9 +72,7 @@ def test_the_tail_ratio_of_a_wall_at_rest_agrees_with_theory(example: tuple[floa
 
 @pytest.mark.parametrize('noise', [0.01, 0.2])
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_flippers_and_spinners_are_never_confused(
-    example: tuple[float, float], noise: float
-) -> None:
+def test_flippers_and_spinners_are_never_confused(example, noise):
     random = np.random.default_rng(5)
     chain, frames, count = chain_of(example, 4), walls(example), 300
     spins, seen = chain.motion is Motion.SPINNER, 0
@@ -93,9 +91,7 @@ def test_flippers_and_spinners_are_never_confused(
 
 @pytest.mark.parametrize('noise', [0.003, 0.05])
 @pytest.mark.parametrize('example', FLIPPERS)
-def test_a_class_is_wrong_no_more_often_than_stated(
-    example: tuple[float, float], noise: float
-) -> None:
+def test_a_class_is_wrong_no_more_often_than_stated(example, noise):
     random = np.random.default_rng(17)
     motion, frames, count = chain_of(example, 4).motion, walls(example), 400
     doubt, wrong = 0.0, 0
@@ -110,7 +106,7 @@ def test_a_class_is_wrong_no_more_often_than_stated(
 
 
 @pytest.mark.parametrize('example', [FLIPPER, SLIGHT_WOBBLER, WOBBLER])
-def test_the_error_of_the_tail_ratio_is_as_stated(example: tuple[float, float]) -> None:
+def test_the_error_of_the_tail_ratio_is_as_stated(example):
     random, noise = np.random.default_rng(29), 0.01
     errors = []
     for angles in walls(example):
@@ -127,7 +123,7 @@ def test_the_error_of_the_tail_ratio_is_as_stated(example: tuple[float, float]) 
 
 
 @pytest.mark.parametrize('example', [NEARLY_WOBBLING, SLIGHT_WOBBLER])
-def test_evidence_accumulates_until_a_restart(example: tuple[float, float]) -> None:
+def test_evidence_accumulates_until_a_restart(example):
     random, noise = np.random.default_rng(31), 0.01
     frames, motion = walls(example), chain_of(example, 4).motion
     observer = MotionObserver()
@@ -145,7 +141,7 @@ def test_evidence_accumulates_until_a_restart(example: tuple[float, float]) -> N
     assert math.isnan(observer.evidence.tail_ratio)
 
 
-def test_contradicting_frames_change_the_class() -> None:
+def test_contradicting_frames_change_the_class():
     observer = MotionObserver()
     for angles in 20 * walls(FLIPPER):
         observer.observe(angles)
@@ -156,7 +152,7 @@ def test_contradicting_frames_change_the_class() -> None:
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_symmetries_do_not_change_the_evidence(example: tuple[float, float]) -> None:
+def test_symmetries_do_not_change_the_evidence(example):
     random = np.random.default_rng(37)
     for angles in walls(example):
         noisy = angles + 0.01 * random.standard_normal(ROTORS)
@@ -177,7 +173,7 @@ def test_symmetries_do_not_change_the_evidence(example: tuple[float, float]) -> 
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_without_a_wall_there_is_no_evidence(example: tuple[float, float]) -> None:
+def test_without_a_wall_there_is_no_evidence(example):
     for noise in [0.0, 0.05]:
         random = np.random.default_rng(41)
         chain = chain_of(example, ROTORS)
@@ -189,13 +185,13 @@ def test_without_a_wall_there_is_no_evidence(example: tuple[float, float]) -> No
 
 
 @given(st.integers(0, 9), st.floats(0.01, 3))
-def test_a_short_or_disordered_chain_gives_no_evidence(rotors: int, spread: float) -> None:
+def test_a_short_or_disordered_chain_gives_no_evidence(rotors, spread):
     angles = spread * np.sin(np.arange(rotors) ** 2)
     assert says_nothing(motion_evidence(angles))
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_missing_angles_reduce_the_evidence_without_bias(example: tuple[float, float]) -> None:
+def test_missing_angles_reduce_the_evidence_without_bias(example):
     random = np.random.default_rng(43)
     motion, observer = chain_of(example, 4).motion, MotionObserver()
     for angles in 8 * walls(example):
@@ -205,7 +201,7 @@ def test_missing_angles_reduce_the_evidence_without_bias(example: tuple[float, f
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER])
-def test_a_moving_wall_keeps_its_class(example: tuple[float, float]) -> None:
+def test_a_moving_wall_keeps_its_class(example):
     random, noise = np.random.default_rng(47), 0.005
     chain = chain_of(example, 40)
     start, kick = static_wall(chain, 10.3), 0.08
@@ -219,12 +215,12 @@ def test_a_moving_wall_keeps_its_class(example: tuple[float, float]) -> None:
     assert found.motion is chain.motion
 
 
-def test_an_invalid_noise_is_rejected() -> None:
+def test_an_invalid_noise_is_rejected():
     for noise in [-0.1, math.nan, math.inf]:
         with pytest.raises(ValueError, match=f'noise = {noise} rad must be a finite number'):
             motion_evidence(np.zeros(20), noise)
 
 
-def test_angles_of_several_frames_are_rejected() -> None:
+def test_angles_of_several_frames_are_rejected():
     with pytest.raises(ValueError, match=r'angles have the shape \(2, 20\); give one row'):
         motion_evidence(np.zeros((2, 20)))

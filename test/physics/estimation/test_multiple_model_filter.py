@@ -70,7 +70,7 @@ def steadiness(motion: MultipleModelFilter) -> float:
     return float(motion.filters['weight'][0] / motion.filters['weight'][:21].sum())
 
 
-def test_filters_agree_with_a_naive_kalman_filter() -> None:
+def test_filters_agree_with_a_naive_kalman_filter():
     for disturbance in [0.0, 1.0]:
         for at_edge in [False, True]:
             # The limit of the odds is too large for the other filter to gain weight.
@@ -104,7 +104,7 @@ def test_filters_agree_with_a_naive_kalman_filter() -> None:
                 assert found['covariance'] == pytest.approx(twin.spread, rel=1e-8, abs=1e-14)
 
 
-def test_a_steady_wall_uses_all_measurements() -> None:
+def test_a_steady_wall_uses_all_measurements():
     noise, frames = 0.05, 1500
     arcs = measured(frames, noise, 2)
     motion, _ = followed(arcs, noise)
@@ -115,7 +115,7 @@ def test_a_steady_wall_uses_all_measurements() -> None:
     assert motion.arc_deviation == pytest.approx(2 * noise / math.sqrt(frames), rel=0.01)
 
 
-def test_a_wall_among_waves_is_not_assumed_to_be_steady() -> None:
+def test_a_wall_among_waves_is_not_assumed_to_be_steady():
     for calm in [0.0, 0.1]:
         noise, settings = 0.05, FilterSettings()
         arcs = measured(1500, noise, 2)
@@ -127,7 +127,7 @@ def test_a_wall_among_waves_is_not_assumed_to_be_steady() -> None:
         assert 0.4 < steadiness(motion) <= most * (1 + 1e-9)
 
 
-def test_white_noise_causes_no_detection_and_deviations_are_correct() -> None:
+def test_white_noise_causes_no_detection_and_deviations_are_correct():
     scores = []
     for run in range(40):
         noise = [0.002, 0.01, 0.05, 0.2][run % 4]
@@ -146,7 +146,7 @@ def test_white_noise_causes_no_detection_and_deviations_are_correct() -> None:
     assert of_noises.max() < stats.chi2.ppf(1 - 1e-4, 20)
 
 
-def test_no_single_frame_delays_the_detection_of_a_kick() -> None:
+def test_no_single_frame_delays_the_detection_of_a_kick():
     noise, rotor = 0.01, round(SITE_ARC / RATE / PERIOD)
     for share in (0.2, -0.2, 0.5, -2.0):
         arcs = measured(900, noise, 4)
@@ -162,7 +162,7 @@ def test_no_single_frame_delays_the_detection_of_a_kick() -> None:
         assert motion.impulses == 1
 
 
-def test_a_random_walk_of_the_rate_is_tracked_with_correct_deviations() -> None:
+def test_a_random_walk_of_the_rate_is_tracked_with_correct_deviations():
     share, scores = 0.05, []
     for seed in range(8):
         random = np.random.default_rng(seed)
@@ -178,7 +178,7 @@ def test_a_random_walk_of_the_rate_is_tracked_with_correct_deviations() -> None:
     assert 0.5 < np.mean(np.square(scores)) < 1.6
 
 
-def test_a_rate_ratio_scales_the_deviation_of_the_rate() -> None:
+def test_a_rate_ratio_scales_the_deviation_of_the_rate():
     motion, _ = followed(measured(200, 0.02, 1), 0.02)
     before = motion.rate, motion.rate_deviation, motion.summary[3], motion.arc_deviation
     motion.predict(0.0, False, 1.5)
@@ -186,7 +186,7 @@ def test_a_rate_ratio_scales_the_deviation_of_the_rate() -> None:
     assert after == pytest.approx((1.5 * before[0], 1.5 * before[1], 1.5 * before[2], before[3]))
 
 
-def test_the_rate_of_a_damped_wall_agrees_with_its_stated_deviation() -> None:
+def test_the_rate_of_a_damped_wall_agrees_with_its_stated_deviation():
     random, decay, scores = np.random.default_rng(8), 0.5, []
     times = PERIOD * np.arange(1, 1500)
     for _ in range(8):

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
@@ -57,9 +56,7 @@ def inner_arc(orbit: UniformOrbit, share: float, leg: int) -> float:
 
 @pytest.mark.parametrize('example', CLASSES)
 @pytest.mark.parametrize(('share', 'leg', 'sigma'), [(0.0, 0, 0.05), (0.513, 1, 0.01)])
-def test_it_is_unbiased_and_reaches_the_cramer_rao_bound(
-    example: Example, sigma: float, share: float, leg: int
-) -> None:
+def test_it_is_unbiased_and_reaches_the_cramer_rao_bound(example, sigma, share, leg):
     orbit = cycle_of(example)
     arc = inner_arc(orbit, share, leg)
     frames = 3000
@@ -78,9 +75,7 @@ def test_it_is_unbiased_and_reaches_the_cramer_rao_bound(
 @pytest.mark.parametrize('example', CLASSES)
 @settings(deadline=None, max_examples=8)
 @given(share=st.floats(0, 1), off=st.floats(-0.2, 0.2))
-def test_without_noise_it_is_exact_wherever_the_wall_is(
-    example: Example, rotors: int, share: float, off: float
-) -> None:
+def test_without_noise_it_is_exact_wherever_the_wall_is(example, rotors, share, off):
     orbit = cycle_of(example, rotors)
     arc = share * orbit.length
     fit = fit_near(orbit, orbit.configuration(arc), arc + off)
@@ -90,7 +85,7 @@ def test_without_noise_it_is_exact_wherever_the_wall_is(
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_its_misfit_estimates_sigma(example: Example) -> None:
+def test_its_misfit_estimates_sigma(example):
     orbit = cycle_of(example)
     sigma, frames = 0.02, 400
     arc = inner_arc(orbit, 0.3, 0)
@@ -106,9 +101,7 @@ def test_its_misfit_estimates_sigma(example: Example) -> None:
 @pytest.mark.parametrize('example', CLASSES)
 @settings(deadline=None, max_examples=12)
 @given(share=st.floats(0, 1), leg=st.integers(0, 3), seed=st.integers(0, 2**32))
-def test_its_information_is_the_share_of_the_tangent_that_is_seen(
-    example: Example, share: float, leg: int, seed: int
-) -> None:
+def test_its_information_is_the_share_of_the_tangent_that_is_seen(example, share, leg, seed):
     orbit = cycle_of(example)
     arc = inner_arc(orbit, share, leg)
     frame, tangent = orbit.configuration(arc), tangent_at(orbit, arc)
@@ -123,9 +116,7 @@ def test_its_information_is_the_share_of_the_tangent_that_is_seen(
 @pytest.mark.parametrize('example', CLASSES)
 @settings(deadline=None, max_examples=8)
 @given(share=st.floats(0, 1), seed=st.integers(0, 2**32), orbits=st.integers(-3, 3))
-def test_whole_turns_and_cycles_have_no_effect(
-    example: Example, share: float, seed: int, orbits: int
-) -> None:
+def test_whole_turns_and_cycles_have_no_effect(example, share, seed, orbits):
     orbit = cycle_of(example)
     arc = share * orbit.length
     random = np.random.default_rng(seed)
@@ -141,7 +132,7 @@ def test_whole_turns_and_cycles_have_no_effect(
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_a_mirrored_frame_is_at_the_mirrored_site(example: Example) -> None:
+def test_a_mirrored_frame_is_at_the_mirrored_site(example):
     for rotors in [40, 41]:
         orbit = cycle_of(example, rotors)
         spinner = orbit.chain.motion is Motion.SPINNER
@@ -174,7 +165,7 @@ def some_frames(
 
 @pytest.mark.parametrize(('rotors', 'sigma'), [(201, 0.01), (20, 0.2)])
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER, WIDE_SPINNER])
-def test_it_is_found_from_anywhere(example: Example, sigma: float, rotors: int) -> None:
+def test_it_is_found_from_anywhere(example, sigma, rotors):
     orbit = cycle_of(example, rotors)
     for arc, frame in some_frames(orbit, sigma, rotors, 15):
         fit = fit_anywhere(orbit, frame)
@@ -188,9 +179,7 @@ def test_it_is_found_from_anywhere(example: Example, sigma: float, rotors: int) 
 
 @pytest.mark.parametrize(('rotors', 'sigma'), [(201, 0.01), (20, 0.2)])
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER, WIDE_SPINNER])
-def test_it_is_found_with_missing_rotors_or_has_little_information(
-    example: Example, sigma: float, rotors: int
-) -> None:
+def test_it_is_found_with_missing_rotors_or_has_little_information(example, sigma, rotors):
     orbit = cycle_of(example, rotors)
     random = np.random.default_rng(rotors)
     found, frames = 0, 15
@@ -204,7 +193,7 @@ def test_it_is_found_with_missing_rotors_or_has_little_information(
     assert found > frames / 2
 
 
-def test_without_known_rotors_the_arc_is_nan() -> None:
+def test_without_known_rotors_the_arc_is_nan():
     for example in CLASSES:
         orbit = cycle_of(example)
         nothing = np.full(40, np.nan)
@@ -225,9 +214,7 @@ FITS = pytest.mark.parametrize('fit', [from_the_start, fit_anywhere])
 
 
 @FITS
-def test_angles_of_another_shape_are_rejected(
-    fit: Callable[[UniformOrbit, Array], NearestPoint],
-) -> None:
+def test_angles_of_another_shape_are_rejected(fit):
     for shape in [(39,), (41,), (1, 40), ()]:
         with pytest.raises(
             ValueError, match='do not fit a chain of 40 rotors; give one per rotor'
@@ -236,7 +223,7 @@ def test_angles_of_another_shape_are_rejected(
 
 
 @FITS
-def test_infinite_angles_are_rejected(fit: Callable[[UniformOrbit, Array], NearestPoint]) -> None:
+def test_infinite_angles_are_rejected(fit):
     for infinity in [math.inf, -math.inf]:
         angles = np.zeros(40)
         angles[7], angles[3] = infinity, math.nan
@@ -244,7 +231,7 @@ def test_infinite_angles_are_rejected(fit: Callable[[UniformOrbit, Array], Neare
             fit(cycle_of(FLIPPER), angles)
 
 
-def test_an_arc_that_is_not_finite_is_rejected() -> None:
+def test_an_arc_that_is_not_finite_is_rejected():
     for arc in [math.nan, math.inf]:
         with pytest.raises(ValueError, match=r'arc = .* rad must be a finite number'):
             fit_near(cycle_of(FLIPPER), np.zeros(40), arc)

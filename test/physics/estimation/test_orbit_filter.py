@@ -70,7 +70,7 @@ def normalised(estimate: OrbitEstimate, stream: Stream) -> Array:
 
 
 @pytest.mark.parametrize(('example', 'rotors'), [(FLIPPER, 40), (SPINNER, 24), (WOBBLER, 24)])
-def test_a_steady_wall_uses_the_whole_record(example: tuple[float, float], rotors: int) -> None:
+def test_a_steady_wall_uses_the_whole_record(example, rotors):
     frames = 1000
     stream = Stream(cycle_of(example, rotors), 0.05)
     tracker = OrbitFilter(stream.orbit, 0.05)
@@ -87,7 +87,7 @@ def test_a_steady_wall_uses_the_whole_record(example: tuple[float, float], rotor
     )
 
 
-def test_stated_deviations_are_correct_and_errors_are_normal() -> None:
+def test_stated_deviations_are_correct_and_errors_are_normal():
     orbit = cycle_of(FLIPPER, 40)
     times = 0.01 * np.arange(25)
     scores = []
@@ -104,7 +104,7 @@ def test_stated_deviations_are_correct_and_errors_are_normal() -> None:
     assert np.abs(scored).max() < 4.5
 
 
-def test_an_unknown_noise_is_estimated_on_the_way() -> None:
+def test_an_unknown_noise_is_estimated_on_the_way():
     for noise in [0.01, 0.2]:
         stream = Stream(cycle_of(FLIPPER, 14), noise)
         tracker = OrbitFilter(stream.orbit)
@@ -113,7 +113,7 @@ def test_an_unknown_noise_is_estimated_on_the_way() -> None:
         assert estimate.misfit == pytest.approx(noise, rel=5 / math.sqrt(2 * 500 * 13))
 
 
-def test_missing_rotors_lose_only_their_information() -> None:
+def test_missing_rotors_lose_only_their_information():
     for share in [0.3, 0.6]:
         orbit = cycle_of(FLIPPER, 40)
         scores, ratios = [], []
@@ -135,9 +135,7 @@ def test_missing_rotors_lose_only_their_information() -> None:
 
 
 @pytest.mark.parametrize(('example', 'rotors'), EXAMPLES)
-def test_a_chain_assembled_upside_down_moves_on_the_image_of_the_orbit(
-    example: tuple[float, float], rotors: int
-) -> None:
+def test_a_chain_assembled_upside_down_moves_on_the_image_of_the_orbit(example, rotors):
     stream = Stream(cycle_of(example, rotors), 0.05)
     tracker = OrbitFilter(stream.orbit, 0.05)
     for time in (PERIOD * np.arange(50)).tolist():
@@ -146,7 +144,7 @@ def test_a_chain_assembled_upside_down_moves_on_the_image_of_the_orbit(
     assert abs(stream.error(tracker.estimate)) < 4.5 * tracker.estimate.arc_deviation
 
 
-def test_the_uncertainty_grows_in_a_gap_with_that_of_the_rate() -> None:
+def test_the_uncertainty_grows_in_a_gap_with_that_of_the_rate():
     stream, tracker = tracked(rotors=40)
     before = tracker.estimate
     empty = np.full(40, np.nan)
@@ -166,7 +164,7 @@ def test_the_uncertainty_grows_in_a_gap_with_that_of_the_rate() -> None:
     assert tracker.starts == 1
 
 
-def test_after_a_long_gap_the_chain_is_searched_again() -> None:
+def test_after_a_long_gap_the_chain_is_searched_again():
     stream, tracker = tracked()
     estimate = tracker.update(1e6, stream.frame(1e6))
     assert estimate.status is TrackingStatus.ACQUIRED
@@ -178,14 +176,14 @@ def test_after_a_long_gap_the_chain_is_searched_again() -> None:
     assert abs(stream.error(estimate)) < 4.5 * estimate.arc_deviation
 
 
-def test_stamps_that_are_not_finite_are_ignored() -> None:
+def test_stamps_that_are_not_finite_are_ignored():
     for time in [math.nan, math.inf, -math.inf]:
         stream, tracker = tracked()
         before = tracker.estimate
         assert tracker.update(time, stream.frame(0.0)) is before
 
 
-def test_a_source_that_continues_elsewhere_is_found_again() -> None:
+def test_a_source_that_continues_elsewhere_is_found_again():
     stream, tracker = tracked()
     elsewhere = Stream(stream.orbit, 0.05, start=30.0)
     estimate = elsewhere.feed(tracker, PERIOD * np.arange(400, 500))
@@ -193,7 +191,7 @@ def test_a_source_that_continues_elsewhere_is_found_again() -> None:
     assert tracker.starts == 2
 
 
-def test_frames_without_the_chain_are_skipped() -> None:
+def test_frames_without_the_chain_are_skipped():
     stream, tracker = tracked()
     times = PERIOD * np.arange(400, 440)
     for time in times.tolist():
@@ -205,7 +203,7 @@ def test_frames_without_the_chain_are_skipped() -> None:
     assert abs(stream.error(estimate)) < 4.5 * estimate.arc_deviation
 
 
-def test_without_frames_of_the_chain_it_is_lost() -> None:
+def test_without_frames_of_the_chain_it_is_lost():
     tracker = OrbitFilter(cycle_of(FLIPPER, 14))
     assert tracker.estimate.status is TrackingStatus.LOST
     estimate = tracker.update(0.0, np.full(14, np.nan))
@@ -216,7 +214,7 @@ def test_without_frames_of_the_chain_it_is_lost() -> None:
     assert tracker.update(1.0, stream.frame(1.0)).status is TrackingStatus.ACQUIRED
 
 
-def test_encoder_offsets_are_estimated_and_do_not_bias_the_arc() -> None:
+def test_encoder_offsets_are_estimated_and_do_not_bias_the_arc():
     stream = Stream(cycle_of(FLIPPER, 40), 0.05)
     offsets = np.zeros(40)
     offsets[[4, 9, 15]] = 0.4, -1.0, 0.15
@@ -239,7 +237,7 @@ def test_encoder_offsets_are_estimated_and_do_not_bias_the_arc() -> None:
     assert tracker.offsets.deviations[4] == pytest.approx(0.05, rel=0.01)
 
 
-def test_the_view_contains_the_residuals_from_the_orbit() -> None:
+def test_the_view_contains_the_residuals_from_the_orbit():
     stream, tracker = tracked()
     time = tracker.estimate.time + PERIOD
     frame = stream.frame(time)
@@ -257,7 +255,7 @@ def test_the_view_contains_the_residuals_from_the_orbit() -> None:
     assert OrbitFilter(stream.orbit).view is None
 
 
-def test_the_misfit_of_a_frame_shows_that_it_is_off_the_orbit() -> None:
+def test_the_misfit_of_a_frame_shows_that_it_is_off_the_orbit():
     stream, tracker = tracked(frames=1500, rotors=40)
     aside = 0.15 * np.where(np.arange(40) % 4 < 2, 1, -1)
     start = tracker.estimate.time
@@ -269,7 +267,7 @@ def test_the_misfit_of_a_frame_shows_that_it_is_off_the_orbit() -> None:
     assert math.isnan(tracker.estimate.frame_misfit)
 
 
-def test_the_leg_of_a_flipper_is_known_once_both_edges_were_seen() -> None:
+def test_the_leg_of_a_flipper_is_known_once_both_edges_were_seen():
     for unseen in [0, 13]:
         stream = Stream(cycle_of(FLIPPER, 14), 0.02)
         tracker = OrbitFilter(stream.orbit, 0.02)
@@ -284,23 +282,21 @@ def test_the_leg_of_a_flipper_is_known_once_both_edges_were_seen() -> None:
         assert tracker.estimate.leg_known
 
 
-def test_the_wall_of_a_spinner_determines_its_leg() -> None:
+def test_the_wall_of_a_spinner_determines_its_leg():
     stream = Stream(cycle_of(SPINNER, 24), 0.02)
     frame = stream.frame(0.0)
     frame[[0, -1]] = np.nan
     assert OrbitFilter(stream.orbit).update(0.0, frame).leg_known
 
 
-def test_an_invalid_noise_is_rejected() -> None:
+def test_an_invalid_noise_is_rejected():
     for noise in [0.0, -1.0, math.nan, math.inf]:
         with pytest.raises(ValueError, match=r'noise = .* rad must be a finite number above 0'):
             OrbitFilter(cycle_of(FLIPPER, 14), noise)
 
 
 @pytest.mark.parametrize('example', [FLIPPER, SPINNER])
-def test_an_offset_beside_the_wall_at_the_start_loses_its_weight(
-    example: tuple[float, float],
-) -> None:
+def test_an_offset_beside_the_wall_at_the_start_loses_its_weight(example):
     stream = Stream(cycle_of(example, 24), 0.01)
     stream.start = stream.orbit.arc_at(12.0, 0)
     tracker, scores = OrbitFilter(stream.orbit, 0.01), []
@@ -315,7 +311,7 @@ def test_an_offset_beside_the_wall_at_the_start_loses_its_weight(
     assert np.sqrt(np.mean(np.square(scores[100:]))) < 1.5
 
 
-def test_the_jitter_of_stamps_is_estimated_and_stated() -> None:
+def test_the_jitter_of_stamps_is_estimated_and_stated():
     stream = Stream(cycle_of(FLIPPER, 40), 0.002)
     tracker, scores = OrbitFilter(stream.orbit, 0.002), []
     period, jitter = 4e-3, 8e-4
@@ -328,6 +324,6 @@ def test_the_jitter_of_stamps_is_estimated_and_stated() -> None:
     assert np.sqrt(np.mean(np.square(scores[100:]))) == pytest.approx(1.0, abs=0.2)
 
 
-def test_exact_stamps_have_no_jitter() -> None:
+def test_exact_stamps_have_no_jitter():
     _, tracker = tracked(rotors=40)
     assert tracker.jitter.variance == 0.0

@@ -12,7 +12,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import pytest
@@ -130,7 +129,7 @@ def followed(
     return Followed(tracker, estimates, np.array(scores)[inside].T)
 
 
-def test_stated_deviations_are_correct_on_chains_of_springs() -> None:
+def test_stated_deviations_are_correct_on_chains_of_springs():
     variances = []
     for example, rotors in [(FLIPPER, 20), (WOBBLER, 20), (SPINNER, 20), (WIDE_FLIPPER, 40)]:
         record = passage(example, rotors, 5.0)
@@ -148,7 +147,7 @@ def test_stated_deviations_are_correct_on_chains_of_springs() -> None:
     assert 0.5 < of_rate < 1.5
 
 
-def test_unmodelled_deviations_increase_the_stated_uncertainty() -> None:
+def test_unmodelled_deviations_increase_the_stated_uncertainty():
     even = followed(passage(FLIPPER, 20, 5.0), 0.01)
     variances = []
     for example, rotors, seed in [(FLIPPER, 40, 1), (FLIPPER, 40, 2)]:
@@ -165,7 +164,7 @@ def test_unmodelled_deviations_increase_the_stated_uncertainty() -> None:
 
 
 @pytest.mark.parametrize('share', [0.2, -0.2, 0.5])
-def test_a_kick_is_detected_within_a_few_rotors(share: float) -> None:
+def test_a_kick_is_detected_within_a_few_rotors(share):
     chain = chain_of(FLIPPER, 40)
     simulation = moving(FLIPPER, chain)
     before = simulation.record(1.4).angles
@@ -186,9 +185,7 @@ def test_a_kick_is_detected_within_a_few_rotors(share: float) -> None:
 @pytest.mark.parametrize(
     ('example', 'turned'), [(FLIPPER, False), (WOBBLER, True), (SPINNER, True)]
 )
-def test_after_a_reported_kick_the_rate_is_correct_in_the_next_frame(
-    example: tuple[float, float], turned: bool
-) -> None:
+def test_after_a_reported_kick_the_rate_is_correct_in_the_next_frame(example, turned):
     chain, noise = chain_of(example, 20), 0.01
     simulation = moving(example, chain)
     before = simulation.record(0.8).angles
@@ -219,9 +216,7 @@ def test_after_a_reported_kick_the_rate_is_correct_in_the_next_frame(
     ('example', 'rotors', 'factor'),
     [(FLIPPER, 16, 1.0), (WOBBLER, 12, 1.0), (SPINNER, 16, 1.0), (SPINNER, 20, 4.0)],
 )
-def test_a_wall_that_leaves_an_edge_is_located_correctly(
-    example: tuple[float, float], rotors: int, factor: float
-) -> None:
+def test_a_wall_that_leaves_an_edge_is_located_correctly(example, rotors, factor):
     chain = chain_of(example, rotors)
     start = chain.uniform_state(-1)
     rates = factor * SPEEDS[example] * mode_towards_last(chain, start)
@@ -242,7 +237,7 @@ def test_a_wall_that_leaves_an_edge_is_located_correctly(
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_a_kicked_chain_at_rest_is_tracked_without_noise(example: tuple[float, float]) -> None:
+def test_a_kicked_chain_at_rest_is_tracked_without_noise(example):
     chain = chain_of(example, 16)
     start = chain.uniform_state(-1)
     simulation = ElasticSimulation(chain, start, 0 * start, PERIOD, 1e-7)
@@ -261,7 +256,7 @@ def test_a_kicked_chain_at_rest_is_tracked_without_noise(example: tuple[float, f
     assert tracker.starts == 1
 
 
-def test_in_a_strong_wake_the_site_is_continuous_though_the_edge_toggles_back() -> None:
+def test_in_a_strong_wake_the_site_is_continuous_though_the_edge_toggles_back():
     chain = chain_of(FLIPPER, 20)
     start = chain.uniform_state(-1)
     rates = 4 * SPEEDS[FLIPPER] * mode_towards_last(chain, start)
@@ -284,7 +279,7 @@ def test_in_a_strong_wake_the_site_is_continuous_though_the_edge_toggles_back() 
     assert legs[-60] == 0
 
 
-def test_another_pair_of_walls_has_no_effect() -> None:
+def test_another_pair_of_walls_has_no_effect():
     record = passage(FLIPPER, 40, 4.0)
     turned = record.orbit.chain.uniform_state(-1) - record.orbit.chain.uniform_state(1)
 
@@ -300,7 +295,7 @@ def test_another_pair_of_walls_has_no_effect() -> None:
     assert not made.tracker.offsets.corrections.any()
 
 
-def test_a_stuck_encoder_is_excluded() -> None:
+def test_a_stuck_encoder_is_excluded():
     record = passage(FLIPPER, 40, 4.0)
     frozen = {}
 
@@ -315,7 +310,7 @@ def test_a_stuck_encoder_is_excluded() -> None:
     assert not made.tracker.offsets.corrections.any()
 
 
-def test_offsets_of_a_few_encoders_are_found_in_one_passage() -> None:
+def test_offsets_of_a_few_encoders_are_found_in_one_passage():
     record = passage(FLIPPER, 40, 4.5)
     offsets = np.zeros(40)
     offsets[[7, 18, 29]] = 0.1, -0.1, 0.1
@@ -334,7 +329,7 @@ def test_offsets_of_a_few_encoders_are_found_in_one_passage() -> None:
 
 
 @pytest.mark.parametrize('example', [FLIPPER, SPINNER])
-def test_a_chain_at_rest_stays_where_it_is(example: tuple[float, float]) -> None:
+def test_a_chain_at_rest_stays_where_it_is(example):
     chain = chain_of(example, 40)
     tracker, random = OrbitFilter(UniformOrbit(chain)), np.random.default_rng(1)
     for frame in range(3000):
@@ -349,7 +344,7 @@ def test_a_chain_at_rest_stays_where_it_is(example: tuple[float, float]) -> None
 
 
 @pytest.mark.parametrize('what', ['damping', 'tilt'])
-def test_slow_forces_cause_no_detection(what: str) -> None:
+def test_slow_forces_cause_no_detection(what):
     chain = chain_of(FLIPPER, 30)
     if what == 'damping':
         chain = dataclasses.replace(chain, damping=0.02 * chain.moment_of_inertia)
@@ -378,7 +373,7 @@ def test_slow_forces_cause_no_detection(what: str) -> None:
     ],
     ids=lambda terms: next(iter(terms)),
 )
-def test_known_forces_are_predicted_while_no_angle_is_measured(terms: dict[str, Any]) -> None:
+def test_known_forces_are_predicted_while_no_angle_is_measured(terms):
     chain = dataclasses.replace(chain_of(FLIPPER, 40), **terms)
     start, random = with_soliton(chain, 8.0, 0.6), np.random.default_rng(2)
     simulation = ElasticSimulation(chain, start.angles, start.rates, PERIOD)

@@ -42,7 +42,7 @@ def bent(orbit: Orbit, arc: float) -> tuple[Array, Array]:
 
 
 @pytest.mark.parametrize('chain', [FLIPPER_CHAIN, WOBBLER_CHAIN, SPINNER_CHAIN])
-def test_mu_is_the_compliance_along_the_curvature(chain: Chain) -> None:
+def test_mu_is_the_compliance_along_the_curvature(chain):
     for leg in [0, 1]:
         orbit = orbit_of(chain)
         compliance = ComplianceCorrection(orbit)
@@ -52,7 +52,7 @@ def test_mu_is_the_compliance_along_the_curvature(chain: Chain) -> None:
             assert compliance.mu(arc) == pytest.approx(bend @ given, rel=0.02)
 
 
-def test_deviations_do_not_change_the_compliance() -> None:
+def test_deviations_do_not_change_the_compliance():
     even = orbit_of(WOBBLER_CHAIN)
     drawn = drawn_deviations(17, 3, spacing=0.03)
     uneven = orbit_of(replace(WOBBLER_CHAIN, deviations=drawn))
@@ -69,7 +69,7 @@ def nearest_arc(orbit: Orbit, angles: Array, arc: float) -> float:
     return arc
 
 
-def test_a_slow_wall_conserves_its_energy() -> None:
+def test_a_slow_wall_conserves_its_energy():
     orbit = orbit_of(WOBBLER_CHAIN)
     compliance, slow, begin = ComplianceCorrection(orbit), 1.2, orbit.arc_at(5.0, 0)
     angles = orbit.configuration(begin) - slow**2 * bent(orbit, begin)[1]
@@ -83,7 +83,7 @@ def test_a_slow_wall_conserves_its_energy() -> None:
     assert np.std(went / reported) < 0.3 * np.std(went)
 
 
-def test_fast_walls_have_no_compliance_correction() -> None:
+def test_fast_walls_have_no_compliance_correction():
     """Near d_c the lowest order fails even for slow walls."""
     for share, rate in [(0.5, 100.0), (0.98, 1.0)]:
         length = share / math.sin(0.77) ** 2 * WOBBLER_CHAIN.spacing
@@ -93,7 +93,7 @@ def test_fast_walls_have_no_compliance_correction() -> None:
         assert ComplianceCorrection(orbit).rate_ratio(other, 1e-3 * rate, one) != 1.0
 
 
-def test_impulses_add_up() -> None:
+def test_impulses_add_up():
     for added in [-2.0, 0.0, 7.0]:
         for rate in [-3.0, 0.0, 0.5]:
             mu = 0.03
@@ -130,7 +130,7 @@ def seen_shift(
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_balanced_rotors_need_not_be_seen(example: tuple[float, float]) -> None:
+def test_balanced_rotors_need_not_be_seen(example):
     for hidden in [[5], [4, 5], [3, 6]]:
         orbit = even_orbit(example)
         arc = orbit.arc_at(4.7, 0)
@@ -145,9 +145,7 @@ def test_balanced_rotors_need_not_be_seen(example: tuple[float, float]) -> None:
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_inertial_forces_on_unseen_rotors_do_not_shift_the_arc(
-    example: tuple[float, float],
-) -> None:
+def test_inertial_forces_on_unseen_rotors_do_not_shift_the_arc(example):
     orbit = even_orbit(example)
     arc = orbit.arc_at(4.4, 0)
     bend = (orbit.tangent(arc + ARC_STEP) - orbit.tangent(arc - ARC_STEP)) / (2 * ARC_STEP)
@@ -157,7 +155,7 @@ def test_inertial_forces_on_unseen_rotors_do_not_shift_the_arc(
     assert abs(informed) < 0.02 * abs(without)
 
 
-def test_the_correction_vanishes_in_noise_and_for_distant_rotors() -> None:
+def test_the_correction_vanishes_in_noise_and_for_distant_rotors():
     orbit = even_orbit(SPINNER)
     arc = orbit.arc_at(4.7, 0)
     beside = np.random.default_rng(2).normal(0, 1e-3, ROTORS)
@@ -169,9 +167,7 @@ def test_the_correction_vanishes_in_noise_and_for_distant_rotors() -> None:
 
 
 @pytest.mark.parametrize('periods', [3.5, 8.0])
-def test_the_stated_change_of_the_rate_within_a_site_is_that_of_a_wall_on_springs(
-    periods: float,
-) -> None:
+def test_the_stated_change_of_the_rate_within_a_site_is_that_of_a_wall_on_springs(periods):
     chain = chain_of(STRONG_WOBBLER, 21)
     orbit = orbit_of(chain)
     compliance, begin = ComplianceCorrection(orbit), orbit.arc_at(5.0, 0)
@@ -192,7 +188,7 @@ def test_the_stated_change_of_the_rate_within_a_site_is_that_of_a_wall_on_spring
 
 
 @pytest.mark.parametrize('chain', [FLIPPER_CHAIN, WOBBLER_CHAIN, SPINNER_CHAIN])
-def test_damping_acts_on_the_momentum(chain: Chain) -> None:
+def test_damping_acts_on_the_momentum(chain):
     compliance = ComplianceCorrection(orbit_of(chain))
     for rate in (-9.0, 0.5, 6.0):
         step = 1e-4 * rate

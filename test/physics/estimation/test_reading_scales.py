@@ -40,7 +40,7 @@ def runs(weighted: bool, noise: float | None = None, count: int = 30) -> Array:
 
 
 @pytest.mark.parametrize('noise', [None, NOISE])
-def test_stated_deviations_of_readings_reduce_the_error(noise: float | None) -> None:
+def test_stated_deviations_of_readings_reduce_the_error(noise):
     normalised, errors, noises = runs(weighted=True, noise=noise)
     assert 0.7 < np.sqrt(np.mean(normalised**2)) < 1.3
     unknown = runs(weighted=False)[1]
@@ -51,7 +51,7 @@ def test_stated_deviations_of_readings_reduce_the_error(noise: float | None) -> 
     assert (noises < 0.5 * np.sqrt(np.mean(DEVIATIONS**2))).all()
 
 
-def test_equal_and_unknown_deviations_have_no_effect() -> None:
+def test_equal_and_unknown_deviations_have_no_effect():
     random = np.random.default_rng(1)
     chain = Chain(number_of_rotors=14)
     analysers = [Analyser(chain) for _ in range(3)]
@@ -71,7 +71,7 @@ def test_equal_and_unknown_deviations_have_no_effect() -> None:
         assert estimates[1].arc == pytest.approx(estimates[0].arc, abs=1e-12)
 
 
-def test_the_usual_deviation_preserves_the_information() -> None:
+def test_the_usual_deviation_preserves_the_information():
     scales = ReadingScales()
     scales.set_deviations(np.array([0.01, 0.02, np.nan]))
     scaled = scales.of_frame(1e-4, 1e-4)
@@ -87,7 +87,7 @@ def test_the_usual_deviation_preserves_the_information() -> None:
         assert scales.of_frame(1e-4, 1e-4) is None
 
 
-def test_residuals_beside_the_orbit_equalise_the_readings() -> None:
+def test_residuals_beside_the_orbit_equalise_the_readings():
     scales = ReadingScales(0.01)
     scales.set_deviations(np.array([0.01, 0.1]))
     noise, beside = 0.01**2, 0.2**2
@@ -96,7 +96,7 @@ def test_residuals_beside_the_orbit_equalise_the_readings() -> None:
     np.testing.assert_allclose(scaled**2 * (noise + beside), [noise + beside, 0.1**2 + beside])
 
 
-def test_invalid_deviations_are_rejected() -> None:
+def test_invalid_deviations_are_rejected():
     for wrong in [0.0, -0.1, np.inf]:
         analyser = Analyser(Chain(number_of_rotors=14))
         deviations = np.full(14, 0.01)

@@ -24,7 +24,7 @@ def search_of(orbit: UniformOrbit, **limits: int) -> Relocaliser:
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_one_frame_locates_a_wall_with_the_stated_deviation(example: tuple[float, float]) -> None:
+def test_one_frame_locates_a_wall_with_the_stated_deviation(example):
     for given in [True, False]:
         orbit, random, noise = UniformOrbit(chain_of(example, 20)), np.random.default_rng(1), 0.02
         search, scores = search_of(orbit), []
@@ -41,7 +41,7 @@ def test_one_frame_locates_a_wall_with_the_stated_deviation(example: tuple[float
         assert np.abs(scores).max() < 4.5
 
 
-def test_legs_compete_without_edge_rotors() -> None:
+def test_legs_compete_without_edge_rotors():
     orbit = UniformOrbit(chain_of(FLIPPER, 20))
     frame = orbit.configuration(orbit.arc_at(9.2, 1))
     frame[[0, -1]] = np.nan
@@ -52,7 +52,7 @@ def test_legs_compete_without_edge_rotors() -> None:
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_frames_without_information_give_no_candidate(example: tuple[float, float]) -> None:
+def test_frames_without_information_give_no_candidate(example):
     orbit, random = UniformOrbit(chain_of(example, 24)), np.random.default_rng(2)
     search = search_of(orbit)
     few = np.full(24, np.nan)
@@ -65,7 +65,7 @@ def test_frames_without_information_give_no_candidate(example: tuple[float, floa
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_a_long_orbit_is_scanned_where_the_backgrounds_allow(example: tuple[float, float]) -> None:
+def test_a_long_orbit_is_scanned_where_the_backgrounds_allow(example):
     orbit, random = UniformOrbit(chain_of(example, 60)), np.random.default_rng(3)
     whole, parts = search_of(orbit), search_of(orbit, most_angles=1)
     for site in (0.2, 7.3, 31.6, 58.9):
@@ -75,7 +75,7 @@ def test_a_long_orbit_is_scanned_where_the_backgrounds_allow(example: tuple[floa
         assert math.remainder(one.arc - other.arc, orbit.length) == pytest.approx(0, abs=1e-4)
 
 
-def test_distant_rotors_do_not_reduce_the_probability() -> None:
+def test_distant_rotors_do_not_reduce_the_probability():
     orbit, random = UniformOrbit(chain_of(FLIPPER, 10_000)), np.random.default_rng(4)
     frame = orbit.configuration(orbit.arc_at(2500.0, 0)) + 0.01 * random.standard_normal(10_000)
     found = search_of(orbit).find(frame, 0.0)
@@ -83,7 +83,7 @@ def test_distant_rotors_do_not_reduce_the_probability() -> None:
     assert orbit.site(found.candidates[0].arc) == pytest.approx(2500, abs=0.05)
 
 
-def test_the_budget_limits_searches_per_second_of_stamps() -> None:
+def test_the_budget_limits_searches_per_second_of_stamps():
     budget = ScanBudget(TrackingSettings(scan_rate=10.0, scan_burst=3.0))
     spent = [budget.spend(0.002 * frame) for frame in range(1000)]
     assert spent[:4] == [True, True, True, False]
@@ -107,7 +107,7 @@ def hypotheses(*arcs: float) -> Hypotheses:
     return made
 
 
-def test_the_mixture_is_weighted_by_the_evidence() -> None:
+def test_the_mixture_is_weighted_by_the_evidence():
     sites = 8.0, 8.5
     made = hypotheses(*(ORBIT.arc_at(each, 0) for each in sites))
     odds = 2.0
@@ -120,7 +120,7 @@ def test_the_mixture_is_weighted_by_the_evidence() -> None:
     assert ORBIT.site(made.leader.motion.arc) == pytest.approx(8.0)
 
 
-def test_refuted_hypotheses_are_removed_and_the_best_one_leads() -> None:
+def test_refuted_hypotheses_are_removed_and_the_best_one_leads():
     made = hypotheses(ORBIT.arc_at(8.0, 0), ORBIT.arc_at(12.0, 0))
     made.weigh([-5.0, 0.0])
     assert ORBIT.site(made.leader.motion.arc) == pytest.approx(12.0)
@@ -129,14 +129,14 @@ def test_refuted_hypotheses_are_removed_and_the_best_one_leads() -> None:
     assert made.leader.evidence == 0
 
 
-def test_the_leg_is_known_after_all_others_are_refuted() -> None:
+def test_the_leg_is_known_after_all_others_are_refuted():
     made = hypotheses(*(ORBIT.arc_at(9.0, leg) for leg in (0, 3)))
     assert not made.leg_is_known()
     made.weigh([0.0, -9.0])
     assert made.leg_is_known()
 
 
-def test_a_disagreeing_edge_rotor_adds_a_leg() -> None:
+def test_a_disagreeing_edge_rotor_adds_a_leg():
     made = hypotheses(ORBIT.arc_at(9.0, 0))
     made.add_toggled()
     assert len(made.all) == 1
@@ -149,7 +149,7 @@ def test_a_disagreeing_edge_rotor_adds_a_leg() -> None:
     assert other.evidence < -5
 
 
-def test_the_mirror_image_moves_in_the_opposite_direction() -> None:
+def test_the_mirror_image_moves_in_the_opposite_direction():
     motion = MultipleModelFilter(3.0, 1e-4, 50.0, 1.0)
     for frame in range(1, 200):
         motion.predict(1e-3, False)

@@ -40,7 +40,7 @@ def noisy_wall() -> Array:
     return static_wall(CHAIN, 19.3) + noise
 
 
-def test_each_setting_is_described_and_equals_its_record() -> None:
+def test_each_setting_is_described_and_equals_its_record():
     for part in PARTS:
         described = described_fields(type(part))
         assert set(described) == {each.name for each in dataclasses.fields(part)}
@@ -51,7 +51,7 @@ def test_each_setting_is_described_and_equals_its_record() -> None:
             part.record[0] = 0
 
 
-def test_evidence_of_motion_follows_its_settings() -> None:
+def test_evidence_of_motion_follows_its_settings():
     angles = noisy_wall()
     weak = MotionSettings(strongest_frame=2.0, strongest=3.0, least_probability=1.1)
     for settings, flipping in ((MotionSettings(), 10.0), (weak, 2.0)):
@@ -67,7 +67,7 @@ def test_evidence_of_motion_follows_its_settings() -> None:
     assert observer.evidence.flipping == pytest.approx(3.0)
 
 
-def test_kicks_are_detected_by_the_settings() -> None:
+def test_kicks_are_detected_by_the_settings():
     for settings, kicks in [(FilterSettings(), 1), (FilterSettings(impulse_odds=1e9), 0)]:
         tracker = MultipleModelFilter(0.0, 1e-4, 50.0, 0.99, settings)
         for number in range(1, 600):
@@ -76,7 +76,7 @@ def test_kicks_are_detected_by_the_settings() -> None:
         assert tracker.impulses == kicks
 
 
-def test_the_analyser_uses_its_settings() -> None:
+def test_the_analyser_uses_its_settings():
     limited = EstimationSettings(tracking=TrackingSettings(clock_limit=0.1))
     angles = noisy_wall()
     for settings, late in ((DEFAULTS, 1), (limited, 0)):
@@ -86,7 +86,7 @@ def test_the_analyser_uses_its_settings() -> None:
         assert analyser.late == late
 
 
-def test_loops_reject_other_types_instead_of_compiling() -> None:
+def test_loops_reject_other_types_instead_of_compiling():
     # A loop rejects an argument of another type instead of compiling for it.
     with pytest.raises(TypeError):
         all_within(np.zeros(4, dtype=np.float32), 1.0)
@@ -95,7 +95,7 @@ def test_loops_reject_other_types_instead_of_compiling() -> None:
     assert all_within(frozen, 1.0)
 
 
-def test_a_filter_without_weight_may_be_the_likeliest_by_any_amount() -> None:
+def test_a_filter_without_weight_may_be_the_likeliest_by_any_amount():
     # The first two filters expect 0; one without probability and one with an impulse expect 1.
     made = np.zeros(4, filter_bank.FILTER)
     made['state'][:, filter_bank.ARC] = [0.0, 0.0, 1.0, 1.0]
@@ -111,7 +111,7 @@ def test_a_filter_without_weight_may_be_the_likeliest_by_any_amount() -> None:
     assert made['probability'][1:3] == pytest.approx([0.0, 1.0])
 
 
-def test_the_centre_of_the_mode_is_exact_over_800_decades() -> None:
+def test_the_centre_of_the_mode_is_exact_over_800_decades():
     # Squares of 10^(2 k) as far as k = 400 below the largest, and up again.
     falls = np.concatenate([np.arange(500), np.arange(500)[::-1], np.full(3, 0)])
     exponents = 2.0 * falls
@@ -126,7 +126,7 @@ def test_the_centre_of_the_mode_is_exact_over_800_decades() -> None:
 SCRIPT = Path(__file__).parents[1] / 'analyse_record.py'
 
 
-def test_results_are_the_same_without_a_compiler() -> None:
+def test_results_are_the_same_without_a_compiler():
     compiled, plain = (
         json.loads(
             subprocess.run(

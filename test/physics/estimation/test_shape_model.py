@@ -53,7 +53,7 @@ def kink_and_anti_kink(chain: Chain, site: float) -> tuple[Array, tuple[float, f
 
 
 @pytest.mark.parametrize('name', CHAINS)
-def test_a_kink_and_an_anti_kink_are_located_with_the_stated_deviation(name: str) -> None:
+def test_a_kink_and_an_anti_kink_are_located_with_the_stated_deviation(name):
     chain = CHAINS[name]
     rng, errors = np.random.default_rng(1), []
     rotors = 2 * (chain.number_of_rotors - 2) + 1
@@ -90,7 +90,7 @@ class Run(NamedTuple):
 
 
 @pytest.fixture(scope='module')
-def bounce() -> Run:
+def bounce():
     task, parts = meeting(NARROW, 0.4), []
     for part in simulate_frames(task):
         parts.append(part)
@@ -118,7 +118,7 @@ def starts(run: Run) -> tuple[float, float]:
     ) / points
 
 
-def test_a_collision_conserves_charge_and_energy(bounce: Run) -> None:
+def test_a_collision_conserves_charge_and_energy(bounce):
     found = analysed(bounce)
     assert all(sum(each.charge for each in one.solitons) == 0 for one in found)
     assert {each.id for one in found for each in one.solitons} == {1, 2}
@@ -143,7 +143,7 @@ def test_a_collision_conserves_charge_and_energy(bounce: Run) -> None:
     assert 0 < radiated < 0.1 * energies.whole
 
 
-def test_each_wall_of_a_collision_is_located_with_the_stated_deviation(bounce: Run) -> None:
+def test_each_wall_of_a_collision_is_located_with_the_stated_deviation(bounce):
     run, errors = bounce, []
     speed = run.task.speed * run.task.sound
     left, right = starts(run)
@@ -160,7 +160,7 @@ def test_each_wall_of_a_collision_is_located_with_the_stated_deviation(bounce: R
     assert max(map(abs, errors)) < 4.5
 
 
-def test_three_walls_have_the_charge_of_the_outer_domains() -> None:
+def test_three_walls_have_the_charge_of_the_outer_domains():
     chain = Chain(60, rest_angle=0.5)
     rotors = np.arange(60)
     width = chain.wall_width / chain.spacing
@@ -196,7 +196,7 @@ def leaves_nothing(shape: WallShape, theta: Array, site: float) -> bool:
 
 
 @pytest.mark.parametrize('name', SHAPE_CHAINS)
-def test_the_shape_of_a_kink_is_exact(name: str) -> None:
+def test_the_shape_of_a_kink_is_exact(name):
     chain, shapes = SHAPE_CHAINS[name], WallShapes(SHAPE_CHAINS[name])
     for leg in range(2 if chain.motion is Motion.SPINNER else 1):
         for site in (40.0, 40.33, 41.07, 40.5):
@@ -208,7 +208,7 @@ def test_the_shape_of_a_kink_is_exact(name: str) -> None:
                 assert leaves_nothing(shapes.anti_kinks[0], image, last - site)
 
 
-def test_the_shape_of_an_anti_kink_of_flippers_is_exact() -> None:
+def test_the_shape_of_an_anti_kink_of_flippers_is_exact():
     chain, shapes = SHAPE_CHAINS['flipper'], WallShapes(SHAPE_CHAINS['flipper'])
     states = CubicSpline(*anti_kink_path(chain, 40.0))
     for site in (40.0, 40.33, 41.07, 41.5):
@@ -216,7 +216,7 @@ def test_the_shape_of_an_anti_kink_of_flippers_is_exact() -> None:
 
 
 @pytest.mark.parametrize('name', ['spinner', 'pinned wobbler'])
-def test_the_shape_of_a_pinned_anti_kink_is_exact_at_rest(name: str) -> None:
+def test_the_shape_of_a_pinned_anti_kink_is_exact_at_rest(name):
     chain, shapes = SHAPE_CHAINS[name], WallShapes(SHAPE_CHAINS[name])
     site, angles = resting_anti_kink(chain, 40.5)
     one, other = shapes.anti_kinks
@@ -225,9 +225,7 @@ def test_the_shape_of_a_pinned_anti_kink_is_exact_at_rest(name: str) -> None:
 
 
 @pytest.mark.parametrize(('share', 'passes'), [(0.7, False), (1.4, True)])
-def test_an_anti_kink_passes_its_energy_barrier_above_the_pinning_speed(
-    share: float, passes: bool
-) -> None:
+def test_an_anti_kink_passes_its_energy_barrier_above_the_pinning_speed(share, passes):
     chain = Chain(41, rest_angle=0.97)
     sites, states = anti_kink_path(chain, 20.0)
     begin = int(np.argmin(chain.elastic_energy(states)))

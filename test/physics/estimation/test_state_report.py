@@ -68,9 +68,7 @@ def rounding_of_energies(chain: Chain) -> float:
 
 @settings(deadline=None)
 @given(ANY_EXAMPLE, st.integers(0, 10**6), st.lists(PLACES, max_size=3))
-def test_energies_sum_to_the_total_for_any_walls(
-    example: tuple[float, float], seed: int, sites: list[float]
-) -> None:
+def test_energies_sum_to_the_total_for_any_walls(example, seed, sites):
     random = np.random.default_rng(seed)
     chain = chain_of(example, ROTORS)
     angles, rates = random.uniform(-3, 3, ROTORS), random.standard_normal(ROTORS)
@@ -87,16 +85,14 @@ def test_energies_sum_to_the_total_for_any_walls(
 
 @settings(deadline=None, max_examples=30)
 @given(ANY_EXAMPLE, PLACES, st.sampled_from([0, 1]))
-def test_a_free_wall_at_rest_has_no_energy(
-    example: tuple[float, float], site: float, leg: int
-) -> None:
+def test_a_free_wall_at_rest_has_no_energy(example, site, leg):
     chain = chain_of(example, ROTORS)
     found = energies(chain, static_wall(chain, site, leg), np.zeros(ROTORS), site)
     assert found.kinetic == found.kinetic_wake == 0
     assert 0 <= found.elastic_wake <= found.elastic <= rounding_of_energies(chain)
 
 
-def test_a_moving_wall_of_the_continuum_has_its_energy_in_the_wall() -> None:
+def test_a_moving_wall_of_the_continuum_has_its_energy_in_the_wall():
     for share in [0.2, 0.5, 0.8]:
         chain = chain_of(WIDEST_FLIPPER, 200)
         theory = FlipperTheory(chain, exact_sound=False)
@@ -110,7 +106,7 @@ def test_a_moving_wall_of_the_continuum_has_its_energy_in_the_wall() -> None:
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_a_moving_wall_without_radiation_has_no_wake(example: tuple[float, float]) -> None:
+def test_a_moving_wall_without_radiation_has_no_wake(example):
     chain = chain_of(example, ROTORS)
     angles = static_wall(chain, 29.6)
     rates = 0.3 * mode_towards_last(chain, angles)
@@ -123,7 +119,7 @@ def test_a_moving_wall_without_radiation_has_no_wake(example: tuple[float, float
     assert energies(chain, angles, None, 29.6).elastic_wake == found.elastic_wake
 
 
-def test_an_added_wake_has_its_energy() -> None:
+def test_an_added_wake_has_its_energy():
     for example in [WIDE_FLIPPER, FLIPPER, WOBBLER, SPINNER]:
         chain = chain_of(example, 80)
         site = 60.4
@@ -140,9 +136,7 @@ def test_an_added_wake_has_its_energy() -> None:
 
 
 @pytest.mark.parametrize('example', [WIDE_FLIPPER, WOBBLER, SPINNER])
-def test_noisy_energies_are_unbiased_with_the_stated_deviation(
-    example: tuple[float, float],
-) -> None:
+def test_noisy_energies_are_unbiased_with_the_stated_deviation(example):
     for noise in [0.05]:
         random, count, rate_noise = np.random.default_rng(3), 400, 0.2
         chain = chain_of(example, ROTORS)
@@ -172,9 +166,7 @@ def test_noisy_energies_are_unbiased_with_the_stated_deviation(
 
 @settings(deadline=None, max_examples=40)
 @given(ANY_EXAMPLE, PLACES, st.sampled_from([0, 1]), st.booleans())
-def test_winding_numbers_of_the_two_sides_differ_by_the_charge(
-    example: tuple[float, float], site: float, leg: int, turned: bool
-) -> None:
+def test_winding_numbers_of_the_two_sides_differ_by_the_charge(example, site, leg, turned):
     chain = chain_of(example, ROTORS)
     state = static_wall(chain, site, leg, turned)
     found = topology(chain, state, site)
@@ -183,15 +175,13 @@ def test_winding_numbers_of_the_two_sides_differ_by_the_charge(
     assert found.polarisations[0] > 0 > found.polarisations[1]
 
 
-def test_periodic_ends_have_no_topology_of_two_sides() -> None:
+def test_periodic_ends_have_no_topology_of_two_sides():
     ring = dataclasses.replace(chain_of(FLIPPER, 20), periodic=True)
     assert StateReporter(ring).report(ring.uniform_state(1), math.nan).topology is None
 
 
 @given(ANY_EXAMPLE, st.integers(0, 10**6), st.floats(0, 59), st.integers(1, 29))
-def test_the_wake_of_a_ring_does_not_depend_on_its_cut(
-    example: tuple[float, float], seed: int, site: float, cells: int
-) -> None:
+def test_the_wake_of_a_ring_does_not_depend_on_its_cut(example, seed, site, cells):
     random = np.random.default_rng(seed)
     ring = dataclasses.replace(chain_of(example, ROTORS), periodic=True)
     angles, rates = random.uniform(-3, 3, ROTORS), random.standard_normal(ROTORS)
@@ -202,7 +192,7 @@ def test_the_wake_of_a_ring_does_not_depend_on_its_cut(
     assert there == pytest.approx(here)
 
 
-def test_an_anti_kink_has_the_opposite_topology() -> None:
+def test_an_anti_kink_has_the_opposite_topology():
     for example in [WIDEST_FLIPPER, WIDE_FLIPPER, FLIPPER, SPINNER]:
         chain = chain_of(example, 2 * ROTORS)
         angles, _ = theory_of(chain).state(ROTORS * chain.spacing, charge=-1)
@@ -210,7 +200,7 @@ def test_an_anti_kink_has_the_opposite_topology() -> None:
         assert (found.charge, found.winding_numbers) == (-1, (1, 0))
 
 
-def test_a_uniform_state_has_one_winding_number_and_its_mode_at_an_edge() -> None:
+def test_a_uniform_state_has_one_winding_number_and_its_mode_at_an_edge():
     for example in EXAMPLES:
         for sites in [math.nan, [], 0.0, ROTORS - 1.0]:
             for lean in [-1, 1]:
@@ -227,7 +217,7 @@ def test_a_uniform_state_has_one_winding_number_and_its_mode_at_an_edge() -> Non
                 )
 
 
-def test_the_zero_mode_is_centred_at_the_wall() -> None:
+def test_the_zero_mode_is_centred_at_the_wall():
     for example in EXAMPLES:
         chain = chain_of(example, ROTORS)
         middle = (ROTORS - 1) / 2
@@ -237,7 +227,7 @@ def test_the_zero_mode_is_centred_at_the_wall() -> None:
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_edge_rotors_agree_with_the_leg(example: tuple[float, float]) -> None:
+def test_edge_rotors_agree_with_the_leg(example):
     for rotors in [ROTORS, ROTORS + 1]:
         for turned in BOTH:
             chain = chain_of(example, rotors)
@@ -253,7 +243,7 @@ def test_edge_rotors_agree_with_the_leg(example: tuple[float, float]) -> None:
                 assert np.isnan(found.turns).all()
 
 
-def test_edge_rotors_of_a_spinner_count_the_turns_that_a_cycle_makes() -> None:
+def test_edge_rotors_of_a_spinner_count_the_turns_that_a_cycle_makes():
     chain = chain_of(SPINNER, 8)
     orbit = closed_orbit(chain)
     before, after = (edge_rotors(chain, angles).turns for angles in (orbit[0], orbit[-1]))
@@ -264,9 +254,7 @@ def test_edge_rotors_of_a_spinner_count_the_turns_that_a_cycle_makes() -> None:
 
 @settings(deadline=None, max_examples=30)
 @given(ANY_EXAMPLE, PLACES, st.integers(0, 10**6))
-def test_reports_obey_mirror_and_time_symmetry(
-    example: tuple[float, float], site: float, seed: int
-) -> None:
+def test_reports_obey_mirror_and_time_symmetry(example, site, seed):
     random = np.random.default_rng(seed)
     chain = chain_of(example, ROTORS)
     angles = static_wall(chain, site) + 0.01 * random.standard_normal(ROTORS)
@@ -297,23 +285,21 @@ def bad_states() -> list[tuple[Array, str]]:
     ]
 
 
-def test_invalid_angles_are_rejected() -> None:
+def test_invalid_angles_are_rejected():
     for angles, message in bad_states():
         chain = chain_of(FLIPPER, ROTORS)
         with pytest.raises(ValueError, match=message):
             FrameState(chain, angles)
 
 
-def test_invalid_rates_are_rejected() -> None:
+def test_invalid_rates_are_rejected():
     chain = chain_of(FLIPPER, ROTORS)
     with pytest.raises(ValueError, match='rate of rotor 3 = nan must be a finite number'):
         energies(chain, chain.uniform_state(1), np.where(np.arange(60) == 3, np.nan, 0.0), 30.0)
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_the_rate_of_the_arc_gives_the_kinetic_energy_on_the_orbit(
-    example: tuple[float, float],
-) -> None:
+def test_the_rate_of_the_arc_gives_the_kinetic_energy_on_the_orbit(example):
     chain = chain_of(example, ROTORS)
     angles = static_wall(chain, 29.6)
     by_rotors = energies(chain, angles, 3.0 * mode_towards_last(chain, angles), 29.6)
@@ -326,9 +312,7 @@ def test_the_rate_of_the_arc_gives_the_kinetic_energy_on_the_orbit(
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_elastic_energy_of_phonons_adds_to_the_kinetic_energy(
-    example: tuple[float, float],
-) -> None:
+def test_elastic_energy_of_phonons_adds_to_the_kinetic_energy(example):
     random, chain = np.random.default_rng(3), chain_of(example, ROTORS)
     angles, mixing = static_wall(chain, 29.6), 20 * chain.time_unit
     errors = []
@@ -345,7 +329,7 @@ def test_elastic_energy_of_phonons_adds_to_the_kinetic_energy(
 
 
 @pytest.mark.parametrize('rate', [0.0, 0.5, 5.0])
-def test_an_uncertain_rate_of_the_arc_leaves_the_kinetic_energy_unbiased(rate: float) -> None:
+def test_an_uncertain_rate_of_the_arc_leaves_the_kinetic_energy_unbiased(rate):
     random, chain = np.random.default_rng(7), chain_of(FLIPPER, ROTORS)
     angles, reporter = static_wall(chain, 29.6), StateReporter(chain)
     truth = 0.5 * chain.moment_of_inertia * rate**2
@@ -361,7 +345,7 @@ def test_an_uncertain_rate_of_the_arc_leaves_the_kinetic_energy_unbiased(rate: f
 
 
 @pytest.mark.parametrize('example', [WIDE_FLIPPER, WOBBLER, SPINNER])
-def test_unseen_rotors_increase_the_deviation_of_energies(example: tuple[float, float]) -> None:
+def test_unseen_rotors_increase_the_deviation_of_energies(example):
     random, noise, rate_noise = np.random.default_rng(11), 0.01, 0.2
     chain = chain_of(example, ROTORS)
     orbit = static_wall(chain, 29.7)
@@ -388,7 +372,7 @@ def test_unseen_rotors_increase_the_deviation_of_energies(example: tuple[float, 
     assert doubts[1].elastic_deviation > doubts[0].elastic_deviation
 
 
-def test_unseen_rotors_leave_the_other_energies_unbiased() -> None:
+def test_unseen_rotors_leave_the_other_energies_unbiased():
     random, noise, count = np.random.default_rng(13), 0.02, 400
     chain = chain_of(WOBBLER, ROTORS)
     orbit, unseen = static_wall(chain, 29.7), np.arange(ROTORS) % 3 == 0

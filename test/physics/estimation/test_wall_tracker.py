@@ -98,7 +98,7 @@ BOUNCE = EventKind.BOUNCE
 
 
 @pytest.mark.parametrize(('turn', 'kind'), [(0, BOUNCE), (1, BOUNCE), (-1, EventKind.PASSING)])
-def test_overlapping_walls_bounce_or_pass(turn: int, kind: EventKind) -> None:
+def test_overlapping_walls_bounce_or_pass(turn, kind):
     story = Story()
     story.approach(30, 3, Scene(turn=abs(turn)))
     story.wait(1, swing=0.5)
@@ -112,7 +112,7 @@ def test_overlapping_walls_bounce_or_pass(turn: int, kind: EventKind) -> None:
     assert set(story.charges) == {0}
 
 
-def test_walls_that_turn_back_before_overlap_have_bounced() -> None:
+def test_walls_that_turn_back_before_overlap_have_bounced():
     story = Story()
     story.approach(30, 5)
     story.approach(5, 30)
@@ -120,7 +120,7 @@ def test_walls_that_turn_back_before_overlap_have_bounced() -> None:
     assert story.events[-1].collisions == 0
 
 
-def test_walls_that_leave_only_waves_are_annihilated() -> None:
+def test_walls_that_leave_only_waves_are_annihilated():
     story = Story()
     story.approach(30, 3)
     story.wait(3, swing=0.1)
@@ -130,7 +130,7 @@ def test_walls_that_leave_only_waves_are_annihilated() -> None:
     assert (met.energy_before, met.energy_after) == (2.0, 0.0)
 
 
-def test_walls_that_continue_to_oscillate_are_a_breather() -> None:
+def test_walls_that_continue_to_oscillate_are_a_breather():
     story = Story()
     story.approach(30, 3)
     story.wait(9, swing=0.5)
@@ -143,7 +143,7 @@ def test_walls_that_continue_to_oscillate_are_a_breather() -> None:
     assert decayed.ids_after == ()
 
 
-def test_a_new_pair_is_confirmed_by_three_frames() -> None:
+def test_a_new_pair_is_confirmed_by_three_frames():
     story = Story()
     story.show([])
     for _ in range(2):
@@ -157,7 +157,7 @@ def test_a_new_pair_is_confirmed_by_three_frames() -> None:
 
 
 @pytest.mark.parametrize('back', [True, False])
-def test_a_wall_at_an_edge_is_reflected_or_dies(back: bool) -> None:
+def test_a_wall_at_an_edge_is_reflected_or_dies(back):
     story = Story()
     for site in np.linspace(20, 1, 80):
         story.follow((float(site), -59.0))
@@ -180,7 +180,7 @@ def test_a_wall_at_an_edge_is_reflected_or_dies(back: bool) -> None:
     assert story.events[-1].ids_after == (2,)
 
 
-def test_walls_keep_their_identifiers_round_a_ring() -> None:
+def test_walls_keep_their_identifiers_round_a_ring():
     story = Story(RING)
     for shift in np.linspace(0, 150, 1500):
         sites = [(float(site + shift) % 60, (-1) ** k) for k, site in enumerate((5, 20, 35, 50))]
@@ -190,7 +190,7 @@ def test_walls_keep_their_identifiers_round_a_ring() -> None:
     assert story.names == {name: pytest.approx((site + 150) % 60) for name, site in start.items()}
 
 
-def test_a_wall_that_jumps_keeps_its_identifier() -> None:
+def test_a_wall_that_jumps_keeps_its_identifier():
     story = Story()
     for _ in range(10):
         story.show([(20.0, 1), (40.0, -1)])
@@ -207,7 +207,7 @@ def seen(rotor: float, charge: int) -> WallMeasurement:
     return WallMeasurement(rotor, 0.01, charge, (math.nan, math.nan))
 
 
-def test_the_assignment_has_the_least_sum_of_squares() -> None:
+def test_the_assignment_has_the_least_sum_of_squares():
     for seed in range(4):
         rng = np.random.default_rng(seed)
         before, after = rng.uniform(20, 30, (2, 4))
@@ -219,13 +219,13 @@ def test_the_assignment_has_the_least_sum_of_squares() -> None:
         assert ways[tuple(pairs[row] for row in range(4))] == min(ways.values())
 
 
-def test_walls_of_another_charge_or_beyond_the_gate_are_not_assigned() -> None:
+def test_walls_of_another_charge_or_beyond_the_gate_are_not_assigned():
     expected = [PredictedWall(10.0, 0.25, 1), PredictedWall(20.0, 0.25, -1)]
     shown = [seen(10.5, -1), seen(10.8, 1), seen(22.5, -1)]
     assert assign(LINE, expected, shown, 4.0) == {0: 1}
 
 
-def test_the_shorter_way_round_a_ring_counts() -> None:
+def test_the_shorter_way_round_a_ring_counts():
     expected = [PredictedWall(59.8, 0.25, 1)]
     assert assign(RING_LINE, expected, [seen(0.3, 1)], 4.0) == {0: 0}
     assert assign(LINE, expected, [seen(0.3, 1)], 4.0) == {}
@@ -238,7 +238,7 @@ def value(polarised: Array, leans: Array, cost: float) -> float:
     return float(np.clip(polarised, -1, 1) @ leans) - cost * np.count_nonzero(np.diff(leans))
 
 
-def test_the_division_into_domains_is_optimal() -> None:
+def test_the_division_into_domains_is_optimal():
     for seed in range(4):
         polarised = np.random.default_rng(seed).normal(0, 1.2, 10)
         right = np.empty(10, dtype=np.bool_)
@@ -250,7 +250,7 @@ def test_the_division_into_domains_is_optimal() -> None:
         assert found == pytest.approx(max(others), abs=1e-12)
 
 
-def test_two_opposite_bonds_are_no_domain_and_three_are() -> None:
+def test_two_opposite_bonds_are_no_domain_and_three_are():
     polarised = np.ones(20)
     polarised[8:10] = -1
     assert domain_borders(polarised, OPPOSITE) == []
@@ -258,7 +258,7 @@ def test_two_opposite_bonds_are_no_domain_and_three_are() -> None:
     assert domain_borders(polarised, OPPOSITE) == [(8.0, 1), (11.0, -1)]
 
 
-def test_borders_are_zeros_of_the_polarisation_with_alternating_charges() -> None:
+def test_borders_are_zeros_of_the_polarisation_with_alternating_charges():
     polarised = np.tanh((np.arange(40) - 12.25) / 2) * np.tanh((np.arange(40) - 30.5) / 2)
     sites, charges = zip(*domain_borders(polarised, OPPOSITE), strict=True)
     assert charges == (1, -1)
@@ -280,7 +280,7 @@ def near(where: Array, sites: list[float], reach: float) -> Array:
     return np.asarray((np.abs(ways) <= reach).any(axis=1))
 
 
-def test_the_energy_of_walls_is_the_energy_within_reach() -> None:
+def test_the_energy_of_walls_is_the_energy_within_reach():
     rng = np.random.default_rng(1)
     angles = RING.uniform_state(1) + rng.normal(0, 0.1, 60)
     rates = rng.normal(0, 1.0, 60)
@@ -297,7 +297,7 @@ def test_the_energy_of_walls_is_the_energy_within_reach() -> None:
     assert np.isnan(frame_of(RING, angles, None).energy([3.0]))
 
 
-def test_the_turning_sense_agrees_with_the_rotors_in_the_wall() -> None:
+def test_the_turning_sense_agrees_with_the_rotors_in_the_wall():
     for leg in [0, 1]:
         angles = static_wall(SPINNER, 30.4, leg)
         before = SPINNER.uniform_state(1)

@@ -42,7 +42,7 @@ def contracted(chain: Chain, site: float, leg: int, gamma: float) -> Array:
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_a_wall_at_rest_is_not_contracted(example: tuple[float, float]) -> None:
+def test_a_wall_at_rest_is_not_contracted(example):
     chain = chain_of(example, ROTORS)
     family = WallFamily(WallShapes(chain))
     for leg in LEGS[: 2 if chain.motion is Motion.SPINNER else 4]:
@@ -52,7 +52,7 @@ def test_a_wall_at_rest_is_not_contracted(example: tuple[float, float]) -> None:
 
 
 @pytest.mark.parametrize('example', [WIDE_FLIPPER, FLIPPER, WOBBLER, SPINNER])
-def test_the_contraction_of_a_wall_is_recovered(example: tuple[float, float]) -> None:
+def test_the_contraction_of_a_wall_is_recovered(example):
     for gamma in [0.8, 1.3, 1.8]:
         chain = chain_of(example, ROTORS)
         family = WallFamily(WallShapes(chain))
@@ -65,7 +65,7 @@ def test_the_contraction_of_a_wall_is_recovered(example: tuple[float, float]) ->
 
 
 @pytest.mark.parametrize('example', [WIDEST_FLIPPER, (20.0, 1.2)])
-def test_contraction_in_the_continuum_follows_lorentz(example: tuple[float, float]) -> None:
+def test_contraction_in_the_continuum_follows_lorentz(example):
     for share in [0.3, 0.8]:
         chain = chain_of(example, 200)
         theory = theory_of(chain)
@@ -79,7 +79,7 @@ def test_contraction_in_the_continuum_follows_lorentz(example: tuple[float, floa
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_one_frame_is_unbiased_with_the_stated_deviation(example: tuple[float, float]) -> None:
+def test_one_frame_is_unbiased_with_the_stated_deviation(example):
     random, noise, count = np.random.default_rng(5), 0.003, 600
     chain = chain_of(example, ROTORS)
     family = WallFamily(WallShapes(chain))
@@ -95,7 +95,7 @@ def test_one_frame_is_unbiased_with_the_stated_deviation(example: tuple[float, f
 
 
 @pytest.mark.parametrize('example', [WIDE_FLIPPER, WOBBLER, SPINNER])
-def test_unseen_rotors_increase_the_deviation_without_bias(example: tuple[float, float]) -> None:
+def test_unseen_rotors_increase_the_deviation_without_bias(example):
     chain = chain_of(example, ROTORS)
     family, angles = WallFamily(WallShapes(chain)), static_wall(chain, 24.3)
     whole = family.fit(angles, 24.3, 0, 1e-3)
@@ -107,7 +107,7 @@ def test_unseen_rotors_increase_the_deviation_without_bias(example: tuple[float,
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_the_contraction_is_unknown_at_edges_and_in_noise(example: tuple[float, float]) -> None:
+def test_the_contraction_is_unknown_at_edges_and_in_noise(example):
     chain = chain_of(example, ROTORS)
     family, angles = WallFamily(WallShapes(chain)), static_wall(chain, 24.3)
     near = 1.9 * chain.wall_width / chain.spacing
@@ -117,7 +117,7 @@ def test_the_contraction_is_unknown_at_edges_and_in_noise(example: tuple[float, 
     assert family.fit(angles, 24.3, 0, 0.5 * 1e-3 / known.deviation) is UNKNOWN
 
 
-def test_the_mean_of_white_noise_has_the_stated_deviation() -> None:
+def test_the_mean_of_white_noise_has_the_stated_deviation():
     random, noise, runs = np.random.default_rng(7), 0.01, 1000
     chain = chain_of(FLIPPER, 30)
     family, sites = WallFamily(WallShapes(chain)), np.linspace(8.2, 15.4, 24)
@@ -163,9 +163,7 @@ def mean_logarithm(family: WallFamily, frames: Array, sites: Array, leg: int) ->
 @pytest.mark.parametrize(
     ('example', 'kick'), [(FLIPPER, 0.1), (WOBBLER, 0.08), (STRONG_WOBBLER, 0.03), (SPINNER, 0.3)]
 )
-def test_the_mean_on_springs_agrees_with_the_whole_passage(
-    example: tuple[float, float], kick: float
-) -> None:
+def test_the_mean_on_springs_agrees_with_the_whole_passage(example, kick):
     random, chain = np.random.default_rng(11), chain_of(example, 36)
     speed = kick * chain.spacing / (chain.rotor_length * chain.time_unit)
     start = static_wall(chain, 9.3)
@@ -185,7 +183,7 @@ def test_the_mean_on_springs_agrees_with_the_whole_passage(
         assert found.deviation < 0.02
 
 
-def test_a_new_leg_and_a_changed_wall_restart_the_mean() -> None:
+def test_a_new_leg_and_a_changed_wall_restart_the_mean():
     random, noise, chain = np.random.default_rng(13), 0.003, chain_of(FLIPPER, 40)
     mean, sites = ContractionMean(WallFamily(WallShapes(chain))), np.arange(10, 20, 0.1)
     for site in sites:
@@ -200,7 +198,7 @@ def test_a_new_leg_and_a_changed_wall_restart_the_mean() -> None:
     assert again.deviation > 2 * after.deviation
 
 
-def test_the_scatter_of_passages_is_estimated() -> None:
+def test_the_scatter_of_passages_is_estimated():
     random, spread, noise = np.random.default_rng(17), 0.03, 0.01
     found = []
     for _ in range(200):
@@ -211,7 +209,7 @@ def test_the_scatter_of_passages_is_estimated() -> None:
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_the_width_at_rest_agrees_with_theory(example: tuple[float, float]) -> None:
+def test_the_width_at_rest_agrees_with_theory(example):
     chain = chain_of(example, ROTORS)
     theory, reported = theory_of(chain), TheoryWidth(chain)
     width, deviation = WidthReporter(WallShapes(chain)).update(
@@ -229,7 +227,7 @@ def test_the_width_at_rest_agrees_with_theory(example: tuple[float, float]) -> N
         assert math.isnan(reported(velocity))
 
 
-def test_a_wall_at_an_edge_has_no_width() -> None:
+def test_a_wall_at_an_edge_has_no_width():
     chain = chain_of(FLIPPER, ROTORS)
     reporter = WidthReporter(WallShapes(chain))
     assert np.isnan(reporter.update(chain.uniform_state(1), ROTORS - 1.0, 0, 1e-3)).all()

@@ -71,9 +71,7 @@ def flat(wobbling: Wobble) -> list[float]:
 
 @settings(deadline=None, max_examples=30)
 @given(ANY_EXAMPLE, PLACES, st.integers(0, 10**6))
-def test_the_wobble_is_the_same_in_a_mirror_and_upside_down(
-    example: tuple[float, float], site: float, seed: int
-) -> None:
+def test_the_wobble_is_the_same_in_a_mirror_and_upside_down(example, site, seed):
     # If both sides are equally large, either of them is reported.
     assume(abs(2 * site - round(2 * site)) > 0.02)
     chain = chain_of(example, ROTORS)
@@ -89,7 +87,7 @@ def test_the_wobble_is_the_same_in_a_mirror_and_upside_down(
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_a_wall_at_rest_gives_back_the_exact_tail(example: tuple[float, float]) -> None:
+def test_a_wall_at_rest_gives_back_the_exact_tail(example):
     for turned in BOTH:
         chain = chain_of(example, ROTORS)
         for site in (28.2, 29.5, 30.9):
@@ -108,7 +106,7 @@ def test_a_wall_at_rest_gives_back_the_exact_tail(example: tuple[float, float]) 
 
 
 @pytest.mark.parametrize('example', WOBBLERS)
-def test_the_amplitude_is_the_overshoot_beyond_rest(example: tuple[float, float]) -> None:
+def test_the_amplitude_is_the_overshoot_beyond_rest(example):
     chain = chain_of(example, ROTORS)
     lean, largest = chain.rotor_length * math.sin(chain.rest_angle), 0.0
     for site in np.linspace(28, 30, 21):
@@ -123,7 +121,7 @@ def test_the_amplitude_is_the_overshoot_beyond_rest(example: tuple[float, float]
 
 
 @pytest.mark.parametrize('example', [WIDE_FLIPPER, FLIPPER, SPINNER])
-def test_without_wobble_there_is_no_amplitude(example: tuple[float, float]) -> None:
+def test_without_wobble_there_is_no_amplitude(example):
     chain = chain_of(example, ROTORS)
     found = wobble(chain, static_wall(chain, 29.3), wall_at(chain, 29.3), 0.01)
     if chain.motion is Motion.SPINNER:
@@ -132,7 +130,7 @@ def test_without_wobble_there_is_no_amplitude(example: tuple[float, float]) -> N
         assert -found.amplitude_deviation < found.amplitude <= 0
 
 
-def test_a_moving_tail_decays_as_a_wave_with_the_speed_of_the_wall() -> None:
+def test_a_moving_tail_decays_as_a_wave_with_the_speed_of_the_wall():
     chain = chain_of(WIDE_FLIPPER, ROTORS)
     kick, start = 0.03, static_wall(chain, 15.3)
     speed = kick * chain.spacing / (chain.rotor_length * chain.time_unit)
@@ -159,9 +157,7 @@ def test_a_moving_tail_decays_as_a_wave_with_the_speed_of_the_wall() -> None:
 
 @pytest.mark.parametrize('noise', [0.003, 0.05])
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_the_noisy_wobble_is_unbiased_with_the_stated_deviations(
-    example: tuple[float, float], noise: float
-) -> None:
+def test_the_noisy_wobble_is_unbiased_with_the_stated_deviations(example, noise):
     random, chain = np.random.default_rng(19), chain_of(example, ROTORS)
     reporter = WobbleReporter(chain)
     scaled: dict[str, list[float]] = {'ratio': [], 'amplitude': [], 'decay': [], 'wave': []}
@@ -195,7 +191,7 @@ def test_the_noisy_wobble_is_unbiased_with_the_stated_deviations(
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_the_wall_on_an_orbit_gives_the_same_result(example: tuple[float, float]) -> None:
+def test_the_wall_on_an_orbit_gives_the_same_result(example):
     chain = chain_of(example, 41)
     orbit = UniformOrbit(chain)
     random = np.random.default_rng(53)
@@ -211,7 +207,7 @@ def test_the_wall_on_an_orbit_gives_the_same_result(example: tuple[float, float]
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_persistent_residuals_increase_the_deviations_only(example: tuple[float, float]) -> None:
+def test_persistent_residuals_increase_the_deviations_only(example):
     random, chain = np.random.default_rng(59), chain_of(example, ROTORS)
     angles = static_wall(chain, 29.3) + 3e-4 * random.standard_normal(ROTORS)
     plain, doubted = (
@@ -229,7 +225,7 @@ def test_persistent_residuals_increase_the_deviations_only(example: tuple[float,
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_a_wall_next_to_an_edge_has_a_valid_wobble(example: tuple[float, float]) -> None:
+def test_a_wall_next_to_an_edge_has_a_valid_wobble(example):
     random, chain = np.random.default_rng(67), chain_of(example, ROTORS)
     wall = wall_at(chain, 2.6)
     noise = 0.5 * chain.rest_angle

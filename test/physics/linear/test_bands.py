@@ -72,9 +72,7 @@ def frequencies(chain: Chain, matrix: Array) -> Array:
 
 
 @given(any_chain(), LEANS)
-def test_couplings_are_the_levers_of_the_uniform_state_in_staggered_angles(
-    chain: Chain, lean: int
-) -> None:
+def test_couplings_are_the_levers_of_the_uniform_state_in_staggered_angles(chain, lean):
     plus, minus = couplings(chain, lean)
     first, second = rigidity_bands(chain, chain.uniform_state(lean))
     signs = (-1.0) ** np.arange(chain.number_of_rotors)
@@ -84,13 +82,13 @@ def test_couplings_are_the_levers_of_the_uniform_state_in_staggered_angles(
 
 
 @given(any_chain())
-def test_leaning_the_other_way_exchanges_the_couplings(chain: Chain) -> None:
+def test_leaning_the_other_way_exchanges_the_couplings(chain):
     plus, minus = couplings(chain, 1)
     assert couplings(chain, -1) == (-minus, -plus)
 
 
 @given(any_chain(fewest=3), LEANS)
-def test_the_zero_mode_decays_by_e_over_a_penetration_depth(chain: Chain, lean: int) -> None:
+def test_the_zero_mode_decays_by_e_over_a_penetration_depth(chain, lean):
     depth = penetration_depth(chain)
     assume(depth > chain.spacing / 100)
     mode = zero_mode(chain, chain.uniform_state(lean))
@@ -101,7 +99,7 @@ def test_the_zero_mode_decays_by_e_over_a_penetration_depth(chain: Chain, lean: 
 
 
 @given(any_chain(), LEANS)
-def test_the_winding_number_counts_the_turns_of_the_determinant(chain: Chain, lean: int) -> None:
+def test_the_winding_number_counts_the_turns_of_the_determinant(chain, lean):
     plus, minus = couplings(chain, lean)
     assume(abs(plus**2 - minus**2) > 0.01 * plus**2)
     zone = np.linspace(-np.pi, np.pi, 2001) / (2 * chain.spacing)
@@ -111,9 +109,7 @@ def test_the_winding_number_counts_the_turns_of_the_determinant(chain: Chain, le
 
 
 @given(any_chain(fewest=4, most=20), LEANS)
-def test_the_bloch_matrix_leads_from_waves_in_a_ring_to_its_extensions(
-    chain: Chain, lean: int
-) -> None:
+def test_the_bloch_matrix_leads_from_waves_in_a_ring_to_its_extensions(chain, lean):
     cells = chain.number_of_rotors // 2
     ring = dataclasses.replace(chain, number_of_rotors=2 * cells, periodic=True)
     matrix = rigidity_matrix(ring, ring.uniform_state(lean))
@@ -128,9 +124,7 @@ def test_the_bloch_matrix_leads_from_waves_in_a_ring_to_its_extensions(
 
 
 @given(any_chain(fewest=4, most=20), LEANS)
-def test_the_bloch_dynamical_matrices_have_the_spectrum_of_the_ring(
-    chain: Chain, lean: int
-) -> None:
+def test_the_bloch_dynamical_matrices_have_the_spectrum_of_the_ring(chain, lean):
     cells = chain.number_of_rotors // 2
     ring = dataclasses.replace(chain, number_of_rotors=2 * cells, periodic=True)
     matrix = dynamical_matrix(ring, ring.uniform_state(lean)).toarray()
@@ -142,7 +136,7 @@ def test_the_bloch_dynamical_matrices_have_the_spectrum_of_the_ring(
 
 
 @given(ANY_LEAN_RATIO)
-def test_couplings_and_band_edges_have_the_digits_of_an_exact_evaluation(chain: Chain) -> None:
+def test_couplings_and_band_edges_have_the_digits_of_an_exact_evaluation(chain):
     with mp.workdps(40):
         truth = exact(chain)
         sizes = sorted(map(abs, (truth.plus + truth.minus, truth.plus - truth.minus)))
@@ -156,9 +150,7 @@ def test_couplings_and_band_edges_have_the_digits_of_an_exact_evaluation(chain: 
 
 
 @given(ANY_LEAN_RATIO, st.one_of(st.floats(-30, 30), NEAR_AN_EDGE), st.sampled_from([-1, 1]))
-def test_the_dispersion_has_the_digits_of_an_exact_evaluation(
-    chain: Chain, phase: float, branch: int
-) -> None:
+def test_the_dispersion_has_the_digits_of_an_exact_evaluation(chain, phase, branch):
     wave_number = phase / chain.spacing
     with mp.workdps(40):
         square = exact(chain).squared_frequency(mpf(wave_number * chain.spacing), branch)
@@ -167,7 +159,7 @@ def test_the_dispersion_has_the_digits_of_an_exact_evaluation(
 
 
 @given(ANY_LEAN_RATIO)
-def test_the_speed_of_sound_is_the_curvature_at_the_bottom_of_the_band(chain: Chain) -> None:
+def test_the_speed_of_sound_is_the_curvature_at_the_bottom_of_the_band(chain):
     with mp.workdps(60):
         truth = exact(chain)
         bottom = 0 if truth.minus < 0 else mp.pi
@@ -179,7 +171,7 @@ def test_the_speed_of_sound_is_the_curvature_at_the_bottom_of_the_band(chain: Ch
 
 
 @given(ANY_LEAN_RATIO)
-def test_the_largest_group_velocity_is_the_slope_at_its_wave_number(chain: Chain) -> None:
+def test_the_largest_group_velocity_is_the_slope_at_its_wave_number(chain):
     with mp.workdps(60):
         truth = exact(chain)
         where = mp.acos(-truth.minus / truth.plus)
@@ -191,7 +183,7 @@ def test_the_largest_group_velocity_is_the_slope_at_its_wave_number(chain: Chain
 
 
 @given(ANY_LEAN_RATIO)
-def test_the_penetration_depth_has_the_digits_of_an_exact_evaluation(chain: Chain) -> None:
+def test_the_penetration_depth_has_the_digits_of_an_exact_evaluation(chain):
     assume(chain.lean_ratio != 1)
     smaller = min(chain.lean_ratio, 1 / chain.lean_ratio)
     sensitivity = 1 + smaller / ((1 - smaller**2) * math.atanh(smaller))
@@ -204,7 +196,7 @@ def test_the_penetration_depth_has_the_digits_of_an_exact_evaluation(chain: Chai
 
 
 @given(any_chain(fewest=3), LEANS)
-def test_the_zero_mode_is_a_wave_of_its_complex_wave_number(chain: Chain, lean: int) -> None:
+def test_the_zero_mode_is_a_wave_of_its_complex_wave_number(chain, lean):
     depth = penetration_depth(chain)
     assume(depth > chain.spacing / 30)
     wave_number = zero_mode_wave_number(chain, lean)
@@ -220,9 +212,7 @@ def test_the_zero_mode_is_a_wave_of_its_complex_wave_number(chain: Chain, lean: 
 
 
 @given(any_chain(fewest=4), LEANS)
-def test_the_zero_mode_is_at_the_edge_of_its_wave_number_and_the_winding_number(
-    chain: Chain, lean: int
-) -> None:
+def test_the_zero_mode_is_at_the_edge_of_its_wave_number_and_the_winding_number(chain, lean):
     assume(abs(chain.lean_ratio - 1) > 1e-6)
     at_the_first_edge = winding_number(chain, lean) == 1
     assert (zero_mode_wave_number(chain, lean).imag > 0) == at_the_first_edge
@@ -230,7 +220,7 @@ def test_the_zero_mode_is_at_the_edge_of_its_wave_number_and_the_winding_number(
     assert (centre < (chain.number_of_rotors - 1) / 2) == at_the_first_edge
 
 
-def test_at_d_1_the_band_is_flat_and_the_zero_mode_decays_at_once() -> None:
+def test_at_d_1_the_band_is_flat_and_the_zero_mode_decays_at_once():
     angle = next(
         float(angle)
         for angle in 0.5235987755982988 + 1e-16 * np.arange(-5, 6)
@@ -252,9 +242,7 @@ def test_at_d_1_the_band_is_flat_and_the_zero_mode_decays_at_once() -> None:
 
 
 @given(any_chain(), st.floats(0.3, 2.8))
-def test_the_density_of_states_is_that_of_evenly_spaced_wave_numbers(
-    chain: Chain, phase: float
-) -> None:
+def test_the_density_of_states_is_that_of_evenly_spaced_wave_numbers(chain, phase):
     lowest, highest = band_edges(chain)
     assume(highest - lowest > 1e-3 * highest)
     omega = dispersion(chain, phase / chain.spacing)
@@ -268,7 +256,7 @@ def test_the_density_of_states_is_that_of_evenly_spaced_wave_numbers(
     )
 
 
-def test_invalid_arguments_are_rejected() -> None:
+def test_invalid_arguments_are_rejected():
     chain = chain_of(FLIPPER, 2)
     for wrong in [math.nan, math.inf, -math.inf]:
         for function in (dispersion, bloch_matrix, bloch_dynamical_matrix):

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """An actuator at an edge pushes the wall away from its edge, or is rejected."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from chains import EXAMPLES, FLIPPER, chain_of
@@ -14,7 +12,7 @@ from soliton_linkage.linkage.chain import Motion
 from soliton_linkage.solitons.track import follow
 
 
-def test_the_nearest_edge_is_the_one_that_the_wall_is_nearer_to() -> None:
+def test_the_nearest_edge_is_the_one_that_the_wall_is_nearer_to():
     for example in EXAMPLES:
         chain = chain_of(example, 20)
         for rotor, nearest in ((3, Edge.FIRST), (15, Edge.LAST)):
@@ -26,9 +24,7 @@ def test_the_nearest_edge_is_the_one_that_the_wall_is_nearer_to() -> None:
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_a_push_or_a_pull_at_an_edge_sends_the_wall_across_the_chain(
-    example: tuple[float, float],
-) -> None:
+def test_a_push_or_a_pull_at_an_edge_sends_the_wall_across_the_chain(example):
     for sense in [-1, 1]:
         for lean, rotors in [(-1, 12), (1, 13)]:
             chain = chain_of(example, rotors)
@@ -45,7 +41,7 @@ def test_a_push_or_a_pull_at_an_edge_sends_the_wall_across_the_chain(
             assert from_edge.max() > from_edge[0] + 1
 
 
-def test_a_push_at_either_edge_points_away_from_it() -> None:
+def test_a_push_at_either_edge_points_away_from_it():
     for example in EXAMPLES:
         chain = chain_of(example, 20)
         near_first, near_last = wall_between(chain, 3), wall_between(chain, 15)
@@ -59,7 +55,7 @@ def test_a_push_at_either_edge_points_away_from_it() -> None:
             assert np.array_equal(edge_mode(chain, angles, edge), sense * towards_last)
 
 
-def test_an_edge_that_the_mode_is_far_from_is_rejected_unless_it_may_be_anywhere() -> None:
+def test_an_edge_that_the_mode_is_far_from_is_rejected_unless_it_may_be_anywhere():
     chain = chain_of(FLIPPER, 20)
     angles = wall_between(chain, 3)
     complaint = (

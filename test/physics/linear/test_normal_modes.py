@@ -85,7 +85,7 @@ def total_energy(chain: Chain, angles: Array, rates: Array) -> float:
 
 
 @given(any_chain(most=30), LEANS)
-def test_the_frequencies_of_a_free_chain_have_their_closed_form(chain: Chain, lean: int) -> None:
+def test_the_frequencies_of_a_free_chain_have_their_closed_form(chain, lean):
     rotors = chain.number_of_rotors
     wave_numbers = np.pi * np.arange(1, rotors) / (rotors * chain.spacing)
     expected = np.concatenate([[0.0], np.sort(dispersion(chain, wave_numbers))])
@@ -99,9 +99,7 @@ def test_the_frequencies_of_a_free_chain_have_their_closed_form(chain: Chain, le
 
 
 @given(any_chain(fewest=3, most=30), LEANS, st.sampled_from([-1, 1]))
-def test_the_frequencies_of_a_ring_are_those_of_either_branch(
-    chain: Chain, lean: int, branch: int
-) -> None:
+def test_the_frequencies_of_a_ring_are_those_of_either_branch(chain, lean, branch):
     rotors = chain.number_of_rotors // 2 * 2
     ring = dataclasses.replace(chain, number_of_rotors=rotors, periodic=True)
     wave_numbers = 2 * np.pi * np.arange(rotors) / (rotors * chain.spacing)
@@ -113,8 +111,8 @@ def test_the_frequencies_of_a_ring_are_those_of_either_branch(
 @settings(max_examples=30)
 @given(any_chain(fewest=3, most=7), LEANS, st.data())
 def test_frequencies_have_the_digits_of_the_levers_down_to_rounding_of_the_largest(
-    chain: Chain, lean: int, data: st.DataObject
-) -> None:
+    chain, lean, data
+):
     # Masses that differ by up to 1e12 spread the frequencies over six orders of magnitude.
     powers = data.draw(
         st.lists(st.floats(-9, 3), min_size=(n := chain.number_of_rotors), max_size=n)
@@ -136,9 +134,7 @@ def test_frequencies_have_the_digits_of_the_levers_down_to_rounding_of_the_large
 
 
 @pytest.mark.parametrize(('chain', 'angles'), RELAXED)
-def test_shapes_are_orthonormal_eigenvectors_in_the_metric_of_the_inertia(
-    chain: Chain, angles: Array
-) -> None:
+def test_shapes_are_orthonormal_eigenvectors_in_the_metric_of_the_inertia(chain, angles):
     modes = normal_modes(chain, angles)
     weighted = np.sqrt(chain.moments_of_inertia)[:, None] * modes.shapes
     assert np.abs(weighted.T @ weighted - np.eye(chain.number_of_rotors)).max() <= 100 * EPS
@@ -148,7 +144,7 @@ def test_shapes_are_orthonormal_eigenvectors_in_the_metric_of_the_inertia(
 
 
 @pytest.mark.parametrize(('chain', 'angles'), RELAXED)
-def test_the_slowest_shape_of_free_ends_is_the_zero_mode(chain: Chain, angles: Array) -> None:
+def test_the_slowest_shape_of_free_ends_is_the_zero_mode(chain, angles):
     modes = normal_modes(chain, angles)
     if chain.periodic:
         assert modes.frequencies[0] > 1e-3 * modes.frequencies[-1]
@@ -161,9 +157,7 @@ def test_the_slowest_shape_of_free_ends_is_the_zero_mode(chain: Chain, angles: A
 
 
 @pytest.mark.parametrize(('chain', 'angles'), RELAXED)
-def test_energies_of_modes_add_up_to_that_of_the_linearised_springs(
-    chain: Chain, angles: Array
-) -> None:
+def test_energies_of_modes_add_up_to_that_of_the_linearised_springs(chain, angles):
     displacement, rates = random_motion(chain)
     energies = mode_energies(normal_modes(chain, angles), displacement, rates)
     stretches = rigidity_matrix(chain, angles) @ displacement
@@ -173,9 +167,7 @@ def test_energies_of_modes_add_up_to_that_of_the_linearised_springs(
 
 
 @pytest.mark.parametrize(('chain', 'angles'), RELAXED)
-def test_energies_of_phonons_add_up_to_the_whole_to_third_order(
-    chain: Chain, angles: Array
-) -> None:
+def test_energies_of_phonons_add_up_to_the_whole_to_third_order(chain, angles):
     sizes = np.array([4e-4, 2e-4, 1e-4])
     errors = []
     for size in sizes:
@@ -187,9 +179,7 @@ def test_energies_of_phonons_add_up_to_the_whole_to_third_order(
 
 
 @pytest.mark.parametrize(('chain', 'angles'), RELAXED[:4])
-def test_a_nudge_along_the_zero_mode_gives_no_energy_to_phonons(
-    chain: Chain, angles: Array
-) -> None:
+def test_a_nudge_along_the_zero_mode_gives_no_energy_to_phonons(chain, angles):
     rates = 3 / chain.time_unit * zero_mode(chain, angles)
     whole = total_energy(chain, angles, rates)
     assert phonon_energy(chain, angles, rates) <= 1e-20 * whole
@@ -198,7 +188,7 @@ def test_a_nudge_along_the_zero_mode_gives_no_energy_to_phonons(
 
 
 @pytest.mark.parametrize(('chain', 'angles'), RELAXED)
-def test_a_mode_vibrates_at_its_frequency_up_to_second_order(chain: Chain, angles: Array) -> None:
+def test_a_mode_vibrates_at_its_frequency_up_to_second_order(chain, angles):
     modes = normal_modes(chain, angles)
     number = chain.number_of_rotors // 2
     shape, omega = modes.shapes[:, number], modes.frequencies[number]
@@ -215,7 +205,7 @@ def test_a_mode_vibrates_at_its_frequency_up_to_second_order(chain: Chain, angle
     assert errors[1] < 0.05 * sizes[1]
 
 
-def test_a_slow_wall_keeps_energy_out_of_its_zero_mode_as_the_fourth_power_of_its_speed() -> None:
+def test_a_slow_wall_keeps_energy_out_of_its_zero_mode_as_the_fourth_power_of_its_speed():
     chain = chain_of(WIDE_FLIPPER, 40)
     start = unstretched(chain, wall_between(chain, 19))
     kept = []
@@ -228,7 +218,7 @@ def test_a_slow_wall_keeps_energy_out_of_its_zero_mode_as_the_fourth_power_of_it
     assert math.log2(kept[0] / kept[1]) == pytest.approx(4, abs=0.1)
 
 
-def test_the_modes_of_a_long_chain_have_the_density_of_states() -> None:
+def test_the_modes_of_a_long_chain_have_the_density_of_states():
     for example in EXAMPLES:
         chain = chain_of(example, 500)
         lowest, highest = band_edges(chain)
@@ -247,7 +237,7 @@ def test_the_modes_of_a_long_chain_have_the_density_of_states() -> None:
         )
 
 
-def test_a_hundred_thousand_rotors_have_an_energy_of_phonons() -> None:
+def test_a_hundred_thousand_rotors_have_an_energy_of_phonons():
     chain = chain_of(FLIPPER, 100_000)
     angles = chain.uniform_state(1)
     displacement, rates = random_motion(chain, 1e-5)
@@ -257,7 +247,7 @@ def test_a_hundred_thousand_rotors_have_an_energy_of_phonons() -> None:
     assert energy == pytest.approx(whole, rel=3e-4)
 
 
-def test_modes_about_stretched_springs_are_rejected() -> None:
+def test_modes_about_stretched_springs_are_rejected():
     chain = chain_of(FLIPPER, 5)
     angles = chain.uniform_state(1) + 0.1 * np.eye(5)[2]
     for function in (normal_modes, mode_frequencies):
@@ -265,7 +255,7 @@ def test_modes_about_stretched_springs_are_rejected() -> None:
             function(chain, angles)
 
 
-def test_angles_and_rates_that_do_not_fit_the_chain_are_rejected() -> None:
+def test_angles_and_rates_that_do_not_fit_the_chain_are_rejected():
     chain = chain_of(FLIPPER, 5)
     angles, zeros = chain.uniform_state(1), np.zeros(5)
     for wrong in (zeros[:4], np.array([0, 0, np.nan, 0, 0])):
@@ -279,7 +269,7 @@ def test_angles_and_rates_that_do_not_fit_the_chain_are_rejected() -> None:
                 function(chain, angles, wrong)
 
 
-def test_a_motion_that_does_not_fit_the_modes_is_rejected() -> None:
+def test_a_motion_that_does_not_fit_the_modes_is_rejected():
     for shape in [(4,), (2, 6), ()]:
         chain = chain_of(FLIPPER, 5)
         modes: NormalModes = normal_modes(chain, chain.uniform_state(1))
@@ -290,7 +280,7 @@ def test_a_motion_that_does_not_fit_the_modes_is_rejected() -> None:
             mode_energies(modes, fitting, wrong)
 
 
-def test_a_density_of_no_frequencies_is_rejected() -> None:
+def test_a_density_of_no_frequencies_is_rejected():
     for frequency in [np.nan, np.inf, -1.0]:
         with pytest.raises(ValueError, match=rf'frequency = {frequency} rad/s must be'):
             mode_density([1.0, frequency], [0.0, 2.0])
@@ -298,7 +288,7 @@ def test_a_density_of_no_frequencies_is_rejected() -> None:
             mode_density([], [0.0, 2.0])
 
 
-def test_edges_that_make_no_bins_are_rejected() -> None:
+def test_edges_that_make_no_bins_are_rejected():
     for edges in [[0.0], [0.0, 0.0], [2.0, 1.0], [[0.0, 1.0]], [0.0, np.inf]]:
         with pytest.raises(ValueError, match=r'edges of bins = .* in ascending order'):
             mode_density([1.0], edges)

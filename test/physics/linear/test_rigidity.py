@@ -100,9 +100,7 @@ def maximal_minors(chain: Chain, angles: Array) -> Array:
 
 
 @given(st.one_of(any_configuration(), any_deviating_configuration()))
-def test_the_rigidity_matrix_is_the_gradient_of_the_springs_lengths(
-    configuration: tuple[Chain, Array],
-) -> None:
+def test_the_rigidity_matrix_is_the_gradient_of_the_springs_lengths(configuration):
     chain, angles = configuration
     size = reach(chain)
     curvature = size / max(shortest_length(chain, angles), SMALLEST)
@@ -119,9 +117,7 @@ def test_the_rigidity_matrix_is_the_gradient_of_the_springs_lengths(
 
 
 @given(any_configuration())
-def test_torques_are_the_transposed_rigidity_matrix_times_the_tensions(
-    configuration: tuple[Chain, Array],
-) -> None:
+def test_torques_are_the_transposed_rigidity_matrix_times_the_tensions(configuration):
     chain, angles = configuration
     tensions = chain.stiffness * chain.spring_extensions(angles)
     expected = -(rigidity_matrix(chain, angles).T @ tensions)
@@ -130,9 +126,7 @@ def test_torques_are_the_transposed_rigidity_matrix_times_the_tensions(
 
 
 @given(any_configuration(most=40), st.integers(0, 2**32), st.floats(0, 0.3))
-def test_the_zero_mode_is_a_unit_vector_that_changes_no_length(
-    configuration: tuple[Chain, Array], seed: int, largest: float
-) -> None:
+def test_the_zero_mode_is_a_unit_vector_that_changes_no_length(configuration, seed, largest):
     even, angles = configuration
     chain = deviating(even, seed, largest)
     mode = zero_mode(chain, angles)
@@ -142,7 +136,7 @@ def test_the_zero_mode_is_a_unit_vector_that_changes_no_length(
 
 
 @given(any_configuration())
-def test_the_zero_mode_is_the_vector_of_maximal_minors(configuration: tuple[Chain, Array]) -> None:
+def test_the_zero_mode_is_the_vector_of_maximal_minors(configuration):
     chain, angles = configuration
     matrix = rigidity_matrix(chain, angles).toarray()
     singular = np.linalg.svd(matrix, compute_uv=False)
@@ -153,9 +147,7 @@ def test_the_zero_mode_is_the_vector_of_maximal_minors(configuration: tuple[Chai
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_the_zero_mode_of_a_uniform_state_decays_by_the_ratio_of_the_couplings(
-    example: tuple[float, float],
-) -> None:
+def test_the_zero_mode_of_a_uniform_state_decays_by_the_ratio_of_the_couplings(example):
     for lean in [-1, 1]:
         for rotors in [2, 3, 4, 10_000]:
             chain = chain_of(example, rotors)
@@ -173,9 +165,7 @@ def test_the_zero_mode_of_a_uniform_state_decays_by_the_ratio_of_the_couplings(
 
 
 @pytest.mark.parametrize('example', [STRONG_WOBBLER, WIDE_SPINNER])
-def test_ten_thousand_rotors_in_disorder_have_the_zero_mode_of_exact_arithmetic(
-    example: tuple[float, float],
-) -> None:
+def test_ten_thousand_rotors_in_disorder_have_the_zero_mode_of_exact_arithmetic(example):
     chain = chain_of(example, 10_000)
     angles = chain.uniform_state(-1) + np.random.default_rng(3).normal(scale=0.2, size=10_000)
     mode = zero_mode(chain, angles)
@@ -188,7 +178,7 @@ def test_ten_thousand_rotors_in_disorder_have_the_zero_mode_of_exact_arithmetic(
     assert (errors <= 4 * EPS * steps)[seen].all()
 
 
-def test_a_rotor_that_points_at_its_neighbours_mass_ends_the_zero_mode() -> None:
+def test_a_rotor_that_points_at_its_neighbours_mass_ends_the_zero_mode():
     chain = Chain(6, spacing=0.1, rotor_length=0.1, rest_angle=0.4)
     angles = np.array([0.3, -0.4, 0.0, -np.pi / 2, 0.5, 0.7])
     assert rigidity_bands(chain, angles)[0][2] == 0
@@ -203,9 +193,7 @@ def test_a_rotor_that_points_at_its_neighbours_mass_ends_the_zero_mode() -> None
 
 
 @given(any_configuration())
-def test_the_centre_of_a_mode_is_reflected_with_the_chain(
-    configuration: tuple[Chain, Array],
-) -> None:
+def test_the_centre_of_a_mode_is_reflected_with_the_chain(configuration):
     chain, angles = configuration
     last = chain.number_of_rotors - 1
     centre = mode_centre(zero_mode(chain, angles))
@@ -218,9 +206,7 @@ def test_the_centre_of_a_mode_is_reflected_with_the_chain(
 @pytest.mark.parametrize(
     ('example', 'rotors'), [*((example, 10) for example in EXAMPLES), (FLIPPER, 2), (SPINNER, 11)]
 )
-def test_the_zero_mode_turns_without_a_jump_along_the_whole_orbit_of_the_linkage(
-    example: tuple[float, float], rotors: int
-) -> None:
+def test_the_zero_mode_turns_without_a_jump_along_the_whole_orbit_of_the_linkage(example, rotors):
     chain = chain_of(example, rotors)
     orbit = closed_orbit(chain)
     modes = np.array([zero_mode(chain, angles) for angles in orbit])
@@ -231,9 +217,7 @@ def test_the_zero_mode_turns_without_a_jump_along_the_whole_orbit_of_the_linkage
 
 
 @pytest.mark.parametrize(('example', 'last'), [(FLIPPER, 79_999.0), (WIDE_SPINNER, 80_000.6)])
-def test_walls_with_a_valley_between_too_deep_for_numbers_share_the_zero_mode(
-    example: tuple[float, float], last: float
-) -> None:
+def test_walls_with_a_valley_between_too_deep_for_numbers_share_the_zero_mode(example, last):
     chain = chain_of(example, 100_000)
     angles = walls_at(chain, 19_999.2, 50_000, last)
     mode, ratios = zero_mode(chain, angles), exact_zero_mode(chain, angles)
@@ -248,16 +232,14 @@ def test_walls_with_a_valley_between_too_deep_for_numbers_share_the_zero_mode(
     assert leftovers(chain, angles, mode).max() <= 4 * EPS
 
 
-def test_periodic_ends_are_rejected_a_zero_mode_of_their_own() -> None:
+def test_periodic_ends_are_rejected_a_zero_mode_of_their_own():
     chain = dataclasses.replace(chain_of(FLIPPER, 6), periodic=True)
     with pytest.raises(ValueError, match='periodic ends has as many springs as rotors'):
         zero_mode(chain, chain.uniform_state(1))
 
 
 @given(any_deviating_configuration())
-def test_zero_modes_outnumber_states_of_self_stress_as_rotors_outnumber_springs(
-    configuration: tuple[Chain, Array],
-) -> None:
+def test_zero_modes_outnumber_states_of_self_stress_as_rotors_outnumber_springs(configuration):
     chain, angles = configuration
     modes, stresses = zero_modes(chain, angles), states_of_self_stress(chain, angles)
     missing = chain.number_of_rotors - chain.number_of_springs
@@ -270,7 +252,7 @@ def test_zero_modes_outnumber_states_of_self_stress_as_rotors_outnumber_springs(
         assert basis.T @ basis == pytest.approx(np.eye(basis.shape[1]), abs=32 * EPS)
 
 
-def test_rotors_that_point_outwards_trap_a_stress_between_them_and_free_a_motion() -> None:
+def test_rotors_that_point_outwards_trap_a_stress_between_them_and_free_a_motion():
     for m, n in [(0, 0), (3, 3), (0, 7), (2, 3), (1, 6)]:
         for seed in range(2):
             chain = chain_of((0.4, 0.8), 9)
@@ -288,7 +270,7 @@ def test_rotors_that_point_outwards_trap_a_stress_between_them_and_free_a_motion
             )
 
 
-def test_a_ring_that_is_its_own_mirror_image_has_one_of_each() -> None:
+def test_a_ring_that_is_its_own_mirror_image_has_one_of_each():
     for seed in range(3):
         for example in EXAMPLES:
             # There B_n = -A_{N-2-n}, so that det R = A_0 A_1 ... - B_0 B_1 ... vanishes.

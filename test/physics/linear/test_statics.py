@@ -42,9 +42,7 @@ def relaxed(chain: Chain, angles: Array) -> bool:
 
 
 @given(any_deviating_configuration())
-def test_the_stiffness_matrix_is_minus_the_gradient_of_the_torques(
-    configuration: tuple[Chain, Array],
-) -> None:
+def test_the_stiffness_matrix_is_minus_the_gradient_of_the_torques(configuration):
     chain, angles = configuration
     size = reach(chain)
     curvature = size / shortest_length(chain, angles)
@@ -62,15 +60,13 @@ def test_the_stiffness_matrix_is_minus_the_gradient_of_the_torques(
 
 
 @given(any_deviating_configuration())
-def test_the_stiffness_matrix_is_symmetric(configuration: tuple[Chain, Array]) -> None:
+def test_the_stiffness_matrix_is_symmetric(configuration):
     matrix = stiffness_matrix(*configuration).toarray()
     assert np.array_equal(matrix, matrix.T)
 
 
 @given(any_chain(), st.booleans(), st.sampled_from(LEANS))
-def test_relaxed_springs_resist_by_their_levers_alone(
-    chain: Chain, periodic: bool, lean: int
-) -> None:
+def test_relaxed_springs_resist_by_their_levers_alone(chain, periodic, lean):
     rotors = chain.number_of_rotors + chain.number_of_rotors % 2
     chain = dataclasses.replace(chain, number_of_rotors=rotors, periodic=periodic)
     angles = chain.uniform_state(lean)
@@ -83,9 +79,7 @@ def test_relaxed_springs_resist_by_their_levers_alone(
 
 
 @given(any_deviating_configuration(), st.integers(0, 2**32))
-def test_the_smallest_change_is_that_of_the_pseudo_inverse(
-    configuration: tuple[Chain, Array], seed: int
-) -> None:
+def test_the_smallest_change_is_that_of_the_pseudo_inverse(configuration, seed):
     chain, angles = configuration
     matrix = rigidity_matrix(chain, angles).toarray()
     singular = np.linalg.svd(matrix, compute_uv=False)
@@ -101,7 +95,7 @@ def test_the_smallest_change_is_that_of_the_pseudo_inverse(
     )
 
 
-def test_unstretched_relaxes_every_spring_and_moves_nothing_that_is() -> None:
+def test_unstretched_relaxes_every_spring_and_moves_nothing_that_is():
     for example in EXAMPLES:
         for periodic in [False, True]:
             for rotors in (2, 4, 30):
@@ -116,9 +110,7 @@ def test_unstretched_relaxes_every_spring_and_moves_nothing_that_is() -> None:
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_unstretched_is_the_nearest_configuration_to_first_order(
-    example: tuple[float, float],
-) -> None:
+def test_unstretched_is_the_nearest_configuration_to_first_order(example):
     chain = deviating(chain_of(example, 8), 5, 0.01)
     rest = rest_state(chain, -1)
     away = np.cos(3 * np.arange(8))
@@ -136,15 +128,13 @@ def test_unstretched_is_the_nearest_configuration_to_first_order(
 
 
 @given(any_chain(), st.booleans(), st.sampled_from(LEANS))
-def test_without_deviations_the_rest_state_is_the_uniform_state(
-    chain: Chain, periodic: bool, lean: int
-) -> None:
+def test_without_deviations_the_rest_state_is_the_uniform_state(chain, periodic, lean):
     rotors = chain.number_of_rotors + chain.number_of_rotors % 2
     chain = dataclasses.replace(chain, number_of_rotors=rotors, periodic=periodic)
     assert np.array_equal(rest_state(chain, lean), chain.uniform_state(lean))
 
 
-def test_rest_states_move_in_proportion_to_small_deviations() -> None:
+def test_rest_states_move_in_proportion_to_small_deviations():
     for example in EXAMPLES:
         for lean in LEANS:
             chain = chain_of(example, 20)
@@ -173,7 +163,7 @@ def antikink(spacings: float, chain: Chain) -> Array:
     return staggered(np.arcsin(lean * profile / chain.rotor_length))
 
 
-def test_a_free_chain_near_rest_is_balanced_with_every_spring_relaxed() -> None:
+def test_a_free_chain_near_rest_is_balanced_with_every_spring_relaxed():
     for example in EXAMPLES:
         for lean in LEANS:
             chain = deviating(chain_of(example, 8), 2, 0.01)
@@ -191,7 +181,7 @@ def test_a_free_chain_near_rest_is_balanced_with_every_spring_relaxed() -> None:
             assert np.abs(found - start).max() <= 0.1
 
 
-def test_balance_is_found_at_second_order() -> None:
+def test_balance_is_found_at_second_order():
     for example in [FLIPPER, SPINNER]:
         chain = dataclasses.replace(chain_of(example, 6), periodic=True)
         chain = deviating(chain, 3, 0.02)
@@ -201,7 +191,7 @@ def test_balance_is_found_at_second_order() -> None:
             assert found == pytest.approx(rest, rel=0, abs=1e-9)
 
 
-def test_a_spring_that_cannot_be_relaxed_is_named() -> None:
+def test_a_spring_that_cannot_be_relaxed_is_named():
     for rotors in [2, 5]:
         for fraction in [-0.6, 1.0]:
             spring = rotors - 2
@@ -216,7 +206,7 @@ def test_a_spring_that_cannot_be_relaxed_is_named() -> None:
                 rest_state(chain, 1)
 
 
-def test_a_ring_with_a_state_of_self_stress_is_not_relaxed() -> None:
+def test_a_ring_with_a_state_of_self_stress_is_not_relaxed():
     for angle in [0.0, np.pi / 2]:
         # Whether a singular matrix is found to be one is up to rounding.
         complaint = r'self-stress at \[.*\] rad|spring \d .* stays .*: no configuration'
@@ -224,13 +214,13 @@ def test_a_ring_with_a_state_of_self_stress_is_not_relaxed() -> None:
             unstretched(Chain(4, periodic=True), np.full(4, angle))
 
 
-def test_a_chain_with_a_motion_that_nothing_resists_has_no_balance() -> None:
+def test_a_chain_with_a_motion_that_nothing_resists_has_no_balance():
     # Parallel rotors turn together to first order, and neither springs nor their tension mind.
     with pytest.raises(ValueError, match=r'stiffness matrix is singular at \[0\. .*\] rad'):
         equilibrium(Chain(4), np.zeros(4))
 
 
-def test_torques_are_in_balance_or_rejected_by_rotor() -> None:
+def test_torques_are_in_balance_or_rejected_by_rotor():
     # Next to the one balance of an anti-kink Newton's method finds it or does not, by rounding.
     chain = chain_of(FLIPPER, 20)
     start = antikink(9.5, dataclasses.replace(chain, number_of_rotors=40))[:20]
@@ -249,7 +239,7 @@ def test_torques_are_in_balance_or_rejected_by_rotor() -> None:
         assert re.match(r'the torque on rotor \d+ stays .* N m: there is no equilibrium', refusal)
 
 
-def test_angles_that_do_not_fit_are_rejected() -> None:
+def test_angles_that_do_not_fit_are_rejected():
     for law in [unstretched, equilibrium]:
         with pytest.raises(
             ValueError, match=r'angles of shape \(3,\) do not fit a chain of 4 rotors'
@@ -259,7 +249,7 @@ def test_angles_that_do_not_fit_are_rejected() -> None:
             law(Chain(4), np.array([0, math.nan, 0, 0]))
 
 
-def test_a_toggled_edge_rotor_keeps_its_bar_and_toggles_back() -> None:
+def test_a_toggled_edge_rotor_keeps_its_bar_and_toggles_back():
     for example in EXAMPLES:
         for edge in [Edge.FIRST, Edge.LAST]:
             lengths = Deviations(rest_length=(0.02, -0.01, 0.01, 0.0, 0.02, -0.02, 0.01))
@@ -277,7 +267,7 @@ def test_a_toggled_edge_rotor_keeps_its_bar_and_toggles_back() -> None:
                 assert abs(again) < 1e-11
 
 
-def test_toggling_an_edge_rotor_leads_to_the_leg_beyond_its_reflection() -> None:
+def test_toggling_an_edge_rotor_leads_to_the_leg_beyond_its_reflection():
     for rotors in [20, 21]:
         for turned in [False, True]:
             chain = chain_of(FLIPPER, rotors)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tails beside a wall: of two kinds, exact beside exact walls."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -12,11 +10,11 @@ from hypothesis import assume, given
 from linkage_motion import wall_between
 
 from soliton_linkage.linear.bands import continuum_tail, exact_tail, wobble_exponents
-from soliton_linkage.linkage.chain import Chain, staggered
+from soliton_linkage.linkage.chain import staggered
 
 
 @given(any_chain())
-def test_the_wobble_solves_its_equation(chain: Chain) -> None:
+def test_the_wobble_solves_its_equation(chain):
     ub, a = chain.rotor_length * math.sin(chain.rest_angle), chain.spacing
     assume(abs(chain.lean_ratio * math.sqrt(2) - 1) > 1e-6)
     plus, minus = wobble_exponents(chain)
@@ -37,7 +35,7 @@ def test_the_wobble_solves_its_equation(chain: Chain) -> None:
         assert tail.decay_length >= ub
 
 
-def test_the_tails_agree_far_from_d_1() -> None:
+def test_the_tails_agree_far_from_d_1():
     narrow, wide = chain_of((0.5, 0.02), 2), chain_of((20.0, 1.5), 2)
     for chain, rel in ((narrow, 1e-3), (wide, 1e-3)):
         exact, continuum = exact_tail(chain), continuum_tail(chain)
@@ -46,7 +44,7 @@ def test_the_tails_agree_far_from_d_1() -> None:
     assert exact_tail(wide).wave_number * wide.spacing == pytest.approx(math.pi)
 
 
-def test_the_tail_changes_its_kind_at_d_1() -> None:
+def test_the_tail_changes_its_kind_at_d_1():
     rest_angle = 0.77
     for share, oscillates in ((1 - 1e-9, False), (1 + 1e-9, True)):
         chain = chain_of((share / (2 * math.sin(rest_angle)), rest_angle), 2)
@@ -56,7 +54,7 @@ def test_the_tail_changes_its_kind_at_d_1() -> None:
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, (1.2, 0.77), STRONG_WOBBLER, (1.8, 0.77)])
-def test_the_exact_tail_is_that_of_the_exact_wall(example: tuple[float, float]) -> None:
+def test_the_exact_tail_is_that_of_the_exact_wall(example):
     chain = chain_of(example, 80)
     tail = exact_tail(chain)
     displacements = np.sin(staggered(wall_between(chain, 39))) - math.sin(chain.rest_angle)

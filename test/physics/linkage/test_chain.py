@@ -76,7 +76,7 @@ def torques(chain: Chain, angles: Array) -> Array:
     return result
 
 
-def test_a_rotor_at_0_points_up_and_at_a_quarter_turn_to_the_last_rotor() -> None:
+def test_a_rotor_at_0_points_up_and_at_a_quarter_turn_to_the_last_rotor():
     chain = chain_of(FLIPPER, 2)
     horizontal, vertical = chain.positions(np.array([0, np.pi / 2]))
     assert horizontal == pytest.approx([0, chain.rotor_length], abs=EPS)
@@ -84,7 +84,7 @@ def test_a_rotor_at_0_points_up_and_at_a_quarter_turn_to_the_last_rotor() -> Non
 
 
 @given(any_chain(), st.sampled_from(LEANS))
-def test_every_rotor_of_a_uniform_state_leans_by_the_rest_angle(chain: Chain, lean: int) -> None:
+def test_every_rotor_of_a_uniform_state_leans_by_the_rest_angle(chain, lean):
     angles = chain.uniform_state(lean)
     horizontal, vertical = chain.positions(angles)
     assert angles[0] == lean * chain.rest_angle
@@ -97,7 +97,7 @@ def test_every_rotor_of_a_uniform_state_leans_by_the_rest_angle(chain: Chain, le
 
 
 @given(any_chain(), st.sampled_from(LEANS))
-def test_uniform_states_are_relaxed(chain: Chain, lean: int) -> None:
+def test_uniform_states_are_relaxed(chain, lean):
     angles = chain.uniform_state(lean)
     extensions = chain.spring_extensions(angles)
     # Angles pi - phi are rounded to EPS * pi / 2, and turn masses by as much.
@@ -111,9 +111,7 @@ def test_uniform_states_are_relaxed(chain: Chain, lean: int) -> None:
 
 
 @given(any_configuration())
-def test_energy_and_torques_agree_with_their_naive_twins(
-    configuration: tuple[Chain, Array],
-) -> None:
+def test_energy_and_torques_agree_with_their_naive_twins(configuration):
     chain, angles = configuration
     size = chain.spacing + 2 * chain.rotor_length
     shortest = lengths(chain, angles).min()
@@ -129,9 +127,7 @@ def test_energy_and_torques_agree_with_their_naive_twins(
 
 
 @given(any_configuration())
-def test_reflected_chains_have_the_same_energy_and_reflected_torques(
-    configuration: tuple[Chain, Array],
-) -> None:
+def test_reflected_chains_have_the_same_energy_and_reflected_torques(configuration):
     chain, angles = configuration
     extensions, bare = chain.spring_extensions(angles), chain.spring_torques(angles)
     limit = 2 * rounding_of_extensions(chain)
@@ -150,9 +146,7 @@ def test_reflected_chains_have_the_same_energy_and_reflected_torques(
 
 
 @given(any_configuration(), st.integers(-1000, 1000))
-def test_whole_turns_of_a_rotor_change_nothing(
-    configuration: tuple[Chain, Array], turns: int
-) -> None:
+def test_whole_turns_of_a_rotor_change_nothing(configuration, turns):
     chain, angles = configuration
     turned = angles.copy()
     turned[0] += 2 * np.pi * turns
@@ -164,7 +158,7 @@ def test_whole_turns_of_a_rotor_change_nothing(
 
 
 @given(any_chain(), st.data())
-def test_kinetic_energy_is_that_of_masses_on_circles(chain: Chain, data: st.DataObject) -> None:
+def test_kinetic_energy_is_that_of_masses_on_circles(chain, data):
     rates = np.array(
         data.draw(
             st.lists(
@@ -179,7 +173,7 @@ def test_kinetic_energy_is_that_of_masses_on_circles(chain: Chain, data: st.Data
     assert chain.kinetic_energy(rates) == pytest.approx(expected, rel=16 * EPS)
 
 
-def test_many_frames_at_once_give_the_results_of_single_frames() -> None:
+def test_many_frames_at_once_give_the_results_of_single_frames():
     for example in EXAMPLES:
         chain = chain_of(example, 7)
         frames = np.random.default_rng(1).normal(size=(2, 3, 7))
@@ -194,7 +188,7 @@ def test_many_frames_at_once_give_the_results_of_single_frames() -> None:
             assert np.array_equal(law(frames), np.array(alone))
 
 
-def test_masses_that_meet_have_a_spring_of_no_length_and_no_direction() -> None:
+def test_masses_that_meet_have_a_spring_of_no_length_and_no_direction():
     chain = dataclasses.replace(chain_of(FLIPPER, 3), rotor_length=0.05, spacing=0.1)
     angles = np.array([np.pi / 2, -np.pi / 2, -np.pi / 2])
     extensions, first, second = chain.springs(angles)
@@ -205,21 +199,21 @@ def test_masses_that_meet_have_a_spring_of_no_length_and_no_direction() -> None:
 
 
 @given(any_chain())
-def test_rotors_spin_exactly_where_the_springs_are_shorter_than_2r_less_a(chain: Chain) -> None:
+def test_rotors_spin_exactly_where_the_springs_are_shorter_than_2r_less_a(chain):
     margin = 2 * chain.rotor_length - chain.spacing - chain.rest_length
     assume(abs(margin) > 1e-12 * chain.rotor_length)
     assert (chain.motion is Motion.SPINNER) == (margin > 0)
 
 
 @given(any_chain())
-def test_rotors_wobble_where_they_reach_beyond_half_the_spacing(chain: Chain) -> None:
+def test_rotors_wobble_where_they_reach_beyond_half_the_spacing(chain):
     assume(chain.motion is not Motion.SPINNER)
     reach = chain.rotor_length * math.sin(chain.rest_angle)
     assert (chain.motion is Motion.WOBBLING_FLIPPER) == (2 * reach / chain.spacing > 1)
 
 
 @given(any_configuration())
-def test_staggering_twice_gives_the_angles_back(configuration: tuple[Chain, Array]) -> None:
+def test_staggering_twice_gives_the_angles_back(configuration):
     _, angles = configuration
     once = staggered(angles)
     assert np.array_equal(once[::2], angles[::2])
@@ -227,7 +221,7 @@ def test_staggering_twice_gives_the_angles_back(configuration: tuple[Chain, Arra
     assert staggered(once) == pytest.approx(angles, rel=0, abs=4 * EPS * 9)
 
 
-def test_a_chain_rejects_a_parameter_by_name_value_and_limit() -> None:
+def test_a_chain_rejects_a_parameter_by_name_value_and_limit():
     for name, value, limit in [
         ('number_of_rotors', 1, '2 to 100000'),
         ('number_of_rotors', 2.5, 'whole number'),
@@ -243,20 +237,20 @@ def test_a_chain_rejects_a_parameter_by_name_value_and_limit() -> None:
         assert repr(value) in str(refusal.value)
 
 
-def test_a_lean_that_is_neither_right_nor_left_is_rejected() -> None:
+def test_a_lean_that_is_neither_right_nor_left_is_rejected():
     for lean in [0, 2, -3]:
         with pytest.raises(ValueError, match=f'lean = {lean} must be'):
             chain_of(FLIPPER, 2).uniform_state(lean)
 
 
-def test_angles_that_do_not_fit_are_rejected_with_their_shape() -> None:
+def test_angles_that_do_not_fit_are_rejected_with_their_shape():
     for shape in [(), (3,), (5,), (1, 4), (4, 1)]:
         complaint = re.escape(f'angles of shape {shape} do not fit a chain of 4 rotors')
         with pytest.raises(ValueError, match=complaint):
             chain_of(FLIPPER, 4).check_angles(np.zeros(shape))
 
 
-def test_a_value_that_is_not_finite_is_rejected_by_rotor_and_name() -> None:
+def test_a_value_that_is_not_finite_is_rejected_by_rotor_and_name():
     for value in [math.nan, math.inf, -math.inf]:
         with pytest.raises(
             ValueError, match=f'torque of rotor 2 = {value} must be a finite number'
@@ -265,14 +259,14 @@ def test_a_value_that_is_not_finite_is_rejected_by_rotor_and_name() -> None:
 
 
 @given(st.floats(-3.1, 3.1), st.integers(-5, 5))
-def test_wrapped_differences_lose_whole_turns_and_nothing_else(angle: float, turns: int) -> None:
+def test_wrapped_differences_lose_whole_turns_and_nothing_else(angle, turns):
     found = wrapped([angle + 2 * math.pi * turns, math.nan])
     assert found[0] == pytest.approx(angle, abs=1e-13)
     assert math.isnan(found[1])
 
 
 @given(any_configuration())
-def test_the_displacement_is_how_far_a_rotor_leans(configuration: tuple[Chain, Array]) -> None:
+def test_the_displacement_is_how_far_a_rotor_leans(configuration):
     chain, angles = configuration
     leaning = chain.rotor_lengths * np.sin(staggered(angles))
     limit = 64 * EPS * float(chain.rotor_lengths.max())

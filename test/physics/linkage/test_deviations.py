@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Drawn deviations: one seed, one chain; independent, normal and of the size asked for."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re
@@ -26,7 +24,7 @@ SEEDS = st.integers(0, 2**64)
 
 
 @given(SEEDS, st.integers(2, 50), st.booleans())
-def test_the_same_seed_draws_the_same_deviations(seed: int, rotors: int, periodic: bool) -> None:
+def test_the_same_seed_draws_the_same_deviations(seed, rotors, periodic):
     fractions = dict.fromkeys(NAMES, 0.01)
     first, second = (drawn_deviations(rotors, seed, periodic, **fractions) for _ in range(2))
     assert first == second
@@ -34,9 +32,7 @@ def test_the_same_seed_draws_the_same_deviations(seed: int, rotors: int, periodi
 
 
 @given(SEEDS, st.integers(2, 50), st.sets(st.sampled_from(NAMES), min_size=1))
-def test_the_draws_of_a_quantity_do_not_depend_on_others(
-    seed: int, rotors: int, names: set[str]
-) -> None:
+def test_the_draws_of_a_quantity_do_not_depend_on_others(seed, rotors, names):
     together = drawn_deviations(rotors, seed, **dict.fromkeys(NAMES, 0.01))
     some = drawn_deviations(rotors, seed, **dict.fromkeys(sorted(names), 0.01))
     for name in NAMES:
@@ -44,13 +40,13 @@ def test_the_draws_of_a_quantity_do_not_depend_on_others(
 
 
 @given(SEEDS, st.sampled_from(NAMES), st.floats(0, 0.05))
-def test_a_draw_scales_with_its_fraction(seed: int, name: str, fraction: float) -> None:
+def test_a_draw_scales_with_its_fraction(seed, name, fraction):
     unit = np.array(getattr(drawn_deviations(30, seed, **{name: 0.0625}), name)) / 0.0625
     drawn = getattr(drawn_deviations(30, seed, **{name: fraction}), name)
     assert np.array_equal(drawn, fraction * unit)
 
 
-def test_there_is_one_fraction_a_rotor_or_one_a_spring() -> None:
+def test_there_is_one_fraction_a_rotor_or_one_a_spring():
     for name in NAMES:
         for periodic in [False, True]:
             drawn = drawn_deviations(20, 3, periodic, **{name: 0.01})
@@ -58,7 +54,7 @@ def test_there_is_one_fraction_a_rotor_or_one_a_spring() -> None:
             assert len(getattr(drawn, name)) == (19 if name in OF_SPRINGS and not periodic else 20)
 
 
-def test_deviations_are_normal_with_the_standard_deviation_asked_for() -> None:
+def test_deviations_are_normal_with_the_standard_deviation_asked_for():
     for name in NAMES:
         count = 40_000
         drawn = np.array(getattr(drawn_deviations(count, 7, True, **{name: 0.05}), name)) / 0.05
@@ -68,7 +64,7 @@ def test_deviations_are_normal_with_the_standard_deviation_asked_for() -> None:
         assert abs(np.mean(drawn**4) - 3) <= 5 * math.sqrt(96 / count)
 
 
-def test_quantities_and_neighbours_deviate_independently() -> None:
+def test_quantities_and_neighbours_deviate_independently():
     count = 40_000
     drawn = drawn_deviations(count, 7, True, **dict.fromkeys(NAMES, 0.05))
     draws = np.array([getattr(drawn, name) for name in NAMES])
@@ -77,14 +73,14 @@ def test_quantities_and_neighbours_deviate_independently() -> None:
     assert np.abs(correlations).max() <= 5 / math.sqrt(count)
 
 
-def test_a_fraction_of_0_changes_nothing() -> None:
+def test_a_fraction_of_0_changes_nothing():
     drawn = drawn_deviations(5, 1, **dict.fromkeys(NAMES, 0.0))
     for name in NAMES:
         assert not np.any(getattr(drawn, name))
     assert drawn_deviations(5, 1) == NO_DEVIATIONS
 
 
-def test_invalid_draws_are_rejected() -> None:
+def test_invalid_draws_are_rejected():
     whole = 'must be a whole number >='
     for rotors, seed, fractions, complaint in [
         *(
@@ -100,7 +96,7 @@ def test_invalid_draws_are_rejected() -> None:
             drawn_deviations(rotors, seed, **fractions)
 
 
-def test_a_fraction_that_leaves_nothing_is_rejected_by_site() -> None:
+def test_a_fraction_that_leaves_nothing_is_rejected_by_site():
     for name in POSITIVE:
         for fraction in [-1.0, -1.5, math.nan, math.inf, -math.inf]:
             complaint = re.escape(
@@ -110,7 +106,7 @@ def test_a_fraction_that_leaves_nothing_is_rejected_by_site() -> None:
                 Deviations(**{name: (0.0, -0.99, fraction, -2.0)})
 
 
-def test_fractions_of_forces_may_cancel_them_but_have_bounds() -> None:
+def test_fractions_of_forces_may_cancel_them_but_have_bounds():
     for name in sorted(set(NAMES) - set(POSITIVE)):
         for fraction in [-1001.0, math.nan, math.inf]:
             assert getattr(Deviations(**{name: (-1.0, 0.5)}), name) == (-1.0, 0.5)
@@ -120,7 +116,7 @@ def test_fractions_of_forces_may_cancel_them_but_have_bounds() -> None:
                 Deviations(**{name: (0.0, fraction)})
 
 
-def test_a_number_of_fractions_that_does_not_fit_is_rejected() -> None:
+def test_a_number_of_fractions_that_does_not_fit_is_rejected():
     for name in NAMES:
         for count in [1, 3, 6]:
             wanted, what = (4, 'springs') if name in OF_SPRINGS else (5, 'rotors')
@@ -131,22 +127,20 @@ def test_a_number_of_fractions_that_does_not_fit_is_rejected() -> None:
 
 
 @given(st.integers(0, 10**9), st.sets(st.sampled_from(NAMES)), st.booleans())
-def test_disorder_draws_only_the_named_quantities(
-    seed: int, names: set[str], periodic: bool
-) -> None:
+def test_disorder_draws_only_the_named_quantities(seed, names, periodic):
     fractions = dict.fromkeys(sorted(names), 0.01)
     drawn = Disorder(seed=seed, **fractions).drawn(12, periodic)
     assert drawn == drawn_deviations(12, seed, periodic, **fractions)
     assert {name for name in NAMES if getattr(drawn, name)} == names
 
 
-def test_disorder_out_of_its_range_is_rejected() -> None:
+def test_disorder_out_of_its_range_is_rejected():
     for name, value in [('mass', -0.01), ('spacing', 0.51), ('damping', math.nan), ('seed', -1)]:
         with pytest.raises(ValueError, match=rf'Disorder\.{name} = {value} must'):
             Disorder(**{name: value})
 
 
-def test_fractions_that_are_given_go_beside_those_that_are_drawn() -> None:
+def test_fractions_that_are_given_go_beside_those_that_are_drawn():
     given_ones, drawn = Deviations(mass=(0.1, 0.2)), Deviations(spacing=(0.3,))
     assert given_ones.joined(drawn) == Deviations(mass=(0.1, 0.2), spacing=(0.3,))
     with pytest.raises(ValueError, match='deviations of mass are given twice'):

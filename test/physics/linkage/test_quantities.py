@@ -34,9 +34,7 @@ class Lamp:
 
 
 @given(st.floats(), st.floats(), st.floats(allow_nan=False))
-def test_a_number_is_allowed_exactly_where_it_is_finite_and_within_the_bounds(
-    low: float, high: float, value: float
-) -> None:
+def test_a_number_is_allowed_exactly_where_it_is_finite_and_within_the_bounds(low, high, value):
     complaint = Quantity('', 'm', low, high).complaint(value)
     outside = value < low or value > high
     assert (complaint is None) == (math.isfinite(value) and not outside)
@@ -44,7 +42,7 @@ def test_a_number_is_allowed_exactly_where_it_is_finite_and_within_the_bounds(
         assert f'{low:g} to {high:g} m' in complaint
 
 
-def test_numbers_of_numpy_are_held_to_the_bounds_like_others() -> None:
+def test_numbers_of_numpy_are_held_to_the_bounds_like_others():
     for kind in [int, float, np.float64, np.float32, np.int64, np.uint8]:
         described = Quantity('', '', 2, 5)
         assert described.complaint(kind(2)) is None
@@ -52,7 +50,7 @@ def test_numbers_of_numpy_are_held_to_the_bounds_like_others() -> None:
         assert described.complaint(kind(6)) == 'must lie in the range 2 to 5'
 
 
-def test_a_complaint_names_the_limit_and_its_unit() -> None:
+def test_a_complaint_names_the_limit_and_its_unit():
     for low, high, value, complaint in [
         (None, 2.0, 3.0, 'must be 2 s or less'),
         (1.0, None, 0.0, 'must be 1 s or more'),
@@ -62,7 +60,7 @@ def test_a_complaint_names_the_limit_and_its_unit() -> None:
         assert Quantity('', 's', low, high).complaint(value) == complaint
 
 
-def test_a_field_that_is_not_allowed_is_rejected_by_name_and_value() -> None:
+def test_a_field_that_is_not_allowed_is_rejected_by_name_and_value():
     for arguments, complaint in [
         ({'brightness': 3.0}, 'Lamp.brightness = 3.0 must lie in the range 0.5 to 2 cd'),
         ({'brightness': 'much'}, "Lamp.brightness = 'much' must be a number"),
@@ -75,7 +73,7 @@ def test_a_field_that_is_not_allowed_is_rejected_by_name_and_value() -> None:
             Lamp(**arguments)
 
 
-def test_a_field_that_is_allowed_is_kept() -> None:
+def test_a_field_that_is_allowed_is_kept():
     for arguments in [
         {},
         {'brightness': 1},
@@ -89,7 +87,7 @@ def test_a_field_that_is_allowed_is_kept() -> None:
         assert all(getattr(lamp, name) == value for name, value in arguments.items())
 
 
-def test_fields_are_described_completely() -> None:
+def test_fields_are_described_completely():
     described = described_fields(Lamp)
     assert list(described) == ['brightness', 'bulbs', 'colour', 'dimmable']
     assert described['brightness'] == Quantity('light that it gives', 'cd', 0.5, 2.0)
@@ -97,7 +95,7 @@ def test_fields_are_described_completely() -> None:
     assert [name for name, what in described.items() if what.adjustable] == ['dimmable']
 
 
-def test_help_shows_the_meaning_of_fields() -> None:
+def test_help_shows_the_meaning_of_fields():
     @document_fields
     @dataclass(frozen=True)
     class Kettle:

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recording holds arrays that fit each other and times that increase, or is refused."""
 
-from __future__ import annotations
-
 import math
 import re
 
@@ -15,7 +13,7 @@ TIMES = np.array([0.0, 0.1, 0.3])
 ANGLES = np.zeros((3, 4))
 
 
-def test_angles_with_rates_or_without_are_accepted() -> None:
+def test_angles_with_rates_or_without_are_accepted():
     for rates in [np.ones((3, 4)), np.empty((0, 4))]:
         recording = Recording(TIMES, ANGLES, rates)
         assert recording.times is TIMES
@@ -23,11 +21,11 @@ def test_angles_with_rates_or_without_are_accepted() -> None:
         assert recording.rates is rates
 
 
-def test_a_recording_of_no_frames_is_one() -> None:
+def test_a_recording_of_no_frames_is_one():
     assert len(Recording(np.empty(0), np.empty((0, 4)), np.empty((0, 4))).times) == 0
 
 
-def test_angles_and_rates_of_another_shape_are_rejected() -> None:
+def test_angles_and_rates_of_another_shape_are_rejected():
     for shape in [(2, 4), (4, 4), (3,), (3, 3), (3, 4, 1), (0, 3), ()]:
         if shape != (3, 3):
             with pytest.raises(
@@ -39,7 +37,7 @@ def test_angles_and_rates_of_another_shape_are_rejected() -> None:
             Recording(TIMES, ANGLES, np.zeros(shape))
 
 
-def test_invalid_times_are_rejected_by_frame() -> None:
+def test_invalid_times_are_rejected_by_frame():
     for frame, time, complaint in [
         *((1, late, 'is not later than') for late in (0.0, -0.1, 0.3)),
         *((n, bad, 'must be a finite') for n in range(3) for bad in (math.nan, math.inf)),

@@ -52,7 +52,7 @@ def places(robot: URDF, angles: dict[str, float]) -> dict[str, Array]:
     return found
 
 
-def test_forward_kinematics_are_the_positions_of_the_chain() -> None:
+def test_forward_kinematics_are_the_positions_of_the_chain():
     for chain in CHAINS:
         robot = URDF.from_xml_string(robot_description(chain))
         angles = angles_of(chain)
@@ -63,7 +63,7 @@ def test_forward_kinematics_are_the_positions_of_the_chain() -> None:
         np.testing.assert_allclose([found[name] for name in names], expected, atol=PRECISION)
 
 
-def test_masses_moments_and_damping_are_those_of_the_rotors() -> None:
+def test_masses_moments_and_damping_are_those_of_the_rotors():
     for chain in CHAINS:
         robot = URDF.from_xml_string(robot_description(chain))
         inertials = [robot.link_map[joint.child].inertial for joint in robot.joints]
@@ -75,7 +75,7 @@ def test_masses_moments_and_damping_are_those_of_the_rotors() -> None:
         assert [joint.dynamics.damping for joint in robot.joints] == chain.dampings.tolist()
 
 
-def test_joints_have_the_names_and_limits_that_are_given() -> None:
+def test_joints_have_the_names_and_limits_that_are_given():
     names = [f'encoder {rotor}' for rotor in range(CHAIN.number_of_rotors)]
     text = robot_description(CHAIN, names, JointLimits(torque=0.25, speed=30.0))
     robot = URDF.from_xml_string(text)
@@ -84,14 +84,14 @@ def test_joints_have_the_names_and_limits_that_are_given() -> None:
     assert robot.get_root() == BASE
 
 
-def test_names_that_do_not_fit_are_rejected() -> None:
+def test_names_that_do_not_fit_are_rejected():
     for names in [['one'], ['same'] * CHAIN.number_of_rotors]:
         with pytest.raises(ValueError, match='give one per rotor'):
             robot_description(CHAIN, names)
 
 
 @pytest.mark.parametrize('chain', CHAINS)
-def test_mujoco_finds_the_masses_there_with_their_moments(chain: Chain) -> None:
+def test_mujoco_finds_the_masses_there_with_their_moments(chain):
     mujoco = pytest.importorskip('mujoco', reason='needs MuJoCo: pip install mujoco')
     model = mujoco.MjModel.from_xml_string(robot_description(chain))
     data = mujoco.MjData(model)
@@ -108,7 +108,7 @@ def test_mujoco_finds_the_masses_there_with_their_moments(chain: Chain) -> None:
 
 
 @pytest.mark.parametrize('chain', CHAINS)
-def test_tendons_of_mujoco_pull_as_the_springs_do(chain: Chain) -> None:
+def test_tendons_of_mujoco_pull_as_the_springs_do(chain):
     mujoco = pytest.importorskip('mujoco', reason='needs MuJoCo: pip install mujoco')
     specification = mujoco.MjSpec.from_string(robot_description(chain))
     for rotor, length in enumerate(chain.rotor_lengths):

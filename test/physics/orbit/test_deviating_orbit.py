@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from chains import FLIPPER, SPINNER, WIDE_FLIPPER, WOBBLER, chain_of
 from linkage_motion import distance
-from orbits import CLASSES, Example, deviating_chain, deviating_orbit, some_arcs, uniform_orbit
+from orbits import CLASSES, deviating_chain, deviating_orbit, some_arcs, uniform_orbit
 
 from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.estimation.relocalisation import fit_anywhere, fit_near
@@ -27,7 +27,7 @@ ACCURATE = 1e-8
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_free_motion_has_the_free_rate(example: Example) -> None:
+def test_free_motion_has_the_free_rate(example):
     orbit = deviating_orbit(example, 8)
     chain, start = orbit.chain, orbit.leg_arcs(0)[0] + 2.0
     angles, tangent = orbit.configuration(start), orbit.tangent(start)
@@ -55,9 +55,7 @@ def test_free_motion_has_the_free_rate(example: Example) -> None:
     ('example', 'rotors'),
     [*((each, rotors) for each in CLASSES for rotors in (3, 20)), (WIDE_FLIPPER, 9)],
 )
-def test_without_deviations_the_orbit_equals_the_uniform_orbit(
-    example: Example, rotors: int
-) -> None:
+def test_without_deviations_the_orbit_equals_the_uniform_orbit(example, rotors):
     orbit, uniform = DeviatingOrbit(chain_of(example, rotors)), uniform_orbit(example, rotors)
     accurate = 1e-6
     ends = [end for leg in range(uniform.number_of_legs) for end in uniform.leg_arcs(leg)]
@@ -75,7 +73,7 @@ def test_without_deviations_the_orbit_equals_the_uniform_orbit(
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_small_deviations_change_the_orbit_to_first_order(example: Example) -> None:
+def test_small_deviations_change_the_orbit_to_first_order(example):
     uniform = uniform_orbit(example)
     sites = np.linspace(2, 17, 11).tolist()
     changes = []
@@ -99,7 +97,7 @@ def test_small_deviations_change_the_orbit_to_first_order(example: Example) -> N
 
 @pytest.mark.parametrize('rotors', [7, 8])
 @pytest.mark.parametrize('example', CLASSES)
-def test_the_mirrored_chain_has_the_mirrored_orbit(example: Example, rotors: int) -> None:
+def test_the_mirrored_chain_has_the_mirrored_orbit(example, rotors):
     orbit = deviating_orbit(example, rotors)
     deviations = orbit.chain.deviations
     reversed_deviations = {
@@ -120,7 +118,7 @@ def test_the_mirrored_chain_has_the_mirrored_orbit(example: Example, rotors: int
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_a_wall_at_a_bond_has_half_of_the_zero_mode_on_each_side(example: Example) -> None:
+def test_a_wall_at_a_bond_has_half_of_the_zero_mode_on_each_side(example):
     orbit = deviating_orbit(example, 60, seed=5)
     for bond in range(25, 35):
         for leg in range(orbit.number_of_legs):
@@ -136,9 +134,7 @@ def noisy(orbit: Orbit, arc: float, sigma: float, frames: int) -> Array:
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_measured_arcs_reach_the_cramer_rao_bound_with_the_deviations_only(
-    example: Example,
-) -> None:
+def test_measured_arcs_reach_the_cramer_rao_bound_with_the_deviations_only(example):
     orbit, uniform = deviating_orbit(example, 40, seed=5), uniform_orbit(example, 40)
     sigma, frames = 0.01, 300
     errors, without = [], []
@@ -156,7 +152,7 @@ def test_measured_arcs_reach_the_cramer_rao_bound_with_the_deviations_only(
 
 
 @pytest.mark.parametrize('seed', [1, 4])
-def test_an_orbit_exists_if_the_motion_of_the_linkage_passes(seed: int) -> None:
+def test_an_orbit_exists_if_the_motion_of_the_linkage_passes(seed):
     # Both chains have blocked bonds, which stop the wall in one of them.
     chain = deviating_chain(FLIPPER, 40, seed=seed)
     assert find_obstacles(chain)
@@ -167,7 +163,7 @@ def test_an_orbit_exists_if_the_motion_of_the_linkage_passes(seed: int) -> None:
             DeviatingOrbit(chain)
 
 
-def test_a_blocked_wall_is_rejected_with_its_bond() -> None:
+def test_a_blocked_wall_is_rejected_with_its_bond():
     chain = chain_of(SPINNER, 12)
     lengths = [0.0] * 12
     lengths[7] = -0.5
@@ -177,6 +173,6 @@ def test_a_blocked_wall_is_rejected_with_its_bond() -> None:
         DeviatingOrbit(blocked)
 
 
-def test_chains_that_take_too_long_are_rejected() -> None:
+def test_chains_that_take_too_long_are_rejected():
     with pytest.raises(ValueError, match='take fewer rotors'):
         DeviatingOrbit(deviating_chain(WOBBLER, 50_000, 0.01))

@@ -63,9 +63,7 @@ def orbit_with(example: Example, rotors: int, seed: int | None) -> Orbit:
 
 
 @UNUSUAL_ORBITS_TOO
-def test_springs_are_relaxed_on_the_whole_orbit(
-    example: Example, rotors: int, seed: int | None
-) -> None:
+def test_springs_are_relaxed_on_the_whole_orbit(example, rotors, seed):
     orbit = orbit_with(example, rotors, seed)
     angles = np.array([orbit.configuration(arc) for arc in some_arcs(orbit, 60)])
     extensions = np.abs(orbit.chain.spring_extensions(angles))
@@ -77,9 +75,7 @@ def test_springs_are_relaxed_on_the_whole_orbit(
 
 
 @ANY_ORBIT
-def test_the_tangent_is_the_zero_mode_towards_the_other_edge(
-    example: Example, rotors: int, seed: int | None
-) -> None:
+def test_the_tangent_is_the_zero_mode_towards_the_other_edge(example, rotors, seed):
     orbit = orbit_with(example, rotors, seed)
     # A mode turns with the angles at a rate of its curvature, some units.
     limit = 10 * accuracy(orbit)
@@ -95,9 +91,7 @@ def test_the_tangent_is_the_zero_mode_towards_the_other_edge(
 
 
 @ANY_ORBIT
-def test_the_derivative_of_the_angles_is_the_tangent(
-    example: Example, rotors: int, seed: int | None
-) -> None:
+def test_the_derivative_of_the_angles_is_the_tangent(example, rotors, seed):
     orbit = orbit_with(example, rotors, seed)
     errors = []
     for step in (1e-3, 5e-4):
@@ -113,9 +107,7 @@ def test_the_derivative_of_the_angles_is_the_tangent(
 
 
 @UNUSUAL_ORBITS_TOO
-def test_an_orbit_is_continuous_and_periodic(
-    example: Example, rotors: int, seed: int | None
-) -> None:
+def test_an_orbit_is_continuous_and_periodic(example, rotors, seed):
     orbit = orbit_with(example, rotors, seed)
     step = 1e-8
     for seam in [orbit.leg_arcs(leg)[1] for leg in range(orbit.number_of_legs)]:
@@ -127,9 +119,7 @@ def test_an_orbit_is_continuous_and_periodic(
 
 
 @ANY_ORBIT
-def test_the_wall_moves_along_each_leg_without_reversing(
-    example: Example, rotors: int, seed: int | None
-) -> None:
+def test_the_wall_moves_along_each_leg_without_reversing(example, rotors, seed):
     orbit, uniform = orbit_with(example, rotors, seed), uniform_orbit(example, rotors)
     assert orbit.number_of_legs == (2 if orbit.chain.motion is Motion.SPINNER else 4)
     assert orbit.leg_arcs(0)[0] == 0
@@ -152,8 +142,8 @@ def test_the_wall_moves_along_each_leg_without_reversing(
 @settings(deadline=None, max_examples=10)
 @given(part=st.floats(0, 1), leg=st.integers(0, 3), cycles=st.integers(-3, 3))
 def test_site_and_arc_are_inverse_functions_with_the_slope_of_the_site_arc(
-    example: Example, rotors: int, seed: int | None, part: float, leg: int, cycles: int
-) -> None:
+    example, rotors, seed, part, leg, cycles
+):
     orbit = orbit_with(example, rotors, seed)
     leg %= orbit.number_of_legs
     site = 0.5 + part * (rotors - 2)
@@ -169,9 +159,7 @@ def test_site_and_arc_are_inverse_functions_with_the_slope_of_the_site_arc(
 @pytest.mark.parametrize(
     ARGUMENTS, [*((each, 1001, None) for each in EXAMPLES), *((each, 60, 5) for each in CLASSES)]
 )
-def test_rotors_outside_the_segment_are_at_rest_as_in_the_background(
-    example: Example, rotors: int, seed: int | None
-) -> None:
+def test_rotors_outside_the_segment_are_at_rest_as_in_the_background(example, rotors, seed):
     orbit = orbit_with(example, rotors, seed)
     limit = accuracy(orbit)
     for arc in some_arcs(orbit, 12):
@@ -213,9 +201,7 @@ def compare_with_linkage(orbit: Orbit, start: float, limit: float) -> None:
         (NARROW, 15, 4e-6),
     ],
 )
-def test_a_uniform_orbit_is_the_closed_orbit_of_the_linkage(
-    example: Example, rotors: int, limit: float
-) -> None:
+def test_a_uniform_orbit_is_the_closed_orbit_of_the_linkage(example, rotors, limit):
     orbit = uniform_orbit(example, rotors)
     start = orbit.arc_at(orbit.middle, 0)
     wall = static_wall(orbit.chain, orbit.middle)
@@ -224,14 +210,14 @@ def test_a_uniform_orbit_is_the_closed_orbit_of_the_linkage(
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_a_deviating_orbit_is_the_closed_orbit_of_the_linkage(example: Example) -> None:
+def test_a_deviating_orbit_is_the_closed_orbit_of_the_linkage(example):
     # Without deviations of the moments of inertia that has the same arc length.
     drawn = drawn_deviations(5, 2, spacing=0.05, rest_length=0.05)
     orbit = DeviatingOrbit(dataclasses.replace(chain_of(example, 5), deviations=drawn))
     compare_with_linkage(orbit, orbit.arc_at(2.0, 0), FOLLOWED)
 
 
-def test_orbit_of_takes_deviations_into_account() -> None:
+def test_orbit_of_takes_deviations_into_account():
     assert isinstance(orbit_of(chain_of(WOBBLER, 8)), UniformOrbit)
     deviating = deviating_orbit(FLIPPER, 8).chain
     orbit = orbit_of(deviating)
@@ -239,7 +225,7 @@ def test_orbit_of_takes_deviations_into_account() -> None:
     assert orbit.chain == deviating
 
 
-def test_chains_that_cannot_have_a_wall_are_rejected() -> None:
+def test_chains_that_cannot_have_a_wall_are_rejected():
     for rotors, periodic in [(2, False), (2, True), (20, True)]:
         for orbit in [UniformOrbit, DeviatingOrbit]:
             chain = dataclasses.replace(chain_of(FLIPPER, rotors), periodic=periodic)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The orbit of a chain of any length, composed from the orbit of a short chain."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -10,7 +8,7 @@ import numpy as np
 import pytest
 from chains import EXAMPLES, FLIPPER, SPINNER, WOBBLER, chain_of
 from linkage_motion import distance
-from orbits import ACCURACY_UNIFORM, Example, uniform_orbit
+from orbits import ACCURACY_UNIFORM, uniform_orbit
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
@@ -19,7 +17,7 @@ from soliton_linkage.solitons.static_wall import static_wall
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_the_orbit_is_continuous_where_the_short_chain_repeats(example: Example) -> None:
+def test_the_orbit_is_continuous_where_the_short_chain_repeats(example):
     orbit = uniform_orbit(example, 1001)
     step = 1e-8
     middle = orbit.arc_at(orbit.middle, 1)
@@ -35,7 +33,7 @@ def test_the_orbit_is_continuous_where_the_short_chain_repeats(example: Example)
     assert jump <= step + ACCURACY_UNIFORM
 
 
-def test_springs_are_relaxed_if_the_last_step_to_a_middle_is_very_short() -> None:
+def test_springs_are_relaxed_if_the_last_step_to_a_middle_is_very_short():
     chain = Chain(10, 1.0015709382109532, 0.5134515980453058, 1.009888303195124)
     orbit = UniformOrbit(chain)
     for arc in np.linspace(0, orbit.length, 400).tolist():
@@ -55,9 +53,7 @@ EDGES = [
 
 
 @pytest.mark.parametrize(('chain', 'accuracy'), EDGES)
-def test_the_site_is_the_argument_of_static_wall_up_to_the_edges(
-    chain: Chain, accuracy: float
-) -> None:
+def test_the_site_is_the_argument_of_static_wall_up_to_the_edges(chain, accuracy):
     orbit = UniformOrbit(chain)
     last = chain.number_of_rotors - 1
     for leg in range(orbit.number_of_legs):
@@ -72,7 +68,7 @@ def test_the_site_is_the_argument_of_static_wall_up_to_the_edges(
 
 
 @pytest.mark.parametrize('example', [FLIPPER, SPINNER])
-def test_the_segment_does_not_grow_with_the_chain(example: Example) -> None:
+def test_the_segment_does_not_grow_with_the_chain(example):
     long, longest = uniform_orbit(example, 1000), uniform_orbit(example, 100_000)
     for leg in range(long.number_of_legs):
         sizes = [
@@ -84,7 +80,7 @@ def test_the_segment_does_not_grow_with_the_chain(example: Example) -> None:
     assert longest.wall_extent == pytest.approx(long.wall_extent, rel=1e-9)
 
 
-def test_deviations_are_ignored() -> None:
+def test_deviations_are_ignored():
     chain = chain_of(WOBBLER, 8)
     drawn = drawn_deviations(8, 3, rotor_length=0.05, spacing=0.05)
     deviating = UniformOrbit(dataclasses.replace(chain, deviations=drawn))
@@ -92,7 +88,7 @@ def test_deviations_are_ignored() -> None:
     assert deviating.length == uniform_orbit(WOBBLER, 8).length
 
 
-def test_chains_at_the_transition_or_with_too_wide_walls_are_rejected() -> None:
+def test_chains_at_the_transition_or_with_too_wide_walls_are_rejected():
     for example, message in [
         ((1 / math.sin(0.8) ** 2, 0.8), 'too near to d_c'),
         ((0.02, 0.001), 'take longer rotors or a larger rest angle'),
@@ -101,7 +97,7 @@ def test_chains_at_the_transition_or_with_too_wide_walls_are_rejected() -> None:
             UniformOrbit(chain_of(example, 20))
 
 
-def test_tangents_of_very_wide_walls_do_not_overflow() -> None:
+def test_tangents_of_very_wide_walls_do_not_overflow():
     orbit = UniformOrbit(Chain(number_of_rotors=200, rotor_length=9.5e-05, rest_angle=1.57))
     tangent = orbit.tangent(orbit.arc_at(100.0, 0))
     assert np.linalg.norm(tangent) == pytest.approx(1.0, abs=1e-6)

@@ -65,9 +65,7 @@ def passage(chain: Chain, orbit: UniformOrbit, bond: int, leg: int) -> float:
 @pytest.mark.parametrize(
     ('example', 'bond', 'leg'), [(FLIPPER, 1, 3), (WOBBLER, 4, 1), (SPINNER, 3, 0)]
 )
-def test_errors_of_arc_and_rate_agree_with_chains_with_single_deviations(
-    example: tuple[float, float], bond: int, leg: int
-) -> None:
+def test_errors_of_arc_and_rate_agree_with_chains_with_single_deviations(example, bond, leg):
     chain = chain_of(*example)
     orbit = UniformOrbit(chain)
     far = orbit.configuration(orbit.arc_at(orbit.middle, 0))

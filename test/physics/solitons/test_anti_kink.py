@@ -20,7 +20,7 @@ from soliton_linkage.solitons.anti_kink import (
 ROTORS, BEGIN = 41, 20.0
 
 
-def test_derivatives_of_the_constraint_field_agree_with_differences() -> None:
+def test_derivatives_of_the_constraint_field_agree_with_differences():
     for example in (FLIPPER, SPINNER):
         chain, step = chain_of(example, ROTORS), 1e-5
         angles = continuum_anti_kink(chain, 20.3)
@@ -30,7 +30,7 @@ def test_derivatives_of_the_constraint_field_agree_with_differences() -> None:
         assert second == pytest.approx((above - 2 * field + below) / step**2, abs=1e-4)
 
 
-def test_no_other_state_with_the_same_field_sum_has_less_energy() -> None:
+def test_no_other_state_with_the_same_field_sum_has_less_energy():
     chain = chain_of(FLIPPER, ROTORS)
     scale = chain.stiffness * chain.spacing**2
     _, states = anti_kink_path(chain, BEGIN)
@@ -55,7 +55,7 @@ def test_no_other_state_with_the_same_field_sum_has_less_energy() -> None:
         assert found.fun == pytest.approx(float(chain.elastic_energy(state)) / scale, rel=1e-6)
 
 
-def test_the_path_repeats_after_two_rotors_with_uniform_arc_steps() -> None:
+def test_the_path_repeats_after_two_rotors_with_uniform_arc_steps():
     chain = chain_of(FLIPPER, ROTORS)
     sites, states = anti_kink_path(chain, BEGIN)
     assert (sites[0], sites[-1]) == (BEGIN, BEGIN + 2)
@@ -64,12 +64,12 @@ def test_the_path_repeats_after_two_rotors_with_uniform_arc_steps() -> None:
     assert arcs / np.diff(sites) == pytest.approx(arcs.sum() / 2)
 
 
-def test_a_pinned_anti_kink_is_rejected() -> None:
+def test_a_pinned_anti_kink_is_rejected():
     with pytest.raises(ArithmeticError, match='is pinned: it has no stable'):
         anti_kink_path(chain_of(SPINNER, ROTORS), BEGIN)
 
 
-def test_an_anti_kink_of_spinners_has_a_stable_equilibrium() -> None:
+def test_an_anti_kink_of_spinners_has_a_stable_equilibrium():
     chain = chain_of(SPINNER, ROTORS)
     scale = chain.stiffness * chain.spacing**2
     site, angles = resting_anti_kink(chain, BEGIN + 0.5)

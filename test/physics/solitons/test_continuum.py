@@ -63,7 +63,7 @@ def slope(theory: Theory, positions: Array, velocity: float, charge: int) -> Arr
 
 
 @given(any_theory(), SIGNS)
-def test_a_wall_at_rest_solves_the_equation_of_first_order(theory: Theory, charge: int) -> None:
+def test_a_wall_at_rest_solves_the_equation_of_first_order(theory, charge):
     width = theory.width()
     positions = width * np.linspace(-6, 6, 41)
     values = field(theory, positions, 0.0, charge)
@@ -73,9 +73,7 @@ def test_a_wall_at_rest_solves_the_equation_of_first_order(theory: Theory, charg
 
 
 @given(any_theory(), FRACTIONS, SIGNS, st.floats(-3, 3), st.floats(0.3, 2))
-def test_a_boosted_wall_makes_the_action_stationary(
-    theory: Theory, fraction: float, charge: int, centre: float, breadth: float
-) -> None:
+def test_a_boosted_wall_makes_the_action_stationary(theory, fraction, charge, centre, breadth):
     velocity = fraction * theory.speed_of_sound
     width = theory.width(velocity)
     x = np.linspace(-20, 20, 4001)
@@ -100,9 +98,7 @@ def test_a_boosted_wall_makes_the_action_stationary(
 
 @settings(max_examples=25)
 @given(any_theory(), FRACTIONS, SIGNS)
-def test_energies_are_the_integrals_of_their_densities(
-    theory: Theory, fraction: float, charge: int
-) -> None:
+def test_energies_are_the_integrals_of_their_densities(theory, fraction, charge):
     velocity = fraction * theory.speed_of_sound
     width = theory.width(velocity)
 
@@ -129,9 +125,7 @@ def test_energies_are_the_integrals_of_their_densities(
 
 
 @given(any_theory(), st.floats(-12, -1e-4), SIGNS)
-def test_energies_at_any_speed_agree_with_thirty_digits(
-    theory: Theory, exponent: float, charge: int
-) -> None:
+def test_energies_at_any_speed_agree_with_thirty_digits(theory, exponent, charge):
     velocity = theory.speed_of_sound * 10**exponent
     with mpmath.workdps(30):
         ratio = mpmath.mpf(velocity) / mpmath.mpf(theory.speed_of_sound)
@@ -152,7 +146,7 @@ def test_energies_at_any_speed_agree_with_thirty_digits(
 
 
 @given(any_theory())
-def test_mass_energy_scale_and_limiting_speed_are_consistent(theory: Theory) -> None:
+def test_mass_energy_scale_and_limiting_speed_are_consistent(theory):
     assert theory.energy_scale == pytest.approx(
         theory.effective_mass * theory.limiting_speed_of_sound**2, rel=32 * EPS
     )
@@ -162,9 +156,7 @@ def test_mass_energy_scale_and_limiting_speed_are_consistent(theory: Theory) -> 
 
 
 @given(any_theory())
-def test_the_exact_speed_of_sound_is_the_curvature_at_the_bottom_of_the_band(
-    theory: Theory,
-) -> None:
+def test_the_exact_speed_of_sound_is_the_curvature_at_the_bottom_of_the_band(theory):
     chain = theory.chain
     d = chain.lean_ratio
     bottom = 0.0 if d < 1 else math.pi
@@ -186,9 +178,7 @@ def test_the_exact_speed_of_sound_is_the_curvature_at_the_bottom_of_the_band(
 
 
 @given(any_theory(exact_sound=True), st.floats(-8, 2), st.floats(0.1, 10), SIGNS)
-def test_a_kick_has_the_energy_of_the_wall(
-    theory: Theory, exponent: float, factor: float, sense: int
-) -> None:
+def test_a_kick_has_the_energy_of_the_wall(theory, exponent, factor, sense):
     kick = sense * 10**exponent * theory.arc_per_site * theory.speed_of_sound
     speed = theory.speed_after_kick(kick)
     assert abs(speed) < theory.speed_of_sound
@@ -206,7 +196,7 @@ def test_a_kick_has_the_energy_of_the_wall(
     assert theory.speed_after_kick(-1e200) == -theory.speed_of_sound
 
 
-def test_walls_at_rest_have_a_theory_at_zero_speed_of_sound() -> None:
+def test_walls_at_rest_have_a_theory_at_zero_speed_of_sound():
     # A lean ratio of 1 to the last digit.
     chain = Chain(3, spacing=1.0, rotor_length=1.0, rest_angle=math.asin(0.5))
     factor = chain.lean_ratio
@@ -222,8 +212,8 @@ def test_walls_at_rest_have_a_theory_at_zero_speed_of_sound() -> None:
 
 @given(any_spinner(), SIGNS, SIGNS, st.sampled_from([0, 1]), FRACTIONS)
 def test_both_sublattices_of_a_spinner_solve_their_equation(
-    theory: SpinnerTheory, charge: int, turn: int, sublattice: int, fraction: float
-) -> None:
+    theory, charge, turn, sublattice, fraction
+):
     family, velocity = theory.family, fraction * theory.speed_of_sound
     rest = family * theory.chain.rest_angle
     width = theory.width(velocity)
@@ -242,7 +232,7 @@ def test_both_sublattices_of_a_spinner_solve_their_equation(
     assert (np.sign(np.diff(theta(0))) == forwards).all()
 
 
-def test_invalid_arguments_are_rejected() -> None:
+def test_invalid_arguments_are_rejected():
     for call, message in [
         (lambda f, s: FlipperTheory(s.chain), 'is a spinner; use SpinnerTheory'),
         (lambda f, s: SpinnerTheory(f.chain), 'is a flipper; use FlipperTheory'),

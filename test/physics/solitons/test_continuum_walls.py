@@ -27,7 +27,7 @@ from soliton_linkage.solitons.tanh_fit import (
 )
 
 
-def test_flippers_lean_right_before_a_wall_of_charge_1_and_left_after_it() -> None:
+def test_flippers_lean_right_before_a_wall_of_charge_1_and_left_after_it():
     for charge in [-1, 1]:
         for sense in [-1, 1]:
             chain = chain_of(WIDEST_FLIPPER, 200)
@@ -45,7 +45,7 @@ def test_flippers_lean_right_before_a_wall_of_charge_1_and_left_after_it() -> No
             assert field_charge == pytest.approx(charge, abs=1e-6)
 
 
-def test_spinners_turn_by_half_a_turn_across_a_wall() -> None:
+def test_spinners_turn_by_half_a_turn_across_a_wall():
     signs, examples = (-1, 1), (SPINNER, WIDE_SPINNER)
     for sense, family, turn, charge, example in product(signs, signs, signs, signs, examples):
         chain = chain_of(example, 60)
@@ -67,7 +67,7 @@ def test_spinners_turn_by_half_a_turn_across_a_wall() -> None:
         assert (soliton.charge, math.copysign(1, soliton.velocity)) == (charge, sense)
 
 
-def test_extensions_of_a_flipper_wall_agree_with_the_chain() -> None:
+def test_extensions_of_a_flipper_wall_agree_with_the_chain():
     for charge, fraction in [(-1, 0.0), (-1, 0.6), (1, 0.6)]:
         errors = []
         for rest_angle in (0.1, 0.05):
@@ -85,7 +85,7 @@ def test_extensions_of_a_flipper_wall_agree_with_the_chain() -> None:
         assert errors[1] == pytest.approx(errors[0] / 4, rel=0.1)
 
 
-def test_extensions_of_a_spinner_wall_agree_with_the_chain() -> None:
+def test_extensions_of_a_spinner_wall_agree_with_the_chain():
     for family in [-1, 1]:
         for turn in [-1, 1]:
             errors = []
@@ -116,7 +116,7 @@ def pair_on_a_ring(rest_angle: float, rotors: int) -> tuple[FlipperTheory, Array
     return theory, equilibrium(chain, angles)
 
 
-def test_the_energy_of_an_anti_kink_converges_to_the_theory_with_the_square_of_d() -> None:
+def test_the_energy_of_an_anti_kink_converges_to_the_theory_with_the_square_of_d():
     deficits = []
     for sine, rotors in ((0.025, 1200), (0.05, 600), (0.1, 300)):
         theory, angles = pair_on_a_ring(math.asin(sine), rotors)
@@ -164,13 +164,7 @@ def kicked(
         (WIDE_SPINNER, 1, 50, 100, (0.01, 0.04)),
     ],
 )
-def test_a_kick_creates_a_boosted_wall(
-    example: tuple[float, float],
-    kick: float,
-    since: float,
-    until: float,
-    limits: tuple[float, float],
-) -> None:
+def test_a_kick_creates_a_boosted_wall(example, kick, since, until, limits):
     flipper = example == WIDEST_FLIPPER
     theory, speed, width, springs, motion = kicked(
         example, 150 if flipper else 50, kick, since, until
@@ -187,7 +181,7 @@ def test_a_kick_creates_a_boosted_wall(
         assert ratio == pytest.approx(springs / motion, rel=0.03)
 
 
-def test_the_exact_speed_of_sound_fits_a_fast_flipper_better_than_its_limit() -> None:
+def test_the_exact_speed_of_sound_fits_a_fast_flipper_better_than_its_limit():
     theory, speed, _, springs, motion = kicked(WIDEST_FLIPPER, 150, 0.016, 100, 200)
     limiting = dataclasses.replace(theory, exact_sound=False)
     kick = 0.016 * theory.chain.spacing / theory.chain.time_unit
@@ -210,7 +204,7 @@ def test_the_exact_speed_of_sound_fits_a_fast_flipper_better_than_its_limit() ->
     assert errors[0] < 0.01
 
 
-def test_the_exact_wall_between_two_spinners_converges_to_the_theory() -> None:
+def test_the_exact_wall_between_two_spinners_converges_to_the_theory():
     for turn in [-1, 1]:
         for family in [-1, 1]:
             errors = []

@@ -72,8 +72,8 @@ def travels(spacing: float, first: float, second: float, bar: float) -> tuple[bo
     st.floats(0.05, 20), st.floats(0.05, 20), st.floats(0.05, 20), st.sampled_from([False, True])
 )
 def test_a_bond_without_obstacle_is_a_double_crank_or_a_triple_rocker(
-    first: float, second: float, bar: float, spinning: bool
-) -> None:
+    first, second, bar, spinning
+):
     margins = (
         bar - 1 - abs(first - second),
         first + second - 1 - bar,
@@ -97,7 +97,7 @@ def test_a_bond_without_obstacle_is_a_double_crank_or_a_triple_rocker(
 
 
 @given(any_chain())
-def test_bonds_without_deviations_have_the_class_of_their_chain(chain: Chain) -> None:
+def test_bonds_without_deviations_have_the_class_of_their_chain(chain):
     rounding = 16 * EPS * (chain.spacing + chain.rotor_length)
     assume(chain.rest_length - chain.spacing > rounding)
     reach = float(length_excesses(chain)[0])
@@ -119,9 +119,7 @@ def test_bonds_without_deviations_have_the_class_of_their_chain(chain: Chain) ->
         *((example, Edge.LAST) for example in CLASSES),
     ],
 )
-def test_without_deviations_the_wall_crosses_and_returns_from_either_edge(
-    example: tuple[float, float], edge: Edge
-) -> None:
+def test_without_deviations_the_wall_crosses_and_returns_from_either_edge(example, edge):
     chain = chain_of(example, 6)
     legs = follow_wall(chain, edge, legs=4)
     sense = 1 if edge is Edge.FIRST else -1
@@ -135,9 +133,7 @@ def test_without_deviations_the_wall_crosses_and_returns_from_either_edge(
 
 
 @pytest.mark.parametrize(('example', 'seeds'), [(FLIPPER, 8), (WOBBLER, 4), (SPINNER, 4)])
-def test_a_chain_with_deviations_of_ten_percent_stops_a_wall_only_at_an_obstacle(
-    example: tuple[float, float], seeds: int
-) -> None:
+def test_a_chain_with_deviations_of_ten_percent_stops_a_wall_only_at_an_obstacle(example, seeds):
     outcomes = set()
     for seed in range(seeds):
         chain = deviating(chain_of(example, ROTORS), seed, 0.1)
@@ -155,8 +151,8 @@ def test_a_chain_with_deviations_of_ten_percent_stops_a_wall_only_at_an_obstacle
     st.integers(3, 6),
 )
 def test_the_wall_passes_any_chain_without_obstacles(
-    logarithm: float, rest_angle: float, fraction: float, seed: int, rotors: int
-) -> None:
+    logarithm, rest_angle, fraction, seed, rotors
+):
     chain = deviating(chain_of((math.exp(logarithm), rest_angle), rotors), seed, fraction)
     excess = length_excesses(chain) - chain.spacings
     # At the limit the bars are in line, and the motion takes longer and longer.
@@ -168,9 +164,7 @@ def test_the_wall_passes_any_chain_without_obstacles(
 @pytest.mark.parametrize(
     ('example', 'fraction', 'relation'), [(FLIPPER, -0.2, 'longer'), (SPINNER, 1.0, 'shorter')]
 )
-def test_an_obstacle_has_the_number_and_the_lengths_of_its_bond(
-    example: tuple[float, float], fraction: float, relation: str
-) -> None:
+def test_an_obstacle_has_the_number_and_the_lengths_of_its_bond(example, fraction, relation):
     chain = with_odd_bond(chain_of(example, ROTORS), 4, fraction)
     (obstacle,) = find_obstacles(chain)
     assert obstacle.bond == 4
@@ -181,7 +175,7 @@ def test_an_obstacle_has_the_number_and_the_lengths_of_its_bond(
     assert motion_of_bonds(chain) is None
 
 
-def test_a_chain_whose_wall_reverses_is_rejected_with_the_bond_and_its_limit() -> None:
+def test_a_chain_whose_wall_reverses_is_rejected_with_the_bond_and_its_limit():
     refused = 0
     for seed in range(6):
         chain = deviating(chain_of(FLIPPER, ROTORS), seed, 0.08)
@@ -201,7 +195,7 @@ def test_a_chain_whose_wall_reverses_is_rejected_with_the_bond_and_its_limit() -
     assert refused
 
 
-def test_rings_are_rejected_because_they_have_no_edges() -> None:
+def test_rings_are_rejected_because_they_have_no_edges():
     for example in CLASSES:
         ring = dataclasses.replace(chain_of(example, 8), periodic=True)
         complaint = (

@@ -63,7 +63,7 @@ def any_wall(
 
 @settings(deadline=None, max_examples=40)
 @given(any_wall())
-def test_a_wall_is_relaxed_at_any_site(wall: tuple[Chain, float, int, bool]) -> None:
+def test_a_wall_is_relaxed_at_any_site(wall):
     chain, site, leg, inverted = wall
     angles = static_wall(chain, site, leg, inverted)
     rounding = length_rounding(chain)
@@ -73,7 +73,7 @@ def test_a_wall_is_relaxed_at_any_site(wall: tuple[Chain, float, int, bool]) -> 
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_a_wall_between_two_rotors_is_symmetric(example: tuple[float, float]) -> None:
+def test_a_wall_between_two_rotors_is_symmetric(example):
     for inverted, rotor in [(False, 9), (True, 10)]:
         chain = chain_of(example, 21)
         spinner = chain.motion is Motion.SPINNER
@@ -87,9 +87,7 @@ def test_a_wall_between_two_rotors_is_symmetric(example: tuple[float, float]) ->
 
 @settings(deadline=None, max_examples=15)
 @given(any_wall(apart=1e-4))
-def test_an_inverted_wall_is_the_image_at_the_horizontal(
-    wall: tuple[Chain, float, int, bool],
-) -> None:
+def test_an_inverted_wall_is_the_image_at_the_horizontal(wall):
     chain, site, leg, inverted = wall
     image_leg = 1 - leg if chain.motion is Motion.SPINNER else leg
     image = static_wall(chain, site, image_leg, not inverted)
@@ -98,9 +96,7 @@ def test_an_inverted_wall_is_the_image_at_the_horizontal(
 
 @settings(deadline=None, max_examples=15)
 @given(any_wall(apart=1e-4))
-def test_the_mirror_image_of_a_wall_is_the_wall_at_the_mirrored_site(
-    wall: tuple[Chain, float, int, bool],
-) -> None:
+def test_the_mirror_image_of_a_wall_is_the_wall_at_the_mirrored_site(wall):
     chain, site, leg, inverted = wall
     # In staggered angles the image is -theta, or theta - pi for spinners, wherever even rotors
     # become odd ones.
@@ -115,9 +111,7 @@ def test_the_mirror_image_of_a_wall_is_the_wall_at_the_mirrored_site(
 
 @settings(deadline=None, max_examples=15)
 @given(any_wall(fewest=6, apart=1e-4))
-def test_walls_repeat_after_two_rotors_and_are_inverted_after_one(
-    wall: tuple[Chain, float, int, bool],
-) -> None:
+def test_walls_repeat_after_two_rotors_and_are_inverted_after_one(wall):
     chain, site, leg, inverted = wall
     site = 0.5 + (site - 0.5) * (chain.number_of_rotors - 4) / (chain.number_of_rotors - 2)
     angles = static_wall(chain, site, leg, inverted)
@@ -130,9 +124,7 @@ def test_walls_repeat_after_two_rotors_and_are_inverted_after_one(
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_the_site_is_proportional_to_the_arc_length_of_the_motion(
-    example: tuple[float, float],
-) -> None:
+def test_the_site_is_proportional_to_the_arc_length_of_the_motion(example):
     chain = chain_of(example, 170)
     arc = site_arc(chain)
     for leg, spacings in product(legs_of(chain), (0.3, 1.0, -2.7)):
@@ -158,7 +150,7 @@ def arc_of_wide_spinner(chain: Chain) -> float:
     return math.sqrt(2 * chain.spacing / chain.wall_width)
 
 
-def test_the_arc_converges_to_phi_4_theory_as_d_squared() -> None:
+def test_the_arc_converges_to_phi_4_theory_as_d_squared():
     for rest_angle in [0.1, 0.77, 1.3]:
         errors = []
         for lean_ratio in (0.2, 0.1, 0.05):
@@ -168,7 +160,7 @@ def test_the_arc_converges_to_phi_4_theory_as_d_squared() -> None:
             assert math.log2(coarse / fine) == pytest.approx(2, abs=0.1)
 
 
-def test_the_arc_converges_to_sine_gordon_theory_as_1_over_d_squared() -> None:
+def test_the_arc_converges_to_sine_gordon_theory_as_1_over_d_squared():
     for rest_angle in [0.6, 0.9, 1.4]:
         errors = []
         for ratio in (16, 32, 64):
@@ -189,7 +181,7 @@ def of_lean_ratio(lean_ratio: float, rest_angle: float) -> Chain:
     return chain_of((lean_ratio / 2 / math.sin(rest_angle), rest_angle), 101)
 
 
-def test_a_flipper_does_not_overshoot() -> None:
+def test_a_flipper_does_not_overshoot():
     for lean_ratio in [0.3, 0.8, 0.99]:
         for rest_angle in [0.2, 0.77, 1.4]:
             assert largest_lean(of_lean_ratio(lean_ratio, rest_angle)) <= lean_ratio / 2 * (
@@ -209,9 +201,7 @@ def shown_leg(chain: Chain, angles: Array, site: float, inverted: bool) -> int:
 
 @pytest.mark.parametrize(('rotors', 'inverted'), [(40, False), (41, True)])
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_a_wall_is_found_on_its_leg(
-    example: tuple[float, float], inverted: bool, rotors: int
-) -> None:
+def test_a_wall_is_found_on_its_leg(example, inverted, rotors):
     chain = chain_of(example, rotors)
     legs = legs_of(chain)
     for leg, site in product(legs, (13.3, 20.0, 24.8)):
@@ -222,7 +212,7 @@ def test_a_wall_is_found_on_its_leg(
         assert soliton.charge == 1
 
 
-def test_walls_near_the_transition_to_spinners_are_symmetric() -> None:
+def test_walls_near_the_transition_to_spinners_are_symmetric():
     for beyond in [-1e-8, 1e-8]:
         for rest_angle in [0.3, 0.77, 1.5]:
             chain = chain_of(((1 + beyond) / math.sin(rest_angle) ** 2, rest_angle), 20)
@@ -234,9 +224,7 @@ def test_walls_near_the_transition_to_spinners_are_symmetric() -> None:
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_a_wrong_bar_moves_the_rotors_beyond_it_along_the_zero_mode(
-    example: tuple[float, float],
-) -> None:
+def test_a_wrong_bar_moves_the_rotors_beyond_it_along_the_zero_mode(example):
     chain = chain_of(example, 24)
     angles = static_wall(chain, 12)
     mode = zero_mode(chain, angles)
@@ -254,9 +242,7 @@ def test_a_wrong_bar_moves_the_rotors_beyond_it_along_the_zero_mode(
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_in_a_chain_with_deviations_each_bar_has_its_own_length(
-    example: tuple[float, float],
-) -> None:
+def test_in_a_chain_with_deviations_each_bar_has_its_own_length(example):
     even = chain_of(example, 30)
     deviations = drawn_deviations(30, 5, spacing=0.01, rotor_length=0.01, rest_length=0.01)
     chain = dataclasses.replace(even, deviations=deviations)
@@ -270,7 +256,7 @@ def test_in_a_chain_with_deviations_each_bar_has_its_own_length(
         ).all()
 
 
-def test_a_bar_that_does_not_reach_is_rejected() -> None:
+def test_a_bar_that_does_not_reach_is_rejected():
     chain = chain_of(FLIPPER, 9)
     lengths = np.zeros(8)
     lengths[6] = 2.0
@@ -280,14 +266,14 @@ def test_a_bar_that_does_not_reach_is_rejected() -> None:
         static_wall(other, 3.0)
 
 
-def test_a_chain_at_the_transition_to_spinners_is_rejected() -> None:
+def test_a_chain_at_the_transition_to_spinners_is_rejected():
     for beyond in [0.0, 5e-10, -5e-10]:
         chain = chain_of(((1 + beyond) / math.sin(0.77) ** 2, 0.77), 9)
         with pytest.raises(ValueError, match=r'd = 2\.873.* too near to d_c = 2\.873.*; take d'):
             static_wall(chain, 4.0)
 
 
-def test_a_too_wide_wall_is_rejected() -> None:
+def test_a_too_wide_wall_is_rejected():
     with pytest.raises(ValueError, match=r'd = 4e-05 makes a wall extend over .* rotors'):
         site_arc(chain_of((0.02, 0.001), 3))
 
@@ -295,7 +281,7 @@ def test_a_too_wide_wall_is_rejected() -> None:
 RING = dataclasses.replace(chain_of(FLIPPER, 8), periodic=True)
 
 
-def test_sites_legs_and_chains_without_a_wall_are_rejected() -> None:
+def test_sites_legs_and_chains_without_a_wall_are_rejected():
     for chain, site, leg, message in [
         *(
             (chain_of(FLIPPER, 9), site, 0, r'site = .* must lie in the range 0 to .* = 8')

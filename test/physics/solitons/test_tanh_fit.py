@@ -93,9 +93,7 @@ def walls(example: tuple[float, float], rotors: int = 40) -> list[tuple[Chain, f
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_a_symmetric_wall_has_zero_energy_and_is_found_between_two_rotors(
-    example: tuple[float, float],
-) -> None:
+def test_a_symmetric_wall_has_zero_energy_and_is_found_between_two_rotors(example):
     for crossed in BOTH:
         for rotors, turned in [(20, False), (21, True)]:
             chain = chain_of(example, 2 * rotors)
@@ -113,9 +111,7 @@ def test_a_symmetric_wall_has_zero_energy_and_is_found_between_two_rotors(
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_the_bias_is_limited_at_every_site_between_two_rotors(
-    example: tuple[float, float],
-) -> None:
+def test_the_bias_is_limited_at_every_site_between_two_rotors(example):
     for chain, truth, angles in walls(example):
         soliton = only(find_solitons(chain, angles))
         assert soliton.charge == 1
@@ -124,7 +120,7 @@ def test_the_bias_is_limited_at_every_site_between_two_rotors(
 
 
 @pytest.mark.parametrize('example', ERROR)
-def test_errors_by_noise_agree_with_an_independent_program(example: tuple[float, float]) -> None:
+def test_errors_by_noise_agree_with_an_independent_program(example):
     random = np.random.default_rng(11)
     noise = 0.01
     _, arc = walls_over_a_site(chain_of(example, 40), 19, False, False, 9)
@@ -142,9 +138,7 @@ def test_errors_by_noise_agree_with_an_independent_program(example: tuple[float,
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_symmetric_images_of_a_frame_have_the_images_of_its_soliton(
-    example: tuple[float, float],
-) -> None:
+def test_symmetric_images_of_a_frame_have_the_images_of_its_soliton(example):
     random = np.random.default_rng(2)
     for rotors in (40, 41):
         for chain, _, angles in walls(example, rotors)[::3]:
@@ -167,7 +161,7 @@ def test_symmetric_images_of_a_frame_have_the_images_of_its_soliton(
                 ), name
 
 
-def test_several_walls_are_found_in_order_with_alternating_charges() -> None:
+def test_several_walls_are_found_in_order_with_alternating_charges():
     for charge in [-1, 1]:
         for example in EXAMPLES[:3]:
             chain = chain_of(example, 100)
@@ -178,9 +172,7 @@ def test_several_walls_are_found_in_order_with_alternating_charges() -> None:
 
 
 @given(any_configuration(most=8), st.data())
-def test_walls_of_any_configuration_are_in_order_and_alternate(
-    configuration: tuple[Chain, Array], data: st.DataObject
-) -> None:
+def test_walls_of_any_configuration_are_in_order_and_alternate(configuration, data):
     chain, angles = configuration
     rates = np.full(chain.number_of_rotors, data.draw(st.floats(-100, 100)))
     found = find_solitons(chain, angles, rates)
@@ -194,9 +186,7 @@ def test_walls_of_any_configuration_are_in_order_and_alternate(
 
 
 @given(any_configuration())
-def test_the_polarisation_has_the_sign_of_the_growth_of_the_zero_mode(
-    configuration: tuple[Chain, Array],
-) -> None:
+def test_the_polarisation_has_the_sign_of_the_growth_of_the_zero_mode(configuration):
     chain, angles = configuration
     mode = np.abs(zero_mode(chain, angles))
     grows = mode[1:] / np.maximum(mode[:-1], 1e-200)
@@ -208,9 +198,7 @@ def test_the_polarisation_has_the_sign_of_the_growth_of_the_zero_mode(
 @pytest.mark.parametrize(
     ('example', 'speed'), [(FLIPPER, 0.1), (WOBBLER, 0.08), (STRONG_WOBBLER, 0.03), (SPINNER, 0.3)]
 )
-def test_the_velocity_is_the_rate_of_change_of_the_position(
-    example: tuple[float, float], speed: float
-) -> None:
+def test_the_velocity_is_the_rate_of_change_of_the_position(example, speed):
     chain = chain_of(example, 20)
     start = wall_between(chain, 5)
     rates = speed * chain.spacing / chain.rotor_length / chain.time_unit
@@ -233,7 +221,7 @@ def test_the_velocity_is_the_rate_of_change_of_the_position(
     assert velocities.max() > 0
 
 
-def test_the_width_at_rest_converges_quadratically_to_the_theory() -> None:
+def test_the_width_at_rest_converges_quadratically_to_the_theory():
     for narrow in [True, False]:
         deficits = []
         for factor in (1, 2):
@@ -247,7 +235,7 @@ def test_the_width_at_rest_converges_quadratically_to_the_theory() -> None:
         assert deficits[0] / deficits[1] == pytest.approx(4, rel=0.1)
 
 
-def test_an_undetermined_width_is_nan() -> None:
+def test_an_undetermined_width_is_nan():
     near_an_edge = chain_of(FLIPPER, 40)
     width = only(find_solitons(near_an_edge, wall_between(near_an_edge, 1))).width
     assert math.isnan(width)
@@ -266,7 +254,7 @@ def test_an_undetermined_width_is_nan() -> None:
     assert not any(s.width_deviation > s.width / 2 for s in hardly_a_tanh)
 
 
-def test_a_toggled_edge_rotor_does_not_move_the_wall() -> None:
+def test_a_toggled_edge_rotor_does_not_move_the_wall():
     for example in [FLIPPER, WOBBLER, STRONG_WOBBLER]:
         for rotors in [12, 13]:
             chain = chain_of(example, rotors)
@@ -282,7 +270,7 @@ def test_a_toggled_edge_rotor_does_not_move_the_wall() -> None:
             assert after.rotor == pytest.approx(before.rotor, abs=1e-12)
 
 
-def test_invalid_frames_are_rejected() -> None:
+def test_invalid_frames_are_rejected():
     chain = chain_of(FLIPPER, 4)
     angles = chain.uniform_state(1)
     with pytest.raises(ValueError, match='angle of rotor 1 = nan must be a finite number'):
@@ -303,9 +291,7 @@ def pair_on_a_ring(chain: Chain) -> Array:
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_walls_on_a_ring_are_found_independent_of_the_numbering(
-    example: tuple[float, float],
-) -> None:
+def test_walls_on_a_ring_are_found_independent_of_the_numbering(example):
     ring = dataclasses.replace(chain_of(example, 60), periodic=True)
     angles = pair_on_a_ring(ring)
     for shift in range(0, 60, 2):
@@ -316,7 +302,7 @@ def test_walls_on_a_ring_are_found_independent_of_the_numbering(
         assert all(soliton.position == soliton.rotor * ring.spacing for soliton in found)
 
 
-def test_uniform_states_have_no_charge_and_exact_walls_have_charge_1() -> None:
+def test_uniform_states_have_no_charge_and_exact_walls_have_charge_1():
     for example in EXAMPLES:
         chain = chain_of(example, 40)
         for lean in (-1, 1):
@@ -329,7 +315,7 @@ def test_uniform_states_have_no_charge_and_exact_walls_have_charge_1() -> None:
                 assert half_turns(chain, chain.uniform_state(1)) == 0
 
 
-def test_charges_of_invalid_arguments_are_rejected() -> None:
+def test_charges_of_invalid_arguments_are_rejected():
     chain = chain_of(FLIPPER, 3)
     with pytest.raises(ValueError, match=r'lean = 0\.0 m must be a finite'):
         charge_of_field([0, 1], 0.0)

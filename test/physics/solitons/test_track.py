@@ -22,7 +22,7 @@ def zigzag(speed: float, period: float, legs: int) -> Track:
     return Track(times, rotors, np.gradient(rotors, times))
 
 
-def test_a_path_up_and_down_the_chain_has_one_crossing_per_leg() -> None:
+def test_a_path_up_and_down_the_chain_has_one_crossing_per_leg():
     for speed in [0.5, 3.0]:
         for legs in [1, 2, 5]:
             period = 0.01 / speed
@@ -34,13 +34,13 @@ def test_a_path_up_and_down_the_chain_has_one_crossing_per_leg() -> None:
                 assert crossing.end == pytest.approx((20 * leg + 16) / speed, abs=1.01 * period)
 
 
-def test_a_path_that_reverses_half_way_is_no_crossing() -> None:
+def test_a_path_that_reverses_half_way_is_no_crossing():
     times = np.linspace(0, 1, 101)
     rotors = 12 - np.abs(24 * times - 12)
     assert find_crossings(CHAIN, Track(times, rotors, 0 * times)) == ()
 
 
-def test_frames_without_a_soliton_do_not_divide_a_crossing() -> None:
+def test_frames_without_a_soliton_do_not_divide_a_crossing():
     track = zigzag(2.0, 0.01, 2)
     rotors = track.sites.copy()
     rotors[::3] = np.nan
@@ -51,7 +51,7 @@ def test_frames_without_a_soliton_do_not_divide_a_crossing() -> None:
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WIDE_FLIPPER, WOBBLER, SPINNER, WIDE_SPINNER])
-def test_a_slow_wall_has_the_speed_of_the_rigid_linkage(example: tuple[float, float]) -> None:
+def test_a_slow_wall_has_the_speed_of_the_rigid_linkage(example):
     chain = chain_of(example, 40)
     walls, arc = walls_over_a_site(chain, 12, False, False, 9)
     rate = 0.02 * chain.spacing / chain.rotor_length / chain.time_unit * arc

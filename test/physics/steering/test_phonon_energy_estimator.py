@@ -43,9 +43,7 @@ def watched(orbit: UniformOrbit, arc: float, rates: Array) -> Array:
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_the_estimate_is_the_energy_of_the_normal_modes_for_any_wall_motion(
-    example: tuple[float, float],
-) -> None:
+def test_the_estimate_is_the_energy_of_the_normal_modes_for_any_wall_motion(example):
     orbit = orbit_of_example(example, ROTORS)
     arc = orbit.arc_at(5.3, 0)
     rates = vibrating(orbit, arc, 2e-6, 800) + 3.0 * orbit.tangent(arc)
@@ -56,7 +54,7 @@ def test_the_estimate_is_the_energy_of_the_normal_modes_for_any_wall_motion(
     assert energies[300:] == pytest.approx(2e-6, rel=0.3)
 
 
-def test_white_noise_of_the_rates_does_not_count_as_phonons() -> None:
+def test_white_noise_of_the_rates_does_not_count_as_phonons():
     orbit = orbit_of_example(FLIPPER, ROTORS)
     arc = orbit.arc_at(5.3, 0)
     noise = np.random.default_rng(9).normal(0, 0.1, (3000, ROTORS))
@@ -67,7 +65,7 @@ def test_white_noise_of_the_rates_does_not_count_as_phonons() -> None:
     assert watched(orbit, arc, noise)[300:].mean() < 0.1 * of_noise
 
 
-def test_frames_without_rates_are_ignored() -> None:
+def test_frames_without_rates_are_ignored():
     orbit = orbit_of_example(FLIPPER, ROTORS)
     arc = orbit.arc_at(5.3, 0)
     watch = PhononEnergyEstimator(orbit)
@@ -82,7 +80,7 @@ def test_frames_without_rates_are_ignored() -> None:
     assert math.isnan(PhononEnergyEstimator(orbit).energy)
 
 
-def test_decreasing_time_restarts_the_estimate() -> None:
+def test_decreasing_time_restarts_the_estimate():
     orbit = orbit_of_example(FLIPPER, ROTORS)
     arc = orbit.arc_at(5.3, 0)
     watch = PhononEnergyEstimator(orbit)

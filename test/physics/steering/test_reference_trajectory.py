@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Trajectories have their start and end, and the adiabatic rate excites no phonons."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -30,9 +28,7 @@ points = st.builds(ReferencePoint, st.floats(-50, 50), st.floats(-10, 10), st.fl
 
 @settings(max_examples=30)
 @given(points, st.floats(-50, 50), st.floats(-5, 5), st.floats(0.1, 20), st.floats(0.1, 10))
-def test_a_trajectory_joins_its_point_to_rest_at_the_goal(
-    point: ReferencePoint, goal: float, start: float, rate: float, shortest: float
-) -> None:
+def test_a_trajectory_joins_its_point_to_rest_at_the_goal(point, goal, start, rate, shortest):
     trajectory = trajectory_to(goal, start, point, rate, shortest)
     begun, ended = trajectory.at(start), trajectory.at(trajectory.end)
     assert trajectory.duration >= shortest
@@ -49,9 +45,7 @@ def test_a_trajectory_joins_its_point_to_rest_at_the_goal(
 
 
 @given(points, st.floats(-50, 50), st.floats(0.02, 0.98))
-def test_rate_and_acceleration_are_derivatives_of_the_arc(
-    point: ReferencePoint, goal: float, share: float
-) -> None:
+def test_rate_and_acceleration_are_derivatives_of_the_arc(point, goal, share):
     trajectory = trajectory_to(goal, 0.0, point, 5.0, 2.0)
     time, step = share * trajectory.duration, 1e-4 * trajectory.duration
     before, here, after = (trajectory.at(time + shift) for shift in (-step, 0, step))
@@ -62,9 +56,7 @@ def test_rate_and_acceleration_are_derivatives_of_the_arc(
 
 
 @given(st.floats(0.01, 100), st.floats(0.1, 10), st.floats(0.1, 10))
-def test_from_rest_the_trajectory_has_minimum_jerk(
-    way: float, rate: float, shortest: float
-) -> None:
+def test_from_rest_the_trajectory_has_minimum_jerk(way, rate, shortest):
     trajectory = trajectory_to(-way, 0.0, ReferencePoint(0.0, 0.0, 0.0), rate, shortest)
     time = trajectory.duration
     assert trajectory.max_rate == pytest.approx(1.875 * way / time, rel=1e-9)
@@ -76,7 +68,7 @@ def test_from_rest_the_trajectory_has_minimum_jerk(
 
 
 @given(st.floats(-10, 10), st.floats(0.1, 5))
-def test_braking_takes_half_the_distance_of_constant_speed(rate: float, shortest: float) -> None:
+def test_braking_takes_half_the_distance_of_constant_speed(rate, shortest):
     trajectory = trajectory_to_rest(3.0, ReferencePoint(2.0, rate, 0.0), shortest)
     assert trajectory.goal - 2.0 == pytest.approx(rate * shortest / 2)
     rates = [trajectory.at(3.0 + share * shortest).rate for share in np.linspace(0, 1, 50)]
@@ -86,7 +78,7 @@ def test_braking_takes_half_the_distance_of_constant_speed(rate: float, shortest
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_a_free_wall_at_the_adiabatic_rate_radiates_nothing(example: tuple[float, float]) -> None:
+def test_a_free_wall_at_the_adiabatic_rate_radiates_nothing(example):
     orbit = orbit_of_example(example, 12)
     chain, rate = orbit.chain, adiabatic_rate(orbit)
     start = orbit.arc_at(3.5, 0)
@@ -105,18 +97,14 @@ def test_a_free_wall_at_the_adiabatic_rate_radiates_nothing(example: tuple[float
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_the_adiabatic_rate_does_not_depend_on_the_length_of_the_chain(
-    example: tuple[float, float],
-) -> None:
+def test_the_adiabatic_rate_does_not_depend_on_the_length_of_the_chain(example):
     assert adiabatic_rate(orbit_of_example(example, 60)) == pytest.approx(
         adiabatic_rate(orbit_of_example(example, 150)), rel=0.1
     )
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_the_adiabatic_rate_scales_with_the_time_unit_of_the_springs(
-    example: tuple[float, float],
-) -> None:
+def test_the_adiabatic_rate_scales_with_the_time_unit_of_the_springs(example):
     for size, mass, stiffness in [(3.0, 1.0, 1.0), (1.0, 0.01, 400.0)]:
         chain = chain_of(example, 12)
         scaled = replace(
@@ -133,7 +121,7 @@ def test_the_adiabatic_rate_scales_with_the_time_unit_of_the_springs(
         assert rates[0] == pytest.approx(rates[1] * chain.time_unit, rel=1e-3)
 
 
-def test_the_bandwidth_is_below_the_gap_and_the_frame_rate() -> None:
+def test_the_bandwidth_is_below_the_gap_and_the_frame_rate():
     orbit = orbit_of_example(FLIPPER, 12)
     for period in (1e-4, 1e-2, 0.1):
         assert bandwidth(orbit, period) <= gap(orbit.chain) / 8
@@ -142,6 +130,6 @@ def test_the_bandwidth_is_below_the_gap_and_the_frame_rate() -> None:
     assert bandwidth(orbit, math.nan) == gap(orbit.chain) / 8
 
 
-def test_a_wall_that_radiates_at_every_wave_number_moves_slowly() -> None:
+def test_a_wall_that_radiates_at_every_wave_number_moves_slowly():
     chain = replace(chain_of(FLIPPER, 8), rotor_length=1000.0, rest_angle=0.001)
     assert 0 < adiabatic_rate(UniformOrbit(chain)) < 1e-5

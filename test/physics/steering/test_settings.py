@@ -31,7 +31,7 @@ def moved(settings: SteeringSettings) -> Loop:
     return loop
 
 
-def test_each_setting_has_a_description_and_its_default_is_in_range() -> None:
+def test_each_setting_has_a_description_and_its_default_is_in_range():
     described = described_fields(SteeringSettings)
     assert set(described) == {field.name for field in fields(SteeringSettings)}
     for name, quantity in described.items():
@@ -40,7 +40,7 @@ def test_each_setting_has_a_description_and_its_default_is_in_range() -> None:
             SteeringSettings(**{name: -1})
 
 
-def test_rates_and_bandwidths_scale_with_their_fractions() -> None:
+def test_rates_and_bandwidths_scale_with_their_fractions():
     orbit = orbit_of_example(FLIPPER, ROTORS)
     slower = replace(DEFAULTS, adiabatic_fraction=0.25, bandwidth_share=1 / 16)
     assert adiabatic_rate(orbit, slower) == adiabatic_rate(orbit) / 2
@@ -49,7 +49,7 @@ def test_rates_and_bandwidths_scale_with_their_fractions() -> None:
     assert bandwidth(orbit, PERIOD, later) == pytest.approx(0.01 / PERIOD)
 
 
-def test_the_settings_of_durations_change_the_time_of_a_move() -> None:
+def test_the_settings_of_durations_change_the_time_of_a_move():
     b = bandwidth(orbit_of_example(FLIPPER, ROTORS), PERIOD)
     usual = moved(DEFAULTS).time
     longer = moved(replace(DEFAULTS, min_duration=20.0)).time
@@ -58,7 +58,7 @@ def test_the_settings_of_durations_change_the_time_of_a_move() -> None:
     assert restful - usual == pytest.approx(3 / b, abs=3 * PERIOD)
 
 
-def test_a_wall_is_lost_beyond_max_error() -> None:
+def test_a_wall_is_lost_beyond_max_error():
     # An impulse that displaces the wall by half a spacing.
     for largest, held in ((1.0, True), (0.25, False)):
         loop = moved(replace(DEFAULTS, max_error=largest, max_restarts=0))
@@ -68,7 +68,7 @@ def test_a_wall_is_lost_beyond_max_error() -> None:
         assert loop.steering.holding is held
 
 
-def test_frames_may_be_missing_for_the_detection_timeout() -> None:
+def test_frames_may_be_missing_for_the_detection_timeout():
     for timeout, held in ((0.1, False), (0.4, True)):
         loop = moved(replace(DEFAULTS, detection_timeout=timeout))
         for _ in range(25):

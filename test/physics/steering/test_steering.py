@@ -68,9 +68,7 @@ def held_within(loop: Loop, place: float, distance: float, seconds: float = 0.5)
     ('example', 'start', 'goal'),
     [(FLIPPER, 2.2, 7.9), (FLIPPER, 9.0, 3.0), (WOBBLER, 4.0, 2.5), (SPINNER, 7.1, 4.4)],
 )
-def test_a_wall_among_springs_reaches_the_goal_without_phonons(
-    example: tuple[float, float], start: float, goal: float
-) -> None:
+def test_a_wall_among_springs_reaches_the_goal_without_phonons(example, start, goal):
     orbit = orbit_of_example(example, ROTORS)
     wall = spring_wall(orbit.chain, orbit.configuration(orbit.arc_at(start, 1)))
     loop = Loop(steering_of(orbit), wall)
@@ -90,9 +88,7 @@ def test_a_wall_among_springs_reaches_the_goal_without_phonons(
 
 
 @pytest.mark.parametrize(('example', 'seed'), [(FLIPPER, 1), (WOBBLER, 1), (SPINNER, 1)])
-def test_the_goal_is_reached_with_unmodelled_noise_friction_and_disorder(
-    example: tuple[float, float], seed: int
-) -> None:
+def test_the_goal_is_reached_with_unmodelled_noise_friction_and_disorder(example, seed):
     orbit = orbit_of_example(example, ROTORS)
     chain = orbit.chain
     drawn = drawn_deviations(
@@ -113,9 +109,7 @@ def test_the_goal_is_reached_with_unmodelled_noise_friction_and_disorder(
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_with_known_deviations_the_wall_ends_on_the_orbit_of_that_chain(
-    example: tuple[float, float],
-) -> None:
+def test_with_known_deviations_the_wall_ends_on_the_orbit_of_that_chain(example):
     even = orbit_of_example(example, ROTORS).chain
     drawn = drawn_deviations(
         ROTORS, 1, spacing=0.05, rotor_length=0.05, rest_length=0.02, mass=0.05, stiffness=0.05
@@ -130,7 +124,7 @@ def test_with_known_deviations_the_wall_ends_on_the_orbit_of_that_chain(
 
 
 @pytest.mark.parametrize('example', [FLIPPER, SPINNER])
-def test_a_wall_is_held_against_gravity(example: tuple[float, float]) -> None:
+def test_a_wall_is_held_against_gravity(example):
     orbit = orbit_of_example(example, ROTORS)
     wall = spring_wall(orbit.chain, orbit.configuration(orbit.arc_at(3.0, 0)), gravity=1.0)
     loop = Loop(steering_of(orbit), wall)
@@ -142,7 +136,7 @@ def test_a_wall_is_held_against_gravity(example: tuple[float, float]) -> None:
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_a_wall_is_moved_out_of_its_edge_and_back(example: tuple[float, float]) -> None:
+def test_a_wall_is_moved_out_of_its_edge_and_back(example):
     orbit = orbit_of_example(example, ROTORS)
     loop, wall = rigid_loop(example, 0.0)
     wall.arc = fit_anywhere(orbit, orbit.chain.uniform_state(-1)).arc
@@ -154,7 +148,7 @@ def test_a_wall_is_moved_out_of_its_edge_and_back(example: tuple[float, float]) 
         assert wall.place == pytest.approx(goal, abs=0.01)
 
 
-def test_the_wall_follows_its_reference() -> None:
+def test_the_wall_follows_its_reference():
     loop, wall = rigid_loop(FLIPPER, 2.0)
     assert loop.steering.move(7.0) is None
     trajectory = loop.steering.trajectory
@@ -165,7 +159,7 @@ def test_the_wall_follows_its_reference() -> None:
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_a_constant_force_causes_no_steady_error(example: tuple[float, float]) -> None:
+def test_a_constant_force_causes_no_steady_error(example):
     loop, wall = rigid_loop(example, 4.0, disturbance=2.0)
     assert loop.steering.move(4.0) is None
     assert loop.until_ended().outcome is Outcome.REACHED
@@ -174,9 +168,7 @@ def test_a_constant_force_causes_no_steady_error(example: tuple[float, float]) -
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_the_error_after_an_impulse_decays_with_the_bandwidth(
-    example: tuple[float, float],
-) -> None:
+def test_the_error_after_an_impulse_decays_with_the_bandwidth(example):
     loop, wall = rigid_loop(example, 4.0)
     loop.steering.move(4.0)
     loop.until_ended()
@@ -193,7 +185,7 @@ def test_the_error_after_an_impulse_decays_with_the_bandwidth(
 
 
 @pytest.mark.parametrize(('example', 'delay'), [(FLIPPER, 4), *((each, 8) for each in CLASSES)])
-def test_the_loop_is_stable_with_delayed_torques(example: tuple[float, float], delay: int) -> None:
+def test_the_loop_is_stable_with_delayed_torques(example, delay):
     orbit = orbit_of_example(example, ROTORS)
     wall = RigidWall(orbit, orbit.arc_at(4.0, 0))
     loop = Loop(steering_of(orbit), wall, PERIOD, delay=delay)
@@ -204,7 +196,7 @@ def test_the_loop_is_stable_with_delayed_torques(example: tuple[float, float], d
 
 
 @pytest.mark.parametrize('period', [0.001, 0.04])
-def test_the_loop_is_stable_at_any_frame_rate(period: float) -> None:
+def test_the_loop_is_stable_at_any_frame_rate(period):
     orbit = orbit_of_example(FLIPPER, ROTORS)
     wall = RigidWall(orbit, orbit.arc_at(4.0, 0))
     loop = Loop(steering_of(orbit), wall, period)
@@ -214,7 +206,7 @@ def test_the_loop_is_stable_at_any_frame_rate(period: float) -> None:
     assert wall.place == pytest.approx(6.0, abs=0.05)
 
 
-def test_the_speed_limit_of_a_move_is_respected() -> None:
+def test_the_speed_limit_of_a_move_is_respected():
     loop, _ = rigid_loop(FLIPPER, 2.0)
     assert loop.steering.move(7.0, 1.0) is None
     speeds = []
@@ -227,7 +219,7 @@ def test_the_speed_limit_of_a_move_is_respected() -> None:
     assert min(speeds) > -0.02
 
 
-def test_stop_brakes_within_the_shortest_time_and_holds() -> None:
+def test_stop_brakes_within_the_shortest_time_and_holds():
     loop, wall = rigid_loop(FLIPPER, 1.0)
     loop.steering.move(8.0)
     loop.go_on(1.5)
@@ -245,7 +237,7 @@ def test_stop_brakes_within_the_shortest_time_and_holds() -> None:
     assert wall.place == pytest.approx(stopped, abs=1e-3)
 
 
-def test_a_new_goal_during_a_move_changes_the_reference_smoothly() -> None:
+def test_a_new_goal_during_a_move_changes_the_reference_smoothly():
     loop, wall = rigid_loop(FLIPPER, 1.0)
     loop.steering.move(8.0)
     loop.go_on(1.0)
@@ -259,7 +251,7 @@ def test_a_new_goal_during_a_move_changes_the_reference_smoothly() -> None:
     assert wall.place == pytest.approx(2.0, abs=0.01)
 
 
-def test_a_released_wall_moves_freely() -> None:
+def test_a_released_wall_moves_freely():
     loop, wall = rigid_loop(FLIPPER, 1.0)
     loop.steering.move(8.0)
     loop.go_on(1.0)
@@ -273,7 +265,7 @@ def test_a_released_wall_moves_freely() -> None:
     assert loop.ended is None
 
 
-def test_an_upside_down_chain_is_steered_as_well() -> None:
+def test_an_upside_down_chain_is_steered_as_well():
     orbit = orbit_of_example(FLIPPER, ROTORS)
     wall = spring_wall(orbit.chain, math.pi - orbit.configuration(orbit.arc_at(3.0, 0)))
     loop = Loop(steering_of(orbit), wall)
@@ -283,7 +275,7 @@ def test_an_upside_down_chain_is_steered_as_well() -> None:
     assert place_of(orbit, math.pi - wall.frame()) == pytest.approx(4.0, abs=0.01)
 
 
-def test_a_goal_outside_the_chain_is_rejected() -> None:
+def test_a_goal_outside_the_chain_is_rejected():
     for place in [-0.1, 9.1, math.nan, math.inf]:
         loop, _ = rigid_loop(FLIPPER, 3.0)
         refused = loop.steering.move(place)
@@ -294,7 +286,7 @@ def test_a_goal_outside_the_chain_is_rejected() -> None:
         assert not loop.steering.holding
 
 
-def test_an_invalid_speed_is_rejected() -> None:
+def test_an_invalid_speed_is_rejected():
     for speed in [-1.0, math.nan, math.inf]:
         refused = rigid_loop(FLIPPER, 3.0)[0].steering.move(4.0, speed)
         assert refused is not None
@@ -302,7 +294,7 @@ def test_an_invalid_speed_is_rejected() -> None:
         assert '0 or more' in refused.message
 
 
-def test_a_move_without_a_wall_is_rejected() -> None:
+def test_a_move_without_a_wall_is_rejected():
     steering = steering_of(orbit_of_example(FLIPPER, ROTORS))
     for angles in (None, np.full(ROTORS, 2.0)):
         if angles is not None:
@@ -315,7 +307,7 @@ def test_a_move_without_a_wall_is_rejected() -> None:
         assert not steering.torques().any()
 
 
-def test_a_rejected_move_does_not_change_the_current_one() -> None:
+def test_a_rejected_move_does_not_change_the_current_one():
     loop, wall = rigid_loop(FLIPPER, 2.0)
     loop.steering.move(6.0)
     loop.go_on(0.5)
@@ -324,7 +316,7 @@ def test_a_rejected_move_does_not_change_the_current_one() -> None:
     assert wall.place == pytest.approx(6.0, abs=0.01)
 
 
-def test_an_edge_actuator_reaches_as_far_as_the_edge_mode() -> None:
+def test_an_edge_actuator_reaches_as_far_as_the_edge_mode():
     orbit = orbit_of_example(FLIPPER, ROTORS)
     steering = Steering(orbit, TorqueAllocation(orbit, (0,), torque_limit=0.1))
     wall = spring_wall(orbit.chain, orbit.configuration(orbit.arc_at(0.5, 0)))
@@ -342,7 +334,7 @@ def test_an_edge_actuator_reaches_as_far_as_the_edge_mode() -> None:
     assert not steering.torques()[1:].any()
 
 
-def test_far_from_the_actuators_the_bandwidth_decreases_to_limit_noise_torques() -> None:
+def test_far_from_the_actuators_the_bandwidth_decreases_to_limit_noise_torques():
     orbit = orbit_of_example(SPINNER, ROTORS)
     goal = orbit.arc_at(3.0, 0)
     times, torques = [], []
@@ -364,7 +356,7 @@ def test_far_from_the_actuators_the_bandwidth_decreases_to_limit_noise_torques()
     assert torques[1] / torques[0] == pytest.approx(1, rel=0.5)
 
 
-def test_a_wall_that_jumps_is_lost_and_released() -> None:
+def test_a_wall_that_jumps_is_lost_and_released():
     loop, wall = rigid_loop(FLIPPER, 2.0)
     loop.steering.move(6.0)
     loop.go_on(0.5)
@@ -375,7 +367,7 @@ def test_a_wall_that_jumps_is_lost_and_released() -> None:
     assert not loop.steering.torques().any()
 
 
-def test_a_wall_that_leaves_its_hold_is_lost() -> None:
+def test_a_wall_that_leaves_its_hold_is_lost():
     loop, wall = rigid_loop(FLIPPER, 2.0)
     loop.steering.move(3.0)
     loop.until_ended()
@@ -388,7 +380,7 @@ def test_a_wall_that_leaves_its_hold_is_lost() -> None:
     assert loop.ended is None
 
 
-def test_a_wall_under_excessive_load_leaves_its_reference_and_is_lost() -> None:
+def test_a_wall_under_excessive_load_leaves_its_reference_and_is_lost():
     orbit = orbit_of_example(FLIPPER, ROTORS)
     wall = RigidWall(orbit, orbit.arc_at(4.0, 0))
     loop = Loop(Steering(orbit, TorqueAllocation(orbit, torque_limit=1e-3)), wall, PERIOD)
@@ -402,7 +394,7 @@ def test_a_wall_under_excessive_load_leaves_its_reference_and_is_lost() -> None:
     assert not loop.steering.holding
 
 
-def test_a_wall_that_does_not_settle_is_reported_as_not_held() -> None:
+def test_a_wall_that_does_not_settle_is_reported_as_not_held():
     orbit = orbit_of_example(FLIPPER, ROTORS)
     wall = RigidWall(orbit, orbit.arc_at(4.0, 0))
     loop = Loop(steering_of(orbit, SteeringSettings(tolerance=1e-3)), wall, PERIOD, noise=0.05)
@@ -414,7 +406,7 @@ def test_a_wall_that_does_not_settle_is_reported_as_not_held() -> None:
     assert loop.steering.holding
 
 
-def test_decreasing_stamps_lose_the_wall() -> None:
+def test_decreasing_stamps_lose_the_wall():
     loop, _ = rigid_loop(FLIPPER, 2.0)
     loop.steering.move(6.0)
     loop.go_on(1.0)
@@ -428,9 +420,7 @@ def test_decreasing_stamps_lose_the_wall() -> None:
     ('example', 'hurry', 'seconds'),
     [(FLIPPER, 5, 0.45), (SPINNER, 10, 0.05), (SPINNER, 10, 0.3), (WOBBLER, 10, 0.45)],
 )
-def test_a_moving_wall_is_braked_and_moved_despite_missing_frames(
-    example: tuple[float, float], hurry: float, seconds: float
-) -> None:
+def test_a_moving_wall_is_braked_and_moved_despite_missing_frames(example, hurry, seconds):
     orbit = orbit_of_example(example, 20)
     steering = Steering(orbit, TorqueAllocation(orbit, torque_limit=0.1))
     rate = hurry * steering.adiabatic_speed * orbit.site_arc
@@ -445,7 +435,7 @@ def test_a_moving_wall_is_braked_and_moved_despite_missing_frames(
     assert wall.place == pytest.approx(12.0, abs=0.15)
 
 
-def test_a_gap_between_frames_does_not_lower_the_bandwidth() -> None:
+def test_a_gap_between_frames_does_not_lower_the_bandwidth():
     loop, _ = rigid_loop(FLIPPER, 2.0)
     loop.steering.move(6.0)
     loop.until_ended()
@@ -457,7 +447,7 @@ def test_a_gap_between_frames_does_not_lower_the_bandwidth() -> None:
     assert loop.steering.trajectory.duration == pytest.approx(usual)
 
 
-def test_after_a_reset_the_estimate_equals_a_new_one() -> None:
+def test_after_a_reset_the_estimate_equals_a_new_one():
     loop, wall = rigid_loop(WOBBLER, 3.0)
     assert loop.steering.move(6.0) is None
     loop.go_on(0.5)

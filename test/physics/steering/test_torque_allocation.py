@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Torques of actuators on some rotors: their force, deflection and reach."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -24,9 +22,7 @@ rotor_sets = st.sets(st.integers(0, ROTORS - 1), max_size=ROTORS).map(lambda eac
 
 @settings(max_examples=30)
 @given(st.sampled_from(EXAMPLES), rotor_sets, st.floats(2, 9), st.integers(0, 1), st.floats(-1, 1))
-def test_torques_act_on_actuated_rotors_only_with_minimum_norm(
-    example: tuple[float, float], rotors: tuple[int, ...], place: float, leg: int, force: float
-) -> None:
+def test_torques_act_on_actuated_rotors_only_with_minimum_norm(example, rotors, place, leg, force):
     orbit = orbit_of_example(example, ROTORS)
     arc = orbit.arc_at(place, leg)
     torques, given_force = TorqueAllocation(orbit, rotors).torques(arc, force)
@@ -40,7 +36,7 @@ def test_torques_act_on_actuated_rotors_only_with_minimum_norm(
         np.testing.assert_allclose(torques[actuated], least, rtol=1e-9, atol=1e-300)
 
 
-def test_actuators_on_all_rotors_strain_no_spring() -> None:
+def test_actuators_on_all_rotors_strain_no_spring():
     for example in EXAMPLES:
         orbit = orbit_of_example(example, ROTORS)
         for place in (0.0, 3.3, 6.0, 11.0):
@@ -53,7 +49,7 @@ def test_actuators_on_all_rotors_strain_no_spring() -> None:
             assert effort.torque == pytest.approx(np.abs(torques).max())
 
 
-def test_the_deflection_agrees_with_the_stiffness_matrix() -> None:
+def test_the_deflection_agrees_with_the_stiffness_matrix():
     for rotors in [(0,), (0, 1, 2), (1, 4, 7, 10)]:
         for example in EXAMPLES:
             orbit = orbit_of_example(example, ROTORS)
@@ -70,9 +66,7 @@ def test_the_deflection_agrees_with_the_stiffness_matrix() -> None:
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_the_torque_of_an_edge_actuator_grows_as_the_zero_mode_decays(
-    example: tuple[float, float],
-) -> None:
+def test_the_torque_of_an_edge_actuator_grows_as_the_zero_mode_decays(example):
     orbit = orbit_of_example(example, 24)
     allocation = TorqueAllocation(orbit, (0,))
     depth = penetration_depth(orbit.chain) / orbit.chain.spacing
@@ -84,7 +78,7 @@ def test_the_torque_of_an_edge_actuator_grows_as_the_zero_mode_decays(
     assert farther / nearer == pytest.approx(math.exp(2 / depth), rel=0.05)
 
 
-def test_actuators_move_a_wall_within_their_reach_and_no_farther() -> None:
+def test_actuators_move_a_wall_within_their_reach_and_no_farther():
     orbit = orbit_of_example(WIDE_SPINNER, 40)
     allocation = TorqueAllocation(orbit, (0, 1), torque_limit=0.1)
     start, force = orbit.arc_at(1.0, 0), 1e-3
@@ -97,7 +91,7 @@ def test_actuators_move_a_wall_within_their_reach_and_no_farther() -> None:
     assert not allocation.can_move(orbit.arc_at(30.0, 0), orbit.arc_at(1.0, 0), force)
 
 
-def test_the_minimum_coupling_is_at_the_farthest_site() -> None:
+def test_the_minimum_coupling_is_at_the_farthest_site():
     orbit = orbit_of_example(WIDE_SPINNER, 40)
     start, goal = orbit.arc_at(1.0, 0), orbit.arc_at(9.0, 0)
     share = float(orbit.tangent(goal)[0] ** 2 + orbit.tangent(goal)[1] ** 2)
@@ -110,7 +104,7 @@ def test_the_minimum_coupling_is_at_the_farthest_site() -> None:
     assert TorqueAllocation(orbit).min_coupling(start, goal) == 1
 
 
-def test_actuators_on_all_rotors_reach_all_sites() -> None:
+def test_actuators_on_all_rotors_reach_all_sites():
     orbit = orbit_of_example(FLIPPER, ROTORS)
     allocation = TorqueAllocation(orbit, torque_limit=0.1)
     arc = orbit.arc_at(4.0, 0)
@@ -121,7 +115,7 @@ def test_actuators_on_all_rotors_reach_all_sites() -> None:
 
 
 @given(st.floats(-10, 10))
-def test_torques_beyond_the_limit_are_scaled_together(force: float) -> None:
+def test_torques_beyond_the_limit_are_scaled_together(force):
     orbit = orbit_of_example(FLIPPER, ROTORS)
     arc = orbit.arc_at(4.3, 0)
     free, _ = TorqueAllocation(orbit).torques(arc, force)
@@ -132,6 +126,6 @@ def test_torques_beyond_the_limit_are_scaled_together(force: float) -> None:
     assert given_force == pytest.approx(kept * force)
 
 
-def test_an_actuated_rotor_outside_the_chain_is_rejected() -> None:
+def test_an_actuated_rotor_outside_the_chain_is_rejected():
     with pytest.raises(ValueError, match='actuated rotor 12 must be one of 0 to 11'):
         TorqueAllocation(orbit_of_example(FLIPPER, ROTORS), (3, 12))

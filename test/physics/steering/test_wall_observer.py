@@ -42,9 +42,7 @@ def watched(
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_known_torques_cause_no_error_and_unknown_ones_no_steady_error(
-    example: tuple[float, float],
-) -> None:
+def test_known_torques_cause_no_error_and_unknown_ones_no_steady_error(example):
     orbit = orbit_of_example(example, 12)
     times = PERIOD * np.arange(250)
     for disturbance in (0.0, -3.0):
@@ -57,7 +55,7 @@ def test_known_torques_cause_no_error_and_unknown_ones_no_steady_error(
         assert np.abs(seen - disturbance)[late].max() < 0.05
 
 
-def test_the_observer_has_its_bandwidth_for_any_noise() -> None:
+def test_the_observer_has_its_bandwidth_for_any_noise():
     orbit = orbit_of_example(FLIPPER, 12)
     step = np.array([[1, PERIOD, PERIOD**2 / 2], [0, 1, PERIOD], [0, 0, 1]])
     wandered = (BANDWIDTH * PERIOD) ** 2 * np.diag([3, 3 * BANDWIDTH**2, BANDWIDTH**4])
@@ -78,7 +76,7 @@ def test_the_observer_has_its_bandwidth_for_any_noise() -> None:
         assert abs(settled[0].mean()) < 0.1 * sigma
 
 
-def test_the_first_frames_have_equal_weight() -> None:
+def test_the_first_frames_have_equal_weight():
     orbit = orbit_of_example(FLIPPER, 12)
     times = PERIOD * np.arange(15)
     arcs = middle(orbit) + 2.0 * times
@@ -87,7 +85,7 @@ def test_the_first_frames_have_equal_weight() -> None:
     assert rate[-1] == pytest.approx(2.0, abs=0.02)
 
 
-def test_missing_and_invalid_frames_are_bridged() -> None:
+def test_missing_and_invalid_frames_are_bridged():
     orbit = orbit_of_example(FLIPPER, 12)
     observer = WallObserver(orbit, BANDWIDTH)
     times = PERIOD * np.arange(200)
@@ -106,7 +104,7 @@ def test_missing_and_invalid_frames_are_bridged() -> None:
     assert estimate.seen == 0.9
 
 
-def test_one_outlier_moves_the_estimate_by_less_than_noise() -> None:
+def test_one_outlier_moves_the_estimate_by_less_than_noise():
     for off in [0.3, 3.0]:
         for example in CLASSES:
             orbit = orbit_of_example(example, 12)
@@ -120,7 +118,7 @@ def test_one_outlier_moves_the_estimate_by_less_than_noise() -> None:
             assert estimate.arc == pytest.approx(arcs[-1], abs=0.01)
 
 
-def test_an_undetected_wall_is_lost_and_found_again() -> None:
+def test_an_undetected_wall_is_lost_and_found_again():
     orbit = orbit_of_example(FLIPPER, 12)
     observer = WallObserver(orbit, BANDWIDTH, SteeringSettings(detection_timeout=0.1))
     watched(observer, np.full(50, middle(orbit)))
@@ -138,7 +136,7 @@ def test_an_undetected_wall_is_lost_and_found_again() -> None:
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_a_chain_upside_down_is_recognised(example: tuple[float, float]) -> None:
+def test_a_chain_upside_down_is_recognised(example):
     orbit = orbit_of_example(example, 12)
     arc = orbit.arc_at(4.2, 1)
     observer = WallObserver(orbit, BANDWIDTH)
@@ -154,7 +152,7 @@ def test_a_chain_upside_down_is_recognised(example: tuple[float, float]) -> None
     assert shown.shape == frame.shape
 
 
-def test_configurations_without_a_wall_give_no_estimate() -> None:
+def test_configurations_without_a_wall_give_no_estimate():
     orbit = orbit_of_example(WIDE_FLIPPER, 40)
     observer = WallObserver(orbit, BANDWIDTH)
     chain = orbit.chain
@@ -165,7 +163,7 @@ def test_configurations_without_a_wall_give_no_estimate() -> None:
         assert observer.update(0.0, angles) is None
 
 
-def test_late_and_repeated_frames_are_ignored_and_a_new_clock_restarts() -> None:
+def test_late_and_repeated_frames_are_ignored_and_a_new_clock_restarts():
     orbit = orbit_of_example(FLIPPER, 12)
     observer = WallObserver(orbit, BANDWIDTH)
     here = middle(orbit)
@@ -180,7 +178,7 @@ def test_late_and_repeated_frames_are_ignored_and_a_new_clock_restarts() -> None
     assert fresh.arc == pytest.approx(here + 3, abs=1e-5)
 
 
-def test_a_wrong_number_of_angles_is_rejected() -> None:
+def test_a_wrong_number_of_angles_is_rejected():
     observer = WallObserver(orbit_of_example(FLIPPER, 12), BANDWIDTH)
     with pytest.raises(ValueError, match='one per rotor'):
         observer.update(0.0, np.zeros(11))

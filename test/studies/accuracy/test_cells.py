@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Random cells cover their ranges, and the result of a cell does not depend on other cells."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -12,7 +10,7 @@ from soliton_linkage_studies.accuracy.runs import CellStudy
 from soliton_linkage_studies.accuracy.walls import reach
 
 
-def test_cells_have_all_classes_and_cover_their_ranges() -> None:
+def test_cells_have_all_classes_and_cover_their_ranges():
     cells = random_cells(20200101, 99)
     motions = [cell.chain.motion for cell in cells]
     assert all(motions.count(motion) == 33 for motion in Motion)
@@ -32,7 +30,7 @@ def test_cells_have_all_classes_and_cover_their_ranges() -> None:
     assert random_cells(20200102, 2) != cells[:2]
 
 
-def test_a_cell_does_not_depend_on_the_other_selected_cells() -> None:
+def test_a_cell_does_not_depend_on_the_other_selected_cells():
     alone, all_of_them = CellStudy(1, 3, 10, ('2',)), CellStudy(1, 3, 10)
     assert alone.rows == 1
     first, second = alone.cells(0), all_of_them.cells(2)
@@ -42,14 +40,14 @@ def test_a_cell_does_not_depend_on_the_other_selected_cells() -> None:
     assert float(number) == 10
 
 
-def test_unknown_cells_are_rejected() -> None:
+def test_unknown_cells_are_rejected():
     with pytest.raises(ValueError, match='--cells nothing: unknown name'):
         _ = CellStudy(1, 3, 10, ('nothing',)).rows
     assert CellStudy(1, 3, 10, ('outliers',)).rows == 6
 
 
 @pytest.mark.parametrize('name', ['wrong_reading_spinner', 'one_seen_flipper'])
-def test_hard_cells_are_measured(name: str) -> None:
+def test_hard_cells_are_measured(name):
     study = CellStudy(1, 0, 30, (name,))
     line = dict(zip(study.columns, study.cells(0), strict=True))
     assert line['failure'] == ''

@@ -30,7 +30,7 @@ def speed_over_sound(chain: Chain) -> float:
 
 
 @pytest.mark.parametrize('example', [FLIPPER, SPINNER])
-def test_a_wall_at_constant_velocity_has_its_speed_and_width(example: tuple[float, float]) -> None:
+def test_a_wall_at_constant_velocity_has_its_speed_and_width(example):
     # At a constant arc rate the site rate is constant to 1e-6 only far from the edges.
     chain = chain_of(example, 32)
     times, angles = steady(chain)
@@ -45,14 +45,14 @@ def test_a_wall_at_constant_velocity_has_its_speed_and_width(example: tuple[floa
     assert noisy.width_deviation < 0.02
 
 
-def test_a_wall_that_never_reaches_the_middle_is_rejected() -> None:
+def test_a_wall_that_never_reaches_the_middle_is_rejected():
     chain = chain_of(FLIPPER, 24)
     times, angles = steady(chain)
     with pytest.raises(ValueError, match='in the middle of the chain in 0 frames, but 10'):
         measured_passage(chain, times[:50], angles[:50])
 
 
-def test_a_wide_static_wall_has_the_continuum_width() -> None:
+def test_a_wide_static_wall_has_the_continuum_width():
     """The width in the discrete chain is smaller by a fraction of order d^2."""
     off = []
     for rest_angle in (0.2, 0.4):

@@ -31,9 +31,7 @@ ROTORS = 16
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_the_bound_is_the_noise_over_the_angle_change_per_spacing(
-    example: tuple[float, float],
-) -> None:
+def test_the_bound_is_the_noise_over_the_angle_change_per_spacing(example):
     chain = chain_of(example, 60)
     step = 1e-3
     for position in (29.5, 29.8, 30.0):
@@ -45,7 +43,7 @@ def test_the_bound_is_the_noise_over_the_angle_change_per_spacing(
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_the_orbit_estimator_has_no_error_in_exact_frames(example: tuple[float, float]) -> None:
+def test_the_orbit_estimator_has_no_error_in_exact_frames(example):
     chain = chain_of(example, ROTORS)
     trial = EstimatorTrial(frames=30, noise=0.0, coarse_start=0.5, cold_every=6)
     found = errors(chain, trial, np.random.default_rng(1))
@@ -59,9 +57,7 @@ def test_the_orbit_estimator_has_no_error_in_exact_frames(example: tuple[float, 
 
 
 @pytest.mark.parametrize('example', [FLIPPER, SPINNER])
-def test_the_orbit_estimator_reaches_the_bound_with_correct_coverage(
-    example: tuple[float, float],
-) -> None:
+def test_the_orbit_estimator_reaches_the_bound_with_correct_coverage(example):
     chain = chain_of(example, ROTORS)
     trial = EstimatorTrial(frames=500, noise=0.01, coarse_start=0.5, cold_every=500)
     found, margins = errors(chain, trial, np.random.default_rng(2))[ORBIT_NEAR].T
@@ -74,9 +70,7 @@ def test_the_orbit_estimator_reaches_the_bound_with_correct_coverage(
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER])
-def test_biases_between_rotors_are_odd_about_the_middle_of_a_bond(
-    example: tuple[float, float],
-) -> None:
+def test_biases_between_rotors_are_odd_about_the_middle_of_a_bond(example):
     """Flipper walls on the two sides of the middle are mirror images."""
     chain = chain_of(example, 28)
     positions, found = bias_by_position(chain, 21)
@@ -102,9 +96,7 @@ def test_biases_between_rotors_are_odd_about_the_middle_of_a_bond(
         (math.nan, False, True),
     ],
 )
-def test_a_lost_estimate_is_a_failure(
-    off_by_widths: float, other_leg: bool, failed: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_lost_estimate_is_a_failure(off_by_widths, other_leg, failed, monkeypatch):
     chain = chain_of(FLIPPER, ROTORS)
     width = chain.wall_width / chain.spacing
 
@@ -129,7 +121,7 @@ def study(frames: int, seed: int = 7) -> FrameStudy:
     return FrameStudy(CHAINS, (0.01, 0.02), trial, seed)
 
 
-def test_a_chunk_depends_only_on_the_seed_and_its_index() -> None:
+def test_a_chunk_depends_only_on_the_seed_and_its_index():
     few, many = study(300), study(600)
     again = few.sample(0, 1, 0)
     for name, pairs in many.sample(0, 1, 0).items():
@@ -139,7 +131,7 @@ def test_a_chunk_depends_only_on_the_seed_and_its_index() -> None:
         assert other[ORBIT_NEAR][0, 0] != again[ORBIT_NEAR][0, 0]
 
 
-def test_every_frame_is_in_one_chunk() -> None:
+def test_every_frame_is_in_one_chunk():
     for frames in [20, 250, 260]:
         tasks = study(frames).tasks()
         chunks = (len(tasks) - len(CHAINS)) // 4
@@ -148,7 +140,7 @@ def test_every_frame_is_in_one_chunk() -> None:
         assert min(sizes) > 0
 
 
-def test_lines_belong_to_their_chain_and_noise() -> None:
+def test_lines_belong_to_their_chain_and_noise():
     """Samples marked by chain, noise and chunk are assigned to the right line."""
     mine = study(500)
     samples = []

@@ -74,7 +74,7 @@ def written(settings: object, path: Path) -> Path:
     return path
 
 
-def test_all_files_are_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_all_files_are_written(tmp_path, capsys):
     config = written(SETTINGS, tmp_path / 'settings.yaml')
     folder = tmp_path / 'new/folder'
     assert accuracy.main([str(config), '--output', str(folder), '--workers', '1']) == 0
@@ -85,9 +85,7 @@ def test_all_files_are_written(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert 'are in' in capsys.readouterr().out
 
 
-def test_cells_are_measured_alone_and_compared_with_an_earlier_table(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_cells_are_measured_alone_and_compared_with_an_earlier_table(tmp_path, capsys):
     config = written(SETTINGS | CELLS, tmp_path / 'settings.yaml')
     chosen = [str(config), '--cells', '0', '--frames', '12', '--output', str(tmp_path)]
     assert accuracy.main([*chosen, '--seed', '7', '--workers', '1']) == 0
@@ -112,7 +110,7 @@ def test_cells_are_measured_alone_and_compared_with_an_earlier_table(
     assert 'differs in frames' in capsys.readouterr().err
 
 
-def test_the_installed_settings_contain_every_part() -> None:
+def test_the_installed_settings_contain_every_part():
     settings = load_settings(CONFIG)
     assert set(settings.values) == {*accuracy.PARTS, accuracy.CELLS}
     for quick in (False, True):
@@ -121,13 +119,13 @@ def test_the_installed_settings_contain_every_part() -> None:
         assert all(part.tasks() for part in parts)
 
 
-def test_a_quick_study_has_fewer_tasks() -> None:
+def test_a_quick_study_has_fewer_tasks():
     full, quick = (accuracy.read_parts(load_settings(CONFIG), quick) for quick in (False, True))
     for all_of_it, less in zip(full, quick, strict=True):
         assert len(less.tasks()) < len(all_of_it.tasks())
 
 
-def test_invalid_settings_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_invalid_settings_are_named(tmp_path, capsys):
     for part, key, value, complaint in [
         ('single_frame', 'frames', 1, 'single_frame.frames = 1 must be a whole number'),
         ('single_frame', 'noises', [0.0], 'single_frame.noises = [0.0] must be a list of numbers'),
@@ -163,7 +161,7 @@ def test_invalid_settings_are_named(tmp_path: Path, capsys: pytest.CaptureFixtur
         assert not (tmp_path / 'out').exists()
 
 
-def test_a_file_without_parts_or_with_unknown_parts_is_rejected(tmp_path: Path) -> None:
+def test_a_file_without_parts_or_with_unknown_parts_is_rejected(tmp_path):
     with pytest.raises(ValueError, match='is empty; give one or more of single_frame'):
         accuracy.read_parts(load_settings(written({}, tmp_path / 'empty.yaml')), False)
     with pytest.raises(ValueError, match='other = 1 is not known; known keys are single_frame'):

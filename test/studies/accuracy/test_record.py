@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The bound of a record is the bound of a line fit, and the filter has the stated errors."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from chains import FLIPPER, SPINNER, chain_of
@@ -14,7 +12,7 @@ CHAINS = (chain_of(FLIPPER, 24), chain_of(SPINNER, 24))
 STUDY = RecordStudy(CHAINS, 0.05, speed=5.0, frame_rate=1000.0, frames=300, runs=4, seed=5)
 
 
-def test_the_bound_is_the_bound_of_end_and_slope_of_a_line_fit() -> None:
+def test_the_bound_is_the_bound_of_end_and_slope_of_a_line_fit():
     of_position, of_velocity = STUDY.bounds(CHAINS[0])
     for number, frames in enumerate(STUDY.shown.tolist()):
         before = (np.arange(frames) - (frames - 1)) / STUDY.frame_rate
@@ -25,7 +23,7 @@ def test_the_bound_is_the_bound_of_end_and_slope_of_a_line_fit() -> None:
 
 
 @pytest.mark.parametrize('chain', [0, 1])
-def test_filter_errors_agree_with_the_stated_deviations_and_are_near_the_bound(chain: int) -> None:
+def test_filter_errors_agree_with_the_stated_deviations_and_are_near_the_bound(chain):
     found = STUDY.run(chain, 0)
     assert found.shape == (4, len(STUDY.shown))
     errors, stated = found[:2], found[2:]
@@ -35,12 +33,12 @@ def test_filter_errors_agree_with_the_stated_deviations_and_are_near_the_bound(c
         assert stated[number, -1] == pytest.approx(least[-1], rel=0.2)
 
 
-def test_runs_differ_and_are_reproducible() -> None:
+def test_runs_differ_and_are_reproducible():
     np.testing.assert_array_equal(STUDY.run(0, 1), STUDY.run(0, 1))
     assert STUDY.run(0, 1)[0, -1] != STUDY.run(0, 2)[0, -1]
 
 
-def test_evaluated_frames_start_early_and_end_with_the_last() -> None:
+def test_evaluated_frames_start_early_and_end_with_the_last():
     shown = STUDY.shown
     assert shown[0] == 3
     assert shown[-1] == 300

@@ -24,9 +24,7 @@ def cell_of(example: tuple[float, float], rotors: int, **others: object) -> Accu
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_a_wall_without_phonons_moves_at_the_requested_constant_speed(
-    example: tuple[float, float],
-) -> None:
+def test_a_wall_without_phonons_moves_at_the_requested_constant_speed(example):
     cell = cell_of(example, 30)
     scene = scene_of(cell, FRAMES, np.random.default_rng(4))
     assert scene.angles.shape == (FRAMES, 30)
@@ -42,7 +40,7 @@ def test_a_wall_without_phonons_moves_at_the_requested_constant_speed(
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_a_nudged_wall_moves_away_from_its_edge(example: tuple[float, float]) -> None:
+def test_a_nudged_wall_moves_away_from_its_edge(example):
     scene = scene_of(cell_of(example, 12, nudged=True), FRAMES, np.random.default_rng(3))
     assert np.abs(np.diff(scene.instants[:, 0])).max() < 0.3
     for frame in np.flatnonzero(scene.scored[:, 0])[::20]:
@@ -51,7 +49,7 @@ def test_a_nudged_wall_moves_away_from_its_edge(example: tuple[float, float]) ->
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_walls_of_both_charges_have_their_detected_positions(example: tuple[float, float]) -> None:
+def test_walls_of_both_charges_have_their_detected_positions(example):
     cell = cell_of(example, 70, walls=2)
     scene = scene_of(cell, FRAMES, np.random.default_rng(2))
     assert sorted(scene.charges) == [-1, 1]
@@ -62,7 +60,7 @@ def test_walls_of_both_charges_have_their_detected_positions(example: tuple[floa
         assert positions == pytest.approx(list(scene.positions[frame]), abs=0.7)
 
 
-def test_impulses_change_the_rate_and_are_reported() -> None:
+def test_impulses_change_the_rate_and_are_reported():
     cell = cell_of(FLIPPER, 30, impulses=3)
     scene = scene_of(cell, 4 * FRAMES, np.random.default_rng(1), 3)
     assert len(scene.impulse_frames) == len(scene.impulses) > 0
@@ -71,13 +69,13 @@ def test_impulses_change_the_rate_and_are_reported() -> None:
         assert scene.site_rates[frame] != pytest.approx(scene.site_rates[frame - 1], rel=1e-3)
 
 
-def test_disorder_changes_the_true_chain_but_not_the_configured_one() -> None:
+def test_disorder_changes_the_true_chain_but_not_the_configured_one():
     scene = scene_of(cell_of(FLIPPER, 16, disorder=0.05), FRAMES, np.random.default_rng(1))
     plain = scene_of(cell_of(FLIPPER, 16), FRAMES, np.random.default_rng(1))
     assert np.abs(np.sin(scene.angles[0]) - np.sin(plain.angles[0])).max() > 0.01
 
 
-def test_scenes_without_intact_walls_state_none() -> None:
+def test_scenes_without_intact_walls_state_none():
     for others in [{'noise_only': True}, {'kick': 3.0}]:
         scene = scene_of(cell_of(FLIPPER, 16, **others), FRAMES, np.random.default_rng(1))
         assert scene.charges == ()
@@ -85,7 +83,7 @@ def test_scenes_without_intact_walls_state_none() -> None:
         assert scene.positions.shape == (FRAMES, 0)
 
 
-def test_a_linear_track_equals_its_average_and_impulses_divide_it() -> None:
+def test_a_linear_track_equals_its_average_and_impulses_divide_it():
     track = np.concatenate([0.3 * np.arange(40), 12.0 - 0.1 * np.arange(60)])
     means, slopes = averages_and_slopes(track, 5, [40])
     assert means == pytest.approx(track)
@@ -93,7 +91,7 @@ def test_a_linear_track_equals_its_average_and_impulses_divide_it() -> None:
     assert slopes[40:] == pytest.approx(-0.1)
 
 
-def test_a_wave_with_the_period_of_the_average_is_removed() -> None:
+def test_a_wave_with_the_period_of_the_average_is_removed():
     frames = np.arange(200)
     wave = np.sin(2 * np.pi * frames / 21)
     means, slopes = averages_and_slopes(0.01 * frames + wave, 10)
@@ -102,13 +100,13 @@ def test_a_wave_with_the_period_of_the_average_is_removed() -> None:
     assert slopes[inner] == pytest.approx(0.01, abs=0.02)
 
 
-def test_a_piece_shorter_than_the_average_has_a_valid_average() -> None:
+def test_a_piece_shorter_than_the_average_has_a_valid_average():
     means, slopes = averages_and_slopes(np.array([1.0, 5.0]), 9, [1])
     assert means == pytest.approx([1.0, 5.0])
     assert slopes == pytest.approx([0.0, 0.0])
 
 
-def test_slopes_of_a_cubic_track_are_exact() -> None:
+def test_slopes_of_a_cubic_track_are_exact():
     for wide in [1, 2, 9]:
         times = np.arange(100.0) - 50
         _, slopes = averages_and_slopes(times**3 - 7 * times, wide, cubic=True)

@@ -20,7 +20,7 @@ def launched(chain: Chain, speed: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_the_integrator_agrees_with_the_simulator(example: tuple[float, float]) -> None:
+def test_the_integrator_agrees_with_the_simulator(example):
     uniform = chain_of(example, 12)
     drawn = drawn_deviations(12, 3, spacing=0.02, rotor_length=0.02, stiffness=0.05, mass=0.05)
     for chain in (uniform, Chain(**{**vars_of(uniform), 'deviations': drawn})):
@@ -36,7 +36,7 @@ def vars_of(chain: Chain) -> dict[str, object]:
     return {name: getattr(chain, name) for name in chain.__dataclass_fields__}
 
 
-def test_energy_is_conserved_except_for_damping() -> None:
+def test_energy_is_conserved_except_for_damping():
     chain = chain_of(SPINNER, 20)
     angles, rates = launched(chain, 0.5)
     springs = Springs(chain, angles, rates, 0.5 * chain.time_unit)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import csv
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -33,7 +32,7 @@ def scores(random: np.random.Generator, scale: float, alike: int = 1) -> Scores:
     return Scores(walls=rows, frames=100, expected=100, lost=1, false=2, wrong_leg=3)
 
 
-def test_consistent_deviations_give_a_root_mean_square_of_1() -> None:
+def test_consistent_deviations_give_a_root_mean_square_of_1():
     random = np.random.default_rng(1)
     line = line_of([scores(random, 1.0) for _ in range(50)])
     assert tuple(line) == COLUMNS
@@ -44,13 +43,13 @@ def test_consistent_deviations_give_a_root_mean_square_of_1() -> None:
     assert (line['lost'], line['false'], line['wrong_leg']) == (50, 100, 150)
 
 
-def test_correlated_frames_increase_the_standard_error() -> None:
+def test_correlated_frames_increase_the_standard_error():
     random = np.random.default_rng(2)
     apart, alike = ([scores(random, 1.0, count) for _ in range(50)] for count in (1, 25))
     assert line_of(alike)['position_rms_error'] > 3 * line_of(apart)['position_rms_error']
 
 
-def test_a_cell_without_found_walls_reports_only_failures() -> None:
+def test_a_cell_without_found_walls_reports_only_failures():
     line = line_of([Scores(frames=9, expected=9, lost=9)])
     assert line['lost'] == 9
     assert math.isnan(line['position_rms'])
@@ -60,7 +59,7 @@ def test_a_cell_without_found_walls_reports_only_failures() -> None:
 COUNT = 40_000
 
 
-def test_a_normal_estimator_has_its_known_statistics() -> None:
+def test_a_normal_estimator_has_its_known_statistics():
     errors = np.random.default_rng(1).normal(0.3, 0.02, COUNT)
     shifted = accuracy_of(np.column_stack([errors, np.full(COUNT, 1.0)]), 0.01)
     assert (shifted.frames, shifted.failures) == (COUNT, 0)
@@ -70,7 +69,7 @@ def test_a_normal_estimator_has_its_known_statistics() -> None:
     assert shifted.coverage == 1
 
 
-def test_coverage_of_a_normal_estimator_follows_from_its_margins() -> None:
+def test_coverage_of_a_normal_estimator_follows_from_its_margins():
     """Margins of 1.96 standard deviations cover 95 %, others follow the error function."""
     for factor in [0.5, 1.0, 2.0]:
         errors = np.random.default_rng(2).normal(0.0, 0.02, COUNT)
@@ -83,7 +82,7 @@ def test_coverage_of_a_normal_estimator_follows_from_its_margins() -> None:
         assert found.coverage == pytest.approx(expected, abs=limit)
 
 
-def test_failures_are_counted_and_excluded() -> None:
+def test_failures_are_counted_and_excluded():
     samples = np.array([[0.1, 0.2], [math.nan, 0.2], [0.3, 0.2], [math.nan, math.nan]])
     found = accuracy_of(samples, 0.1)
     assert (found.frames, found.failures) == (4, 2)
@@ -92,7 +91,7 @@ def test_failures_are_counted_and_excluded() -> None:
     assert found.coverage == 0.5
 
 
-def test_undefined_statistics_are_nan() -> None:
+def test_undefined_statistics_are_nan():
     without_margin = accuracy_of(np.array([[0.1, math.nan], [0.2, math.nan]]), 0.1)
     assert math.isnan(without_margin.coverage)
     assert without_margin.bias == pytest.approx(0.15)
@@ -104,7 +103,7 @@ def test_undefined_statistics_are_nan() -> None:
         assert math.isnan(found.coverage)
 
 
-def test_the_table_contains_its_lines(tmp_path: Path) -> None:
+def test_the_table_contains_its_lines(tmp_path):
     flipper, spinner = chain_of(FLIPPER, 20), chain_of(SPINNER, 20)
     scored = Accuracy(1000, 3, -0.01234567, 0.0001, 0.02, 0.016, 0.945)
     unstated = Accuracy(10, 0, 0.5, 0.1, 0.02, 0.01, math.nan)
@@ -151,7 +150,7 @@ def row(**others: object) -> dict[str, str]:
     return plain | {name: str(value) for name, value in (known | others).items()}
 
 
-def test_worse_results_are_reported() -> None:
+def test_worse_results_are_reported():
     for now, was, what in [
         ({'position_rms': 1.6}, {}, 'position rms 1.6 after 1'),
         ({'position_rms': 0.4}, {}, 'position rms 0.4 after 1'),
@@ -165,7 +164,7 @@ def test_worse_results_are_reported() -> None:
         assert said == ['1 of 1 cells are worse', f'3 (flipper): {what}']
 
 
-def test_insignificant_changes_and_improvements_are_not_reported() -> None:
+def test_insignificant_changes_and_improvements_are_not_reported():
     for now, was in [
         ({}, {}),
         ({'position_rms': 1.15}, {}),
@@ -179,7 +178,7 @@ def test_insignificant_changes_and_improvements_are_not_reported() -> None:
         assert worse_cells([row(**now)], [row(**was)]) == ['0 of 1 cells are worse']
 
 
-def test_tables_of_other_cells_are_rejected() -> None:
+def test_tables_of_other_cells_are_rejected():
     study = CellStudy(1, 3, 10)
     cell = study.all[1]
     with pytest.raises(ValueError, match='does not contain cells; give a file cells'):

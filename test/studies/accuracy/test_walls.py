@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Kinks have zero energy, anti-kinks equal energies at each site, and positions are found."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from chains import FLIPPER, SPINNER, WOBBLER, chain_of
@@ -15,7 +13,7 @@ ROTORS = 60
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_a_kink_has_zero_energy_at_every_position(example: tuple[float, float]) -> None:
+def test_a_kink_has_zero_energy_at_every_position(example):
     for leg in [0, 1]:
         chain = chain_of(example, ROTORS)
         path = wall_path(chain, 1, leg)
@@ -30,9 +28,7 @@ def test_a_kink_has_zero_energy_at_every_position(example: tuple[float, float]) 
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER])
-def test_an_anti_kink_has_equal_energy_at_each_site_and_a_continuous_path(
-    example: tuple[float, float],
-) -> None:
+def test_an_anti_kink_has_equal_energy_at_each_site_and_a_continuous_path(example):
     chain = chain_of(example, ROTORS)
     path = wall_path(chain, -1)
     assert not path.pinned
@@ -49,7 +45,7 @@ def test_an_anti_kink_has_equal_energy_at_each_site_and_a_continuous_path(
     assert max(slopes) == pytest.approx(min(slopes), rel=0.02)
 
 
-def test_an_anti_kink_of_spinners_is_pinned_at_its_equilibrium() -> None:
+def test_an_anti_kink_of_spinners_is_pinned_at_its_equilibrium():
     chain = chain_of(SPINNER, ROTORS)
     path = wall_path(chain, -1)
     assert path.pinned
@@ -62,7 +58,7 @@ def test_an_anti_kink_of_spinners_is_pinned_at_its_equilibrium() -> None:
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_the_nearest_configuration_of_an_orbit_is_found(example: tuple[float, float]) -> None:
+def test_the_nearest_configuration_of_an_orbit_is_found(example):
     orbit = UniformOrbit(chain_of(example, 20))
     for share in (0.1, 0.23, 0.5, 0.81):
         arc = share * orbit.length

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A filmed bench has a chain with deviations, and markers printed for its plan."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from filmed_chains import CAMERA
@@ -18,7 +16,7 @@ PLAN = Chain(6, 0.1, 0.05, 0.97)
 BENCH = FilmedBench(PLAN, MarkerSettings(), BenchParameters(seed=3, duration=0.5))
 
 
-def test_the_chain_differs_from_its_plan_and_walls_pass() -> None:
+def test_the_chain_differs_from_its_plan_and_walls_pass():
     made = BENCH.chain
     assert not blocked_bonds(made).any()
     for name in ('rotor_lengths', 'spacings', 'rest_lengths'):
@@ -26,9 +24,7 @@ def test_the_chain_differs_from_its_plan_and_walls_pass() -> None:
         assert 0.01 < np.std(getattr(made, name) / of_plan) < 0.12, name
 
 
-def test_a_camera_with_only_the_plan_measures_the_true_angles(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_camera_with_only_the_plan_measures_the_true_angles(monkeypatch):
     pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headless')
     for module in (runs, filmed_bench):
         monkeypatch.setattr(module, 'CAMERA', CAMERA)

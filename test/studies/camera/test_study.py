@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -37,7 +36,7 @@ class Pretended:
         return FilmedRun(errors, np.full_like(errors, STATED), 4e-4, 0.01)
 
 
-def test_hidden_swapped_and_lost_angles_are_counted() -> None:
+def test_hidden_swapped_and_lost_angles_are_counted():
     figures = dict(zip(FIGURES, Pretended()().figures, strict=True))
     assert (figures['hidden'], figures['swapped'], figures['turns_lost']) == (7, 1, 1)
     assert figures['angles'] == (figures['pictures'] - 10) * ROTORS
@@ -46,9 +45,7 @@ def test_hidden_swapped_and_lost_angles_are_counted() -> None:
     assert figures['bias'] == pytest.approx(BIAS, abs=5 * NOISE / np.sqrt(figures['angles']))
 
 
-def test_a_table_resumes_after_an_interruption_and_has_the_sums_of_its_clips(
-    tmp_path: Path,
-) -> None:
+def test_a_table_resumes_after_an_interruption_and_has_the_sums_of_its_clips(tmp_path):
     study = FilmStudy(cast(Any, {'one': Pretended(), 'other': Pretended()}), clips=3)
     for rows in ([0, 3], [1, 2, 4, 5]):
         with Table(study, tmp_path) as table:
@@ -65,7 +62,7 @@ def test_a_table_resumes_after_an_interruption_and_has_the_sums_of_its_clips(
         assert float(cells[8]) == pytest.approx(NOISE / STATED, rel=0.03)
 
 
-def test_the_installed_settings_make_clips_of_each_film_and_chain() -> None:
+def test_the_installed_settings_make_clips_of_each_film_and_chain():
     path = installed_settings('camera')
     assert path is not None
     study = read_film_study(load_settings(path), quick=False)

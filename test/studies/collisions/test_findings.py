@@ -19,7 +19,7 @@ def row(speed: float, collisions: int | None, part: str = 'sweeps', series: str 
     return Row(part, series, '', speed, run, '')
 
 
-def test_windows_are_neighbours_of_the_same_outcome() -> None:
+def test_windows_are_neighbours_of_the_same_outcome():
     outcomes = [None, 2, 2, 2, None, 3, 3, 2, 2, None, 2, None, 1, 1]
     rows = [row(0.1 + number / 100, outcome) for number, outcome in enumerate(outcomes)]
     found = [(each.collisions, each.first, each.last) for each in windows(rows)]
@@ -33,7 +33,7 @@ def test_windows_are_neighbours_of_the_same_outcome() -> None:
     assert first.phase == math.sqrt(3) * first.fastest.between / (2 * math.pi)
 
 
-def test_a_broken_anti_kink_has_not_escaped() -> None:
+def test_a_broken_anti_kink_has_not_escaped():
     assert escaped_after(row(0.2, 2)) == 2
     assert escaped_after(row(0.2, None)) is None
     broken = row(0.2, 1)
@@ -41,7 +41,7 @@ def test_a_broken_anti_kink_has_not_escaped() -> None:
     assert escaped_after(replace(broken, run=replace(broken.run, broken=True))) is None
 
 
-def test_tables_count_changes_and_find_the_limit() -> None:
+def test_tables_count_changes_and_find_the_limit():
     rows = [row(speed, outcome) for speed, outcome in ((0.1, None), (0.2, 1), (0.3, 1))]
     rows += [row(speed, 1, 'variations', 'base') for speed in (0.1, 0.2)]
     rows += [row(0.1, None, 'variations', 'other'), row(0.2, 1, 'variations', 'other')]

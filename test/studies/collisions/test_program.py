@@ -1,12 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command simulates, draws and tabulates the collisions."""
 
-from __future__ import annotations
-
 import csv
-from pathlib import Path
 
-import pytest
 import yaml
 
 from soliton_linkage_studies.collisions import program as collisions
@@ -38,7 +34,7 @@ FILES = {
 }
 
 
-def test_it_draws_and_tabulates(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_draws_and_tabulates(tmp_path, capsys):
     path, output = tmp_path / 'collisions.yaml', tmp_path / 'out'
     path.write_text(yaml.safe_dump(SETTINGS), encoding='utf-8')
     command = [str(path), '--output', str(output), '--quick', '--workers', '1']
@@ -53,7 +49,7 @@ def test_it_draws_and_tabulates(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert [(point['panel'], point['series']) for point in points] == [('flipper', 'captured')]
 
 
-def test_wrong_settings_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_settings_are_named(tmp_path, capsys):
     path = tmp_path / 'collisions.yaml'
     path.write_text(yaml.safe_dump({**SETTINGS, 'sweeps': 3}), encoding='utf-8')
     assert collisions.main([str(path), '--output', str(tmp_path)]) == 1

@@ -41,7 +41,7 @@ def after(chain: Chain, state: State, duration: float) -> State:
     return State(*np.split(moved, 2))
 
 
-def test_walls_start_with_the_specified_position_and_speed() -> None:
+def test_walls_start_with_the_specified_position_and_speed():
     task = meeting(NARROW, 0.3)
     run = task()
     assert run.speed_before == pytest.approx(0.3, rel=1e-3)
@@ -49,7 +49,7 @@ def test_walls_start_with_the_specified_position_and_speed() -> None:
     assert path.distances[0] / task.reach == pytest.approx(12, abs=0.1)
 
 
-def test_collisions_are_mirror_symmetric() -> None:
+def test_collisions_are_mirror_symmetric():
     task = meeting(NARROW, 0.3)
     begin, duration = initial_state(task), 60 * task.unit
     straight = mirrored(after(task.ring, begin, duration))
@@ -59,7 +59,7 @@ def test_collisions_are_mirror_symmetric() -> None:
     assert reflected.rates == pytest.approx(straight.rates, abs=1e-6)
 
 
-def test_slow_flippers_are_captured_and_fast_ones_separate() -> None:
+def test_slow_flippers_are_captured_and_fast_ones_separate():
     slow, fast = (meeting(NARROW, speed)() for speed in (0.18, 0.4))
     assert not slow.escaped
     assert slow.collisions > 3
@@ -71,7 +71,7 @@ def test_slow_flippers_are_captured_and_fast_ones_separate() -> None:
     assert max(slow.drift, fast.drift) < 1e-8
 
 
-def test_a_bounce_window_does_not_depend_on_the_integrator() -> None:
+def test_a_bounce_window_does_not_depend_on_the_integrator():
     task = meeting(NARROW, 0.16)
     runs = [replace(task, integrator=name)() for name in ('symplectic', 'DOP853')]
     for run in runs:
@@ -80,14 +80,14 @@ def test_a_bounce_window_does_not_depend_on_the_integrator() -> None:
     assert runs[0].speed_after == pytest.approx(runs[1].speed_after, abs=2e-4)
 
 
-def test_small_d_agrees_with_phi4_theory() -> None:
+def test_small_d_agrees_with_phi4_theory():
     theory = phi4_speed_after(0.3)
     off = [meeting((0.5, angle), 0.3)().speed_after - theory for angle in (0.1, 0.2)]
     assert abs(off[0]) < 0.02
     assert 3 < off[1] / off[0] < 5
 
 
-def test_spinners_pass_or_repel_each_other_without_energy_loss() -> None:
+def test_spinners_pass_or_repel_each_other_without_energy_loss():
     back, onwards = (meeting(SINE_GORDON, 0.5, turning)() for turning in (False, True))
     assert (back.collisions, back.turns) == (1, -1)
     assert (onwards.collisions, onwards.turns) == (0, 0)
@@ -98,7 +98,7 @@ def test_spinners_pass_or_repel_each_other_without_energy_loss() -> None:
 
 
 @pytest.mark.parametrize('onwards', [False, True])
-def test_the_shift_of_spinners_agrees_with_sine_gordon_theory(onwards: bool) -> None:
+def test_the_shift_of_spinners_agrees_with_sine_gordon_theory(onwards):
     """Lines along the walls before and after meet at a distance of 2 w ln(c / v) / gamma."""
     speed = 0.3
     task = meeting(SINE_GORDON, speed, onwards)
@@ -120,7 +120,7 @@ def test_the_shift_of_spinners_agrees_with_sine_gordon_theory(onwards: bool) -> 
     assert np.polyval(lines[0], meeting_time) / width == pytest.approx(expected, rel=0.04)
 
 
-def test_rotors_of_a_narrow_flipper_turn_over_and_its_anti_kink_breaks() -> None:
+def test_rotors_of_a_narrow_flipper_turn_over_and_its_anti_kink_breaks():
     run = meeting((0.5, 0.97), 0.2)()
     assert run.broken
     assert run.escaped
@@ -129,9 +129,7 @@ def test_rotors_of_a_narrow_flipper_turn_over_and_its_anti_kink_breaks() -> None
 @pytest.mark.parametrize(
     ('example', 'least', 'most'), [((2.0, 1.18), 0.0, 0.1), (SINE_GORDON, 0.999, 1.001)]
 )
-def test_only_spinners_with_long_rotors_have_an_anti_kink(
-    example: tuple[float, float], least: float, most: float
-) -> None:
+def test_only_spinners_with_long_rotors_have_an_anti_kink(example, least, most):
     ring = ring_of(example, 24.0)
     theory, rotors = SpinnerTheory(ring), ring.number_of_rotors
     damped = replace(ring, damping=0.2 * ring.moment_of_inertia * gap(ring))

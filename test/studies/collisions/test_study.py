@@ -36,14 +36,14 @@ def edge(inside: float, outside: float) -> WindowEdge:
     return WindowEdge(Known(ring_of(NARROW), 0.0), 1, inside, outside, 12)
 
 
-def test_an_edge_is_found_from_either_side() -> None:
+def test_an_edge_is_found_from_either_side():
     found, run = edge(0.7, 0.02)()
     assert found == pytest.approx(0.26, abs=2e-4)
     assert run.escaped
     assert run.speed_before - 0.26 == pytest.approx(0, abs=3e-4)
 
 
-def test_an_edge_outside_its_speeds_is_reported() -> None:
+def test_an_edge_outside_its_speeds_is_reported():
     for inside, outside, said in [
         (0.1, 0.02, 'at 0.1 c walls do not escape'),
         (0.7, 0.5, 'at 0.5 c walls do escape'),
@@ -52,7 +52,7 @@ def test_an_edge_outside_its_speeds_is_reported() -> None:
             edge(inside, outside)()
 
 
-def test_a_row_round_trips_through_text() -> None:
+def test_a_row_round_trips_through_text():
     ring = ring_of(NARROW)
     entries = (
         Entry('sweeps', 'a', Known(ring, 0.3)),
@@ -70,7 +70,7 @@ def test_a_row_round_trips_through_text() -> None:
     assert 'do not escape' in failed.failure
 
 
-def test_the_settings_of_the_suite_are_read_and_quick_ones_are_fewer() -> None:
+def test_the_settings_of_the_suite_are_read_and_quick_ones_are_fewer():
     study, quick = (read_collision_study(load_settings(CONFIG), each) for each in (False, True))
     assert 10 * quick.rows < study.rows
     assert {entry.series for entry in quick.entries} == {entry.series for entry in study.entries}
@@ -80,7 +80,7 @@ def test_the_settings_of_the_suite_are_read_and_quick_ones_are_fewer() -> None:
     assert study.described() != quick.described()
 
 
-def test_errors_name_the_wrong_setting(tmp_path: Path) -> None:
+def test_errors_name_the_wrong_setting(tmp_path):
     for keys, value in [
         (('collision', 'length'), 3),
         (('collision', 'step'), 'small'),

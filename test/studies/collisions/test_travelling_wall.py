@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Computed travelling walls keep their shape and speed in simulations."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from meeting_walls import NARROW, SINE_GORDON, ring_of
@@ -18,9 +16,7 @@ from soliton_linkage_studies.collisions.travelling_wall import travelling_wall
 
 @pytest.mark.parametrize('charge', [1, -1])
 @pytest.mark.parametrize(('example', 'most'), [(NARROW, 1e-6), (SINE_GORDON, 1e-5)])
-def test_a_travelling_wall_keeps_its_shape(
-    example: tuple[float, float], most: float, charge: int
-) -> None:
+def test_a_travelling_wall_keeps_its_shape(example, most, charge):
     ring = ring_of(example, 30.0)
     # The angles on both sides differ by about half a turn, which free ends allow.
     chain = Chain(ring.number_of_rotors, 1.0, ring.rotor_length, ring.rest_angle, 1.0, 1.0)
@@ -42,7 +38,7 @@ def test_a_travelling_wall_keeps_its_shape(
     assert np.abs(moved.y[: len(rotors), -1] - expected).max() < most
 
 
-def test_a_travelling_wall_agrees_with_the_continuum_for_small_d() -> None:
+def test_a_travelling_wall_agrees_with_the_continuum_for_small_d():
     for charge in [1, -1]:
         errors = []
         for rest_angle in (0.1, 0.2):
@@ -58,7 +54,7 @@ def test_a_travelling_wall_agrees_with_the_continuum_for_small_d() -> None:
         assert 3 < errors[1] / errors[0] < 5
 
 
-def test_a_missing_travelling_wall_is_reported() -> None:
+def test_a_missing_travelling_wall_is_reported():
     chain = ring_of((2.0, 1.18))
     with pytest.raises(ArithmeticError, match=r'charge -1 in a chain with d = 3\.7'):
         travelling_wall(chain, 0.2 * speed_of_sound(chain), -1)

@@ -39,9 +39,7 @@ def written(settings: object, folder: Path) -> Path:
     return path
 
 
-def test_every_panel_has_data_and_all_findings_hold(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_panel_has_data_and_all_findings_hold(tmp_path, capsys):
     output = tmp_path / 'new/out'
     path = written(small_settings(), tmp_path)
     assert driving.main([str(path), '--output', str(output), '--quick', '--workers', '1']) == 0
@@ -64,13 +62,13 @@ def test_every_panel_has_data_and_all_findings_hold(
     assert table in capsys.readouterr().out
 
 
-def test_the_table_marks_findings_that_do_not_hold() -> None:
+def test_the_table_marks_findings_that_do_not_hold():
     found = [Finding('a', 'x', 0, 1, measured) for measured in (0.5, 2, 0, -1, math.nan)]
     said = [line.split('|')[-2].strip() for line in finding_table(found).splitlines()[2:]]
     assert said == ['yes', 'no', 'yes', 'no', 'no']
 
 
-def test_the_settings_of_the_suite_are_read_and_quick_ones_are_fewer() -> None:
+def test_the_settings_of_the_suite_are_read_and_quick_ones_are_fewer():
     study, quick = (read_driving_study(load_settings(CONFIG), each) for each in (False, True))
     assert len(quick.stiffnesses) < len(study.stiffnesses)
     assert quick.balances['rigid'].duration < study.balances['rigid'].duration
@@ -81,7 +79,7 @@ def test_the_settings_of_the_suite_are_read_and_quick_ones_are_fewer() -> None:
     assert study.works['below saturation'].actuator.saturation_torque > asked
 
 
-def test_the_energy_balance_contains_all_kinds_of_inputs() -> None:
+def test_the_energy_balance_contains_all_kinds_of_inputs():
     task = read_driving_study(load_settings(CONFIG), quick=True).balances['rigid']
     run = task()
     assert len(run.times) == len(run.imbalances) == len(run.pushed) == 100
@@ -93,20 +91,20 @@ def test_the_energy_balance_contains_all_kinds_of_inputs() -> None:
     assert not np.array_equal(task.chain.masses, np.full(12, task.chain.mass))
 
 
-def test_a_wall_that_does_not_cross_in_time_raises_an_error() -> None:
+def test_a_wall_that_does_not_cross_in_time_raises_an_error():
     task = StiffnessTask.read(load_settings(CONFIG).section('stiffness'), quick=True)[0]
     with pytest.raises(ValueError, match='too short for the wall to cross'):
         dataclasses.replace(task, duration=0.02)()
 
 
-def test_a_wall_without_gravity_does_not_fall() -> None:
+def test_a_wall_without_gravity_does_not_fall():
     task = TiltTask.read(load_settings(CONFIG).section('tilt'), 'rigid')
     still = dataclasses.replace(task, gravity=0.0, kept=0.1)()
     np.testing.assert_allclose(still.positions, still.positions[0], atol=1e-6)
     assert list(dict.fromkeys(still.tilts.tolist())) == [-0.25, 0.25]
 
 
-def test_errors_name_the_wrong_setting(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_errors_name_the_wrong_setting(tmp_path, capsys):
     for section, key, value in [
         ('step', 'pressure', -1.0),
         ('energy_balance', 'seed', 0.5),

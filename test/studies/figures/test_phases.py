@@ -19,7 +19,7 @@ from soliton_linkage_studies.unit_cell import motion_of
 CONFIG = Path(__file__).parents[3] / 'config/studies/figures.yaml'
 
 
-def test_each_point_of_the_diagram_has_the_colour_of_its_class() -> None:
+def test_each_point_of_the_diagram_has_the_colour_of_its_class():
     report = FIGURES['figure_4'](load_settings(CONFIG).section('figure_4'), True)
     axes = report.figure.subfigs[0].axes[0]
     regions = {to_hex(each.get_facecolor()[0]): each.get_paths()[0] for each in axes.collections}
@@ -42,7 +42,7 @@ def distance(colour: str, full: str) -> float:
     return math.dist(*map(list, parts))
 
 
-def test_the_torus_hides_points_behind_it() -> None:
+def test_the_torus_hides_points_behind_it():
     for around, across, behind in [
         (-math.pi / 3, 0.0, False),  # Outside, towards the eye.
         (-math.pi / 3, math.pi / 2, False),  # On top.

@@ -52,7 +52,7 @@ LIMITS = {
 
 
 @pytest.mark.parametrize('name', list(FIGURES))
-def test_a_figure_is_labelled_and_its_measurements_agree_with_theory(name: str) -> None:
+def test_a_figure_is_labelled_and_its_measurements_agree_with_theory(name):
     report = FIGURES[name](SETTINGS.section(name), True)
     report.figure.savefig(io.BytesIO(), dpi=30)
     assert len(report.rows) > 2
@@ -63,13 +63,11 @@ def test_a_figure_is_labelled_and_its_measurements_agree_with_theory(name: str) 
         assert line.measured == pytest.approx(line.expected, rel=LIMITS[name], abs=1e-9), line
 
 
-def test_the_settings_file_has_exactly_the_registered_figures() -> None:
+def test_the_settings_file_has_exactly_the_registered_figures():
     assert set(SETTINGS.values) == set(FIGURES)
 
 
-def test_the_command_draws_the_selected_figures_and_the_table(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_draws_the_selected_figures_and_the_table(tmp_path, capsys):
     output = tmp_path / 'new/folder'
     arguments = [str(CONFIG), '--output', str(output), '--quick', '--workers', '1', '--only']
     assert figures.main([*arguments, 'soft_actuator', 'anti_kink_cost']) == 0
@@ -84,7 +82,7 @@ def test_the_command_draws_the_selected_figures_and_the_table(
     assert (output / 'table.md').read_text(encoding='utf-8').splitlines() == table
 
 
-def test_errors_name_invalid_settings(tmp_path: Path) -> None:
+def test_errors_name_invalid_settings(tmp_path):
     bad = tmp_path / 'bad.yaml'
     bad.write_text(CONFIG.read_text(encoding='utf-8').replace('kick: 0.1', 'kick: fast', 1))
     with pytest.raises(ValueError, match=r"figure_2\.kick = 'fast' must be a number"):
@@ -112,9 +110,7 @@ def parabola(section, quick):
 """
 
 
-def test_an_external_figure_is_drawn_with_the_others(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_external_figure_is_drawn_with_the_others(tmp_path, monkeypatch):
     (tmp_path / 'own_figure.py').write_text(OWN_FIGURE, encoding='utf-8')
     config = tmp_path / 'figures.yaml'
     config.write_text('own_parabola: {points: 5}\n', encoding='utf-8')
@@ -131,7 +127,7 @@ def test_an_external_figure_is_drawn_with_the_others(
     assert row in (tmp_path / 'table.md').read_text(encoding='utf-8')
 
 
-def test_an_unknown_figure_is_rejected(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unknown_figure_is_rejected(tmp_path, capsys):
     config = tmp_path / 'figures.yaml'
     config.write_text('figure_7: {}\n', encoding='utf-8')
     assert figures.main([str(config), '--output', str(tmp_path)]) == 1

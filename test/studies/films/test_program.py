@@ -86,9 +86,7 @@ def frames_of(path: Path, ffmpeg: str, width: int, height: int) -> float:
     return len(decoded.stdout) / (3 * width * height)
 
 
-def test_films_are_made_by_the_requested_number_of_processes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_films_are_made_by_the_requested_number_of_processes(tmp_path, monkeypatch):
     counts = []
 
     def counted(count: int, *_: Any) -> Any:
@@ -102,7 +100,7 @@ def test_films_are_made_by_the_requested_number_of_processes(
     assert counts == [1, 2, 2]
 
 
-def test_the_projections_of_a_tilted_linkage_are_those_of_its_rotors() -> None:
+def test_the_projections_of_a_tilted_linkage_are_those_of_its_rotors():
     tilted = scene('S2', 136)
     assert isinstance(tilted, TiltScene)
     (strip,) = (each for each in tilted.figure.axes if each.get_title('left').startswith('u = '))
@@ -115,14 +113,12 @@ def test_the_projections_of_a_tilted_linkage_are_those_of_its_rotors() -> None:
         assert np.asarray(arrows.get_array()) == pytest.approx(expected)
 
 
-def test_the_papers_movies_are_all_there() -> None:
+def test_the_papers_movies_are_all_there():
     assert [name.split('_')[0] for name in NAMES] == [f'S{n}' for n in range(1, 10)]
     assert {film.kind for film in ALL} == set(FILM_KINDS)
 
 
-def test_a_quick_run_makes_nine_playable_films(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_quick_run_makes_nine_playable_films(tmp_path, capsys):
     output = tmp_path / 'new' / 'films'
     # The same films of shorter motions.
     content: Any = yaml.safe_load(CONFIG.read_text(encoding='utf-8'))
@@ -145,7 +141,7 @@ def test_a_quick_run_makes_nine_playable_films(
         assert frames_of(path, kind.ffmpeg, 320, 180) == 4
 
 
-def test_a_film_has_the_requested_number_of_frames(tmp_path: Path) -> None:
+def test_a_film_has_the_requested_number_of_frames(tmp_path):
     frames = 7
     kind = file_kind()
     if not kind.ffmpeg:
@@ -160,16 +156,14 @@ def test_a_film_has_the_requested_number_of_frames(tmp_path: Path) -> None:
     assert '25 fps' in shown
 
 
-def test_without_ffmpeg_a_film_is_a_gif(tmp_path: Path) -> None:
+def test_without_ffmpeg_a_film_is_a_gif(tmp_path):
     path = tmp_path / 'film.gif'
     write_film(scene_of(resized(film_of('S8'), 320, 180, 6)), 25, path, GIF)
     with Image.open(path) as picture:
         assert (picture.size, getattr(picture, 'n_frames', 1)) == ((320, 180), 6)
 
 
-def test_without_ffmpeg_the_program_logs_it_and_halves_the_size(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_ffmpeg_the_program_logs_it_and_halves_the_size(tmp_path, monkeypatch, capsys):
     made: list[Any] = []
     monkeypatch.setattr('shutil.which', lambda _: None)
     monkeypatch.setitem(sys.modules, 'imageio_ffmpeg', None)
@@ -181,9 +175,7 @@ def test_without_ffmpeg_the_program_logs_it_and_halves_the_size(
     assert (film.shape.width, film.shape.height, kind.suffix) == (160, 90, '.gif')
 
 
-def test_an_ffmpeg_without_h264_is_not_used(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_ffmpeg_without_h264_is_not_used(tmp_path, monkeypatch):
     poor = tmp_path / 'ffmpeg'
     poor.write_text('#!/bin/sh\necho " V....D mpeg4"\n', encoding='utf-8')
     poor.chmod(0o755)
@@ -195,7 +187,7 @@ def test_an_ffmpeg_without_h264_is_not_used(
 
 
 @pytest.mark.parametrize('name', NAMES)
-def test_a_painted_frame_equals_a_drawn_frame_and_its_titles_fit(name: str) -> None:
+def test_a_painted_frame_equals_a_drawn_frame_and_its_titles_fit(name):
     number = name.split('_')[0]
     shown = scene(number, 136) if number == 'S2' else scene(number)
     middle = len(shown.times) // 2
@@ -218,7 +210,7 @@ def test_a_painted_frame_equals_a_drawn_frame_and_its_titles_fit(name: str) -> N
 
 
 @pytest.mark.parametrize('name', ['S3', 'S4', 'S5', 'S9'])
-def test_a_cycle_ends_in_its_initial_state(name: str) -> None:
+def test_a_cycle_ends_in_its_initial_state(name):
     cycle = scene(name)
     assert isinstance(cycle, (CycleScene, StaggeredScene))
     away = distance(cycle.angles, cycle.angles[0])
@@ -226,7 +218,7 @@ def test_a_cycle_ends_in_its_initial_state(name: str) -> None:
     assert away[1:-1].min() > 0.5
 
 
-def test_gravity_moves_the_wall_to_the_lower_end_and_back() -> None:
+def test_gravity_moves_the_wall_to_the_lower_end_and_back():
     tilted = scene('S2', 136)
     assert isinstance(tilted, TiltScene)
     leans = np.sin(tilted.angles[:, 4:-4])
@@ -237,7 +229,7 @@ def test_gravity_moves_the_wall_to_the_lower_end_and_back() -> None:
 
 
 @pytest.mark.parametrize('name', ['S6', 'S7', 'S8'])
-def test_a_unit_cell_keeps_its_bar_length_and_moves_at_constant_speed(name: str) -> None:
+def test_a_unit_cell_keeps_its_bar_length_and_moves_at_constant_speed(name):
     cell, motion = scene(name, 161), film_of(name).motion
     assert isinstance(cell, CellScene)
     angles = staggered(cell.cell)
@@ -249,7 +241,7 @@ def test_a_unit_cell_keeps_its_bar_length_and_moves_at_constant_speed(name: str)
     assert distance(angles[-1], angles[0]) < 1e-6
 
 
-def test_a_drive_in_the_gap_decays_with_the_evanescent_wave_number() -> None:
+def test_a_drive_in_the_gap_decays_with_the_evanescent_wave_number():
     for share in [0.5, 0.8, 0.95]:
         chain = chain_of(WIDE_FLIPPER, 60)
         frequency = share * gap(chain)
@@ -262,7 +254,7 @@ def test_a_drive_in_the_gap_decays_with_the_evanescent_wave_number() -> None:
         assert np.log(motion[5:14] / motion[6:15]) == pytest.approx(decay, rel=1e-6)
 
 
-def test_a_driven_chain_obeys_its_equation_of_motion() -> None:
+def test_a_driven_chain_obeys_its_equation_of_motion():
     chain = Chain(12, 0.1, 0.05, 0.5, damping=2e-5)
     frequency = 1.3 * gap(chain)
     motion = driven(chain, frequency)
@@ -272,7 +264,7 @@ def test_a_driven_chain_obeys_its_equation_of_motion() -> None:
     assert np.abs(unbalanced[1:]).max() < 1e-10 * abs(unbalanced[0])
 
 
-def test_the_profile_of_the_theory_is_that_of_a_wall_in_the_continuum() -> None:
+def test_the_profile_of_the_theory_is_that_of_a_wall_in_the_continuum():
     for crossed in [False, True]:
         for rotor in [59, 60]:
             for example in [(0.5, 0.05), (20.0, 1.0)]:
@@ -292,7 +284,7 @@ def test_the_profile_of_the_theory_is_that_of_a_wall_in_the_continuum() -> None:
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_staggered_bodies_meet_only_where_they_are_joined(example: tuple[float, float]) -> None:
+def test_staggered_bodies_meet_only_where_they_are_joined(example):
     chain = chain_of(example, 6)
     bodies = layered(chain, wall_between(chain, 2), 0.02)
     rotors, _, pins, bars = np.split(bodies, [6, 12, 18])
@@ -308,16 +300,14 @@ def test_staggered_bodies_meet_only_where_they_are_joined(example: tuple[float, 
         assert pins[n].mean(axis=0) == pytest.approx(rotors[n][1])
 
 
-def test_bodies_nearer_to_the_camera_are_painted_later() -> None:
+def test_bodies_nearer_to_the_camera_are_painted_later():
     bodies = np.array([[[0, y, z], [1, y, z]] for y, z in ((0, 0), (1, 0), (0, 1))], dtype=float)
     assert from_behind(bodies, np.radians(-90), 0.0) == [1, 0, 2]
     assert from_behind(bodies, np.radians(90), 0.0) == [0, 2, 1]
     assert from_behind(bodies, np.radians(-90), np.radians(90))[-1] == 2
 
 
-def test_invalid_settings_are_rejected_before_filming(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_invalid_settings_are_rejected_before_filming(tmp_path, capsys):
     for film, values, message in [
         (None, {'size': [1281, 720]}, 'size = [1281, 720] must be two even numbers of pixels'),
         (None, {'frame_rate': 0}, 'frame_rate = 0 must be a number in the range 1 to 120'),
@@ -350,16 +340,14 @@ def test_invalid_settings_are_rejected_before_filming(
         assert not (tmp_path / 'films').exists()
 
 
-def test_a_unit_cell_has_two_rotors(tmp_path: Path) -> None:
+def test_a_unit_cell_has_two_rotors(tmp_path):
     chain = {'number_of_rotors': 3, 'rotor_length_ratio': 0.5, 'rest_angle': 0.97}
     settings = load_settings(changed(tmp_path, 'S6_flipper_cell', chain=chain))
     with pytest.raises(ValueError, match=r'chain\.number_of_rotors = 3 must be 2'):
         read_films(settings)
 
 
-def test_a_failed_film_stops_all_films_and_leaves_no_files(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_failed_film_stops_all_films_and_leaves_no_files(tmp_path, capsys):
     # There is no ffmpeg, so every film fails at its first frame.
     broken = FileKind(str(tmp_path / 'absent'), 'a test')
     with pytest.raises(FileNotFoundError):
@@ -370,7 +358,7 @@ def test_a_failed_film_stops_all_films_and_leaves_no_files(
     assert re.search(r'films: .*taken', capsys.readouterr().err)
 
 
-def test_an_interrupted_run_leaves_no_partial_files(tmp_path: Path) -> None:
+def test_an_interrupted_run_leaves_no_partial_files(tmp_path):
     command = [sys.executable, '-m', 'soliton_linkage_studies.films.program', str(CONFIG)]
     process = subprocess.Popen(
         [*command, '--only', 'S6', 'S7', '--output', str(tmp_path)],
@@ -411,9 +399,7 @@ class DotScene(Scene):
 """
 
 
-def test_an_external_kind_of_film_is_made_with_the_others(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_external_kind_of_film_is_made_with_the_others(tmp_path, monkeypatch):
     (tmp_path / 'own_film.py').write_text(OWN_FILM, encoding='utf-8')
     film = {'kind': 'dot', 'title': 'A dot', 'playing_time': 1, 'seconds': 2.0}
     config = changed(tmp_path, films={'D1_dot': film})

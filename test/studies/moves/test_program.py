@@ -33,9 +33,7 @@ def written(settings: object, path: Path) -> Path:
     return path
 
 
-def test_the_command_writes_table_and_picture(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_writes_table_and_picture(tmp_path, capsys):
     output = tmp_path / 'out'
     path = written(SETTINGS, tmp_path / 'moves.yaml')
     assert moves.main([str(path), '--output', str(output), '--workers', '1']) == 0
@@ -47,7 +45,7 @@ def test_the_command_writes_table_and_picture(
     assert '1 of 1' in capsys.readouterr().out
 
 
-def test_a_run_covers_the_move_from_its_goal_to_its_end() -> None:
+def test_a_run_covers_the_move_from_its_goal_to_its_end():
     chain = chain_of(FLIPPER, 8)
     task = MoveTask(chain, Condition(0.0, 0.0, 0.0), 2.0, 5.0, 0, 100.0, 0.5, 0.1)
     run = task()
@@ -62,7 +60,7 @@ def test_a_run_covers_the_move_from_its_goal_to_its_end() -> None:
     assert (run.phonon_energies >= 0).all()
 
 
-def test_a_rejected_goal_is_reported() -> None:
+def test_a_rejected_goal_is_reported():
     chain = chain_of(FLIPPER, 8)
     run = MoveTask(chain, Condition(0.0, 0.0, 0.0), 2.0, 9.0, 0, 100.0, 0.0, 0.1)()
     assert run.outcome is Outcome.OUT_OF_CHAIN
@@ -70,7 +68,7 @@ def test_a_rejected_goal_is_reported() -> None:
     assert run.duration == 0
 
 
-def test_the_table_contains_the_worst_of_the_reached_moves() -> None:
+def test_the_table_contains_the_worst_of_the_reached_moves():
     times = np.zeros(1)
 
     def run(outcome: Outcome, error: float, left: float) -> MoveRun:
@@ -86,7 +84,7 @@ def test_the_table_contains_the_worst_of_the_reached_moves() -> None:
     assert failed == '| c | d | 0 of 1 |  |  |  |  |'
 
 
-def test_the_installed_settings_are_valid_and_a_quick_study_has_fewer_moves() -> None:
+def test_the_installed_settings_are_valid_and_a_quick_study_has_fewer_moves():
     settings = load_settings(CONFIG)
     study, quick = (read_moves(settings, each) for each in (False, True))
     assert study.keys() == quick.keys()
@@ -95,7 +93,7 @@ def test_the_installed_settings_are_valid_and_a_quick_study_has_fewer_moves() ->
         assert len(quick[key]) < len(tasks)
 
 
-def test_wrong_settings_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_settings_are_named(tmp_path, capsys):
     for key, value in [('moves', 0), ('frame_rate', -1.0), ('surprise', 1), ('chains', 3)]:
         path = written(SETTINGS | {key: value}, tmp_path / 'moves.yaml')
         assert moves.main([str(path), '--output', str(tmp_path)]) == 1

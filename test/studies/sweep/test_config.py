@@ -29,7 +29,7 @@ def study_of(tmp_path: Path, content: str, quick: bool = False) -> SweepStudy:
 
 
 @given(st.lists(st.integers(1, 4), min_size=1, max_size=3), st.integers(1, 3))
-def test_rows_have_the_order_of_nested_loops_over_the_grid(sizes: list[int], seeds: int) -> None:
+def test_rows_have_the_order_of_nested_loops_over_the_grid(sizes, seeds):
     names = ('rest_angle', 'rotor_length_ratio', 'kick')
     axes = [
         Axis(name, tuple(0.1 * (1 + number) for number in range(size)))
@@ -41,7 +41,7 @@ def test_rows_have_the_order_of_nested_loops_over_the_grid(sizes: list[int], see
     assert [(*values.values(), seed) for values, seed in positions] == list(loops)
 
 
-def test_ranges_include_both_ends_and_have_equal_steps_on_their_scale(tmp_path: Path) -> None:
+def test_ranges_include_both_ends_and_have_equal_steps_on_their_scale(tmp_path):
     study = study_of(
         tmp_path,
         """
@@ -60,7 +60,7 @@ def test_ranges_include_both_ends_and_have_equal_steps_on_their_scale(tmp_path: 
     assert not angles.logarithmic
 
 
-def test_parameters_become_the_chain_its_deviations_and_the_trial() -> None:
+def test_parameters_become_the_chain_its_deviations_and_the_trial():
     parameters = {
         'number_of_rotors': 12,
         'spacing': 0.2,
@@ -78,7 +78,7 @@ def test_parameters_become_the_chain_its_deviations_and_the_trial() -> None:
     assert trial == SweepTrial(kick=0.3, mechanics='rigid')
 
 
-def test_axis_values_override_fixed_parameters(tmp_path: Path) -> None:
+def test_axis_values_override_fixed_parameters(tmp_path):
     study = study_of(
         tmp_path,
         """
@@ -92,7 +92,7 @@ def test_axis_values_override_fixed_parameters(tmp_path: Path) -> None:
     assert (chain.rotor_length, chain.rest_angle) == (3.0 * chain.spacing, 1.1)
 
 
-def test_the_installed_sweeps_are_valid_and_a_quick_sweep_is_coarser() -> None:
+def test_the_installed_sweeps_are_valid_and_a_quick_sweep_is_coarser():
     for path in SWEEPS:
         whole, quick = read_sweep_study(path), read_sweep_study(path, quick=True)
         assert quick.name == f'{whole.name}-quick'
@@ -103,13 +103,13 @@ def test_the_installed_sweeps_are_valid_and_a_quick_sweep_is_coarser() -> None:
         assert set(quick.seeds) <= set(whole.seeds)
 
 
-def test_seeds_are_counted_or_listed(tmp_path: Path) -> None:
+def test_seeds_are_counted_or_listed(tmp_path):
     assert study_of(tmp_path, f'measure: motion\nseeds: 3\n{GRID}').seeds == (0, 1, 2)
     assert study_of(tmp_path, f'measure: motion\nseeds: [4, 2]\n{GRID}').seeds == (4, 2)
     assert study_of(tmp_path, f'measure: motion\n{GRID}').seeds == (0,)
 
 
-def test_an_impossible_chain_gives_a_row_with_its_error() -> None:
+def test_an_impossible_chain_gives_a_row_with_its_error():
     axis = Axis('deviations.rotor_length', (0.0, 1.0))
     study = SweepStudy('any', 'motion', {'number_of_rotors': 40}, (axis,), (0,))
     assert study.cells(0) == ['0', '0.0', '0', 'flipper', '0', '']
@@ -118,7 +118,7 @@ def test_an_impossible_chain_gives_a_row_with_its_error() -> None:
     assert 'must be a finite number above -1' in failure
 
 
-def test_rows_measured_together_equal_rows_measured_alone() -> None:
+def test_rows_measured_together_equal_rows_measured_alone():
     chain = {'number_of_rotors': 12, 'deviations.rotor_length': 0.02, 'tolerance': 1e-6}
     axes = (Axis('mechanics', ('elastic', 'rigid')), Axis('kick', (0.1, 0.2)))
     for measure in ('speed', 'survival'):
@@ -131,13 +131,13 @@ def test_rows_measured_together_equal_rows_measured_alone() -> None:
                     assert one == other
 
 
-def test_floats_are_written_without_loss_of_digits() -> None:
+def test_floats_are_written_without_loss_of_digits():
     values = tuple(np.geomspace(0.1, 1, 7).tolist())
     study = SweepStudy('any', 'motion', {}, (Axis('rest_angle', values),), (0,))
     assert tuple(float(study.cells(row)[1]) for row in range(study.rows)) == values
 
 
-def test_errors_in_a_file_are_reported(tmp_path: Path) -> None:
+def test_errors_in_a_file_are_reported(tmp_path):
     for content, complaint in [
         (f'measure: colour\n{GRID}', "measure = 'colour' must be one of motion, speed, survival"),
         (GRID, 'measure is missing; give one of motion'),

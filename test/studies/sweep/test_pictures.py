@@ -44,7 +44,7 @@ def speed_rows(study: SweepStudy, speed: Any) -> list[dict[str, str]]:
     return rows
 
 
-def test_a_map_of_classes_has_the_motion_of_each_chain_between_its_limits() -> None:
+def test_a_map_of_classes_has_the_motion_of_each_chain_between_its_limits():
     study = SweepStudy('map', 'motion', {'spacing': 1.0}, (RATIOS, ANGLES), (0,))
     axes = drawn(study, rows_of(study))
     (mesh,) = axes.collections
@@ -70,7 +70,7 @@ def test_a_map_of_classes_has_the_motion_of_each_chain_between_its_limits() -> N
         assert 2 * ratios * np.sin(angles) == pytest.approx(lean(angles), rel=1e-12)
 
 
-def test_colours_are_paler_for_fewer_seeds_in_the_most_frequent_class() -> None:
+def test_colours_are_paler_for_fewer_seeds_in_the_most_frequent_class():
     study = SweepStudy('map', 'motion', {}, (RATIOS, ANGLES), (0, 1, 2, 3))
     rows = rows_of(study)
     for row in rows[:4]:
@@ -81,7 +81,7 @@ def test_colours_are_paler_for_fewer_seeds_in_the_most_frequent_class() -> None:
     assert np.asarray(mesh.get_array())[0, 0] == pytest.approx(expected)
 
 
-def test_a_map_of_numbers_shows_means_over_the_seeds_that_have_one() -> None:
+def test_a_map_of_numbers_shows_means_over_the_seeds_that_have_one():
     study = SweepStudy('map', 'speed', {}, (KICKS, ANGLES), (0, 1, 2))
     rows = speed_rows(study, lambda kick, angle, seed: kick * angle + seed)
     rows[1]['speed'] = 'nan'
@@ -98,7 +98,7 @@ def test_a_map_of_numbers_shows_means_over_the_seeds_that_have_one() -> None:
     assert axes.figure.axes[1].get_ylabel() == study.measure.label
 
 
-def test_a_curve_of_numbers_shows_median_and_range() -> None:
+def test_a_curve_of_numbers_shows_median_and_range():
     study = SweepStudy('curve', 'speed', {}, (KICKS,), (0, 1, 7))
     rows = speed_rows(study, lambda kick, seed: kick + seed)
     assert numbers(study, rows).shape == (6, 3)
@@ -114,7 +114,7 @@ def test_a_curve_of_numbers_shows_median_and_range() -> None:
     assert (band.y0, band.y1) == pytest.approx((0.1, 0.6 + 7))
 
 
-def test_a_second_axis_with_few_values_makes_one_curve_per_value() -> None:
+def test_a_second_axis_with_few_values_makes_one_curve_per_value():
     mechanics = Axis('mechanics', ('elastic', 'rigid'))
     scales = Axis('deviations.scale', KICKS.values)
     for axes_of_study in ((mechanics, scales), (scales, mechanics)):
@@ -129,7 +129,7 @@ def test_a_second_axis_with_few_values_makes_one_curve_per_value() -> None:
         assert heights == {'elastic': {1.0}, 'rigid': {0.5}}
 
 
-def test_one_axis_with_classes_makes_one_curve_per_class() -> None:
+def test_one_axis_with_classes_makes_one_curve_per_class():
     study = SweepStudy('curves', 'motion', {'rest_angle': 0.97}, (RATIOS,), (0,))
     lines = drawn(study, rows_of(study)).lines
     assert [line.get_label() for line in lines] == [
@@ -139,12 +139,12 @@ def test_one_axis_with_classes_makes_one_curve_per_class() -> None:
     assert np.array_equal(heights.sum(axis=0), np.ones(9))
 
 
-def test_more_than_two_axes_are_not_drawn() -> None:
+def test_more_than_two_axes_are_not_drawn():
     study = SweepStudy('cube', 'motion', {}, (RATIOS, ANGLES, Axis('spacing', (0.1, 0.2))), (0,))
     assert sweep_figure(study, []) is None
 
 
-def test_fractions_are_drawn_from_0_to_1_with_errors_in_distinct_colours() -> None:
+def test_fractions_are_drawn_from_0_to_1_with_errors_in_distinct_colours():
     mechanics = Axis('mechanics', ('elastic', 'rigid'))
     scales = Axis('deviations.scale', KICKS.values)
     study = SweepStudy('curves', 'survival', {}, (mechanics, scales), tuple(range(8)))
@@ -170,7 +170,7 @@ def test_fractions_are_drawn_from_0_to_1_with_errors_in_distinct_colours() -> No
     assert 'standard error' in axes.get_ylabel()
 
 
-def test_map_pixels_stay_within_the_range_of_rest_angles() -> None:
+def test_map_pixels_stay_within_the_range_of_rest_angles():
     angles = Axis('rest_angle', tuple(np.linspace(0.05, 1.55, 8).tolist()))
     study = SweepStudy('map', 'motion', {'number_of_rotors': 3}, (RATIOS, angles), (0,))
     axes = drawn(study, rows_of(study))

@@ -31,12 +31,12 @@ LONG = SMALL.replace('points: 8', 'points: 30').replace('points: 7', 'points: 15
 
 
 @pytest.fixture
-def config(tmp_path: Path) -> Path:
+def config(tmp_path):
     return written(tmp_path / 'small.yaml', SMALL)
 
 
 @pytest.fixture(scope='module')
-def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def swept(tmp_path_factory):
     """Run the small study with one process; return its folder."""
     folder = tmp_path_factory.mktemp('swept')
     config = written(folder / 'small.yaml', SMALL)
@@ -83,9 +83,7 @@ def is_empty(group: int) -> bool:
     return True
 
 
-def test_the_table_does_not_depend_on_the_number_of_processes(
-    config: Path, swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_table_does_not_depend_on_the_number_of_processes(config, swept, tmp_path, capsys):
     assert main([str(config), '--output', str(tmp_path), '--workers', '2']) == 0
     table = (tmp_path / 'small.csv').read_bytes()
     assert table == (swept / 'small.csv').read_bytes()
@@ -97,9 +95,7 @@ def test_the_table_does_not_depend_on_the_number_of_processes(
     assert '168 rows in' in written_out.err
 
 
-def test_the_same_command_on_a_complete_table_redraws_it(
-    config: Path, swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_same_command_on_a_complete_table_redraws_it(config, swept, tmp_path, capsys):
     output = shutil.copytree(swept, tmp_path / 'out')
     (output / 'small.png').unlink()
     assert main([str(config), '--output', str(output), '--workers', '1']) == 0
@@ -108,9 +104,7 @@ def test_the_same_command_on_a_complete_table_redraws_it(
     assert (output / 'small.png').exists()
 
 
-def test_an_interrupted_sweep_continues_to_the_same_table(
-    tmp_path: Path, whole_table: bytes, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_interrupted_sweep_continues_to_the_same_table(tmp_path, whole_table, capsys):
     config = written(tmp_path / 'long.yaml', LONG)
     folder = tmp_path / 'out'
     part = folder / 'long.csv.part'
@@ -140,14 +134,14 @@ def test_an_interrupted_sweep_continues_to_the_same_table(
 
 
 @pytest.fixture(scope='module')
-def whole_table(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+def whole_table(tmp_path_factory):
     folder = tmp_path_factory.mktemp('whole')
     config = written(folder / 'long.yaml', LONG)
     assert main([str(config), '--output', str(folder / 'out'), '--workers', '1']) == 0
     return (folder / 'out/long.csv').read_bytes()
 
 
-def test_a_cluster_gives_the_same_table(config: Path, swept: Path, tmp_path: Path) -> None:
+def test_a_cluster_gives_the_same_table(config, swept, tmp_path):
     distributed = pytest.importorskip('distributed', reason='needs Dask: pip install distributed')
     cluster = distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, processes=False, dashboard_address=':0'
@@ -159,8 +153,8 @@ def test_a_cluster_gives_the_same_table(config: Path, swept: Path, tmp_path: Pat
 
 
 def test_a_quick_sweep_has_a_separate_table_and_failed_rows_are_counted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+    tmp_path, monkeypatch, capsys
+):
     content = 'measure: motion\nseeds: 3\nsweep: {deviations.mass: [0.0, 1.0]}'
     config = written(tmp_path / 'mine.yaml', content)
     monkeypatch.chdir(tmp_path)
@@ -169,9 +163,7 @@ def test_a_quick_sweep_has_a_separate_table_and_failed_rows_are_counted(
     assert '; 2 rows have a failure' in capsys.readouterr().out
 
 
-def test_an_error_is_one_line(
-    swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_error_is_one_line(swept, tmp_path, capsys):
     wrong = written(tmp_path / 'wrong.yaml', SMALL.replace('motion', 'colour'))
     assert main([str(wrong)]) == 1
     assert capsys.readouterr().err.startswith(f"sweep: {wrong}: measure = 'colour' must be one of")

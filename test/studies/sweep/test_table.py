@@ -29,9 +29,7 @@ def written(folder: Path, order: list[int]) -> bytes:
 
 
 @given(order=st.permutations(range(STUDY.rows)))
-def test_rows_are_sorted_independent_of_their_arrival(
-    order: list[int], tmp_path_factory: pytest.TempPathFactory
-) -> None:
+def test_rows_are_sorted_independent_of_their_arrival(order, tmp_path_factory):
     folder = tmp_path_factory.mktemp('table')
     whole = written(tmp_path_factory.mktemp('table'), list(range(STUDY.rows)))
     assert written(folder, order) == whole
@@ -40,7 +38,7 @@ def test_rows_are_sorted_independent_of_their_arrival(
     assert tuple(rows[0]) == STUDY.columns
 
 
-def test_a_table_continues_after_truncation_at_any_byte(tmp_path: Path) -> None:
+def test_a_table_continues_after_truncation_at_any_byte(tmp_path):
     whole = written(tmp_path / 'whole', list(range(STUDY.rows)))
     folder = tmp_path / 'cut'
     with Table(STUDY, folder) as table:
@@ -60,7 +58,7 @@ def test_a_table_continues_after_truncation_at_any_byte(tmp_path: Path) -> None:
         (folder / 'mine.csv').unlink()
 
 
-def test_a_finished_table_is_complete_and_leaves_no_part_file(tmp_path: Path) -> None:
+def test_a_finished_table_is_complete_and_leaves_no_part_file(tmp_path):
     whole = written(tmp_path, list(range(STUDY.rows)))
     with Table(STUDY, tmp_path) as table:
         assert table.missing == []
@@ -69,7 +67,7 @@ def test_a_finished_table_is_complete_and_leaves_no_part_file(tmp_path: Path) ->
     assert {path.name for path in tmp_path.iterdir()} == {'mine.csv', 'configuration.yaml'}
 
 
-def test_rows_of_another_configuration_are_rejected(tmp_path: Path) -> None:
+def test_rows_of_another_configuration_are_rejected(tmp_path):
     for changed, key in [
         (SweepStudy('mine', 'survival', STUDY.parameters, STUDY.axes, STUDY.seeds), 'measure'),
         (
@@ -93,7 +91,7 @@ def test_rows_of_another_configuration_are_rejected(tmp_path: Path) -> None:
             assert table.missing == list(range(2, STUDY.rows))
 
 
-def test_two_sweeps_cannot_write_to_the_same_table(tmp_path: Path) -> None:
+def test_two_sweeps_cannot_write_to_the_same_table(tmp_path):
     busy = pytest.raises(ValueError, match=r'another program is writing to .*; wait until')
     with Table(STUDY, tmp_path), busy:
         Table(STUDY, tmp_path)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,7 +16,6 @@ from recordings import MILLISECOND, START, run_of, write_bag
 
 from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.services import service_type
-from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_from_msg, time_to_msg
 
@@ -25,7 +23,7 @@ Services = dict[str, Callable[[Any, Any], Any]]
 
 
 @pytest.fixture
-def services(monkeypatch: pytest.MonkeyPatch) -> Services:
+def services(monkeypatch):
     """Return the callback of each service of the next player."""
     offered: Services = {}
     create = Node.create_service
@@ -75,9 +73,7 @@ def ready(graph: Graph, services: Services) -> None:
     graph.until(lambda: burst(services, 1), 'the player to be ready')
 
 
-def test_in_a_pause_messages_are_burst_to_the_end_and_again(
-    graph: Graph, named: NamedChain, tmp_path: Path, services: Services
-) -> None:
+def test_in_a_pause_messages_are_burst_to_the_end_and_again(graph, named, tmp_path, services):
     bag = write_bag(tmp_path / 'run', run_of(named, 20, gap=10**9)[1:-1])
     heard = graph.hear(interfaces.JOINT_STATES)
     player = graph.start(BagPlayer, {'bag': str(bag), 'start_paused': True})
@@ -95,13 +91,7 @@ def test_in_a_pause_messages_are_burst_to_the_end_and_again(
     graph.until(lambda: player.finished, 'the end')
 
 
-def test_there_is_no_burst_without_a_pause(
-    graph: Graph,
-    named: NamedChain,
-    tmp_path: Path,
-    services: Services,
-    capfd: pytest.CaptureFixture[str],
-) -> None:
+def test_there_is_no_burst_without_a_pause(graph, named, tmp_path, services, capfd):
     bag = write_bag(tmp_path / 'run', run_of(named, 2, gap=60 * 10**9))
     graph.start(BagPlayer, {'bag': str(bag)})
     assert burst(services, 1) == 0
@@ -111,9 +101,7 @@ def test_there_is_no_burst_without_a_pause(
     )
 
 
-def test_a_part_of_the_bag_is_played_after_a_stop(
-    graph: Graph, named: NamedChain, tmp_path: Path, services: Services
-) -> None:
+def test_a_part_of_the_bag_is_played_after_a_stop(graph, named, tmp_path, services):
     bag = write_bag(tmp_path / 'run', run_of(named, 100)[1:-1])
     heard = graph.hear(interfaces.JOINT_STATES)
     player = graph.start(BagPlayer, {'bag': str(bag), 'start_paused': True, 'stay': True})
@@ -138,9 +126,7 @@ def test_a_part_of_the_bag_is_played_after_a_stop(
     assert not play(services, offset=3600.0)
 
 
-def test_a_stopped_player_restarts_with_its_parameters(
-    graph: Graph, named: NamedChain, tmp_path: Path, services: Services
-) -> None:
+def test_a_stopped_player_restarts_with_its_parameters(graph, named, tmp_path, services):
     bag = write_bag(tmp_path / 'run', run_of(named, 30)[1:-1])
     heard = graph.hear(interfaces.JOINT_STATES)
     given = {'bag': str(bag), 'start_offset': 0.01, 'start_paused': True}
@@ -154,9 +140,7 @@ def test_a_stopped_player_restarts_with_its_parameters(
     assert frames_of(heard) == list(range(10, 30))
 
 
-def test_rounds_are_reported(
-    graph: Graph, named: NamedChain, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_rounds_are_reported(graph, named, tmp_path, capfd):
     bag = write_bag(tmp_path / 'run', run_of(named, 10))
     frames = graph.hear(interfaces.JOINT_STATES)
     player = graph.start(BagPlayer, {'bag': str(bag), 'loop': True})
@@ -173,9 +157,7 @@ def test_rounds_are_reported(
     assert 12 * (rounds - 1) <= played <= 12 * rounds
 
 
-def test_jumps_are_reported(
-    graph: Graph, named: NamedChain, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_jumps_are_reported(graph, named, tmp_path, capfd):
     bag = write_bag(tmp_path / 'run', run_of(named, 100, gap=50 * MILLISECOND)[1:-1])
     frames = graph.hear(interfaces.JOINT_STATES)
     player = graph.start(BagPlayer, {'bag': str(bag)})

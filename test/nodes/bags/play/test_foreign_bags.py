@@ -4,14 +4,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 from graphs import Graph, values
 from mcap.writer import Writer
-from programs import Program
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from recordings import START
@@ -72,8 +71,8 @@ CHATTER = Topic('chatter', String, reliable_qos(1000))
 
 @pytest.mark.parametrize(('name', 'type_name'), [('/x', 'absent_msgs/msg/X'), ('/a b', TEXTS)])
 def test_a_bag_without_a_topic_that_can_be_played_is_rejected_in_one_line(
-    graph: Graph, tmp_path: Path, name: str, type_name: str
-) -> None:
+    graph, tmp_path, name, type_name
+):
     bag = write_mcap(tmp_path / 'x.mcap', Channel(name, type_name, texts(3)))
     complaint = f'bag {str(bag)!r}: no topic can be played; '
     with pytest.raises(ValueError, match=re.escape(complaint)) as refusal:
@@ -82,9 +81,7 @@ def test_a_bag_without_a_topic_that_can_be_played_is_rejected_in_one_line(
 
 
 @pytest.mark.parametrize('chosen', [[], ['chatter']])
-def test_the_first_installed_type_of_a_topic_is_played(
-    graph: Graph, tmp_path: Path, capfd: pytest.CaptureFixture[str], chosen: list[str]
-) -> None:
+def test_the_first_installed_type_of_a_topic_is_played(graph, tmp_path, capfd, chosen):
     number = serialize_message(Int32(data=7))
     bag = write_mcap(
         tmp_path / 'x.mcap',
@@ -101,9 +98,7 @@ def test_the_first_installed_type_of_a_topic_is_played(
     assert said.count('/chatter of type absent_msgs/msg/X is not played: ') == 1
 
 
-def test_a_recorded_clock_is_not_played_beside_an_own_one(
-    graph: Graph, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recorded_clock_is_not_played_beside_an_own_one(graph, tmp_path, capfd):
     clocks = [
         (START + n, serialize_message(Clock(clock=time_to_msg(n * SECOND)))) for n in range(20)
     ]
@@ -121,7 +116,7 @@ def test_a_recorded_clock_is_not_played_beside_an_own_one(
     assert capfd.readouterr().err.count('the recorded /clock is not played') == 1
 
 
-def test_the_subscription_of_its_own_clock_is_no_subscriber(graph: Graph, tmp_path: Path) -> None:
+def test_the_subscription_of_its_own_clock_is_no_subscriber(graph, tmp_path):
     clocks = [(START + n, serialize_message(Clock())) for n in range(20)]
     bag = write_mcap(tmp_path / 'x.mcap', Channel('/clock', 'rosgraph_msgs/msg/Clock', clocks))
     given = {'wait_for': ['/clock'], 'subscriber_timeout': 3600.0, 'use_sim_time': True}
@@ -144,9 +139,7 @@ def latecomer(graph: Graph) -> list[String]:
 
 
 @pytest.mark.parametrize(('depth', 'held'), [(0, 10), (3, 3)])
-def test_a_late_subscriber_gets_the_latched_messages_as_from_rosbag2(
-    graph: Graph, tmp_path: Path, depth: int, held: int
-) -> None:
+def test_a_late_subscriber_gets_the_latched_messages_as_from_rosbag2(graph, tmp_path, depth, held):
     profiles = LATCHED.replace('DEPTH', str(depth))
     bag = write_mcap(tmp_path / 'x.mcap', Channel('/chatter', TEXTS, texts(12), profiles))
     given = {'bag': str(bag), 'subscriber_timeout': 0.0, 'stay': True, 'wait_for': ['chatter']}
@@ -158,9 +151,7 @@ def test_a_late_subscriber_gets_the_latched_messages_as_from_rosbag2(
     assert numbers_in(heard) == list(range(12 - held, 12))
 
 
-def test_an_offset_keeps_as_many_latched_messages_as_a_late_subscriber_gets(
-    graph: Graph, tmp_path: Path
-) -> None:
+def test_an_offset_keeps_as_many_latched_messages_as_a_late_subscriber_gets(graph, tmp_path):
     profiles = LATCHED.replace('DEPTH', '0')
     bag = write_mcap(
         tmp_path / 'x.mcap', Channel('/chatter', TEXTS, texts(20, gap=SECOND), profiles)
@@ -172,9 +163,7 @@ def test_an_offset_keeps_as_many_latched_messages_as_a_late_subscriber_gets(
 
 
 @pytest.mark.parametrize('depth', [0, 1])
-def test_no_message_that_is_reported_as_played_is_lost_on_its_way(
-    graph: Graph, start: Callable[..., Program], tmp_path: Path, depth: int
-) -> None:
+def test_no_message_that_is_reported_as_played_is_lost_on_its_way(graph, start, tmp_path, depth):
     profiles = LATCHED.replace('DEPTH', str(depth))
     bag = write_mcap(tmp_path / 'x.mcap', Channel('/chatter', TEXTS, texts(300, 20_000), profiles))
     heard = graph.hear(Topic('chatter', String, latched_qos(1000)))
@@ -186,9 +175,7 @@ def test_no_message_that_is_reported_as_played_is_lost_on_its_way(
 
 
 @pytest.mark.parametrize('first', [0, START - 3 * 86400 * SECOND])
-def test_a_gap_longer_than_the_limit_is_skipped_and_reported(
-    graph: Graph, tmp_path: Path, capfd: pytest.CaptureFixture[str], first: int
-) -> None:
+def test_a_gap_longer_than_the_limit_is_skipped_and_reported(graph, tmp_path, capfd, first):
     early = (first, serialize_message(String(data='-1')))
     bag = write_mcap(tmp_path / 'x.mcap', Channel('/chatter', TEXTS, [early, *texts(10)]))
     heard = graph.hear(CHATTER)

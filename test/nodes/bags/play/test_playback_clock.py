@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -30,12 +29,12 @@ class Clock(threading.Condition):
 
 
 @pytest.fixture
-def clock() -> Clock:
+def clock():
     return Clock()
 
 
 @pytest.fixture
-def started(clock: Clock) -> Callable[..., PlaybackClock]:
+def started(clock):
     def start(*arguments: Any) -> PlaybackClock:
         moved = PlaybackClock(*arguments, clock=clock, changed=clock)
         moved.start(0)
@@ -44,9 +43,7 @@ def started(clock: Clock) -> Callable[..., PlaybackClock]:
     return start
 
 
-def test_messages_are_due_at_the_rate_without_any_drift(
-    clock: Clock, started: Callable[..., PlaybackClock]
-) -> None:
+def test_messages_are_due_at_the_rate_without_any_drift(clock, started):
     for rate in [0.5, 1.0, 4.0]:
         begin = clock.now
         moved = started(rate)
@@ -56,9 +53,7 @@ def test_messages_are_due_at_the_rate_without_any_drift(
             assert clock.now - begin == pytest.approx(stamp / SECOND / rate, abs=1e-9)
 
 
-def test_the_rate_may_change_on_the_way(
-    clock: Clock, started: Callable[..., PlaybackClock]
-) -> None:
+def test_the_rate_may_change_on_the_way(clock, started):
     moved = started(1.0)
     moved.wait_for(2 * SECOND)
     moved.set_rate(4.0)
@@ -67,9 +62,7 @@ def test_the_rate_may_change_on_the_way(
     assert moved.rate == 4.0
 
 
-def test_a_pause_delays_later_messages_by_its_duration(
-    clock: Clock, started: Callable[..., PlaybackClock]
-) -> None:
+def test_a_pause_delays_later_messages_by_its_duration(clock, started):
     moved = started(2.0)
     moved.wait_for(1 * SECOND)
     moved.pause()
@@ -80,16 +73,14 @@ def test_a_pause_delays_later_messages_by_its_duration(
     assert clock.now == pytest.approx(1000.0 + 0.5 + 50.0 + 1.0)
 
 
-def test_without_pace_everything_is_due(
-    clock: Clock, started: Callable[..., PlaybackClock]
-) -> None:
+def test_without_pace_everything_is_due(clock, started):
     moved = started(1.0, False, False)
     for number in range(10):
         assert moved.wait_for(number * SECOND) is NextAction.PLAY
     assert clock.now == 1000.0
 
 
-def test_in_a_pause_one_message_passes_for_each_step() -> None:
+def test_in_a_pause_one_message_passes_for_each_step():
     moved = PlaybackClock(1.0, paused=True)
     moved.start(0)
     passed: list[int] = []
@@ -114,7 +105,7 @@ def test_in_a_pause_one_message_passes_for_each_step() -> None:
     assert not moved.play_next()
 
 
-def test_an_unused_step_is_forgotten() -> None:
+def test_an_unused_step_is_forgotten():
     moved = PlaybackClock(paused=True, longest_step=0.05)
     assert not moved.play_next()
     moved.start(0)
@@ -122,7 +113,7 @@ def test_an_unused_step_is_forgotten() -> None:
     assert moved.wait_for(0) is NextAction.STOP
 
 
-def test_a_wait_ends_where_another_instant_is_sought_or_it_is_to_stop() -> None:
+def test_a_wait_ends_where_another_instant_is_sought_or_it_is_to_stop():
     moved = PlaybackClock()
     moved.start(0)
     threading.Timer(0.05, moved.seek, [7]).start()
@@ -135,7 +126,7 @@ def test_a_wait_ends_where_another_instant_is_sought_or_it_is_to_stop() -> None:
 
 
 @pytest.fixture
-def playing() -> Iterator[tuple[PlaybackClock, list[int]]]:
+def playing():
     """Five messages that are paused, in a thread that takes note of those that pass."""
     moved, passed = PlaybackClock(paused=True, longest_step=0.05), list[int]()
     moved.start(0)
@@ -155,9 +146,7 @@ def playing() -> Iterator[tuple[PlaybackClock, list[int]]]:
     thread.join()
 
 
-def test_a_burst_plays_a_number_of_messages_in_a_pause_and_0_plays_all(
-    playing: tuple[PlaybackClock, list[int]],
-) -> None:
+def test_a_burst_plays_a_number_of_messages_in_a_pause_and_0_plays_all(playing):
     moved, passed = playing
     assert moved.burst(3) == 3
     assert moved.burst(0) == 2
@@ -172,7 +161,7 @@ def test_a_burst_plays_a_number_of_messages_in_a_pause_and_0_plays_all(
     assert moved.burst(1) == 0
 
 
-def test_a_burst_that_lasts_is_answered_before_its_end() -> None:
+def test_a_burst_that_lasts_is_answered_before_its_end():
     slow = PlaybackClock(paused=True, longest_burst=2.0)
     slow.start(0)
     threading.Timer(0.01, slow.wait_for, [0]).start()
@@ -183,7 +172,7 @@ def test_a_burst_that_lasts_is_answered_before_its_end() -> None:
     assert not slow.stepping
 
 
-def test_after_a_stop_it_may_be_opened_again() -> None:
+def test_after_a_stop_it_may_be_opened_again():
     moved = PlaybackClock(paused=True)
     moved.start(0)
     moved.seek(5)

@@ -48,14 +48,8 @@ def start_analyser(graph: Graph, hears: bool = True) -> Node:
     ],
 )
 def test_an_analyser_comes_before_the_recording_unless_that_is_chosen(
-    graph: Graph,
-    named: NamedChain,
-    tmp_path: Path,
-    capfd: pytest.CaptureFixture[str],
-    given: dict[str, Any],
-    states: int,
-    said: str,
-) -> None:
+    graph, named, tmp_path, capfd, given, states, said
+):
     bag = bag_with_states(tmp_path, named)
     start_analyser(graph)
     heard, frames = graph.hear(interfaces.SOLITON_STATE), graph.hear(interfaces.JOINT_STATES)
@@ -71,9 +65,7 @@ def test_an_analyser_comes_before_the_recording_unless_that_is_chosen(
     assert (left_out in log) == (not states)
 
 
-def test_a_node_that_does_not_receive_the_frames_is_no_analyser(
-    graph: Graph, named: NamedChain, tmp_path: Path
-) -> None:
+def test_a_node_that_does_not_receive_the_frames_is_no_analyser(graph, named, tmp_path):
     bag = bag_with_states(tmp_path, named)
     start_analyser(graph, hears=False)
     heard = graph.hear(interfaces.SOLITON_STATE)
@@ -82,9 +74,7 @@ def test_a_node_that_does_not_receive_the_frames_is_no_analyser(
     graph.until(lambda: len(heard) == 30, 'the states')
 
 
-def test_recorded_states_are_played_after_the_analyser_ends(
-    graph: Graph, named: NamedChain, tmp_path: Path
-) -> None:
+def test_recorded_states_are_played_after_the_analyser_ends(graph, named, tmp_path):
     bag = bag_with_states(tmp_path, named, gap=200 * MILLISECOND)
     analyser = start_analyser(graph)
     heard, frames = graph.hear(interfaces.SOLITON_STATE), graph.hear(interfaces.JOINT_STATES)
@@ -95,9 +85,7 @@ def test_recorded_states_are_played_after_the_analyser_ends(
     graph.until(lambda: heard, 'a state')
 
 
-def test_omitted_messages_are_no_steps_in_a_pause(
-    graph: Graph, named: NamedChain, tmp_path: Path
-) -> None:
+def test_omitted_messages_are_no_steps_in_a_pause(graph, named, tmp_path):
     bag = bag_with_states(tmp_path, named)
     start_analyser(graph)
     frames = graph.hear(interfaces.JOINT_STATES)

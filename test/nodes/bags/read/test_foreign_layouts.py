@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 import yaml
-from graphs import Graph
 from mcap.writer import Writer
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
@@ -110,7 +109,7 @@ def held(path: Path) -> Held:
 
 
 @pytest.mark.parametrize('suffix', ['.mcap', '.db3'])
-def test_splits_that_overlap_in_time_are_merged(tmp_path: Path, suffix: str) -> None:
+def test_splits_that_overlap_in_time_are_merged(tmp_path, suffix):
     splits = [[('/a', 10), ('/b', 30)], [('/b', 50), ('/a', 60)], [('/a', 20), ('/a', 40)]]
     bag = write_bag(tmp_path / 'run', splits, suffix)
     expected = sorted((each for split in splits for each in split), key=lambda each: each[1])
@@ -119,7 +118,7 @@ def test_splits_that_overlap_in_time_are_merged(tmp_path: Path, suffix: str) -> 
     assert held(new) == expected
 
 
-def test_deleted_splits_of_a_circular_recording_are_no_damage(tmp_path: Path) -> None:
+def test_deleted_splits_of_a_circular_recording_are_no_damage(tmp_path):
     splits: list[Held] = [[('/a', 30)], [('/a', 40), ('/a', 50)]]
     report = check_bag(write_bag(tmp_path / 'run', splits, first=7, deleted=4))
     assert (report.damage, report.messages, report.lost) == ([], 3, 0)
@@ -129,13 +128,13 @@ def test_deleted_splits_of_a_circular_recording_are_no_damage(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize('suffix', ['.mcap', '.db3'])
-def test_an_empty_storage_name_follows_from_the_suffix(tmp_path: Path, suffix: str) -> None:
+def test_an_empty_storage_name_follows_from_the_suffix(tmp_path, suffix):
     bag = write_bag(tmp_path / 'run', [[('/a', 10)]], suffix, storage='')
     assert held(bag) == [('/a', 10)]
     assert check_bag(bag).damage == []
 
 
-def test_a_topic_may_have_any_name(tmp_path: Path) -> None:
+def test_a_topic_may_have_any_name(tmp_path):
     for number, name in enumerate(['chatter', '~/x', 'a name', '//x', '']):
         for suffix in ('.mcap', '.db3'):
             bag = write_bag(tmp_path / f'run_{number}{suffix}', [[(name, 10), ('/b', 20)]], suffix)
@@ -145,9 +144,7 @@ def test_a_topic_may_have_any_name(tmp_path: Path) -> None:
             assert held(new) == [(name, 10), ('/b', 20)]
 
 
-def test_messages_in_a_write_ahead_log_are_read_and_the_bag_is_unchanged(
-    graph: Graph, tmp_path: Path
-) -> None:
+def test_messages_in_a_write_ahead_log_are_read_and_the_bag_is_unchanged(graph, tmp_path):
     messages = [('/a', stamp) for stamp in range(101)]
     bag = write_bag(tmp_path / 'run', [messages], '.db3')
     (bag / 'run_0.db3').unlink()
@@ -164,9 +161,7 @@ def test_messages_in_a_write_ahead_log_are_read_and_the_bag_is_unchanged(
     assert {path: path.read_bytes() for path in bag.iterdir()} == before
 
 
-def test_stamps_before_1970_are_read_and_counted_once_as_lost_when_recovered(
-    tmp_path: Path,
-) -> None:
+def test_stamps_before_1970_are_read_and_counted_once_as_lost_when_recovered(tmp_path):
     messages = [('/a', stamp) for stamp in range(-60, 41)]
     bag = write_bag(tmp_path / 'run', [messages], '.db3')
     assert held(bag) == messages
@@ -179,9 +174,7 @@ def test_stamps_before_1970_are_read_and_counted_once_as_lost_when_recovered(
     assert not (tmp_path / 'none_0').exists()
 
 
-def test_service_events_are_played_if_their_type_is_installed(
-    graph: Graph, tmp_path: Path
-) -> None:
+def test_service_events_are_played_if_their_type_is_installed(graph, tmp_path):
     topic, event = '/stop/_service_event', Trigger.Event(request=[Trigger.Request()])
     path = tmp_path / 'run.mcap'
     with path.open('wb') as file:

@@ -116,7 +116,7 @@ CASES = {
 
 
 @pytest.fixture(params=CASES)
-def path(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+def path(request, tmp_path):
     """A file of each case."""
     file = tmp_path / 'case.mcap'
     file.write_bytes(CASES[request.param].content)
@@ -157,7 +157,7 @@ def copied(path: Path) -> tuple[list[object], set[bytes]]:
     return rows, {bytes(body) for _, kind, body in found if kind in kinds or kind > DATA_END[0]}
 
 
-def test_it_is_read_checked_and_copied_whole(path: Path, tmp_path: Path) -> None:
+def test_it_is_read_checked_and_copied_whole(path, tmp_path):
     expected = [(topic, stamp, data) for topic, stamp, _, _, data in held(path)]
     with reading.open_bag(path) as reader:
         read = reading.read_messages(reader, reader.connections)
@@ -176,7 +176,7 @@ def test_it_is_read_checked_and_copied_whole(path: Path, tmp_path: Path) -> None
     assert check_bag(new).damage == []
 
 
-def test_at_every_length_each_whole_message_of_a_cut_file_comes_back(path: Path) -> None:
+def test_at_every_length_each_whole_message_of_a_cut_file_comes_back(path):
     whole, rows = path.read_bytes(), held(path)
     for length in range(len(whole)):
         path.write_bytes(whole[:length])
@@ -188,7 +188,7 @@ def test_at_every_length_each_whole_message_of_a_cut_file_comes_back(path: Path)
 
 
 @pytest.mark.parametrize('case', ['no summary', 'private and future records'])
-def test_no_flipped_bit_loses_a_message_silently(tmp_path: Path, case: str) -> None:
+def test_no_flipped_bit_loses_a_message_silently(tmp_path, case):
     path = tmp_path / 'case.mcap'
     whole = bytearray(CASES[case].content)
     position = whole.index(DATA_END)
@@ -206,7 +206,7 @@ def test_no_flipped_bit_loses_a_message_silently(tmp_path: Path, case: str) -> N
             assert len(list(reading.read_messages(reader, reader.connections))) == count
 
 
-def test_without_a_checksum_a_flipped_type_is_no_private_record(tmp_path: Path) -> None:
+def test_without_a_checksum_a_flipped_type_is_no_private_record(tmp_path):
     path = tmp_path / 'case.mcap'
     content = bytearray(CASES['no summary'].content)
     content[content.index(THREE[1])] ^= 0x80
@@ -216,7 +216,7 @@ def test_without_a_checksum_a_flipped_type_is_no_private_record(tmp_path: Path) 
     assert report.damage
 
 
-def test_a_file_in_reverse_order_is_read_in_bounded_memory(tmp_path: Path) -> None:
+def test_a_file_in_reverse_order_is_read_in_bounded_memory(tmp_path):
     path = tmp_path / 'case.mcap'
     body = bytes(2000)
     count = 5000
@@ -228,7 +228,7 @@ def test_a_file_in_reverse_order_is_read_in_bounded_memory(tmp_path: Path) -> No
     assert stamps == list(range(1, count + 1))
 
 
-def test_topics_in_other_encodings_are_rejected_beside_a_cdr_topic(tmp_path: Path) -> None:
+def test_topics_in_other_encodings_are_rejected_beside_a_cdr_topic(tmp_path):
     path = tmp_path / 'case.mcap'
     number = Schema(2, 'std_msgs/msg/Float64', 'ros2msg', b'float64 data')
     records = [

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from graphs import Graph
 from recordings import START, run_of, write_bag
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.metadata import parse_qos
@@ -24,7 +23,6 @@ from soliton_linkage_nodes.bags.reading import (
     type_name,
 )
 from soliton_linkage_nodes.bags.stored_topic import profiles_text, type_definition
-from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 
 
@@ -60,7 +58,7 @@ HEADER = (
 
 
 @pytest.fixture
-def older_chain(tmp_path: Path) -> Path:
+def older_chain(tmp_path):
     definition = Chain.get_fields_and_field_types()
     fields: dict[str, Any] = {'header': HEADER, 'joint_names': ['a', 'b']}
     for name, kind in definition.items():
@@ -75,7 +73,7 @@ def older_chain(tmp_path: Path) -> Path:
     return write_older(tmp_path / 'run_0', '/chain', type_name(Chain), 'damping', fields)
 
 
-def test_an_older_message_is_filled_by_name(older_chain: Path) -> None:
+def test_an_older_message_is_filled_by_name(older_chain):
     with open_bag(older_chain) as reader:
         assert is_older(find_topic(reader, 'chain'))
         ((stamp, message),) = read_topic(reader, 'chain')
@@ -87,7 +85,7 @@ def test_an_older_message_is_filled_by_name(older_chain: Path) -> None:
     assert message.damping == Chain().damping
 
 
-def test_an_older_message_is_played_as_one_of_today(graph: Graph, older_chain: Path) -> None:
+def test_an_older_message_is_played_as_one_of_today(graph, older_chain):
     heard = graph.hear(interfaces.CHAIN)
     graph.start(BagPlayer, {'bag': str(older_chain)})
     graph.until(lambda: heard, 'the chain')
@@ -106,7 +104,7 @@ def parts(message: Any, without: str) -> Any:
     return type_name(type(message)), fields
 
 
-def test_messages_within_messages_are_filled_as_well(tmp_path: Path) -> None:
+def test_messages_within_messages_are_filled_as_well(tmp_path):
     walls = [Soliton(rotor=1.5, velocity=9.0), Soliton(rotor=2.5, velocity=9.0)]
     today = SolitonState(motion_name='spinner', solitons=walls, cycle=Cycle(phase=0.5))
     name, fields = parts(today, 'velocity')
@@ -119,12 +117,12 @@ def test_messages_within_messages_are_filled_as_well(tmp_path: Path) -> None:
     assert [one.velocity for one in message.solitons] == [0.0, 0.0]
 
 
-def test_messages_of_today_are_not_older(named: NamedChain, tmp_path: Path) -> None:
+def test_messages_of_today_are_not_older(named, tmp_path):
     with open_bag(write_bag(tmp_path / 'run', run_of(named, 2))) as reader:
         assert not any(map(is_older, reader.connections))
 
 
-def test_a_message_that_does_not_fit_its_definition_is_a_value_error(older_chain: Path) -> None:
+def test_a_message_that_does_not_fit_its_definition_is_a_value_error(older_chain):
     (data,) = older_chain.glob('*.mcap')
     whole = data.read_bytes()
     place = whole.index(b'linkage\x00') - 4

@@ -6,12 +6,10 @@ from __future__ import annotations
 import random
 import re
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import yaml
-from graphs import Graph
 from rclpy.serialization import deserialize_message
 from recordings import MILLISECOND, START, data_file, run_of, write_bag
 from rosbags.highlevel import AnyReader
@@ -23,18 +21,15 @@ from soliton_linkage_msgs.msg import Soliton, SolitonState
 from soliton_linkage_nodes.bags import reading as bags
 from soliton_linkage_nodes.bags.reading import open_bag
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
-from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 
 
 @pytest.fixture(params=['mcap', 'sqlite3'])
-def storage(request: pytest.FixtureRequest) -> str:
+def storage(request):
     return str(request.param)
 
 
-def test_every_message_is_read_unchanged_and_in_order(
-    named: NamedChain, storage: str, tmp_path: Path
-) -> None:
+def test_every_message_is_read_unchanged_and_in_order(named, storage, tmp_path):
     entries = run_of(named, 500)
     types = {f'/{topic.name}': topic.type for topic, _, _ in entries}
     with open_bag(write_bag(tmp_path / 'run', entries, storage)) as reader:
@@ -45,9 +40,7 @@ def test_every_message_is_read_unchanged_and_in_order(
     assert read == [(f'/{topic.name}', stamp, message) for topic, stamp, message in entries]
 
 
-def test_a_bag_is_of_version_9_and_named_for_ros2_bag_reindex(
-    named: NamedChain, tmp_path: Path
-) -> None:
+def test_a_bag_is_of_version_9_and_named_for_ros2_bag_reindex(named, tmp_path):
     path = write_bag(tmp_path / 'run', run_of(named, 3))
     assert path == tmp_path / 'run_0'
     metadata = yaml.safe_load((path / 'metadata.yaml').read_text())
@@ -60,7 +53,7 @@ def test_a_bag_is_of_version_9_and_named_for_ros2_bag_reindex(
     assert information['starting_time']['nanoseconds_since_epoch'] == START
 
 
-def test_nothing_is_overwritten(named: NamedChain, tmp_path: Path) -> None:
+def test_nothing_is_overwritten(named, tmp_path):
     first = write_bag(tmp_path / 'run', run_of(named, 3))
     before = {path: path.read_bytes() for path in first.iterdir()}
     second = write_bag(tmp_path / 'run', run_of(named, 5))
@@ -70,7 +63,7 @@ def test_nothing_is_overwritten(named: NamedChain, tmp_path: Path) -> None:
     assert {path: path.read_bytes() for path in first.iterdir()} == before
 
 
-def test_the_quality_of_service_is_kept(named: NamedChain, storage: str, tmp_path: Path) -> None:
+def test_the_quality_of_service_is_kept(named, storage, tmp_path):
     path = write_bag(tmp_path / 'run', run_of(named, 3), storage)
     with open_bag(path) as reader:
         for topic in (interfaces.CHAIN, interfaces.JOINT_STATES, interfaces.NUDGE):
@@ -82,7 +75,7 @@ def test_the_quality_of_service_is_kept(named: NamedChain, storage: str, tmp_pat
             assert profile.depth == topic.qos.depth
 
 
-def test_type_hashes_are_those_of_ros(graph: Graph, tmp_path: Path) -> None:
+def test_type_hashes_are_those_of_ros(graph, tmp_path):
     writer = BagWriter(tmp_path / 'run')
     for topic in interfaces.SUITE_TOPICS:
         connection = writer.add_topic(topic.name, bags.type_name(topic.type), topic.qos)
@@ -96,7 +89,7 @@ def test_type_hashes_are_those_of_ros(graph: Graph, tmp_path: Path) -> None:
     writer.close({})
 
 
-def test_readers_need_no_definitions_of_our_messages(storage: str, tmp_path: Path) -> None:
+def test_readers_need_no_definitions_of_our_messages(storage, tmp_path):
     state = SolitonState(
         header=Header(frame_id='linkage'), motion_name='flipper', solitons=[Soliton(rotor=3.5)]
     )
@@ -108,14 +101,14 @@ def test_readers_need_no_definitions_of_our_messages(storage: str, tmp_path: Pat
     assert (message.motion_name, message.solitons[0].rotor) == ('flipper', 3.5)
 
 
-def test_texts_are_kept_in_the_metadata(tmp_path: Path) -> None:
+def test_texts_are_kept_in_the_metadata(tmp_path):
     writer = BagWriter(tmp_path / 'run')
     writer.close({'lost_messages': '{"/nudge": 0}'})
     with open_bag(writer.path) as reader:
         assert reader.storage.metadata.custom == {'lost_messages': '{"/nudge": 0}'}
 
 
-def test_an_empty_bag_can_be_read_and_begins_when_it_was_made(tmp_path: Path) -> None:
+def test_an_empty_bag_can_be_read_and_begins_when_it_was_made(tmp_path):
     before = time.time_ns()
     path = write_bag(tmp_path / 'run', [])
     metadata = yaml.safe_load((path / 'metadata.yaml').read_text())
@@ -144,9 +137,7 @@ def halve(data: Path) -> None:
     ],
     ids=['all', 'no data', 'empty data', 'half', 'garbled', 'empty metadata', 'version'],
 )
-def test_unreadable_files_are_named_in_one_line(
-    named: NamedChain, storage: str, tmp_path: Path, spoil: Callable[[Path], None]
-) -> None:
+def test_unreadable_files_are_named_in_one_line(named, storage, tmp_path, spoil):
     path = write_bag(tmp_path / 'run', run_of(named, 200), storage)
     spoil(path)
     bag = re.escape(f'bag {str(path)!r} ')
@@ -156,9 +147,7 @@ def test_unreadable_files_are_named_in_one_line(
     assert '\n' not in str(refusal.value)
 
 
-def test_a_bag_that_was_not_finished_is_named_with_the_remedy(
-    named: NamedChain, storage: str, tmp_path: Path
-) -> None:
+def test_a_bag_that_was_not_finished_is_named_with_the_remedy(named, storage, tmp_path):
     path = write_bag(tmp_path / 'run', run_of(named, 20), storage)
     (path / 'metadata.yaml').unlink()
     said = rf"^bag '{path}' cannot be read: it has no metadata.yaml. .* recover_bag {path}$"
@@ -166,7 +155,7 @@ def test_a_bag_that_was_not_finished_is_named_with_the_remedy(
         pass
 
 
-def test_a_damaged_file_is_closed(named: NamedChain, tmp_path: Path) -> None:
+def test_a_damaged_file_is_closed(named, tmp_path):
     bag = write_bag(tmp_path / 'run', run_of(named, 5), 'sqlite3')
     data = data_file(bag)
     data.write_bytes(b'no table' * 1000)
@@ -176,9 +165,7 @@ def test_a_damaged_file_is_closed(named: NamedChain, tmp_path: Path) -> None:
     assert data not in held
 
 
-def test_damage_anywhere_is_never_anything_but_a_value_error(
-    named: NamedChain, storage: str, tmp_path: Path
-) -> None:
+def test_damage_anywhere_is_never_anything_but_a_value_error(named, storage, tmp_path):
     path = write_bag(tmp_path / 'run', run_of(named, 100), storage)
     data = data_file(path)
     whole = data.read_bytes()
@@ -199,7 +186,7 @@ def test_damage_anywhere_is_never_anything_but_a_value_error(
     assert all(str(path) in refusal and '\n' not in refusal for refusal in refusals)
 
 
-def test_a_bag_that_cannot_be_made_is_named_with_the_remedy(tmp_path: Path) -> None:
+def test_a_bag_that_cannot_be_made_is_named_with_the_remedy(tmp_path):
     for name in ['file/bag', 'file/deep/bag', 'x' * 300]:
         (tmp_path / 'file').write_text('not a directory')
         said = r"^bag '.*(bag_0|xxx)' cannot be written: .*; choose another output$"
@@ -207,14 +194,14 @@ def test_a_bag_that_cannot_be_made_is_named_with_the_remedy(tmp_path: Path) -> N
             BagWriter(tmp_path / name)
 
 
-def test_topics_are_found_in_any_namespace(named: NamedChain, tmp_path: Path) -> None:
+def test_topics_are_found_in_any_namespace(named, tmp_path):
     for asked in ['joint_states', '/joint_states', '/lab/joint_states']:
         path = write_bag(tmp_path / 'run', run_of(named, 2), namespace='/lab')
         with open_bag(path) as reader:
             assert bags.find_topic(reader, asked).topic == '/lab/joint_states'
 
 
-def test_the_full_name_distinguishes_topics_of_one_name(named: NamedChain, tmp_path: Path) -> None:
+def test_the_full_name_distinguishes_topics_of_one_name(named, tmp_path):
     writer = BagWriter(tmp_path / 'run')
     for name in ('/a/joint_states', '/b/joint_states'):
         writer.add_topic(name, 'sensor_msgs/msg/JointState', interfaces.JOINT_STATES.qos)
@@ -226,9 +213,7 @@ def test_the_full_name_distinguishes_topics_of_one_name(named: NamedChain, tmp_p
             bags.find_topic(reader, 'joint_states')
 
 
-def test_a_topic_that_is_not_there_is_named_with_those_that_are(
-    named: NamedChain, tmp_path: Path
-) -> None:
+def test_a_topic_that_is_not_there_is_named_with_those_that_are(named, tmp_path):
     path = write_bag(tmp_path / 'run', run_of(named, 2)[:1])
     with open_bag(path) as reader:
         said = r"has no topic 'joint_states', it contains /nudge; record it with bag_recorder"
@@ -236,12 +221,12 @@ def test_a_topic_that_is_not_there_is_named_with_those_that_are(
             bags.find_topic(reader, 'joint_states')
 
 
-def test_types_are_found_by_their_name() -> None:
+def test_types_are_found_by_their_name():
     for topic in interfaces.SUITE_TOPICS:
         assert bags.message_class(bags.type_name(topic.type)) is topic.type
 
 
-def test_a_type_that_is_not_installed_is_named_with_the_right_remedy() -> None:
+def test_a_type_that_is_not_installed_is_named_with_the_right_remedy():
     for name, reason in [
         ('nothing_msgs/msg/Nothing', "is not installed; install its package 'nothing_msgs'"),
         ('std_msgs/msg/Nothing', "is not in the installed package 'std_msgs'; install"),
@@ -252,12 +237,12 @@ def test_a_type_that_is_not_installed_is_named_with_the_right_remedy() -> None:
             bags.message_class(name)
 
 
-def test_the_events_of_a_service_have_a_class() -> None:
+def test_the_events_of_a_service_have_a_class():
     assert bags.message_class('std_srvs/srv/Trigger_Event') is Trigger.Event
 
 
 @pytest.mark.parametrize('name', ['none', 'notes.txt'])
-def test_a_path_without_a_bag_is_named(tmp_path: Path, name: str) -> None:
+def test_a_path_without_a_bag_is_named(tmp_path, name):
     (tmp_path / 'notes.txt').write_text('no bag')
     said = (
         re.escape(f'bag {str(tmp_path / name)!r} ') + '(does not exist|has no .mcap or .db3 file)'

@@ -34,7 +34,7 @@ Held = list[tuple[str, int, bytes]]
 
 
 @pytest.fixture(params=list(SUFFIXES))
-def storage(request: pytest.FixtureRequest) -> str:
+def storage(request):
     return str(request.param)
 
 
@@ -96,7 +96,7 @@ def recovered_and_unverified(file: Path) -> tuple[Held, int]:
     return held, found.unverified
 
 
-def test_a_whole_bag_comes_back_whole(named: NamedChain, storage: str, tmp_path: Path) -> None:
+def test_a_whole_bag_comes_back_whole(named, storage, tmp_path):
     bag = write(tmp_path / 'run', named, storage)
     report, new = recover_bag(bag, tmp_path / 'new')
     assert contents(new) == contents(bag)
@@ -107,7 +107,7 @@ def test_a_whole_bag_comes_back_whole(named: NamedChain, storage: str, tmp_path:
     assert custom['recovered_from'] == str(bag)
 
 
-def test_topics_are_recovered_unchanged(named: NamedChain, storage: str, tmp_path: Path) -> None:
+def test_topics_are_recovered_unchanged(named, storage, tmp_path):
     bag = write(tmp_path / 'run', named, storage)
     _, new = recover_bag(bag, tmp_path / 'new')
     told = []
@@ -136,9 +136,7 @@ def write_nudges(name: Path, compression: str = 'none') -> Path:
 
 
 @pytest.mark.parametrize('compression', ['none', 'zstd'])
-def test_at_every_length_all_whole_messages_of_a_cut_mcap_file_come_back(
-    tmp_path: Path, compression: str
-) -> None:
+def test_at_every_length_all_whole_messages_of_a_cut_mcap_file_come_back(tmp_path, compression):
     data = data_file(write_nudges(tmp_path / 'run', compression))
     sent = rescued(data)
     whole = data.read_bytes()
@@ -157,8 +155,8 @@ def test_at_every_length_all_whole_messages_of_a_cut_mcap_file_come_back(
 
 @pytest.mark.parametrize('compression', ['none', 'zstd'])
 def test_a_flipped_byte_loses_at_most_one_chunk_and_changes_no_message(
-    named: NamedChain, tmp_path: Path, compression: str
-) -> None:
+    named, tmp_path, compression
+):
     bag = write(tmp_path / 'run', named, 'mcap', 30, 5, compression)
     sent = contents(bag)
     data = data_file(bag)
@@ -173,9 +171,7 @@ def test_a_flipped_byte_loses_at_most_one_chunk_and_changes_no_message(
         assert len(held) >= len(sent) - 5
 
 
-def test_damaged_bags_give_unchanged_messages_or_an_error(
-    named: NamedChain, storage: str, tmp_path: Path
-) -> None:
+def test_damaged_bags_give_unchanged_messages_or_an_error(named, storage, tmp_path):
     bag = write(tmp_path / 'run', named, storage, 30, 3)
     sent = set(contents(bag))
     data = data_file(bag)
@@ -200,9 +196,7 @@ def test_damaged_bags_give_unchanged_messages_or_an_error(
         assert sum(message not in sent for message in held) <= unverified
 
 
-def test_messages_with_a_wrong_checksum_come_back_if_they_are_asked_for(
-    named: NamedChain, tmp_path: Path
-) -> None:
+def test_messages_with_a_wrong_checksum_come_back_if_they_are_asked_for(named, tmp_path):
     bag = write(tmp_path / 'run', named, 'mcap', 30, 5)
     sent = contents(bag)
     data = data_file(bag)
@@ -217,9 +211,7 @@ def test_messages_with_a_wrong_checksum_come_back_if_they_are_asked_for(
     assert len(set(contents(new)) & set(sent)) == len(sent) - 1
 
 
-def test_a_bag_that_was_never_closed_comes_back_to_its_last_flush(
-    named: NamedChain, tmp_path: Path
-) -> None:
+def test_a_bag_that_was_never_closed_comes_back_to_its_last_flush(named, tmp_path):
     bag = write(tmp_path / 'run', named, 'mcap', frames=43, per_chunk=5, finish=False)
     entries = run_of(named, 43)
     held = attempt(bag, tmp_path / 'new')
@@ -230,9 +222,7 @@ def test_a_bag_that_was_never_closed_comes_back_to_its_last_flush(
     assert messages == [message for _, _, message in entries][: len(held)]
 
 
-def test_definitions_are_repeated_so_that_the_first_may_be_lost(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_definitions_are_repeated_so_that_the_first_may_be_lost(tmp_path, monkeypatch):
     often = partial(McapWriter, definitions_interval=0.0)
     monkeypatch.setattr('soliton_linkage_nodes.bags.record.bag_writer.McapWriter', often)
     data = data_file(write_nudges(tmp_path / 'run'))
@@ -245,7 +235,7 @@ def test_definitions_are_repeated_so_that_the_first_may_be_lost(
     assert rescued(data) == sent[4:]
 
 
-def test_metadata_alone_may_be_lost(named: NamedChain, storage: str, tmp_path: Path) -> None:
+def test_metadata_alone_may_be_lost(named, storage, tmp_path):
     bag = write(tmp_path / 'run', named, storage)
     sent = contents(bag)
     (bag / 'metadata.yaml').unlink()
@@ -253,14 +243,14 @@ def test_metadata_alone_may_be_lost(named: NamedChain, storage: str, tmp_path: P
     assert check_bag(bag).damage == ['metadata.yaml is missing or cannot be read']
 
 
-def test_a_file_by_itself_comes_back(named: NamedChain, storage: str, tmp_path: Path) -> None:
+def test_a_file_by_itself_comes_back(named, storage, tmp_path):
     bag = write(tmp_path / 'run', named, storage)
     report, new = recover_bag(data_file(bag), tmp_path / 'new')
     assert contents(new) == contents(bag)
     assert report.damage == []
 
 
-def test_a_path_without_a_bag_is_named(tmp_path: Path) -> None:
+def test_a_path_without_a_bag_is_named(tmp_path):
     (tmp_path / 'folder').mkdir()
     (tmp_path / 'file').write_text('no bag')
     for name in ('folder', 'file'):
@@ -271,9 +261,7 @@ def test_a_path_without_a_bag_is_named(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('content', [b'', b'no bag', bytes(5000)])
 @pytest.mark.parametrize('suffix', ['.mcap', '.db3'])
-def test_a_file_with_nothing_in_it_begins_no_bag(
-    tmp_path: Path, content: bytes, suffix: str
-) -> None:
+def test_a_file_with_nothing_in_it_begins_no_bag(tmp_path, content, suffix):
     path = tmp_path / f'run_0{suffix}'
     path.write_bytes(content)
     with pytest.raises(ValueError, match=r'nothing can be recovered from bag .*: run_0'):
@@ -301,9 +289,7 @@ def write_with_rosbags(
 
 @pytest.mark.parametrize('plugin', list(StoragePlugin))
 @pytest.mark.parametrize('mode', MODES)
-def test_bags_of_other_writers_come_back(
-    named: NamedChain, tmp_path: Path, plugin: StoragePlugin, mode: CompressionMode
-) -> None:
+def test_bags_of_other_writers_come_back(named, tmp_path, plugin, mode):
     sent = write_with_rosbags(tmp_path / 'run_0', named, plugin, mode)
     report, new = recover_bag(tmp_path / 'run_0', tmp_path / 'new')
     assert contents(new) == sent
@@ -312,9 +298,7 @@ def test_bags_of_other_writers_come_back(
     assert attempt(tmp_path / 'run_0', tmp_path / 'again') == sent
 
 
-def test_messages_before_the_cut_of_a_compressed_file_are_recovered(
-    named: NamedChain, tmp_path: Path
-) -> None:
+def test_messages_before_the_cut_of_a_compressed_file_are_recovered(named, tmp_path):
     sent = write_with_rosbags(
         tmp_path / 'run_0', named, StoragePlugin.SQLITE3, CompressionMode.FILE
     )
@@ -329,7 +313,7 @@ def test_messages_before_the_cut_of_a_compressed_file_are_recovered(
     assert report.messages + report.lost >= len(sent)
 
 
-def test_an_interrupted_transaction_is_undone_in_a_copy(named: NamedChain, tmp_path: Path) -> None:
+def test_an_interrupted_transaction_is_undone_in_a_copy(named, tmp_path):
     bag = write(tmp_path / 'run', named, 'sqlite3')
     sent = contents(bag)
     data = data_file(bag)
@@ -347,9 +331,7 @@ def test_an_interrupted_transaction_is_undone_in_a_copy(named: NamedChain, tmp_p
     assert attempt(bag, tmp_path / 'new') == sent
 
 
-def test_metadata_are_of_the_form_that_rosbag2_writes(
-    named: NamedChain, storage: str, tmp_path: Path
-) -> None:
+def test_metadata_are_of_the_form_that_rosbag2_writes(named, storage, tmp_path):
     bag = write(tmp_path / 'run', named, storage)
     _, new = recover_bag(bag, tmp_path / 'new')
     told = yaml.safe_load((new / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
@@ -373,7 +355,7 @@ def test_metadata_are_of_the_form_that_rosbag2_writes(
         assert reader.message_count == 42
 
 
-def test_a_journal_deletes_no_other_file(named: NamedChain, tmp_path: Path) -> None:
+def test_a_journal_deletes_no_other_file(named, tmp_path):
     bag = write(tmp_path / 'run', named, 'sqlite3')
     victim = tmp_path / 'victim'
     victim.write_bytes(b'kept')
@@ -395,9 +377,7 @@ def test_a_journal_deletes_no_other_file(named: NamedChain, tmp_path: Path) -> N
     assert victim.read_bytes() == b'kept'
 
 
-def test_rows_of_a_cut_sqlite3_file_that_sqlite_can_read_come_back(
-    named: NamedChain, tmp_path: Path
-) -> None:
+def test_rows_of_a_cut_sqlite3_file_that_sqlite_can_read_come_back(named, tmp_path):
     bag = write(tmp_path / 'run', named, 'sqlite3', frames=400)
     sent = contents(bag)
     data = data_file(bag)

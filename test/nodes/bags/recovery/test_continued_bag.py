@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from graphs import Graph
 from rclpy.serialization import serialize_message
 from recordings import START, Entry, messages_of, run_of, write_bag
 from rosbags.rosbag2 import Reader
@@ -16,7 +15,6 @@ from soliton_linkage_nodes.bags.reading import type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter, UnfinishedBag
 from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.bags.recovery import check_bag, take_over, unfinished_bag
-from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 
 LATER = 10**9
@@ -32,9 +30,7 @@ def record(name: Path, entries: list[Entry], begun: UnfinishedBag | None = None)
     return writer
 
 
-def test_a_bag_that_was_cut_short_twice_is_one_whole_bag(
-    named: NamedChain, tmp_path: Path
-) -> None:
+def test_a_bag_that_was_cut_short_twice_is_one_whole_bag(named, tmp_path):
     name = tmp_path / 'run'
     first, *others = [
         [(topic, stamp + part * LATER, message) for topic, stamp, message in run_of(named, 20)]
@@ -58,24 +54,20 @@ def test_a_bag_that_was_cut_short_twice_is_one_whole_bag(
     assert all(begin < end for begin, end in gaps)
 
 
-def test_a_finished_bag_is_left_alone(named: NamedChain, tmp_path: Path) -> None:
+def test_a_finished_bag_is_left_alone(named, tmp_path):
     record(tmp_path / 'run', run_of(named, 2)).close()
     assert unfinished_bag(tmp_path / 'run') is None
     assert unfinished_bag(tmp_path / 'other') is None
 
 
-def test_a_bag_of_another_storage_or_without_content_is_not_continued(
-    named: NamedChain, tmp_path: Path
-) -> None:
+def test_a_bag_of_another_storage_or_without_content_is_not_continued(named, tmp_path):
     write_bag(tmp_path / 'run', run_of(named, 2), 'sqlite3')
     assert take_over(tmp_path / 'run_0') is None
     (tmp_path / 'empty').mkdir()
     assert take_over(tmp_path / 'empty') is None
 
 
-def test_a_recorder_appends_where_it_is_asked_to(
-    graph: Graph, named: NamedChain, tmp_path: Path
-) -> None:
+def test_a_recorder_appends_where_it_is_asked_to(graph, named, tmp_path):
     record(tmp_path / 'run', run_of(named, 20))
     recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run'), 'append': True})
     assert recorder.messages == 22

@@ -43,9 +43,7 @@ def in_file_order(path: Path) -> list[tuple[str, int]]:
 
 
 @pytest.mark.parametrize('codec', ['', 'zstd'])
-def test_every_chunk_has_messages_however_long_topics_are_silent(
-    tmp_path: Path, codec: str
-) -> None:
+def test_every_chunk_has_messages_however_long_topics_are_silent(tmp_path, codec):
     path = tmp_path / 'x.mcap'
     writer = McapWriter(path, codec, definitions_interval=0.0)
     for number in (1, 2):
@@ -66,12 +64,12 @@ def test_every_chunk_has_messages_however_long_topics_are_silent(
     assert in_file_order(path) == [('/n2', 10), ('/n2', 20), ('/n2', 30), ('/n3', 40)]
 
 
-def test_every_chunk_of_the_recordings_of_the_suite_has_messages() -> None:
+def test_every_chunk_of_the_recordings_of_the_suite_has_messages():
     for path in RECORDINGS:
         assert all(each.message_index_length for each in chunks_of(path))
 
 
-def test_without_any_message_there_is_no_chunk(tmp_path: Path) -> None:
+def test_without_any_message_there_is_no_chunk(tmp_path):
     path = tmp_path / 'x.mcap'
     writer = McapWriter(path)
     writer.add_topic(topic(1))
@@ -80,7 +78,7 @@ def test_without_any_message_there_is_no_chunk(tmp_path: Path) -> None:
     assert in_file_order(path) == []
 
 
-def test_topics_that_were_silent_till_a_kill_are_known(tmp_path: Path) -> None:
+def test_topics_that_were_silent_till_a_kill_are_known(tmp_path):
     path = tmp_path / 'x.mcap'
     writer = McapWriter(path)
     writer.add_topic(topic(1))
@@ -96,7 +94,7 @@ def test_topics_that_were_silent_till_a_kill_are_known(tmp_path: Path) -> None:
     writer.abandon()
 
 
-def test_a_chunk_defines_its_messages_without_the_head_of_the_file(tmp_path: Path) -> None:
+def test_a_chunk_defines_its_messages_without_the_head_of_the_file(tmp_path):
     path = tmp_path / 'x.mcap'
     writer = McapWriter(path)
     writer.add_topic(topic(1))
