@@ -4,8 +4,6 @@
 Hypothesis uses the same examples in every run, unless `--hypothesis-profile` is given.
 """
 
-from __future__ import annotations
-
 import gc
 import os
 import signal

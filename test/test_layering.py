@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Layering: allowed imports, lengths of modules, documentation of names and numbers."""
 
-from __future__ import annotations
-
 import ast
 import sys
 from collections import defaultdict

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Dockerfile and pixi.toml install what the packages depend on, and a few named tools."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from xml.etree import ElementTree

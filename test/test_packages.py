@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The packages import exactly the dependencies of their package.xml and setup.py."""
 
-from __future__ import annotations
-
 import ast
 import os
 import shutil

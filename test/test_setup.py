@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """All installed packages are pinned, and archives do not depend on time and place."""
 
-from __future__ import annotations
-
 import io
 import runpy
 import tarfile

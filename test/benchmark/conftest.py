@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tests of a part of the benchmark look at one short run of it."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The benchmark of the page: its counters, and a run of its cheapest part."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import sys

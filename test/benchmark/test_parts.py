@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every part of the benchmark runs, and what it measured is possible."""
 
-from __future__ import annotations
-
 import json
 import statistics
 import sys

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The comparison of simulators at a rate runs, and judges by the instants that it saw."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any

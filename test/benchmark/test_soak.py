@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A long run is judged by its records: kills explain their own losses, and no others."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pages of the documentation as they stand in the sources."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The examples run and print results that agree with the physics."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The firmware of the docs sends valid frames, and executes commands until their timeout."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from pathlib import Path

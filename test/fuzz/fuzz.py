@@ -4,8 +4,6 @@
 Failing inputs are minimised and stored in test/fuzz/corpus, which the tests repeat.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import itertools

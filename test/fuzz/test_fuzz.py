@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Readers reject corrupted input with a one-line error; `make fuzz` runs longer."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """An actuator on a bench, where the test plays the joints and the user."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """CDR as it is defined, written one value after the other."""
 
-from __future__ import annotations
-
 import struct
 from typing import Any
 

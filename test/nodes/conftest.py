@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fixtures: each test has its own domain and programs that end with it."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import sys

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Frames whose joints are divided among several messages, as several boards send them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from sensor_msgs.msg import JointState

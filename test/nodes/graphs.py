@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A separate ROS graph for each test."""
 
-from __future__ import annotations
-
 import gc
 import time
 from collections.abc import Callable, Mapping

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Malicious bags of any size; most have an intact part."""
 
-from __future__ import annotations
-
 import os
 import sqlite3
 import struct

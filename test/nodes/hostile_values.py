@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Values that parameters may have and messages may bring, corners first, for hypothesis."""
 
-from __future__ import annotations
-
 import importlib
 import math
 import os

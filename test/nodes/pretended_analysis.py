@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stubs of the bag analysis: fast, or killing their process."""
 
-from __future__ import annotations
-
 import csv
 import os
 import signal

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Synthetic bags with known messages."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Sequence

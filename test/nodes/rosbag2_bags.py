@@ -5,8 +5,6 @@ The files are written by the `mcap` package and by plain sqlite3, and metadata.y
 Jazzy's rosbag2 (version 9) and Humble's (version 5) write it.
 """
 
-from __future__ import annotations
-
 import json
 import sqlite3
 from collections.abc import Sequence

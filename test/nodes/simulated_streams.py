@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The frames that a simulator publishes, beside the same chain simulated without it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """No node fails of a value in a documented range, or of a message, whatever is in it."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Sequence
 from functools import partial

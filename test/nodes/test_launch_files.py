@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Launch files start and stop their nodes with `ros2 launch`, if it is installed."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

@@ -5,8 +5,6 @@ Nor does it use the middleware's shared memory: what a process leaves there half
 killed at its start, all others of the machine wait for.
 """
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

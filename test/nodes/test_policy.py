@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The SROS2 policy grants each node exactly the topics and services that it opens."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A signal ends every program without a trace while it is still starting."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

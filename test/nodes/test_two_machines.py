@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A subscriber on another machine receives a simulator; network namespaces emulate machines."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

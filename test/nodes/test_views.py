@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Viewer layouts show existing topics, types, fields and nodes, and miss none."""
 
-from __future__ import annotations
-
 import ast
 import json
 import re

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Print the analyses of a short noisy record as JSON, and whether loops are compiled."""
 
-from __future__ import annotations
-
 import dataclasses
 import enum
 import json

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Chains to state laws for: an example of each class of motion, and any chain at all."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

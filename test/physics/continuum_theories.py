@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The continuum theory of a chain, whichever it is."""
 
-from __future__ import annotations
-
 from soliton_linkage.linkage.chain import Chain, Motion
 from soliton_linkage.solitons.continuum import FlipperTheory, SpinnerTheory
 

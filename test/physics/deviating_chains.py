@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Chains whose rotors and springs all differ, with free or periodic ends, and their bare twin."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Walls under torques that are held from frame to frame, with rigid bars and with springs."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

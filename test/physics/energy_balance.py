@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Naive energy balance of a simulation, from its energies and the work of its inputs."""
 
-from __future__ import annotations
-
 from soliton_linkage.dynamics.simulation import Simulation
 from soliton_linkage.dynamics.work import work_of_kick, work_of_torques
 from soliton_linkage.linkage.chain import Array

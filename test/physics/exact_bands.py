@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The couplings and frequencies of a chain to any number of digits, and chains at every limit."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rendered films of chains with a known motion."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from soliton_linkage.linkage.chain import Array, Chain

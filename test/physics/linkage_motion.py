@@ -6,8 +6,6 @@ on one of two sides, and away from the wall errors die out. The bars of a moving
 their length because its motion follows the zero mode, phi' = t(phi) with |t| = 1.
 """
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 

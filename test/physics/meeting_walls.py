@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rings with colliding walls, and the collision in phi^4 theory by an independent scheme."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Naive twin of `NystromSteps`: its steps as the equations have them."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Orbits of example chains, computed once for all tests of orbits."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import lru_cache
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Chains whose lengths all differ, and frames of a wall that passes along them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

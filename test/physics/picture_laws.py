@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every picture states its units, the content of its panels and the meaning of its lines."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

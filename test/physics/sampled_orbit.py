@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A naive closed orbit: a rigid linkage followed along its zero mode until it returns."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One command has all sub-commands, imports only the requested one, and ends as `ros2` does."""
 
-from __future__ import annotations
-
 import argparse
 import signal
 import subprocess

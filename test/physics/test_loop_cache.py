@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A cache of compiled loops that is damaged or cannot be written costs time, never a result."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tests of the progress line in a terminal and in a file."""
 
-from __future__ import annotations
-
 import io
 
 import pytest

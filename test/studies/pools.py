@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A pool that runs tasks in this process, which replaces worker processes in tests."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from concurrent.futures import Future
 from typing import Any

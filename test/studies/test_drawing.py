@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A picture shows the chain at its coordinates and the velocities of its masses."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

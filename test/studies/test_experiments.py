@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Experiments give the stated kick, and measure walls with known properties correctly."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

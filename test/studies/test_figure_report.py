@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A figure is saved with all its data, and the table compares paper, theory and simulation."""
 
-from __future__ import annotations
-
 import csv
 import math
 

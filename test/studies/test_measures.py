@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measures agree with the theory of slow walls, with energies and with the bonds of a chain."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

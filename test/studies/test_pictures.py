@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures show the angles at the right rotor and time, and are written to the given folder."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The fit recovers the parameters of an actuator from simulated records."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The study programs share the command line, the order of results and the exit status."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import signal

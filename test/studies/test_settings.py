@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of settings name the file, key, value, limit and remedy."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The bar of a unit cell keeps its length along closed curves, whose number changes at d_c."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Processes are prepared, have one thread each, and end with the work or with their parent."""
 
-from __future__ import annotations
-
 import argparse
 import multiprocessing
 import os

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The demo as a person runs it: every scenario in processes, and Ctrl-C at any moment."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

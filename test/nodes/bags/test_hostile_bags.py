@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A malicious bag uses little memory and time; its intact part is recovered."""
 
-from __future__ import annotations
-
 import signal
 import sys
 import tracemalloc

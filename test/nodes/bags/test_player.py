@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag is played completely, in order and in real time, after subscribers match."""
 
-from __future__ import annotations
-
 import os
 import pty
 import re

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recording has every received message, counts losses, and is finished properly."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags in rosbag2 layouts, with joint states only, are read, checked, recovered and played."""
 
-from __future__ import annotations
-
 import pytest
 from recordings import MILLISECOND, START, frame_message
 from rosbag2_bags import JOINT_STATES, LAYOUTS, write_rosbag2_bag

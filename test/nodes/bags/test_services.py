@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Services have the types of rosbag2 if it is installed, otherwise equivalent types."""
 
-from __future__ import annotations
-
 import sys
 from functools import partial
 from types import ModuleType, SimpleNamespace

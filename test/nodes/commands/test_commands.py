@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The commands inspect and use topics, parameters and services without `ros2`."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

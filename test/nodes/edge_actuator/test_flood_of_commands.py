@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whatever is thrown at the actuator, the chain moves as the accepted commands alone have it."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

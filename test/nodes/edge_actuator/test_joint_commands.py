@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """ros2_control tools drive the chain without changes; invalid commands are rejected whole."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The reported delivery of the last kick equals the gain of the simulated chain."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Commands become impulses and torques along the zero mode of the chain as it is now."""
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import dataclass, replace

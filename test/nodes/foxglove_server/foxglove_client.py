@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Client of the websocket protocol of Foxglove, written from its specification."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import struct

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Decoders and buffers agree with the serialization of ROS, for any previous message."""
 
-from __future__ import annotations
-
 import math
 import re
 

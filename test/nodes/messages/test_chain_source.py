@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A node learns the chain from the latched topic, early or late, or from its parameters."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import replace
 from pathlib import Path

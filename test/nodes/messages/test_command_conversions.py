@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Commands and what became of them come back from their messages as they went in."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages and physics types have equal content, and errors are one line."""
 
-from __future__ import annotations
-
 import math
 import re
 from typing import Any

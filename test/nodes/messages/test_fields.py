@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages become YAML and come back from it, and what does not fit is named."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

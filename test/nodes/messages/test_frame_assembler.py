@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages of one stamp with disjoint joints are one frame."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 

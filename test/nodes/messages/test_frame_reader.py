@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Joint states are read as far as they go, and refused where they contradict themselves."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import replace

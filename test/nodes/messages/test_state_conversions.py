@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A soliton state reports what the analysis found, in each of its fields."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

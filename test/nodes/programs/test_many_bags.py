@@ -14,6 +14,7 @@ from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.programs import analyse_bag
 from soliton_linkage_nodes.programs.analyse_bag import COLUMNS, BagBatch, analyse_many, named_bags
 
+
 def test_the_table_is_complete_though_a_worker_is_killed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

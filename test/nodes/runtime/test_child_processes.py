@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Child processes are started with a log, missed when they end, and never outlive their parent."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

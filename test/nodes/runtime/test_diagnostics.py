@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A node reports once a second, counts rejected input and logs each kind once."""
 
-from __future__ import annotations
-
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from graphs import values

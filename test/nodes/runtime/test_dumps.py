@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parameters of a node can be read all at once, kept in a file and given to another."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

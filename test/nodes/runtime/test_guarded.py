@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """If a callback raises, the node drops that message or call, logs one line and continues."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

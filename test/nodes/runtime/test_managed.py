@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every node can be configured, activated, deactivated and cleaned up from outside, always."""
 
-from __future__ import annotations
-
 from typing import Any, ClassVar
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The paced loop, on a clock that the tests advance: absolute deadlines, no drift, no burst."""
 
-from __future__ import annotations
-
 import math
 import os
 import threading

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters are the dataclasses' fields: described, bounded, checked, and no others."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every node starts as a process or logs the reason in one line, and stops on a signal."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

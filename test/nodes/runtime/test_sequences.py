@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sequence numbers and source times identify lost messages, publishers and lag."""
 
-from __future__ import annotations
-
 import heapq
 from collections.abc import Iterable, Iterator
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A subscription receives joint states with any offered quality of service."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 from typing import Any

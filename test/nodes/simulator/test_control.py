@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Commands act between frames, each whole; pause, step and reset lose and add nothing."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import threading

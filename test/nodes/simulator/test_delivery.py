@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The topic delivery has the exact effect of commands on the chain, also after resets."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from graphs import Graph

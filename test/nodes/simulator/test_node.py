@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulator publishes the simulation of the physics at its stamps, bit for bit."""
 
-from __future__ import annotations
-
 import signal
 import time
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Topics, services and parameters of the simulator agree with its physics."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Joint states: exact without errors, else as encoders show them, without the missing joints."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A simulation is paused, stepped and reset by services, at the instants of frames."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

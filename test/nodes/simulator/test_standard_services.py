@@ -4,8 +4,6 @@
 The package of the standard may not be installed: classes with its constants and fields stand in.
 """
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

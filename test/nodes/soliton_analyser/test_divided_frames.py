@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Frames whose joints come in several messages are analysed like whole frames."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every frame of joint states gets its solitons, none as an empty list."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import math

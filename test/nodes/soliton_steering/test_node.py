@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The soliton goes where it is sent, and each thing that can go wrong has its own answer."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict, replace
 from typing import Any

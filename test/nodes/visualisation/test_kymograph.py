@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Laws of the picture of the last seconds."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from matplotlib import colormaps

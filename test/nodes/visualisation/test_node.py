@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The visualisation between a test that plays the chain and one that looks."""
 
-from __future__ import annotations
-
 from itertools import count
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Laws of the drawing in space."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A custom actuator model needs a dataclass and an entry in the registry."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Commands start at the next frame, and their torques end even if frames are missing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

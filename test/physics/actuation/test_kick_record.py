@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Each kick is reported once, with its source, impulse and work, sent or measured."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

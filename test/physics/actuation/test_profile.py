@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A profile agrees with its points, and its integrals are exact."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

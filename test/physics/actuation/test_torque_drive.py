@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Edge torques act along the current zero mode, and joint torques add to them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from chains import FLIPPER, chain_of

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Waveforms have the spectrum and the peak of their command, and angles are imposed."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

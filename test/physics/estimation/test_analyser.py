@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Analyser: tracking, robustness against faulty encoders, and stated deviations."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

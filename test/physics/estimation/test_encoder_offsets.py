@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Encoder offsets and unmodelled deviations against least squares and by Monte Carlo."""
 
-from __future__ import annotations
-
 import math
 from copy import deepcopy
 from dataclasses import replace

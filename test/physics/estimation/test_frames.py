@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Frames: queued impulses, unwrapping, unseen rotors, and the noise of rates."""
 
-from __future__ import annotations
-
 import math
 from itertools import permutations
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Likelihood of frames, noise of angles, and variance of residuals."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

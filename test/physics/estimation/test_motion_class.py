@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Class of motion from angles alone: correctness, stated probability, and symmetry."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

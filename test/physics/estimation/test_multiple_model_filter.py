@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Filters of arc and rate against a naive twin, a fitted line, and by Monte Carlo."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

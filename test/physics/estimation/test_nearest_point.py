@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nearest point of the orbit: Cramer-Rao bound, and global search."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Filter along the orbit: its bound, its stated deviations, and irregular streams."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 

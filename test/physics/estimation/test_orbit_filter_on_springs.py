@@ -5,8 +5,6 @@ A moving chain of springs is not exactly on the orbit of rigid bars. The referen
 point of the orbit, averaged over the passage of a rotor, and its slope over three passages.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable

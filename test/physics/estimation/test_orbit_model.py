@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Corrections for the compliance of springs and for unseen rotors against the full equations."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import lru_cache

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Weights of readings by their stated deviations."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effect of settings, and compiled loops against closed forms and against Python."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measurement of several walls by their shapes: accuracy, conservation laws, and tables."""
 
-from __future__ import annotations
-
 import math
 from copy import deepcopy
 from dataclasses import replace

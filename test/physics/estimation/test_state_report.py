@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Energies, topology and edge rotors of a state against closed forms."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Wall tracker: identifiers, events, assignment, domains, and energies of walls."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from itertools import permutations, product

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Contraction of walls: at rest, in the continuum limit, and stated deviations."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Wobble beside a wall against exact tails, waves and its own noise."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Linear theory in closed form against the rigidity matrix, its spectrum and its zero modes."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

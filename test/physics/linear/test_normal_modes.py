@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Laws of the normal modes: closed forms, their digits, energies, and the motion they predict."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

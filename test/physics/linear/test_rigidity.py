@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Laws of the rigidity matrix and its zero mode: one, annihilated, oriented, at the right edge."""
 
-from __future__ import annotations
-
 import dataclasses
 import decimal
 from decimal import Decimal

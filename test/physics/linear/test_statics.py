@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Configurations at rest: second derivatives, relaxed springs, balance, and chains without any."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re

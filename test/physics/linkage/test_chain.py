@@ -4,8 +4,6 @@
 Here all rotors and springs are alike; those that differ have laws of their own.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re

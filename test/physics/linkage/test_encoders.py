@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Encoders: noise of its variance, steps, offsets, and rates that are differences of readings."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Described fields accept values in their range, and reject others with the reason."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass, field

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Laws of the URDF: read back by others, it has the places, masses and names of the chain."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

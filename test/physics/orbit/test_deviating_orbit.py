@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The orbit of a chain whose rotors and springs deviate, and measurements of frames with it."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Laws of all orbits: relaxed springs, unit tangents, continuity, agreement with the linkage."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

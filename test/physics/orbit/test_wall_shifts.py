@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of walls by deviations, compared with chains that have one deviation each."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Anti-kinks are states of least energy, equal at every second site, or pinned."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from chains import FLIPPER, SPINNER, chain_of

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Laws of the continuum theories: stationary action, and energies as integrals of densities."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

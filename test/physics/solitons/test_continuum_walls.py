@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Walls of the continuum theories compared with the chain: at rest, in equilibrium, simulated."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from itertools import product

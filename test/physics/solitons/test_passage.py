@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Walls pass if every bond is of one class, and return only at a bond of another class."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Walls at rest: relaxed, symmetric, at the site of the arc of the orbit, with exact tails."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from itertools import pairwise, product

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fitted walls: accuracy of position, velocity and width, symmetry, and charge."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from itertools import pairwise

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Crossings of known paths, and speeds of the linkage and of an independent program."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from chains import FLIPPER, SPINNER, WIDE_FLIPPER, WIDE_SPINNER, WOBBLER, chain_of

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The phonon energy beside a wall is estimated from the rates alone."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The settings of the steering have their effect and are rejected out of range."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Walls are moved to their goals and held; impossible moves are rejected."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

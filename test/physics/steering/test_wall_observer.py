@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The observer estimates a wall under known and unknown forces."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measured speeds and widths of walls agree with the truth within the stated deviations."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from chains import FLIPPER, SPINNER, chain_of

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimators are scored by the truth: exact frames have no error, the bound is sigma / Lambda."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

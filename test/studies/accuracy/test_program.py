@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command writes the results of its settings."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

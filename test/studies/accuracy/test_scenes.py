@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Walls in scenes have the stated positions and velocities."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The integrator of the cells conserves energy and agrees with the simulator."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from chains import FLIPPER, SPINNER, WOBBLER, chain_of

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Statistics of errors: consistent deviations give an rms of 1, and failures are summed."""
 
-from __future__ import annotations
-
 import csv
 import math
 

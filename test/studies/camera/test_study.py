@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clips count hidden, swapped and lost angles; the table has the sums of its clips."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any, cast
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Windows and tables agree with the rows."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

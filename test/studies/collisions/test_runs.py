@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Outcomes of collisions between a kink and an anti-kink, and their invariants."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

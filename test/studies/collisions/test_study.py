@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Settings, collisions and rows of the table are converted without loss."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 

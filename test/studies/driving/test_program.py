@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command draws the page and the table, and all findings hold."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import math

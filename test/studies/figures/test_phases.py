@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The phase diagram has the boundaries of the classes, and the torus hides points behind it."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every figure is drawn with its data, and its measurements agree with the theory."""
 
-from __future__ import annotations
-
 import importlib
 import io
 import sys

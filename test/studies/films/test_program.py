@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Films have the requested frames, show the motion, and never appear unfinished."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import re

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command simulates the moves of its settings, tabulates them and draws them."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A sweep file defines a grid, or is rejected with file, key, value, limit and remedy."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from pathlib import Path

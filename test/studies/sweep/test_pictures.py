@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sweep pictures show each point at its coordinates, in the colour of its class or number."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The sweep table does not depend on processes, interruptions or clusters."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

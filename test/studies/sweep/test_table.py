@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A sweep table contains each row once and in order, despite interruptions."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

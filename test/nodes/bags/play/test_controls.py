@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Services pause, burst, stop and restart a player, as in rosbag2."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from types import SimpleNamespace

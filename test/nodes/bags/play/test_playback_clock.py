@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages are due at their bag time, after any pause, seek or change of rate."""
 
-from __future__ import annotations
-
 import threading
 from typing import Any
 

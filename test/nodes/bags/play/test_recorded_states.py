@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recorded states are not played while an analyser publishes, unless requested."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

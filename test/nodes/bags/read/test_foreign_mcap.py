@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """MCAP files with everything that the format allows are read, checked and copied whole."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 from contextlib import suppress

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags with older message definitions are readable: missing fields have defaults."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag returns the written messages; an invalid bag is reported on one line."""
 
-from __future__ import annotations
-
 import random
 import re
 import time

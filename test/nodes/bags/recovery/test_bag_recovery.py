@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The intact part of a damaged file is recovered, or the failure is reported."""
 
-from __future__ import annotations
-
 import os
 import random
 import sqlite3

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A restarted recorder continues the bag of a killed recorder."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

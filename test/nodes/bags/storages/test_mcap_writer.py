@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every chunk has messages and a message index, which some rosbag2 readers require."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
