@@ -1,6 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
 import array
 import sys
 from pathlib import Path
@@ -8,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from graphs import Graph
 from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import Header
 
@@ -50,7 +47,7 @@ def info() -> CameraInfo:
     )
 
 
-def test_pictures_become_joint_states_with_deviations(graph: Graph) -> None:
+def test_pictures_become_joint_states_with_deviations(graph):
     pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headless')
     parameters: dict[str, Any] = {
         'chain_from': 'parameters',
@@ -85,9 +82,7 @@ def test_pictures_become_joint_states_with_deviations(graph: Graph) -> None:
     assert drawn.shape == (CAMERA.height, CAMERA.width, 3)
 
 
-def test_an_error_in_one_line_names_the_missing_package(
-    graph: Graph, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_error_in_one_line_names_the_missing_package(graph, monkeypatch):
     monkeypatch.setitem(sys.modules, 'cv2', None)
     with pytest.raises(ValueError, match=r'need OpenCV.*pip install opencv-python') as raised:
         graph.start(CameraEncoders)

@@ -1,6 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
 import numpy as np
 from sensor_msgs.msg import JointState
 
@@ -16,7 +14,7 @@ def states(stamp: int, *values: float) -> JointStates:
     return JointStates(*divmod(stamp, SECOND), '', NAMES, np.array(values, float), np.zeros(0))
 
 
-def test_frames_keep_their_deviations_in_either_order_of_arrival_when_frames_are_dropped() -> None:
+def test_frames_keep_their_deviations_in_either_order_of_arrival_when_frames_are_dropped():
     record = JointRecord(NAMES, 10)
     for number in range(500):
         angles, deviations = states(number, number, 0, 0), states(number, number, np.nan, 1)
@@ -36,7 +34,7 @@ def test_frames_keep_their_deviations_in_either_order_of_arrival_when_frames_are
     assert np.isnan(readings.deviations[:, 1]).all()
 
 
-def test_deviations_that_arrive_before_the_first_frame_name_the_joints() -> None:
+def test_deviations_that_arrive_before_the_first_frame_name_the_joints():
     record = JointRecord((), 10)
     record.add_command(RotorImpulses(name=['a'], impulse=[1.0]), 0)
     record.add_deviations(states(SECOND, 0.1, 0.2, np.nan))
@@ -48,7 +46,7 @@ def test_deviations_that_arrive_before_the_first_frame_name_the_joints() -> None
     assert not readings.impulses
 
 
-def test_commanded_impulses_are_kept_in_the_order_of_the_rotors() -> None:
+def test_commanded_impulses_are_kept_in_the_order_of_the_rotors():
     record = JointRecord(NAMES, 10)
     record.add(states(SECOND, 0, 0, 0))
     impulses = RotorImpulses(name=['c', 'a'], impulse=[2.0, 1.0])
@@ -64,7 +62,7 @@ def test_commanded_impulses_are_kept_in_the_order_of_the_rotors() -> None:
     assert kept[2].values is None
 
 
-def test_delivered_impulses_replace_commanded_ones() -> None:
+def test_delivered_impulses_replace_commanded_ones():
     record = JointRecord(NAMES, 10)
     record.add(states(SECOND, 0, 0, 0))
     impulses = RotorImpulses(name=['a'], impulse=[1.0])
@@ -82,7 +80,7 @@ def test_delivered_impulses_replace_commanded_ones() -> None:
     np.testing.assert_allclose(kept[1].values, [0.0, 0.2, 0.0])
 
 
-def test_frames_in_halves_name_all_joints() -> None:
+def test_frames_in_halves_name_all_joints():
     record = JointRecord((), 100)
     for stamp in range(1, 4):
         for names in (('a', 'b'), ('c', 'd')):

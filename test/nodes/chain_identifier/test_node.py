@@ -1,11 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 
 import numpy as np
-from graphs import Graph
 from recordings import START
 from std_srvs.srv import Trigger
 
@@ -28,7 +25,7 @@ from passages import SPINNER, passage, read, unequal
 PERIOD = 4 * 10**6
 
 
-def test_an_identified_chain_is_published_and_saved(graph: Graph, tmp_path: Path) -> None:
+def test_an_identified_chain_is_published_and_saved(graph, tmp_path):
     path = tmp_path / 'chain.yaml'
     made = unequal(SPINNER, 4)
     named = NamedChain(made, default_joint_names(10))

@@ -1,15 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
 import math
-from pathlib import Path
 
 import pytest
 from recordings import START, run_of, write_bag
 
 from soliton_linkage_msgs.msg import Soliton, SolitonState
 from soliton_linkage_nodes.live_view.bag_catalogue import BagCatalogue, track_of
-from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
@@ -20,7 +16,7 @@ def state(second: float, rotor: float) -> SolitonState:
     return message
 
 
-def test_readable_bags_are_listed_newest_first(tmp_path: Path, named: NamedChain) -> None:
+def test_readable_bags_are_listed_newest_first(tmp_path, named):
     for name in ('one', 'two'):
         write_bag(tmp_path / name, run_of(named, 5))
     later = [(topic, stamp + 10**9, message) for topic, stamp, message in run_of(named, 8)]
@@ -36,7 +32,7 @@ def test_readable_bags_are_listed_newest_first(tmp_path: Path, named: NamedChain
     assert sorted(bags[0].played) == ['/chain', '/joint_states']
 
 
-def test_the_recorded_time_has_no_pauses(tmp_path: Path, named: NamedChain) -> None:
+def test_the_recorded_time_has_no_pauses(tmp_path, named):
     gaps = [(START + 10**9, START + 3 * 10**9), (START + 7 * 10**9, START + 8 * 10**9)]
     write_bag(tmp_path / 'run', run_of(named, 10, 10**9), gaps=gaps)
     (bag,) = BagCatalogue([tmp_path]).bags()
@@ -48,9 +44,7 @@ def test_the_recorded_time_has_no_pauses(tmp_path: Path, named: NamedChain) -> N
 
 
 @pytest.mark.parametrize('name', ['../secret_0', '/etc', 'secret_0', '', '..', 'link_0'])
-def test_bags_in_other_folders_are_not_opened(
-    tmp_path: Path, named: NamedChain, name: str
-) -> None:
+def test_bags_in_other_folders_are_not_opened(tmp_path, named, name):
     folder = tmp_path / 'folder'
     folder.mkdir()
     write_bag(folder / 'own', run_of(named, 3))
@@ -61,9 +55,7 @@ def test_bags_in_other_folders_are_not_opened(
     assert BagCatalogue([folder]).bag('own_0').name == 'own_0'
 
 
-def test_the_track_gives_the_position_of_the_soliton_over_time(
-    tmp_path: Path, named: NamedChain
-) -> None:
+def test_the_track_gives_the_position_of_the_soliton_over_time(tmp_path, named):
     entries = run_of(named, 3)
     entries += [
         (interfaces.SOLITON_STATE, START + n * 10**7, state(0.01 * n, rotor))
@@ -77,7 +69,7 @@ def test_the_track_gives_the_position_of_the_soliton_over_time(
     assert track_of(BagCatalogue([tmp_path]).bag('stateless_0')).points == ()
 
 
-def test_without_folders_there_are_no_bags() -> None:
+def test_without_folders_there_are_no_bags():
     assert BagCatalogue([]).bags() == []
     with pytest.raises(ValueError, match='none is set'):
         BagCatalogue([]).bag('bag_0')

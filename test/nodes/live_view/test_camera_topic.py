@@ -1,13 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
 import array
 import struct
-from collections.abc import Iterator
 
 import pytest
 import rclpy
-from graphs import Graph
 from sensor_msgs.msg import CompressedImage
 
 from soliton_linkage_nodes.live_view.chain_topics import CameraTopic
@@ -19,7 +15,7 @@ JPEG = b'\xff\xd8\xff\xe0 and so on'
 
 
 @pytest.fixture
-def camera(graph: Graph) -> Iterator[CameraTopic]:
+def camera(graph):
     # No executor spins the node that receives pictures.
     node = rclpy.create_node('inbox', context=graph.context)
     made = CameraTopic(node, '/')
@@ -28,9 +24,7 @@ def camera(graph: Graph) -> Iterator[CameraTopic]:
     node.destroy_node()
 
 
-def test_it_subscribes_while_a_page_shows_the_pictures_and_keeps_the_newest(
-    graph: Graph, camera: CameraTopic
-) -> None:
+def test_it_subscribes_while_a_page_shows_the_pictures_and_keeps_the_newest(graph, camera):
     camera.show(True)
     camera.update()
     assert camera.reason == 'no node publishes camera_overlay; start camera_encoders'
@@ -60,7 +54,7 @@ def test_it_subscribes_while_a_page_shows_the_pictures_and_keeps_the_newest(
     assert camera.pictures == 0
 
 
-def test_a_picture_that_no_browser_can_show_is_rejected() -> None:
+def test_a_picture_that_no_browser_can_show_is_rejected():
     for data, reason in [
         (b'', '0 bytes of format .* are no JPEG; send jpeg'),
         (b'\x89PNG and so on', '14 bytes of format .* are no JPEG; send jpeg'),

@@ -1,6 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -33,7 +31,7 @@ def shown(model: ChainModel, last: int = 10_000) -> tuple[dict[str, float], dict
     return unpack(model.packed(0, 0, last))
 
 
-def test_a_frame_contains_the_quantities_of_the_physics_package() -> None:
+def test_a_frame_contains_the_quantities_of_the_physics_package():
     chain, model = named(12), ChainModel()
     angles = chain.chain.uniform_state(-1) + 0.05 * np.sin(np.arange(12))
     model.set_chain(chain)
@@ -51,7 +49,7 @@ def test_a_frame_contains_the_quantities_of_the_physics_package() -> None:
     assert numbers['elastic'] == pytest.approx(energy)
 
 
-def test_without_a_chain_a_frame_contains_only_the_lean() -> None:
+def test_without_a_chain_a_frame_contains_only_the_lean():
     model = ChainModel()
     model.update_joints(joints(('shoulder', 'elbow'), np.array([0.5, -0.5])))
     numbers, arrays = shown(model)
@@ -62,7 +60,7 @@ def test_without_a_chain_a_frame_contains_only_the_lean() -> None:
     assert model.description()['spacing'] is None
 
 
-def test_the_age_grows_until_the_next_message() -> None:
+def test_the_age_grows_until_the_next_message():
     clock = Clock()
     model, chain = ChainModel(clock), named(4)
     assert shown(model)[0]['age'] == math.inf
@@ -74,7 +72,7 @@ def test_the_age_grows_until_the_next_message() -> None:
     assert shown(model)[0]['age'] == 0.0
 
 
-def test_another_number_of_rotors_resets_the_history() -> None:
+def test_another_number_of_rotors_resets_the_history():
     model = ChainModel()
     for rotors in (6, 9, 3):
         names = default_joint_names(rotors)
@@ -88,7 +86,7 @@ def test_another_number_of_rotors_resets_the_history() -> None:
     assert shown(model)[0]['rotors'] == 5
 
 
-def test_the_angle_of_a_missing_joint_is_nan_and_the_zero_mode_is_hidden() -> None:
+def test_the_angle_of_a_missing_joint_is_nan_and_the_zero_mode_is_hidden():
     chain, model = named(5), ChainModel()
     model.set_chain(chain)
     model.update_joints(joints(chain.joint_names[1:], chain.chain.uniform_state(1)[1:]))
@@ -99,7 +97,7 @@ def test_the_angle_of_a_missing_joint_is_nan_and_the_zero_mode_is_hidden() -> No
     assert len(shown(model)[1]['mode']) == 5
 
 
-def test_joints_of_another_chain_are_rejected() -> None:
+def test_joints_of_another_chain_are_rejected():
     chain, model = named(5), ChainModel()
     model.set_chain(chain)
     model.update_joints(joints(chain.joint_names, chain.chain.uniform_state(1)))
@@ -110,7 +108,7 @@ def test_joints_of_another_chain_are_rejected() -> None:
     assert model.error == ''
 
 
-def test_a_frame_of_a_long_chain_contains_a_limited_number_of_rotors() -> None:
+def test_a_frame_of_a_long_chain_contains_a_limited_number_of_rotors():
     chain, model = named(10_000), ChainModel()
     model.set_chain(chain)
     model.update_joints(joints(chain.joint_names, chain.chain.uniform_state(1)))
@@ -124,7 +122,7 @@ def test_a_frame_of_a_long_chain_contains_a_limited_number_of_rotors() -> None:
         assert len(frame) < 4 * (2048 + 3 * MOST_ANGLES) + 1000
 
 
-def test_groups_keep_the_smallest_and_the_largest_lean() -> None:
+def test_groups_keep_the_smallest_and_the_largest_lean():
     lean = np.random.default_rng(1).normal(size=7777)
     grouped = overview(lean).reshape(-1, 2)
     assert grouped.min() == pytest.approx(lean.min())
@@ -133,7 +131,7 @@ def test_groups_keep_the_smallest_and_the_largest_lean() -> None:
     np.testing.assert_allclose(overview(lean[:2048]), lean[:2048], rtol=1e-6)
 
 
-def test_the_history_has_a_limited_size() -> None:
+def test_the_history_has_a_limited_size():
     clock = Clock()
     model, chain = ChainModel(clock), named(3000)
     model.set_chain(chain)
@@ -144,7 +142,7 @@ def test_the_history_has_a_limited_size() -> None:
     assert sum(len(column.overview) for column in model.history) <= 400_000
 
 
-def test_the_rate_is_measured_from_sequence_numbers() -> None:
+def test_the_rate_is_measured_from_sequence_numbers():
     clock = Clock()
     model = ChainModel(clock)
     for second in range(4):
@@ -157,7 +155,7 @@ def test_the_rate_is_measured_from_sequence_numbers() -> None:
     assert model.rate == pytest.approx(10)
 
 
-def test_a_state_is_shown_until_the_analyser_is_silent() -> None:
+def test_a_state_is_shown_until_the_analyser_is_silent():
     clock = Clock()
     model, chain = ChainModel(clock), named(5)
     model.set_chain(chain)
@@ -174,7 +172,7 @@ def test_a_state_is_shown_until_the_analyser_is_silent() -> None:
     assert not len(arrays['solitons'])
 
 
-def test_the_delay_is_the_age_of_the_state_relative_to_the_angles() -> None:
+def test_the_delay_is_the_age_of_the_state_relative_to_the_angles():
     clock = Clock()
     model, chain = ChainModel(clock), named(4)
     model.set_chain(chain)

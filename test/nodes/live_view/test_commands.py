@@ -1,13 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
 import asyncio
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import pytest
-from graphs import Graph
 
 from soliton_linkage_nodes.live_view.chain_topics import ChainFinder
 from soliton_linkage_nodes.live_view.commands import ChainCommands
@@ -33,7 +30,7 @@ def done(action: Callable[[ChainCommands], Any], commands: ChainCommands) -> Non
     asyncio.run(act())
 
 
-def test_a_read_only_page_sends_no_command(graph: Graph) -> None:
+def test_a_read_only_page_sends_no_command(graph):
     for name in ACTIONS:
         commands = ChainCommands(graph.user, '/', True, ChainFinder(graph.user, '/'))
         with pytest.raises(ValueError, match='this page is read-only'):
@@ -41,7 +38,7 @@ def test_a_read_only_page_sends_no_command(graph: Graph) -> None:
         commands.close()
 
 
-def test_a_command_without_a_receiver_is_rejected_with_a_remedy(graph: Graph) -> None:
+def test_a_command_without_a_receiver_is_rejected_with_a_remedy(graph):
     for name in ACTIONS:
         commands = ChainCommands(graph.user, '/', False, ChainFinder(graph.user, '/'))
         with pytest.raises(
@@ -51,7 +48,7 @@ def test_a_command_without_a_receiver_is_rejected_with_a_remedy(graph: Graph) ->
         commands.close()
 
 
-def test_progress_is_the_completed_fraction_of_the_distance() -> None:
+def test_progress_is_the_completed_fraction_of_the_distance():
     move = Move('under way', goal=10.0, start=4.0)
     assert move.progress == 0.0
     move.rotor = 7.0
@@ -70,13 +67,13 @@ def reported(
 
 
 @pytest.fixture
-def commands(graph: Graph) -> Iterator[ChainCommands]:
+def commands(graph):
     made = ChainCommands(graph.user, '/', True, ChainFinder(graph.user, '/'))
     yield made
     made.close()
 
 
-def test_a_move_of_another_client_is_followed(commands: ChainCommands) -> None:
+def test_a_move_of_another_client_is_followed(commands):
     commands.follow(1.0, reported(3, 'reached: there'))
     assert commands.move.state == ''
     commands.follow(2.0, reported(4, 'reached: there', (2.0, 10.0)))
@@ -91,7 +88,7 @@ def test_a_move_of_another_client_is_followed(commands: ChainCommands) -> None:
     assert (commands.move.state, commands.move.message) == ('reached', 'at rotor 7')
 
 
-def test_a_move_of_this_page_is_not_foreign(commands: ChainCommands) -> None:
+def test_a_move_of_this_page_is_not_foreign(commands):
     commands.follow(1.0, reported(3))
     commands.move = Move('under way', goal=5.0, start=1.0)
     commands.follow(2.0, reported(4, '', (1.0, 5.0)))
@@ -101,9 +98,7 @@ def test_a_move_of_this_page_is_not_foreign(commands: ChainCommands) -> None:
     assert (commands.move.state, commands.move.foreign) == ('reached', False)
 
 
-def test_an_outcome_disappears_when_the_steering_releases_the_soliton(
-    commands: ChainCommands,
-) -> None:
+def test_an_outcome_disappears_when_the_steering_releases_the_soliton(commands):
     commands.move = Move('reached', goal=5.0, start=1.0, message='held', ended_at=2.0)
     commands.follow(3.0, reported(4) | {'holding': 'True'})
     assert (commands.move.state, commands.holding) == ('reached', True)
@@ -111,7 +106,7 @@ def test_an_outcome_disappears_when_the_steering_releases_the_soliton(
     assert (commands.move.state, commands.holding) == ('', False)
 
 
-def test_invalid_reports_are_ignored(commands: ChainCommands) -> None:
+def test_invalid_reports_are_ignored(commands):
     for text in ['', 'nan', 'inf', 'nonsense']:
         commands.follow(1.0, {})
         commands.follow(2.0, {'moves begun': text, 'move to rotor': text, 'move from rotor': text})

@@ -1,18 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
 import asyncio
 import json
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
-from graphs import Graph
 from hostile_values import BEYOND, PATIENT, TEXTS, messages
 from hypothesis import given
 from hypothesis import strategies as st
-from hypothesis.strategies import DataObject
 from rclpy.serialization import serialize_message
 
 from soliton_linkage.linkage.quantities import Quantity
@@ -125,7 +120,7 @@ class SteppedView(View):
 
 
 @pytest.fixture
-def commands(graph: Graph) -> Iterator[ChainCommands]:
+def commands(graph):
     made = ChainCommands(graph.user, '/', False, ChainFinder(graph.user, '/'))
     yield made
     made.close()
@@ -136,8 +131,8 @@ def reject(constant: str) -> None:
 
 
 def test_a_browser_receives_valid_messages_and_an_answer_to_each_action(
-    graph: Graph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    graph, tmp_path, monkeypatch
+):
     monkeypatch.setattr(chain_topics, 'subscribe_newest', DrawnTopic)
     view = SteppedView(graph.user, ChainFinder(graph.user, '/'), [tmp_path], tmp_path, False)
 
@@ -168,7 +163,7 @@ def test_a_browser_receives_valid_messages_and_an_answer_to_each_action(
 
 @PATIENT
 @given(kind=st.sampled_from(['bool', 'int', 'float', 'str']), value=st.one_of(NUMBERS, ANYTHING))
-def test_a_field_value_fits_the_parameter_or_is_rejected(kind: str, value: Any) -> None:
+def test_a_field_value_fits_the_parameter_or_is_rejected(kind, value):
     parameter = AdjustableParameter('p', kind, '', '', Quantity(''))
     try:
         message = parameter_value(parameter, value)
@@ -179,9 +174,7 @@ def test_a_field_value_fits_the_parameter_or_is_rejected(kind: str, value: Any) 
 
 @PATIENT
 @given(data=st.data())
-def test_commands_with_invalid_numbers_are_rejected_in_one_line(
-    commands: ChainCommands, data: DataObject
-) -> None:
+def test_commands_with_invalid_numbers_are_rejected_in_one_line(commands, data):
     value = data.draw(NUMBERS)
     text = data.draw(st.sampled_from([*TEXTS, 'kick', 'pressure', 'first', 'angles']))
     for command in (

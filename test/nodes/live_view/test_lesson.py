@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The answers of the lesson are measured on the chain."""
 
-from __future__ import annotations
-
 import asyncio
 import math
 from types import SimpleNamespace
@@ -58,21 +56,21 @@ def measured(name: str, turn_back: float = 0.0) -> str:
     return asyncio.run(getattr(Laboratory(view, '/', lambda _: None), name)())
 
 
-def test_the_speed_is_the_slope_of_the_track() -> None:
+def test_the_speed_is_the_slope_of_the_track():
     assert measured('nudge').startswith('A soliton crossed the chain at 5.00 rotors/s with')
 
 
-def test_the_speeds_of_three_nudges_are_compared() -> None:
+def test_the_speeds_of_three_nudges_are_compared():
     answer = measured('speed')
     assert '5 rad/s: 2.50 rotors/s, 10 rad/s: 5.00 rotors/s, 20 rad/s: 10.00' in answer
     assert answer.endswith('With 4 times the nudge the soliton is 4.00 times as fast.')
 
 
-def test_a_rotor_flips_or_spins() -> None:
+def test_a_rotor_flips_or_spins():
     for turn_back, kind in [(0.0, 'flips back'), (2 * math.pi, 'spins')]:
         assert measured('turns', turn_back).endswith(f'It {kind}.')
 
 
-def test_the_velocity_changes_its_sign_at_the_edge() -> None:
+def test_the_velocity_changes_its_sign_at_the_edge():
     answer = measured('reflection')
     assert '+5.00 rotors/s before the edge and -5.00 rotors/s after it' in answer

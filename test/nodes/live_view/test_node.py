@@ -1,11 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
 import socket
 import sys
 
 import pytest
-from graphs import Graph
 
 from soliton_linkage_nodes import live_view
 from soliton_linkage_nodes.live_view.node import LiveView
@@ -13,7 +10,7 @@ from soliton_linkage_nodes.live_view.node import LiveView
 pytest.importorskip('nicegui', reason='needs NiceGUI: pip install nicegui')
 
 
-def test_an_error_names_a_port_that_is_in_use(graph: Graph) -> None:
+def test_an_error_names_a_port_that_is_in_use(graph):
     with socket.socket() as used:
         used.bind(('127.0.0.1', 0))
         used.listen()
@@ -23,7 +20,7 @@ def test_an_error_names_a_port_that_is_in_use(graph: Graph) -> None:
             graph.start(LiveView, {'port': port})
 
 
-def test_an_error_names_the_missing_package(graph: Graph, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_names_the_missing_package(graph, monkeypatch):
     for name in [name for name in sys.modules if name.startswith('soliton_linkage_nodes.live')]:
         if name.endswith(('page', 'controls')) or '.controls' in name:
             monkeypatch.delitem(sys.modules, name)

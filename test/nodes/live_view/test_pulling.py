@@ -1,6 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -24,27 +22,27 @@ def pulled(direction: float, angle: float, rate: float = 0.0) -> float:
 
 
 @given(direction=st.floats(-3.0, 3.0), angle=st.floats(-50.0, 50.0), rate=st.floats(-1e3, 1e3))
-def test_the_torque_is_bounded(direction: float, angle: float, rate: float) -> None:
+def test_the_torque_is_bounded(direction, angle, rate):
     assert abs(pulled(direction, angle, rate)) <= LIMIT
 
 
-def test_the_torque_turns_the_rotor_towards_the_pointer() -> None:
+def test_the_torque_turns_the_rotor_towards_the_pointer():
     for turns in [-3, 0, 2]:
         angle = 0.4 + math.tau * turns
         assert pulled(0.9, angle) > 0 > pulled(-0.1, angle)
         assert pulled(0.4, angle) == pytest.approx(0.0, abs=1e-12)
 
 
-def test_the_torque_damps_the_rotor() -> None:
+def test_the_torque_damps_the_rotor():
     assert pulled(0.4, 0.4, rate=5.0) < 0 < pulled(0.4, 0.4, rate=-5.0)
 
 
-def test_a_pointer_at_the_pivot_has_no_direction() -> None:
+def test_a_pointer_at_the_pivot_has_no_direction():
     pull = Pull(ROTOR, ROTOR * CHAIN.spacing, 0.0)
     assert pull.torque(CHAIN, np.zeros(4), None, LIMIT) == 0.0
 
 
-def test_a_pointer_without_a_position_is_rejected() -> None:
+def test_a_pointer_without_a_position_is_rejected():
     for place in [(math.nan, 0.0), (0.0, math.inf)]:
         with pytest.raises(ValueError, match='of the pointer must be finite'):
             Pull(ROTOR, 0.0, 0.0).point_to(*place)

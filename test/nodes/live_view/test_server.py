@@ -1,6 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
 import asyncio
 from typing import Any
 
@@ -38,14 +36,14 @@ def request(
     return sent, bool(reached)
 
 
-def test_requests_of_this_machine_reach_the_page() -> None:
+def test_requests_of_this_machine_reach_the_page():
     for host in ['127.0.0.1:8080', 'localhost:8080', '[::1]:8080']:
         for kind in ['http', 'websocket']:
             assert request(kind=kind, host=host) == ([], True)
             assert request(kind=kind, host=host, origin=f'http://{host}') == ([], True)
 
 
-def test_other_hosts_and_other_pages_are_rejected() -> None:
+def test_other_hosts_and_other_pages_are_rejected():
     for headers in [
         {'host': 'evil.example:8080'},
         {'host': ''},
@@ -65,7 +63,7 @@ def test_other_hosts_and_other_pages_are_rejected() -> None:
                 assert b'open the address that live_view printed' in sent[1]['body']
 
 
-def test_requests_without_the_token_are_rejected() -> None:
+def test_requests_without_the_token_are_rejected():
     for query in ['', 'token=', 'token=wrong', f'token={TOKEN}x', 'token=%C3%A9']:
         for kind in ['http', 'websocket']:
             host = 'robot.local:8080'
@@ -75,7 +73,7 @@ def test_requests_without_the_token_are_rejected() -> None:
             )[1]
 
 
-def test_the_token_moves_from_the_address_into_a_cookie() -> None:
+def test_the_token_moves_from_the_address_into_a_cookie():
     host = 'robot.local:8080'
     sent, reached = request(TOKEN, query=f'token={TOKEN}', host=host)
     assert not reached
@@ -92,7 +90,7 @@ def test_the_token_moves_from_the_address_into_a_cookie() -> None:
         assert not request(TOKEN, kind, **other)[1]
 
 
-def test_only_loopback_addresses_are_loopback() -> None:
+def test_only_loopback_addresses_are_loopback():
     for host, expected in [
         ('127.0.0.1', True),
         ('127.1.2.3', True),
@@ -105,7 +103,7 @@ def test_only_loopback_addresses_are_loopback() -> None:
         assert is_loopback(host) is expected
 
 
-def test_the_time_to_the_next_tick_limits_the_share_of_a_core() -> None:
+def test_the_time_to_the_next_tick_limits_the_share_of_a_core():
     for wanted, spent, expected in [
         (0.02, 0.001, 0.02),
         (0.02, 0.01, 0.05),

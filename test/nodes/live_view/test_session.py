@@ -1,24 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The program live keeps its nodes running and prints an address that can be opened."""
 
-from __future__ import annotations
-
 import os
 import signal
-from collections.abc import Callable
 from pathlib import Path
-
-from graphs import Graph
-from programs import Program
 
 from soliton_linkage_nodes.runtime import interfaces
 
 CONFIG = Path(__file__).parents[3] / 'config' / 'flipper.yaml'
 
 
-def test_a_killed_node_is_started_again_and_named(
-    graph: Graph, start: Callable[..., Program], tmp_path: Path
-) -> None:
+def test_a_killed_node_is_started_again_and_named(graph, start, tmp_path):
     states = graph.hear(interfaces.SOLITON_STATE)
     output = tmp_path / 'out'
     program = start('live', str(CONFIG), '--output', str(output), '--port', '0', '--no-browser')
@@ -41,9 +33,7 @@ def test_a_killed_node_is_started_again_and_named(
     assert program.stop() == 130
 
 
-def test_a_node_that_cannot_start_ends_the_program(
-    start: Callable[..., Program], tmp_path: Path
-) -> None:
+def test_a_node_that_cannot_start_ends_the_program(start, tmp_path):
     wrong = tmp_path / 'wrong.yaml'
     wrong.write_text('/**/simulator: {ros__parameters: {chain.spacing: -1.0}}')
     program = start('live', str(wrong), '--output', str(tmp_path / 'out'), '--port', '0')

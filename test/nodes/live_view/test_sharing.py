@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A shared run is one HTML file with all its data."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re
@@ -35,7 +33,7 @@ def numbers(packed: str) -> Any:
     return np.frombuffer(base64.b64decode(packed), '<f4')
 
 
-def test_the_frames_are_in_the_page() -> None:
+def test_the_frames_are_in_the_page():
     data = data_of(page(rotors=5, frames=20))
     assert numbers(data['times']) == pytest.approx(np.arange(20) / 250.0)
     expected = np.random.default_rng(1).normal(size=(20, 5))
@@ -43,7 +41,7 @@ def test_the_frames_are_in_the_page() -> None:
     assert data['solitons'][:4] == [[], [0.1, 0.0001, 1.0], [], [0.3, 0.0001, 1.0]]
 
 
-def test_a_long_recording_is_thinned_to_five_megabytes() -> None:
+def test_a_long_recording_is_thinned_to_five_megabytes():
     for rotors, frames in [(3, 100_000), (400, 15_000), (4000, 900)]:
         text = page(rotors, frames)
         assert len(text.encode()) < LARGEST
@@ -51,18 +49,18 @@ def test_a_long_recording_is_thinned_to_five_megabytes() -> None:
         assert times[-1] > 0.9 * (frames - 1) / 250.0
 
 
-def test_the_page_loads_nothing() -> None:
+def test_the_page_loads_nothing():
     text = page(rotors=5, frames=20)
     assert not re.search(r'<(link|img|iframe)\b|<script[^>]*\bsrc=|^import ', text, re.MULTILINE)
     assert not re.search(r'^export ', text, re.MULTILINE)
 
 
-def test_a_title_is_text() -> None:
+def test_a_title_is_text():
     text = page(rotors=5, frames=20, title='</script><b>x')
     assert '</script><b>' not in text
     assert data_of(text)['title'] == '</script><b>x'
 
 
-def test_no_frames_are_reported() -> None:
+def test_no_frames_are_reported():
     with pytest.raises(ValueError, match='no frame is recorded yet'):
         page(rotors=5, frames=0)

@@ -1,6 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
 import asyncio
 import json
 import struct
@@ -63,7 +61,7 @@ class Chains:
     async def wait(self) -> None:
         await self._fresh.wait()
 
-    def commands(self, _namespace: str) -> Chains:
+    def commands(self, _namespace: str) -> Any:
         return self
 
     async def move_to(self, rotor: float, speed: float, _now: float) -> str:
@@ -127,7 +125,7 @@ def run_session(play: Any) -> Session:
     return asyncio.run(run())
 
 
-def test_a_browser_that_draws_receives_each_frame_once() -> None:
+def test_a_browser_that_draws_receives_each_frame_once():
     async def play(session: Session) -> None:
         for _ in range(5):
             await session.chains.tick()
@@ -137,7 +135,7 @@ def test_a_browser_that_draws_receives_each_frame_once() -> None:
     assert stamps[-5:] == [1.0, 2.0, 3.0, 4.0, 5.0]
 
 
-def test_a_browser_that_stops_drawing_receives_two_frames_and_later_the_newest() -> None:
+def test_a_browser_that_stops_drawing_receives_two_frames_and_later_the_newest():
     async def play(session: Session) -> None:
         for _ in range(3):
             await session.send('drawn')
@@ -156,7 +154,7 @@ def test_a_browser_that_stops_drawing_receives_two_frames_and_later_the_newest()
     assert struct.unpack_from('<3d', frames[-2], 8)[1] == 599
 
 
-def test_a_browser_receives_the_chains_and_rotors_that_it_requests() -> None:
+def test_a_browser_receives_the_chains_and_rotors_that_it_requests():
     async def play(session: Session) -> None:
         await session.send({'watch': '/other/'})
         await session.send('drawn')
@@ -179,7 +177,7 @@ def test_a_browser_receives_the_chains_and_rotors_that_it_requests() -> None:
     run_session(play)
 
 
-def test_an_invalid_message_is_rejected_and_the_stream_continues() -> None:
+def test_an_invalid_message_is_rejected_and_the_stream_continues():
     for message in [
         'no JSON',
         '[1, 2]',
@@ -202,7 +200,7 @@ def test_an_invalid_message_is_rejected_and_the_stream_continues() -> None:
         run_session(play)
 
 
-def test_an_action_is_carried_out_and_answered() -> None:
+def test_an_action_is_carried_out_and_answered():
     async def play(session: Session) -> None:
         await session.send({'act': 'move', 'id': 7, 'chain': '/', 'rotor': 3.5})
 
@@ -211,7 +209,7 @@ def test_an_action_is_carried_out_and_answered() -> None:
     assert {'answer': 'done', 'good': True, 'id': 7} in session.socket.texts
 
 
-def test_the_status_is_sent_only_when_it_changes() -> None:
+def test_the_status_is_sent_only_when_it_changes():
     async def play(session: Session) -> None:
         for _ in range(20):
             await session.send('drawn')
@@ -224,7 +222,7 @@ def test_the_status_is_sent_only_when_it_changes() -> None:
     assert 1 <= sum('chains' in text for text in texts) <= 3
 
 
-def test_a_camera_picture_is_sent_while_it_is_shown_and_the_previous_one_was_seen() -> None:
+def test_a_camera_picture_is_sent_while_it_is_shown_and_the_previous_one_was_seen():
     async def play(session: Session) -> None:
         cameras = [chain.camera for chain in session.chains.chains.values()]
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Offline analysis equals the live analysis; an invalid bag is reported."""
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Sequence
@@ -11,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from graphs import Graph
 from matplotlib.image import imread
 from rclpy.duration import Duration
 from recordings import START, write_bag
@@ -88,7 +85,7 @@ def rows(folder: Path, name: str = 'soliton_state') -> list[dict[str, str]]:
 
 
 @pytest.mark.parametrize('name', NAMES)
-def test_recorded_bags_give_the_states_that_were_published_live(name: str) -> None:
+def test_recorded_bags_give_the_states_that_were_published_live(name):
     """Within the stated deviations, because the bag is from another machine."""
     with open_bag(BAGS / f'{name}_0') as reader:
         live = [state for _, state in read_topic(reader, 'soliton_state')]
@@ -102,9 +99,7 @@ def test_recorded_bags_give_the_states_that_were_published_live(name: str) -> No
             assert abs(wall.position - same.position) < same.position_deviation
 
 
-def test_a_node_that_receives_the_frames_of_a_bag_publishes_the_same(
-    graph: Graph, tmp_path: Path
-) -> None:
+def test_a_node_that_receives_the_frames_of_a_bag_publishes_the_same(graph, tmp_path):
     sent = frames()
     bag = bag_of(tmp_path, sent)
     states = graph.hear(interfaces.SOLITON_STATE)
@@ -165,7 +160,7 @@ def kicked() -> list[tuple[interfaces.Topic, JointState | RotorImpulses]]:
     return sent
 
 
-def test_a_node_and_a_bag_use_kicks_and_deviations_equally(graph: Graph, tmp_path: Path) -> None:
+def test_a_node_and_a_bag_use_kicks_and_deviations_equally(graph, tmp_path):
     sent, told = kicked(), chain_to_msg(NAMED, time_to_msg(START))
     entries: list[Any] = [(interfaces.CHAIN, START - 1, told)]
     entries += [(topic, START + number, message) for number, (topic, message) in enumerate(sent)]
@@ -216,7 +211,7 @@ def cells_of(message: Any, prefix: str = '') -> dict[str, Any]:
     return cells
 
 
-def test_the_table_holds_every_number_to_the_last_digit(tmp_path: Path) -> None:
+def test_the_table_holds_every_number_to_the_last_digit(tmp_path):
     bag = bag_of(tmp_path, frames())
     main([str(bag), '--output', str(tmp_path / 'out')])
     states = states_of(bag)
@@ -241,7 +236,7 @@ def test_the_table_holds_every_number_to_the_last_digit(tmp_path: Path) -> None:
         assert np.std(imread(tmp_path / 'out' / picture)[..., :3]) > 0.02
 
 
-def test_a_bag_of_joint_states_alone_needs_a_chain(tmp_path: Path) -> None:
+def test_a_bag_of_joint_states_alone_needs_a_chain(tmp_path):
     bag = bag_of(tmp_path, frames(), chain=False)
     with pytest.raises(SystemExit) as end:
         main([str(bag), '--output', str(tmp_path / 'out')])
@@ -255,9 +250,7 @@ def test_a_bag_of_joint_states_alone_needs_a_chain(tmp_path: Path) -> None:
     assert rows(tmp_path / 'out') == rows(tmp_path / 'whole')
 
 
-def test_a_chain_that_is_not_that_of_the_bag_is_asked_for_twice(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_chain_that_is_not_that_of_the_bag_is_asked_for_twice(tmp_path, capsys):
     bag, output = bag_of(tmp_path, frames()), ['--output', str(tmp_path / 'out')]
     given = tmp_path / 'chain.yaml'
     given.write_text('/**: {ros__parameters: {chain.number_of_rotors: 10}}\n')
@@ -274,7 +267,7 @@ def test_a_chain_that_is_not_that_of_the_bag_is_asked_for_twice(
     assert f'--chain replaces the chain of the bag: {changed}\n' in capsys.readouterr().err
 
 
-def test_an_invalid_noise_is_rejected(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_invalid_noise_is_rejected(capsys):
     for noise in ['-1', '0', 'nan', 'inf', 'much']:
         with pytest.raises(SystemExit) as end:
             main(['bag', '--noise', noise])
@@ -283,9 +276,7 @@ def test_an_invalid_noise_is_rejected(capsys: pytest.CaptureFixture[str]) -> Non
         assert f'noise {noise} must be above 0 and at most 1 rad' in line
 
 
-def test_only_the_first_rejected_frames_are_logged(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_only_the_first_rejected_frames_are_logged(tmp_path, capsys):
     messages = frames()
     for message in messages[10:30]:
         message.position = message.position[:3]
@@ -295,7 +286,7 @@ def test_only_the_first_rejected_frames_are_logged(
     assert 'rejected joint_states: 20 in all' in said
 
 
-def test_rejected_frames_are_skipped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_rejected_frames_are_skipped(tmp_path, capsys):
     messages = frames()
     messages[20].position = messages[20].position[:3]
     messages.insert(31, messages[30])
@@ -306,7 +297,7 @@ def test_rejected_frames_are_skipped(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert len(rows(tmp_path / 'out')) == len(frames()) - 1
 
 
-def test_a_path_without_a_bag_is_reported(tmp_path: Path) -> None:
+def test_a_path_without_a_bag_is_reported(tmp_path):
     with pytest.raises(SystemExit) as end:
         main([str(tmp_path / 'nothing'), '--output', str(tmp_path / 'out')])
     assert 'does not exist; give the path of a bag directory' in str(end.value)
@@ -319,9 +310,7 @@ def chain_file(folder: Path, rotors: int) -> str:
     return str(path)
 
 
-def test_joints_of_a_given_chain_that_are_not_in_the_bag_are_reported(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_joints_of_a_given_chain_that_are_not_in_the_bag_are_reported(tmp_path, capsys):
     bag = bag_of(tmp_path, frames(), chain=False)
     given = [str(bag), '--output', str(tmp_path / 'out'), '--chain', chain_file(tmp_path, 14)]
     line = "has no angle of 4 of the 14 joints of the chain: 'rotor_10' to 'rotor_13'"
@@ -332,9 +321,7 @@ def test_joints_of_a_given_chain_that_are_not_in_the_bag_are_reported(
     assert len(rows(tmp_path / 'out')) == len(frames())
 
 
-def test_frames_without_stamps_are_analysed_at_their_log_times_if_requested(
-    tmp_path: Path,
-) -> None:
+def test_frames_without_stamps_are_analysed_at_their_log_times_if_requested(tmp_path):
     messages = frames()
     for message in messages:
         message.header.stamp = time_to_msg(0)

@@ -1,28 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """The terminal line shows rotor directions, several rotors per mark for a long chain."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from soliton_linkage_nodes.programs.chain_line import drawn
 
 
-def test_each_rotor_has_its_mark() -> None:
+def test_each_rotor_has_its_mark():
     assert drawn(np.array([1.0, 0.4, 0.2, -0.3, -1.0, np.nan]), [], 80) == r'//||\?'
 
 
-def test_a_uniform_chain_leans_one_way() -> None:
+def test_a_uniform_chain_leans_one_way():
     assert drawn(np.ones(5), [], 5) == '/////'
     assert drawn(-np.ones(5), [], 5) == '\\\\\\\\\\'
 
 
-def test_solitons_are_where_they_are_and_stay_on_the_line() -> None:
+def test_solitons_are_where_they_are_and_stay_on_the_line():
     assert drawn(np.ones(5), [2.6], 5) == '///O/'
     assert drawn(np.ones(5), [-3.0, 9.0], 5) == 'O///O'
 
 
-def test_on_a_short_line_a_mark_is_the_mean_of_several() -> None:
+def test_on_a_short_line_a_mark_is_the_mean_of_several():
     leans = np.concatenate([np.ones(500), -np.ones(500)])
     leans[:5] = np.nan
     picture = drawn(leans, [499.0], 10)

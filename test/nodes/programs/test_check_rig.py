@@ -1,15 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The program check_rig watches a running simulator while a hand turns its edge rotors."""
 
-from __future__ import annotations
-
 import threading
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from graphs import Graph
-from programs import Program
 from sensor_msgs.msg import JointState
 
 from soliton_linkage.identification.rig_check import DOUBTFUL, RIGHT, RigFindings
@@ -56,9 +52,7 @@ def checked(graph: Graph, capfd: pytest.CaptureFixture[str]) -> RigFindings:
         program.destroy_node()
 
 
-def test_a_right_rig_is_right_and_its_page_lists_every_finding(
-    graph: Graph, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_right_rig_is_right_and_its_page_lists_every_finding(graph, capfd):
     graph.start(Simulator, DAMPED)
     found = checked(graph, capfd)
     verdicts = {each.subject: each.verdict for each in found.findings}
@@ -73,9 +67,7 @@ def test_a_right_rig_is_right_and_its_page_lists_every_finding(
     assert 'src=' not in page
 
 
-def test_a_wrong_encoder_is_reported_with_exit_code_1(
-    graph: Graph, start: Callable[..., Program]
-) -> None:
+def test_a_wrong_encoder_is_reported_with_exit_code_1(graph, start):
     offsets = [0.0, 0.0, 0.3, 0.0, 0.0, 0.0]
     graph.start(Simulator, {**DAMPED, 'sensors.offsets': offsets})
     program = start('check_rig', '--no-turn', '--seconds', '2', '--output', 'rig.html')
@@ -86,13 +78,13 @@ def test_a_wrong_encoder_is_reported_with_exit_code_1(
     assert 'rotor_0 was not turned by hand' in text
 
 
-def test_no_joint_states_are_an_error_of_one_line(start: Callable[..., Program]) -> None:
+def test_no_joint_states_are_an_error_of_one_line(start):
     program = start('check_rig', '--limit', '0.5')
     assert program.wait() == 1
     assert program.said[-1].startswith('check_rig: no joint_states within 0.5 s; start ')
 
 
-def test_joint_states_that_stop_are_an_error(graph: Graph) -> None:
+def test_joint_states_that_stop_are_an_error(graph):
     program = CheckRig(threading.Event(), context=graph.context)
     try:
         program.receive(JointState(name=['rotor_0'], position=[0.1]))

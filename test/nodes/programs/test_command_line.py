@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of a command line and failures of a program are reported on one line."""
 
-from __future__ import annotations
-
 import errno
 import os
 
@@ -18,16 +16,14 @@ from soliton_linkage_nodes.programs.command_line import (
 
 
 @pytest.fixture
-def parser() -> PlainParser:
+def parser():
     parser = PlainParser(prog='push')
     parser.add_argument('force', type=number(Quantity('of the push', 'N', -10.0, 10.0)))
     parser.add_argument('--times', type=number(Quantity('how often', minimum=1), int), default=1)
     return parser
 
 
-def test_a_wrong_command_line_ends_in_one_line(
-    parser: PlainParser, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_wrong_command_line_ends_in_one_line(parser, capfd):
     for arguments, said in [
         ([], 'the following arguments are required: force'),
         (['hard'], "argument force: 'hard' must be a finite number in the range -10 to 10 N"),
@@ -52,14 +48,14 @@ def test_a_wrong_command_line_ends_in_one_line(
         assert '.c:' not in line
 
 
-def test_ros_has_its_arguments_and_numbers_may_be_negative(parser: PlainParser) -> None:
+def test_ros_has_its_arguments_and_numbers_may_be_negative(parser):
     options = parse_own_arguments(
         parser, ['-1e-3', '--times', '2', '--ros-args', '-r', '__ns:=/left']
     )
     assert vars(options) == {'force': -1e-3, 'times': 2}
 
 
-def test_a_failure_ends_in_one_line() -> None:
+def test_a_failure_ends_in_one_line():
     for error, code in [
         (ValueError('too much'), 'push: too much'),
         (RuntimeError('no parse, at /src/a.c:3, at /b.c:4'), 'push: no parse'),

@@ -1,10 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recorded solitons have the predicted widths; failures are reported."""
 
-from __future__ import annotations
-
 import re
-from pathlib import Path
 
 import pytest
 from matplotlib.image import imread
@@ -26,9 +23,7 @@ contraction:
 """
 
 
-def test_a_recorded_wall_has_the_width_of_theory(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recorded_wall_has_the_width_of_theory(tmp_path, capsys):
     settings = tmp_path / 'settings.yaml'
     settings.write_text(SETTINGS)
     main([str(settings), '--output', str(tmp_path)])
@@ -43,9 +38,7 @@ def test_a_recorded_wall_has_the_width_of_theory(
     assert imread(tmp_path / 'contraction_recorded.png').std() > 0.02
 
 
-def test_it_reports_why_a_wall_is_recorded_again(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_it_reports_why_a_wall_is_recorded_again(tmp_path, capsys, monkeypatch):
     settings = tmp_path / 'settings.yaml'
     settings.write_text(SETTINGS)
     bags = iter(['first', 'second'])
@@ -61,7 +54,7 @@ def test_it_reports_why_a_wall_is_recorded_again(
     assert 'the second bag shows no wall' in str(end.value)
 
 
-def test_settings_without_walls_are_rejected(tmp_path: Path) -> None:
+def test_settings_without_walls_are_rejected(tmp_path):
     settings = tmp_path / 'settings.yaml'
     settings.write_text('record: {}\n')
     with pytest.raises(SystemExit) as end:

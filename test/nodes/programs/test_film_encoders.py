@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A film with its own time stamps becomes a bag for the analyser; markers come from a file."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 
@@ -35,7 +33,7 @@ TIMES = np.array([0.0, 0.016, 0.034, 0.05, 0.1, 0.117])
 
 
 @pytest.fixture(scope='module')
-def film() -> Renderer:
+def film():
     pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headless')
     pytest.importorskip('av', reason='needs PyAV: pip install av')
     return renderer(Chain(number_of_rotors=6))[1]
@@ -54,7 +52,7 @@ def given(film: Renderer, folder: Path) -> list[str]:
     return [str(folder / 'film.mp4'), *paths, *times]
 
 
-def test_a_film_becomes_a_bag_with_its_own_times(film: Renderer, tmp_path: Path) -> None:
+def test_a_film_becomes_a_bag_with_its_own_times(film, tmp_path):
     motion = swinging(Chain(number_of_rotors=6), 0.15, 12.0)
     main(given(film, tmp_path))
     with open_bag(tmp_path / 'bag_0') as reader:
@@ -74,9 +72,7 @@ def test_a_film_becomes_a_bag_with_its_own_times(film: Renderer, tmp_path: Path)
     assert [shot.time for shot in overlay] == pytest.approx(TIMES.tolist(), abs=1e-4)
 
 
-def test_frames_before_the_damage_of_a_film_are_in_the_bag_with_a_note(
-    film: Renderer, tmp_path: Path
-) -> None:
+def test_frames_before_the_damage_of_a_film_are_in_the_bag_with_a_note(film, tmp_path):
     arguments = given(film, tmp_path)
     path = tmp_path / 'film.mp4'
     data = bytearray(path.read_bytes())
@@ -92,7 +88,7 @@ def test_frames_before_the_damage_of_a_film_are_in_the_bag_with_a_note(
     assert 0 < seen == len(overlay) < len(TIMES)
 
 
-def test_markers_are_those_of_the_file(tmp_path: Path) -> None:
+def test_markers_are_those_of_the_file(tmp_path):
     path = tmp_path / 'chain.yaml'
     path.write_text(CHAIN)
     assert markers_of_file(path).frame_columns == 2
@@ -101,7 +97,7 @@ def test_markers_are_those_of_the_file(tmp_path: Path) -> None:
         markers_of_file(path)
 
 
-def test_markers_stay_where_they_were_printed_for_another_chain(tmp_path: Path) -> None:
+def test_markers_stay_where_they_were_printed_for_another_chain(tmp_path):
     path = tmp_path / 'chain.yaml'
     path.write_text(CHAIN)
     printed = markers_of_file(path)
@@ -111,7 +107,7 @@ def test_markers_stay_where_they_were_printed_for_another_chain(tmp_path: Path) 
     assert other.dot_radius == pytest.approx(one.dot_radius)
 
 
-def test_a_calibration_comes_back_from_its_file(tmp_path: Path) -> None:
+def test_a_calibration_comes_back_from_its_file(tmp_path):
     path = tmp_path / 'camera.yaml'
     write_camera(path, CAMERA)
     found = read_camera(path)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The identified chain is a valid parameter file; an unusable bag is reported."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 
@@ -38,9 +36,7 @@ def bag_of(folder: Path, angles: Array) -> Path:
     return write_bag(folder / 'run', entries)
 
 
-def test_a_bag_becomes_a_file_that_nodes_take(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bag_becomes_a_file_that_nodes_take(tmp_path, capsys):
     readings, offsets = read(passage(MADE), 1)
     bag = bag_of(tmp_path, readings)
     folder = tmp_path / 'found'
@@ -59,16 +55,14 @@ def test_a_bag_becomes_a_file_that_nodes_take(
     assert 'noisiest bonds' in said.out
 
 
-def test_all_frames_of_the_selected_time_of_a_long_bag_are_kept(tmp_path: Path) -> None:
+def test_all_frames_of_the_selected_time_of_a_long_bag_are_kept(tmp_path):
     with open_bag(bag_of(tmp_path, passage(MADE, 200)), DEFAULT_LIMITS) as reader:
         readings = read_joints(reader, None, (0.1, 0.35), 80).readings()
     np.testing.assert_allclose(readings.times, 0.004 * np.arange(len(readings.times)), atol=1e-9)
     assert readings.times[-1] == pytest.approx(0.248)
 
 
-def test_a_recording_without_a_chain_is_reported_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_without_a_chain_is_reported_in_one_line(tmp_path, capsys):
     bag = bag_of(tmp_path, np.tile(passage(MADE, 2)[:1], (50, 1)))
     with pytest.raises(SystemExit) as end:
         main([str(bag), '--output', str(tmp_path / 'found')])

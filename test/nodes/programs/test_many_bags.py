@@ -1,23 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The table of several bags is complete even if worker processes die."""
 
-from __future__ import annotations
-
 import csv
-from pathlib import Path
 
 import pytest
 from pretended_analysis import pretend
 from recordings import run_of, write_bag
 
-from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.programs import analyse_bag
 from soliton_linkage_nodes.programs.analyse_bag import COLUMNS, BagBatch, analyse_many, named_bags
 
 
-def test_the_table_is_complete_though_a_worker_is_killed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_table_is_complete_though_a_worker_is_killed(tmp_path, capsys):
     (tmp_path / 'bag_20.deadly').touch()
     bags = [tmp_path / f'bag_{n}' for n in range(40)]
     assert analyse_many(BagBatch(named_bags(bags), tmp_path, pretend), 2) == 1
@@ -29,9 +23,7 @@ def test_the_table_is_complete_though_a_worker_is_killed(
     assert not (tmp_path / 'bag_20.deadly').exists()
 
 
-def test_several_bags_give_the_results_of_each_and_failures_are_reported(
-    named: NamedChain, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_several_bags_give_the_results_of_each_and_failures_are_reported(named, tmp_path, capsys):
     bag = write_bag(tmp_path / 'run', run_of(named, 50))
     given = [str(bag), str(tmp_path / 'none'), '--workers', '1']
     with pytest.raises(SystemExit) as ended:
@@ -48,7 +40,7 @@ def test_several_bags_give_the_results_of_each_and_failures_are_reported(
     assert '1 of 2 bags in ' in capsys.readouterr().out
 
 
-def test_bags_of_one_name_are_distinguished_and_none_is_analysed_twice(tmp_path: Path) -> None:
+def test_bags_of_one_name_are_distinguished_and_none_is_analysed_twice(tmp_path):
     paths = [tmp_path / 'a/run_0', tmp_path / 'b/run_0', tmp_path / 'run_1']
     assert [name for name, _ in named_bags(paths)] == ['a_run_0', 'b_run_0', 'run_1']
     with pytest.raises(ValueError, match='run_1 is given twice'):

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The program move_soliton shows the progress and the result of a move."""
 
-from __future__ import annotations
-
 import math
 import signal
 import threading
@@ -11,7 +9,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from graphs import Graph, values
-from programs import Program
 from rclpy.action import ActionServer
 
 from soliton_linkage_msgs.action import MoveSoliton
@@ -41,9 +38,7 @@ def steered(graph: Graph) -> Callable[[], float]:
     return rotor
 
 
-def test_it_ends_when_the_soliton_is_there_or_the_goal_is_rejected(
-    graph: Graph, start: Callable[..., Program]
-) -> None:
+def test_it_ends_when_the_soliton_is_there_or_the_goal_is_rejected(graph, start):
     rotor = steered(graph)
     program = start('move_soliton', '77')
     graph.until(lambda: program.process.poll() is not None, 'the rejection')
@@ -58,14 +53,14 @@ def test_it_ends_when_the_soliton_is_there_or_the_goal_is_rejected(
     assert abs(rotor() - 2.5) < 0.1
 
 
-def test_phonons_are_reported_if_rates_are_known() -> None:
+def test_phonons_are_reported_if_rates_are_known():
     told = MoveSoliton.Feedback(rotor=2.5, speed=1.0, phonon_energy=1e-3)
     assert progress_of(told).endswith('1.0e-03 J in phonons')
     told.phonon_energy = math.nan
     assert progress_of(told).endswith('rotors/s')
 
 
-def test_interrupted_it_stops_the_soliton(graph: Graph, start: Callable[..., Program]) -> None:
+def test_interrupted_it_stops_the_soliton(graph, start):
     rotor = steered(graph)
     program = start('move_soliton', '6', '--speed', '1')
     graph.until(lambda: rotor() > 0.5, 'a wall on its way')
@@ -83,7 +78,7 @@ def test_interrupted_it_stops_the_soliton(graph: Graph, start: Callable[..., Pro
     assert rotor() < 5
 
 
-def test_it_ends_when_the_steering_is_killed(graph: Graph, start: Callable[..., Program]) -> None:
+def test_it_ends_when_the_steering_is_killed(graph, start):
     reports = graph.reports('soliton_steering')
     graph.start(Simulator, QUICK)
     steering = start('soliton_steering', '--ros-args', '-p', 'state_timeout:=60.0')
@@ -102,7 +97,7 @@ def test_it_ends_when_the_steering_is_killed(graph: Graph, start: Callable[..., 
     mover.destroy_node()
 
 
-def test_an_interrupted_move_ends_without_a_response_of_the_server(graph: Graph) -> None:
+def test_an_interrupted_move_ends_without_a_response_of_the_server(graph):
     server = ActionServer(graph.user, MoveSoliton, interfaces.MOVE_SOLITON, lambda _: None)
     taken: list[object] = []
     server.register_handle_accepted_callback(taken.append)
@@ -120,9 +115,7 @@ def test_an_interrupted_move_ends_without_a_response_of_the_server(graph: Graph)
     server.destroy()
 
 
-def test_it_waits_for_a_steering_that_does_not_know_the_chain_yet(
-    graph: Graph, start: Callable[..., Program]
-) -> None:
+def test_it_waits_for_a_steering_that_does_not_know_the_chain_yet(graph, start):
     reports = graph.reports('soliton_steering')
     graph.start(SolitonSteering, {'state_timeout': 60.0})
     program = start('move_soliton', '2.5', '--wait', '60')
@@ -135,7 +128,7 @@ def test_it_waits_for_a_steering_that_does_not_know_the_chain_yet(
     assert program.process.returncode == 0, program.said
 
 
-def test_it_reports_that_no_node_steers(start: Callable[..., Program]) -> None:
+def test_it_reports_that_no_node_steers(start):
     program = start('move_soliton', '3')
     assert program.wait() == 1
     assert program.said == [

@@ -1,16 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The program nudge kicks the chain and reports the executed kick or the failure."""
 
-from __future__ import annotations
-
 import signal
 import threading
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from graphs import Graph
-from programs import Program
 
 from soliton_linkage_msgs.msg import LastKick
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
@@ -39,7 +35,7 @@ def nudged(graph: Graph, speed: float, timeout: float = 60.0) -> str:
         graph.until(lambda: 'nudge' not in graph.user.get_node_names(), 'a nudger that is gone')
 
 
-def test_it_reports_the_results_of_the_actuator_and_the_simulator(graph: Graph) -> None:
+def test_it_reports_the_results_of_the_actuator_and_the_simulator(graph):
     graph.start(EdgeActuator, {'state_timeout': 60.0})
     graph.start(Simulator, QUICK)
     kicks, nudges = graph.hear(interfaces.LAST_KICK), graph.hear(interfaces.NUDGE)
@@ -53,7 +49,7 @@ def test_it_reports_the_results_of_the_actuator_and_the_simulator(graph: Graph) 
     assert [message.data for message in nudges] == [-2.5, 500.0]
 
 
-def test_an_actuator_without_a_simulator_names_it(graph: Graph) -> None:
+def test_an_actuator_without_a_simulator_names_it(graph):
     graph.start(EdgeActuator)
     said = nudged(graph, 10.0, timeout=10.0)
     assert said.startswith(
@@ -61,7 +57,7 @@ def test_an_actuator_without_a_simulator_names_it(graph: Graph) -> None:
     )
 
 
-def test_a_subscriber_that_is_no_actuator_does_not_do(graph: Graph) -> None:
+def test_a_subscriber_that_is_no_actuator_does_not_do(graph):
     heard = graph.hear(interfaces.NUDGE)
     graph.hear(interfaces.LAST_KICK)
     said = nudged(graph, 10.0, timeout=1.0)
@@ -69,12 +65,12 @@ def test_a_subscriber_that_is_no_actuator_does_not_do(graph: Graph) -> None:
     assert heard == []
 
 
-def test_a_kick_that_the_simulator_did_not_execute_is_a_failure() -> None:
+def test_a_kick_that_the_simulator_did_not_execute_is_a_failure():
     with pytest.raises(ValueError, match='the simulator did not execute the command'):
         describe_kick(LastKick(cut_short=True, measured=True))
 
 
-def test_as_a_person_runs_it_in_a_namespace(graph: Graph, start: Callable[..., Program]) -> None:
+def test_as_a_person_runs_it_in_a_namespace(graph, start):
     graph.start(EdgeActuator, {'state_timeout': 60.0}, namespace='left')
     graph.start(Simulator, QUICK, namespace='left')
     program = start('nudge', '10', '--ros-args', '-r', '__ns:=/left')
@@ -95,15 +91,13 @@ def test_as_a_person_runs_it_in_a_namespace(graph: Graph, start: Callable[..., P
         (['hard'], 2, "nudge: argument speed: 'hard' must be a finite number; see nudge --help"),
     ],
 )
-def test_it_fails_in_one_line(
-    start: Callable[..., Program], arguments: list[str], code: int, line: str
-) -> None:
+def test_it_fails_in_one_line(start, arguments, code, line):
     program = start('nudge', *arguments)
     assert program.wait() == code
     assert program.said == [line]
 
 
-def test_it_stops_waiting_on_a_signal(graph: Graph, start: Callable[..., Program]) -> None:
+def test_it_stops_waiting_on_a_signal(graph, start):
     program = start('nudge', '10')
     graph.until(lambda: 'nudge' in graph.user.get_node_names(), 'the node nudge')
     assert program.stop(signal.SIGTERM) == 130

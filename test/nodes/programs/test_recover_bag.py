@@ -1,24 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The programs `recover_bag` and `check_bag`."""
 
-from __future__ import annotations
-
 import json
 import re
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from types import ModuleType
 
 import pytest
-from programs import Program
 from rclpy.serialization import serialize_message
 from recordings import START, run_of, write_bag
 from std_msgs.msg import Float64
 
 from soliton_linkage_nodes.bags.reading import open_bag
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
-from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.programs import check_bag, recover_bag
 from soliton_linkage_nodes.runtime.interfaces import NUDGE
 from soliton_linkage_nodes.runtime.stamps import SECOND
@@ -27,7 +22,7 @@ Ran = Callable[..., tuple[int, list[str]]]
 
 
 @pytest.fixture
-def ran(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Ran:
+def ran(monkeypatch, capsys):
     """Run a program in this process; return its exit code and its lines of output."""
     monkeypatch.setattr(recover_bag, 'interrupt_on_signals', lambda: None)
 
@@ -44,9 +39,7 @@ def ran(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
     return run
 
 
-def test_a_whole_bag_is_reported_in_the_layout_of_rosbag2(
-    ran: Ran, named: NamedChain, tmp_path: Path
-) -> None:
+def test_a_whole_bag_is_reported_in_the_layout_of_rosbag2(ran, named, tmp_path):
     code, said = ran(check_bag, write_bag(tmp_path / 'run', run_of(named, 50)))
     assert code == 0
     labels = [line[:19].strip() for line in said if line[0] != ' ']
@@ -73,9 +66,7 @@ def test_a_whole_bag_is_reported_in_the_layout_of_rosbag2(
     assert said[-2:] == ['Lost:              unknown when recorded', 'Result:            complete']
 
 
-def test_the_recorded_time_is_reported_without_pauses(
-    ran: Ran, named: NamedChain, tmp_path: Path
-) -> None:
+def test_the_recorded_time_is_reported_without_pauses(ran, named, tmp_path):
     pause = (START + SECOND, START + 3 * SECOND)
     bag = write_bag(tmp_path / 'run', run_of(named, 10, SECOND), gaps=[pause])
     code, said = ran(check_bag, bag)
@@ -84,9 +75,7 @@ def test_the_recorded_time_is_reported_without_pauses(
     assert 'Recorded:          8.000000000s, without 2.000000000s of pauses' in said
 
 
-def test_a_report_as_json_has_the_same_numbers(
-    ran: Ran, named: NamedChain, tmp_path: Path
-) -> None:
+def test_a_report_as_json_has_the_same_numbers(ran, named, tmp_path):
     bag = write_bag(tmp_path / 'run', run_of(named, 50))
     code, said = ran(check_bag, bag, '--json')
     assert code == 0
@@ -104,9 +93,7 @@ def test_a_report_as_json_has_the_same_numbers(
         ('empty', 'has no .mcap or .db3 file, the directory is empty; give a bag directory'),
     ],
 )
-def test_what_is_no_bag_of_ros_2_is_reported_with_the_remedy(
-    ran: Ran, tmp_path: Path, name: str, line: str
-) -> None:
+def test_what_is_no_bag_of_ros_2_is_reported_with_the_remedy(ran, tmp_path, name, line):
     (tmp_path / 'run.bag').write_bytes(b'#ROSBAG V2.0\n')
     (tmp_path / 'empty').mkdir()
     for program in (check_bag, recover_bag):
@@ -115,7 +102,7 @@ def test_what_is_no_bag_of_ros_2_is_reported_with_the_remedy(
         assert line in said[-1]
 
 
-def test_recovery_of_no_message_exits_with_1_and_leaves_no_bag(ran: Ran, tmp_path: Path) -> None:
+def test_recovery_of_no_message_exits_with_1_and_leaves_no_bag(ran, tmp_path):
     writer = BagWriter(tmp_path / 'run')
     topic = writer.add_topic('/n', 'std_msgs/msg/Float64', NUDGE.qos)
     writer.write(topic, START, serialize_message(Float64(data=1.5)))
@@ -131,9 +118,7 @@ def test_recovery_of_no_message_exits_with_1_and_leaves_no_bag(ran: Ran, tmp_pat
 
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
-def test_a_cut_bag_is_recovered_beside_it(
-    ran: Ran, named: NamedChain, tmp_path: Path, storage: str
-) -> None:
+def test_a_cut_bag_is_recovered_beside_it(ran, named, tmp_path, storage):
     bag = write_bag(tmp_path / 'run', run_of(named, 500), storage)
     (data,) = (path for path in bag.iterdir() if path.suffix != '.yaml')
     data.write_bytes(data.read_bytes()[:100_000])
@@ -158,9 +143,7 @@ def test_a_cut_bag_is_recovered_beside_it(
 
 
 @pytest.mark.parametrize('program', ['recover_bag', 'check_bag'])
-def test_a_path_without_a_bag_is_reported_in_one_line(
-    start: Callable[..., Program], tmp_path: Path, program: str
-) -> None:
+def test_a_path_without_a_bag_is_reported_in_one_line(start, tmp_path, program):
     started = start(program, str(tmp_path / 'nowhere'))
     assert started.wait() == 1
     (line,) = started.said

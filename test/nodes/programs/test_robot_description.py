@@ -1,14 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The URDF of a parameter file equals the URDF from the visualisation node."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 
 import pytest
 import yaml
-from graphs import Graph
 from urdf_parser_py.urdf import URDF
 
 from soliton_linkage_nodes.programs import robot_description as program
@@ -18,9 +15,7 @@ from soliton_linkage_nodes.visualisation.node import Visualisation
 CONFIG = Path(__file__).parents[3] / 'config' / 'spinner.yaml'
 
 
-def test_program_and_node_describe_a_chain_alike(
-    graph: Graph, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_program_and_node_describe_a_chain_alike(graph, capsys, monkeypatch):
     monkeypatch.setattr(sys, 'argv', ['robot_description', str(CONFIG)])
     program.main()
     printed = capsys.readouterr().out
@@ -32,16 +27,14 @@ def test_program_and_node_describe_a_chain_alike(
     assert heard[0].data == printed.removesuffix('\n')
 
 
-def test_limits_of_a_file_are_those_of_the_joints(tmp_path: Path) -> None:
+def test_limits_of_a_file_are_those_of_the_joints(tmp_path):
     file = tmp_path / 'limited.yaml'
     file.write_text('/**: {ros__parameters: {chain.number_of_rotors: 3, limits.torque: 0.5}}')
     robot = URDF.from_xml_string(program.description_of_file(file))
     assert [(j.limit.effort, j.limit.velocity) for j in robot.joints] == 3 * [(0.5, 100.0)]
 
 
-def test_an_invalid_parameter_file_is_reported_in_one_line(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_invalid_parameter_file_is_reported_in_one_line(capsys, monkeypatch):
     monkeypatch.setattr(sys, 'argv', ['robot_description', '/no/such.yaml'])
     with pytest.raises(SystemExit) as raised:
         program.main()

@@ -1,16 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nodes in one process behave as in separate processes."""
 
-from __future__ import annotations
-
 import sys
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
-from graphs import Graph, values
-from programs import Program
+from graphs import values
 
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.programs import suite
@@ -25,9 +20,7 @@ CLASSES = {
 }
 
 
-def test_five_nodes_in_one_process_as_in_their_own(
-    graph: Graph, start: Callable[..., Program], tmp_path: Path
-) -> None:
+def test_five_nodes_in_one_process_as_in_their_own(graph, start, tmp_path):
     nodes = of_one_chain([])
     reports = {node: graph.reports(node) for node in nodes}
     program = start(
@@ -59,7 +52,7 @@ def given_to(*rules: str) -> tuple[list[str], dict[str, dict[str, Any]]]:
     }
 
 
-def test_a_parameter_goes_to_the_nodes_that_have_it() -> None:
+def test_a_parameter_goes_to_the_nodes_that_have_it():
     rest, given = given_to('publish_rate:=100.0', 'torque_limit:=1e-3', 'joints:=[a, b]')
     assert rest == []
     assert given == {
@@ -69,14 +62,12 @@ def test_a_parameter_goes_to_the_nodes_that_have_it() -> None:
     }
 
 
-def test_a_parameter_may_be_for_one_node_in_any_namespace() -> None:
+def test_a_parameter_may_be_for_one_node_in_any_namespace():
     _, given = given_to('edge_actuator:torque_limit:=2', 'torque_limits.rotor_3:=0.1')
     assert given == {'edge_actuator': {'torque_limit': 2, 'torque_limits.rotor_3': 0.1}}
 
 
-def test_nodes_of_several_chains_are_in_their_namespaces(
-    graph: Graph, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nodes_of_several_chains_are_in_their_namespaces(graph, monkeypatch):
     names = ['right/soliton_analyser', 'left/soliton_analyser', 'left/edge_actuator']
     constructors: list[Any] = []
     monkeypatch.setattr(suite, 'run_together', lambda those, _: constructors.extend(those))
@@ -91,7 +82,7 @@ def test_nodes_of_several_chains_are_in_their_namespaces(
     ]
 
 
-def test_a_parameter_may_be_for_a_node_of_one_chain_or_of_all() -> None:
+def test_a_parameter_may_be_for_a_node_of_one_chain_or_of_all():
     classes = {f'{chain}/edge_actuator': EdgeActuator for chain in ('left', 'right')}
     rules = ['-p', 'left/edge_actuator:torque_limit:=2.0', '-p', 'edge_actuator:joints:=[a]']
     rest, given = addressed(rules, classes)
@@ -100,7 +91,7 @@ def test_a_parameter_may_be_for_a_node_of_one_chain_or_of_all() -> None:
     assert told['right/edge_actuator'] == {'joints': ['a']}
 
 
-def test_a_port_puts_a_controller_in_the_place_of_the_simulator() -> None:
+def test_a_port_puts_a_controller_in_the_place_of_the_simulator():
     for rule, without in [
         ('port:=/dev/ttyACM0', 'simulator'),
         ('serial_encoders:port:=/dev/ttyACM0', 'simulator'),
@@ -112,9 +103,7 @@ def test_a_port_puts_a_controller_in_the_place_of_the_simulator() -> None:
         ]
 
 
-def test_serial_encoders_publishes_the_chain_unless_configured_otherwise(
-    graph: Graph, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_serial_encoders_publishes_the_chain_unless_configured_otherwise(graph, monkeypatch):
     constructors: list[Any] = []
     monkeypatch.setattr(suite, 'run_together', lambda those, _: constructors.extend(those))
     for rules, source in (
@@ -128,14 +117,12 @@ def test_serial_encoders_publishes_the_chain_unless_configured_otherwise(
         assert [each.value for each in given if each.name == 'chain_from'] == source
 
 
-def test_a_rule_for_no_node_is_passed_to_ros() -> None:
+def test_a_rule_for_no_node_is_passed_to_ros():
     for rule in ['nonsense:=1', 'use_sim_time:=true', 'other:publish_rate:=1.0']:
         assert given_to(rule) == (['-p', rule], {})
 
 
-def test_an_invalid_node_list_is_rejected_on_one_line(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_invalid_node_list_is_rejected_on_one_line(monkeypatch, capsys):
     for arguments, complaint in [
         (['encoders'], "unknown node 'encoders'; choose from simulator, serial_encoders"),
         (['left/simulator', '--ros-args', '-r', '__ns:=/lab'], '__ns:= applies to all nodes'),

@@ -1,17 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The terminal line shows position and velocity of the soliton."""
 
-from __future__ import annotations
-
 import signal
-from collections.abc import Callable
 from itertools import count
 
 import numpy as np
 import pytest
 from divided_frames import halves
-from graphs import Graph
-from programs import Program
 
 from soliton_linkage_msgs.msg import Soliton, SolitonState
 from soliton_linkage_nodes.messages.conversions import (
@@ -27,9 +22,7 @@ from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 
 @pytest.fixture
-def shown(
-    graph: Graph, named: NamedChain, capsys: pytest.CaptureFixture[str]
-) -> Callable[[SolitonState, str], None]:
+def shown(graph, named, capsys):
     """Publish a left-leaning chain and a state until the program displays them."""
     text = ''
 
@@ -58,23 +51,17 @@ def shown(
     return show
 
 
-def test_it_shows_the_lean_and_place_and_velocity_of_the_first_soliton(
-    named: NamedChain, shown: Callable[[SolitonState, str], None]
-) -> None:
+def test_it_shows_the_lean_and_place_and_velocity_of_the_first_soliton(named, shown):
     soliton = Soliton(rotor=3.4, velocity=-1.25 * named.chain.spacing, charge=1)
     state = SolitonState(solitons=[soliton, Soliton(rotor=6.0)])
     shown(state, r'[\\\O\\O\]  rotor   3.40    -1.25 rotors/s')
 
 
-def test_it_shows_the_lean_where_there_is_no_soliton(
-    shown: Callable[[SolitonState, str], None],
-) -> None:
+def test_it_shows_the_lean_where_there_is_no_soliton(shown):
     shown(SolitonState(motion_name='flipper', solitons=[]), r'[\\\\\\\\]  no soliton, flipper')
 
 
-def test_as_a_person_runs_it_in_a_namespace(
-    graph: Graph, named: NamedChain, start: Callable[..., Program]
-) -> None:
+def test_as_a_person_runs_it_in_a_namespace(graph, named, start):
     program = start('watch_soliton', '--ros-args', '-r', '__ns:=/left')
     topic = interfaces.CHAIN
     publisher = graph.user.create_publisher(topic.type, f'/left/{topic.name}', topic.qos)
@@ -86,8 +73,8 @@ def test_as_a_person_runs_it_in_a_namespace(
 
 @pytest.mark.parametrize('chain_from', ['parameters', 'topic'])
 def test_parameters_describe_the_chain_and_its_joints_in_two_messages(
-    graph: Graph, named: NamedChain, capsys: pytest.CaptureFixture[str], chain_from: str
-) -> None:
+    graph, named, capsys, chain_from
+):
     text = ''
     graph.speak(interfaces.CHAIN, 0).publish(chain_to_msg(named, time_to_msg(0)))
     joint_names = [f'joint_{n}' for n in range(named.rotors)]

@@ -1,13 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
 import errno
 import math
 import os
 import sys
 import termios
 import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -76,7 +73,7 @@ class Controller:
 
 
 @pytest.fixture
-def plugged(graph: Graph, tmp_path: Path) -> Iterator[Callable[..., Controller]]:
+def plugged(graph, tmp_path):
     pytest.importorskip('serial', reason='needs pyserial: pip install pyserial')
     controllers: list[Controller] = []
 
@@ -108,8 +105,8 @@ def begin(graph: Graph, controller: Controller, **parameters: Any) -> tuple[Any,
 
 @pytest.mark.parametrize('protocol', Protocol)
 def test_readings_become_joint_states_with_the_stamp_of_their_measurement(
-    graph: Graph, plugged: Callable[..., Controller], protocol: Protocol
-) -> None:
+    graph, plugged, protocol
+):
     controller = plugged(protocol=protocol.value)
     node, received = begin(graph, controller)
     chains = graph.hear(interfaces.CHAIN)
@@ -126,9 +123,7 @@ def test_readings_become_joint_states_with_the_stamp_of_their_measurement(
     assert len(chains[0].joint_names) == ROTORS
 
 
-def test_noise_and_frames_of_another_chain_are_counted_and_not_published(
-    graph: Graph, plugged: Callable[..., Controller]
-) -> None:
+def test_noise_and_frames_of_another_chain_are_counted_and_not_published(graph, plugged):
     controller = plugged(protocol='text')
     node, received = begin(graph, controller)
     reports = graph.reports('serial_encoders')
@@ -152,9 +147,7 @@ def test_noise_and_frames_of_another_chain_are_counted_and_not_published(
     assert figures['last rejection'].startswith(rejection)
 
 
-def test_a_reset_and_a_lost_port_are_logged_and_publishing_continues(
-    graph: Graph, plugged: Callable[..., Controller], said: Callable[[], str]
-) -> None:
+def test_a_reset_and_a_lost_port_are_logged_and_publishing_continues(graph, plugged, said):
     controller = plugged()
     node, received = begin(graph, controller)
     controller.send(received, 5)
@@ -175,9 +168,7 @@ def test_a_reset_and_a_lost_port_are_logged_and_publishing_continues(
 
 
 @pytest.mark.parametrize('pressure', [False, True])
-def test_torques_act_on_the_valves_until_the_command_timeout(
-    graph: Graph, plugged: Callable[..., Controller], pressure: bool
-) -> None:
+def test_torques_act_on_the_valves_until_the_command_timeout(graph, plugged, pressure):
     controller = plugged(torque_per_pressure=1e-6)
     scale = {'valves.torque_per_pressure': [1e-6]} if pressure else {}
     node, received = begin(graph, controller, **scale)
@@ -201,9 +192,7 @@ def test_torques_act_on_the_valves_until_the_command_timeout(
     assert delivered[0].header == received[-1].header
 
 
-def test_feedback_is_sent_after_each_frame_and_is_no_impulse(
-    graph: Graph, plugged: Callable[..., Controller]
-) -> None:
+def test_feedback_is_sent_after_each_frame_and_is_no_impulse(graph, plugged):
     controller = plugged()
     gains = {'chain.feedback.left_angle': 0.01, 'chain.feedback.right_angle': -0.02}
     _, received = begin(graph, controller, **gains)
@@ -219,9 +208,7 @@ def test_feedback_is_sent_after_each_frame_and_is_no_impulse(
     assert not delivered
 
 
-def test_a_node_that_is_deactivated_closes_the_valves(
-    graph: Graph, plugged: Callable[..., Controller]
-) -> None:
+def test_a_node_that_is_deactivated_closes_the_valves(graph, plugged):
     controller = plugged()
     node, received = begin(graph, controller, **{'valves.command_timeout': 3600.0})
     torques = graph.speak(interfaces.ROTOR_TORQUES)
@@ -232,9 +219,7 @@ def test_a_node_that_is_deactivated_closes_the_valves(
     graph.until(lambda: not any(controller.torques()), 'closed valves')
 
 
-def test_a_message_with_an_invalid_torque_is_rejected_as_a_whole(
-    graph: Graph, plugged: Callable[..., Controller]
-) -> None:
+def test_a_message_with_an_invalid_torque_is_rejected_as_a_whole(graph, plugged):
     controller = plugged()
     node, received = begin(graph, controller)
     torques = graph.speak(interfaces.ROTOR_TORQUES)
@@ -253,7 +238,7 @@ def test_a_message_with_an_invalid_torque_is_rejected_as_a_whole(
     assert node.valves.commands == 0
 
 
-def test_an_invalid_parameter_is_reported_in_one_line_at_the_start(graph: Graph) -> None:
+def test_an_invalid_parameter_is_reported_in_one_line_at_the_start(graph):
     pytest.importorskip('serial', reason='needs pyserial: pip install pyserial')
     chain = {'chain_from': 'parameters', 'chain.number_of_rotors': ROTORS}
     wrong: list[tuple[dict[str, Any], str]] = [
@@ -272,9 +257,7 @@ def test_an_invalid_parameter_is_reported_in_one_line_at_the_start(graph: Graph)
         assert '\n' not in str(raised.value)
 
 
-def test_a_denied_port_names_the_group_that_may_open_it(
-    graph: Graph, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_denied_port_names_the_group_that_may_open_it(graph, monkeypatch):
     serial = pytest.importorskip('serial', reason='needs pyserial: pip install pyserial')
 
     def denied(*_args: Any, **_options: Any) -> None:
@@ -287,9 +270,7 @@ def test_a_denied_port_names_the_group_that_may_open_it(
 
 
 @pytest.mark.parametrize('hang_up', [True, False])
-def test_hang_up_decides_whether_closing_the_port_releases_dtr(
-    graph: Graph, plugged: Callable[..., Controller], hang_up: bool
-) -> None:
+def test_hang_up_decides_whether_closing_the_port_releases_dtr(graph, plugged, hang_up):
     controller = plugged()
     with Path(controller.line.path).open('rb', buffering=0) as port:
         attributes = termios.tcgetattr(port)
@@ -300,20 +281,12 @@ def test_hang_up_decides_whether_closing_the_port_releases_dtr(
 
 
 @pytest.mark.parametrize(('rate', 'warned'), [(115_200, False), (250_000, True)])
-def test_a_baud_rate_that_is_not_standard_causes_a_warning(
-    graph: Graph,
-    plugged: Callable[..., Controller],
-    said: Callable[[], str],
-    rate: int,
-    warned: bool,
-) -> None:
+def test_a_baud_rate_that_is_not_standard_causes_a_warning(graph, plugged, said, rate, warned):
     begin(graph, plugged(), baud_rate=rate)
     assert (f'baud_rate = {rate} is not a standard rate' in said()) is warned
 
 
-def test_an_error_in_one_line_names_the_missing_package(
-    graph: Graph, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_error_in_one_line_names_the_missing_package(graph, monkeypatch):
     monkeypatch.setitem(sys.modules, 'serial', None)
     with pytest.raises(ValueError, match=r'need pyserial.*pip install pyserial') as raised:
         graph.start(SerialEncoders)

@@ -1,6 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
 import numpy as np
 
 from soliton_linkage_nodes.serial_encoders.valves import ValveParameters, Valves
@@ -8,7 +6,7 @@ from soliton_linkage_nodes.serial_encoders.valves import ValveParameters, Valves
 TORQUES = np.array([0.02, -0.05])
 
 
-def test_delivered_impulses_add_up_to_torque_times_time() -> None:
+def test_delivered_impulses_add_up_to_torque_times_time():
     for frame in [0.004, 0.03, 0.9]:
         valves = Valves(ValveParameters(command_timeout=0.2, hold=0.1), 2)
         valves.hold(TORQUES, 1.0)
@@ -20,7 +18,7 @@ def test_delivered_impulses_add_up_to_torque_times_time() -> None:
         assert not valves.delivered(9.0).any()
 
 
-def test_feedback_is_added_to_commanded_torques_and_ends_with_the_hold_time() -> None:
+def test_feedback_is_added_to_commanded_torques_and_ends_with_the_hold_time():
     valves = Valves(ValveParameters(command_timeout=0.2, hold=0.1), 2)
     valves.hold(TORQUES, 1.0)
     valves.feed_back(2 * TORQUES, 1.0)
@@ -31,7 +29,7 @@ def test_feedback_is_added_to_commanded_torques_and_ends_with_the_hold_time() ->
     np.testing.assert_allclose(valves.delivered(9.0), 0.2 * TORQUES)
 
 
-def test_commands_that_were_not_sent_deliver_nothing() -> None:
+def test_commands_that_were_not_sent_deliver_nothing():
     valves = Valves(ValveParameters(), 2)
     valves.hold(TORQUES, 1.0)
     valves.command(1.0)

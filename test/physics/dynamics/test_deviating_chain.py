@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Laws of chains whose rotors and springs differ and whose ends may be periodic."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Sequence
@@ -35,9 +33,7 @@ def mirrored_springs(chain: Chain, values: Sequence[float] | Array) -> Array:
 
 
 @given(any_deviating_configuration())
-def test_extensions_of_springs_that_differ_are_rounded_less_than_their_lengths(
-    configuration: tuple[Chain, Array],
-) -> None:
+def test_extensions_of_springs_that_differ_are_rounded_less_than_their_lengths(configuration):
     chain, angles = configuration
     extensions = chain.spring_extensions(angles)
     with mpmath.workdps(40):
@@ -55,9 +51,7 @@ def test_extensions_of_springs_that_differ_are_rounded_less_than_their_lengths(
 
 
 @given(any_deviating_configuration())
-def test_springs_that_differ_agree_with_their_bare_twins_one_by_one(
-    configuration: tuple[Chain, Array],
-) -> None:
+def test_springs_that_differ_agree_with_their_bare_twins_one_by_one(configuration):
     chain, angles = configuration
     shortest = shortest_length(chain, angles)
     assume(shortest > 1e-3 * reach(chain))
@@ -72,9 +66,7 @@ def test_springs_that_differ_agree_with_their_bare_twins_one_by_one(
 
 
 @given(any_deviating_configuration())
-def test_torques_of_springs_that_differ_are_minus_the_gradient_of_the_energy(
-    configuration: tuple[Chain, Array],
-) -> None:
+def test_torques_of_springs_that_differ_are_minus_the_gradient_of_the_energy(configuration):
     chain, angles = configuration
     size = reach(chain)
     curvature = size / shortest_length(chain, angles)
@@ -93,8 +85,8 @@ def test_torques_of_springs_that_differ_are_minus_the_gradient_of_the_energy(
 
 @given(any_chain(), st.booleans(), st.lists(st.floats(-0.9, 3), min_size=5, max_size=5))
 def test_rotors_and_springs_that_deviate_alike_are_a_chain_of_other_parameters(
-    chain: Chain, periodic: bool, fractions: list[float]
-) -> None:
+    chain, periodic, fractions
+):
     rotors = chain.number_of_rotors + chain.number_of_rotors % 2
     chain = dataclasses.replace(chain, number_of_rotors=rotors, periodic=periodic, damping=0.1)
     springs, (a, r, mass, stiffness, damping) = chain.number_of_springs, fractions
@@ -128,7 +120,7 @@ def test_rotors_and_springs_that_deviate_alike_are_a_chain_of_other_parameters(
 
 
 @given(any_chain(), st.integers(0, 2**32))
-def test_a_periodic_chain_is_one_that_repeats_without_end(chain: Chain, seed: int) -> None:
+def test_a_periodic_chain_is_one_that_repeats_without_end(chain, seed):
     rotors = chain.number_of_rotors + chain.number_of_rotors % 2
     ring = dataclasses.replace(chain, number_of_rotors=rotors, periodic=True)
     ring = deviating(ring, seed, 0.2)
@@ -149,9 +141,7 @@ def test_a_periodic_chain_is_one_that_repeats_without_end(chain: Chain, seed: in
 
 
 @given(any_deviating_configuration())
-def test_a_mirrored_chain_whose_springs_differ_has_mirrored_torques(
-    configuration: tuple[Chain, Array],
-) -> None:
+def test_a_mirrored_chain_whose_springs_differ_has_mirrored_torques(configuration):
     chain, angles = configuration
     shortest = shortest_length(chain, angles)
     assume(shortest > 1e-3 * reach(chain))
@@ -174,7 +164,7 @@ def test_a_mirrored_chain_whose_springs_differ_has_mirrored_torques(
 
 
 @given(any_chain(), st.sampled_from([-1, 1]))
-def test_uniform_states_of_a_periodic_chain_are_relaxed(chain: Chain, lean: int) -> None:
+def test_uniform_states_of_a_periodic_chain_are_relaxed(chain, lean):
     rotors = chain.number_of_rotors + chain.number_of_rotors % 2
     ring = dataclasses.replace(chain, number_of_rotors=rotors, periodic=True)
     assert ring.number_of_springs == rotors
@@ -183,14 +173,14 @@ def test_uniform_states_of_a_periodic_chain_are_relaxed(chain: Chain, lean: int)
 
 
 @given(any_deviating_chain())
-def test_kinetic_energy_counts_each_mass_at_its_own_speed(chain: Chain) -> None:
+def test_kinetic_energy_counts_each_mass_at_its_own_speed(chain):
     rates = np.linspace(-3, 5, chain.number_of_rotors)
     speeds = chain.rotor_lengths * rates
     expected = math.fsum(0.5 * chain.masses * speeds**2)
     assert chain.kinetic_energy(rates) == pytest.approx(expected, rel=16 * EPS)
 
 
-def test_a_periodic_chain_of_odd_number_is_rejected() -> None:
+def test_a_periodic_chain_of_odd_number_is_rejected():
     for rotors in [3, 41]:
         with pytest.raises(
             ValueError, match=f'number_of_rotors = {rotors} must be even if the ends are periodic'
@@ -198,13 +188,13 @@ def test_a_periodic_chain_of_odd_number_is_rejected() -> None:
             Chain(rotors, periodic=True)
 
 
-def test_a_damping_that_would_drive_is_rejected() -> None:
+def test_a_damping_that_would_drive_is_rejected():
     for damping in [-1e-9, math.nan, math.inf]:
         with pytest.raises(ValueError, match=rf'Chain\.damping = {damping} must (be|lie)'):
             Chain(damping=damping)
 
 
-def test_deviations_of_another_chain_are_rejected() -> None:
+def test_deviations_of_another_chain_are_rejected():
     for periodic, springs in [(False, 5), (True, 6)]:
         for count in {5, 6, 7} - {springs}:
             drawn = Deviations(stiffness=(0.1,) * count)

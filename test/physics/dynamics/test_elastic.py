@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Laws of motion: energy, time reversal, exact stamps, kicks, torques, ten thousand rotors."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -46,9 +44,7 @@ def energies(chain: Chain, recording: Recording) -> Array:
 
 
 @pytest.mark.parametrize(('example', 'speed'), MOVING)
-def test_energy_and_path_are_as_exact_as_the_tolerance_asks(
-    example: tuple[float, float], speed: float
-) -> None:
+def test_energy_and_path_are_as_exact_as_the_tolerance_asks(example, speed):
     chain, angles, rates = nudged(example, speed)
     exact = moved(chain, angles, rates, 1e-13)
     tolerances = 10.0 ** -np.arange(3, 12)
@@ -76,7 +72,7 @@ def test_energy_and_path_are_as_exact_as_the_tolerance_asks(
         assert order == pytest.approx(1, abs=0.1)
 
 
-def test_the_same_start_gives_the_same_motion_to_the_last_bit() -> None:
+def test_the_same_start_gives_the_same_motion_to_the_last_bit():
     for example, speed in MOVING:
         chain, angles, rates = nudged(example, speed)
         first, second = (moved(chain, angles.copy(), rates.copy()) for _ in range(2))
@@ -84,7 +80,7 @@ def test_the_same_start_gives_the_same_motion_to_the_last_bit() -> None:
         assert np.array_equal(first.rates, second.rates)
 
 
-def test_frames_at_two_periods_agree_at_the_instants_that_they_share() -> None:
+def test_frames_at_two_periods_agree_at_the_instants_that_they_share():
     for example, speed in MOVING:
         chain, angles, rates = nudged(example, speed)
         fine = simulate(chain, angles, rates, 1.0, 1 / 256)
@@ -95,9 +91,7 @@ def test_frames_at_two_periods_agree_at_the_instants_that_they_share() -> None:
 
 
 @pytest.mark.parametrize(('example', 'speed'), MOVING)
-def test_frames_between_the_solvers_steps_are_as_exact_as_those_at_them(
-    example: tuple[float, float], speed: float
-) -> None:
+def test_frames_between_the_solvers_steps_are_as_exact_as_those_at_them(example, speed):
     chain, angles, rates = nudged(example, speed)
     period = chain.time_unit / 32
     exact = simulate(chain, angles, rates, 2 * chain.time_unit, period, 1e-13)
@@ -107,7 +101,7 @@ def test_frames_between_the_solvers_steps_are_as_exact_as_those_at_them(
     assert np.abs(recording.rates - exact.rates).max() * chain.time_unit <= 1e-8
 
 
-def test_the_time_of_a_frame_is_its_number_times_the_period() -> None:
+def test_the_time_of_a_frame_is_its_number_times_the_period():
     chain, angles, rates = nudged(FLIPPER, 0.1, rotors=2)
     simulation = ElasticSimulation(chain, angles, rates, period=0.003)
     times = [simulation.time]
@@ -117,14 +111,14 @@ def test_the_time_of_a_frame_is_its_number_times_the_period() -> None:
     assert times == [frame * 0.003 for frame in range(1001)]
 
 
-def test_a_recording_holds_both_ends_of_its_duration() -> None:
+def test_a_recording_holds_both_ends_of_its_duration():
     chain, angles, rates = nudged(FLIPPER, 0.1, rotors=2)
     assert simulate(chain, angles, rates, 0.3, 0.1).times == pytest.approx([0, 0.1, 0.2, 0.3])
     assert simulate(chain, angles, rates, 0.29, 0.1).times == pytest.approx([0, 0.1, 0.2])
     assert simulate(chain, angles, rates, 0, 0.1).times == pytest.approx([0])
 
 
-def test_rates_are_the_derivative_of_the_angles() -> None:
+def test_rates_are_the_derivative_of_the_angles():
     chain, angles, rates = nudged(SPINNER, 0.3)
     step = 1e-3 * chain.time_unit
     recording = simulate(chain, angles, rates, 200 * step, step, 1e-13)
@@ -135,9 +129,7 @@ def test_rates_are_the_derivative_of_the_angles() -> None:
 
 
 @pytest.mark.parametrize(('example', 'speed'), MOVING)
-def test_a_kick_at_a_frame_is_a_start_from_that_frame(
-    example: tuple[float, float], speed: float
-) -> None:
+def test_a_kick_at_a_frame_is_a_start_from_that_frame(example, speed):
     chain, angles, rates = nudged(example, speed)
     impulse = 0.1 * chain.moment_of_inertia * rates[::-1]
     simulation = ElasticSimulation(chain, angles, rates)
@@ -153,7 +145,7 @@ def test_a_kick_at_a_frame_is_a_start_from_that_frame(
     assert (simulation.frame, restarted.frame) == (27, 20)
 
 
-def test_the_drift_is_the_share_of_energy_that_nothing_accounts_for() -> None:
+def test_the_drift_is_the_share_of_energy_that_nothing_accounts_for():
     chain, angles, rates = nudged(FLIPPER, 0.1)
     simulation = ElasticSimulation(chain, angles, rates)
     assert simulation.energy_drift == 0
@@ -164,7 +156,7 @@ def test_the_drift_is_the_share_of_energy_that_nothing_accounts_for() -> None:
     )
 
 
-def test_a_rotor_of_a_chain_with_slack_springs_is_accelerated_evenly() -> None:
+def test_a_rotor_of_a_chain_with_slack_springs_is_accelerated_evenly():
     chain = Chain(3, stiffness=1e-9)
     torque = 1e-4 * np.array([1.0, 0.0, -2.0])
     simulation = ElasticSimulation(chain, chain.uniform_state(-1), period=0.25)
@@ -184,7 +176,7 @@ def test_a_rotor_of_a_chain_with_slack_springs_is_accelerated_evenly() -> None:
     )
 
 
-def test_holding_the_same_torque_again_changes_nothing() -> None:
+def test_holding_the_same_torque_again_changes_nothing():
     chain, angles, rates = nudged(FLIPPER, 0.1)
     torque = np.full(10, 1e-5)
     once, again = (ElasticSimulation(chain, angles, rates) for _ in range(2))
@@ -197,7 +189,7 @@ def test_holding_the_same_torque_again_changes_nothing() -> None:
     assert once.energy_drift == again.energy_drift
 
 
-def test_the_simulation_copies_its_arguments() -> None:
+def test_the_simulation_copies_its_arguments():
     chain, angles, rates = nudged(FLIPPER, 0.1)
     torque = np.full(10, 1e-5)
     given = ElasticSimulation(chain, angles, rates)
@@ -214,7 +206,7 @@ def test_the_simulation_copies_its_arguments() -> None:
         kept.advance()
 
 
-def test_full_turns_of_the_rotors_do_not_reduce_accuracy() -> None:
+def test_full_turns_of_the_rotors_do_not_reduce_accuracy():
     for turns in [1, 1000]:
         chain, angles, rates = nudged(SPINNER, 0.3)
         turned = moved(chain, angles + 2 * np.pi * turns, rates)
@@ -226,7 +218,7 @@ def test_full_turns_of_the_rotors_do_not_reduce_accuracy() -> None:
         )
 
 
-def test_the_error_does_not_grow_with_the_rotors_at_rest() -> None:
+def test_the_error_does_not_grow_with_the_rotors_at_rest():
     # By a solver whose step follows its error continuously.
     def end(rotors: int, tolerance: float) -> Array:
         chain, angles, rates = nudged(FLIPPER, 0.1, rotors)
@@ -246,7 +238,7 @@ def unseen(chain: Chain, spacings: int) -> float:
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_a_wall_in_ten_thousand_rotors_moves_as_in_forty(example: tuple[float, float]) -> None:
+def test_a_wall_in_ten_thousand_rotors_moves_as_in_forty(example):
     tracks = []
     for rotors, rotor in ((40, 20), (10_000, 5000)):
         chain = chain_of(example, rotors)
@@ -272,7 +264,7 @@ def test_a_wall_in_ten_thousand_rotors_moves_as_in_forty(example: tuple[float, f
     assert tracks[1] == pytest.approx(tracks[0], rel=0, abs=unseen(chain, 16))
 
 
-def test_a_simulation_rejects_by_name_and_value() -> None:
+def test_a_simulation_rejects_by_name_and_value():
     for arguments, complaint in [
         ({'period': 0.0}, 'period = 0.0 s'),
         ({'period': math.nan}, 'period = nan s'),
@@ -286,7 +278,7 @@ def test_a_simulation_rejects_by_name_and_value() -> None:
             ElasticSimulation(chain, **{'angles': chain.uniform_state(-1), **arguments})
 
 
-def test_a_command_with_a_bad_value_is_rejected_whole() -> None:
+def test_a_command_with_a_bad_value_is_rejected_whole():
     for command, what in [('kick', 'impulse'), ('hold', 'torque')]:
         chain, angles, rates = nudged(FLIPPER, 0.1, rotors=4)
         simulation = ElasticSimulation(chain, angles, rates)
@@ -301,14 +293,14 @@ def test_a_command_with_a_bad_value_is_rejected_whole() -> None:
         assert simulation.energy_drift == untouched.energy_drift
 
 
-def test_a_duration_that_is_no_time_is_rejected() -> None:
+def test_a_duration_that_is_no_time_is_rejected():
     for duration in [-1.0, math.nan, math.inf]:
         chain, angles, rates = nudged(FLIPPER, 0.1, rotors=2)
         with pytest.raises(ValueError, match=f'duration = {duration} s must be'):
             simulate(chain, angles, rates, duration, 0.1)
 
 
-def test_a_chain_too_fast_to_follow_is_given_up_by_rotor_and_limit() -> None:
+def test_a_chain_too_fast_to_follow_is_given_up_by_rotor_and_limit():
     chain, settings = chain_of(FLIPPER, 4), ElasticSettings(max_steps=100)
     simulation = ElasticSimulation(
         chain, chain.uniform_state(-1), period=chain.time_unit / 2, settings=settings
@@ -322,7 +314,7 @@ def test_a_chain_too_fast_to_follow_is_given_up_by_rotor_and_limit() -> None:
 
 
 @pytest.mark.parametrize('damping', [0.0, 1e-4])
-def test_the_integrators_made_for_chains_move_one_as_scipy_does(damping: float) -> None:
+def test_the_integrators_made_for_chains_move_one_as_scipy_does(damping):
     chain = dataclasses.replace(chain_of(FLIPPER, 12), damping=damping)
     impulses = (
         0.5 * chain.moment_of_inertia * edge_mode(chain, chain.uniform_state(-1), Edge.FIRST)
@@ -346,7 +338,7 @@ def test_the_integrators_made_for_chains_move_one_as_scipy_does(damping: float) 
             np.testing.assert_allclose(one, other, rtol=0, atol=1e-8)
 
 
-def test_an_unknown_integrator_is_rejected() -> None:
+def test_an_unknown_integrator_is_rejected():
     chain = chain_of(FLIPPER, 4)
     with pytest.raises(ValueError, match="'leapfrog' must be one of"):
         ElasticSimulation(chain, chain.uniform_state(1), integrator='leapfrog')

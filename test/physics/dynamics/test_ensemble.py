@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Chains that are simulated together move as each of them alone."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from concurrent.futures import Future
 from typing import Any
@@ -42,7 +40,7 @@ ACTIVE = {
 
 
 @pytest.mark.parametrize('parameters', [{}, ACTIVE])
-def test_chains_of_any_length_move_together_as_alone(parameters: dict[str, float]) -> None:
+def test_chains_of_any_length_move_together_as_alone(parameters):
     chains = [chain(n, rotors, **parameters) for n, rotors in enumerate((9, 2, 30, 9, 150, 9))]
     recordings = simulate_many(
         chains, map(start, chains), DURATION, frames=5, reduce=lambda _, recording: recording
@@ -54,7 +52,7 @@ def test_chains_of_any_length_move_together_as_alone(parameters: dict[str, float
         np.testing.assert_allclose(recording.rates, expected.rates, atol=1e-6)
 
 
-def test_the_default_result_is_the_last_state_of_each_start_of_one_chain() -> None:
+def test_the_default_result_is_the_last_state_of_each_start_of_one_chain():
     one = chain(0)
     found = np.array(list(simulate_many(one, [start(one)] * 3, DURATION)))
     expected = alone(one, 1)
@@ -72,7 +70,7 @@ class Counting(ThisThread):
         return super().submit(function, *arguments, **named)
 
 
-def test_an_endless_stream_of_chains_is_read_as_results_are_consumed() -> None:
+def test_an_endless_stream_of_chains_is_read_as_results_are_consumed():
     read = 0
 
     def endless() -> Iterator[sl.Chain]:
@@ -89,7 +87,7 @@ def test_an_endless_stream_of_chains_is_read_as_results_are_consumed() -> None:
     results.close()
 
 
-def test_chains_with_other_terms_or_ends_move_in_one_call() -> None:
+def test_chains_with_other_terms_or_ends_move_in_one_call():
     others = [{}, {'damping': 1e-4}, {'damping': 1e-4, 'on_site_phase': 0.1}, {}]
     chains = [chain(n, **each) for n, each in enumerate(others)]
     found = simulate_many(chains, map(start, chains), DURATION)
@@ -97,7 +95,7 @@ def test_chains_with_other_terms_or_ends_move_in_one_call() -> None:
         np.testing.assert_allclose(angles, alone(each, 1).angles[-1], atol=1e-8)
 
 
-def test_periodic_chains_move_as_alone() -> None:
+def test_periodic_chains_move_as_alone():
     one = sl.Chain(number_of_rotors=8, periodic=True)
     rates = np.random.default_rng(1).normal(size=8)
     begin = sl.State(one.uniform_state(-1), rates)

@@ -1,6 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -10,12 +8,12 @@ from deviating_chains import any_deviating_configuration
 from hypothesis import given
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
-from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.gravity import Gravity
 
 
 @given(any_configuration())
-def test_energy_that_is_lost_is_that_which_is_dissipated(given_chain: tuple[Chain, Array]) -> None:
+def test_energy_that_is_lost_is_that_which_is_dissipated(given_chain):
     chain, angles = given_chain
     chain = dataclasses.replace(chain, damping=0.1 * chain.moment_of_inertia / chain.time_unit)
     gravity = Gravity(3.0, 0.2)
@@ -30,9 +28,7 @@ def test_energy_that_is_lost_is_that_which_is_dissipated(given_chain: tuple[Chai
 
 
 @given(any_deviating_configuration())
-def test_the_compiled_loop_sums_the_torques_of_each_rotor(
-    given_chain: tuple[Chain, Array],
-) -> None:
+def test_the_compiled_loop_sums_the_torques_of_each_rotor(given_chain):
     chain, angles = given_chain
     rotors, gravity = np.arange(chain.number_of_rotors), Gravity(3.0, 0.2)
     torques = (rotors - 1.0) * gravity.scale(chain)
@@ -53,7 +49,7 @@ def test_the_compiled_loop_sums_the_torques_of_each_rotor(
         assert slope[-1] == pytest.approx(friction @ rates, rel=1e-13)
 
 
-def test_torques_and_fixed_rotors_act_on_their_own_rotor_alone() -> None:
+def test_torques_and_fixed_rotors_act_on_their_own_rotor_alone():
     chain = Chain(6)
     angles, rates = chain.uniform_state(1), np.zeros(6)
     torques = np.array([0, 0, 1.0, 0, 2.0, 0])
@@ -64,7 +60,7 @@ def test_torques_and_fixed_rotors_act_on_their_own_rotor_alone() -> None:
     np.testing.assert_allclose(slope[6:], expected, rtol=0, atol=1e-9 * expected.max())
 
 
-def test_arrays_of_another_shape_are_rejected() -> None:
+def test_arrays_of_another_shape_are_rejected():
     with pytest.raises(ValueError, match='give one per rotor'):
         EquationOfMotion(Chain(6), np.zeros(5))
     with pytest.raises(ValueError, match='fixed rotor 6 must be one of 0 to 5'):

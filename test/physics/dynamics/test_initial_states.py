@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Initial states: relaxed springs, and walls with a specified position and velocity."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -20,9 +18,7 @@ CLASSES = (FLIPPER, WOBBLER, SPINNER)
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_a_chain_that_leans_is_at_rest_with_its_springs_relaxed(
-    example: tuple[float, float],
-) -> None:
+def test_a_chain_that_leans_is_at_rest_with_its_springs_relaxed(example):
     for lean in [-1, 1]:
         bare = chain_of(example, 10)
         state = leaning(bare, lean)
@@ -35,9 +31,7 @@ def test_a_chain_that_leans_is_at_rest_with_its_springs_relaxed(
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_a_soliton_is_a_wall_with_its_kinetic_energy_and_stretches_no_spring(
-    example: tuple[float, float],
-) -> None:
+def test_a_soliton_is_a_wall_with_its_kinetic_energy_and_stretches_no_spring(example):
     for velocity in [-0.2, 0.0, 1.5]:
         chain = chain_of(example, 30)
         state = with_soliton(chain, 11.3, velocity)
@@ -49,7 +43,7 @@ def test_a_soliton_is_a_wall_with_its_kinetic_energy_and_stretches_no_spring(
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_a_wall_of_rigid_bars_moves_with_its_velocity(example: tuple[float, float]) -> None:
+def test_a_wall_of_rigid_bars_moves_with_its_velocity(example):
     for velocity in [-0.25, 0.25]:
         chain = chain_of(example, 40)
         start = with_soliton(chain, 20.0, velocity)
@@ -63,12 +57,12 @@ def test_a_wall_of_rigid_bars_moves_with_its_velocity(example: tuple[float, floa
         assert np.sin((simulation.angles - there) / 2) == pytest.approx(np.zeros(40), abs=1e-7)
 
 
-def test_a_velocity_that_is_no_number_is_rejected() -> None:
+def test_a_velocity_that_is_no_number_is_rejected():
     for velocity in [math.nan, math.inf]:
         with pytest.raises(ValueError, match=f'velocity of the soliton = {velocity} m/s must be'):
             with_soliton(Chain(10), 5.0, velocity)
 
 
-def test_a_place_beyond_the_chain_is_rejected() -> None:
+def test_a_place_beyond_the_chain_is_rejected():
     with pytest.raises(ValueError, match=r'site = 9\.5 must lie in the range 0 to'):
         with_soliton(Chain(10), 9.5, 1.0)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ledger of energy, work and dissipation closes with every force and every integrator."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 
@@ -59,7 +57,7 @@ def moved(mechanics: str, terms: dict[str, Any], tolerance: float) -> Simulation
 
 @pytest.mark.parametrize('name', TERMS)
 @pytest.mark.parametrize('mechanics', MECHANICS)
-def test_energy_changes_by_work_and_dissipation(mechanics: str, name: str) -> None:
+def test_energy_changes_by_work_and_dissipation(mechanics, name):
     # The tolerance limits the error of each step, of which a run has 20 to 400.
     tolerance = 1e-7 if mechanics in ('RK23', 'BDF') else 1e-9
     simulation = moved(mechanics, TERMS[name], tolerance)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motors compute their torques from measured angles, and hold them from frame to frame."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re
@@ -44,9 +42,7 @@ def naive(chain: Chain, now: Array, before: Array, period: float) -> Array:
 
 @pytest.mark.parametrize('example', [FLIPPER, SPINNER])
 @pytest.mark.parametrize('periodic', [False, True])
-def test_torques_follow_the_law_of_the_frame_before_the_delay(
-    example: tuple[float, float], periodic: bool
-) -> None:
+def test_torques_follow_the_law_of_the_frame_before_the_delay(example, periodic):
     deviations = Deviations(feedback=(0.5, -1.0, -3.0, 0.0, 0.0, 1.0))
     chain = unit_chain(6, example, periodic=periodic, feedback=LAW, deviations=deviations)
     frames = np.random.default_rng(3).normal(0, 2, (6, 6))
@@ -59,7 +55,7 @@ def test_torques_follow_the_law_of_the_frame_before_the_delay(
     assert np.abs(found).max() == pytest.approx(LAW.limit)
 
 
-def test_motors_beside_a_missing_angle_have_no_torque() -> None:
+def test_motors_beside_a_missing_angle_have_no_torque():
     chain = unit_chain(6, feedback=dataclasses.replace(LAW, delay=0))
     frames = np.random.default_rng(3).normal(0, 1, (2, 6))
     seen = frames.copy()
@@ -79,7 +75,7 @@ def moved(chain: Chain, period: float, integrator: str = 'symplectic') -> Elasti
     return simulation
 
 
-def test_feedback_at_short_periods_is_a_non_reciprocal_chain_with_damping() -> None:
+def test_feedback_at_short_periods_is_a_non_reciprocal_chain_with_damping():
     chain, kappa, drag = chain_of(FLIPPER, 8), 2e-5, 2e-6
     for law, terms in [
         (Feedback(left_angle=kappa, right_angle=-kappa), {'non_reciprocity': kappa}),
@@ -95,7 +91,7 @@ def test_feedback_at_short_periods_is_a_non_reciprocal_chain_with_damping() -> N
         assert errors[0] / errors[1] == pytest.approx(2, abs=0.3)
 
 
-def test_motors_move_a_chain_as_the_same_held_torques() -> None:
+def test_motors_move_a_chain_as_the_same_held_torques():
     chain = dataclasses.replace(
         chain_of(FLIPPER, 8), feedback=Feedback(left_angle=1e-5, rate=1e-6, delay=1)
     )
@@ -113,7 +109,7 @@ def test_motors_move_a_chain_as_the_same_held_torques() -> None:
     assert abs(fed_back.dissipated) > 1e-3 * fed_back.energy
 
 
-def test_feedback_that_cannot_be_computed_is_rejected_in_one_line() -> None:
+def test_feedback_that_cannot_be_computed_is_rejected_in_one_line():
     with pytest.raises(ValueError, match=r'Feedback.delay = -1 must lie in the range 0 to 1000'):
         Feedback(delay=-1)
     with pytest.raises(ValueError, match=re.escape('Feedback.delay = 0.5 must be a whole number')):

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Laws of rigid bars: one freedom, bars that keep their length, energy exact to rounding."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -54,7 +52,7 @@ def speed(simulation: RigidSimulation) -> float:
 
 
 @given(any_deviating_configuration(most=40))
-def test_the_compiled_mode_is_the_zero_mode(given_chain: tuple[Chain, Array]) -> None:
+def test_the_compiled_mode_is_the_zero_mode(given_chain):
     chain, angles = given_chain
     chain = dataclasses.replace(chain, periodic=False, deviations=Deviations())
     mode = zero_mode(chain, angles)
@@ -65,9 +63,7 @@ def test_the_compiled_mode_is_the_zero_mode(given_chain: tuple[Chain, Array]) ->
 
 
 @pytest.mark.parametrize('example', EXAMPLES + EXTREMES)
-def test_without_forces_the_speed_and_the_lengths_of_bars_are_kept(
-    example: tuple[float, float],
-) -> None:
+def test_without_forces_the_speed_and_the_lengths_of_bars_are_kept(example):
     for largest in [0.0, 0.02]:
         simulation = pushed(deviating(chain_of(example, 6), 4, largest * min(1, example[1])))
         start = speed(simulation)
@@ -80,7 +76,7 @@ def test_without_forces_the_speed_and_the_lengths_of_bars_are_kept(
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_without_forces_the_motion_is_the_closed_orbit(example: tuple[float, float]) -> None:
+def test_without_forces_the_motion_is_the_closed_orbit(example):
     chain = chain_of(example, 5)
     orbit = closed_orbit(chain)
     start = chain.uniform_state(-1)
@@ -98,9 +94,7 @@ def test_without_forces_the_motion_is_the_closed_orbit(example: tuple[float, flo
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_motion_is_that_of_constrained_masses_with_tensions_as_multipliers(
-    example: tuple[float, float],
-) -> None:
+def test_motion_is_that_of_constrained_masses_with_tensions_as_multipliers(example):
     chain = dataclasses.replace(deviating(chain_of(example, 6), 8, 0.02), damping=2e-5)
     simulation = pushed(chain, tolerance=1e-11, gravity=TILTED)
     simulation.hold(TORQUES)
@@ -128,7 +122,7 @@ def test_motion_is_that_of_constrained_masses_with_tensions_as_multipliers(
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_energy_is_exact_to_rounding_at_every_tilt(example: tuple[float, float]) -> None:
+def test_energy_is_exact_to_rounding_at_every_tilt(example):
     for tilt in [0.0, 0.4, math.pi]:
         chain = deviating(chain_of(example, 5), 6, 0.01)
         simulation = pushed(chain, rate=1.0, tolerance=1e-7, gravity=Gravity(9.81, tilt))
@@ -139,7 +133,7 @@ def test_energy_is_exact_to_rounding_at_every_tilt(example: tuple[float, float])
             assert abs(simulation.energy_drift) <= 32 * EPS
 
 
-def test_neither_energy_nor_bars_drift_in_thousands_of_steps() -> None:
+def test_neither_energy_nor_bars_drift_in_thousands_of_steps():
     chain = chain_of(FLIPPER, 3)
     start = chain.uniform_state(-1)
     simulation = RigidSimulation(chain, start, period=0.1, tolerance=1e-10, gravity=TILTED)
@@ -162,7 +156,7 @@ def test_neither_energy_nor_bars_drift_in_thousands_of_steps() -> None:
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_errors_are_of_the_order_of_the_tolerance(example: tuple[float, float]) -> None:
+def test_errors_are_of_the_order_of_the_tolerance(example):
     chain = chain_of(example, 6)
     exact = pushed(chain, tolerance=1e-13, gravity=TILTED).record(1.0)
     tolerances = 10.0 ** -np.arange(4, 12, 2)
@@ -175,9 +169,7 @@ def test_errors_are_of_the_order_of_the_tolerance(example: tuple[float, float]) 
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_frames_do_not_depend_on_the_period_nor_on_the_stiffness(
-    example: tuple[float, float],
-) -> None:
+def test_frames_do_not_depend_on_the_period_nor_on_the_stiffness(example):
     chain = chain_of(example, 6)
     expected = pushed(chain, gravity=TILTED).record(1.0).angles
     fine = pushed(chain, gravity=TILTED, period=0.05 / 16).record(1.0).angles
@@ -188,7 +180,7 @@ def test_frames_do_not_depend_on_the_period_nor_on_the_stiffness(
         assert angles == pytest.approx(expected, rel=0, abs=100 * 1e-9)
 
 
-def test_the_same_start_gives_the_same_motion_to_the_last_bit() -> None:
+def test_the_same_start_gives_the_same_motion_to_the_last_bit():
     for example in CLASSES:
         first, second = (
             pushed(chain_of(example, 6), gravity=TILTED).record(1.0) for _ in range(2)
@@ -198,7 +190,7 @@ def test_the_same_start_gives_the_same_motion_to_the_last_bit() -> None:
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_motion_played_backwards_returns_to_its_start(example: tuple[float, float]) -> None:
+def test_motion_played_backwards_returns_to_its_start(example):
     chain = deviating(chain_of(example, 6), 2, 0.02)
     there = pushed(chain, gravity=TILTED).record(1.5)
     back = RigidSimulation(chain, there.angles[-1], -there.rates[-1], 0.05, 1e-9, TILTED)
@@ -208,7 +200,7 @@ def test_motion_played_backwards_returns_to_its_start(example: tuple[float, floa
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_a_held_torque_does_the_work_torque_times_angle(example: tuple[float, float]) -> None:
+def test_a_held_torque_does_the_work_torque_times_angle(example):
     chain = deviating(chain_of(example, 6), 3, 0.01)
     simulation = pushed(chain)
     # The energy balance rounds at the size of its largest energy.
@@ -227,9 +219,7 @@ def test_a_held_torque_does_the_work_torque_times_angle(example: tuple[float, fl
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_bars_bear_a_kick_except_its_part_along_the_zero_mode(
-    example: tuple[float, float],
-) -> None:
+def test_bars_bear_a_kick_except_its_part_along_the_zero_mode(example):
     chain = deviating(chain_of(example, 6), 3, 0.05)
     simulation = pushed(chain)
     simulation.advance()
@@ -249,7 +239,7 @@ def test_bars_bear_a_kick_except_its_part_along_the_zero_mode(
     assert abs(simulation.energy_drift) <= 32 * EPS
 
 
-def test_rates_that_the_bars_do_not_allow_are_projected() -> None:
+def test_rates_that_the_bars_do_not_allow_are_projected():
     chain = deviating(chain_of(FLIPPER, 6), 3, 0.05)
     angles = rest_state(chain, 1)
     levers = rigidity_matrix(chain, angles).toarray()
@@ -259,7 +249,7 @@ def test_rates_that_the_bars_do_not_allow_are_projected() -> None:
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_damping_dissipates_the_stated_energy(example: tuple[float, float]) -> None:
+def test_damping_dissipates_the_stated_energy(example):
     chain = dataclasses.replace(chain_of(example, 6), damping=1e-5)
     chain = deviating(chain, 5, 0.02)
     simulation = pushed(chain, gravity=TILTED, period=1 / 512)
@@ -275,9 +265,7 @@ def test_damping_dissipates_the_stated_energy(example: tuple[float, float]) -> N
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_the_books_stay_exact_through_commands_in_a_damped_chain(
-    example: tuple[float, float],
-) -> None:
+def test_the_books_stay_exact_through_commands_in_a_damped_chain(example):
     chain = deviating(dataclasses.replace(chain_of(example, 6), damping=1e-5), 5, 0.02)
     simulation = pushed(chain, tolerance=1e-7, gravity=TILTED)
     for turn in range(6):
@@ -295,7 +283,7 @@ def test_the_books_stay_exact_through_commands_in_a_damped_chain(
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_even_damping_slows_the_closed_orbit_exponentially(example: tuple[float, float]) -> None:
+def test_even_damping_slows_the_closed_orbit_exponentially(example):
     bare = chain_of(example, 5)
     decay = 2.0
     chain = dataclasses.replace(bare, damping=decay * bare.moment_of_inertia)
@@ -310,9 +298,7 @@ def test_even_damping_slows_the_closed_orbit_exponentially(example: tuple[float,
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_a_wall_in_the_middle_of_three_thousand_rotors_moves_as_in_sixty(
-    example: tuple[float, float],
-) -> None:
+def test_a_wall_in_the_middle_of_three_thousand_rotors_moves_as_in_sixty(example):
     tracks = []
     for rotors, rotor in ((60, 30), (3000, 1500)):
         chain = chain_of(example, rotors)
@@ -341,9 +327,7 @@ def let_go(chain: Chain, start: Array, gravity: Gravity) -> Array:
 
 
 @pytest.mark.parametrize('example', [FLIPPER, STRONG_WOBBLER, SPINNER])
-def test_a_released_chain_reverses_at_the_height_of_its_start(
-    example: tuple[float, float],
-) -> None:
+def test_a_released_chain_reverses_at_the_height_of_its_start(example):
     for degrees in [10, -60]:
         for upright in [True, False]:
             chain = chain_of(example, 7)
@@ -361,9 +345,7 @@ def test_a_released_chain_reverses_at_the_height_of_its_start(
 
 
 @pytest.mark.parametrize('example', [FLIPPER, SPINNER])
-def test_springs_of_growing_stiffness_move_as_bars_to_first_order_in_their_softness(
-    example: tuple[float, float],
-) -> None:
+def test_springs_of_growing_stiffness_move_as_bars_to_first_order_in_their_softness(example):
     chain = chain_of(example, 6)
     angles = chain.uniform_state(-1)
     rates = 4 * mode_towards_last(chain, angles)
@@ -379,7 +361,7 @@ def test_springs_of_growing_stiffness_move_as_bars_to_first_order_in_their_softn
     assert np.abs(bars.angles[-1] - angles).max() > 1
 
 
-def test_a_chain_at_rest_without_forces_stays_to_the_last_bit() -> None:
+def test_a_chain_at_rest_without_forces_stays_to_the_last_bit():
     chain = chain_of(FLIPPER, 6)
     simulation = RigidSimulation(chain, chain.uniform_state(1))
     for _ in range(20):
@@ -389,7 +371,7 @@ def test_a_chain_at_rest_without_forces_stays_to_the_last_bit() -> None:
     assert simulation.energy_drift == 0
 
 
-def test_the_smallest_chains_move_at_the_border_of_spinning() -> None:
+def test_the_smallest_chains_move_at_the_border_of_spinning():
     for offset in [0, 1e-10, -1e-10, 1e-5]:
         for rotors in [2, 3]:
             chain = Chain(
@@ -402,7 +384,7 @@ def test_the_smallest_chains_move_at_the_border_of_spinning() -> None:
                 assert abs(simulation.energy_drift) <= 16 * EPS
 
 
-def test_angles_that_the_bars_do_not_allow_are_rejected_by_bar() -> None:
+def test_angles_that_the_bars_do_not_allow_are_rejected_by_bar():
     chain = chain_of(FLIPPER, 4)
     angles = chain.uniform_state(-1)
     angles[3] += 0.1
@@ -411,7 +393,7 @@ def test_angles_that_the_bars_do_not_allow_are_rejected_by_bar() -> None:
         RigidSimulation(chain, angles)
 
 
-def test_angles_off_by_less_than_the_play_of_a_bar_are_brought_onto_them() -> None:
+def test_angles_off_by_less_than_the_play_of_a_bar_are_brought_onto_them():
     chain = chain_of(FLIPPER, 4)
     given = chain.uniform_state(-1) + 1e-7 * np.array([1.0, -2.0, 0.5, 3.0])
     simulation = RigidSimulation(chain, given)
@@ -419,7 +401,7 @@ def test_angles_off_by_less_than_the_play_of_a_bar_are_brought_onto_them() -> No
     assert 0 < np.abs(simulation.angles - given).max() <= 1e-6
 
 
-def test_bars_between_periodic_ends_are_rejected() -> None:
+def test_bars_between_periodic_ends_are_rejected():
     chain = Chain(4, periodic=True)
     with pytest.raises(
         ValueError, match='rigid bars with periodic ends cannot move; set periodic'
@@ -427,13 +409,13 @@ def test_bars_between_periodic_ends_are_rejected() -> None:
         RigidSimulation(chain, chain.uniform_state(1))
 
 
-def test_an_impulse_without_finite_energy_is_rejected() -> None:
+def test_an_impulse_without_finite_energy_is_rejected():
     simulation = pushed(chain_of(FLIPPER, 6))
     with pytest.raises(ValueError, match=r'impulse of rotor 2 = 1e\+200 N m s gives an energy'):
         simulation.kick(1e200 * np.eye(6)[2])
 
 
-def test_jammed_bars_are_reported() -> None:
+def test_jammed_bars_are_reported():
     for rate in [1.0, 100.0]:
         chain = Chain(2)
         # A bar as long as both rotors and the spacing in one line can move to neither side.
@@ -447,7 +429,7 @@ def test_jammed_bars_are_reported() -> None:
         assert np.array_equal(simulation.angles, angles)
 
 
-def test_a_kick_too_hard_to_follow_is_given_up_and_not_taken_for_a_jam() -> None:
+def test_a_kick_too_hard_to_follow_is_given_up_and_not_taken_for_a_jam():
     simulation = pushed(chain_of(FLIPPER, 6))
     simulation.kick(np.full(6, 1e120))
     with pytest.raises(ArithmeticError, match=r'rad/s: (?!.*jam).*; apply smaller impulses'):
@@ -456,7 +438,7 @@ def test_a_kick_too_hard_to_follow_is_given_up_and_not_taken_for_a_jam() -> None
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_bars_and_forces_together_accelerate_the_rotors(example: tuple[float, float]) -> None:
+def test_bars_and_forces_together_accelerate_the_rotors(example):
     for damping in [0.0, 1e-4]:
         chain = dataclasses.replace(chain_of(example, 6), damping=damping)
         chain = deviating(chain, 4, 0.02 * min(1, example[1]))
@@ -476,7 +458,7 @@ def test_bars_and_forces_together_accelerate_the_rotors(example: tuple[float, fl
         assert now + others == pytest.approx(turning, rel=0, abs=1e-4 * float(np.abs(now).max()))
 
 
-def test_a_fixed_rotor_that_would_stop_the_bars_is_rejected() -> None:
+def test_a_fixed_rotor_that_would_stop_the_bars_is_rejected():
     chain = chain_of(FLIPPER, 6)
     with pytest.raises(ValueError, match='cannot move with rotor 3 fixed; fix no rotor, or'):
         RigidSimulation(chain, chain.uniform_state(1), fixed=(3,))

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Laws of motion with gravity, damping, deviations and periodic ends, shown on springs."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -55,7 +53,7 @@ def largest_drift(simulation: ElasticSimulation) -> float:
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_energy_plus_dissipated_energy_is_constant(example: tuple[float, float]) -> None:
+def test_energy_plus_dissipated_energy_is_constant(example):
     for damping in [0.0, 0.05]:
         for periodic in [False, True]:
             simulation = shaken(example, TILTED, periodic, damping)
@@ -71,7 +69,7 @@ def test_energy_plus_dissipated_energy_is_constant(example: tuple[float, float])
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_the_damping_takes_the_integral_of_its_power(example: tuple[float, float]) -> None:
+def test_the_damping_takes_the_integral_of_its_power(example):
     simulation = shaken(example, damping=0.05)
     simulation.period /= 64
     chain = simulation.chain
@@ -84,9 +82,7 @@ def test_the_damping_takes_the_integral_of_its_power(example: tuple[float, float
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_normal_modes_decay_at_half_the_damping_over_the_inertia(
-    example: tuple[float, float],
-) -> None:
+def test_normal_modes_decay_at_half_the_damping_over_the_inertia(example):
     for damping in [0.02, 0.3]:
         for periodic in [False, True]:
             bare = dataclasses.replace(chain_of(example, 6), periodic=periodic)
@@ -112,7 +108,7 @@ def test_normal_modes_decay_at_half_the_damping_over_the_inertia(
                 )
 
 
-def test_rotors_on_slack_springs_are_pendulums() -> None:
+def test_rotors_on_slack_springs_are_pendulums():
     for swing in [0.1, 1.5, 3.0]:
         for tilt in [0.0, 0.5, -2.0]:
             chain = Chain(3, mass=1e3, stiffness=1e-9)
@@ -135,7 +131,7 @@ def test_rotors_on_slack_springs_are_pendulums() -> None:
             assert recording.angles[64, 0] == pytest.approx(start[0], abs=1e-7)
 
 
-def test_slack_rotors_slow_down_each_by_its_own_damping_over_its_own_inertia() -> None:
+def test_slack_rotors_slow_down_each_by_its_own_damping_over_its_own_inertia():
     chain = Chain(5, stiffness=1e-9, damping=2e-5)
     chain = deviating(chain, 3, 0.5)
     rates = np.linspace(20, 60, 5)
@@ -149,9 +145,7 @@ def test_slack_rotors_slow_down_each_by_its_own_damping_over_its_own_inertia() -
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_gravity_turned_at_a_frame_is_a_start_from_that_frame(
-    example: tuple[float, float],
-) -> None:
+def test_gravity_turned_at_a_frame_is_a_start_from_that_frame(example):
     simulation = shaken(example, NO_GRAVITY)
     for _ in range(5):
         simulation.advance()
@@ -173,7 +167,7 @@ def test_gravity_turned_at_a_frame_is_a_start_from_that_frame(
             assert abs(simulation.energy_drift) <= largest_drift(simulation)
 
 
-def test_setting_the_present_gravity_changes_nothing() -> None:
+def test_setting_the_present_gravity_changes_nothing():
     once, again = shaken(FLIPPER), shaken(FLIPPER)
     for _ in range(10):
         again.set_gravity(Gravity(9.81, 0.5))
@@ -183,7 +177,7 @@ def test_setting_the_present_gravity_changes_nothing() -> None:
     assert once.energy_drift == again.energy_drift
 
 
-def test_a_kick_turns_each_rotor_by_its_own_inertia() -> None:
+def test_a_kick_turns_each_rotor_by_its_own_inertia():
     simulation = shaken(FLIPPER)
     before = simulation.rates
     simulation.kick(np.full(8, 1e-5))
@@ -199,7 +193,7 @@ def ring(example: tuple[float, float]) -> tuple[Chain, Array, Array]:
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_motion_in_a_ring_is_the_same_from_any_rotor_on(example: tuple[float, float]) -> None:
+def test_motion_in_a_ring_is_the_same_from_any_rotor_on(example):
     for shift in [7]:
         chain, angles, rates = ring(example)
         here = ElasticSimulation(chain, angles, rates, chain.time_unit, gravity=TILTED)
@@ -214,7 +208,7 @@ def test_motion_in_a_ring_is_the_same_from_any_rotor_on(example: tuple[float, fl
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_the_mirrored_chain_moves_as_the_mirror_image(example: tuple[float, float]) -> None:
+def test_the_mirrored_chain_moves_as_the_mirror_image(example):
     for periodic in [False, True]:
         chain, angles, rates = ring(example)
         chain = dataclasses.replace(chain, periodic=periodic, damping=1e-6)
@@ -227,7 +221,7 @@ def test_the_mirrored_chain_moves_as_the_mirror_image(example: tuple[float, floa
         assert -moved.angles[:, ::-1] == pytest.approx(mirrored.angles, rel=0, abs=1e-8)
 
 
-def test_a_chain_at_rest_stays_there_however_it_is_damped() -> None:
+def test_a_chain_at_rest_stays_there_however_it_is_damped():
     for damping in [0.0, 30.0]:
         for periodic in [False, True]:
             bare = dataclasses.replace(chain_of(FLIPPER, 20), periodic=periodic)
@@ -243,7 +237,7 @@ def test_a_chain_at_rest_stays_there_however_it_is_damped() -> None:
                 assert np.abs(simulation.rates).max() * chain.time_unit <= 100 * 4 * EPS
 
 
-def test_a_chain_that_hangs_at_rest_stays_there_up_to_rounding() -> None:
+def test_a_chain_that_hangs_at_rest_stays_there_up_to_rounding():
     chain = Chain(2, rotor_length=1e-3, stiffness=1e-9)
     simulation = ElasticSimulation(
         chain,
@@ -264,7 +258,7 @@ FIXED = (2, 5)
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_fixed_rotors_stay_and_the_energy_is_kept(example: tuple[float, float]) -> None:
+def test_fixed_rotors_stay_and_the_energy_is_kept(example):
     for periodic in [False, True]:
         for damping in [0.0, 0.05]:
             loose = shaken(example, TILTED, periodic, damping)
@@ -285,7 +279,7 @@ def test_fixed_rotors_stay_and_the_energy_is_kept(example: tuple[float, float]) 
                 assert abs(simulation.energy_drift) <= largest_drift(simulation)
 
 
-def test_rotors_beyond_a_fixed_one_know_nothing_of_each_other() -> None:
+def test_rotors_beyond_a_fixed_one_know_nothing_of_each_other():
     calm, kicked = (
         ElasticSimulation(chain_of(FLIPPER, 8), np.zeros(8), fixed=(4,)) for _ in range(2)
     )
@@ -298,19 +292,19 @@ def test_rotors_beyond_a_fixed_one_know_nothing_of_each_other() -> None:
     assert np.abs(kicked.angles[:4] - calm.angles[:4]).min() > 1e-6
 
 
-def test_a_fixed_rotor_that_there_is_not_is_rejected() -> None:
+def test_a_fixed_rotor_that_there_is_not_is_rejected():
     for rotor in [-1, 8, 2.5]:
         with pytest.raises(ValueError, match=rf'fixed rotor {rotor} must be one of 0 to 7'):
             ElasticSimulation(Chain(8), np.zeros(8), fixed=(rotor,))
 
 
-def test_rates_of_an_energy_beyond_numbers_are_rejected() -> None:
+def test_rates_of_an_energy_beyond_numbers_are_rejected():
     rates = np.array([0.0, 0.0, -1e300, 0.0])
     with pytest.raises(ValueError, match=r'rate of rotor 2 = -1e\+300 rad/s gives an energy'):
         ElasticSimulation(Chain(4), np.zeros(4), rates)
 
 
-def test_torques_of_springs_are_those_of_the_chain() -> None:
+def test_torques_of_springs_are_those_of_the_chain():
     for example in CLASSES:
         simulation = shaken(example)
         simulation.advance()
@@ -319,9 +313,7 @@ def test_torques_of_springs_are_those_of_the_chain() -> None:
         assert np.abs(expected).max() > 0
 
 
-def test_the_solver_restarts_once_per_frame_for_any_number_of_commands(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_solver_restarts_once_per_frame_for_any_number_of_commands(monkeypatch):
     starts = []
 
     class Counted(DOP853):

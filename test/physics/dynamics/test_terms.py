@@ -1,6 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -45,7 +43,7 @@ def site_torques(chain: Chain, angles: Array) -> Array:
 
 
 @pytest.mark.parametrize('name', MOTIONS)
-def test_the_derivative_is_the_sum_of_the_terms(name: str) -> None:
+def test_the_derivative_is_the_sum_of_the_terms(name):
     motion = MOTIONS[name]
     state, number, chain = lively_state(motion), motion.rotors, motion.chain
     angles, rates = state[:number], state[number : 2 * number]
@@ -59,7 +57,7 @@ def test_the_derivative_is_the_sum_of_the_terms(name: str) -> None:
     np.testing.assert_allclose(motion(0.0, state), np.concatenate(expected), rtol=0, atol=1e-12)
 
 
-def test_torques_of_terms_with_an_energy_are_its_gradient() -> None:
+def test_torques_of_terms_with_an_energy_are_its_gradient():
     for name in MOTIONS:
         motion = MOTIONS[name]
         state, number, width = lively_state(motion), motion.rotors, 1e-6
@@ -74,7 +72,7 @@ def test_torques_of_terms_with_an_energy_are_its_gradient() -> None:
             np.testing.assert_allclose(torques, -np.array(slopes) / (2 * width), rtol=0, atol=1e-8)
 
 
-def test_a_plain_function_moves_a_chain_as_the_same_law_inside_does() -> None:
+def test_a_plain_function_moves_a_chain_as_the_same_law_inside_does():
     chain = chain_of(FLIPPER, 8)
     damped = Chain(8, chain.spacing, chain.rotor_length, chain.rest_angle, damping=DRAG)
     inside, term = by(damped), by(chain, LinearDamping(np.full(8, DRAG)))
@@ -86,14 +84,14 @@ def test_a_plain_function_moves_a_chain_as_the_same_law_inside_does() -> None:
     assert abs(outside.energy_drift) < 1e-8
 
 
-def test_nonlinear_laws_keep_the_balance_of_energy() -> None:
+def test_nonlinear_laws_keep_the_balance_of_energy():
     for law in [DryFriction(2e-6, 0.5), lambda _t, _a, r: -1e-7 * r * abs(r)]:
         simulation = by(chain_of(FLIPPER, 8), law)
         assert simulation.dissipated > 1e-3 * simulation.energy
         assert abs(simulation.energy_drift) < 1e-7
 
 
-def test_all_integrators_agree_on_a_compiled_damping_law() -> None:
+def test_all_integrators_agree_on_a_compiled_damping_law():
     for law in [
         LinearDamping(np.full(8, DRAG)),
         DryFriction(2e-6, 0.5),
@@ -109,7 +107,7 @@ def test_all_integrators_agree_on_a_compiled_damping_law() -> None:
             assert abs(found.energy_drift) < 1e-8
 
 
-def test_all_integrators_agree_on_the_work_of_motors() -> None:
+def test_all_integrators_agree_on_the_work_of_motors():
     for damping in [0.0, DRAG]:
         for example in [FLIPPER, SPINNER]:
             chain = dataclasses.replace(
@@ -124,7 +122,7 @@ def test_all_integrators_agree_on_the_work_of_motors() -> None:
             assert abs(exact.dissipated) > 1e-3 * exact.energy
 
 
-def test_work_of_motors_between_frames_of_a_long_step() -> None:
+def test_work_of_motors_between_frames_of_a_long_step():
     chain = dataclasses.replace(chain_of(FLIPPER, 8), non_reciprocity=1e-5)
     start = with_soliton(chain, 3.0, 0.1)
     many = ElasticSimulation(chain, start.angles, start.rates, period=1e-4)
@@ -136,7 +134,7 @@ def test_work_of_motors_between_frames_of_a_long_step() -> None:
     assert few.dissipated == pytest.approx(many.dissipated, rel=1e-8)
 
 
-def test_a_change_of_non_reciprocity_acts_at_the_current_frame() -> None:
+def test_a_change_of_non_reciprocity_acts_at_the_current_frame():
     chain = chain_of(FLIPPER, 8)
     start = with_soliton(chain, 3.0, 0.1)
     changed = ElasticSimulation(chain, start.angles, start.rates)
@@ -152,7 +150,7 @@ def test_a_change_of_non_reciprocity_acts_at_the_current_frame() -> None:
         changed.set_non_reciprocity(math.inf)
 
 
-def test_frictions_of_single_rotors_and_signs_of_single_bonds() -> None:
+def test_frictions_of_single_rotors_and_signs_of_single_bonds():
     none_but_first, reversed_bond = (0.0, *[-1.0] * 7), (0.0,) * 3 + (-2.0,) + (0.0,) * 3
     deviations = Deviations(quadratic_damping=none_but_first, non_reciprocity=reversed_bond)
     chain = dataclasses.replace(
@@ -164,7 +162,7 @@ def test_frictions_of_single_rotors_and_signs_of_single_bonds() -> None:
         Deviations(dry_friction=(-1.5,))
 
 
-def test_forces_see_the_time_since_the_start_after_a_kick_too() -> None:
+def test_forces_see_the_time_since_the_start_after_a_kick_too():
     times = []
     simulation = by(chain_of(FLIPPER, 4), lambda t, _a, r: times.append(t) or 0 * r)
     simulation.kick(np.zeros(4))
@@ -173,7 +171,7 @@ def test_forces_see_the_time_since_the_start_after_a_kick_too() -> None:
     assert min(times) >= simulation.time - simulation.period - 1e-12
 
 
-def test_rigid_bars_take_forces_as_they_take_damping() -> None:
+def test_rigid_bars_take_forces_as_they_take_damping():
     chain = chain_of(FLIPPER, 12)
     damped = Chain(12, chain.spacing, chain.rotor_length, chain.rest_angle, damping=DRAG)
     start = with_soliton(chain, 4.0, 0.1)
@@ -186,7 +184,7 @@ def test_rigid_bars_take_forces_as_they_take_damping() -> None:
     assert outside.dissipated == pytest.approx(inside.dissipated, rel=1e-9)
 
 
-def test_forces_without_compiled_steps_are_rejected() -> None:
+def test_forces_without_compiled_steps_are_rejected():
     with pytest.raises(
         ValueError, match=r"'symplectic' does not integrate Python functions .*'DOP853'"
     ):

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A tilt drives the soft mode: the wall falls from edge to edge (paper, Movie S2)."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -13,7 +11,6 @@ from chains import FLIPPER, SPINNER, WIDE_FLIPPER, WOBBLER, chain_of
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.initial_states import leaning, with_soliton
 from soliton_linkage.dynamics.rigid import RigidSimulation
-from soliton_linkage.dynamics.simulation import Simulation
 from soliton_linkage.linear.rigidity import mode_centre, zero_mode
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.solitons.static_wall import static_wall
@@ -21,7 +18,7 @@ from soliton_linkage.solitons.static_wall import static_wall
 STRENGTH = 9.81
 
 
-def test_two_rotors_on_a_wall_has_fallen_by_twice_their_swing() -> None:
+def test_two_rotors_on_a_wall_has_fallen_by_twice_their_swing():
     """U(X + 2) - U(X) = -4 M g ubar sin(tilt): each rotor goes from -ubar to ubar."""
     for example in [FLIPPER, WIDE_FLIPPER, WOBBLER]:
         for tilt in [-1.0, 0.0, 0.3]:
@@ -36,9 +33,7 @@ def test_two_rotors_on_a_wall_has_fallen_by_twice_their_swing() -> None:
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_the_potential_energy_lost_by_a_wall_of_bars_is_its_kinetic_energy(
-    example: tuple[float, float],
-) -> None:
+def test_the_potential_energy_lost_by_a_wall_of_bars_is_its_kinetic_energy(example):
     chain, field = chain_of(example, 20), Gravity(STRENGTH, 1.2)
     start = with_soliton(chain, 9.5, 1.0)
     simulation = RigidSimulation(chain, start.angles, start.rates, 0.02, 1e-9, field)
@@ -51,9 +46,7 @@ def test_the_potential_energy_lost_by_a_wall_of_bars_is_its_kinetic_energy(
 
 
 @pytest.mark.parametrize('mechanics', [ElasticSimulation, RigidSimulation])
-def test_tilting_to_and_fro_sends_the_wall_from_edge_to_edge_and_back(
-    mechanics: type[Simulation],
-) -> None:
+def test_tilting_to_and_fro_sends_the_wall_from_edge_to_edge_and_back(mechanics):
     chain = dataclasses.replace(chain_of(FLIPPER, 12), damping=3e-4)
     start = leaning(chain, -1)
     simulation = mechanics(chain, start.angles, start.rates, 0.05, 1e-8, Gravity(STRENGTH, -0.25))

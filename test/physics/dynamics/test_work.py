@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Work of kicks, torques, gravity and damping is the energy that the chain gains."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -17,7 +15,6 @@ from soliton_linkage.actuation.torque_drive import TorqueDrive
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.initial_states import with_soliton
 from soliton_linkage.dynamics.rigid import RigidSimulation
-from soliton_linkage.dynamics.simulation import Simulation
 from soliton_linkage.dynamics.work import TorqueLedger, work_of_impulse
 from soliton_linkage.linear.rigidity import Edge, mode_towards_last
 from soliton_linkage.linkage.gravity import Gravity
@@ -32,9 +29,7 @@ ORDERS = [
 
 @pytest.mark.parametrize('mechanics', [ElasticSimulation, RigidSimulation])
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_the_balance_closes_over_a_run_with_all_that_can_act(
-    example: tuple[float, float], mechanics: type[Simulation]
-) -> None:
+def test_the_balance_closes_over_a_run_with_all_that_can_act(example, mechanics):
     for damping in [0.0, 0.5]:
         bare = chain_of(example, 12)
         chain = dataclasses.replace(bare, damping=damping * bare.moment_of_inertia)
@@ -56,7 +51,7 @@ def test_the_balance_closes_over_a_run_with_all_that_can_act(
         assert (simulation.dissipated > 0) == (damping > 0)
 
 
-def test_unrecorded_work_is_missing() -> None:
+def test_unrecorded_work_is_missing():
     chain = chain_of(FLIPPER, 6)
     rates = np.ones(6)
     simulation = ElasticSimulation(chain, chain.uniform_state(-1), rates, PERIOD)
@@ -67,7 +62,7 @@ def test_unrecorded_work_is_missing() -> None:
     assert balance.imbalance == pytest.approx(3 / 4)
 
 
-def test_without_energy_none_is_missing() -> None:
+def test_without_energy_none_is_missing():
     chain = chain_of(FLIPPER, 6)
     simulation = RigidSimulation(chain, chain.uniform_state(-1), None, PERIOD)
     assert EnergyBalance(simulation).imbalance == 0
@@ -75,9 +70,7 @@ def test_without_energy_none_is_missing() -> None:
 
 @pytest.mark.parametrize('mechanics', [ElasticSimulation, RigidSimulation])
 @pytest.mark.parametrize('order', ORDERS, ids=lambda order: order.kind.value)
-def test_the_work_entered_is_the_energy_that_the_chain_gains(
-    order: EdgeCommand, mechanics: type[Simulation]
-) -> None:
+def test_the_work_entered_is_the_energy_that_the_chain_gains(order, mechanics):
     for example in EXAMPLES[:1] + EXAMPLES[2:3] + EXAMPLES[4:5]:
         chain = chain_of(example, 10)
         simulation = mechanics(chain, chain.uniform_state(-1), period=0.005)
@@ -101,7 +94,7 @@ def test_the_work_entered_is_the_energy_that_the_chain_gains(
         assert 0.1 < ledger.totals.duration <= 0.4 + 1e-9
 
 
-def test_a_torque_of_known_size_gives_its_impulse() -> None:
+def test_a_torque_of_known_size_gives_its_impulse():
     ledger = TorqueLedger(3)
     torques = np.array([1.0, 0.0, -2.0])
     ledger.add(torques, np.array([0.5, 9.0, 0.25]), 0.1)
@@ -114,7 +107,7 @@ def test_a_torque_of_known_size_gives_its_impulse() -> None:
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_the_work_of_an_impulse_is_the_energy_of_the_kick(example: tuple[float, float]) -> None:
+def test_the_work_of_an_impulse_is_the_energy_of_the_kick(example):
     chain = chain_of(example, 8)
     start = chain.uniform_state(-1)
     simulation = ElasticSimulation(chain, start, 2.0 * mode_towards_last(chain, start), 0.05)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimated lengths reach the Cramer-Rao bound, and walls pass with them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -32,7 +30,7 @@ NEARLY_STOPPING = 6041
 """Seed of a chain whose first two bonds are close to a limit."""
 
 
-def test_slopes_of_misclosures_agree_with_differences() -> None:
+def test_slopes_of_misclosures_agree_with_differences():
     chain = unequal(WOBBLER, 3)
     angles = np.random.default_rng(1).uniform(-3, 3, (10, 4))
     lengths = chain_lengths(chain)
@@ -55,7 +53,7 @@ def test_slopes_of_misclosures_agree_with_differences() -> None:
         np.testing.assert_allclose(change, expected, atol=1e-8)
 
 
-def test_the_information_agrees_with_full_matrices() -> None:
+def test_the_information_agrees_with_full_matrices():
     """Compare with J^T (R R^T)^-1 J."""
     chain = unequal(FLIPPER, 5)
     angles = passage(chain, 7)
@@ -72,7 +70,7 @@ def test_the_information_agrees_with_full_matrices() -> None:
     np.testing.assert_allclose(found, matrix, atol=1e-9 * np.abs(matrix).max())
 
 
-def test_the_scale_is_not_observable() -> None:
+def test_the_scale_is_not_observable():
     chain = unequal(SPINNER, 2)
     matrix = Bundle(chain_lengths(chain), passage(chain, 50)).normal_equations().matrix
     scale = np.ones(38)
@@ -83,7 +81,7 @@ def test_the_scale_is_not_observable() -> None:
 @pytest.mark.parametrize(
     'chain', [FLIPPER, WOBBLER, SPINNER], ids=['flipper', 'wobbler', 'spinner']
 )
-def test_errors_reach_the_bound_and_agree_with_stated_deviations(chain: Chain) -> None:
+def test_errors_reach_the_bound_and_agree_with_stated_deviations(chain):
     """Use short chains; `benchmark/identification.py` measures long ones, with more draws."""
     over_bound, over_stated, noises = [], [], []
     for seed in range(DRAWS):
@@ -105,7 +103,7 @@ def test_errors_reach_the_bound_and_agree_with_stated_deviations(chain: Chain) -
 
 
 @pytest.mark.parametrize('seed', [0, 2])
-def test_lengths_of_bonds_close_to_a_limit_are_found(seed: int) -> None:
+def test_lengths_of_bonds_close_to_a_limit_are_found(seed):
     """A frame whose bond is in line with a rotor can close on either side of it."""
     many = chain_lengths(unequal(replace(FLIPPER, number_of_rotors=40), NEARLY_STOPPING))
     few = many.rotor_lengths[:6], many.spacings[:5], many.rest_lengths[:5]
@@ -130,7 +128,7 @@ def blocked(lengths: Lengths) -> Array:
 
 
 @pytest.mark.parametrize('chain', [FLIPPER, SPINNER], ids=['flipper', 'spinner'])
-def test_a_bond_beyond_its_limit_by_noise_is_corrected(chain: Chain) -> None:
+def test_a_bond_beyond_its_limit_by_noise_is_corrected(chain):
     true = chain_lengths(unequal(chain, 2))
     assert passable(true, COVARIANCE) is true
     limit = true.spacings[4] + abs(true.rotor_lengths[4] - true.rotor_lengths[5])
@@ -144,7 +142,7 @@ def test_a_bond_beyond_its_limit_by_noise_is_corrected(chain: Chain) -> None:
     np.testing.assert_array_equal(found.rest_lengths[6:], rest[6:])
 
 
-def test_a_bond_far_beyond_its_limit_is_neither_corrected_nor_near_it() -> None:
+def test_a_bond_far_beyond_its_limit_is_neither_corrected_nor_near_it():
     true = chain_lengths(unequal(FLIPPER, 2))
     rest = true.rest_lengths.copy()
     rest[4] = 0.8 * true.spacings[4]
@@ -156,7 +154,7 @@ def test_a_bond_far_beyond_its_limit_is_neither_corrected_nor_near_it() -> None:
 @pytest.mark.parametrize(
     ('chain', 'spread'), [(FLIPPER, 0.02), (SPINNER, 0.05)], ids=['flipper', 'spinner']
 )
-def test_probabilities_of_bonds_near_a_limit_agree_with_draws(chain: Chain, spread: float) -> None:
+def test_probabilities_of_bonds_near_a_limit_agree_with_draws(chain, spread):
     lengths = chain_lengths(unequal(chain, 2))
     random = np.random.default_rng(1)
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Masses of bars follow from the speed of a wall, and their scale from gravity."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -51,7 +49,7 @@ def noisy(exact: Readings) -> Readings:
     return replace(exact, angles=read(exact.angles, 1, NOISE, 0.0)[0], parts=())
 
 
-def test_masses_and_damping_follow_from_the_speed_of_a_wall() -> None:
+def test_masses_and_damping_follow_from_the_speed_of_a_wall():
     free = recorded(NO_GRAVITY, 0.6, 14.0)
     readings = replace(free, angles=read(free.angles, 1, NOISE)[0])
     found = identify(readings, Chain(spacing=SPACING))
@@ -64,7 +62,7 @@ def test_masses_and_damping_follow_from_the_speed_of_a_wall() -> None:
     assert abs(error) < 3 * found.damping_deviation
 
 
-def test_gravity_at_two_tilts_determines_the_scale_of_all_lengths() -> None:
+def test_gravity_at_two_tilts_determines_the_scale_of_all_lengths():
     """Lengths and offsets are known to 1 %."""
     both = noisy(
         join_recordings([recorded(Gravity(0.5, tilt), 0.6, 14.0, 250) for tilt in (0.3, -0.3)])
@@ -82,14 +80,14 @@ def test_gravity_at_two_tilts_determines_the_scale_of_all_lengths() -> None:
     assert np.sqrt(np.mean(over**2)) < 1.6
 
 
-def test_a_wall_that_is_moved_by_hand_determines_no_masses() -> None:
+def test_a_wall_that_is_moved_by_hand_determines_no_masses():
     angles = passage(CHAIN, 250)
     frames = (250 * np.linspace(0, 0.999, 125) ** 2).astype(int)
     moved = noisy(Readings(PERIOD * np.arange(125), angles[frames]))
     assert bar_motion(moved, LENGTHS, EXACT, NOISE, gravity_known=True) is None
 
 
-def test_recordings_of_different_joints_are_rejected() -> None:
+def test_recordings_of_different_joints_are_rejected():
     one = Readings(np.arange(3.0), np.zeros((3, 2)), names=('a', 'b'))
     other = Readings(np.arange(3.0), np.zeros((3, 2)), names=('a', 'c'))
     with pytest.raises(ValueError, match="'a' to 'c', is not of the chain of 2 joints"):

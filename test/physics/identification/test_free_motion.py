@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Free motion agrees with the simulation, and its sensitivities with differences."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -62,19 +60,19 @@ def pulled(chain: Chain, motion: FreeMotion, times: Array) -> Array:
     return np.asarray(motion.y[: len(chain.masses)].T)
 
 
-def test_free_motion_agrees_with_the_simulation() -> None:
+def test_free_motion_agrees_with_the_simulation():
     _, times, angles, motion = kicked(6, 10.0, 0.5)
     assert np.abs(angles_at(motion, times) - angles).max() < 1e-4
 
 
-def test_gravity_and_drag_agree_with_their_equation() -> None:
+def test_gravity_and_drag_agree_with_their_equation():
     chain, times, _, motion = kicked(5, 10.0, 0.3)
     drag = {'damping': DAMPING, 'friction': FRICTION}
     falling = replace(motion, gravity=GRAVITY.acceleration, tilt=GRAVITY.tilt, **drag)
     assert np.abs(angles_at(falling, times) - pulled(chain, motion, times)).max() < 1e-4
 
 
-def test_motion_is_the_same_in_normalised_units() -> None:
+def test_motion_is_the_same_in_normalised_units():
     _, times, _, motion = kicked(6, 12.0, 0.1)
     drag = {'damping': 1.3 * DAMPING, 'friction': 1.3 * FRICTION}
     others = {'gravity': GRAVITY.acceleration, 'tilt': GRAVITY.tilt, 'masses': 1.3 * motion.masses}
@@ -85,7 +83,7 @@ def test_motion_is_the_same_in_normalised_units() -> None:
     np.testing.assert_allclose(angles_at(same, times), angles_at(motion, times), atol=1e-10)
 
 
-def test_sensitivities_agree_with_differences() -> None:
+def test_sensitivities_agree_with_differences():
     _, times, _, motion = kicked(5, 10.0, 0.12)
     motion = replace(motion, damping=1e-3, friction=5e-3, gravity=5.0, tilt=0.3)
     changes = list(states_with_sensitivities(motion, times))[-1][1][:, -1]
@@ -98,7 +96,7 @@ def test_sensitivities_agree_with_differences() -> None:
         np.testing.assert_allclose(numeric, changes[unknown], atol=0.02)
 
 
-def test_masses_stiffnesses_and_drag_of_strained_springs_are_identified() -> None:
+def test_masses_stiffnesses_and_drag_of_strained_springs_are_identified():
     chain, times, _, motion = kicked(8, 10.0, 1.0)
     readings, _ = read(pulled(chain, motion, times), 2)
     recorded = Readings(times, readings, gravity=GRAVITY)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Chains are identified from readings, and unsuitable recordings are rejected in one line."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable
@@ -85,7 +83,7 @@ BAD = {
 
 
 @pytest.mark.parametrize(('readings', 'words'), BAD.values(), ids=BAD)
-def test_unsuitable_recordings_are_rejected(readings: Array, words: str) -> None:
+def test_unsuitable_recordings_are_rejected(readings, words):
     with pytest.raises(ValueError, match=words) as error:
         identify(Readings(TIMES, readings, names=NAMES), Chain())
     assert '\n' not in str(error.value)
@@ -107,9 +105,7 @@ FORMULAS: dict[str, Callable[[Array], Array]] = {
         (9, lambda angles: angles + math.pi),
     ],
 )
-def test_the_formula_that_an_error_recommends_makes_the_recording_acceptable(
-    rotor: int, fault: Callable[[Array], Array]
-) -> None:
+def test_the_formula_that_an_error_recommends_makes_the_recording_acceptable(rotor, fault):
     readings = changed(rotor, fault)
     with pytest.raises(ValueError, match=f'rotor_{rotor} ') as error:
         identify(Readings(TIMES, readings, names=NAMES), Chain())
@@ -149,9 +145,7 @@ def kicked(name: str, seed: int, before: int = 0, hit: int = 0) -> tuple[Chain, 
 
 @pytest.mark.parametrize('before', [0, 100])
 @pytest.mark.parametrize('name', KICKS)
-def test_a_rotor_of_a_kicked_chain_that_is_mounted_backwards_is_named(
-    name: str, before: int
-) -> None:
+def test_a_rotor_of_a_kicked_chain_that_is_mounted_backwards_is_named(name, before):
     _, times, readings = kicked(name, 3, before)
     for rotor in (0, 4, 9):
         wrong = np.where(np.arange(10) == rotor, -readings, readings)
@@ -159,7 +153,7 @@ def test_a_rotor_of_a_kicked_chain_that_is_mounted_backwards_is_named(
             identify(Readings(times, wrong, names=NAMES), Chain())
 
 
-def test_absent_joints_are_named_in_an_error_and_in_a_warning() -> None:
+def test_absent_joints_are_named_in_an_error_and_in_a_warning():
     rotors = [0, 1, 3, 5, 9]
     names = [NAMES[n] for n in rotors]
     with pytest.raises(ValueError, match='no joint rotor_2, rotor_4, rotor_6, rotor_7 and 1 more'):
@@ -169,7 +163,7 @@ def test_absent_joints_are_named_in_an_error_and_in_a_warning() -> None:
     assert found.warnings[0].startswith('the recording has no joint joint1, joint3')
 
 
-def test_an_impossible_spacing_is_reported() -> None:
+def test_an_impossible_spacing_is_reported():
     assert length_warnings(unequal(FLIPPER, 3)) == []
     spacings = (0.0, 0.0, 1.0, *[0.0] * 6)
     wide = replace(FLIPPER, deviations=replace(FLIPPER.deviations, spacing=spacings))
@@ -177,21 +171,21 @@ def test_an_impossible_spacing_is_reported() -> None:
     assert 'spacing of bond 2 is 2 times the median' in warning
 
 
-def test_bars_that_are_assumed_for_want_of_free_motion_are_reported_as_such() -> None:
+def test_bars_that_are_assumed_for_want_of_free_motion_are_reported_as_such():
     impulses = [RecordedImpulse(time) for time in np.arange(0.0, 2.0, 0.1).tolist()]
     found = identify(Readings(TIMES, READINGS, impulses=impulses), Chain())
     assert found.rigid
     assert found.warnings[0].startswith('bars are assumed only because no 30 successive frames')
 
 
-def test_a_slip_beside_an_unrecorded_kick_is_named() -> None:
+def test_a_slip_beside_an_unrecorded_kick_is_named():
     _, times, readings = kicked('flipper', 3, 0, 175)
     readings[262:, 4] += 0.3
     with pytest.raises(ValueError, match=r'encoder of rotor_4 slips by about 0\.\d+ rad at 1\.0'):
         identify(Readings(times, readings, names=NAMES), Chain())
 
 
-def test_stamps_with_errors_of_20_ms_are_reported_and_do_not_spoil_lengths() -> None:
+def test_stamps_with_errors_of_20_ms_are_reported_and_do_not_spoil_lengths():
     chain, times, readings = kicked('flipper', 3)
     late = times[::3] + np.random.default_rng(1).uniform(0, 0.02, len(times[::3]))
     found = identify(Readings(np.sort(late), readings[::3]), Chain())
@@ -202,7 +196,7 @@ def test_stamps_with_errors_of_20_ms_are_reported_and_do_not_spoil_lengths() -> 
         assert np.sqrt(np.mean((errors / found.deviations[name]) ** 2)) < 2, name
 
 
-def test_the_reported_progress_increases_to_the_end() -> None:
+def test_the_reported_progress_increases_to_the_end():
     _, times, readings = kicked('spinner', 3)
     for recorded in (Readings(TIMES, READINGS), Readings(times, readings)):
         shown: list[float] = []
@@ -213,9 +207,7 @@ def test_the_reported_progress_increases_to_the_end() -> None:
 
 
 @pytest.mark.parametrize('pair', [(3, 5), (8, 9)])
-def test_joints_are_accepted_after_the_swap_that_an_error_recommends(
-    pair: tuple[int, int],
-) -> None:
+def test_joints_are_accepted_after_the_swap_that_an_error_recommends(pair):
     order = list(range(10))
     order[pair[0]], order[pair[1]] = order[pair[1]], order[pair[0]]
     swapped, names = ordered(*order), [NAMES[n] for n in order]
@@ -227,7 +219,7 @@ def test_joints_are_accepted_after_the_swap_that_an_error_recommends(
     identify(Readings(TIMES, swapped, names=names), Chain())
 
 
-def test_the_zero_that_an_error_names_makes_the_recording_acceptable() -> None:
+def test_the_zero_that_an_error_names_makes_the_recording_acceptable():
     readings = changed(6, lambda angles: angles + 0.8)
     with pytest.raises(ValueError, match='zero of rotor_6') as error:
         identify(Readings(TIMES, readings, names=NAMES), Chain())
@@ -238,7 +230,7 @@ def test_the_zero_that_an_error_names_makes_the_recording_acceptable() -> None:
 
 
 @pytest.mark.parametrize('fraction', [0.0, 0.02])
-def test_isolated_wrong_readings_are_counted_and_spoil_nothing(fraction: float) -> None:
+def test_isolated_wrong_readings_are_counted_and_spoil_nothing(fraction):
     random = np.random.default_rng(5)
     clean = identify(Readings(TIMES, READINGS), Chain())
     wrong = random.random(READINGS.shape) < fraction
@@ -254,7 +246,7 @@ def test_isolated_wrong_readings_are_counted_and_spoil_nothing(fraction: float) 
         assert np.abs((shown / expected - 1) / spread).max() < 1.0, name
 
 
-def test_a_spinner_is_identified_from_wrapped_angles_with_gaps() -> None:
+def test_a_spinner_is_identified_from_wrapped_angles_with_gaps():
     made = unequal(SPINNER, 4)
     readings, offsets = read(passage(made), 4)
     readings[np.random.default_rng(5).random(readings.shape) < 0.05] = np.nan
@@ -270,7 +262,7 @@ def test_a_spinner_is_identified_from_wrapped_angles_with_gaps() -> None:
     assert found.rigid
 
 
-def test_readings_are_weighted_by_their_deviations() -> None:
+def test_readings_are_weighted_by_their_deviations():
     """A tenth of them have ten times the noise."""
     made = unequal(SPINNER, 4)
     random = np.random.default_rng(6)

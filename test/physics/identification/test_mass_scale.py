@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Known impulses determine the mean mass, for any given value."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import replace
@@ -43,9 +41,7 @@ def kicked(after: int = FIRST, parts: int = 1, every: int = 1) -> tuple[Array, A
 @pytest.mark.parametrize(
     ('parts', 'every', 'noise'), [(8, 1, 0.01), (38, 5, 0.0005)], ids=['at once', 'for long']
 )
-def test_the_mean_mass_follows_from_a_sequence_of_impulses(
-    parts: int, every: int, noise: float
-) -> None:
+def test_the_mean_mass_follows_from_a_sequence_of_impulses(parts, every, noise):
     times, angles, impulses = kicked(parts=parts, every=every)
     readings, _ = read(angles, 2, noise)
     given = Chain(spacing=float(CHAIN.spacings.mean()), mass=5 * CHAIN.mass)
@@ -68,7 +64,7 @@ def errors_over_deviations(found: Identification) -> float:
     return float(np.sqrt(np.mean(np.concatenate(over) ** 2)))
 
 
-def test_a_kick_that_was_not_recorded_is_found_and_has_no_effect() -> None:
+def test_a_kick_that_was_not_recorded_is_found_and_has_no_effect():
     start = leaning(CHAIN, -1).angles
     impulses = 10.0 * edge_mode(CHAIN, start, Edge.FIRST) * CHAIN.moments_of_inertia
     simulation = ElasticSimulation(CHAIN, start, period=PERIOD, tolerance=1e-8)
@@ -88,7 +84,7 @@ def test_a_kick_that_was_not_recorded_is_found_and_has_no_effect() -> None:
     assert errors_over_deviations(found) < 1.8
 
 
-def test_errors_of_stamps_are_stated_and_included_in_the_deviations() -> None:
+def test_errors_of_stamps_are_stated_and_included_in_the_deviations():
     times, angles, _ = kicked(0)
     late = times + np.random.default_rng(3).uniform(-1, 1, len(times)) * PERIOD
     found = identify(Readings(np.sort(late), read(angles, 2)[0]), Chain())
@@ -99,7 +95,7 @@ def test_errors_of_stamps_are_stated_and_included_in_the_deviations() -> None:
     assert errors_over_deviations(found) < 1.8
 
 
-def test_an_unknown_impulse_between_windows_has_no_effect() -> None:
+def test_an_unknown_impulse_between_windows_has_no_effect():
     times, angles, _ = kicked(100)
     found = identify(Readings(times, read(angles, 2)[0]), Chain())
     assert found.noise == pytest.approx(0.01, rel=0.02)

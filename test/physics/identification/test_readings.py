@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rounding noise, repeated readings, and the selection of informative frames."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +19,7 @@ from soliton_linkage.identification.readings import (
 STEP = 2 * np.pi / 4096
 
 
-def test_repeat_counts_are_lengths_of_runs() -> None:
+def test_repeat_counts_are_lengths_of_runs():
     rests = np.array([[1.0, 1.0, np.nan, 1.0, 2.0, 1.0, 1.0], np.arange(7.0)]).T
     expected = np.array([[3.0, 3.0, 1.0, 3.0, 1.0, 2.0, 2.0], np.ones(7)]).T
     np.testing.assert_array_equal(repeat_counts(rests), expected)
@@ -29,7 +27,7 @@ def test_repeat_counts_are_lengths_of_runs() -> None:
     assert rounding_noise(np.ones((3, 2))) == 0
 
 
-def test_repeated_frames_have_the_information_of_one() -> None:
+def test_repeated_frames_have_the_information_of_one():
     chain = unequal(FLIPPER, 5)
     lengths, angles = chain_lengths(chain), passage(chain, 20)
     repeated = np.repeat(angles, 7, axis=0)
@@ -39,7 +37,7 @@ def test_repeated_frames_have_the_information_of_one() -> None:
     assert often.conditions == pytest.approx(once.conditions)
 
 
-def test_stated_deviations_are_correct_for_rounded_readings_of_rotors_at_rest() -> None:
+def test_stated_deviations_are_correct_for_rounded_readings_of_rotors_at_rest():
     """Without repeat counts errors are 5 stated deviations."""
     over = []
     for seed in range(50, 58):
@@ -63,7 +61,7 @@ READINGS = read(ANGLES, 1)[0]
 TIMES = PERIOD * np.arange(len(READINGS))
 
 
-def test_frames_with_a_moving_wall_or_near_an_impulse_are_kept() -> None:
+def test_frames_with_a_moving_wall_or_near_an_impulse_are_kept():
     impulse = 300
     for wrapped in (READINGS, np.where(READINGS > 1, READINGS - 2 * np.pi, READINGS)):
         kept = informative_frames(TIMES, wrapped, [PERIOD * impulse], 900)
@@ -73,7 +71,7 @@ def test_frames_with_a_moving_wall_or_near_an_impulse_are_kept() -> None:
         assert np.diff(kept).max() < 15
 
 
-def test_repeated_selection_keeps_a_uniform_density() -> None:
+def test_repeated_selection_keeps_a_uniform_density():
     early = informative_frames(TIMES[:1200], READINGS[:1200], [], 200)
     kept = np.concatenate([early, np.arange(1200, len(TIMES))])
     times = TIMES[kept][informative_frames(TIMES[kept], READINGS[kept], [], 250)]
@@ -81,7 +79,7 @@ def test_repeated_selection_keeps_a_uniform_density() -> None:
     assert halves[0] == pytest.approx(halves[1], rel=0.2)
 
 
-def test_few_frames_are_all_kept_and_many_impulses_leave_room_for_others() -> None:
+def test_few_frames_are_all_kept_and_many_impulses_leave_room_for_others():
     assert len(informative_frames(TIMES, READINGS, [], len(TIMES))) == len(TIMES)
     kept = informative_frames(TIMES, READINGS, TIMES[200:].tolist(), 600)
     assert np.sum(kept < 450) < 400

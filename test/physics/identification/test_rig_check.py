@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The check of a rig names each fault of simulated joint states once, and no other fault."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -70,7 +68,7 @@ def not_right(found: RigFindings) -> dict[str, str]:
     }
 
 
-def test_nothing_is_wrong_with_a_right_rig() -> None:
+def test_nothing_is_wrong_with_a_right_rig():
     found = check_rig(at_rest(), turns(), NAMES, CHAIN)
     assert not not_right(found)
     assert found.sound
@@ -121,13 +119,13 @@ def test_nothing_is_wrong_with_a_right_rig() -> None:
         ),
     ],
 )
-def test_a_fault_of_the_readings_is_named_and_no_other(change, subject: str, text: str) -> None:
+def test_a_fault_of_the_readings_is_named_and_no_other(change, subject, text):
     found = not_right(changed(change))
     assert text in found.pop(subject)
     assert not found
 
 
-def test_joints_in_the_reverse_order_are_seen_when_edge_rotors_turn() -> None:
+def test_joints_in_the_reverse_order_are_seen_when_edge_rotors_turn():
     found = changed(lambda angles: angles[:, ::-1])
     assert not found.sound
     orders = [each.text for each in found.findings if each.subject == 'order']
@@ -136,7 +134,7 @@ def test_joints_in_the_reverse_order_are_seen_when_edge_rotors_turn() -> None:
     assert 'rotor_0 turned by' in orders[1]
 
 
-def test_a_hand_that_turns_no_encoder_is_reported() -> None:
+def test_a_hand_that_turns_no_encoder_is_reported():
     still = Turn(0, CHAIN.uniform_state(-1), at_rest())
     found = not_right(check_rig(at_rest(), [still, turns()[1]], NAMES, CHAIN))
     assert list(found) == ['order']
@@ -144,7 +142,7 @@ def test_a_hand_that_turns_no_encoder_is_reported() -> None:
 
 
 @pytest.mark.parametrize('rotor', [3, 6])
-def test_a_rotor_of_another_length_is_named(rotor: int) -> None:
+def test_a_rotor_of_another_length_is_named(rotor):
     made = replace(CHAIN, deviations=Deviations(rotor_length=tuple(0.1 * np.eye(12)[rotor])))
     # A simulated chain of the other length, at rest after its motion has been damped.
     made = replace(made, damping=3e-4)
@@ -154,14 +152,14 @@ def test_a_rotor_of_another_length_is_named(rotor: int) -> None:
     assert f'the length of rotor_{rotor} differs by +1' in found['chain']
 
 
-def test_a_wrong_rest_angle_is_one_cause() -> None:
+def test_a_wrong_rest_angle_is_one_cause():
     other = replace(CHAIN, rest_angle=CHAIN.rest_angle + 0.15)
     found = not_right(check_rig(at_rest(), [], NAMES, other))
     assert list(found) == ['chain']
     assert 'all rotor lengths or rest lengths differ' in found['chain']
 
 
-def test_many_wrong_zeros_are_told_as_no_single_cause() -> None:
+def test_many_wrong_zeros_are_told_as_no_single_cause():
     offsets = np.random.default_rng(7).normal(0, 0.2, 12)
     found = not_right(changed(lambda angles: angles + offsets))
     assert 'no single cause' in found['chain']
@@ -173,7 +171,7 @@ def stamped(change, arrive=lambda arrivals: arrivals) -> dict[str, str]:
     return not_right(check_rig(watched, [], NAMES, CHAIN))
 
 
-def test_dropped_frames_are_counted() -> None:
+def test_dropped_frames_are_counted():
     kept = np.random.default_rng(3).random(1000) > 0.1
     kept[[0, -1]] = True
     watched = at_rest()
@@ -185,7 +183,7 @@ def test_dropped_frames_are_counted() -> None:
 
 
 @pytest.mark.parametrize('jitter', [0.5e-3, 2e-3])
-def test_jitter_of_stamps_is_estimated(jitter: float) -> None:
+def test_jitter_of_stamps_is_estimated(jitter):
     random = np.random.default_rng(4)
     found = check_rig(
         replace(at_rest(), stamps=at_rest().stamps + random.normal(0, jitter, 1000)),
@@ -213,11 +211,11 @@ def test_jitter_of_stamps_is_estimated(jitter: float) -> None:
         (lambda stamps: stamps / 4, 'clock', '0.25 s in a second'),
     ],
 )
-def test_wrong_stamps_are_reported(change, subject: str, text: str) -> None:
+def test_wrong_stamps_are_reported(change, subject, text):
     assert text in stamped(change)[subject]
 
 
-def test_a_soliton_that_passes_shows_a_wrong_sign_that_the_rest_hides() -> None:
+def test_a_soliton_that_passes_shows_a_wrong_sign_that_the_rest_hides():
     rest, motion = CHAIN.uniform_state(-1), turned(0)
     right = check_rig(at_rest(), [Turn(0, rest, frames(motion, 9))], NAMES, CHAIN)
     assert next(each for each in right.findings if each.subject == 'passage').verdict == RIGHT
@@ -229,7 +227,7 @@ def test_a_soliton_that_passes_shows_a_wrong_sign_that_the_rest_hides() -> None:
     assert 'rotor_7 is mounted backwards' in text
 
 
-def test_too_few_frames_are_an_error() -> None:
+def test_too_few_frames_are_an_error():
     few = WatchedFrames(np.arange(2.0), np.arange(2.0), np.zeros((2, 12)))
     with pytest.raises(ValueError, match='2 frames are too few'):
         check_rig(few, [], NAMES, CHAIN)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Noise of readings while a soliton passes some rotors, and slips of encoders."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -19,19 +17,19 @@ def passing() -> Array:
     return np.asarray(0.97 * np.tanh((TIMES - 80 * np.arange(12)) / 10))
 
 
-def test_turning_rotors_do_not_bias_the_noise() -> None:
+def test_turning_rotors_do_not_bias_the_noise():
     noise = 0.01 * np.random.default_rng(0).standard_normal(SPREADS.shape)
     assert noise_of(passing() + noise, SPREADS) == pytest.approx(0.01 / 2, rel=0.03)
 
 
-def test_the_noise_is_at_least_the_rounding_noise() -> None:
+def test_the_noise_is_at_least_the_rounding_noise():
     for step in [2 * np.pi / 4096, 0.01]:
         rounded = step * np.rint(passing() / step)
         assert noise_of(rounded, SPREADS) == pytest.approx(step / np.sqrt(12) / 2, rel=1e-9)
         assert noise_of(rounded[:40, 6:], SPREADS[:40, 6:]) == 0
 
 
-def test_a_step_of_the_residuals_is_a_slip_only_if_the_rotor_turns() -> None:
+def test_a_step_of_the_residuals_is_a_slip_only_if_the_rotor_turns():
     random = np.random.default_rng(1)
     angles = np.concatenate([np.zeros((400, 4)), 0.1 * random.standard_normal((400, 4))])
     some = Readings(0.004 * np.arange(800), angles)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Windows lie between impulses, and priors are drawn as wide as they state."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from passages import FLIPPER, WOBBLER, unequal
@@ -29,7 +27,7 @@ NOTHING = np.zeros(10)
 MOTION = FreeMotion(chain_lengths(FLIPPER), np.ones(9), np.ones(10), 0.0, NOTHING, NOTHING)
 
 
-def test_free_intervals_begin_after_the_arrival_of_impulses() -> None:
+def test_free_intervals_begin_after_the_arrival_of_impulses():
     first, second = free_intervals(TIMES, [2.0, 1.8, 1.9])
     assert first.stop == 450
     assert TIMES[second.start] > 2.0
@@ -37,7 +35,7 @@ def test_free_intervals_begin_after_the_arrival_of_impulses() -> None:
     assert free_intervals(TIMES, []) == [slice(0, 1000)]
 
 
-def test_windows_grow_until_impulses_separate_them() -> None:
+def test_windows_grow_until_impulses_separate_them():
     slopes = np.arange(10.0)
     windows = initial_windows(TIMES, TIMES[:, None] * slopes, MOTION, [2.0])
     np.testing.assert_allclose(windows[7].motion.rates, slopes, atol=1e-9)
@@ -49,7 +47,7 @@ def test_windows_grow_until_impulses_separate_them() -> None:
     assert len(windows) == 2
 
 
-def test_windows_do_not_extend_over_gaps() -> None:
+def test_windows_do_not_extend_over_gaps():
     some = np.concatenate([np.arange(0, 40_000, 20), np.arange(40_000, 40_400)])
     windows = initial_windows(some / 250, np.zeros((len(some), 10)), MOTION, [])
     assert windows[0].frames.start >= 2000
@@ -65,7 +63,7 @@ def test_windows_do_not_extend_over_gaps() -> None:
 
 
 @pytest.mark.parametrize('variance', [0.0, 1e-4])
-def test_the_gradient_by_backward_integration_agrees_with_sensitivities(variance: float) -> None:
+def test_the_gradient_by_backward_integration_agrees_with_sensitivities(variance):
     random, lengths = np.random.default_rng(1), chain_lengths(unequal(WOBBLER, 3))
     angles = 0.5 + random.random(10)
     drag = {'damping': 1e-3, 'friction': 5e-3, 'gravity': 5.0, 'tilt': 0.2}
@@ -86,7 +84,7 @@ AT = unknown_slices(10)
 SIZE = AT.forces.stop
 
 
-def test_the_covariance_is_inflated_to_the_spread_of_samples() -> None:
+def test_the_covariance_is_inflated_to_the_spread_of_samples():
     random = np.random.default_rng(1)
     mixed = random.standard_normal((SIZE, SIZE)) / 10 + np.eye(SIZE)
     covariance = mixed @ mixed.T
@@ -100,7 +98,7 @@ def test_the_covariance_is_inflated_to_the_spread_of_samples() -> None:
     assert over[AT.forces].tolist() == [1.0] * 3
 
 
-def test_sampled_means_have_the_covariance_of_the_prior() -> None:
+def test_sampled_means_have_the_covariance_of_the_prior():
     chain, alike = unequal(WOBBLER, 1), np.ones(10)
     lengths = chain_lengths(chain).scaled(1.0)
     motion = FreeMotion(lengths, 2500 * alike[1:], alike, 0.0, 0 * alike, 0 * alike)

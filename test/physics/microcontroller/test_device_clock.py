@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Times of measurements by the host's clock, from arrivals with random delays."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable
 
@@ -52,7 +50,7 @@ class Line:
 
 @pytest.mark.parametrize('kind', DELAYS)
 @pytest.mark.parametrize('drift', [100e-6, -5e-3])
-def test_errors_of_offset_and_drift_stay_below_the_stated_scatter(kind: str, drift: float) -> None:
+def test_errors_of_offset_and_drift_stay_below_the_stated_scatter(kind, drift):
     clock = DeviceClock()
     errors = Line(20.0, drift, DELAYS[kind]).stamps(clock)
     assert clock.drift == pytest.approx(drift, abs=5e-6)
@@ -62,7 +60,7 @@ def test_errors_of_offset_and_drift_stay_below_the_stated_scatter(kind: str, dri
     assert np.abs(errors[100:]).mean() < 0.05 * DELAYS[kind](np.random.default_rng(0), 999).mean()
 
 
-def test_a_32_bit_clock_may_wrap_repeatedly() -> None:
+def test_a_32_bit_clock_may_wrap_repeatedly():
     clock = DeviceClock()
     errors = Line(2.0, 0.0, DELAYS['exponential'], CLOCK_RANGE - 10**6).stamps(clock)
     assert np.abs(errors[100:]).max() < 1e-3
@@ -75,7 +73,7 @@ def test_a_32_bit_clock_may_wrap_repeatedly() -> None:
     assert clock.restarts == 0
 
 
-def test_a_restart_is_detected_and_stamps_continue() -> None:
+def test_a_restart_is_detected_and_stamps_continue():
     clock = DeviceClock()
     line = Line(5.0, 100e-6, DELAYS['exponential'], 10**7)
     line.stamps(clock)
@@ -89,7 +87,7 @@ def test_a_restart_is_detected_and_stamps_continue() -> None:
     assert 0 <= arrival + SECOND + 2 * 10**7 - stamps[0] < 1000
 
 
-def test_a_stopped_clock_and_one_in_milliseconds_are_restarted() -> None:
+def test_a_stopped_clock_and_one_in_milliseconds_are_restarted():
     clock = DeviceClock()
     line = Line(5.0, 0.0, DELAYS['exponential'])
     line.stamps(clock)
@@ -105,19 +103,19 @@ def test_a_stopped_clock_and_one_in_milliseconds_are_restarted() -> None:
     assert milliseconds.delay == pytest.approx(0.98, abs=0.01)
 
 
-def test_a_repeated_time_is_rejected() -> None:
+def test_a_repeated_time_is_rejected():
     clock = DeviceClock()
     clock.stamp(10, BOOT)
     with pytest.raises(ValueError, match='time = 10 us repeats the last frame'):
         clock.stamp(10, BOOT + SECOND)
 
 
-def test_stamps_without_times_are_increasing_arrivals() -> None:
+def test_stamps_without_times_are_increasing_arrivals():
     clock = DeviceClock()
     assert [clock.stamp_of_arrival(BOOT), clock.stamp_of_arrival(BOOT)] == [BOOT, BOOT + 1]
 
 
-def test_a_jump_of_the_clock_is_counted_and_corrected_within_three_frames() -> None:
+def test_a_jump_of_the_clock_is_counted_and_corrected_within_three_frames():
     for jump in [0.010, 0.050, -0.005, -0.050]:
         clock = DeviceClock()
         line = Line(20.0, 100e-6, lambda rng, count: rng.exponential(3e-4, count), 10**7)
@@ -130,7 +128,7 @@ def test_a_jump_of_the_clock_is_counted_and_corrected_within_three_frames() -> N
         assert clock.drift == pytest.approx(100e-6, abs=1e-5)
 
 
-def test_single_wrong_times_are_rejected_and_change_no_stamp() -> None:
+def test_single_wrong_times_are_rejected_and_change_no_stamp():
     clock = DeviceClock()
     line = Line(20.0, 100e-6, DELAYS['exponential'])
     wrong = np.arange(30, 2000, 20)

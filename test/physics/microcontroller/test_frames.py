@@ -1,10 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Frames of both protocols are decoded from any stream, and no corrupted frame is accepted."""
 
-from __future__ import annotations
-
 import itertools
-import random
 import zlib
 
 import numpy as np
@@ -46,7 +43,7 @@ PIECES = st.sampled_from(
 )
 
 
-def test_stuffing_agrees_with_cheshire_and_baker() -> None:
+def test_stuffing_agrees_with_cheshire_and_baker():
     for data, stuffed in [
         (b'', b'\x01'),
         (b'\x00', b'\x01\x01'),
@@ -58,7 +55,7 @@ def test_stuffing_agrees_with_cheshire_and_baker() -> None:
 
 
 @given(st.lists(st.sampled_from([b'', b'\0', b'\0\0', b'\x01', bytes([7] * 253)]), max_size=6))
-def test_stuffed_bytes_have_no_zero_and_are_restored(parts: list[bytes]) -> None:
+def test_stuffed_bytes_have_no_zero_and_are_restored(parts):
     data = b'\0'.join(parts)
     assert 0 not in stuff(data)
     assert unstuff(stuff(data)) == data
@@ -66,7 +63,7 @@ def test_stuffed_bytes_have_no_zero_and_are_restored(parts: list[bytes]) -> None
     assert unstuff(b'\xff' + run) == unstuff(b'\xff' + run + b'\x01') == run
 
 
-def test_values_are_encoded_in_the_shortest_form_and_restored() -> None:
+def test_values_are_encoded_in_the_shortest_form_and_restored():
     for kind, values, size in [
         (FrameKind.COUNTS, [1.0, -32767.0, np.nan], 2),
         (FrameKind.COUNTS, [1.0, -32768.0, np.nan], 4),
@@ -83,7 +80,7 @@ def test_values_are_encoded_in_the_shortest_form_and_restored() -> None:
 
 
 @pytest.mark.parametrize('protocol', Protocol)
-def test_a_flipped_bit_on_the_line_is_detected(protocol: Protocol) -> None:
+def test_a_flipped_bit_on_the_line_is_detected(protocol):
     counts = np.random.default_rng(0).integers(-(10**6), 10**6, ROTORS).astype(float)
     counts[3] = np.nan
     written = encode(SerialFrame(FrameKind.COUNTS, 12, 3456, counts), protocol)
@@ -100,7 +97,7 @@ def test_a_flipped_bit_on_the_line_is_detected(protocol: Protocol) -> None:
         assert bytes(flipped).upper() == written.upper() or decoder.frames == 1
 
 
-def test_valid_frames_of_unknown_content_are_rejected() -> None:
+def test_valid_frames_of_unknown_content_are_rejected():
     for content, complaint in [
         (b'x\x01\0\0\0\0\0\0', 'kind'),
         (b'c\x02\0\0\0\0\0\0', 'version 2'),
@@ -112,7 +109,7 @@ def test_valid_frames_of_unknown_content_are_rejected() -> None:
             decode_binary(stuff(content + checksum))
 
 
-def test_lines_of_text_are_decoded() -> None:
+def test_lines_of_text_are_decoded():
     for line, sequence, time, values in [
         (b'counts 7 1250000 512 - -3', 7, 1250000, [512, np.nan, -3]),
         (b'counts - - 512 nan', None, None, [512, np.nan]),
@@ -125,7 +122,7 @@ def test_lines_of_text_are_decoded() -> None:
         np.testing.assert_array_equal(frame.values, values)
 
 
-def test_invalid_lines_are_rejected_in_one_line() -> None:
+def test_invalid_lines_are_rejected_in_one_line():
     for line in [
         b'angles 1 2 3',
         b'counts 1 2 1.5',
@@ -157,12 +154,12 @@ def seen(chunks: list[bytes]) -> tuple[list[bytes], int, Protocol | None]:
 
 
 @given(st.binary(max_size=300))
-def test_random_bytes_contain_no_frame(noise: bytes) -> None:
+def test_random_bytes_contain_no_frame(noise):
     assert seen([noise])[0] == []
 
 
 @given(st.lists(PIECES | st.binary(max_size=20), max_size=8), st.randoms(use_true_random=False))
-def test_decoding_does_not_depend_on_chunks(pieces: list[bytes], chance: random.Random) -> None:
+def test_decoding_does_not_depend_on_chunks(pieces, chance):
     stream = b''.join(pieces)
     cuts = sorted(chance.randrange(len(stream) + 1) for _ in range(5))
     chunks = [stream[a:b] for a, b in itertools.pairwise([0, *cuts, len(stream)])]
@@ -170,7 +167,7 @@ def test_decoding_does_not_depend_on_chunks(pieces: list[bytes], chance: random.
 
 
 @pytest.mark.parametrize('protocol', Protocol)
-def test_the_protocol_is_recognised_from_the_middle_of_a_frame(protocol: Protocol) -> None:
+def test_the_protocol_is_recognised_from_the_middle_of_a_frame(protocol):
     frames = [SerialFrame(FrameKind.COUNTS, n, n, np.full(10, 10.0 * n)) for n in range(20)]
     stream = b''.join(encode(frame, protocol) for frame in frames)
     encoded = written(frames)
@@ -178,7 +175,7 @@ def test_the_protocol_is_recognised_from_the_middle_of_a_frame(protocol: Protoco
         assert seen([stream[begin:]]) == (encoded[1:], 0, protocol)
 
 
-def test_corrupted_frames_are_counted_and_not_returned() -> None:
+def test_corrupted_frames_are_counted_and_not_returned():
     frames = [SerialFrame(FrameKind.COUNTS, n, n, np.full(40, 1000.0 * n)) for n in range(200)]
     chance = np.random.default_rng(0)
     for protocol in Protocol:
@@ -193,7 +190,7 @@ def test_corrupted_frames_are_counted_and_not_returned() -> None:
         assert corrupted >= len(hit)
 
 
-def test_lines_without_checksum_are_rejected_after_one_with_checksum() -> None:
+def test_lines_without_checksum_are_rejected_after_one_with_checksum():
     checked = encode_text(SerialFrame(FrameKind.COUNTS, 1, 2, np.array([3.0, np.nan])))
     assert checked.startswith(b'counts 1 2 3 -*')
     decoder = FrameDecoder()
@@ -206,7 +203,7 @@ def test_lines_without_checksum_are_rejected_after_one_with_checksum() -> None:
     assert len(decoder.feed(b'counts 2 3 4\n')) == 1
 
 
-def test_input_without_an_end_is_discarded() -> None:
+def test_input_without_an_end_is_discarded():
     decoder = FrameDecoder()
     decoder.feed(b'counts 0 1 2\n')
     for _ in range(5):

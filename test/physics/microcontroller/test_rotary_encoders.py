@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Readings become continuous angles, for any counts, signs and offsets of encoders."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 
@@ -23,7 +21,7 @@ def counts(*values: float) -> SerialFrame:
     return SerialFrame(FrameKind.COUNTS, values=np.array(values))
 
 
-def test_turns_are_counted_across_missing_readings() -> None:
+def test_turns_are_counted_across_missing_readings():
     reader = AngleReader(RotaryEncoders(), 3)
     rates = np.array([2.5, -2.0, 0.1])
     for frame in range(50):
@@ -35,7 +33,7 @@ def test_turns_are_counted_across_missing_readings() -> None:
         np.testing.assert_allclose(found, seen, atol=math.tau / 4096)
 
 
-def test_each_encoder_has_its_sign_offset_and_counts() -> None:
+def test_each_encoder_has_its_sign_offset_and_counts():
     encoders = RotaryEncoders((4000.0, 1000.0), (1.0, -1.0), (0.25, -0.5))
     (first, second) = AngleReader(encoders, 2).read(counts(1000, 250))
     assert first == pytest.approx(math.pi / 2 - 0.25)
@@ -44,13 +42,13 @@ def test_each_encoder_has_its_sign_offset_and_counts() -> None:
     assert AngleReader(encoders, 2).read(frame) == pytest.approx([0.75, -0.5])
 
 
-def test_readings_that_do_not_wrap_are_not_unwrapped() -> None:
+def test_readings_that_do_not_wrap_are_not_unwrapped():
     reader = AngleReader(RotaryEncoders(wrapped=False), 1)
     assert reader.read(counts(10 * 4096)) == pytest.approx([10 * math.tau])
     assert reader.read(counts(0)) == pytest.approx([0.0])
 
 
-def test_values_out_of_range_are_rejected() -> None:
+def test_values_out_of_range_are_rejected():
     for given, complaint in [
         ({'counts_per_turn': (0.0,)}, 'counts_per_turn = 0 must be 1 or more'),
         ({'signs': (2.0,)}, 'sign of an encoder = 2 must be 1 or -1'),
@@ -60,7 +58,7 @@ def test_values_out_of_range_are_rejected() -> None:
             RotaryEncoders(**given)
 
 
-def test_wrong_numbers_of_values_are_rejected() -> None:
+def test_wrong_numbers_of_values_are_rejected():
     with pytest.raises(ValueError, match='signs has 2 values for a chain of 3 rotors; give none'):
         AngleReader(RotaryEncoders(signs=(1.0, 1.0)), 3)
     with pytest.raises(ValueError, match='it has 2 readings for a chain of 3 rotors'):
@@ -75,7 +73,7 @@ def reading(number: int | None, time: int | None = None) -> SerialFrame:
     return SerialFrame(FrameKind.COUNTS, number, time, np.zeros(1))
 
 
-def test_missing_frame_numbers_are_lost_frames() -> None:
+def test_missing_frame_numbers_are_lost_frames():
     for numbers, lost in [
         ([SEQUENCES - 3, SEQUENCES - 1, 0, 1, 5], 1 + 3),
         ([7, None, 90, None, 200], 0),
@@ -87,7 +85,7 @@ def test_missing_frame_numbers_are_lost_frames() -> None:
         assert angles.lost == lost
 
 
-def test_frame_numbers_skipped_by_a_restart_are_not_lost() -> None:
+def test_frame_numbers_skipped_by_a_restart_are_not_lost():
     for greeted in [True, False]:
         angles = stream()
         for number in (40, 41, 42):
@@ -102,7 +100,7 @@ def test_frame_numbers_skipped_by_a_restart_are_not_lost() -> None:
         assert (angles.lost, angles.clock.restarts) == (0, 1)
 
 
-def test_wrong_frame_numbers_are_not_lost_frames() -> None:
+def test_wrong_frame_numbers_are_not_lost_frames():
     numbers = np.arange(1000) % SEQUENCES
     lost = np.array([200, 201, 202, 640])
     wrong = np.random.default_rng(4).random(1000) < 0.05
@@ -114,7 +112,7 @@ def test_wrong_frame_numbers_are_not_lost_frames() -> None:
     assert angles.lost == 4
 
 
-def test_a_frame_with_an_implausible_time_is_rejected_and_is_not_lost() -> None:
+def test_a_frame_with_an_implausible_time_is_rejected_and_is_not_lost():
     angles = stream()
     for number in range(500):
         time = 10 * number + (8_000_000 if number == 400 else 0)
@@ -126,7 +124,7 @@ def test_a_frame_with_an_implausible_time_is_rejected_and_is_not_lost() -> None:
     assert (angles.lost, angles.clock.restarts, angles.clock.jumps) == (0, 0, 0)
 
 
-def test_only_a_controller_that_continued_has_lost_frames_at_a_reconnection() -> None:
+def test_only_a_controller_that_continued_has_lost_frames_at_a_reconnection():
     for restarted in [False, True]:
         angles = stream()
         for number in range(1000):
@@ -139,6 +137,6 @@ def test_only_a_controller_that_continued_has_lost_frames_at_a_reconnection() ->
         assert (angles.lost, angles.clock.restarts) == ((0, 1) if restarted else (3, 0))
 
 
-def test_commands_are_rejected_as_readings() -> None:
+def test_commands_are_rejected_as_readings():
     with pytest.raises(ValueError, match='torques are commands to a controller'):
         stream().take(SerialFrame(FrameKind.TORQUES, 0, 0, np.zeros(1)), 0)

@@ -1,11 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measured angles in rendered films with known angles."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -38,7 +35,7 @@ def measure(pictures: Sequence[Picture]) -> tuple[AngleCamera, list[AngleFrame],
     return camera, seen, np.array([frame.angles for frame in seen]) - truth
 
 
-def test_errors_of_angles_agree_with_the_stated_deviations_and_have_no_bias() -> None:
+def test_errors_of_angles_agree_with_the_stated_deviations_and_have_no_bias():
     _, seen, errors = measure(swing())
     assert np.isfinite(errors).all()
     errors, stated = errors[3:], np.array([frame.deviations for frame in seen[3:]])
@@ -48,7 +45,7 @@ def test_errors_of_angles_agree_with_the_stated_deviations_and_have_no_bias() ->
     assert abs(errors.mean()) < 0.1 * np.sqrt(np.mean(own**2))
 
 
-def test_dots_that_differ_within_their_sheets_increase_the_stated_deviations() -> None:
+def test_dots_that_differ_within_their_sheets_increase_the_stated_deviations():
     layout, film, _ = renderer(CHAIN)
     shifts = np.random.default_rng(2).normal(0, 1e-4, layout.frame_dots.shape)
     stated = []
@@ -66,7 +63,7 @@ def test_dots_that_differ_within_their_sheets_increase_the_stated_deviations() -
     assert (stated[1] > stated[0]).all()
 
 
-def test_errors_in_a_compressed_clip_are_small_and_correlated(tmp_path: Path) -> None:
+def test_errors_in_a_compressed_clip_are_small_and_correlated(tmp_path):
     layout, film, motion = renderer(CHAIN, amplitude=0.02, rate=3.0)
     shots = (TimedPicture(time, film.picture(time)) for time in TIMES.tolist())
     write_video(tmp_path / 'clip.mp4', shots, 18)
@@ -82,7 +79,7 @@ def test_errors_in_a_compressed_clip_are_small_and_correlated(tmp_path: Path) ->
     assert np.sqrt(np.mean((own / [frame.deviations for frame in seen[3:]]) ** 2)) < 3.5
 
 
-def test_hidden_rotors_are_nan_and_return_with_their_turns() -> None:
+def test_hidden_rotors_are_nan_and_return_with_their_turns():
     hand = Hand(6 * PERIOD, 12 * PERIOD, (250.0, 180.0), (0.0, 0.0), (45.0, 60.0))
     _, seen, errors = measure(swing((hand,)))
     hidden = np.isnan(errors)
@@ -94,7 +91,7 @@ def test_hidden_rotors_are_nan_and_return_with_their_turns() -> None:
     assert not seen[-1].status
 
 
-def test_a_motion_of_the_camera_is_detected_and_angles_stay_correct() -> None:
+def test_a_motion_of_the_camera_is_detected_and_angles_stay_correct():
     pushed = [np.roll(picture, (2, 3), axis=(0, 1)) for picture in swing()[8:16]]
     camera, _, errors = measure([*swing()[:8], *pushed])
     assert camera.frame_markers.moves == 1
@@ -102,7 +99,7 @@ def test_a_motion_of_the_camera_is_detected_and_angles_stay_correct() -> None:
     assert np.abs(errors[-1]).max() < 0.01
 
 
-def test_the_status_without_markers_names_the_remedy() -> None:
+def test_the_status_without_markers_names_the_remedy():
     seen = AngleCamera(MarkerLayout(CHAIN), CAMERA).measure(
         0.0, np.full((360, 640, 3), 128, dtype=np.uint8)
     )
@@ -110,7 +107,7 @@ def test_the_status_without_markers_names_the_remedy() -> None:
     assert 'show two or more complete markers' in seen.status
 
 
-def test_a_picture_of_another_size_is_rejected() -> None:
+def test_a_picture_of_another_size_is_rejected():
     with pytest.raises(ValueError, match=r'shape \(360, 641, 3\) does not match the camera'):
         AngleCamera(MarkerLayout(CHAIN), CAMERA).measure(
             0.0, np.zeros((360, 641, 3), dtype=np.uint8)

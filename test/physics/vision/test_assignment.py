@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Dots are assigned to their rotors."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 
@@ -35,7 +33,7 @@ def scene() -> tuple[np.ndarray, np.ndarray, Prediction]:
     return masses, costs, expected
 
 
-def test_dots_in_any_order_are_assigned_to_their_rotors() -> None:
+def test_dots_in_any_order_are_assigned_to_their_rotors():
     masses, costs, expected = scene()
     for order in itertools.islice(itertools.permutations(range(ROTORS)), 0, 120, 7):
         places = masses[list(order)]
@@ -45,14 +43,14 @@ def test_dots_in_any_order_are_assigned_to_their_rotors() -> None:
         assert [order[dot] for dot in chosen] == list(range(ROTORS))
 
 
-def test_a_rotor_without_a_dot_is_hidden() -> None:
+def test_a_rotor_without_a_dot_is_hidden():
     masses, costs, expected = scene()
     kept = [0, 1, 3, 4]
     chosen = assign_dots(np.stack([masses[kept]] * 2), np.full(4, 1e-3), costs[kept], expected)
     assert list(chosen) == [0, 1, HIDDEN, 2, 3]
 
 
-def test_a_dot_at_a_pivot_is_a_mass_only_if_its_colour_fits() -> None:
+def test_a_dot_at_a_pivot_is_a_mass_only_if_its_colour_fits():
     masses, costs, expected = scene()
     angles = expected.angles.copy()
     angles[2] = np.pi / 2 - 0.05

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The camera and the plane of a chain agree with their formulas and inverses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +15,7 @@ POINTS = np.array([(x, z) for x in np.linspace(-1, 1, 5) for z in (-0.3, 0.0, 0.
 PLANE = posed_plane(CAMERA, (0.1, 0.0), 2.0, 0.2, -0.15, 0.05)
 
 
-def test_a_lens_maps_rays_by_its_formula_and_back() -> None:
+def test_a_lens_maps_rays_by_its_formula_and_back():
     pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headless')
     x, y = rays = np.array([(0.3, 0.0, -0.5), (-0.2, 0.0, 0.25)])
     q = x**2 + y**2
@@ -34,19 +32,19 @@ def test_a_lens_maps_rays_by_its_formula_and_back() -> None:
         np.testing.assert_allclose(camera.rays(pixels), rays.T, atol=1e-8)
 
 
-def test_points_are_recovered_from_their_pixels() -> None:
+def test_points_are_recovered_from_their_pixels():
     for height in [0.0, 0.05]:
         assert np.allclose(PLANE.points(PLANE.pixels(POINTS, height), height), POINTS, atol=1e-7)
 
 
-def test_a_plane_is_fitted_to_its_points() -> None:
+def test_a_plane_is_fitted_to_its_points():
     pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headless')
     found, misfit = fit_plane(CAMERA, POINTS, PLANE.pixels(POINTS))
     assert misfit < 1e-4
     assert np.allclose(found.columns, PLANE.columns, atol=1e-5)
 
 
-def test_centres_of_circles_are_corrected_for_perspective() -> None:
+def test_centres_of_circles_are_corrected_for_perspective():
     turns = np.linspace(0, 2 * np.pi, 400, endpoint=False)
     circle = 0.1 * np.column_stack([np.cos(turns), np.sin(turns)])
     outline = PLANE.pixels(POINTS[:1] + circle)
@@ -56,7 +54,7 @@ def test_centres_of_circles_are_corrected_for_perspective() -> None:
     assert np.hypot(*(PLANE.circle_centres(middle, 0.1) - centre).T) < 0.2 * off
 
 
-def test_invalid_cameras_are_rejected() -> None:
+def test_invalid_cameras_are_rejected():
     for values, message in [
         ({'width': 0}, 'camera width = 0 must lie in the range 1 to 32768 pixels'),
         ({'focal': (0.0, 1.0)}, 'focal lengths .* must be above 0 pixels'),

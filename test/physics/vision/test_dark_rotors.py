@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Angles of dark bars on a light background, drawn eight times as large and then reduced."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np
@@ -40,7 +38,7 @@ def drawn(angles: Array, hidden: int | None = None, seed: int = 0) -> np.ndarray
     return np.clip(np.rint(small + noise), 0, 255).astype(np.uint8)
 
 
-def test_errors_of_angles_agree_with_the_stated_deviations() -> None:
+def test_errors_of_angles_agree_with_the_stated_deviations():
     eye = DarkRotors(MarkerLayout(CHAIN), uncalibrated_camera(520, 200))
     rest, sides = CHAIN.uniform_state(1), (-1.0) ** np.arange(8)
     errors, stated = [], []
@@ -54,7 +52,7 @@ def test_errors_of_angles_agree_with_the_stated_deviations() -> None:
     assert not seen.status
 
 
-def test_a_hidden_rotor_is_nan_and_the_others_keep_their_numbers() -> None:
+def test_a_hidden_rotor_is_nan_and_the_others_keep_their_numbers():
     eye = DarkRotors(MarkerLayout(CHAIN), uncalibrated_camera(520, 200))
     rest = CHAIN.uniform_state(1)
     eye.measure(0.0, drawn(rest))
@@ -65,7 +63,7 @@ def test_a_hidden_rotor_is_nan_and_the_others_keep_their_numbers() -> None:
     assert 'hidden' in seen.status
 
 
-def test_the_status_reports_too_few_rotors() -> None:
+def test_the_status_reports_too_few_rotors():
     eye = DarkRotors(MarkerLayout(CHAIN), uncalibrated_camera(520, 200))
     seen = eye.measure(0.0, drawn(CHAIN.uniform_state(1), hidden=4))
     assert np.isnan(seen.angles).all()

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of dots beyond pixel noise are estimated from the pictures."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -17,7 +15,7 @@ NONE, ALL = np.zeros(DOTS, dtype=bool), np.ones(DOTS, dtype=bool)
 PLACES = np.array([[3.0, 10.0], [20.0, 10.0], [np.nan, np.nan]])
 
 
-def test_a_dot_is_repeated_if_all_its_pixels_are_equal() -> None:
+def test_a_dot_is_repeated_if_all_its_pixels_are_equal():
     repeats = RepeatDetector()
     picture = np.random.default_rng(1).integers(0, 256, (20, 40), dtype=np.uint8)
     assert not repeats.compare(picture, PLACES, 4.0).any()
@@ -39,7 +37,7 @@ def update(
     return scale.update(DotMeasurements(picture / 60, angles, ONES, lengths, ONES, WAYS, repeated))
 
 
-def test_errors_of_resting_and_moving_dots_are_estimated() -> None:
+def test_errors_of_resting_and_moving_dots_are_estimated():
     random, scale = np.random.default_rng(1), ErrorScale(ROTORS)
     for picture in range(400):
         lengths = np.where(WAYS, 2.0, 0.5) * random.normal(size=ROTORS)
@@ -47,7 +45,7 @@ def test_errors_of_resting_and_moving_dots_are_estimated() -> None:
     np.testing.assert_allclose(factors, np.where(WAYS, 2.0, 0.5), rtol=0.1)
 
 
-def test_errors_of_repeated_dots_are_estimated_from_their_jumps() -> None:
+def test_errors_of_repeated_dots_are_estimated_from_their_jumps():
     random, scale = np.random.default_rng(3), ErrorScale(ROTORS)
     angles = 0 * ONES
     for picture in range(400):
@@ -81,13 +79,13 @@ def moved(
     [(60, 0.0, 0.0, 1e-3, 0.05), (60, 0.0, 0.4, 1e-3, 0.05), (90, 0.4, 0.0, 0.0, 0.06)],
 )
 def test_errors_along_the_path_are_separated_from_motion(
-    pictures: int, lasting: float, jitter: float, wave: float, tolerance: float
-) -> None:
+    pictures, lasting, jitter, wave, tolerance
+):
     zone = moved(pictures, 4.0, lasting, jitter, wave)
     assert np.sqrt(zone.variances(1.0, 1.0)) == pytest.approx(4.0, rel=tolerance)
 
 
-def test_the_variance_falls_with_the_number_of_repeats() -> None:
+def test_the_variance_falls_with_the_number_of_repeats():
     zone = moved(60, 4.0, 0.0)
     stands, creeps = np.arange(DOTS) == 0, np.arange(DOTS) % 2 == 1
     for picture in range(90):
@@ -98,7 +96,7 @@ def test_the_variance_falls_with_the_number_of_repeats() -> None:
     assert deviations[0] < deviations[1] < moving
 
 
-def test_a_dead_zone_is_present_if_some_dots_repeat_and_others_do_not() -> None:
+def test_a_dead_zone_is_present_if_some_dots_repeat_and_others_do_not():
     zone = DeadZone(DOTS)
     for repeated in (NONE, ALL):
         zone.add_repeated(repeated, ALL)

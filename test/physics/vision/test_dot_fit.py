@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fitted centres agree with the drawn ones to within the stated errors."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.special import erfc
@@ -43,7 +41,7 @@ def fitted(
 
 
 @pytest.mark.parametrize('shape', [CIRCLE, OVAL], ids=['circle', 'oval'])
-def test_errors_of_centres_agree_with_the_stated_covariances(shape: np.ndarray) -> None:
+def test_errors_of_centres_agree_with_the_stated_covariances(shape):
     places = 9.5 + np.random.default_rng(1).uniform(-0.5, 0.5, (200, 2))
     found = fitted(places, shape=shape)
     errors = found.centres - places
@@ -53,14 +51,14 @@ def test_errors_of_centres_agree_with_the_stated_covariances(shape: np.ndarray) 
     assert np.abs(errors.mean(axis=0)).max() < 3 * 0.02 / np.sqrt(200)
 
 
-def test_the_centre_of_a_moving_dot_is_the_middle_of_its_path() -> None:
+def test_the_centre_of_a_moving_dot_is_the_middle_of_its_path():
     places = 9.5 + np.random.default_rng(2).uniform(-0.5, 0.5, (50, 2))
     found = fitted(places, np.array([2.0, 1.0]))
     assert np.sqrt(np.mean((found.centres - places) ** 2)) < 0.03
     assert np.median(found.residuals) < 2 * NOISE
 
 
-def test_no_starts_give_no_dots() -> None:
+def test_no_starts_give_no_dots():
     picture = np.zeros((20, 20), dtype=np.uint8)
     none = np.zeros((0, 2))
     assert not len(fit_dots(picture, none, np.zeros((0, 2, 2)), 0.5, none).centres)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Calibration and marker detection in sample pictures of OpenCV (Debian package opencv-doc)."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 
@@ -20,7 +18,7 @@ FOCAL, MIDDLE, LENS = 535.9, (342.3, 235.6), (-0.266, -0.0386, 0.2384)
 
 
 @pytest.mark.skipif(not SAMPLES.is_dir(), reason='needs samples: apt install opencv-doc')
-def test_the_calibration_agrees_with_the_parameters_from_opencv() -> None:
+def test_the_calibration_agrees_with_the_parameters_from_opencv():
     cv2 = pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headless')
     pictures = [cv2.imread(str(path)) for path in sorted(SAMPLES.glob('left[01]*.jpg'))]
     found = calibrate(pictures, 9, 6, 0.025)
@@ -36,7 +34,7 @@ def test_the_calibration_agrees_with_the_parameters_from_opencv() -> None:
 
 
 @pytest.mark.skipif(not TUTORIALS.is_dir(), reason='needs samples: apt install opencv-doc')
-def test_markers_in_a_photo_agree_with_the_drawing() -> None:
+def test_markers_in_a_photo_agree_with_the_drawing():
     cv2 = pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headless')
     found = []
     for name in ('charuco_board.png', 'screen_charuco.jpg'):

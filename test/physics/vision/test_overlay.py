@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Overlays are drawn at the measured positions."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -33,7 +31,7 @@ def painted(picture: np.ndarray) -> np.ndarray:
     return np.any(picture != PICTURE, axis=2)
 
 
-def test_rings_and_lines_mark_the_measurement_in_a_copy_of_the_picture() -> None:
+def test_rings_and_lines_mark_the_measurement_in_a_copy_of_the_picture():
     drawn = draw_overlay(PICTURE, frame(), NAMES)
     assert (PICTURE == 128).all()
     marks = painted(drawn)
@@ -44,13 +42,13 @@ def test_rings_and_lines_mark_the_measurement_in_a_copy_of_the_picture() -> None
     assert painted(draw_overlay(PICTURE, frame(2), NAMES))[115:140].sum() < marks[115:140].sum()
 
 
-def test_the_distance_of_names_does_not_depend_on_the_length_of_rotors() -> None:
+def test_the_distance_of_names_does_not_depend_on_the_length_of_rotors():
     short, long = (painted(draw_overlay(PICTURE, frame(None, each), NAMES)) for each in (40, 110))
     assert short[220:270].any()
     assert (short == long)[180:280].all()
 
 
-def test_a_wall_is_drawn_between_its_rotors() -> None:
+def test_a_wall_is_drawn_between_its_rotors():
     for rotor in [0.0, 1.25, 3.5]:
         without = draw_overlay(PICTURE, frame(), NAMES)
         drawn = draw_overlay(PICTURE, frame(), NAMES, [WallMark(rotor, 0.02, 1)])
@@ -58,7 +56,7 @@ def test_a_wall_is_drawn_between_its_rotors() -> None:
         assert changed.mean() == pytest.approx(100 * (1 + rotor), abs=1.5)
 
 
-def test_walls_without_position_and_frames_without_rotors_draw_nothing() -> None:
+def test_walls_without_position_and_frames_without_rotors_draw_nothing():
     unplaced = WallMark(math.nan, math.nan, -1)
     assert (
         draw_overlay(PICTURE, frame(), NAMES, [unplaced]) == draw_overlay(PICTURE, frame(), NAMES)

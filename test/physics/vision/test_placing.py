@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stated errors of angles agree with the errors by displaced frame markers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from filmed_chains import CAMERA, chain_plane
@@ -15,7 +13,7 @@ from soliton_linkage.vision.plane import fit_plane
 pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headless')
 
 
-def test_errors_by_displaced_markers_agree_with_the_stated_deviations() -> None:
+def test_errors_by_displaced_markers_agree_with_the_stated_deviations():
     layout = MarkerLayout(Chain(number_of_rotors=10))
     plane, random, tolerance = chain_plane(layout), np.random.default_rng(6), 5e-4
     dots = layout.frame_dots

@@ -1,11 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sheets are to scale, and printed frame markers are detected."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,7 +20,7 @@ pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headl
 CHAIN = Chain(number_of_rotors=8)
 
 
-def test_sheets_have_the_size_of_the_paper_and_all_markers(tmp_path: Path) -> None:
+def test_sheets_have_the_size_of_the_paper_and_all_markers(tmp_path):
     paths = write_sheets(MarkerLayout(CHAIN), tmp_path / 'markers.svg')
     texts = [path.read_text(encoding='utf-8') for path in paths]
     width = float(re.findall(r'<svg[^>]* width="([\d.]+)pt"', texts[0])[0])
@@ -31,7 +28,7 @@ def test_sheets_have_the_size_of_the_paper_and_all_markers(tmp_path: Path) -> No
     assert len(paths) == len(MarkerLayout(CHAIN).frame_centres) + 1 + 1 + 1
 
 
-def test_frame_markers_have_their_centres_on_whole_millimetres() -> None:
+def test_frame_markers_have_their_centres_on_whole_millimetres():
     for spacing in [0.0123, 0.05, 0.0757, 0.1]:
         for rotors in [2, 7, 40]:
             for columns in range(2, 6):
@@ -47,7 +44,7 @@ def test_frame_markers_have_their_centres_on_whole_millimetres() -> None:
                 assert clear > layout.bounds[1, 1]
 
 
-def test_a_sheet_has_all_digits_of_the_position_of_a_marker(tmp_path: Path) -> None:
+def test_a_sheet_has_all_digits_of_the_position_of_a_marker(tmp_path):
     settings = MarkerSettings(frame_x=(0.0, 0.35), frame_z=(0.1875, -0.1875))
     layout = MarkerLayout(Chain(number_of_rotors=4), settings)
     paths = write_sheets(layout, tmp_path / 'markers.svg')
@@ -55,14 +52,14 @@ def test_a_sheet_has_all_digits_of_the_position_of_a_marker(tmp_path: Path) -> N
     assert 'centre at x = 350 mm, z = -187.5 mm' in ''.join(texts)
 
 
-def test_markers_larger_than_the_paper_are_rejected(tmp_path: Path) -> None:
+def test_markers_larger_than_the_paper_are_rejected(tmp_path):
     layout = MarkerLayout(CHAIN, MarkerSettings(frame_marker_size=0.3))
     with pytest.raises(ValueError, match=r'frame markers of 390 mm do not fit on a4.*a3'):
         write_sheets(layout, tmp_path / 'markers.pdf')
 
 
 @pytest.mark.parametrize('scale', [0.94, 1.0, 1.05])
-def test_a_print_of_another_scale_is_reported(scale: float) -> None:
+def test_a_print_of_another_scale_is_reported(scale):
     layout = MarkerLayout(CHAIN)
     given = layout.as_printed
     sizes = {key: scale * getattr(given, key) for key in ('frame_marker_size', 'label_diameter')}
@@ -74,7 +71,7 @@ def test_a_print_of_another_scale_is_reported(scale: float) -> None:
     assert (f'frame markers have {scale:.0%} of their size' in frame.status) is (scale != 1)
 
 
-def test_frame_markers_define_the_plane() -> None:
+def test_frame_markers_define_the_plane():
     layout, film, _ = renderer(CHAIN)
     markers = FrameMarkers(layout, CAMERA)
     grey = film.picture(0.0)[..., 1].copy()

@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Missing pictures are counted, and unreadable videos are reported."""
 
-from __future__ import annotations
-
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,14 +15,14 @@ from soliton_linkage.vision.video import (
 )
 
 
-def test_missing_pictures_are_counted() -> None:
+def test_missing_pictures_are_counted():
     counter = GapCounter()
     times = [frame / 60 for frame in range(100) if frame not in (40, 41, 70)]
     assert [lost for time in times if (lost := counter.add(time))] == [2, 1]
     assert counter.missing == 3
 
 
-def test_a_varying_rate_is_not_a_gap() -> None:
+def test_a_varying_rate_is_not_a_gap():
     counter = GapCounter()
     for frame in range(100):
         counter.add(frame / 30 + 0.008 * (frame % 2))
@@ -33,7 +30,7 @@ def test_a_varying_rate_is_not_a_gap() -> None:
 
 
 @pytest.mark.parametrize(('content', 'message'), [(b'', 'not exist'), (b'no film', 'be read')])
-def test_other_files_are_rejected(tmp_path: Path, content: bytes, message: str) -> None:
+def test_other_files_are_rejected(tmp_path, content, message):
     pytest.importorskip('av', reason='needs PyAV: pip install av')
     path = tmp_path / 'film.mp4'
     if content:
@@ -42,13 +39,13 @@ def test_other_files_are_rejected(tmp_path: Path, content: bytes, message: str) 
         read_video(path)
 
 
-def test_a_directory_is_reported_as_one(tmp_path: Path) -> None:
+def test_a_directory_is_reported_as_one(tmp_path):
     with pytest.raises(ValueError, match='is a directory; give a file'):
         read_video(tmp_path)
 
 
 @pytest.mark.parametrize('suffix', ['avi', 'mkv', 'ts'])
-def test_a_film_that_was_cut_is_reported_after_its_pictures(tmp_path: Path, suffix: str) -> None:
+def test_a_film_that_was_cut_is_reported_after_its_pictures(tmp_path, suffix):
     av: Any = pytest.importorskip('av', reason='needs PyAV: pip install av')
     path, random = tmp_path / f'film.{suffix}', np.random.default_rng(1)
     with av.open(str(path), 'w') as container:
@@ -69,7 +66,7 @@ def test_a_film_that_was_cut_is_reported_after_its_pictures(tmp_path: Path, suff
         list(film)
 
 
-def test_an_avi_film_of_the_suite_that_was_cut_is_reported(tmp_path: Path) -> None:
+def test_an_avi_film_of_the_suite_that_was_cut_is_reported(tmp_path):
     pytest.importorskip('av', reason='needs PyAV: pip install av')
     path, random = tmp_path / 'film.avi', np.random.default_rng(1)
     pictures = (random.integers(0, 256, (48, 64, 3), dtype=np.uint8) for _ in range(90))
@@ -80,7 +77,7 @@ def test_an_avi_film_of_the_suite_that_was_cut_is_reported(tmp_path: Path) -> No
         list(read_video(path).pictures)
 
 
-def test_rows_of_a_turned_film_are_rows_of_the_sensor(tmp_path: Path) -> None:
+def test_rows_of_a_turned_film_are_rows_of_the_sensor(tmp_path):
     pytest.importorskip('av', reason='needs PyAV: pip install av')
     path, upper = tmp_path / 'film.mp4', np.zeros((48, 64, 3), dtype=np.uint8)
     upper[:24] = 255
@@ -95,7 +92,7 @@ def test_rows_of_a_turned_film_are_rows_of_the_sensor(tmp_path: Path) -> None:
         assert np.abs(taken.picture.astype(int) - upper)[[4, -4]].max() < 30
 
 
-def test_an_absent_camera_is_reported_once(capfd: pytest.CaptureFixture[str]) -> None:
+def test_an_absent_camera_is_reported_once(capfd):
     pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headless')
     with pytest.raises(
         ValueError, match='camera 63 delivers no picture; check that it is connected'
@@ -104,7 +101,7 @@ def test_an_absent_camera_is_reported_once(capfd: pytest.CaptureFixture[str]) ->
     assert not capfd.readouterr().err
 
 
-def test_the_error_for_a_damaged_video_states_the_time(tmp_path: Path) -> None:
+def test_the_error_for_a_damaged_video_states_the_time(tmp_path):
     pytest.importorskip('av', reason='needs PyAV: pip install av')
     path, random = tmp_path / 'film.mp4', np.random.default_rng(1)
     pictures = random.integers(0, 256, (60, 48, 64, 3), dtype=np.uint8)

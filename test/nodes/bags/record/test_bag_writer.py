@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Independent readers read every written message."""
 
-from __future__ import annotations
-
 import os
 import random
 from pathlib import Path
@@ -45,7 +43,7 @@ def write(name: Path, named: NamedChain, compression: str = 'none') -> Sent:
 
 
 @pytest.mark.parametrize('compression', ['none', 'zstd'])
-def test_the_mcap_package_agrees(named: NamedChain, tmp_path: Path, compression: str) -> None:
+def test_the_mcap_package_agrees(named, tmp_path, compression):
     sent = write(tmp_path / 'run', named, compression)
     with (tmp_path / 'run_0/run_0_0.mcap').open('rb') as file:
         reader = SeekingReader(file, validate_crcs=True)
@@ -67,7 +65,7 @@ def test_the_mcap_package_agrees(named: NamedChain, tmp_path: Path, compression:
         assert {index.compression for index in summary.chunk_indexes} == {'zstd'}
 
 
-def test_the_mcap_ros2_support_package_decodes_our_messages(tmp_path: Path) -> None:
+def test_the_mcap_ros2_support_package_decodes_our_messages(tmp_path):
     writer = BagWriter(tmp_path / 'run')
     topic = interfaces.SOLITON_STATE
     stored = writer.add_topic('/soliton_state', type_name(topic.type), topic.qos)
@@ -81,9 +79,7 @@ def test_the_mcap_ros2_support_package_decodes_our_messages(tmp_path: Path) -> N
     assert (message.solitons[0].rotor, message.solitons[0].velocity) == (7.25, -0.5)
 
 
-def test_a_bag_of_several_files_lists_the_content_of_each(
-    named: NamedChain, tmp_path: Path
-) -> None:
+def test_a_bag_of_several_files_lists_the_content_of_each(named, tmp_path):
     writer = BagWriter(tmp_path / 'run')
     topic = interfaces.NUDGE
     stored = writer.add_topic('/nudge', type_name(topic.type), topic.qos)
@@ -109,7 +105,7 @@ def test_a_bag_of_several_files_lists_the_content_of_each(
 
 
 @pytest.mark.parametrize('compression', ['none', 'zstd'])
-def test_batches_are_the_same_as_single_messages(tmp_path: Path, compression: str) -> None:
+def test_batches_are_the_same_as_single_messages(tmp_path, compression):
     sizes = [10, 3 * 2**20, 7, 700_000, 700_000, 0, 2**20, 5]
     chance = random.Random(1)
     sent = [(START + n, chance.randbytes(size)) for n, size in enumerate(sizes)]
@@ -124,7 +120,7 @@ def test_batches_are_the_same_as_single_messages(tmp_path: Path, compression: st
             assert [(stamp, bytes(data)) for _, stamp, data in reader.messages()] == sent
 
 
-def test_a_batch_continues_in_a_new_file_at_the_largest_size(tmp_path: Path) -> None:
+def test_a_batch_continues_in_a_new_file_at_the_largest_size(tmp_path):
     largest, size = 2 * 2**20, 300_000
     writer = BagWriter(tmp_path / 'run', largest_file=largest)
     stored = writer.add_topic('/x', 'std_msgs/msg/String', interfaces.NUDGE.qos)
@@ -138,7 +134,7 @@ def test_a_batch_continues_in_a_new_file_at_the_largest_size(tmp_path: Path) -> 
         assert [(stamp, bytes(data)) for _, stamp, data in reader.messages()] == sent
 
 
-def test_waiting_messages_count_for_the_size_of_a_file(tmp_path: Path) -> None:
+def test_waiting_messages_count_for_the_size_of_a_file(tmp_path):
     largest, size = 100_000, 500
     writer = BagWriter(tmp_path / 'run', largest_file=largest)
     topic = writer.add_topic('/nudge', 'std_msgs/msg/Float64', interfaces.NUDGE.qos)
@@ -152,7 +148,7 @@ def test_waiting_messages_count_for_the_size_of_a_file(tmp_path: Path) -> None:
     assert all(0.9 * largest < count * size <= largest for count in full)
 
 
-def test_a_batch_continues_in_a_new_file_at_the_longest_duration(tmp_path: Path) -> None:
+def test_a_batch_continues_in_a_new_file_at_the_longest_duration(tmp_path):
     writer = BagWriter(tmp_path / 'run', longest_file=1.0)
     stored = writer.add_topic('/x', 'std_msgs/msg/String', interfaces.NUDGE.qos)
     writer.write_all((stored, START + n * 10**8, b'') for n in range(35))
@@ -162,7 +158,7 @@ def test_a_batch_continues_in_a_new_file_at_the_longest_duration(tmp_path: Path)
     assert [file['message_count'] for file in files] == [10, 10, 10, 5]
 
 
-def test_a_file_that_is_never_written_to_is_whole(tmp_path: Path) -> None:
+def test_a_file_that_is_never_written_to_is_whole(tmp_path):
     writer = BagWriter(tmp_path / 'run')
     writer.split()
     writer.close()
@@ -170,7 +166,7 @@ def test_a_file_that_is_never_written_to_is_whole(tmp_path: Path) -> None:
         assert list(reader.messages()) == []
 
 
-def test_topics_may_be_added_while_it_is_written(tmp_path: Path) -> None:
+def test_topics_may_be_added_while_it_is_written(tmp_path):
     writer = BagWriter(tmp_path / 'run', largest_file=2000)
     for number in range(12):
         stored = writer.add_topic(f'/n{number}', 'std_msgs/msg/Float64', interfaces.NUDGE.qos)
@@ -181,7 +177,7 @@ def test_topics_may_be_added_while_it_is_written(tmp_path: Path) -> None:
         assert [c.topic for c, _, _ in reader.messages()] == [f'/n{n}' for n in range(12)]
 
 
-def test_the_history_of_a_publisher_may_be_unknown(tmp_path: Path) -> None:
+def test_the_history_of_a_publisher_may_be_unknown(tmp_path):
     writer = BagWriter(tmp_path / 'run')
     qos = QoSProfile(depth=0, history=HistoryPolicy.UNKNOWN)
     writer.add_topic('/x', 'std_msgs/msg/Float64', qos, interfaces.NUDGE.qos)
@@ -192,7 +188,7 @@ def test_the_history_of_a_publisher_may_be_unknown(tmp_path: Path) -> None:
     assert [profile['history'] for profile in profiles] == ['unknown', 'keep_last']
 
 
-def test_a_type_of_which_nothing_is_known_is_named(tmp_path: Path) -> None:
+def test_a_type_of_which_nothing_is_known_is_named(tmp_path):
     writer = BagWriter(tmp_path / 'run')
     said = "message type 'nothing_msgs/msg/Nothing' has no definition on this machine"
     with pytest.raises(ValueError, match=said):
@@ -200,7 +196,7 @@ def test_a_type_of_which_nothing_is_known_is_named(tmp_path: Path) -> None:
     writer.close()
 
 
-def test_an_unknown_compression_is_rejected(tmp_path: Path) -> None:
+def test_an_unknown_compression_is_rejected(tmp_path):
     with pytest.raises(ValueError, match="compression 'lz4' is unknown; use none or zstd"):
         BagWriter(tmp_path / 'run', 'lz4')
     assert not list(tmp_path.iterdir())
@@ -225,31 +221,25 @@ def synchronised(path: Path, interval: float, monkeypatch: pytest.MonkeyPatch) -
     return before
 
 
-def test_synchronised_messages_outlast_a_loss_of_power(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_synchronised_messages_outlast_a_loss_of_power(tmp_path, monkeypatch):
     kept = tmp_path / 'kept_0.mcap'
     before = synchronised(kept, 0.05, monkeypatch)
     report, _ = recover_bag(kept, tmp_path / 'new')
     assert report.messages >= before[-1] > 0
 
 
-def test_a_file_is_not_synchronised_if_that_is_disabled(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_is_not_synchronised_if_that_is_disabled(tmp_path, monkeypatch):
     assert synchronised(tmp_path / 'kept_0.mcap', 0.0, monkeypatch) == []
 
 
-def test_a_topic_is_in_the_file_as_soon_as_it_is_added(tmp_path: Path) -> None:
+def test_a_topic_is_in_the_file_as_soon_as_it_is_added(tmp_path):
     writer = BagWriter(tmp_path / 'run', flush_interval=1e9)
     writer.add_topic('/nudge', 'std_msgs/msg/Float64', interfaces.NUDGE.qos)
     assert [topic.name for topic in check_bag(writer.path).counts] == ['/nudge']
     writer.close()
 
 
-def test_a_bag_that_cannot_be_begun_leaves_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_bag_that_cannot_be_begun_leaves_nothing(tmp_path, monkeypatch):
     def refuse(path: Path, _codec: str) -> None:
         path.write_bytes(b'begun')
         raise OSError(28, 'No space left on device')

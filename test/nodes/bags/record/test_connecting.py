@@ -1,11 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Discovery is complete when all publishers match and no new one appears for a while."""
 
-from __future__ import annotations
-
 import shutil
-from collections.abc import Callable
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,7 +13,7 @@ from std_msgs.msg import Float64
 from soliton_linkage_nodes.bags.record.receiving_thread import DiscoveryWait
 from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.bags.recovery import recover_bag
-from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg
+from soliton_linkage_nodes.messages.conversions import chain_to_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
@@ -37,7 +33,7 @@ def done_at(polls: list[tuple[float, int, int]]) -> Any:
     return None
 
 
-def test_discovery_ends_when_no_publisher_has_appeared_for_a_while() -> None:
+def test_discovery_ends_when_no_publisher_has_appeared_for_a_while():
     for polls, done, missing in [
         ([(0.0, 0, 0)], 3.2, []),
         ([(0.0, 0, 0), (0.3, 1, 1)], 3.2, []),
@@ -48,9 +44,7 @@ def test_discovery_ends_when_no_publisher_has_appeared_for_a_while() -> None:
         assert done_at(polls) == (done, missing)
 
 
-def test_latched_and_later_messages_are_recorded_after_the_log_line(
-    graph: Graph, named: NamedChain, tmp_path: Path, said: Callable[[], str]
-) -> None:
+def test_latched_and_later_messages_are_recorded_after_the_log_line(graph, named, tmp_path, said):
     topics = {topic.name: topic for topic in (interfaces.CHAIN, interfaces.NUDGE)}
     publishers = {
         name: graph.user.create_publisher(topic.type, name, topic.qos)
@@ -71,9 +65,7 @@ def test_latched_and_later_messages_are_recorded_after_the_log_line(
     assert len(messages_of(tmp_path / 'run_0')['/nudge']) == 1
 
 
-def test_a_publisher_of_another_type_is_not_waited_for(
-    graph: Graph, tmp_path: Path, said: Callable[[], str]
-) -> None:
+def test_a_publisher_of_another_type_is_not_waited_for(graph, tmp_path, said):
     other = Graph(graph.domain)
     other.user.create_publisher(interfaces.CHAIN.type, 'nudge', 10)
     graph.start(BagRecorder, {'output': str(tmp_path / 'run'), 'topics': ['nudge']})

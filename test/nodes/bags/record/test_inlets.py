@@ -1,14 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Topics are found by name and pattern; every publisher is received."""
 
-from __future__ import annotations
-
 import signal
-from pathlib import Path
 
 import pytest
 from geometry_msgs.msg import PoseStamped
-from graphs import Graph
 from programs import Program
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -23,9 +19,7 @@ from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.runtime import interfaces
 
 
-def test_topics_are_found_by_name_and_pattern_with_the_type_of_the_graph(
-    graph: Graph, tmp_path: Path
-) -> None:
+def test_topics_are_found_by_name_and_pattern_with_the_type_of_the_graph(graph, tmp_path):
     given = {
         'output': str(tmp_path / 'run'),
         'topics': ['nudge', '/camera/image'],
@@ -64,7 +58,7 @@ def test_topics_are_found_by_name_and_pattern_with_the_type_of_the_graph(
     assert held['/arm/pose'].pose.position.x == 3.0
 
 
-def test_a_pattern_adds_to_the_suite(graph: Graph, tmp_path: Path) -> None:
+def test_a_pattern_adds_to_the_suite(graph, tmp_path):
     recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run'), 'regex': '^/arm/'})
     publisher = graph.user.create_publisher(Float64, '/arm/force', 10)
     graph.until(publisher.get_subscription_count, 'the recorder')
@@ -73,7 +67,7 @@ def test_a_pattern_adds_to_the_suite(graph: Graph, tmp_path: Path) -> None:
     assert messages_of(tmp_path / 'run_0').keys() == {*suite, '/arm/force'}
 
 
-def test_a_publisher_that_offers_less_is_received_as_well(graph: Graph, tmp_path: Path) -> None:
+def test_a_publisher_that_offers_less_is_received_as_well(graph, tmp_path):
     recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
     volatile = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
     publisher = graph.user.create_publisher(JointState, 'joint_states', volatile)
@@ -84,7 +78,7 @@ def test_a_publisher_that_offers_less_is_received_as_well(graph: Graph, tmp_path
     assert len(messages_of(tmp_path / 'run_0')['/joint_states']) == 1
 
 
-def test_a_pattern_that_is_none_is_named(graph: Graph, tmp_path: Path) -> None:
+def test_a_pattern_that_is_none_is_named(graph, tmp_path):
     said = r"parameter regex of bag_recorder = '\(' is not a regular expression: "
     with pytest.raises(ValueError, match=said):
         graph.start(BagRecorder, {'output': str(tmp_path / 'run'), 'regex': '('})
@@ -92,8 +86,8 @@ def test_a_pattern_that_is_none_is_named(graph: Graph, tmp_path: Path) -> None:
 
 
 def test_the_last_latched_message_before_the_recording_and_all_later_ones_are_kept(
-    graph: Graph, tmp_path: Path
-) -> None:
+    graph, tmp_path
+):
     publisher = interfaces.DELIVERY.publisher(graph.user)
     for count in range(5):
         publisher.publish(Delivery(impulses=count))
@@ -107,9 +101,7 @@ def test_the_last_latched_message_before_the_recording_and_all_later_ones_are_ke
     assert [deserialize_message(each, Delivery).impulses for each in said] == list(range(4, 500))
 
 
-def test_a_recorder_that_stood_still_has_every_delivery_of_that_time(
-    graph: Graph, tmp_path: Path
-) -> None:
+def test_a_recorder_that_stood_still_has_every_delivery_of_that_time(graph, tmp_path):
     publisher = interfaces.DELIVERY.publisher(graph.user)
     arguments = ['--ros-args', '-p', f'output:={tmp_path / "run"}']
     recorder = Program('bag_recorder', arguments, graph.domain, tmp_path / 'log')

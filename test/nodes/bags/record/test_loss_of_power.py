@@ -1,28 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """A power failure loses at most `sync_interval` of messages if the disk keeps synced data only."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from graphs import Graph, values
-from programs import Program
+from graphs import values
 from recordings import messages_of, publish_frames
 
 from soliton_linkage_nodes.bags.recovery import recover_bag
-from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 
 SOURCE = Path(__file__).with_name('forgetful_disk.c')
 
 
 @pytest.fixture(scope='module')
-def disk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def disk(tmp_path_factory):
     """A library to be preloaded."""
     library = tmp_path_factory.mktemp('disk') / 'forgetful_disk.so'
     command = [os.environ.get('CC', 'cc'), '-shared', '-fPIC', '-O1', '-o', library, SOURCE]
@@ -30,9 +25,7 @@ def disk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return library
 
 
-def test_synchronised_messages_are_kept(
-    graph: Graph, start: Callable[..., Program], named: NamedChain, tmp_path: Path, disk: Path
-) -> None:
+def test_synchronised_messages_are_kept(graph, start, named, tmp_path, disk):
     kept = tmp_path / 'kept_0'
     (kept / 'names').mkdir(parents=True)
     given = {'output': tmp_path / 'run', 'sync_interval': 0.5}

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A gate passes all, none, or the last seconds; latched messages are never lost."""
 
-from __future__ import annotations
-
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -18,12 +16,12 @@ def message(source: RecordedTopic, stamp: int, size: int = 1) -> ReceivedMessage
     return ReceivedMessage(source, stamp, bytes(size))
 
 
-def test_an_open_gate_passes_everything() -> None:
+def test_an_open_gate_passes_everything():
     messages = [message(STREAM, 1), message(LATCHED, 2)]
     assert RecordingBuffer().take(messages) == messages
 
 
-def test_after_a_pause_the_last_latched_message_of_each_topic_passes() -> None:
+def test_after_a_pause_the_last_latched_message_of_each_topic_passes():
     gate = RecordingBuffer(paused=True)
     other = RecordedTopic('/map', 'x/msg/Y', (), latched=True)
     messages = [message(LATCHED, 1), message(other, 2), message(STREAM, 3), message(LATCHED, 4)]
@@ -36,9 +34,7 @@ def test_after_a_pause_the_last_latched_message_of_each_topic_passes() -> None:
 
 
 @given(st.lists(st.tuples(st.booleans(), st.integers(0, SECOND)), max_size=60))
-def test_a_snapshot_is_the_last_seconds_after_the_last_latched_message_before(
-    gaps: list[tuple[bool, int]],
-) -> None:
+def test_a_snapshot_is_the_last_seconds_after_the_last_latched_message_before(gaps):
     messages, stamp = [], 0
     for is_latched, gap in gaps:
         stamp += gap
@@ -52,7 +48,7 @@ def test_a_snapshot_is_the_last_seconds_after_the_last_latched_message_before(
     assert gate.snapshot() == []
 
 
-def test_a_topic_that_is_taken_late_lengthens_no_snapshot() -> None:
+def test_a_topic_that_is_taken_late_lengthens_no_snapshot():
     gate = RecordingBuffer(snapshot=2.0)
     newest, late = message(STREAM, 4 * SECOND), message(STREAM, 3 * SECOND)
     for one in (message(STREAM, SECOND), newest, late, message(STREAM, SECOND)):
@@ -60,7 +56,7 @@ def test_a_topic_that_is_taken_late_lengthens_no_snapshot() -> None:
     assert gate.snapshot() == [newest, late]
 
 
-def test_the_memory_of_a_snapshot_is_limited() -> None:
+def test_the_memory_of_a_snapshot_is_limited():
     gate = RecordingBuffer(snapshot=3600.0, most_kept=1000)
     messages = [message(STREAM, stamp, 100) for stamp in range(50)]
     gate.take(messages)

@@ -1,15 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages that a publisher sent before it was matched are counted and stored."""
 
-from __future__ import annotations
-
 import json
 import sys
-from collections.abc import Callable
-from pathlib import Path
 
 import pytest
-from graphs import Graph, values
+from graphs import values
 from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -37,23 +33,19 @@ def missed(first: int, begin: int, period: int) -> int:
 
 @given(st.integers(1, 1000), st.integers(0, 10_000), st.integers(1, 100))
 def test_of_a_later_publisher_all_messages_before_the_first_one_received_are_missed(
-    first: int, begin: int, period: int
-) -> None:
+    first, begin, period
+):
     assert missed(first, begin, period) == first - 1
 
 
 @given(st.integers(2, 1000), st.integers(1, 100), st.data())
-def test_messages_of_an_earlier_publisher_are_not_missed(
-    first: int, period: int, data: st.DataObject
-) -> None:
+def test_messages_of_an_earlier_publisher_are_not_missed(first, period, data):
     begin = -data.draw(st.integers(1, (first - 1) * period))
     assert missed(first, begin, period) == 0
 
 
 @pytest.mark.parametrize('name', ['joint_states', 'motor_states'])
-def test_a_publisher_that_sends_before_it_is_matched_is_reported(
-    graph: Graph, tmp_path: Path, said: Callable[[], str], name: str
-) -> None:
+def test_a_publisher_that_sends_before_it_is_matched_is_reported(graph, tmp_path, said, name):
     given = {'output': str(tmp_path / 'run'), 'topics': [name]}
     recorder = graph.start(BagRecorder, given)
     reports = graph.reports('bag_recorder')
@@ -85,9 +77,7 @@ def test_a_publisher_that_sends_before_it_is_matched_is_reported(
     assert json.loads(stored) == {f'/{name}': counted}
 
 
-def test_check_bag_states_the_missed_messages(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_check_bag_states_the_missed_messages(monkeypatch, capsys, tmp_path):
     writer = BagWriter(tmp_path / 'run')
     writer.add_topic('/nudge', 'std_msgs/msg/Float64')
     writer.close({'missed_messages': '{"/nudge": 3}'})

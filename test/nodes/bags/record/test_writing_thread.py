@@ -1,18 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A slow disk loses no message; a full disk loses no written message."""
 
-from __future__ import annotations
-
 import os
 import resource
 import subprocess
 import threading
-from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
-from graphs import Graph
-from programs import Program
 from recordings import messages_of, publish_frames
 
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
@@ -21,14 +15,13 @@ from soliton_linkage_nodes.bags.record.writing_thread import (
     RecordedTopic,
     WritingThread,
 )
-from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 
 NUDGES = RecordedTopic('/nudge', 'std_msgs/msg/Float64', (interfaces.NUDGE.qos,))
 
 
 @pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
+def small_disk(tmp_path):
     """A disk of 3 MB."""
     disk = tmp_path / 'disk'
     disk.mkdir()
@@ -39,9 +32,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(['umount', str(disk)], check=True)
 
 
-def test_a_full_disk_ends_it_with_one_line(
-    graph: Graph, start: Callable[..., Program], named: NamedChain, tmp_path: Path
-) -> None:
+def test_a_full_disk_ends_it_with_one_line(graph, start, named, tmp_path):
     bag = tmp_path / 'run'
     program = start('bag_recorder', '--ros-args', '-p', f'output:={bag}')
     publisher = graph.speak(interfaces.JOINT_STATES)
@@ -64,7 +55,7 @@ def test_a_full_disk_ends_it_with_one_line(
 
 
 @pytest.mark.parametrize('largest', [0, 100_000])
-def test_messages_on_a_full_disk_can_be_read(small_disk: Path, largest: int) -> None:
+def test_messages_on_a_full_disk_can_be_read(small_disk, largest):
     bag = small_disk / 'run'
     thread = WritingThread(lambda: BagWriter(bag, largest_file=largest, flush_interval=0.0))
     sent: list[bytes] = []
@@ -84,8 +75,8 @@ def test_messages_on_a_full_disk_can_be_read(small_disk: Path, largest: int) -> 
 
 @pytest.mark.parametrize(('room', 'kept'), [(1000, 10), (10_000, 100)])
 def test_messages_wait_for_a_stalled_disk_and_are_counted_as_lost_beyond_the_limit(
-    tmp_path: Path, room: int, kept: int
-) -> None:
+    tmp_path, room, kept
+):
     gate = threading.Event()
 
     class StalledDisk(BagWriter):

@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
 import itertools
 import math
 import shutil
 import sys
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Generator
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -47,7 +45,7 @@ def pytest_runtest_makereport(
 
 
 @pytest.fixture(scope='package')
-def browser() -> Iterator[Browser]:
+def browser():
     pytest.importorskip('nicegui', reason='needs NiceGUI: pip install nicegui')
     sync = pytest.importorskip(
         'playwright.sync_api', reason='needs Playwright: pip install playwright'
@@ -67,7 +65,7 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.fixture(scope='package')
-def fresh_nicegui(browser: Browser) -> Iterator[None]:
+def fresh_nicegui(browser):
     """Reset NiceGUI, which may have served an earlier page in this process."""
     from nicegui import Client
     from nicegui.testing.general import nicegui_reset_globals
@@ -79,23 +77,21 @@ def fresh_nicegui(browser: Browser) -> Iterator[None]:
 
 
 @pytest.fixture(scope='package')
-def domains() -> Iterator[Callable[[], int]]:
+def domains():
     """Return unused domains."""
     with ExitStack() as stack:
         yield lambda: stack.enter_context(domain_coordinator.domain_id(lambda: next(_domains)))
 
 
 @pytest.fixture(scope='package')
-def stage(
-    fresh_nicegui: None, domains: Callable[[], int], tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Stage]:
+def stage(fresh_nicegui, domains, tmp_path_factory):
     made = Stage(domains(), tmp_path_factory.mktemp('live'))
     yield made
     made.close()
 
 
 @pytest.fixture(scope='package')
-def live_view(stage: Stage) -> LiveView:
+def live_view(stage):
     stage.start(Simulator, SIMULATED)
     stage.start(SolitonAnalyser)
     for node in (EdgeActuator, SolitonSteering):
@@ -117,12 +113,12 @@ def _seen(view: View) -> Any:
 
 
 @pytest.fixture(scope='package')
-def view(live_view: LiveView) -> View:
+def view(live_view):
     return live_view.view
 
 
 @pytest.fixture(scope='package')
-def open_page(browser: Browser, live_view: LiveView) -> Iterator[Callable[..., Visit]]:
+def open_page(browser, live_view):
     visits: list[Visit] = []
 
     def visit(address: str = '', **options: Any) -> Visit:
@@ -135,18 +131,12 @@ def open_page(browser: Browser, live_view: LiveView) -> Iterator[Callable[..., V
 
 
 @pytest.fixture(scope='package')
-def shared(open_page: Callable[..., Visit]) -> Visit:
+def shared(open_page):
     return open_page()
 
 
 @pytest.fixture
-def visit(
-    shared: Visit,
-    stage: Stage,
-    browser: Browser,
-    monkeypatch: pytest.MonkeyPatch,
-    request: pytest.FixtureRequest,
-) -> Iterator[Visit]:
+def visit(shared, stage, browser, monkeypatch, request):
     """Shared page, which shows its whole chain and logs nothing in the console."""
     # For the programs that the page starts.
     monkeypatch.setenv('ROS_DOMAIN_ID', str(stage.domain))
@@ -167,7 +157,7 @@ def visit(
 
 
 @pytest.fixture
-def at_rest(view: View, visit: Visit, stage: Stage) -> Visit:
+def at_rest(view, visit, stage):
     """Shared page, with the chain and its soliton at rest."""
     visit.tab('Drive')
     stage.call(Trigger, 'soliton_steering/release')

@@ -1,19 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pytest
-from live_stage import Stage, Visit, until
+from live_stage import until
 
 from soliton_linkage.linear.bands import band_edges
 from soliton_linkage_msgs.msg import EdgeCommand
-from soliton_linkage_nodes.live_view.view import View
 from soliton_linkage_nodes.runtime import interfaces
 
 
-def test_a_nudge_is_sent_by_button_and_key(at_rest: Visit, stage: Stage) -> None:
+def test_a_nudge_is_sent_by_button_and_key(at_rest, stage):
     visit = at_rest
     nudges, commands = stage.record(interfaces.NUDGE), stage.record(interfaces.EDGE_COMMAND)
     kicks = stage.record(interfaces.LAST_KICK)
@@ -30,9 +27,7 @@ def test_a_nudge_is_sent_by_button_and_key(at_rest: Visit, stage: Stage) -> None
 
 
 @pytest.mark.parametrize('by', ['pointer', 'key'])
-def test_a_rotor_follows_the_pull_until_it_is_released(
-    at_rest: Visit, view: View, stage: Stage, by: str
-) -> None:
+def test_a_rotor_follows_the_pull_until_it_is_released(at_rest, view, stage, by):
     visit, model = at_rest, view.chains['/'].model
     kicks = stage.record(interfaces.LAST_KICK)
     torques = stage.record(interfaces.ROTOR_TORQUES)
@@ -59,9 +54,7 @@ def test_a_rotor_follows_the_pull_until_it_is_released(
     until(lambda: not any(torques[-1].effort), 'the end of the torques')
 
 
-def test_a_rejected_nudge_is_shown_with_the_reason_of_the_actuator(
-    at_rest: Visit, view: View, stage: Stage
-) -> None:
+def test_a_rejected_nudge_is_shown_with_the_reason_of_the_actuator(at_rest, view, stage):
     visit = at_rest
     kicks = stage.record(interfaces.LAST_KICK)
     visit.fill('speed', 1000)
@@ -78,7 +71,7 @@ def test_a_rejected_nudge_is_shown_with_the_reason_of_the_actuator(
     assert '1000' not in visit.text('answer')
 
 
-def test_an_answer_that_is_late_is_reported_after_two_seconds(visit: Visit, stage: Stage) -> None:
+def test_an_answer_that_is_late_is_reported_after_two_seconds(visit, stage):
     visit.js("live.answers.show({id: 'late', name: 'Nudge', good: null})")
     visit.has_text('answer', 'Nudge: waiting for the answer')
     visit.has_text('answer', 'Nudge: no answer within 2 s, still waiting')
@@ -86,9 +79,7 @@ def test_an_answer_that_is_late_is_reported_after_two_seconds(visit: Visit, stag
     visit.has_text('answer', 'Nudge: done')
 
 
-def test_a_sine_burst_is_sent_from_the_slider_with_the_phonon_band(
-    at_rest: Visit, view: View, stage: Stage
-) -> None:
+def test_a_sine_burst_is_sent_from_the_slider_with_the_phonon_band(at_rest, view, stage):
     visit = at_rest
     received, kicks = stage.record(interfaces.EDGE_COMMAND), stage.record(interfaces.LAST_KICK)
     visit.tab('Drive')
@@ -118,9 +109,7 @@ def test_a_sine_burst_is_sent_from_the_slider_with_the_phonon_band(
     )
 
 
-def test_the_slider_changes_the_motors_of_the_running_simulator(
-    at_rest: Visit, view: View
-) -> None:
+def test_the_slider_changes_the_motors_of_the_running_simulator(at_rest, view):
     visit, model = at_rest, view.chains['/'].model
     visit.tab('Drive')
     slider = visit.page.locator('#live-coupling [tabindex="0"]')
@@ -132,7 +121,7 @@ def test_the_slider_changes_the_motors_of_the_running_simulator(
     until(lambda: model.named.chain.non_reciprocity == 0, 'the end of the motors')
 
 
-def test_edge_commands_are_sent_with_their_times(visit: Visit, stage: Stage) -> None:
+def test_edge_commands_are_sent_with_their_times(visit, stage):
     received = stage.record(interfaces.EDGE_COMMAND)
     visit.tab('Drive')
     visit.click('send')
@@ -164,7 +153,7 @@ def test_edge_commands_are_sent_with_their_times(visit: Visit, stage: Stage) -> 
     visit.choose('edge', 'nearest')
 
 
-def test_the_slider_tilts_the_chain(visit: Visit, view: View, stage: Stage) -> None:
+def test_the_slider_tilts_the_chain(visit, view, stage):
     received = stage.record(interfaces.TILT)
     visit.tab('Drive')
     slider = visit.page.locator('#live-tilt [tabindex="0"]')
@@ -179,9 +168,7 @@ def test_the_slider_tilts_the_chain(visit: Visit, view: View, stage: Stage) -> N
     until(lambda: received[-1].data == pytest.approx(0.0), 'the tilt back')
 
 
-def test_the_simulation_is_paused_stepped_and_resumed_and_its_factor_is_set(
-    visit: Visit, stage: Stage
-) -> None:
+def test_the_simulation_is_paused_stepped_and_resumed_and_its_factor_is_set(visit, stage):
     subscription = stage.subscribe(interfaces.JOINT_STATES)
     received = stage.record(interfaces.JOINT_STATES)
     until(lambda: received, 'joint_states')
@@ -206,7 +193,7 @@ def test_the_simulation_is_paused_stepped_and_resumed_and_its_factor_is_set(
 
 
 @pytest.mark.parametrize('state', ['left-leaning', 'right-leaning', 'soliton', 'initial'])
-def test_the_chain_is_reset_to_each_state(visit: Visit, view: View, state: str) -> None:
+def test_the_chain_is_reset_to_each_state(visit, view, state):
     visit.tab('Run')
     visit.choose('state', state)
     if state == 'soliton':
@@ -223,9 +210,7 @@ def test_the_chain_is_reset_to_each_state(visit: Visit, view: View, state: str) 
         until(lambda: np.allclose(np.sin(model.angles), lean, atol=1e-3), 'the state')
 
 
-def test_the_chain_is_reset_to_angles_and_invalid_angles_are_rejected(
-    visit: Visit, stage: Stage
-) -> None:
+def test_the_chain_is_reset_to_angles_and_invalid_angles_are_rejected(visit, stage):
     visit.tab('Run')
     visit.choose('state', 'angles')
     visit.fill('angles [rad]', 'rotor_0: x')
@@ -246,7 +231,7 @@ def test_the_chain_is_reset_to_angles_and_invalid_angles_are_rejected(
     visit.choose('state', 'initial')
 
 
-def test_parameters_are_shown_with_range_and_unit_and_changed(visit: Visit, view: View) -> None:
+def test_parameters_are_shown_with_range_and_unit_and_changed(visit, view):
     visit.tab('Settings')
     visit.choose('node', 'simulator')
     visit.panel_has_text('acceleration of a free mass [m/s^2]; 0 ')
@@ -264,7 +249,7 @@ def test_parameters_are_shown_with_range_and_unit_and_changed(visit: Visit, view
     visit.answers('gravity.acceleration = 0.0')
 
 
-def test_the_keyboard_reaches_all_controls(visit: Visit, stage: Stage) -> None:
+def test_the_keyboard_reaches_all_controls(visit, stage):
     received = stage.record(interfaces.NUDGE)
     visit.tab('Drive')
     visit.page.focus('#live-dark')

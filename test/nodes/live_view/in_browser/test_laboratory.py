@@ -1,13 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
 import array
 import io
-from collections.abc import Iterator
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from live_stage import Stage, Visit, until
+from live_stage import Stage, until
 from PIL import Image
 from sensor_msgs.msg import CompressedImage
 from std_srvs.srv import Trigger
@@ -52,19 +49,19 @@ def picture() -> bytes:
 
 
 @pytest.fixture
-def camera(visit: Visit, stage: Stage) -> Iterator[Camera]:
+def camera(visit, stage):
     made = Camera(stage)
     yield made
     made.close()
 
 
-def test_a_chain_without_a_camera_shows_the_reason(visit: Visit) -> None:
+def test_a_chain_without_a_camera_shows_the_reason(visit):
     visit.has_text('camera-figure', 'no node publishes camera_overlay; start camera_encoders')
     assert 'absent' in visit.page.locator('#live-camera-figure').get_attribute('class')
     assert not visit.page.locator('#live-camera').is_visible()
 
 
-def test_camera_pictures_are_shown_while_the_panel_is_open(visit: Visit, camera: Camera) -> None:
+def test_camera_pictures_are_shown_while_the_panel_is_open(visit, camera):
     visit.has_text('camera-figure', '320 × 180, ')
     for place, colour in (((40, 90), RED), ((280, 90), BLUE)):
         assert visit.page.evaluate(PIXEL, place) == pytest.approx(colour, abs=12)
@@ -132,7 +129,7 @@ class Identifier:
         self._reports.publish(DiagnosticArray(status=[status]))
 
 
-def test_the_buttons_identify_and_save_the_chain(visit: Visit, stage: Stage) -> None:
+def test_the_buttons_identify_and_save_the_chain(visit, stage):
     visit.tab('Identify')
     visit.panel_has_text('no node serves identify; start chain_identifier')
     assert visit.page.locator('#live-identifier-identify').is_disabled()

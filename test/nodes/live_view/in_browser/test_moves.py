@@ -1,14 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
-from live_stage import Stage, Visit, until
+from live_stage import until
 from rclpy.action import ActionClient
 
 from soliton_linkage_msgs.action import MoveSoliton
-from soliton_linkage_nodes.live_view.view import View
 
 
-def test_a_click_moves_the_soliton_and_release_ends_the_hold(at_rest: Visit, view: View) -> None:
+def test_a_click_moves_the_soliton_and_release_ends_the_hold(at_rest, view):
     visit = at_rest
     visit.page.mouse.click(*visit.place(7.0))
     visit.page.locator('#live-move progress').wait_for()
@@ -29,9 +26,7 @@ def test_a_click_moves_the_soliton_and_release_ends_the_hold(at_rest: Visit, vie
     visit.answers('released')
 
 
-def test_a_move_is_cancelled_and_a_goal_outside_the_chain_is_rejected(
-    at_rest: Visit, view: View
-) -> None:
+def test_a_move_is_cancelled_and_a_goal_outside_the_chain_is_rejected(at_rest, view):
     visit = at_rest
     visit.page.focus('#live-chain')
     for _ in range(3):
@@ -52,7 +47,7 @@ def test_a_move_is_cancelled_and_a_goal_outside_the_chain_is_rejected(
     visit.page.keyboard.press('Escape')
 
 
-def test_a_reset_ends_the_status_of_a_move(at_rest: Visit, view: View) -> None:
+def test_a_reset_ends_the_status_of_a_move(at_rest, view):
     visit = at_rest
     visit.fill('to rotor', 6)
     visit.click('carry')
@@ -63,9 +58,7 @@ def test_a_reset_ends_the_status_of_a_move(at_rest: Visit, view: View) -> None:
     assert not view.commands('/').move.state
 
 
-def test_a_move_of_another_client_is_shown_and_cancelled(
-    at_rest: Visit, view: View, stage: Stage
-) -> None:
+def test_a_move_of_another_client_is_shown_and_cancelled(at_rest, view, stage):
     visit = at_rest
     client = ActionClient(stage.user, MoveSoliton, 'move_soliton')
     until(client.server_is_ready, 'the steering')

@@ -1,6 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
 import os
 import re
 import signal
@@ -8,11 +6,10 @@ import subprocess
 import sys
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from live_stage import Browser, Rig, Stage, Visit, until
+from live_stage import Rig, Stage, Visit, until
 
 pytest.importorskip('nicegui', reason='needs NiceGUI: pip install nicegui')
 
@@ -48,12 +45,12 @@ class Served:
 
 
 @pytest.fixture(scope='module')
-def domain(domains: Callable[[], int]) -> int:
+def domain(domains):
     return domains()
 
 
 @pytest.fixture(scope='module')
-def served(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+def served(domain, tmp_path_factory):
     made = Served(domain, tmp_path_factory.mktemp('read_only') / 'log')
     yield made
     made.process.send_signal(signal.SIGINT)
@@ -74,7 +71,7 @@ def request(address: str, **headers: str) -> tuple[int, str]:
         return error.code, error.read().decode()
 
 
-def test_a_page_for_other_machines_requires_the_printed_token(served: Served) -> None:
+def test_a_page_for_other_machines_requires_the_printed_token(served):
     here, _, token = served.address.partition('?token=')
     assert len(token) >= 32
     status, page = request(f'{here}?token={token}')
@@ -90,9 +87,7 @@ def test_a_page_for_other_machines_requires_the_printed_token(served: Served) ->
     assert served.output.count(token) == 1
 
 
-def test_a_read_only_page_sends_no_commands(
-    served: Served, browser: Browser, domain: int, tmp_path: Path
-) -> None:
+def test_a_read_only_page_sends_no_commands(served, browser, domain, tmp_path):
     stage = Stage(domain, tmp_path)
     rig = Rig(stage, '/')
     rig.go(7)

@@ -1,16 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from live_stage import Rig, Stage, Visit, until
+from live_stage import Rig, until
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
-from soliton_linkage_nodes.live_view.node import LiveView
-from soliton_linkage_nodes.live_view.view import View
 from soliton_linkage_nodes.messages.conversions import (
     NamedChain,
     chain_to_msg,
@@ -21,7 +16,7 @@ from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 
 @pytest.fixture(scope='module')
-def rig(stage: Stage, view: View) -> Iterator[Rig]:
+def rig(stage, view):
     """Joints without the topic chain."""
     made = Rig(stage, '/rig/')
     made.go(6)
@@ -30,9 +25,7 @@ def rig(stage: Stage, view: View) -> Iterator[Rig]:
     made.close()
 
 
-def test_a_source_stops_and_returns_with_another_number_of_rotors(
-    visit: Visit, view: View, rig: Rig
-) -> None:
+def test_a_source_stops_and_returns_with_another_number_of_rotors(visit, view, rig):
     visit.choose('chain', 'rig')
     visit.wait('live.watched === "/rig/" && live.shown && live.shown.rotors === 6')
     assert 'no topic chain' in visit.js('live.view.note()')
@@ -60,9 +53,7 @@ def test_a_source_stops_and_returns_with_another_number_of_rotors(
     visit.wait('live.watched === "/" && live.shown.rotors === 12')
 
 
-def test_encoders_with_an_actuator_are_driven_like_a_simulator(
-    visit: Visit, rig: Rig, stage: Stage
-) -> None:
+def test_encoders_with_an_actuator_are_driven_like_a_simulator(visit, rig, stage):
     named = NamedChain(Chain(number_of_rotors=9), default_joint_names(9))
     topic = interfaces.CHAIN
     publisher = stage.user.create_publisher(topic.type, '/rig/chain', topic.qos)
@@ -84,9 +75,7 @@ def test_encoders_with_an_actuator_are_driven_like_a_simulator(
     visit.wait('live.watched === "/" && live.shown.rotors === 12')
 
 
-def test_a_page_that_changes_the_chain_while_a_frame_is_pending_continues(
-    visit: Visit, rig: Rig
-) -> None:
+def test_a_page_that_changes_the_chain_while_a_frame_is_pending_continues(visit, rig):
     for name in ('*', '/rig/', '*', '/', '*', '/'):
         visit.page.evaluate(
             """async (name) => {
@@ -98,14 +87,14 @@ def test_a_page_that_changes_the_chain_while_a_frame_is_pending_continues(
     visit.wait(f'live.drawn > {before + 5}')
 
 
-def test_a_source_without_messages_is_dropped_when_it_ends(view: View, stage: Stage) -> None:
+def test_a_source_without_messages_is_dropped_when_it_ends(view, stage):
     ghost = Rig(stage, '/ghost/')
     until(lambda: '/ghost/' in view.chains, 'the chain to be found')
     ghost.close()
     until(lambda: '/ghost/' not in view.chains, 'the chain to be dropped')
 
 
-def test_ten_thousand_rotors_are_shown_in_groups(visit: Visit, stage: Stage) -> None:
+def test_ten_thousand_rotors_are_shown_in_groups(visit, stage):
     rig = Rig(stage, '/long/')
     rig.go(10_000)
     visit.choose('chain', 'long')
@@ -119,9 +108,7 @@ def test_ten_thousand_rotors_are_shown_in_groups(visit: Visit, stage: Stage) -> 
     visit.wait('live.shown.rotors === 12')
 
 
-def test_invalid_reports_do_not_end_the_page(
-    visit: Visit, view: View, live_view: LiveView, stage: Stage
-) -> None:
+def test_invalid_reports_do_not_end_the_page(visit, view, live_view, stage):
     topic = interfaces.DIAGNOSTICS
     publisher = stage.user.create_publisher(topic.type, topic.name, topic.qos)
     figures = ('moves begun', 'move to rotor', 'lost messages', 'gravity [m/s^2]', 'tilt [rad]')

@@ -1,11 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The observer of an experiment waits for the chain before it detects arrivals."""
 
-from __future__ import annotations
-
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from graphs import Graph
 from std_msgs.msg import Header
 
 from soliton_linkage.linkage.chain import Chain
@@ -22,7 +19,7 @@ from soliton_linkage_nodes.runtime.stamps import time_to_msg
 CHAIN = Chain(number_of_rotors=8)
 
 
-def test_a_state_that_comes_before_the_chain_does_not_suffice(graph: Graph) -> None:
+def test_a_state_that_comes_before_the_chain_does_not_suffice(graph):
     observer = graph.start(Observer)
     stamp = time_to_msg(1)
     states = graph.speak(interfaces.SOLITON_STATE)
@@ -37,7 +34,7 @@ def test_a_state_that_comes_before_the_chain_does_not_suffice(graph: Graph) -> N
     assert not observer.informed
 
 
-def test_a_soliton_is_back_once_it_has_been_at_the_other_edge(graph: Graph) -> None:
+def test_a_soliton_is_back_once_it_has_been_at_the_other_edge(graph):
     observer = graph.start(Observer)
     trip = RoundTrip(observer)
     graph.speak(interfaces.CHAIN).publish(
@@ -57,7 +54,7 @@ def test_a_soliton_is_back_once_it_has_been_at_the_other_edge(graph: Graph) -> N
     assert 'the soliton is at rotor 1.5 now; raise the parameter nudge or' in trip.missing()
 
 
-def test_a_rejected_nudge_ends_the_wait(graph: Graph) -> None:
+def test_a_rejected_nudge_ends_the_wait(graph):
     observer = graph.start(Observer)
     refusal = KeyValue(key='last rejection', value='/nudge: too fast')
     status = DiagnosticStatus(name='edge_actuator: chain', values=[refusal])

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The filmed experiment rejects unknown parameters; its page links all its files."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -13,7 +11,7 @@ from soliton_linkage_nodes.programs.experiment.filmed_experiment import run, wri
 CONFIG = Path(__file__).resolve().parents[4] / 'config/filmed.yaml'
 
 
-def test_unknown_parameters_are_rejected(tmp_path: Path) -> None:
+def test_unknown_parameters_are_rejected(tmp_path):
     for given, said in [
         ({'kicks': 3.0}, 'unknown parameter kicks'),
         ({'duration': 0.0}, 'duration = 0.0 must lie in the range 1 to 3600 s'),
@@ -22,7 +20,7 @@ def test_unknown_parameters_are_rejected(tmp_path: Path) -> None:
             run(CONFIG, given, tmp_path)
 
 
-def test_the_page_shows_films_report_and_track_beside_each_other(tmp_path: Path) -> None:
+def test_the_page_shows_films_report_and_track_beside_each_other(tmp_path):
     write_film_page(tmp_path, 'placed to < 0.01')
     page = (tmp_path / 'index.html').read_text(encoding='utf-8')
     shown = re.findall(r'src="(.*?)"', page)

@@ -1,13 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The conclusion of an experiment is correct; parallel experiments use separate folders."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any
-
-import pytest
 
 from soliton_linkage_nodes.programs.experiment.program import claimed, conclusion, other_scenarios
 
@@ -27,7 +23,7 @@ SUMMARY: dict[str, Any] = {
 }
 
 
-def test_the_end_is_described() -> None:
+def test_the_end_is_described():
     for changed, said in [
         ({}, 'A soliton crossed the chain of 40 rotors (flipper) 2 times at 9.70 rotors/s.'),
         ({'speed_rotors_per_s': None}, '(flipper) 2 times.'),
@@ -45,7 +41,7 @@ def test_the_end_is_described() -> None:
         assert said in conclusion({**SUMMARY, **changed}, Path('out'), Path('out/flipper_0'))
 
 
-def test_omitted_steps_are_suggested() -> None:
+def test_omitted_steps_are_suggested():
     others = [path.stem for path in other_scenarios(CONFIG / 'wobbler.yaml')]
     assert others == [
         'active',
@@ -58,7 +54,7 @@ def test_omitted_steps_are_suggested() -> None:
     ]
 
 
-def test_files_that_are_no_scenario_are_not_suggested(tmp_path: Path) -> None:
+def test_files_that_are_no_scenario_are_not_suggested(tmp_path):
     (tmp_path / 'a.yaml').write_text('[')
     (tmp_path / 'b.yaml').write_text('experiment: {ros__parameters: {scenario: c}}')
     (tmp_path / 'c.yaml').write_text('/**/experiment: {ros__parameters: {scenario: c}}')
@@ -66,9 +62,7 @@ def test_files_that_are_no_scenario_are_not_suggested(tmp_path: Path) -> None:
     assert other_scenarios(tmp_path / 'mine.yaml') == [tmp_path / 'c.yaml']
 
 
-def test_a_folder_in_use_is_not_changed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_folder_in_use_is_not_changed(tmp_path, capsys):
     demo = tmp_path / 'out' / 'demo'
     with claimed(demo) as first:
         assert first == demo
@@ -80,7 +74,7 @@ def test_a_folder_in_use_is_not_changed(
         assert again == demo
 
 
-def test_results_of_an_earlier_experiment_do_not_remain(tmp_path: Path) -> None:
+def test_results_of_an_earlier_experiment_do_not_remain(tmp_path):
     (tmp_path / 'notes.txt').write_text('of the user')
     with claimed(tmp_path) as folder:
         (folder / 'index.html').write_text('film')

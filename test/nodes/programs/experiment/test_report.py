@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The report of a bag matches its content, for the recordings of the suite."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path
@@ -32,7 +30,7 @@ NUDGES = {'flipper': 10.0, 'wobbler': 4.0, 'spinner': 12.5}
 
 
 @pytest.mark.parametrize('name', MOTIONS)
-def test_the_recorded_motion_is_the_simulated_one(name: str) -> None:
+def test_the_recorded_motion_is_the_simulated_one(name):
     run = read_run(BAGS / f'{name}_0')
     chain = run.named.chain
     assert chain.motion is MOTIONS[name]
@@ -50,7 +48,7 @@ def test_the_recorded_motion_is_the_simulated_one(name: str) -> None:
 
 
 @pytest.mark.parametrize('name', MOTIONS)
-def test_the_track_is_that_of_the_simulated_wall(name: str) -> None:
+def test_the_track_is_that_of_the_simulated_wall(name):
     run = read_run(BAGS / f'{name}_0')
     fitted = follow(run.named.chain, run.recording)
     both = np.isfinite(run.track.sites) & np.isfinite(fitted.sites)
@@ -61,7 +59,7 @@ def test_the_track_is_that_of_the_simulated_wall(name: str) -> None:
     assert len(run.crossings) >= 2
 
 
-def test_the_summary_is_valid_json_and_true_to_the_bag() -> None:
+def test_the_summary_is_valid_json_and_true_to_the_bag():
     run = read_run(BAGS / 'flipper_0')
     summary = json.loads(json.dumps(summarise(run), allow_nan=False))
     assert summary['motion'] == 'flipper'
@@ -72,13 +70,13 @@ def test_the_summary_is_valid_json_and_true_to_the_bag() -> None:
     assert summary['speed_rotors_per_s'] == pytest.approx(np.mean(speeds))
 
 
-def test_the_pictures_are_drawn(tmp_path: Path) -> None:
+def test_the_pictures_are_drawn(tmp_path):
     draw(read_run(BAGS / 'spinner_0'), tmp_path)
     for picture in ('kymograph.png', 'track.png'):
         assert np.std(imread(tmp_path / picture)[..., :3]) > 0.05
 
 
-def test_the_largest_difference_is_over_the_frames_of_both() -> None:
+def test_the_largest_difference_is_over_the_frames_of_both():
     assert largest_difference({}, {}) == 0
     assert largest_difference({1: (2.0,), 2: ()}, {1: (2.5,), 2: (), 3: (9.0,)}) == 0.5
     assert largest_difference({1: (2.0, 5.0)}, {1: (2.0, 4.0)}) == 1.0

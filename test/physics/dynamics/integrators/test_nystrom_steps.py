@@ -1,6 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
 import mpmath
 import numpy as np
 import pytest
@@ -24,7 +22,7 @@ def all_checked(state: Array, absolute: float = 1.0, relative: float = 0.0) -> C
     return Checks(np.full(len(state), absolute), relative, np.arange(1, 100))
 
 
-def test_a_step_is_a_palindrome_that_fills_its_time() -> None:
+def test_a_step_is_a_palindrome_that_fills_its_time():
     assert len(DRIFTS) == len(KICKS) + 1
     for times in (DRIFTS, KICKS):
         assert times.sum() == pytest.approx(1, abs=1e-15)
@@ -32,7 +30,7 @@ def test_a_step_is_a_palindrome_that_fills_its_time() -> None:
 
 
 @pytest.mark.parametrize('name', MOTIONS)
-def test_the_loops_take_the_steps_of_the_equations(name: str) -> None:
+def test_the_loops_take_the_steps_of_the_equations(name):
     motion = MOTIONS[name]
     state = lively_state(motion)
     for step in (0.4, -0.4):
@@ -41,7 +39,7 @@ def test_the_loops_take_the_steps_of_the_equations(name: str) -> None:
         np.testing.assert_allclose(fast, plain, rtol=0, atol=3e-13)
 
 
-def test_the_loops_interpolate_as_the_equations_have_it() -> None:
+def test_the_loops_interpolate_as_the_equations_have_it():
     for name in MOTIONS:
         motion = MOTIONS[name]
         states, _ = NaiveNystrom(motion).advance(lively_state(motion), 0.4, 3)
@@ -52,7 +50,7 @@ def test_the_loops_interpolate_as_the_equations_have_it() -> None:
         np.testing.assert_allclose(fast[[0, 3, 6]], states[[0, 1, 3]], rtol=0, atol=1e-14)
 
 
-def test_the_pull_of_a_spring_is_exact_up_to_rounding() -> None:
+def test_the_pull_of_a_spring_is_exact_up_to_rounding():
     near_one = 1 + np.linspace(-0.3, 0.3, 2001)
     squares = np.concatenate([near_one, np.geomspace(1e-12, 1e12, 2001)])
     exact = [float(1 - 1 / mpmath.sqrt(square)) for square in squares]
@@ -65,7 +63,7 @@ def test_the_pull_of_a_spring_is_exact_up_to_rounding() -> None:
     assert abs(tension(1.0)) < 1e-20
 
 
-def test_measurements_do_not_depend_on_the_split_of_steps() -> None:
+def test_measurements_do_not_depend_on_the_split_of_steps():
     def measured(*counts: int) -> list[int]:
         found, taken = [], 0
         for count in counts:
@@ -80,7 +78,7 @@ def test_measurements_do_not_depend_on_the_split_of_steps() -> None:
         assert measured(*counts) == measured(int(counts.sum()))
 
 
-def test_errors_are_measured_alike_and_at_the_same_steps() -> None:
+def test_errors_are_measured_alike_and_at_the_same_steps():
     motion = MOTIONS['all at once']
     state = lively_state(motion)
     for measured in ([1], [2], [2, 5]):
@@ -92,7 +90,7 @@ def test_errors_are_measured_alike_and_at_the_same_steps() -> None:
     assert NystromSteps(motion).advance(state, 0.9, 6)[1] == 0
 
 
-def test_a_measured_step_is_the_same_as_one_that_is_not() -> None:
+def test_a_measured_step_is_the_same_as_one_that_is_not():
     motion = MOTIONS['all at once']
     state = lively_state(motion)
     checks = all_checked(state)
@@ -101,7 +99,7 @@ def test_a_measured_step_is_the_same_as_one_that_is_not() -> None:
     np.testing.assert_array_equal(measured, plain)
 
 
-def test_the_error_is_that_against_two_halves() -> None:
+def test_the_error_is_that_against_two_halves():
     motion = MOTIONS['damped']
     state = lively_state(motion)
     absolute = np.linspace(1e-3, 2e-3, len(state))
@@ -113,7 +111,7 @@ def test_the_error_is_that_against_two_halves() -> None:
     assert error == pytest.approx(expected, rel=1e-6)
 
 
-def test_it_stops_before_a_step_that_is_too_wrong() -> None:
+def test_it_stops_before_a_step_that_is_too_wrong():
     motion = MOTIONS['flipper']
     state = lively_state(motion)
     checks = Checks(np.full(len(state), 1e-14), 0.0, np.array([3]))
@@ -122,7 +120,7 @@ def test_it_stops_before_a_step_that_is_too_wrong() -> None:
     assert error > 1
 
 
-def test_it_stops_before_a_rotor_turns_too_far() -> None:
+def test_it_stops_before_a_rotor_turns_too_far():
     motion = MOTIONS['flipper']
     state = lively_state(motion)
     state[motion.rotors + 2] = 1.01 * LARGEST_TURN / np.abs(DRIFTS).max()
@@ -131,7 +129,7 @@ def test_it_stops_before_a_rotor_turns_too_far() -> None:
 
 
 @pytest.mark.parametrize('name', ['flipper', 'spinner', 'deviating ring', 'all at once'])
-def test_the_error_is_of_order_six(name: str) -> None:
+def test_the_error_is_of_order_six(name):
     motion = MOTIONS[name]
     taken = NystromSteps(motion)
     counts = np.array([12, 16, 24])
@@ -145,7 +143,7 @@ def test_the_error_is_of_order_six(name: str) -> None:
     assert -6.5 < slope < -5.5
 
 
-def test_steps_back_undo_steps_forth() -> None:
+def test_steps_back_undo_steps_forth():
     for name in MOTIONS:
         motion = MOTIONS[name]
         state = lively_state(motion)
@@ -170,7 +168,7 @@ def jacobian(motion: EquationOfMotion, state: Array, step: float) -> Array:
 
 
 @pytest.mark.parametrize('name', ['flipper', 'deviating', 'gravity and torques', 'ring'])
-def test_a_step_is_symplectic_without_damping(name: str) -> None:
+def test_a_step_is_symplectic_without_damping(name):
     motion = MOTIONS[name]
     number = motion.rotors
     matrix = jacobian(motion, lively_state(motion), 1.3)
@@ -180,7 +178,7 @@ def test_a_step_is_symplectic_without_damping(name: str) -> None:
     assert np.abs(matrix - np.eye(2 * number)).max() > 0.5
 
 
-def test_damping_contracts_areas_as_in_the_motion() -> None:
+def test_damping_contracts_areas_as_in_the_motion():
     motion = EquationOfMotion(unit_chain(6, damping=0.05))
     gamma = float(motion.decay_rates[0])
     matrix = jacobian(motion, lively_state(motion), 1.1)
@@ -190,7 +188,7 @@ def test_damping_contracts_areas_as_in_the_motion() -> None:
     np.testing.assert_allclose(matrix.T @ form @ matrix, shrunk, rtol=0, atol=1e-9)
 
 
-def test_a_step_is_bounded_for_vibrations_up_to_the_stable_one() -> None:
+def test_a_step_is_bounded_for_vibrations_up_to_the_stable_one():
     def trace(angle: float) -> float:
         matrix = np.eye(2)
         for stage, drift in enumerate(DRIFTS):

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every integrator by its name, one that is added from outside, and all without compilation."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -40,7 +38,7 @@ def moved(simulation: ElasticSimulation) -> Array:
 
 
 @pytest.mark.parametrize('integrator', INTEGRATORS)
-def test_the_error_of_each_is_of_the_size_of_its_tolerance(integrator: str) -> None:
+def test_the_error_of_each_is_of_the_size_of_its_tolerance(integrator):
     exact = moved(kicked('DOP853', 1e-13))
     tolerances, errors = (1e-5, 1e-9), []
     for tolerance in tolerances:
@@ -53,7 +51,7 @@ def test_the_error_of_each_is_of_the_size_of_its_tolerance(integrator: str) -> N
 
 
 @pytest.mark.parametrize('integrator', INTEGRATORS)
-def test_dissipated_energy_is_the_missing_energy(integrator: str) -> None:
+def test_dissipated_energy_is_the_missing_energy(integrator):
     simulation = kicked(integrator, 1e-7, damping=1e-5)
     moved(simulation)
     assert simulation.dissipated > 1e-3 * simulation.energy
@@ -95,7 +93,7 @@ class Between(DenseOutput):
         return self._spline(t).T
 
 
-def test_one_is_added_by_an_entry(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_is_added_by_an_entry(monkeypatch):
     monkeypatch.setitem(INTEGRATORS, 'verlet', Verlet)
     simulation, exact = kicked('verlet', 1e-9), moved(kicked('DOP853', 1e-12))
     error = np.linalg.norm(moved(simulation) - exact)
@@ -112,7 +110,7 @@ print(json.dumps([moved(kicked('symplectic', 1e-6, c)).tolist() for c in (0.0, 1
 """
 
 
-def test_without_compilation_all_is_the_same_up_to_rounding() -> None:
+def test_without_compilation_all_is_the_same_up_to_rounding():
     here = Path(__file__).parent
     paths = [str(here), str(here.parent.parent), *sys.path]
     environment = {**os.environ, 'NUMBA_DISABLE_JIT': '1', 'PYTHONPATH': os.pathsep.join(paths)}

@@ -1,6 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math
@@ -71,14 +69,14 @@ def three_rotors_in_thirty_digits(duration: int) -> tuple[float, ...]:
         return tuple(map(float, mpmath.odefun(derivative, 0, start, tol=1e-20)(duration)))
 
 
-def test_it_agrees_with_a_taylor_series_in_thirty_digits() -> None:
+def test_it_agrees_with_a_taylor_series_in_thirty_digits():
     motion = EquationOfMotion(in_units(3))
     found = solved(motion, kicked(motion, 0.3), [0, 1], rtol=0, atol=1e-15)
     exact = three_rotors_in_thirty_digits(1)
     np.testing.assert_allclose(found[:, -1], exact, rtol=0, atol=2e-14)
 
 
-def test_the_error_is_below_the_sum_of_those_tolerated() -> None:
+def test_the_error_is_below_the_sum_of_those_tolerated():
     motion = EquationOfMotion(in_units(12, SPINNER))
     state = kicked(motion, 0.3)
     fixed = {'first_step': 0.02, 'max_step': 0.02, 'atol': 1.0}
@@ -96,7 +94,7 @@ def test_the_error_is_below_the_sum_of_those_tolerated() -> None:
     assert 6 / 7 - 0.15 < slope < 1.1
 
 
-def test_the_way_back_leads_to_the_start() -> None:
+def test_the_way_back_leads_to_the_start():
     motion = EquationOfMotion(in_units(15))
     state = kicked(motion)
     forth = solved(motion, state, [0, 100], first_step=1.0, max_step=1.0, atol=1.0)
@@ -105,7 +103,7 @@ def test_the_way_back_leads_to_the_start() -> None:
     np.testing.assert_allclose(back[:, -1], state, rtol=0, atol=1e-11)
 
 
-def test_the_energy_does_not_drift() -> None:
+def test_the_energy_does_not_drift():
     motion = EquationOfMotion(in_units(10))
     state, times = kicked(motion), np.linspace(0, 40_000, 4001)
     states = solved(motion, state, times, first_step=1.0, max_step=1.0, atol=1.0)
@@ -116,7 +114,7 @@ def test_the_energy_does_not_drift() -> None:
 
 
 @pytest.mark.parametrize('damping', [0.0, 0.02])
-def test_dense_output_is_of_the_order_of_the_steps(damping: float) -> None:
+def test_dense_output_is_of_the_order_of_the_steps(damping):
     motion = EquationOfMotion(in_units(8, SPINNER, damping=damping))
     state = kicked(motion, 0.3)
     times = np.linspace(0, 8, 100)
@@ -131,7 +129,7 @@ def test_dense_output_is_of_the_order_of_the_steps(damping: float) -> None:
     assert 5.5 < slope < 9
 
 
-def test_dense_output_meets_the_steps_and_is_smooth_in_between() -> None:
+def test_dense_output_meets_the_steps_and_is_smooth_in_between():
     for steps_before in [0, 1, 4]:
         motion = EquationOfMotion(in_units(8, damping=0.02))
         options = {'first_step': 0.25, 'max_step': 0.25, 'atol': 1.0, 'together': 3}
@@ -151,7 +149,7 @@ def test_dense_output_meets_the_steps_and_is_smooth_in_between() -> None:
         np.testing.assert_allclose(slopes, expected, rtol=0, atol=1e-7)
 
 
-def test_steps_keep_their_length_and_end_at_the_bound() -> None:
+def test_steps_keep_their_length_and_end_at_the_bound():
     motion = EquationOfMotion(in_units(20))
     solver = SymplecticNystrom(motion, 5.0, kicked(motion), 205.3, rtol=0, atol=1e-8, together=1)
     lengths = []
@@ -164,7 +162,7 @@ def test_steps_keep_their_length_and_end_at_the_bound() -> None:
     assert changes.sum() <= 3
 
 
-def test_how_many_steps_go_together_makes_no_difference() -> None:
+def test_how_many_steps_go_together_makes_no_difference():
     motion = EquationOfMotion(in_units(20))
     state, times = kicked(motion), np.linspace(0, 30, 7)
     options = {'first_step': 0.5, 'max_step': 0.5, 'atol': 1.0}
@@ -173,7 +171,7 @@ def test_how_many_steps_go_together_makes_no_difference() -> None:
     np.testing.assert_allclose(alone, many, rtol=0, atol=1e-13)
 
 
-def test_a_chain_at_rest_takes_the_longest_step() -> None:
+def test_a_chain_at_rest_takes_the_longest_step():
     chain = chain_of(FLIPPER, 6)
     motion = EquationOfMotion(chain)
     state = motion.state(chain.uniform_state(1), np.zeros(6))
@@ -184,14 +182,14 @@ def test_a_chain_at_rest_takes_the_longest_step() -> None:
     np.testing.assert_allclose(solver.y, state, rtol=0, atol=1e-11)
 
 
-def test_a_rotor_that_spins_fast_is_followed() -> None:
+def test_a_rotor_that_spins_fast_is_followed():
     motion = EquationOfMotion(in_units(3, stiffness=1e-9))
     state = motion.state(np.zeros(3), np.array([0.0, 500.0, 0.0]))
     found = solved(motion, state, [0, 1], rtol=0, atol=1e-3)
     assert found[1, -1] == pytest.approx(500, abs=1e-3)
 
 
-def test_unsupported_forces_are_rejected() -> None:
+def test_unsupported_forces_are_rejected():
     chain = in_units(4)
     motion, state = EquationOfMotion(chain), np.zeros(8)
     with pytest.raises(TypeError, match='choose DOP853'):
@@ -209,7 +207,7 @@ def test_unsupported_forces_are_rejected() -> None:
         SymplecticNystrom(motion, 0.0, state, 1.0, together=0)
 
 
-def test_tolerances_that_no_step_meets_are_reported() -> None:
+def test_tolerances_that_no_step_meets_are_reported():
     motion = EquationOfMotion(in_units(10))
     solver = SymplecticNystrom(motion, 0.0, kicked(motion), 10.0, rtol=0.0, atol=1e-19)
     while solver.status == 'running':
@@ -218,7 +216,7 @@ def test_tolerances_that_no_step_meets_are_reported() -> None:
     assert 'no step length satisfies' in complaint
 
 
-def test_loaded_loops_leave_nothing_to_compile() -> None:
+def test_loaded_loops_leave_nothing_to_compile():
     SymplecticNystrom.load()
     loops = [loop for loop in vars(nystrom_loops).values() if isinstance(loop, Dispatcher)]
     before = [len(loop.signatures) for loop in loops]
