@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 _ASKED = '_ARGCOMPLETE'
-"""Environment variable of a completion request; its value is the number of words of the
-program."""
+"""Environment variable that marks a completion request; its value is the number of words of the
+program name."""
 _ROS_FLAGS = ('-r', '--remap', '-p', '--param', '--params-file', '--log-level')
 _NEGATIVE = re.compile(r'-(\d|\.\d|inf|nan)')
 
@@ -42,7 +42,7 @@ class PlainParser(argparse.ArgumentParser):
 
 
 def words_before() -> list[str]:
-    """Return the words between the program and the completed word, or none without a request."""
+    """Return the words between the program and the completed word; none without a request."""
     if _ASKED not in os.environ:
         return []
     return os.environ['COMP_LINE'][: int(os.environ['COMP_POINT'])].split(' ')[1:-1]

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cache of compiled loops: one checked file for each loop, signature and processor.
 
-In the cache of numba, an empty or truncated index file raises an error at import, two processes
-can write two loops to one file, and a change of a function in another module does not compile the
-loops that call it again. This cache uses private members of numba, because numba has no public
-interface for it.
+The cache of numba has three faults. An empty or truncated index file raises an error at import.
+Two processes can write two loops to one file. After a change of a function, loops of other modules
+that call this function are not compiled again. This cache uses private members of numba, because
+numba has no public interface for caches.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class LoopCache(FunctionCache):  # type: ignore[misc]
         self._cache_file = _LoopFiles(Path(self.cache_path), name)
 
     def _index_key(self, sig: Any, codegen: Any) -> tuple[str, str]:
-        """Return the text that determines the file name, and all that determines the code."""
+        """Return the text that determines the file name, and the key that determines the code."""
         target = repr((sig, codegen.magic_tuple()))
         versions = f'numba {numba.__version__} llvmlite {version("llvmlite")}'
         return target, f'{target} {versions} {self._options} {_code_digest(self._py_func)}'
@@ -57,7 +57,7 @@ class LoopCache(FunctionCache):  # type: ignore[misc]
 
 
 class _LoopFiles:
-    """Files of one loop: checksum of the rest, checksum of the key, data from numba."""
+    """Files of one loop: checksum of the other bytes, checksum of the key, data from numba."""
 
     def __init__(self, folder: Path, name: str) -> None:
         self._folder = folder
@@ -142,7 +142,7 @@ def _instructions(function: Any) -> list[Any]:
 
 
 def _used(function: Any) -> Iterator[tuple[str, Any]]:
-    """Yield name and value of each global and enclosed variable that a function may read."""
+    """Yield name and value of each global or enclosed variable that a function may read."""
     for code in _codes(function.__code__):
         for name in code.co_names:
             if name in function.__globals__:

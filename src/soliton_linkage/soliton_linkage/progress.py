@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Display of the progress of a long computation as one line on stderr.
 
-The package tqdm writes carriage returns into log files and cannot shorten the title.
+The package tqdm is not used, because it writes carriage returns into log files and cannot shorten
+the title.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import time
 _BAR_WIDTH = 30
 """Width of the bar [characters]."""
 _MINIMUM_BAR_WIDTH = 10
-"""Smallest width of the bar if the line is short [characters]."""
+"""Smallest width of the progress bar [characters]; on a short line, the title is cut instead."""
 _TERMINAL_INTERVAL = 0.1
 """Shortest time between two updates in a terminal [s]; faster updates flicker."""
 _LOG_INTERVAL = 2.0

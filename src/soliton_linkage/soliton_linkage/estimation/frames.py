@@ -197,7 +197,10 @@ class OnOrbit(NamedTuple):
 
 
 def on_orbit(orbit: Orbit, estimate: OrbitEstimate, residuals: Array) -> OnOrbit:
-    """Return angles and rates on the orbit; `residuals` [rad], (N,), have the orbit's sign."""
+    """Return angles and rates on the orbit.
+
+    `residuals` [rad], (N,), are relative to the orbit; upside down, their signs change.
+    """
     angles = orbit.configuration(estimate.arc)
     rates = orbit.tangent(estimate.arc) * estimate.rate
     if estimate.upside_down:

@@ -15,7 +15,7 @@ from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.orbit.orbit import Orbit
 
 _LEAD = 3.0
-"""Lead in log likelihood at which another hypothesis replaces the leading one [1]; equal to a
+"""Lead in log likelihood at which another hypothesis replaces the leading one [1]; this is a
 probability of 95 %."""
 _STEP = 1e-3
 """Step of the site for the numerical derivative of the arc length per rotor spacing [rotor

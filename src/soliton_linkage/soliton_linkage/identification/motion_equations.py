@@ -30,8 +30,8 @@ from soliton_linkage.linkage.chain import Array
 _STATE_DEVIATION = 10.0
 """Prior standard deviation of each initial angle [rad] and each initial rate [rad/s]."""
 _SIGNIFICANT_STAMPS = 6.0
-"""Ratio of the variance of stamp errors to its standard deviation above which the variance is
-significant [1]."""
+"""Threshold of the variance of stamp errors, in standard deviations of this variance [1]; a
+smaller variance is not significant."""
 
 
 class WindowEquations(NamedTuple):

@@ -216,7 +216,7 @@ class FrameMarkers:
             self.fit_error = float(np.sqrt(max(error**2 - self._variance / self._pictures, 0.0)))
 
     def _detect(self, grey: Picture) -> dict[int, Array]:
-        """Return the corners [pixels], (4, 2), of each detected marker of the layout by number."""
+        """Return the corners [pixels], (4, 2), of each detected marker, by the marker's number."""
         corners, numbers = self._detector(grey)
         if numbers is None:
             return {}

@@ -196,7 +196,7 @@ def _opened_camera(number: int) -> Any:
 
 
 def _start(path: Path, created: str, length: float) -> float:
-    """Return the time of the first picture [s] since the epoch.
+    """Return the time of the first picture, counted from the epoch [s].
 
     It is the creation time, or the last change minus the length.
     """

@@ -99,7 +99,7 @@ class BagRecording(_BagProgram):
 
     @property
     def report(self) -> NodeReport | None:
-        """Last report of the recorder, or None if no recent report was received."""
+        """Last report of the recorder; None if it is too old or missing."""
         received_at, report = self._finder.reports.get(
             f'{self.namespace}{_RECORDER}', (-REPORT_TIMEOUT, None)
         )

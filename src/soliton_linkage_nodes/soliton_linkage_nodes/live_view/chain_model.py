@@ -35,7 +35,7 @@ _MINUTE_COLUMNS = round(_MINUTE / _HISTORY_PERIOD)
 _MINUTE_NUMBERS = 1_800_000
 """Largest number of angles in a shared file [1] (7 MB of memory)."""
 _HISTORY_NUMBERS = 400_000
-"""Largest number of values in the history [1] (1.6 MB). It shortens the history of long chains."""
+"""Largest number of values in the history [1] (1.6 MB); it limits the history of long chains."""
 
 
 class Moment(NamedTuple):
@@ -46,7 +46,7 @@ class Moment(NamedTuple):
     angles: Floats
     """Angles [rad], shape (N,)."""
     solitons: list[float]
-    """Position [rotor spacings], standard deviation [m] and charge of each soliton."""
+    """Site [rotor spacings], standard deviation [m] and charge of each soliton."""
     energies: Mapping[str, float]
     """Quantities of soliton_state, among them `ENERGIES` [J]."""
 
@@ -136,7 +136,7 @@ class ChainModel:
         self._add_column(stamp, numbers, overview(self._lean(angles)))
 
     def update_state(self, numbers: dict[str, float], solitons: list[float]) -> None:
-        """Store a state; `solitons` has position [rotor spacings], deviation [m] and charge."""
+        """Store a state; `solitons` has site [rotor spacings], deviation [m], charge of each."""
         self.numbers, self._solitons = numbers, solitons
         self._state_received_at = self._clock()
 
@@ -157,7 +157,10 @@ class ChainModel:
             self._counted = (now, sequence)
 
     def packed(self, index: int, first: int, last: int) -> bytes:
-        """Return the rotors `first` to `last` as a frame of the chain `index` of the status."""
+        """Return the rotors `first` to `last` as a frame.
+
+        `index` is that of the chain in the status.
+        """
         first = max(0, min(first, self.rotors - 1))
         last = max(first, min(last, self.rotors - 1))
         shown = slice(first, last + 1) if last - first < MOST_ANGLES else slice(0, 0)
@@ -182,7 +185,10 @@ class ChainModel:
         return pack(numbers, arrays)
 
     def description(self) -> dict[str, Any]:
-        """Return the constants of the chain as JSON; `spacing` is None if the chain is unknown."""
+        """Return the constants of the chain for JSON.
+
+        `spacing` is None if the chain is unknown.
+        """
         if self.named is None:
             return {'error': self.error, 'spacing': None}
         return {'error': self.error, **chain_constants(self.named.chain)}
@@ -257,7 +263,7 @@ class ChainModel:
 
 
 def overview(lean: Array) -> Floats:
-    """Return the leans; above 2048 rotors, the smallest and the largest of each of 1024 groups."""
+    """Return the leans; of more than 2048 rotors, the extrema of each of 1024 groups."""
     if len(lean) <= 2 * _GROUPS:
         return np.asarray(lean, dtype=np.float32)
     starts = np.linspace(0, len(lean), _GROUPS, endpoint=False).astype(np.intp)

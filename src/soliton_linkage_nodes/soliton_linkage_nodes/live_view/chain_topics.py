@@ -33,25 +33,25 @@ from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, su
 REPORT_TIMEOUT = 3.5
 """Age of a report above which its node is assumed to have stopped [s]. Nodes report every 1 s."""
 _SEARCH_INTERVAL = 0.5
-"""Time between two searches of the graph [s]. One search takes about 1 ms."""
+"""Time between two searches of the graph [s]; a search takes about 1 ms."""
 _MOST_REPORTS = 200
 """Largest number of diagnostics messages that one call of `update` processes [1]."""
 _PAIRED = 200
-"""Largest number of unpaired frames and of unpaired states [1]."""
+"""Largest number of unpaired frames, and of unpaired states [1]."""
 _SILENCE = 0.5
-"""Longest wait for a state [s], after which frames are shown alone."""
+"""Longest wait of a frame for its state [s]; afterwards, frames are shown alone."""
 _LONGEST_WAIT = 2.0
-"""Longest wait for a pair with equal stamps [s], for example if the analyser replaces stamps."""
+"""Longest wait for a frame and a state with equal stamps [s]; analysers may replace stamps."""
 _LATE_SPAN = 10.0
 """Time window for the fraction of missed deadlines [s]."""
 _MOST_CHAINS = 16
-"""Largest number of chains shown."""
+"""Largest number of chains that the page shows [1]."""
 _MOST_BYTES = 4_000_000
 """Largest camera picture that is sent to a page [B], about 12 megapixels."""
 
 
 class CameraTopic:
-    """Topic `camera_overlay` of a namespace, subscribed only while a page shows it."""
+    """Topic `camera_overlay` of a namespace; it is subscribed only while a page shows it."""
 
     def __init__(self, node: Node, namespace: str) -> None:
         self.pictures = 0
@@ -106,7 +106,7 @@ class CameraTopic:
             self._error = ''
 
     def packed(self, index: int) -> bytes:
-        """Return the newest picture as a message of the chain `index` of the status."""
+        """Return the newest picture as a message; `index` is that of the chain in the status."""
         age = time.monotonic() - self._received_at
         return pack_camera(index, self._stamp, age, self._jpeg)
 
@@ -118,7 +118,7 @@ class CameraTopic:
 
 
 class ChainTopics:
-    """Topics of the chain in one namespace, whose name ends with a slash."""
+    """Topics of the chain in one namespace; the namespace ends with a slash."""
 
     def __init__(self, node: Node, namespace: str) -> None:
         self.namespace = namespace
@@ -175,7 +175,7 @@ class ChainTopics:
         self._show_frame(frame is not None)
 
     def _show_frame(self, fresh: bool) -> None:
-        """Show the newest pair of frame and state; after a long wait, the newest of each."""
+        """Show the newest pair of frame and state, or, after a long wait, the newest of each."""
         now = time.monotonic()
         if fresh and self._shown_at == -math.inf:
             self._shown_at = now
@@ -224,12 +224,13 @@ def _until(kept: Mapping[int, object], last: int) -> list[int]:
 
 
 class ChainFinder:
-    """Chains in the ROS graph and the latest report of each node; no executor may spin `node`."""
+    """Chains in the ROS graph, and the latest report of each node. No executor may spin `node`."""
 
     def __init__(self, node: Node, expected: str) -> None:
         self.chains: dict[str, ChainTopics] = {expected: ChainTopics(node, expected)}
         self.reports: dict[str, tuple[float, NodeReport]] = {}
-        """Time of reception on the monotonic clock [s] and last report, by full node name."""
+        """Time of reception [s, monotonic clock] and last report of each node, by its full
+        name."""
         self.nodes: list[str] = []
         self._node = node
         self._deadlines: dict[str, deque[tuple[float, ...]]] = {}

@@ -29,7 +29,7 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import ACTION_QOS, SERVICE_QOS
 
 _ANSWER_TIMEOUT = 60.0
-"""Longest wait for the answer to a command [s]. The page warns after 2 s without an answer."""
+"""Longest wait for the answer to a command [s]; the page warns after 2 s."""
 _ACCEPTED_TIME = 2.0
 """Longest wait for the effect of a command that the actuator has accepted [s]."""
 _PARAMETERS_TIMEOUT = 3.0
@@ -63,7 +63,7 @@ _PARAMETER_SERVICES = {
 
 
 class ChainCommands:
-    """Commands to the nodes in a namespace; each returns its answer or raises ValueError."""
+    """Commands to the nodes in a namespace; each method returns an answer or raises ValueError."""
 
     def __init__(self, node: Node, namespace: str, read_only: bool, finder: ChainFinder) -> None:
         self.namespace = namespace
@@ -410,7 +410,7 @@ class ChainCommands:
 
 
 def _new_rejection(before: NodeReport | None, report: NodeReport | None, topic: str) -> str:
-    """Return why a node rejected a message on `topic` since the report `before`, otherwise ''."""
+    """Return why a node rejected a message on `topic` since the report `before`, or ''."""
     if report is None:
         return ''
     rejected = views.figure(report.figures, 'rejected')

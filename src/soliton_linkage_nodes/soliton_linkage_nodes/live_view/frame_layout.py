@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Layout of the binary messages to the page: frames, histories and camera pictures.
 
-All numbers are little-endian. The first double is the kind of the message. In a frame, the
-`FIELDS` and the sizes of `ARRAYS` follow as doubles, then the arrays as float32.
+All numbers are little-endian. The first double is the kind of the message. A frame continues with
+the `FIELDS` and the sizes of `ARRAYS` as doubles, and ends with the arrays as float32.
 """
 
 from __future__ import annotations
@@ -86,9 +86,9 @@ def unpack(frame: bytes) -> tuple[dict[str, float], dict[str, Floats]]:
 def pack_history(chain: int, columns: Iterable[Column]) -> bytes:
     """Return the history of the chain with index `chain` as bytes.
 
-    Doubles: kind, index, columns, lean values per column, other values per column, the other
-    values; then the lean values as float32. Columns of another height than the latest one are
-    omitted.
+    The doubles are the kind, the index, the number of columns, the numbers of lean values and of
+    other values per column, and the other values. The lean values follow as float32. Columns with
+    another number of lean values than the latest column are omitted.
     """
     kept = list(columns)
     height = kept[-1].overview.size if kept else 0

@@ -26,7 +26,7 @@ _SPEEDS = (5.0, 10.0, 20.0)
 _DISORDER = 0.02
 """Relative standard deviation of the lengths of the disordered chain [1]."""
 _MIDDLE = (0.3, 0.7)
-"""Range of positions in which the speed is measured [chain lengths], away from the edges."""
+"""Range of positions in which the speed is measured, far from the edges [chain lengths]."""
 _TIMEOUT = 60.0
 """Longest wait in each step of an experiment [s], for example for a passage of the soliton."""
 _NODES = ('simulator', 'edge_actuator', 'soliton_analyser')
@@ -60,7 +60,7 @@ class Passage:
 
 
 class Laboratory:
-    """Experiments on the chain in a namespace. `watch` shows another chain on the page."""
+    """Experiments on the chain in a namespace; `watch` shows another chain on the page."""
 
     def __init__(self, view: View, namespace: str, watch: Callable[[str], None]) -> None:
         self._view, self._namespace, self._watch = view, namespace, watch
@@ -199,7 +199,7 @@ class Laboratory:
 
 
 class GuidedExperiment(NamedTuple):
-    """Title and question of an experiment, and the method that measures the answer."""
+    """Title and question of an experiment, with the method that measures the answer."""
 
     title: str
     question: str

@@ -21,7 +21,7 @@ class Move:
     """Last move of the soliton, requested by this page or another client."""
 
     state: str = ''
-    """Name of the outcome, UNDER_WAY during the move, '' before it."""
+    """Name of the outcome; UNDER_WAY during the move, '' before it."""
     goal: float = math.nan
     """Site coordinate of the goal [rotor spacings]."""
     start: float = math.nan

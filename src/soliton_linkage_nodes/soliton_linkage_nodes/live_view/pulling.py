@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pull of a rotor by the pointer, like a spring with limited torque."""
+"""Pull of a rotor by the pointer; it acts like a spring with a limited torque."""
 
 from __future__ import annotations
 

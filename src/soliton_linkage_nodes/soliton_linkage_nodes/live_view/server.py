@@ -37,10 +37,10 @@ _START_TIMEOUT = 30.0
 _LONGEST_PERIOD = 0.2
 """Longest time between two ticks if browsers need much processor time [s]."""
 _LARGEST_MESSAGE = 65536
-"""Largest message of a browser [bytes]."""
+"""Largest accepted message from a browser [bytes]."""
 _COOKIE = 'soliton_linkage_live_view'
 _PUNCTUATION = '.,;:)\'"'
-"""Characters that a terminal may append to an address."""
+"""Characters that a terminal may append to a copied address."""
 _REMEDY = 'open the address that live_view printed'
 
 
@@ -95,7 +95,7 @@ def application(
 
 
 class PageServer:
-    """Web server on its own thread, which also calls `tick` periodically."""
+    """Web server in its own thread, which also calls `tick` periodically."""
 
     def __init__(
         self,
@@ -105,7 +105,7 @@ class PageServer:
         tick: Callable[[], float],
         share: float,
     ) -> None:
-        """Serve on a bound socket with at most a `share` of a core; '' disables the token."""
+        """Serve on a bound socket with at most a `share` of a core; token '' means open access."""
         config = uvicorn.Config(
             Gate(served, token),
             log_level='error',
@@ -160,7 +160,7 @@ class PageServer:
 
 
 def tick_period(wanted: float, spent: float, share: float) -> float:
-    """Return the time to the next tick [s], limiting the load `spent` to a `share` of a core."""
+    """Return the time to the next tick [s], which limits the load to a `share` of a core."""
     return max(wanted, min(spent / share, _LONGEST_PERIOD))
 
 
@@ -177,8 +177,9 @@ def is_loopback(host: str) -> bool:
 class Gate:
     """Middleware that rejects requests and streams that do not come from the live page.
 
-    Otherwise another web page in the same browser could send commands to the chain (DNS
-    rebinding). Accepted are host names of this machine or, if set, requests with the token.
+    Without the middleware, another web page in the same browser could send commands to the chain
+    (DNS rebinding). It accepts host names of this machine and, if a token is set, requests with
+    the token.
     """
 
     def __init__(self, guarded: ASGIApp, token: str = '') -> None:

@@ -101,7 +101,7 @@ def shared_page(
 
 
 def _inlined(name: str) -> str:
-    """Return a script module without imports and exports, so that modules can be joined."""
+    """Return a script module without imports and exports, so that scripts can be joined."""
     text = (_BROWSER / name).read_text(encoding='utf-8')
     return _IMPORT.sub('', text).replace('\nexport ', '\n')
 

@@ -18,9 +18,10 @@ REPLAY = '/replay/'
 _DROP_AGE = 30.0
 """Age above which a report is ignored [s]."""
 _LONGEST_DELAY = 0.2
-"""Delay of soliton_state above which the page warns [s], if it also exceeds `_FRAMES_BEHIND`."""
+"""Delay of soliton_state [s] above which the page warns, provided that it also exceeds
+`_FRAMES_BEHIND`."""
 _FRAMES_BEHIND = 2
-"""Delay of soliton_state above which the page warns [frames]. One frame is always in transit."""
+"""Delay of soliton_state [frames] above which the page warns; one frame is always in transit."""
 _LATE = re.compile('deadlines missed in the last second')
 """Warning that the page replaces by the share of late frames."""
 _ACTUATOR = 'start edge_actuator'
@@ -120,7 +121,10 @@ def status(
     why: Mapping[str, Mapping[str, str]],
     more: Mapping[str, Any],
 ) -> str:
-    """Return the status of all chains as JSON. `why` are their `reasons`, `more` other entries."""
+    """Return the status of all chains as JSON.
+
+    `why` contains the `reasons` of each chain, and `more` further entries.
+    """
     chains = []
     for namespace, chain in finder.chains.items():
         move = commands[namespace].move

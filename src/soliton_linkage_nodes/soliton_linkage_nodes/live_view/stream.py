@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from fastapi import WebSocket
 
 _MOST_PENDING = 2
-"""Largest number of sent frames that the browser has not drawn [1]: one is in transit."""
+"""Largest number of frames that were sent but not yet drawn [1]; one frame is in transit."""
 _HEARTBEAT = 0.2
 """Time after which an unchanged frame is sent again with its present age [s]."""
 _MOST_TILE_ANGLES = 200
@@ -64,7 +64,7 @@ async def carry_out(view: View, name: str, arguments: Mapping[str, Any]) -> str:
 
 
 class BrowserStream:
-    """Connection to one browser; each drawn frame triggers the next newest frame."""
+    """Connection to one browser; when the browser has drawn a frame, the newest one follows."""
 
     def __init__(self, socket: WebSocket, source: View) -> None:
         self.watched = next(iter(source.chains), '')

@@ -40,7 +40,7 @@ class View:
         self.replay = BagReplay(self.catalogue, logs, finder, read_only)
         self.status = ''
         self.reasons: dict[str, dict[str, str]] = {}
-        """Reason why a control is disabled, '' if it is enabled, by namespace and control."""
+        """Reason why a control is disabled ('' if enabled), by namespace and control."""
         self._node = node
         self._failures: list[str] = []
         self._packed: dict[tuple[int, int, int], bytes] = {}
@@ -63,7 +63,7 @@ class View:
 
     @property
     def versions(self) -> list[int]:
-        """Version numbers; one of them changes whenever `descriptions` changes."""
+        """Version numbers; a change of `descriptions` changes one of them."""
         return [self.replay.played, *(c.model.version for c in self.chains.values())]
 
     def descriptions(self) -> dict[str, Any]:

@@ -49,7 +49,7 @@ class CameraReading(NamedTuple):
     """Angles measured in one picture, with their stamp."""
 
     stamp: int
-    """Middle of the exposure of the picture row with the pivots [ns]."""
+    """Time of the middle of the exposure of the picture row with the pivots [ns]."""
     frame: AngleFrame
 
 
@@ -73,7 +73,7 @@ class CameraMeasurement:
 
     @property
     def moves(self) -> int:
-        """How often the camera was moved."""
+        """Number of times that the camera was moved."""
         return self.detector.frame_markers.moves if isinstance(self.detector, AngleCamera) else 0
 
     def measure(self, stamp: int, picture: Picture) -> CameraReading:
@@ -142,7 +142,7 @@ def _to_msg(named: NamedChain, stamp: int, values: Array) -> JointState:
 def walls_on_overlay(
     solitons: tuple[AnalysedSoliton, ...], spacing: float, since: float = 0.0
 ) -> list[WallMark]:
-    """Return the marks of the solitons after `since` [s]; `spacing` of the pivots in [m]."""
+    """Return the marks of the solitons after `since` [s]; `spacing` is that of the pivots [m]."""
     return [
         WallMark(
             each.rotor + (each.velocity * since / spacing if math.isfinite(each.velocity) else 0),

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fast CDR decoding and encoding of messages with a stamp, joint names and arrays of doubles.
 
-Names take most of the time. While their bytes stay the same, only stamp and arrays are decoded; an
-encoded message is overwritten in place.
+The joint names take most of the time. While their bytes stay the same, only the stamp and the
+arrays are decoded. An encoded message is overwritten in place.
 """
 
 from __future__ import annotations
@@ -48,8 +48,9 @@ _EMPTY = np.zeros(0)
 class Layout:
     """Byte layout of messages with a given frame id and given joint names.
 
-    CDR encodes a string as length, bytes and a zero byte, a sequence as count and elements,
-    aligned to 4 bytes for lengths and 8 for doubles after the encapsulation header.
+    CDR encodes a string as its length, its bytes and a zero byte. A sequence is encoded as its
+    count and its elements. Counted from the encapsulation header, lengths are aligned to 4 bytes
+    and doubles to 8 bytes.
     """
 
     def __init__(self, frame_id: str, name: tuple[str, ...]) -> None:
@@ -97,13 +98,13 @@ class Layout:
 
 
 class JointStateDecoder:
-    """Decoder of joint states, fast while frame id and names stay the same."""
+    """Decoder of joint states; it is fast while frame id and names stay the same."""
 
     def __init__(self) -> None:
         self._layout: Layout | None = None
 
     def decode(self, serialized: bytes) -> JointStates:
-        """Return joint states whose arrays are unaligned views; ValueError if damaged."""
+        """Return joint states with arrays as views of the bytes; ValueError if damaged."""
         layout = self._layout
         try:
             if layout is not None and layout.fits(serialized):
@@ -138,7 +139,7 @@ def stamp_of(serialized: bytes) -> int:
 
 
 class _RotorDecoder:
-    """Decoder of one value per joint name, fast while the names stay the same."""
+    """Decoder of one value for each joint name; it is fast while the names stay the same."""
 
     _type: Any
     _topic: str
@@ -170,14 +171,14 @@ class _RotorDecoder:
 
 
 class ImpulseDecoder(_RotorDecoder):
-    """Decoder of rotor_impulses: angular impulses [N m s]."""
+    """Decoder of messages rotor_impulses with angular impulses [N m s]."""
 
     _type, _topic, _arrays = RotorImpulses, 'rotor_impulses', 1
     _from_msg = staticmethod(impulses_from_msg)
 
 
 class TorqueDecoder(_RotorDecoder):
-    """Decoder of rotor_torques: joint states with torques [N m] as efforts."""
+    """Decoder of messages rotor_torques: joint states with torques [N m] as efforts."""
 
     _type, _topic, _arrays = JointState, 'rotor_torques', 3
     _from_msg = staticmethod(torques_from_msg)
@@ -220,14 +221,14 @@ class JointStateBuffer(_MessageBuffer):
 
 
 class ImpulseBuffer(_MessageBuffer):
-    """Buffer for the angular impulses of all rotors [N m s]."""
+    """Buffer for a message with the angular impulses of all rotors [N m s]."""
 
     def __init__(self, named: NamedChain) -> None:
         super().__init__(impulses_to_msg(named, np.zeros(named.rotors), Time()), arrays=1)
 
 
 class TorqueBuffer(_MessageBuffer):
-    """Buffer for the torques on all rotors [N m], as efforts of joint states."""
+    """Buffer for a message with the torques on all rotors [N m], as efforts of joint states."""
 
     def __init__(self, named: NamedChain) -> None:
         super().__init__(torques_to_msg(named, np.zeros(named.rotors), Time()), arrays=3)
@@ -242,7 +243,7 @@ def read_stamp(serialized: bytes) -> int:
 
 
 def stamped(serialized: bytes, stamp: int) -> bytes:
-    """Return a copy of a message with a header, with this stamp [ns]."""
+    """Return a copy of a message with a header, with another stamp [ns]."""
     order = '<' if serialized[1:2] == _LITTLE_ENDIAN[1:] else '>'
     head = serialized[:_ENCAPSULATION_BYTES]
     return head + struct.pack(f'{order}iI', *divmod(stamp, SECOND)) + serialized[_STAMP.size :]

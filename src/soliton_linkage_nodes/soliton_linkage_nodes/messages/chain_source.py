@@ -175,7 +175,7 @@ def with_joints(
 
 
 _LONGEST_VALUE = 40
-"""Length at which a printed value, perhaps a list of thousands, is cut [characters]."""
+"""Length above which a printed value, such as a long list, is cut [characters]."""
 
 
 class ParameterFile:
@@ -197,7 +197,7 @@ class ParameterFile:
         return kind(**{n: tuple(v) if isinstance(v, list) else v for n, v in values.items()})
 
     def check(self, prefix: str, groups: Mapping[type, str]) -> None:
-        """Raise ValueError if a name with `prefix` is no field of the dataclasses in `groups`."""
+        """Raise ValueError if a name with `prefix` is no field of the classes in `groups`."""
         known = {
             before + name for kind, before in groups.items() for name in described_fields(kind)
         }

@@ -37,7 +37,7 @@ _NUMBERS = ('joint', 'frequency', 'last_frequency', 'cycles', 'seed')
 
 @dataclass(frozen=True)
 class JointActuators:
-    """Joints with an actuator, their rotors and torque limits [N m]."""
+    """Joints with actuators, with their rotors and torque limits [N m]."""
 
     names: tuple[str, ...]
     rotors: Rotors
@@ -74,7 +74,7 @@ class JointActuators:
 def joint_actuators(
     named: NamedChain, names: Sequence[str], limit_of: Callable[[str], float]
 ) -> JointActuators:
-    """Return the actuators of the named joints, by default all; ValueError if unknown."""
+    """Return the actuators of the named joints, by default of all; ValueError if unknown."""
     chosen = tuple(names) or named.joint_names
     for name in chosen:
         if name not in named.numbers:
@@ -232,7 +232,7 @@ def last_kick_to_msg(named: NamedChain, kick: KickReport) -> msg.LastKick:
 
 @dataclass(frozen=True)
 class StampRule:
-    """Largest age (0: `longest`) and time to the end of a command [s]. Stamp 0 means now."""
+    """Largest age of a command (0 means `longest`) and time until its end [s]; stamp 0 is now."""
 
     oldest: float
     longest: float
@@ -264,7 +264,7 @@ class StampRule:
         return delay
 
     def check_length(self, source: str, ends: float) -> None:
-        """Raise ValueError if a command ends more than `longest` from now, in `ends` [s]."""
+        """Raise ValueError if a command ends later than `longest` from now, in `ends` [s]."""
         if ends > self.longest:
             raise ValueError(
                 f'{source} ends {ends:.3g} s from now, the limit is {self.longest:g} s; send '

@@ -27,7 +27,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 FRAME = 'linkage'
 """Name of the coordinate frame whose x axis runs along the pivots."""
 _LARGEST_ANGLE = 1e6
-"""Largest angle of a reset [rad]. Rounding errors of larger ones exceed the change in a step."""
+"""Largest angle of a reset [rad]. For larger ones, rounding errors exceed the change in a step."""
 _LARGEST_RATE = 1e6
 """Largest rate of a reset [rad/s]."""
 _CHAIN_FIELDS = tuple(
@@ -201,7 +201,7 @@ def torques_to_msg(named: NamedChain, torques: Array, stamp: Time) -> JointState
 
 
 def torques_from_msg(rotors: Mapping[str, int], message: JointState, largest: float) -> Array:
-    """Return the torque on each rotor [N m], 0 if not named; errors as in `impulses_from_msg`."""
+    """Return the torque on each rotor [N m], 0 if not named; ValueError if one is rejected."""
     return _by_rotor(rotors, 'rotor_torques.effort', message.name, message.effort, largest)
 
 

@@ -17,8 +17,9 @@ from soliton_linkage_nodes.messages.conversions import JointStates, check_length
 from soliton_linkage_nodes.runtime.serialization import serialize
 
 _SHORT_FRAMES = 10
-"""Consecutive incomplete frames after which frames no longer wait [1]. Sensitivity: at 0.5x, one
-more frame is incomplete after a pause of an encoder board. At 2x, frames are late for longer."""
+"""Number of consecutive incomplete frames after which the assembler no longer waits for missing
+joints [1]. Sensitivity: at 0.5x, one more frame is incomplete after a pause of an encoder board.
+At 2x, frames are late for longer."""
 
 
 class FrameAssembler:
@@ -37,7 +38,7 @@ class FrameAssembler:
         self._short = 0
         self._last: tuple[int, frozenset[str]] | None = None
         self.whole: tuple[str, ...] | None = None
-        """Joint names in the last message with all joints of the chain, or None."""
+        """Joint names in the last message that contained all joints of the chain, or None."""
 
     @property
     def waiting_since(self) -> int | None:
@@ -135,13 +136,16 @@ class SerializedFrames:
         self._assembler, self._all_alike = FrameAssembler(joint_names), False
 
     def parts(self, serialized: bytes) -> tuple[str, ...]:
-        """Return the joint names in a message, () if it is damaged."""
+        """Return the joint names in a message; () if the message is damaged."""
         with suppress(ValueError):
             return self._decoder.decode(serialized).name
         return ()
 
     def add(self, serialized: bytes) -> list[bytes]:
-        """Add a message and return the finished frames; return it unchanged if invalid."""
+        """Add a message and return the finished frames.
+
+        An invalid message is returned unchanged.
+        """
         if self._assembler is None:
             return [serialized]
         if self._all_alike and self._decoder.same_joints(serialized):

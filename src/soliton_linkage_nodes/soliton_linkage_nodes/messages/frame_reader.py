@@ -34,7 +34,10 @@ class FrameReader:
         self._in_order = False
 
     def read(self, joints: JointStates) -> Frame:
-        """Return all angles and rates, NaN if missing or above 1e9; ValueError if invalid."""
+        """Return all angles and rates; values that are missing or above 1e9 become NaN.
+
+        Raises ValueError if the message is invalid.
+        """
         _, _, _, name, position, velocity = joints
         check_length('joint_states.position', name, position)
         if name is not self._names and name != self._names:
@@ -70,7 +73,8 @@ class FrameReader:
 
 
 _LONGEST_LATENESS = SECOND
-"""Decrease of the stamp up to which a frame is late [ns]. Above it, the clock was reset."""
+"""Decrease of the stamp up to which a frame counts as late [ns]; a larger one means a reset
+clock."""
 _UNIT_CHECK_INTERVAL = 100
 """Frames between two checks of the angle unit [1], because a check takes 80 us."""
 

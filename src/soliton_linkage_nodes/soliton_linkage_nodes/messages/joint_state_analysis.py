@@ -18,14 +18,14 @@ from soliton_linkage_nodes.messages.frame_assembler import FrameAssembler
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 
 _MOST_WAITING = 1000
-"""Largest number of standard deviations that wait for their frame [messages]."""
+"""Largest number of messages with standard deviations that wait for their frame [1]."""
 
 
 class JointStateAnalysis:
     """Analysis of the joint states of a known or unknown chain."""
 
     def __init__(self, noise: float | None = None) -> None:
-        """Wait for `set_chain` or `set_joints`; the noise of the angles is in [rad]."""
+        """Wait for `set_chain` or `set_joints`; `noise` is the noise of the angles [rad]."""
         self._noise = noise
         self._named: NamedChain | None = None
         self._reader: FrameReader | None = None
@@ -79,7 +79,7 @@ class JointStateAnalysis:
             self.analyser.apply_impulse(read_stamp(serialized) or None, impulses)
 
     def add_deviations(self, deviations: JointStates) -> None:
-        """Add standard deviations of the frame with the same stamp, if the chain is known."""
+        """Add the standard deviations for the frame with the same stamp, if the chain is known."""
         if self._deviation_reader is None:
             return
         by_rotor = self._deviation_reader.read(deviations).angles

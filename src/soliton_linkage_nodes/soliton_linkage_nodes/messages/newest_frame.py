@@ -15,7 +15,7 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.subscriptions import subscribe_newest
 
 _DEPTH = 200
-"""Queue depth if each frame arrives in several messages, 0.1 s at 1000 Hz."""
+"""Queue depth for frames that arrive in several messages: 0.1 s at 1000 messages per second."""
 _LONGEST_ASSEMBLY = 0.3
 """Time without messages after which an incomplete frame is returned [s]."""
 
@@ -23,7 +23,7 @@ _LONGEST_ASSEMBLY = 0.3
 class NewestFrame:
     """Subscription of a display to the newest frame, for a node that no executor spins.
 
-    The queue has one message, or 200 if messages lack some joints of the chain.
+    The queue holds one message, or 200 messages if single messages lack some joints of the chain.
     """
 
     def __init__(self, node: Node, name: str) -> None:

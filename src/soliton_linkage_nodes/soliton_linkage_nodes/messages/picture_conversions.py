@@ -17,7 +17,7 @@ from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 _QUALITY = 80
-"""JPEG quality [%]. Text is sharp, and 1280 x 720 pixels have about 150 kB."""
+"""JPEG quality [%]: text is sharp, and 1280 x 720 pixels take about 150 kB."""
 
 _CHANNELS = {
     'bgr8': (3, [0, 1, 2]),
@@ -28,10 +28,10 @@ _CHANNELS = {
     'mono8': (1, [0]),
     '8UC1': (1, [0]),
 }
-"""Bytes of a pixel and the indices of blue, green and red, for each encoding."""
+"""Number of bytes of a pixel and indices of blue, green and red, for each encoding."""
 _JPEG_HEADER = b'\xff\xd8\xff'
 _MODELS = {'plumb_bob': 5, 'rational_polynomial': 8}
-"""Distortion coefficients of each lens model [1]."""
+"""Number of distortion coefficients of each lens model [1]."""
 
 
 def picture_from_msg(message: Image) -> Picture:

@@ -33,7 +33,10 @@ _STATUSES = {status: getattr(msg.SolitonState, status.name) for status in Tracki
 
 
 class NumberFields:
-    """Mapping from attributes of a class (`paths` if named differently) to fields of a message."""
+    """Mapping from attributes of an object to message fields.
+
+    `paths` lists those with other names.
+    """
 
     def __init__(
         self, names: Iterable[str], filled_by: type, paths: Mapping[str, str] | None = None
@@ -45,7 +48,7 @@ class NumberFields:
         self._values = attrgetter(*paths.values())
 
     def __call__(self, filled_by: Any) -> tuple[Any, ...]:
-        """Return the values of the fields from an object, NaN if the object is None."""
+        """Return the values of the fields from an object; NaN if the object is None."""
         if filled_by is None:
             return len(self.names) * (math.nan,)
         values: tuple[Any, ...] = self._values(filled_by)
@@ -97,7 +100,7 @@ _REST = NumberFields(
     {'noise': 'estimate.noise', 'misfit': 'estimate.misfit'},
 )
 _NO_SIDES = (0, 0, math.nan, math.nan, 0, math.nan)
-"""First six fields of a Topology message if the topology is unknown."""
+"""First six fields of a Topology message for an unknown topology."""
 _NO_EDGES = (False, False, math.nan, math.nan)
 _ROTORS = 'rotor spacings'
 _UNITS = {
@@ -158,7 +161,7 @@ def _column(message: str, field: str) -> str:
 
 
 def row(analysis: Analysis, joints: JointStates) -> tuple[Any, ...]:
-    """Return a state as a row of the table, with NaN cells without a soliton."""
+    """Return a state as a row of the table; without a soliton, its cells are NaN."""
     solitons = analysis.solitons
     return (
         joints.stamp,

@@ -72,7 +72,7 @@ class NodeReport:
     """Latest report of a node on /diagnostics."""
 
     node: str
-    """Full name of the node; without a hardware_id, name of the report up to the colon."""
+    """Full name of the node, or, without a hardware_id, the name of the report up to the colon."""
     level: int
     """Level of the report: 0 OK, 1 warning, 2 error, 3 stale."""
     message: str
@@ -197,7 +197,7 @@ def reset_request(
 
 
 def step_request(periods: float) -> Step.Request:
-    """Return a request to advance a paused simulation; ValueError unless `periods` is a count."""
+    """Return a request to advance a paused simulation; `periods` must be a positive integer."""
     if not (_finite('periods', periods) == int(periods) and 1 <= periods < 2**32):
         raise ValueError(f'periods = {periods} must be a whole number of 1 or more')
     return Step.Request(periods=int(periods))
@@ -266,7 +266,7 @@ def adjustable_parameters(
 
 
 def parameter_value(parameter: AdjustableParameter, value: Any) -> ParameterValue:
-    """Return the message with a new value of a parameter; ValueError if it is not allowed."""
+    """Return the message with a new value of a parameter; ValueError if it is out of range."""
     code, kind, field = next(
         (code, kind, field)
         for code, (kind, field) in _TYPES.items()

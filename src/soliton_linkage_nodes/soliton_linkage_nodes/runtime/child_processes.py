@@ -27,7 +27,7 @@ START_LIMIT = 180.0
 _PARENT_DEATH_SIGNAL = 1
 """PR_SET_PDEATHSIG of prctl(2): the kernel signals a node when its parent is killed."""
 _STOP_LIMIT = 10.0
-"""Longest time from SIGTERM to SIGKILL [s]; a recorder writes to a slow disk."""
+"""Longest time from SIGTERM to SIGKILL [s]; a recorder may write to a slow disk."""
 _LOG_TAIL = 5
 """Log lines in the error message about a node that has ended [1]."""
 _DOMAINS = 100

@@ -32,7 +32,7 @@ _WIDTH = 96
 _ROS_OPTIONS = ('--params-file', '-p', '--param', '-r', '--remap', '--log-level')
 _EXAMPLES = ('-p NAME:=VALUE', '--params-file FILE', '-r NAME:=OTHER_NAME')
 _PATHS = ('bag', 'output')
-"""Parameters to propose for an argument without a parameter name."""
+"""Parameters that are proposed for an argument without a parameter name."""
 
 
 def check_arguments(node: NodeClass, arguments: Sequence[str]) -> None:

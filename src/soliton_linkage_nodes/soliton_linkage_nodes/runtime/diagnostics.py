@@ -25,7 +25,7 @@ _NUMBERS = re.compile(r'[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b|\bnan\b)')
 
 
 class LogThrottle:
-    """Filter that logs messages that differ only in numbers at most once per period [s]."""
+    """Filter that logs a kind of message at most once per period; numbers do not matter."""
 
     def __init__(self, log: Callable[[str], object], period: float) -> None:
         self._log = log
@@ -74,7 +74,8 @@ class Report:
 class Diagnostics:
     """Publisher of a node's report once a second, and counter of rejections and failures.
 
-    Each function in `monitors` adds a warning, '' for none, and values by name.
+    Each function in `monitors` returns a warning ('' means none) and values by name, which are
+    added to the report.
     """
 
     def __init__(self, node: Node, task: str, report: Callable[[], Report]) -> None:
@@ -111,8 +112,8 @@ class Diagnostics:
     def guarded(self, source: str, take: Callable[..., Any]) -> Callable[..., Any]:
         """Return a callback that rejects the message if `take` raises an error.
 
-        ValueError and ArithmeticError count as rejected input, others as failures. MemoryError is
-        raised.
+        ValueError and ArithmeticError count as rejected input, and other errors as failures.
+        MemoryError is not caught.
         """
 
         @wraps(take)

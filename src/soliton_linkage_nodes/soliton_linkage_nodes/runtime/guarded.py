@@ -17,7 +17,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 SERVICE_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-"""Quality of service of services: with the default queue of 10, clients lose responses."""
+"""Quality of service of services; with the default queue of 10, clients would lose responses."""
 ACTION_QOS = {f'{call}_service_qos_profile': SERVICE_QOS for call in ('goal', 'result', 'cancel')}
 
 
@@ -43,11 +43,11 @@ class GuardedNode(Node):
 
     @property
     def subscriptions(self) -> Iterator[Subscription]:
-        """Subscriptions for which an executor calls the callback."""
+        """Subscriptions whose callbacks an executor calls."""
         return (each for each in super().subscriptions if each not in self._undispatched)
 
     def dispatch(self, subscription: Subscription, dispatched: bool) -> None:
-        """Set whether executors take a subscription's messages; their wake-ups are slow."""
+        """Set whether executors take the messages of a subscription, which is slow."""
         this = frozenset([subscription])
         self._undispatched = self._undispatched - this if dispatched else self._undispatched | this
         if self.executor is not None:

@@ -36,13 +36,14 @@ _DEEPEST_QUEUE = 1000
 _QUEUE_BYTES = 64 * 2**20
 """Memory limit for the queue of a stream, in the publisher and in each subscriber [B]."""
 _LONGEST_RECORD = 100_000
-"""Queue depth for a recording of 100 s at 1000 Hz. Unused entries take no memory."""
+"""Queue depth for a recording of 100 s at 1000 messages per second; unused entries take no
+memory."""
 ACKNOWLEDGEMENT_LIMIT = 0.5
-"""Longest wait for acknowledgements when a node ends, enough on a busy machine [s]."""
+"""Longest wait for acknowledgements when a node ends [s]; enough on a busy machine."""
 _POLL_INTERVAL = 0.02
 """Poll interval while waiting for subscribers [s]."""
 _DISCOVERY_TIME = 1.0
-"""Time without a new subscriber after which discovery counts as complete [s]."""
+"""Time without a new subscriber after which the discovery counts as complete [s]."""
 
 
 def reliable_qos(depth: int) -> QoSProfile:
@@ -51,23 +52,26 @@ def reliable_qos(depth: int) -> QoSProfile:
 
 
 def stream_qos(message_size: int = 0) -> QoSProfile:
-    """Return a reliable quality of service with a queue of 10 to 1000 messages, at most 64 MiB."""
+    """Return a reliable quality of service for a stream.
+
+    The queue has 10 to 1000 messages and at most 64 MiB.
+    """
     affordable = _QUEUE_BYTES // max(message_size, 1)
     return reliable_qos(int(min(_DEEPEST_QUEUE, max(10, affordable))))
 
 
 def lossless_stream_qos() -> QoSProfile:
-    """Return a quality of service whose queue holds a whole recording, for both ends."""
+    """Return a quality of service whose queue holds a whole recording, for both sides."""
     return reliable_qos(_LONGEST_RECORD)
 
 
 def command_qos() -> QoSProfile:
-    """Return a volatile quality of service. A late subscriber does not receive old commands."""
+    """Return a volatile quality of service, so that late subscribers get no old commands."""
     return reliable_qos(100)
 
 
 def image_qos() -> QoSProfile:
-    """Return a quality of service with a short queue, because displays need new pictures."""
+    """Return a quality of service with a short queue, because displays need new pictures only."""
     return reliable_qos(5)
 
 
@@ -152,7 +156,7 @@ def wait_for_acknowledgements(publisher: Publisher) -> None:
 def wait_for_subscriber(
     publisher: Publisher, seconds: float, stopping: threading.Event | None = None, fewest: int = 1
 ) -> bool:
-    """Wait for `fewest` subscribers, then until their number is constant for a second.
+    """Wait for `fewest` subscribers, and then until their number is constant for a second.
 
     Returns False if fewer are found within `seconds` or if `stopping` is set.
     """

@@ -35,9 +35,9 @@ class ManagedNode(GuardedNode, LifecycleNode):
     """Node with the lifecycle of ROS: unconfigured, inactive, active.
 
     A subclass lists its parameters in `PARAMETERS` and overrides `configure`, `activate`,
-    `deactivate` and `cleanup`, after which the topics, timers and services of `configure` are
-    destroyed. Errors are logged and keep the state; during an autostart, the constructor raises
-    them.
+    `deactivate` and `cleanup`. After `cleanup`, the topics, timers and services of `configure` are
+    destroyed. An error is logged, and the state does not change. During an autostart, the
+    constructor raises the error.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {}
@@ -177,7 +177,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
                 destroy(self, entity)
 
     def _reject_impossible_transitions(self) -> None:
-        """Reject a transition that is impossible in the current state; Jazzy ends the process."""
+        """Reject a transition that is impossible in this state; Jazzy would end the process."""
         service = self._service_change_state
         change = service.callback
 
@@ -204,4 +204,4 @@ _DESTROYERS: dict[str, Callable[[Any, Any], Any]] = {
     'clients': Node.destroy_client,
     'publishers': Node.destroy_publisher,
 }
-"""Destructors for each kind of entity, those with callbacks first."""
+"""Functions that destroy each kind of entity; entities with callbacks come first."""

@@ -15,11 +15,12 @@ from typing import NamedTuple
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _LOWEST_PRIORITY = 1
-"""Lowest priority of SCHED_FIFO, above all ordinary threads [1]."""
+"""Lowest priority of SCHED_FIFO [1]; it exceeds that of all ordinary threads."""
 _INTERVAL = 0.05
-"""Interval between measurements of the processor share [s]; the kernel's limit is 0.95 s."""
+"""Interval between two measurements of the processor share [s]; the kernel stops real-time threads
+after 0.95 s."""
 _LARGEST_SHARE = 0.8
-"""Processor share of a process above which it loses its priority [cores]."""
+"""Processor share above which a process loses its real-time priority [cores]."""
 
 
 def raise_priority(raised: bool, threads: Sequence[int] = (0,)) -> None:
@@ -35,13 +36,13 @@ def raise_priority(raised: bool, threads: Sequence[int] = (0,)) -> None:
 
 
 def yield_core() -> None:
-    """Yield the core of a real-time thread; threads that it has woken would otherwise wait."""
+    """Yield the core of a real-time thread, so that threads that it has woken can run."""
     if os.sched_getscheduler(0) == os.SCHED_FIFO:
         os.sched_yield()
 
 
 class IdlePriority:
-    """Real-time priority for threads, which an overloaded process loses."""
+    """Real-time priority of threads; an overloaded process loses it."""
 
     def __init__(self, real_time: bool, threads: Sequence[int] | None = None) -> None:
         self._real_time = real_time
@@ -75,9 +76,9 @@ _LONGEST_LAG = 10**8
 _LONGEST_SLEEP = 0.1
 """Longest sleep before the loop checks for a stop or another rate [s]."""
 _IDLE = 0.005
-"""Sleep after a call without work at an infinite rate [s]."""
+"""Sleep after a call that had no work, at an infinite rate [s]."""
 _PRIORITY_LIMIT = 10**7
-"""Lateness of a call above which the loop loses its priority [ns], ten periods at 1000 Hz."""
+"""Lateness of a call above which the loop loses its priority [ns]: ten periods at 1000 Hz."""
 
 
 class Punctuality(NamedTuple):
@@ -95,10 +96,10 @@ class Punctuality(NamedTuple):
 class PacedLoop:
     """Thread that calls a function at the times t0 + k / rate, k = 0, 1, ...
 
-    A call more than 0.1 s late postpones all later deadlines; otherwise the missed calls would
-    follow in a burst. A change of the rate sets t0. At an infinite rate, calls follow without
-    pauses, except 5 ms after a call that returns False. With `real_time`, the thread has priority
-    while less than 10 ms late.
+    A call that is more than 0.1 s late postpones all later deadlines, so that the missed calls do
+    not follow in a burst. A change of the rate restarts t0. At an infinite rate, calls follow
+    without pauses, except for 5 ms after a call that returns False. With `real_time`, the thread
+    has priority while it is less than 10 ms late.
     """
 
     def __init__(self, rate: float, act: Callable[[], object], real_time: bool = False) -> None:

@@ -31,8 +31,8 @@ from soliton_linkage_nodes.runtime.parameters import reject_unknown
 _SPIN = 0.02
 """Longest time between two checks of a condition while no message arrives [s]."""
 _SHARE_OF_PERIOD = 0.1
-"""Switch interval of the interpreter / frame period [1]. Sensitivity: at 0.5x, twice as many
-wake-ups; at 2x, frames are 0.1 periods later."""
+"""Switch interval of the Python interpreter, relative to the frame period [1]. Sensitivity: at
+0.5x, twice as many wake-ups; at 2x, frames are later by 0.1 periods."""
 _SHORTEST_INTERVAL = 1e-4
 """Shortest switch interval of the interpreter [s]. One switch takes a few microseconds."""
 _MIXED = 'Sequence should be of same type'
@@ -57,7 +57,7 @@ def spin_until(
 
 
 class WaitingNode(Node):
-    """Node of a program that spins only while the program waits, without parameters."""
+    """Node of a program, without parameters; it spins only while the program waits."""
 
     def __init__(self, name: str, stopping: threading.Event, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
@@ -81,7 +81,7 @@ class WaitingNode(Node):
 
 
 def stop_on_signals() -> threading.Event:
-    """Return an event that SIGINT and SIGTERM set; rclpy's handlers would lose queued messages."""
+    """Return an event that SIGINT and SIGTERM set, so that queued messages are not lost."""
     stopping = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda _number, _frame: stopping.set())
@@ -170,7 +170,7 @@ def run_together(constructors: Sequence[Callable[[], Node]], arguments: list[str
 
 
 def end_process(code: int) -> None:
-    """Exit even during a long computation; exit handlers could wait forever for its lock."""
+    """End the process, even during a long computation that blocks the exit handlers."""
     if any(thread.daemon for thread in threading.enumerate() if thread.is_alive()):
         sys.stdout.flush()
         sys.stderr.flush()
@@ -212,7 +212,7 @@ def _has_finished(node: Node) -> bool:
 class SpinSlices:
     """Thread that ends each slice of spinning after 0.1 s.
 
-    The executor checks its time limit only while no message is waiting.
+    The executor itself checks its time limit only while no message is waiting.
     """
 
     def __init__(self) -> None:

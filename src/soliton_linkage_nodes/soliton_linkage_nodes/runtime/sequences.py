@@ -11,25 +11,29 @@ from dataclasses import dataclass
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _SILENCE = 0.5
-"""Silence after which another publisher is selected [s]. The graph lists a killed one for 20 s."""
+"""Silence of a publisher after which another one is selected [s]; the ROS graph lists a killed one
+for 20 s."""
 _SILENT_PERIODS = 5
-"""Message periods after which a slow publisher without new messages is replaced [1]."""
+"""Number of message periods after which a slow, silent publisher is replaced [1]."""
 _MEMORY = 20
-"""Messages over which the period of a publisher is averaged [1]."""
+"""Number of messages over which the period of a publisher is averaged [1]."""
 _GAP_RATIO = 3.0
-"""Ratio of actual to predicted time above which the publisher is probably another one [1]."""
+"""Ratio of the actual to the predicted time above which a message probably has another publisher
+[1]."""
 _NANOSECOND = 1e-9
 """One nanosecond [s]."""
 _OFFSET_WINDOW = 10.0
-"""Time over which the offset between two clocks is estimated [s]. Later, clocks drift."""
+"""Time over which the offset between two clocks is estimated [s]; over longer times, clocks
+drift."""
 
 
 class SequenceGaps:
     """Counter of the messages of a topic that were published and never received.
 
-    Each publisher numbers its messages 1, 2, 3, ... Message n belongs to the publisher with the
-    last number n - 1, otherwise to a new one. If all are known, it belongs to the one with the
-    largest last number below n, or replaces the one that was silent for longest.
+    Each publisher numbers its messages 1, 2, 3, ... Message n belongs to the publisher whose last
+    number is n - 1, otherwise to a new publisher. If all publishers are known, it belongs to the
+    one with the largest last number below n. If no such publisher exists, it replaces the one that
+    was silent for longest.
     """
 
     def __init__(self) -> None:
@@ -65,7 +69,7 @@ class _Newcomer:
 
 
 class MissedStarts:
-    """Counter of messages that new publishers sent before they matched with a subscription."""
+    """Counter of the messages that new publishers sent before the first received one."""
 
     def __init__(self) -> None:
         self._newcomers: list[_Newcomer] = []
@@ -80,7 +84,7 @@ class MissedStarts:
         )
 
     def add(self, number: int, sent: int, elapsed: int) -> None:
-        """Add a publisher's first message, sent at `sent`, `elapsed` after subscribing [ns]."""
+        """Add a publisher's first message, its source time and the time since subscribing [ns]."""
         if number > 1:
             self._newcomers.append(_Newcomer(number, sent, elapsed))
 
@@ -93,7 +97,7 @@ class MissedStarts:
 
 @dataclass
 class _Publisher:
-    """Number and source time [ns] of a publisher's last message; its mean period [ns] or NaN."""
+    """Number and source time [ns] of a publisher's last message, and its period [ns] or NaN."""
 
     number: int
     sent: int
@@ -117,7 +121,10 @@ class _Publisher:
         return missing
 
     def time_mismatch(self, number: int, sent: int) -> float:
-        """Return |log(time since last message / predicted time)|, infinite for an old number."""
+        """Return |log(time since the last message / predicted time)|.
+
+        Infinite for an old number.
+        """
         count, took = number - self.number, sent - self.sent
         if count <= 0:
             return math.inf
@@ -130,9 +137,9 @@ class _Publisher:
 class PublisherArbitration:
     """Filter that keeps only the messages of one selected publisher of a topic.
 
-    The first message selects its publisher; another one replaces it when it becomes silent.
-    Message n belongs to the publisher with the last number n - 1, otherwise to the best predicted
-    one.
+    The first message selects its publisher. When this publisher becomes silent, another one
+    replaces it. Message n belongs to the publisher whose last number is n - 1, otherwise to the
+    one whose predicted time is closest.
     """
 
     def __init__(self) -> None:
@@ -146,7 +153,10 @@ class PublisherArbitration:
         self._others_since: float | None = None
 
     def take(self, number: int, sent: int, publishers: Callable[[], int]) -> bool:
-        """Return whether to keep a message with its source time `sent` [ns]; count the others."""
+        """Return whether to keep a message with the source time `sent` [ns].
+
+        Count other messages.
+        """
         selected = self._selected
         if selected is None:
             self._selected = _Publisher(number, sent)
@@ -201,7 +211,7 @@ class PublisherArbitration:
 
 @dataclass
 class _Share:
-    """Publishers of the same parts of a stream, and the time of their last kept message [s]."""
+    """Publishers of some parts of a stream, and the time of their last kept message [s]."""
 
     arbitration: PublisherArbitration
     parts: set[str]
@@ -278,7 +288,10 @@ class StreamArbitration:
 
 
 class Lag:
-    """Monitor of the lag behind the messages; the smallest delay in 10 to 20 s counts as zero."""
+    """Monitor of the lag behind the publisher.
+
+    The smallest delay in 10 to 20 s counts as no lag.
+    """
 
     def __init__(self, longest: float) -> None:
         self._longest = longest or math.inf

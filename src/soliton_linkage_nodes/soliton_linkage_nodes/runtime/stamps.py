@@ -32,7 +32,7 @@ def nanoseconds_of(clock: Clock) -> int:
 
 
 class Freshness:
-    """Age of the last message, with the limit `longest` [s]."""
+    """Age of the last message; messages older than `longest` [s] count as stale."""
 
     def __init__(self, longest: float) -> None:
         self._longest = longest
@@ -58,7 +58,8 @@ class Freshness:
 
 
 _DRIFT_TIME = 10.0
-"""Shortest time for an estimate of the clock drift [s]; jitter of 1 ms then makes 100 ppm."""
+"""Shortest time for an estimate of the clock drift [s]; a jitter of 1 ms then causes an error of
+100 ppm."""
 
 
 class ClockMonitor:
@@ -76,7 +77,10 @@ class ClockMonitor:
             self._least, self._latest = behind, now
 
     def figures(self) -> dict[str, float]:
-        """Return offset and drift from the messages since the last call, nothing without any."""
+        """Return offset and drift from the messages since the last call.
+
+        An empty result without messages.
+        """
         if self._least is None:
             return {}
         least, at, self._least = self._least, self._latest, None

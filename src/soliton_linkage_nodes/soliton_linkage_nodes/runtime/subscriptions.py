@@ -21,11 +21,11 @@ from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.sequences import Lag, SequenceGaps, StreamArbitration
 
 LONGEST_LAG = 0.5
-"""Default lag of a node above which it skips waiting messages [s]."""
+"""Default lag above which a node skips waiting messages [s]."""
 _POLL_PERIOD = 0.5
 """Time between two checks for new publishers [s]."""
 _NAMELESS = '_NODE_NAME_UNKNOWN_'
-"""Node name in the ROS graph until a process has announced its nodes."""
+"""Node name in the ROS graph before a process has announced its nodes."""
 _PUBLISHERS_CHANGE = (
     QoSSubscriptionEventType.RCL_SUBSCRIPTION_MATCHED,
     QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS,
@@ -40,7 +40,7 @@ def _ignore(_message: Any) -> None:
 
 
 def _with_info(take: Callable[[Any, Info], None]) -> Callable[..., None]:
-    """Return a callback for `take`. The EventsExecutor passes one pair, others two arguments."""
+    """Return a callback for `take`; executors pass it a pair or two arguments."""
 
     @wraps(take)
     def take_both(*given: Any) -> None:
@@ -52,8 +52,8 @@ def _with_info(take: Callable[[Any, Info], None]) -> Callable[..., None]:
 class AdaptiveSubscription:
     """Subscription whose quality of service is compatible with every publisher of a topic.
 
-    `adapt` replaces it for publishers with another quality of service; messages waiting in the old
-    one are lost unless `before` takes them.
+    For publishers with another quality of service, `adapt` replaces the subscription. Messages
+    that wait in the old subscription are lost unless `before` takes them.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class AdaptiveSubscription:
 
     @property
     def changed(self) -> bool:
-        """Whether publishers of a GuardedNode's topic changed since the last call."""
+        """Whether the publishers of a GuardedNode's topic have changed since the last call."""
         changed = False
         for event in self._events:
             with event:
@@ -100,14 +100,17 @@ class AdaptiveSubscription:
                 yield taken
 
     def newest(self) -> Any:
-        """Return the next waiting message, or None; for queue depth 1 it is the newest."""
+        """Return the next waiting message, or None.
+
+        With queue depth 1 it is the newest message.
+        """
         message, info = next(self.waiting(), (None, None))
         if info is not None:
             self.sequence = info['publication_sequence_number']
         return message
 
     def adapt(self, before: Callable[[], object] = lambda: None) -> bool:
-        """Subscribe again if publishers require it, after `before`; return whether it did."""
+        """Call `before` and subscribe again if publishers require it; return whether they do."""
         self.publishers = self._query_publishers()
         qos = self._qos_for_all() if self.publishers else self.qos
         if _same_offer(qos, self.qos):
@@ -192,9 +195,9 @@ def subscribe_newest(
 class StreamSubscription:
     """Subscription of a node to a stream of messages from one publisher at a time.
 
-    Of several publishers of the same parts, such as joints, the first one is used until it is
-    silent. Diagnostics report several publishers and lost messages. After a lag above
-    `longest_lag` [s], all waiting messages but the newest are skipped.
+    Of several publishers of the same parts of the stream, such as joints, the first one is used
+    until it becomes silent. Diagnostics report several publishers and lost messages. After a lag
+    above `longest_lag` [s], all waiting messages but the newest are skipped.
     """
 
     def __init__(
@@ -246,7 +249,7 @@ class StreamSubscription:
         self._restore_dispatch()
 
     def dispatch(self, dispatched: bool) -> None:
-        """Set whether the executor takes each message; otherwise `take_waiting` must take them."""
+        """Set whether the executor takes each message; otherwise call `take_waiting`."""
         if dispatched is not self.dispatched:
             self.dispatched = dispatched
             self._node.dispatch(self._adaptive.subscription, dispatched)
@@ -349,7 +352,7 @@ class StreamSubscription:
 
 
 class CountedSubscription:
-    """Subscription to commands from any publishers. Diagnostics report lost messages."""
+    """Subscription to commands from any publisher. Diagnostics report lost messages."""
 
     def __init__(
         self,

@@ -18,7 +18,7 @@ from soliton_linkage_nodes.messages.view_conversions import STATES
 
 _KINDS = {'kick': 'kick [rad/s]', 'pulse': 'pulse [N m]', 'pressure': 'pressure [Pa]'}
 _DEFAULT_VALUES = {'kick': 10.0, 'pulse': 0.002, 'pressure': 20_000.0}
-"""Default value of each kind of edge command [rad/s, N m, Pa]. Each value starts a soliton."""
+"""Default value of each kind of edge command [rad/s, N m, Pa]; it starts a soliton."""
 _DEFAULT_NUDGE = 10.0
 """Default angular speed of a nudge [rad/s], the same as in the guided experiments."""
 _FASTEST_NUDGE = 50.0
@@ -40,7 +40,7 @@ class Shown(Protocol):
 
 
 async def attempt(name: str, action: Action, long: bool = False) -> bool:
-    """Carry out an action and show its answer; a `long` action has no time limit of 2 s."""
+    """Carry out an action and show its answer; a `long` action may take more than 2 s."""
     number = next(_numbers)
     show_answer(number, name, long=long)
     good = True
@@ -104,7 +104,7 @@ def value_of(entry: ui.number) -> float:
 
 
 class ControlGroup:
-    """Controls under one heading, which the reason `reason_of` of the status disables."""
+    """Controls under one heading; the reason `reason_of` of the status disables them."""
 
     def __init__(self, title: str, reason_of: str) -> None:
         self.reason_of = reason_of
@@ -330,7 +330,7 @@ class RunControls(ChainControls):
 
 
 def joint_angles(text: str) -> dict[str, float]:
-    """Return the angle [rad] of each joint in 'rotor_0: 1.2, ...'; ValueError otherwise."""
+    """Return the angle [rad] of each joint in a text 'rotor_0: 1.2, ...', or raise ValueError."""
     angles = {}
     for part in filter(None, (p.strip() for p in text.split(','))):
         name, _, value = part.partition(':')

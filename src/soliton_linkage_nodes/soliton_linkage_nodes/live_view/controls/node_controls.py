@@ -85,7 +85,10 @@ class IdentifyControls(ChainControls):
 
 
 def describe(report: NodeReport, progress: str = '') -> list[str]:
-    """Return the report of the chain identifier as lines; `progress` is its state if it runs."""
+    """Return the report of the chain identifier as lines.
+
+    `progress` is that of a running identification.
+    """
     figures = report.figures
     found = 'noise [rad]' in figures
     lines = [', '.join(filter(None, (f'{figures.get("frames", "?")} frames', progress)))]

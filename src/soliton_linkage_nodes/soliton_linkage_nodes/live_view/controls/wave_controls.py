@@ -23,7 +23,7 @@ from soliton_linkage_nodes.live_view.view import View
 
 _UNITS = {'torque': 'N m', 'angle': 'rad'}
 _AMPLITUDES = {'torque': 0.002, 'angle': 0.1}
-"""Default amplitude for each quantity [N m, rad], which moves a kink."""
+"""Default amplitude of each quantity [N m, rad]; it moves a kink."""
 
 
 _LARGEST_COUPLING = 1e-3
