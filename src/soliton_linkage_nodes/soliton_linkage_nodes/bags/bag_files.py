@@ -41,7 +41,7 @@ _READERS: dict[str, type[IndexedMcap | StoredSqlite]] = {
 }
 _MODES = ('', 'none', 'file', 'message', 'storage')
 _MOST_FILES = 10_000
-"""Largest number of files of a bag [1]; files of ten seconds make 8640 a day."""
+"""Largest number of files of a bag [1]; a file every ten seconds makes 8640 files a day."""
 
 
 class BagFiles(LimitedReader):
@@ -101,7 +101,10 @@ class BagFiles(LimitedReader):
         start: int | None = None,
         stop: int | None = None,
     ) -> Generator[tuple[Connection, int, bytes], None, None]:
-        """Yield topic, receive time [ns] and bytes of messages of some topics in [start, stop)."""
+        """Yield topic, receive time [ns] and bytes of the messages of some topics.
+
+        The receive times are in the interval [start, stop).
+        """
         wanted = {topic_key(each): each for each in connections}
         together: list[ReaderProtocol] = []
         end = 0

@@ -22,7 +22,8 @@ from soliton_linkage.linkage.quantities import quantity
 _MEBIBYTE = 2**20
 """Size of 1 MiB [B]."""
 _LARGEST_RATIO = 25
-"""Largest ratio of decompressed to compressed size of a large file [1]; at rest it is 10."""
+"""Largest ratio of the decompressed to the compressed size of a large file [1]; a chain at rest
+has a ratio of 10."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,10 @@ PACKED = '.zstd'
 
 
 def decompress_file(packed: BinaryIO, plain: Path, limits: BagLimits) -> str | None:
-    """Decompress a zstd file up to the first damage or limit; return the damage, if any."""
+    """Decompress a zstd file up to the first damage or limit.
+
+    Return a description of the damage, if any.
+    """
     size = packed.seek(0, 2)
     most = limits.for_file(size)
     if not size:
@@ -76,7 +80,7 @@ def decompress_file(packed: BinaryIO, plain: Path, limits: BagLimits) -> str | N
 
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 _BLOCK_IN = 4096
-"""Input of one call of a decompressor [B]; damaged data lose the output of one call."""
+"""Input of one call of a decompressor [B]; damage loses the output of one call."""
 _BLOCK_OUT = 2**20
 """Largest output of one call of a decompressor [B]."""
 
@@ -137,7 +141,7 @@ def _decompressor(codec: str) -> Any:
 
 
 def regular_file(path: Path, folder: Path | None = None) -> Path:
-    """Return the resolved path of a regular file; ValueError if it is none or outside `folder`."""
+    """Return the resolved path of a regular file in `folder`; ValueError for other paths."""
     resolved = path.resolve(strict=True)
     if folder is not None and not resolved.is_relative_to(folder.resolve()):
         raise ValueError(
@@ -182,21 +186,21 @@ def map_file(path: Path) -> memoryview:
 
 
 def release_pages(data: memoryview | mmap.mmap) -> None:
-    """Release the memory of a mapped file, which the system reads again when accessed."""
+    """Release the memory of a mapped file; the system reads it again when necessary."""
     whole = data.obj if isinstance(data, memoryview) else data
     if isinstance(whole, mmap.mmap):
         whole.madvise(mmap.MADV_DONTNEED)
 
 
 MAX_TEXT_SIZE = 4 * 2**20
-"""Longest text that is parsed [characters]; a parser needs 100 times its memory."""
+"""Longest text that is parsed [characters]; a parser needs 100 times the memory of the text."""
 _DEEPEST = 30
 """Largest nesting depth of lists and mappings [1]. Files of rosbag2 have 6 levels."""
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 _OPENING = (yaml.SequenceStartEvent, yaml.MappingStartEvent)
 _CLOSING = (yaml.SequenceEndEvent, yaml.MappingEndEvent)
 _LONG_NUMBER = re.compile(r'[-+]?\d[\d_:.]{99,}')
-"""Number with at least 100 characters, whose conversion may take too long."""
+"""Number with at least 100 characters; its conversion may take too long."""
 _JSON_TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[\[{]|[\]}]', re.DOTALL)
 
 
@@ -229,7 +233,7 @@ def load_json(text: str) -> Any:
 
 
 def parse_count(value: object) -> int:
-    """Return a count from a text or number, 0 unless it is an integer from 0 to 2^63 - 1."""
+    """Return a count from a text or number; 0 unless it is an integer from 0 to 2^63 - 1."""
     number = int(value) if isinstance(value, str) and re.fullmatch(r'\d{1,18}', value) else value
     valid = isinstance(number, int) and not isinstance(number, bool) and 0 <= number < 2**63
     return number if valid and isinstance(number, int) else 0

@@ -28,12 +28,12 @@ MCAP: Final = 'mcap'
 SUFFIXES: Final = {MCAP: '.mcap', 'sqlite3': '.db3'}
 """Suffix of the files of each storage of rosbag2."""
 METADATA_VERSION: Final = 9
-"""Version of metadata.yaml that the rosbag2 of Jazzy writes. Older ones have fewer fields."""
+"""Version of metadata.yaml that the rosbag2 of Jazzy writes; older versions have fewer fields."""
 METADATA_FILE: Final = 'metadata.yaml'
 _KEY: Final = 'rosbag2_bagfile_information'
 _TOPICS: Final = 'topics_with_message_count'
 GAPS: Final = 'gaps'
-"""Key of the custom data with start and end [ns] of each interval without recording."""
+"""Key of the custom data with the start and end [ns] of each interval without recording."""
 _DUMPER: Any = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
 
 
@@ -81,7 +81,10 @@ def suite_version() -> str:
 def bag_information(
     topics: Mapping[StoredTopic, int], files: Sequence[StoredFile], custom_data: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return the metadata of an MCAP bag; `topics` holds the number of messages of each."""
+    """Return the metadata of an MCAP bag.
+
+    `topics` contains the number of messages of each topic.
+    """
     filled = [file for file in files if file.messages] or list(files)
     start = min(file.start for file in filled)
     listed: dict[tuple[str, str, str], tuple[StoredTopic, int]] = {}
@@ -146,7 +149,7 @@ def read_metadata(folder: Path) -> dict[str, Any] | None:
 
 
 def custom_data_of(metadata: str) -> dict[str, str]:
-    """Return the custom data in a metadata text, {} if it is invalid."""
+    """Return the custom data in a metadata text; {} if the text is invalid."""
     try:
         return custom_data_in(load_yaml(metadata))
     except ValueError:
@@ -161,7 +164,7 @@ def custom_data_in(information: object) -> dict[str, str]:
 
 
 def gaps_in(custom_data: Mapping[str, str]) -> list[tuple[int, int]]:
-    """Return start and end of each interval without recording [ns], [] if invalid."""
+    """Return start and end of each interval without recording [ns]; [] if invalid."""
     try:
         gaps = load_json(custom_data.get(GAPS, '[]'))
         return [(parse_count(start), parse_count(end)) for start, end in gaps]

@@ -84,7 +84,7 @@ def gaps_of(reader: Reader) -> list[tuple[int, int]]:
 
 
 def latched_before(reader: Reader, connection: Connection, stop: int) -> list[bytes]:
-    """Return the latched messages that a subscriber started at `stop` [ns] would receive."""
+    """Return the latched messages that a subscriber would receive if it started at `stop` [ns]."""
     earlier = read_messages(reader, [connection], None, stop)
     return list(deque((data for _, _, data in earlier), maxlen=latched_depth(connection)))
 
@@ -141,8 +141,9 @@ def read_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Iterator[tup
 def decoder(connection: Connection) -> Callable[[bytes], Any]:
     """Return a function that deserializes messages of a topic to the installed type.
 
-    Of an older definition, fields with equal names are copied. Raises ValueError if the type is
-    not installed or not CDR; the returned function raises it for a damaged message.
+    From messages with an older definition, fields with equal names are copied. Raises ValueError
+    if the type is not installed or the encoding is not CDR. The returned function raises
+    ValueError for a damaged message.
     """
     message_type = class_of(connection)
     if is_older(connection):
@@ -195,7 +196,10 @@ def message_class(type_name: str) -> Any:
 
 
 def _has_types(package: str, kind: str) -> bool:
-    """Return whether a package defines types, without importing it: a bag may name any package."""
+    """Return whether a package defines types, without importing it.
+
+    A bag may name any package.
+    """
     if f'{package}.{kind}' in sys.modules:
         return True
     found = PathFinder.find_spec(package) if package.isidentifier() else None
@@ -218,7 +222,7 @@ def latched(connection: Connection) -> bool:
 
 
 def latched_depth(connection: Connection) -> int:
-    """Return how many messages the publisher kept for late subscribers, 0 if not latched."""
+    """Return how many messages the publisher kept for late subscribers; 0 if not latched."""
     profiles = getattr(connection.ext, 'offered_qos_profiles', [])
     kept = [p.depth for p in profiles if p.durability is QosDurability.TRANSIENT_LOCAL]
     return max(depth if depth > 0 else _UNKNOWN_DEPTH for depth in kept) if kept else 0
@@ -229,9 +233,10 @@ def _one_line(error: Exception) -> str:
 
 
 _LONGER, _MARGIN = 4, 4096
-"""Longest definition relative to the installed one [1], and margin [characters]."""
+"""Limits of the length of a definition: factor to the installed definition [1], and margin
+[characters]."""
 _LONGEST_REASON = 200
-"""Length at which the error of a parser is cut [characters]; it may quote the input."""
+"""Length above which the error of a parser is cut [characters], because it may quote the input."""
 
 
 def is_older(connection: Connection) -> bool:

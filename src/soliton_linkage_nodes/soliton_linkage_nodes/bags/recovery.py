@@ -47,7 +47,7 @@ Show = Callable[[int, int], None]
 
 
 def recovered_file(path: Path, storage: str, doubtful: bool, limits: BagLimits) -> RecoveredFile:
-    """Open a file for recovery, with `doubtful` also of messages with wrong checksums."""
+    """Open a file for recovery; `doubtful` includes messages with wrong checksums."""
     kind = RecoveredMcap if storage == MCAP else RecoveredSqlite
     return kind(path, doubtful, limits)
 
@@ -56,9 +56,9 @@ def recovered_file(path: Path, storage: str, doubtful: bool, limits: BagLimits) 
 class BagReport:
     """Content and damage of a bag.
 
-    `counts` holds the messages of each topic; `start` and `end` are receive times [ns]. `notes`
-    are harmless irregularities. `lost` messages cannot be read, `unverified` ones have no
-    checksum.
+    `counts` contains the number of messages of each topic. `start` and `end` are receive times
+    [ns]. `notes` are harmless irregularities. `lost` is the number of messages that cannot be
+    read, and `unverified` that of messages without a checksum.
     """
 
     path: Path
@@ -96,8 +96,8 @@ def recover_bag(
 ) -> tuple[BagReport, Path]:
     """Write the intact messages of a bag into a new bag; return a report and the new path.
 
-    With `doubtful`, messages with wrong checksums are also recovered. Raises ValueError if there
-    are none, OSError if the new bag cannot be written.
+    With `doubtful`, messages with wrong checksums are also recovered. Raises ValueError if no
+    message is intact, and OSError if the new bag cannot be written.
     """
     scan = _BagScan(path, output, doubtful, show, limits)
     report, writer = scan.report, scan.writer
@@ -290,7 +290,7 @@ def unfinished_bag(name: Path) -> Path | None:
 
 
 def take_over(bag: Path) -> UnfinishedBag | None:
-    """Move the intact messages of an MCAP bag into its first file for a writer, or return None."""
+    """Move the intact messages of an MCAP bag into its first file for a writer; else None."""
     try:
         with TemporaryDirectory(prefix=f'.{bag.name}_', dir=bag.parent) as folder:
             report, whole = recover_bag(bag, Path(folder, 'whole'))

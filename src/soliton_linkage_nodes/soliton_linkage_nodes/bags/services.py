@@ -58,7 +58,7 @@ def serve_value(
 
 
 def service_type(name: str) -> Any:
-    """Return a service type of rosbag2; if not installed, one of the suite, else Trigger."""
+    """Return a service type of rosbag2 or, if not installed, of the suite, else Trigger."""
     try:
         return getattr(importlib.import_module('rosbag2_interfaces.srv'), name)
     except (ImportError, AttributeError):

@@ -25,7 +25,7 @@ from rosbags.typesys.store import Typestore
 from soliton_linkage_nodes.bags.guards import load_yaml
 
 CDR = 'cdr'
-"""Encoding of ROS 2 messages. Messages in other encodings are copied but not decoded."""
+"""Encoding of ROS 2 messages; messages in other encodings are copied but not decoded."""
 _LONGEST_NAME = 255
 """Length of the longest name that ROS and file systems accept [characters]."""
 _UNLIMITED = {'sec': 2147483647, 'nsec': 4294967295}
@@ -120,7 +120,7 @@ def _not_installed(kind: str, name: str, error: Exception) -> str:
 
 
 def completed(topic: StoredTopic) -> StoredTopic:
-    """Return a topic, with the installed definition if it is a CDR topic without one."""
+    """Return a topic; a CDR topic without a definition receives the installed one."""
     if topic.serialization != CDR or (topic.definition and topic.digest):
         return topic
     known, digest, _ = _installed(topic.type_name)

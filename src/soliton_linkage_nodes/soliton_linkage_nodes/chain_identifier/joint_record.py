@@ -31,7 +31,7 @@ _MOST_IMPULSES = 10_000
 _MOST_UNMATCHED = 100
 """Largest number of stored messages of `joint_state_deviations` without a stored frame [1]."""
 _Impulses = deque[tuple[int, Array | None]]
-"""Stamp [ns] and angular impulses [N m s], shape (N,), or None if only their time is known."""
+"""Stamp [ns] and angular impulses [N m s], shape (N,); None means that only the time is known."""
 
 
 def _no_impulses() -> _Impulses:
@@ -42,7 +42,10 @@ class JointRecord:
     """Record of frames, impulses and tilts. Delivered impulses replace commanded ones."""
 
     def __init__(self, joint_names: Sequence[str], most: int) -> None:
-        """Create a record of at most `most` frames; the first message names unnamed joints."""
+        """Create a record of at most `most` frames.
+
+        Without names, the first message names the joints.
+        """
         self.joint_names = tuple(joint_names)
         self.frames = 0
         self._assembler = FrameAssembler(joint_names)

@@ -32,7 +32,7 @@ from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 _MOST_KICKS_WAITING = 50
-"""Largest number of kicks that wait for the simulator [1]: half the queue depth of
+"""Largest number of kicks that wait for the simulator [1]. It is half the queue depth of
 `rotor_impulses`, so that no accepted kick is lost."""
 
 
@@ -64,7 +64,10 @@ class Commands:
         self._publishers = publishers
 
     def nudge(self, source: str, message: Float64) -> None:
-        """Apply a kick or a pressure with the same impulse, as `nudge_as`, at `nudge_edge`."""
+        """Apply a kick at `nudge_edge`.
+
+        `nudge_as` can replace it by a pressure of equal impulse.
+        """
         kick = EdgeCommand(Edge(self.settings.nudge_edge), CommandKind.KICK, message.data)
         if self.settings.nudge_as == CommandKind.KICK.value:
             self._command(source, kick)
@@ -102,8 +105,8 @@ class Commands:
     def trajectory(self, source: str, message: JointTrajectory) -> None:
         """Apply torques that are interpolated linearly between the points of a trajectory.
 
-        A trajectory without points ends the torques of its joints, or of all joints if it has
-        none.
+        A trajectory without points ends the torques of its joints. If it names no joints, it ends
+        all torques.
         """
         chain = self._ready()
         if not message.points:

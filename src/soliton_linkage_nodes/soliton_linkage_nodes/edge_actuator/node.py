@@ -37,8 +37,8 @@ from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.subscriptions import CountedSubscription, StreamSubscription
 
 _POLL_INTERVAL = 0.02
-"""Poll interval for the frames of an idle chain, below `state_timeout` [s]. Polls also keep the
-code path of a kick in the caches of the processor."""
+"""Poll interval for the frames of an idle chain [s], shorter than `state_timeout`. Polls also keep
+the code path of a kick in the caches of the processor."""
 _IDLE_AFTER = 1.0
 """Time without commands after which the chain counts as idle [s]."""
 
@@ -206,8 +206,8 @@ class EdgeActuator(ManagedNode):
     def _poll(self) -> None:
         """Receive waiting frames, and run the computations of a kick without applying a kick.
 
-        Otherwise their code would leave the processor's caches, and a kick would take twice as
-        long.
+        Without these computations, the code of a kick would leave the processor's caches, and a
+        kick would take twice as long.
         """
         self._dispatch_while_busy()
         self._catch_up()

@@ -28,7 +28,7 @@ from soliton_linkage_nodes.runtime.interfaces import Topic, command_qos
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 
 _DEPTH = 1000
-"""Queue depth of a subscription, 1 s at 1000 Hz [messages]."""
+"""Queue depth of a subscription [messages]: 1 s at 1000 messages per second."""
 
 
 class OutgoingTopic:
@@ -132,7 +132,7 @@ class OutgoingTopics:
 
 
 _ENCODINGS = ('cdr', 'json')
-"""Encodings in which clients may publish messages."""
+"""Encodings that clients may use for published messages."""
 Key = tuple[int, int]
 """Number of a client and number of one of its channels."""
 

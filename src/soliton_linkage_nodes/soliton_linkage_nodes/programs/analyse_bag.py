@@ -87,7 +87,7 @@ class BagBatch:
     bags: tuple[tuple[str, Path], ...]
     folder: Path
     analyse: Callable[[Path, Path, NamedChain | None, float | None], int]
-    """Function that analyses a bag: bag, output folder, chain, noise [rad]."""
+    """Function that analyses a bag, given bag, output folder, chain and noise [rad]."""
     chain: Path | None = None
     noise: float | None = None
     name: str = 'bags'
@@ -192,11 +192,11 @@ def _fill(study: BagBatch, table: Table, pool: Pool) -> None:
 
 
 _MOST_DRAWN = 4000
-"""Largest number of frames in a picture, which has fewer pixel columns [1]."""
+"""Largest number of frames in a picture [1]; it exceeds the number of pixel columns."""
 
 
 class PictureFrames:
-    """Frames for the pictures, at equal intervals to limit the memory use."""
+    """Frames for the pictures; they have equal intervals to limit the memory use."""
 
     def __init__(self, named: NamedChain) -> None:
         self._reader = FrameReader(named.joint_names, named.encoder_offsets)

@@ -43,10 +43,7 @@ def analyse_frames(
     analysis: JointStateAnalysis | None = None,
     log_time: bool = False,
 ) -> Iterator[tuple[JointStates, Analysis | None]]:
-    """Yield each frame of a bag with its analysis, or None if late; ValueError without any.
-
-    A `given` chain replaces the recorded one; with `log_time`, receive times replace the stamps.
-    """
+    """Yield each frame of a bag with its analysis, None if late; ValueError without frames."""
     analysis = analysis or JointStateAnalysis()
     joints = find_topic(reader, interfaces.JOINT_STATES.name)
     connections = [joints]
@@ -102,7 +99,10 @@ def _decoder(connection: Connection) -> Callable[[bytes], JointStates]:
 
 
 def read_chain(reader: Reader, remedy: str = _RECORD_CHAIN) -> NamedChain:
-    """Return the last chain in a bag; without any, ValueError that ends with `remedy`."""
+    """Return the last chain in a bag.
+
+    Without a chain, raise ValueError that ends with `remedy`.
+    """
     chains = [message for _, message in read_topic(reader, 'chain', remedy)]
     if not chains:
         raise ValueError(f'bag {str(reader.path)!r} has no message on the topic chain; {remedy}')

@@ -24,7 +24,7 @@ from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 _PICTURES = ('.jpg', '.jpeg', '.png', '.tif', '.tiff', '.bmp')
 _STRIDE = 10
-"""Interval between the used pictures of a film, because a search takes 0.1 s [pictures]."""
+"""Interval between the used pictures of a film [pictures]; a search in a picture takes 0.1 s."""
 _CORNERS = Quantity('inner corners', '', 2, 100)
 """Inner corners in a row or in a column of the chessboard [1]."""
 _SQUARE = Quantity('side of a square', 'm', 1e-4, 10.0)

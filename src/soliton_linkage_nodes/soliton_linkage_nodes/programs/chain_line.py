@@ -26,16 +26,19 @@ LEGEND = '/ leans right, \\ leans left, | is upright, ? is missing, O is a solit
 _UPRIGHT = 1 / 3
 """Lean below which a rotor is drawn upright, relative to the uniform state [1]."""
 _DEPTH = 10
-"""Queue depth of joint_states: a frame may consist of ten messages [1]."""
+"""Queue depth of joint_states [1], because a frame may consist of ten messages."""
 _FEWEST = 10
-"""Smallest number of marks in the line, also beside a long remark [1]."""
+"""Smallest number of marks in the line, even with a long remark [1]."""
 
 
 class ChainLine:
     """Drawing of a chain, rotor 0 left, from the topics `chain` and `joint_states`."""
 
     def __init__(self, node: Node, joint_names: tuple[str, ...] = ()) -> None:
-        """Subscribe, also to best-effort publishers; `chain` supplies missing `joint_names`."""
+        """Subscribe to the topics, even of best-effort publishers.
+
+        `chain` supplies missing names.
+        """
         self._joint_names = joint_names
         self._node = node
         self._line = ProgressLine('', 0)

@@ -27,13 +27,13 @@ from soliton_linkage_nodes.programs.command_line import (
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _DAMAGE = 'damage'
-"""Key in the custom data of a recovered bag for the damage of the original."""
+"""Key in the custom data of a recovered bag; its value describes the damage of the original."""
 _LABEL_WIDTH = 19
 """Width of the labels, as in `ros2 bag info` [characters]."""
 _EVENTS = 'soliton_linkage_msgs/msg/SolitonEvent'
 _SERVICE_EVENT, _SERVICE_SUFFIX = '_Event', '/_service_event'
 _TopicRow = tuple[tuple[str, str, str], int, int]
-"""Name, type and encoding of a topic, its number of messages and of lost messages."""
+"""Name, type and encoding of a topic, with its number of messages and of lost messages."""
 
 
 def main() -> None:

@@ -57,7 +57,7 @@ from soliton_linkage_studies.rig_page import rig_page
 _CHAIN_WAIT = 3.0
 """Longest wait for the topic chain after the first frame [s]."""
 _LATEST = 20
-"""Number of messages that give the present angles [1]. Single messages may lack rotors."""
+"""Number of messages that give the present angles [1]; single messages may lack rotors."""
 _AFTER_TURN = 2.0
 """Time for which frames are recorded after a rotor has turned [s]."""
 
@@ -137,7 +137,7 @@ class CheckRig(Node):
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Joint names of the chain, otherwise of `joint_names` or the first message."""
+        """Joint names of the chain, otherwise those of `joint_names` or of the first message."""
         if self.named is not None:
             return self.named.joint_names
         return self._joints or tuple(self._received[0][1].name)

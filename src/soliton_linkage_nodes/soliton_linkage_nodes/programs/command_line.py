@@ -81,7 +81,7 @@ def exit_on_failure(program: str) -> Iterator[None]:
 
 @contextmanager
 def ros_client(program: str) -> Iterator[threading.Event]:
-    """Initialise ROS for a client; yield the event of SIGINT and SIGTERM. Exit with 1 or 130."""
+    """Initialise ROS for a client; yield the event that signals set. Exit with 1 or 130."""
     stopping = stop_on_signals()
     try:
         with exit_on_failure(program):

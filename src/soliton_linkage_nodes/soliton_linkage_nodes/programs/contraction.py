@@ -42,15 +42,15 @@ from soliton_linkage_studies.program import installed_settings
 from soliton_linkage_studies.settings import load_settings
 
 _RATE = 250.0
-"""Frame rate of a recording, about 1500 frames for each wall [Hz]."""
+"""Frame rate of a recording [Hz]; each wall has about 1500 frames."""
 _SECONDS = 6.0
 """Duration of a recording [s]."""
 _WAY = 0.8
-"""Duration relative to the study [1], so that the wall does not reach the far edge."""
+"""Duration relative to that in the study [1]; the wall does not reach the far edge."""
 _POLL_INTERVAL = 0.1
 """Poll interval for the end of the nudge [s]."""
 _UNLIMITED = 1e6
-"""Limit of kicks [rad/s] and impulses [N m s], enough for any speed."""
+"""Limit of kicks [rad/s] and of impulses [N m s]; it allows any speed."""
 
 
 def record(
@@ -58,8 +58,8 @@ def record(
 ) -> Path:
     """Record a bag with one moving wall and return its path; RuntimeError if a node fails.
 
-    `walls` and `kick` are indices of the study. The stiffness lets the wall pass the middle in 6
-    s.
+    `walls` and `kick` are indices of the study. The stiffness is chosen so that the wall passes
+    the middle of the chain within 6 s.
     """
     chain, speed = study.walls[walls].chain, study.walls[walls].kicks[kick]
     unit = _SECONDS / (_WAY * study.duration(walls, kick))
@@ -137,7 +137,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _measured(
     study: ContractionStudy, folder: Path, stopping: threading.Event
 ) -> list[ContractedWall]:
-    """Record and measure all walls, once more after a failure, because the machine may be busy."""
+    """Record and measure all walls.
+
+    Repeat once after a failure, because the machine may be busy.
+    """
 
     def measured(walls: int, kick: int) -> ContractedWall:
         bag = record(study, walls, kick, folder, stopping)

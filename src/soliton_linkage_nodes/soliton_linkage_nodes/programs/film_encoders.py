@@ -55,7 +55,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 from soliton_linkage_nodes.start import INTERRUPTED
 
 _OVERLAY_QUALITY = 23
-"""Constant rate factor of the H.264 encoder, the default of x264 [1]."""
+"""Constant rate factor of the H.264 encoder [1]; it is the default of x264."""
 
 
 class FilmSummary(NamedTuple):
@@ -71,7 +71,7 @@ class FilmSummary(NamedTuple):
     last: str
     """Description of the last picture and of the problems so far."""
     ended_by: str
-    """Reason of an early end, '' after a complete film."""
+    """Reason why the film ended early; '' for a complete film."""
 
 
 def film_to_bag(
@@ -84,7 +84,8 @@ def film_to_bag(
 ) -> FilmSummary:
     """Write the angles in a film to a bag, and the film with the detected markers to `overlay`.
 
-    After damage or `stopping`, the bag has the angles so far. Raises ValueError if there are none.
+    If the film is damaged or `stopping` is set, the bag contains the angles so far. Raises
+    ValueError if there are none.
     """
     bag = _AngleBag(output, named)
     seen: list[tuple[float, float]] = []
@@ -142,7 +143,7 @@ def _drawn(
 
 
 class _AngleBag:
-    """Bag with a chain and its angles, created when the first angles are written."""
+    """Bag with a chain and its angles; it is created when the first angles are written."""
 
     def __init__(self, output: Path, named: NamedChain) -> None:
         self.path = output

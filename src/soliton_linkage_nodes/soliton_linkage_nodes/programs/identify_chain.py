@@ -55,15 +55,16 @@ class IdentificationOptions:
     """Options of the identification: information that the angles do not contain."""
 
     spacing: float | None = None
-    """Mean distance between neighbouring pivots [m]. None: the spacing of the given chain."""
+    """Mean distance between neighbouring pivots [m]; None means the spacing of the given chain."""
     tolerance: float | None = None
-    """Relative standard deviation of the lengths of one kind [1]. None: estimate it."""
+    """Relative standard deviation of the lengths of one kind [1]; None means that it is
+    estimated."""
     span: tuple[float, float] = (0.0, math.inf)
-    """Times of the first and last used frame, from the first frame of the bag [s]."""
+    """Times of the first and last used frame, counted from the first frame of the bag [s]."""
     gravity: float = 0.0
     """Gravitational acceleration in the plane of the chain [m/s^2]."""
     tilts: tuple[float, ...] = ()
-    """Tilt of the chain at the start of each bag [rad]. Empty: 0 in every bag."""
+    """Tilt of the chain at the start of each bag [rad]; an empty tuple means 0 in every bag."""
 
 
 def identify_bags(
@@ -210,7 +211,8 @@ def _add_span(parser: PlainParser) -> None:
 
 
 _FEWEST_FRAMES = 50
-"""Smallest number of frames for an identification [1]; a wall passes one or two rotors."""
+"""Smallest number of frames for an identification [1]; in this time, a wall passes one or two
+rotors."""
 _MOST_FRAMES = 8000
 """Largest number of frames in a fit [1]; 40 rotors with rigid bars take about 10 s."""
 
@@ -223,8 +225,8 @@ def read_joints(
 ) -> JointRecord:
     """Read angles, standard deviations, impulses and tilts from a bag, as in the chain `known`.
 
-    `span` holds the first and last used time from the first frame [s]; `most_frames` limits the
-    frames.
+    `span` contains the first and last used time, counted from the first frame [s]. `most_frames`
+    limits the number of frames.
     """
     record = JointRecord(known.joint_names if known else (), most_frames)
     adders: dict[str, Callable[[Any, int], None]] = {
@@ -278,7 +280,7 @@ def _name(connection: Connection) -> str:
 
 
 _WORST = 3
-"""Noisiest bonds that the summary lists [1]."""
+"""Number of bonds with the largest noise that the summary lists [1]."""
 
 
 def write_lengths(found: Identification, path: Path) -> None:

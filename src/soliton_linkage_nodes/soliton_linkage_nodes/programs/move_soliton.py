@@ -30,11 +30,12 @@ _ROTOR = Quantity('destination, counted from rotor 0', 'rotor spacings')
 _SPEED = Quantity('largest speed of the move', 'rotor spacings/s', minimum=0.0)
 """Largest speed of the move; 0: soliton_steering selects it."""
 _WAIT = Quantity('longest wait for soliton_steering to be ready', 's', 0.0, 3600.0)
-"""Longest wait for the steering node, at most one hour."""
+"""Longest wait for the steering node; the largest value is one hour."""
 _LONGEST_WAIT = 5.0
 """Default wait for a ready steering node, and longest wait for its answer [s]."""
 _LONGEST_SILENCE = 3.0
-"""Silence of the feedback (ten times a second) after which the node is lost [s]."""
+"""Silence of the feedback after which the node counts as lost [s]; feedback comes ten times a
+second."""
 _CANCEL_TIME = 0.3
 """Longest wait for the end of a move that the user has cancelled with Ctrl-C [s]."""
 
@@ -54,8 +55,8 @@ class MoveClient(WaitingNode):
         """Move the soliton to `rotor` at most at `speed`, and return the result.
 
         The wait for the steering node is at most `wait` [s]. Raises ValueError if the action
-        server is missing, and KeyboardInterrupt if Ctrl-C interrupts the move and it does not end
-        soon.
+        server is missing, and KeyboardInterrupt if Ctrl-C interrupts the move and the move does
+        not end soon.
         """
         deadline = time.monotonic() + wait
         self._until(

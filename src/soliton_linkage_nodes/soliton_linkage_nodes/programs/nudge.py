@@ -26,13 +26,13 @@ _SPEED = Quantity('speed of the kick along the zero mode, positive away from the
 _TIMEOUT = Quantity(
     'longest wait for the actuator, and afterwards for its answer', 's', 0.0, 3600.0
 )
-"""Longest wait for the actuator, and then for its answer, each at most one hour."""
+"""Longest wait for the actuator, and then for its answer; the largest value is one hour each."""
 _SUBSCRIBERS = Quantity('number of subscribers to wait for', minimum=1)
-"""Subscribers of the topic nudge, with the edge actuator."""
+"""Number of subscribers of the topic nudge, including the edge actuator."""
 _LONGEST_WAIT = 5.0
 """Default of the longest wait for the actuator, and then for its answer [s]."""
 _DISCOVERY_TIME = 1.0
-"""Wait after an actuator is found for other subscribers and the latched `last_kick` [s]."""
+"""Wait for other subscribers and for the latched `last_kick`, after an actuator is found [s]."""
 
 
 class NudgeClient(WaitingNode):
@@ -110,7 +110,7 @@ class NudgeClient(WaitingNode):
         return None
 
     def _rejection(self, before: dict[str, int]) -> str:
-        """Return why an actuator rejected a nudge since the counts `before`, otherwise ''."""
+        """Return why an actuator has rejected a nudge since the counts `before`, or ''."""
         for name in self._actuators() & before.keys():
             report = self._reports[name]
             source, _, reason = _figure(report, 'last rejection').partition(': ')

@@ -33,20 +33,20 @@ from soliton_linkage_nodes.programs.command_line import exit_on_failure, number
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 _RATE = Quantity('frames per second', 'Hz', 1.0, 1000.0)
-"""Frame rate. At 1000 Hz, 40 rotors need a serial port with 1.8 Mbaud."""
+"""Frame rate; 40 rotors at 1000 Hz need a serial port with 1.8 Mbaud."""
 _COUNTS = Quantity('counts of an encoder per turn', '', 2, 65536)
-"""Resolution of an encoder, which has at most 16 bits."""
+"""Resolution of an encoder; encoders have at most 16 bits."""
 
 _TOLERANCE = 1e-6
-"""Tolerance of the solver per step [rad], a hundredth of a count of a 16-bit encoder."""
+"""Tolerance of the solver per step [rad]; it is a hundredth of a count of a 16-bit encoder."""
 _REPORTED_DELAY = 1.0
 """Delay behind the clock above which the program warns that the machine is too slow [s]."""
 _MOST_BYTES = 2**16
-"""Bytes per read, more than the system's buffer has [1]."""
+"""Number of bytes per read [1]; it exceeds the buffer of the system."""
 
 
 class PseudoTerminal:
-    """Pseudo-terminal, of which a client opens one end as a serial port."""
+    """Pseudo-terminal; a client opens one of its ends as a serial port."""
 
     def __init__(self, link: Path | None = None) -> None:
         self._here, self._there = pty.openpty()
@@ -70,7 +70,7 @@ class PseudoTerminal:
             return b''
 
     def write(self, data: bytes) -> None:
-        """Send bytes, which are lost if no client reads them and the buffer is full."""
+        """Send bytes; if no client reads them and the buffer is full, they are lost."""
         with contextlib.suppress(BlockingIOError):
             os.write(self._here, data)
 

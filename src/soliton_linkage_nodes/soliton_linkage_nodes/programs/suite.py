@@ -126,7 +126,7 @@ def addressed(
 
 
 def _known_to_ros(arguments: Sequence[str]) -> list[str]:
-    """Return the arguments without parameters of nodes in namespaces, which ROS would reject."""
+    """Return the arguments without parameters of nodes in namespaces; ROS would reject these."""
     known: list[str] = []
     for argument in arguments:
         if known and known[-1] in _PARAMETER_OPTIONS and '/' in argument.partition(':=')[0]:

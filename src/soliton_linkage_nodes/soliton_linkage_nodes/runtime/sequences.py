@@ -121,10 +121,7 @@ class _Publisher:
         return missing
 
     def time_mismatch(self, number: int, sent: int) -> float:
-        """Return |log(time since the last message / predicted time)|.
-
-        Infinite for an old number.
-        """
+        """Return |log(time since the last message / predicted)|; infinite for an old number."""
         count, took = number - self.number, sent - self.sent
         if count <= 0:
             return math.inf
@@ -147,16 +144,13 @@ class PublisherArbitration:
         self.foreign = 0
         """Number of messages of other publishers."""
         self.successions = 0
-        """Number of times that another publisher replaced a silent selected publisher."""
+        """Number of times that another publisher replaced the selected one, which was silent."""
         self._selected: _Publisher | None = None
         self._others: list[_Publisher] = []
         self._others_since: float | None = None
 
     def take(self, number: int, sent: int, publishers: Callable[[], int]) -> bool:
-        """Return whether to keep a message with the source time `sent` [ns].
-
-        Count other messages.
-        """
+        """Return whether to keep a message sent at `sent` [ns]; count rejected messages."""
         selected = self._selected
         if selected is None:
             self._selected = _Publisher(number, sent)
@@ -242,7 +236,7 @@ class StreamArbitration:
 
     @property
     def successions(self) -> int:
-        """Number of times that another publisher replaced a silent selected publisher."""
+        """Number of times that another publisher replaced the selected one, which was silent."""
         return self._counts[2] + sum(each.arbitration.successions for each in self._shares)
 
     def take(
@@ -288,10 +282,7 @@ class StreamArbitration:
 
 
 class Lag:
-    """Monitor of the lag behind the publisher.
-
-    The smallest delay in 10 to 20 s counts as no lag.
-    """
+    """Monitor of the lag behind the publisher, relative to the least delay in 10 to 20 s."""
 
     def __init__(self, longest: float) -> None:
         self._longest = longest or math.inf

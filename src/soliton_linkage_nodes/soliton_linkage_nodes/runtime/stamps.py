@@ -77,10 +77,7 @@ class ClockMonitor:
             self._least, self._latest = behind, now
 
     def figures(self) -> dict[str, float]:
-        """Return offset and drift from the messages since the last call.
-
-        An empty result without messages.
-        """
+        """Return offset and drift from the messages since the last call, {} without messages."""
         if self._least is None:
             return {}
         least, at, self._least = self._least, self._latest, None

@@ -20,9 +20,9 @@ from typing import Any
 from soliton_linkage_nodes.runtime.pacing import raise_priority
 
 _READ_TIMEOUT = 0.1
-"""Longest wait for input [s], after which the thread checks whether to close the port."""
+"""Longest wait for input before the thread checks whether to close the port [s]."""
 _WRITE_TIMEOUT = 0.05
-"""Longest time for writing a command [s], half of the controller's default hold time."""
+"""Longest time for writing a command [s]: half of the controller's default hold time."""
 _REOPEN_INTERVAL = 0.2
 """Interval between two attempts to reopen a lost port [s]."""
 _READ_SIZE = 2**16
@@ -66,9 +66,9 @@ class ReopenedPort:
     ) -> None:
         """Open the port and start the thread; ValueError if the port cannot be opened.
 
-        The thread calls `take` with bytes and their monotonic arrival time [ns], and `changed`
-        with the reason of a loss or '' after it. With `hang_up`, DTR is released when the port
-        closes.
+        The thread calls `take` with bytes and their monotonic arrival time [ns]. It calls
+        `changed` with the reason of a loss, and with '' when the port is open again. With
+        `hang_up`, DTR is released when the port closes.
         """
         self._serial = pyserial()
         self._path, self._baud_rate = path, baud_rate
@@ -164,7 +164,7 @@ def _remedy(error: Exception, path: str) -> str:
 
 
 def _reason(error: Exception) -> str:
-    """Return one line: the error of the operating system, otherwise that of pyserial."""
+    """Return the error of the operating system, or else that of pyserial, in one line."""
     for each in (error.__context__, error):
         if isinstance(each, OSError) and each.strerror:
             return str(each.strerror)

@@ -14,7 +14,7 @@ from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.microcontroller.frames import SEQUENCES, FrameKind, SerialFrame
 
 _MOST_COMMANDS = 1000
-"""Largest number of commands whose impulses are not read yet [1], 10 s at 100 Hz."""
+"""Largest number of commands whose impulses are not read yet [1]: 10 s at 100 Hz."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class ValveParameters:
     )
 
     def check_fit(self, rotors: int) -> None:
-        """Raise ValueError if the values do not fit the number of rotors or each other."""
+        """Raise ValueError if the values do not match the number of rotors or each other."""
         given = self.torque_per_pressure
         if len(given) not in (0, 1, rotors):
             raise ValueError(
@@ -74,7 +74,7 @@ class ValveParameters:
 
 
 class Valves:
-    """Torques for the valves, sent in repeated commands until they time out."""
+    """Torques for the valves; repeated commands transmit them until they time out."""
 
     def __init__(self, parameters: ValveParameters, rotors: int) -> None:
         parameters.check_fit(rotors)

@@ -19,7 +19,7 @@ from soliton_linkage_nodes.runtime.guarded import describe_error
 _LEAST_PROGRESS = 1e-3
 """Smallest fraction of a frame that must be computed in a trial [1]."""
 _MOST_KICKS = 10_000
-"""Largest number of kicks that wait for the next frame [1], as many as a topic carries in 1 s."""
+"""Largest number of kicks that wait for the next frame [1]; a topic carries as many in 1 s."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class SimulationControl:
     All waiting kicks, the latest torques and the latest gravity act at the time of the next
     published frame, whose rates are those after the kicks. If the next frame cannot be computed,
     the simulation is paused until a reset. The computation of a frame may take seconds. Of the
-    methods that other threads call, only `step` waits for it.
+    methods that other threads call, only `step` waits for the computation.
     """
 
     def __init__(

@@ -26,7 +26,8 @@ from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
 class SensedJoints:
     """Serialized joint states without missing joints, as simulated encoders measure them.
 
-    Angles contain the known offsets and the encoder errors, rates the errors; torques are exact.
+    The angles contain the known offsets and the encoder errors. The rates contain the encoder
+    errors. The torques are exact.
     """
 
     def __init__(
@@ -88,7 +89,7 @@ class DeliveryPublisher:
         self._publisher.publish(delivery_to_msg(self._delivered))
 
     def add(self, stamp: int, simulation: Simulation) -> None:
-        """Add the effects in the frame period before `stamp` [ns], not the impulses at its end."""
+        """Add the effects in the frame period before `stamp` [ns], without impulses at its end."""
         if simulation is not self._simulation:
             self._simulation = simulation
             self._angles, self._torques = simulation.angles, 0 * self._torques
@@ -144,7 +145,7 @@ class FramePublisher:
         return int(self._joint_states.qos_profile.depth)
 
     def begin(self) -> None:
-        """Once, publish the chain, and set the stamp of the first frame to the current time."""
+        """Publish the chain once, and set the stamp of the first frame to the current time."""
         if self.epoch is not None:
             return
         self.epoch = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds

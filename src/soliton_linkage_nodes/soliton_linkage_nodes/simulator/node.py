@@ -36,7 +36,7 @@ from soliton_linkage_nodes.simulator.parameters import PARAMETERS, SimulatorPara
 from soliton_linkage_nodes.simulator.services import SimulationServices, serve_standard
 
 _SLOWEST = 1e-6
-"""Smallest real-time factor, at 300 Hz one frame per hour [1]."""
+"""Smallest real-time factor [1]; at 300 Hz, it makes one frame per hour."""
 _NON_RECIPROCITY = 'chain.non_reciprocity'
 _POLL_INTERVAL = 0.02
 """Poll interval while waiting for subscribers [s]."""
@@ -225,8 +225,8 @@ def main() -> None:
 
 
 _FRAMES_OVERDUE = 3
-"""Due frames between two reports above which a report without frames warns [1]. One frame at each
-end of the time and one late frame are normal."""
+"""Number of due frames since the last report above which a report without new frames warns [1].
+One frame at each end of the interval and one late frame are normal."""
 
 
 class SimulationReport:

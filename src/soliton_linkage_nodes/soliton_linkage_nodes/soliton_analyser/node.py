@@ -42,9 +42,9 @@ from soliton_linkage_nodes.runtime.subscriptions import (
 )
 
 _LONGEST_ASSEMBLY = 1.0
-"""Longest wait of an incomplete frame for its missing joints, if no next frame begins [s]."""
+"""Longest wait of an incomplete frame for its missing joints [s], if no other frame begins."""
 _FRAMES_BEFORE_REPORT = 100
-"""Frames after which the node warns of joints without any angle [1]."""
+"""Number of frames after which the node warns of joints without angles [1]."""
 
 
 @dataclass(frozen=True)
@@ -268,9 +268,9 @@ def main() -> None:
 
 
 _MISFIT_OVER_NOISE = 3.0
-"""Ratio of misfit and noise of the angles below which the node does not warn [1]."""
+"""Ratio of the misfit to the noise of the angles up to which the node does not warn [1]."""
 _CONTRADICTION_CONFIDENCE = 0.999
-"""Confidence above which the node warns of another motion class than the parameters have [1]."""
+"""Confidence above which the node warns if the motion class contradicts the parameters [1]."""
 
 
 def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bool]:
@@ -321,7 +321,7 @@ def _likely_error(analyser: FrameAnalyser) -> str:
 
 
 def _disagreement(latest: Analysis) -> str:
-    """Return a warning, or '', if the motion class of the angles differs from the parameters."""
+    """Return a warning, or '', about a motion class that contradicts the parameters."""
     specified, measured = latest.motion, latest.measured_motion
     certain = measured.confidence > _CONTRADICTION_CONFIDENCE
     shown = measured.motion

@@ -17,7 +17,7 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import ACTION_QOS, GuardedNode
 
 _FEEDBACK_PERIOD = 0.1
-"""Shortest time between two feedback messages, enough for a display [s]."""
+"""Shortest time between two feedback messages [s]; it suffices for a display."""
 
 
 class MoveServer(ActionServer):
@@ -29,7 +29,7 @@ class MoveServer(ActionServer):
         take: Callable[[ServerGoalHandle], None],
         cancel: Callable[[ServerGoalHandle], CancelResponse],
     ) -> None:
-        """Create the server. It calls `take` with accepted goals, `cancel` with cancelled ones."""
+        """Create the server; it calls `take` with accepted and `cancel` with cancelled goals."""
         super().__init__(
             node,
             MoveSoliton,

@@ -146,11 +146,14 @@ def _rotors(named: NamedChain, joints: tuple[str, ...]) -> tuple[int, ...]:
 
 
 _POLL_INTERVAL = 0.02
-"""Interval of checks of the age of the joint states, short beside `state_timeout` [s]."""
+"""Interval between checks of the age of the joint states [s]; short compared with
+`state_timeout`."""
 _OBSERVER_FRAMES = 200
-"""Frames before a move that initialise the observer [1]. At 1000 Hz they cover its memory."""
+"""Number of frames before a move that initialise the observer [1]; at 1000 Hz, they cover its
+memory."""
 _REPORT_FRAMES = 8
-"""Frames for the report on a free wall [1]: one for its position, four for the phonon energy."""
+"""Number of frames for the report on a free wall [1]: one for the position, four for the phonon
+energy."""
 
 
 class SolitonSteering(ManagedNode):
@@ -261,7 +264,7 @@ class SolitonSteering(ManagedNode):
         return joints.stamp, frame_from_msg(chain.named, joints)
 
     def _keep(self, frames: list[bytes]) -> None:
-        """Store frames for a later move while no soliton is held, and check the newest frame."""
+        """Store frames for a later move while no soliton is held; check the newest frame."""
         if not (frames and self.active):
             return
         self._recent.extend(frames)
@@ -377,7 +380,10 @@ def main() -> None:
 
 
 def report(chain: SteeredChain | None, silent: bool, server: MoveServer) -> Report:
-    """Return the report on a chain and its moves; `silent`: the joint states have stopped."""
+    """Return the report on a chain and its moves.
+
+    `silent` means that the joint states have stopped.
+    """
     goal, ended = server.goal, server.ended
     wall = None if chain is None or silent else chain.wall
     message = (

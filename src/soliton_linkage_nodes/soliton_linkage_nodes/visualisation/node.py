@@ -32,9 +32,11 @@ from soliton_linkage_nodes.visualisation.publishers import (
 )
 
 _MOST_BUSY = 0.5
-"""Largest fraction of the time for drawing [1]. Slow pictures are drawn less often."""
+"""Largest fraction of the time that may be used for drawing [1]; slow pictures are drawn less
+often."""
 _LONGEST_REST = 1.0
-"""Longest pause after a slow picture, such as the first, which imports matplotlib [s]."""
+"""Longest pause after a slow picture [s]; the first picture is slow, because it imports
+matplotlib."""
 _SEARCH_PERIOD = 0.5
 """Poll interval for new publishers [s]."""
 

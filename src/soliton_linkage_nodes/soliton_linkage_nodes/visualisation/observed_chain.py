@@ -27,11 +27,12 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, subscribe_newest
 
 _FRESH = 1.0
-"""Difference between the stamps of solitons and angles above which solitons are hidden [s]."""
+"""Difference between the stamps of solitons and angles above which the solitons are hidden [s]."""
 _SILENT = 3.0
-"""Age at which a report is hidden [s]. Nodes report once per second."""
+"""Age above which a report is hidden [s]; nodes report once per second."""
 _MOST_REPORTS = 100
-"""Messages of `/diagnostics` read at once, more than many nodes publish in 1 s [1]."""
+"""Largest number of messages of `/diagnostics` read at once [1]; many nodes publish fewer in 1
+s."""
 _LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
 
 
@@ -39,7 +40,7 @@ class ObservedChain:
     """Newest angles, solitons, last kick and node reports of a chain."""
 
     def __init__(self, inbox: Node, owner: Node) -> None:
-        """Subscribe with `inbox`, which no executor spins, to topics as resolved in `owner`."""
+        """Subscribe with `inbox`, which no executor spins, to the topics of the node `owner`."""
         self.named: NamedChain | None = None
         self.angles: Array = np.zeros(0)
         """Angles [rad], shape (N,), NaN for missing joints; empty before the first frame."""
@@ -141,7 +142,8 @@ class ObservedChain:
     def kick(self, shown: float) -> Array | None:
         """Return the impulses of the last kick [N m s], shape (N,), or None.
 
-        They are shown for `shown` [s] after the end of the kick; if it is 0, until the next kick.
+        The impulses are shown for `shown` [s] after the end of the kick; 0 means until the next
+        kick.
         """
         if self._kick is None or self.named is None:
             return None

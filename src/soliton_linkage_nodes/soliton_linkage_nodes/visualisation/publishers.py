@@ -31,17 +31,17 @@ from soliton_linkage_nodes.visualisation.scene import ChainScene
 Pixels = NDArray[np.uint8]
 
 _COLUMN_RATE = 30.0
-"""Picture columns per second, as the usual refresh rate of viewers [Hz]."""
+"""Picture columns per second [Hz]; this is the usual refresh rate of viewers."""
 _HEIGHT = 400
-"""Smallest number of rows of a picture, because viewers would enlarge and blur fewer rows [1]."""
+"""Smallest number of rows of a picture [1]; viewers would enlarge and blur smaller pictures."""
 _MOST_ROWS = 1000
-"""Largest number of rotors in a picture, about the rows of a screen [1]. In longer chains only
+"""Largest number of rotors in a picture [1], about the rows of a screen. In longer chains, only
 every second rotor is displayed, or every third one, and so on."""
 _LEVELS = 2048
-"""Number of colours, large because the colour varies strongly near the rest state [1]."""
+"""Number of colours [1]; it is large, because the colour varies strongly near the rest state."""
 _BLANK, _TRACK, _BORDER = 217, 0, 255
-"""Grey levels of missing data, of a wall's track and of its border, unlike all displacements [1].
-"""
+"""Grey levels of missing data, of the track of a wall, and of its border [1]; displacements have
+other levels."""
 _HALF_BORDER, _HALF_TRACK = 2, 1
 """Half widths of the border and of the track [rows]."""
 _JUMP = 0.25
@@ -127,7 +127,7 @@ class Kymograph:
 
 _WALLS = 'solitons'
 _OPACITY = 0.4
-"""Opacity of the box around a soliton, in which rotors remain visible [1]."""
+"""Opacity of the box around a soliton [1]; rotors remain visible through the box."""
 
 
 class DrawingPublisher:

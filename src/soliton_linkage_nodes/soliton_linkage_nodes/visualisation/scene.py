@@ -14,20 +14,21 @@ from soliton_linkage.linear.rigidity import Edge, resolved_edge_mode
 from soliton_linkage.linkage.chain import Array, Chain
 
 _LONGEST = 1.2
-"""Longest arrow, divided by the larger of rotor length and spacing [1]."""
+"""Length of the longest arrow, relative to the larger of rotor length and spacing [1]."""
 _SHORTEST_ARROW = 0.02
-"""Length below which arrows are not drawn, divided by the longest arrow [1]."""
+"""Length below which arrows are not drawn, relative to the longest arrow [1]."""
 _HEAD = (0.3, 0.15)
-"""Length and half width of an arrow head, divided by the length of the arrow [1]."""
+"""Length and half width of an arrow head, relative to the length of the arrow [1]."""
 _WALL_HEIGHT = 2.5
-"""Height of the box around a wall, divided by the longest rotor [1]. Above 2 it exceeds the
+"""Height of the box around a wall, relative to the longest rotor [1]; above 2, it exceeds the
 rotors."""
 _LETTERS = 40
-"""Length of a chain, divided by the height of letters [1]: a line of text is half as long."""
+"""Length of a chain, relative to the height of letters [1]; a line of text is half as long."""
 _AT_REST = 1e-4
 """Relative extension at the end of the colour scale, unless a spring is extended more [1]."""
 _DECAY = 0.98
-"""Factor of the upper limit of the colour scale from picture to picture, 1 s at 30 Hz [1]."""
+"""Factor from picture to picture of the upper limit of the colour scale [1]; the limit falls in 1
+s at 30 Hz."""
 
 
 class Shape(NamedTuple):

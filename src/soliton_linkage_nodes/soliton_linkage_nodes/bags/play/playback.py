@@ -46,7 +46,8 @@ class PlaybackRange:
     def part(self, offset: int, duration: int, until: int) -> PlaybackRange:
         """Return the range from `offset` after the start to the end; ValueError if empty.
 
-        As in rosbag2, the end is the later of `duration` and `until` [ns]; 0 or less is ignored.
+        As in rosbag2, the end is the later of `duration` and `until` [ns]. Values of 0 or less are
+        ignored.
         """
         start = self.origin + max(offset, 0)
         ends = [start + duration + 1] if duration > 0 else []
@@ -61,7 +62,10 @@ class PlaybackRange:
 
 
 def playback_range(reader: Reader, start_offset: float, playback_until: float) -> PlaybackRange:
-    """Return the range between two times from the start [s] (0: end); ValueError if empty."""
+    """Return the range between two times from the start [s], 0: to the end.
+
+    ValueError if empty.
+    """
     empty = not reader.message_count
     origin, last = (0, 0) if empty else (reader.start_time, reader.end_time)
     start = origin + round(start_offset * SECOND)
@@ -83,7 +87,7 @@ def find_topics(reader: Reader, names: Sequence[str]) -> list[Connection]:
 
 
 def full_name(reader: Reader, name: str) -> str:
-    """Return the full name of a topic in any namespace, '' if the bag lacks it."""
+    """Return the full name of a topic in any namespace; '' if the bag has no such topic."""
     ends = (c.topic.rpartition('/')[2] for c in reader.connections)
     return types_of_topic(reader, name)[0].topic if name in ends else ''
 
@@ -91,9 +95,9 @@ def full_name(reader: Reader, name: str) -> str:
 class PlaybackThread:
     """Thread that publishes each message of a bag when it is due.
 
-    It calls `prepare(True)`, publishes the last latched messages from before the range, and calls
-    `prepare(False)`. Before each message, it calls `publish_clock` with the receive time [ns]. A
-    stop does not set `finished`. `rounds` counts starts, `jumps` seeks.
+    The thread calls `prepare(True)`, publishes the last latched messages from before the range,
+    and calls `prepare(False)`. Before each message, it calls `publish_clock` with the receive time
+    [ns]. `finished` is not set after a stop. `rounds` counts the starts, and `jumps` the seeks.
     """
 
     def __init__(
@@ -184,7 +188,7 @@ class PlaybackThread:
         self._progress.end(f'played {self.summary(f" of {self._path}")}')
 
     def _play_from(self, reader: Reader, start: int, ahead: dict[str, int]) -> NextAction:
-        """Play from `start` [ns], except the messages at `ahead`, which were published before."""
+        """Play from `start` [ns], except messages that were already published (`ahead`)."""
         self._clock.start(start)
         connections = self._publishers.of(reader.connections)
         messages = read_messages(reader, connections, start, self._range.end)

@@ -27,8 +27,8 @@ class PlaybackClock:
     """Clock of the playback.
 
     The playback time [ns] is `p = p0 + rate (t - t0)` with the current time t. Each pause, seek
-    and change of the rate sets t0 and p0. Unless `paced`, messages are due immediately except in a
-    pause.
+    and change of the rate sets t0 and p0. If the clock is not `paced`, messages are due
+    immediately, except in a pause.
     """
 
     def __init__(
@@ -41,7 +41,10 @@ class PlaybackClock:
         longest_burst: float = 2.0,
         changed: threading.Condition | None = None,
     ) -> None:
-        """Create a clock; two times [s] limit `play_next` and `burst`, which block services."""
+        """Create a clock.
+
+        Two times [s] limit `play_next` and `burst`, because these block services.
+        """
         self.stopping = threading.Event()
         self._longest_step = longest_step
         self._longest_burst = longest_burst
@@ -103,12 +106,12 @@ class PlaybackClock:
             return bool(self._step(1, self._longest_step))
 
     def burst(self, number: int) -> int:
-        """Play `number` messages of a pause (0: all); return how many were played in time."""
+        """Play `number` messages (0: all) during a pause; return how many were played in time."""
         with self._changed:
             return self._step(number or sys.maxsize, self._longest_burst)
 
     def seek(self, stamp: int) -> None:
-        """Continue from the time `stamp` [ns] when the player next waits for a message."""
+        """Continue from `stamp` [ns] as soon as the player waits for a message."""
         with self._changed:
             self._sought = stamp
             self._changed.notify_all()

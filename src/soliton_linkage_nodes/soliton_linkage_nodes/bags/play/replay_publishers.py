@@ -32,8 +32,8 @@ _ANSWER_POLL_INTERVAL = 0.05
 class Lockstep:
     """Flow control of a replay: frames wait until the analyser has answered earlier frames.
 
-    A `soliton_state` answers all messages with its stamp and earlier ones, because the analyser
-    does not answer rejected frames.
+    A `soliton_state` counts as the answer to all frames up to its stamp, because the analyser does
+    not answer rejected frames.
     """
 
     def __init__(self, node: Node, frames: str, window: int, limit: float) -> None:
@@ -119,7 +119,7 @@ _POLL_INTERVAL = Duration(seconds=0.02)
 _MOST_REASONS = 3
 """Largest number of rejected topics in an error [1]."""
 _MOST_TOPICS = 1000
-"""Largest number of topics that are played [1]. Each publisher takes 100 kB and 1 ms."""
+"""Largest number of topics that are played [1]; each publisher takes 100 kB and 1 ms."""
 _LONGEST_DELIVERY = 10.0
 """Longest wait for a subscriber to acknowledge the last messages [s]."""
 _REJECTED = (ValueError, NameValidationException, rclpy_implementation.RCLError)
@@ -239,7 +239,7 @@ class ReplayPublishers:
             self._lockstep.wait_for_the_analyser(limit, self._stopping)
 
     def deliver(self) -> None:
-        """Wait until all subscribers have all messages, and in lockstep for the last answer."""
+        """Wait until all subscribers have all messages; in lockstep, also for the last answer."""
         self._wait_for_acknowledgements(*self._publishers)
         if self._lockstep is not None:
             self._lockstep.settle(self._stopping.is_set)
@@ -284,7 +284,7 @@ class ReplayPublishers:
 
 
 _QUERY_INTERVAL = 0.25
-"""Time between two searches for an analyser in the ROS graph [s]. One search takes 1 ms."""
+"""Time between two searches for an analyser in the ROS graph [s]; a search takes 1 ms."""
 
 
 class RecordedStates:

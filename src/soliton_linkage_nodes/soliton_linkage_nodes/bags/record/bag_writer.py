@@ -32,10 +32,12 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 
 COMPRESSIONS = ('none', 'zstd')
 _CUSTOM_DATA_INTERVAL = 1.0
-"""Shortest time between two writes of changed custom data [s]. Each write appends."""
+"""Shortest time between two writes of changed custom data [s], because each write makes the file
+longer."""
 _RESERVE = 'space_for_the_index'
 _RESERVE_BYTES = 2**20
-"""Disk space reserved for the index [B], enough for a day: a chunk needs 100 bytes."""
+"""Disk space that is reserved for the index [B]; it suffices for a day, because a chunk needs 100
+bytes."""
 
 
 @dataclass(frozen=True)
@@ -51,9 +53,10 @@ class UnfinishedBag:
 class BagWriter:
     """Writer of a bag in a directory named `<name>_<first free number>`; not thread-safe.
 
-    Every `flush_interval` [s], pending messages go to the operating system and survive a killed
-    process. Every `sync_interval` [s], unless 0, they go to the disk. A reserved file makes space
-    for the index of a full disk. Methods raise OSError if the bag cannot be written.
+    Every `flush_interval` [s], pending messages are passed to the operating system, so that they
+    survive a killed process. Every `sync_interval` [s], unless 0, they are synchronised to the
+    disk. A reserved file guarantees space for the index on a full disk. Methods raise OSError if
+    the bag cannot be written.
     """
 
     def __init__(
@@ -187,7 +190,10 @@ class BagWriter:
                 self._sync_file()
 
     def set_custom_data(self, custom_data: Mapping[str, str]) -> None:
-        """Set texts for the metadata, written at most once a second before the bag is closed."""
+        """Set texts for the metadata.
+
+        They are written at most once a second until the bag is closed.
+        """
         self._custom_data.update(custom_data)
 
     def add_gap(self, start: int, end: int) -> None:
@@ -209,7 +215,7 @@ class BagWriter:
             (self.path / _RESERVE).unlink()
 
     def finish_after_error(self) -> None:
-        """Finish a bag after a failed write. It keeps the messages before that write."""
+        """Finish a bag after a failed write; it keeps all earlier messages."""
         try:
             (self.path / _RESERVE).unlink(missing_ok=True)
             if self._is_open:

@@ -28,7 +28,7 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.pacing import IdlePriority
 
 _LONGEST_TEXT = 1000
-"""Longest value in the custom data [characters]. Longer lists are omitted."""
+"""Longest value in the custom data [characters]; longer lists are omitted."""
 _CHAIN_TYPE = type_name(interfaces.CHAIN.type)
 
 
@@ -107,18 +107,18 @@ class DiscoveryWait:
 _POLL_INTERVAL = 0.05
 """Time between two rounds of taking messages from the middleware [s]."""
 _DISCOVERY_INTERVAL = 0.01
-"""Time between two queries for awaited topics [s]. A query takes at most 0.1 ms."""
+"""Time between two queries for awaited topics [s]; a query takes at most 0.1 ms."""
 _LONGEST_ROUND = 5.0
-"""Longest wait until the thread has taken all waiting messages, usually 0.01 s [s]."""
+"""Longest wait until the thread has taken all waiting messages [s]; 0.01 s is usual."""
 _SEARCH_INTERVAL = 0.25
 """Time between two searches for new publishers of subscribed topics [s]."""
 
 
 class ReceivingThread:
-    """Thread that takes waiting messages and queues them for writing, in receive order.
+    """Thread that takes waiting messages and queues them for writing, sorted by receive time.
 
-    No executor spins the subscriptions: a callback cannot receive both raw message and sequence
-    number.
+    No executor spins the subscriptions, because a callback cannot receive both the raw message and
+    its sequence number.
     """
 
     def __init__(
@@ -163,7 +163,7 @@ class ReceivingThread:
 
     @property
     def missed(self) -> dict[str, int]:
-        """Number of messages sent before the publisher was matched, by topic, if any."""
+        """Number of messages of each topic that were sent before the publisher was matched."""
         missed = {each.source.name: each.starts.missed for each in self._subscriptions}
         return {name: number for name, number in missed.items() if number}
 
@@ -181,7 +181,7 @@ class ReceivingThread:
             self._rounds_changed.wait_for(lambda: self._rounds >= after, _LONGEST_ROUND)
 
     def resume(self) -> int:
-        """End a pause; record its last latched messages and return their number."""
+        """End a pause; record the last latched messages of the pause and return their number."""
         if self._buffer.paused:
             self._bag.add_gap(self._paused_at, time.time_ns())
         return self._record(self._buffer.resume)

@@ -21,7 +21,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, Info, qos_for_all
 
 _DEPTH = 5000
-"""Queue depth of a subscription [messages], five seconds at 1000 Hz."""
+"""Queue depth of a subscription [messages]: five seconds at 1000 messages per second."""
 
 
 class RecordedSubscription:
@@ -30,7 +30,7 @@ class RecordedSubscription:
     def __init__(
         self, node: GuardedNode, source: RecordedTopic, message_type: Any, wanted_since: int
     ) -> None:
-        """Subscribe; messages before the match are missed if sent after `wanted_since` [ns]."""
+        """Subscribe; messages sent from `wanted_since` [ns] until the match count as missed."""
         self.source = source
         self.gaps = SequenceGaps()
         self.starts = MissedStarts()
@@ -42,7 +42,7 @@ class RecordedSubscription:
         self.connected = 0
 
     def drain(self) -> list[ReceivedMessage]:
-        """Take the waiting messages; of latched ones before the subscription, only the last."""
+        """Take the waiting messages; of older latched messages, take only the last one."""
         taken: list[ReceivedMessage] = []
         is_history = False
         for serialized, info in self._subscription.waiting():
@@ -190,7 +190,7 @@ class RecordingBuffer:
     def __init__(
         self, snapshot: float = 0.0, paused: bool = False, most_kept: int = _MOST_KEPT
     ) -> None:
-        """Create a buffer for snapshots of the duration `snapshot` [s], 0 for none."""
+        """Create a buffer for snapshots of a duration `snapshot` [s]; 0 means no snapshots."""
         self.paused = paused
         self._most_kept = most_kept
         self._window = round(snapshot * SECOND)
@@ -227,7 +227,7 @@ class RecordingBuffer:
         return [] if self._window else self._take_latched()
 
     def snapshot(self) -> list[ReceivedMessage]:
-        """Remove and return the last latched messages before the snapshot, and its messages."""
+        """Remove and return the snapshot's messages, and the last latched messages before it."""
         # On a busy machine, messages of different topics may arrive here out of order.
         recent = [message for message in self._kept if not self._is_old(message)]
         self._keep_latched(filter(self._is_old, self._kept))

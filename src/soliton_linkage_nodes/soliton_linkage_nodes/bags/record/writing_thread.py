@@ -20,7 +20,7 @@ _FLUSH_INTERVAL = 0.1
 _LONGEST_FLUSH = 5.0
 """Longest time that `flush` waits for the disk [s]."""
 _MOST_WAITING = 512 * 2**20
-"""Largest size of waiting messages [B]: ten seconds of 1000 rotors at 1000 Hz."""
+"""Largest total size of waiting messages [B]: ten seconds of 1000 rotors at 1000 Hz."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +44,8 @@ class ReceivedMessage(NamedTuple):
 class WritingThread:
     """Thread that writes messages in the order of the calls of `put`.
 
-    Up to 512 MiB of messages wait for a slow disk; further ones are dropped and counted. After a
-    failed write, the thread finishes the bag if possible and sets `failure`.
+    Up to 512 MiB of messages wait for a slow disk. Further messages are dropped and counted. After
+    a failed write, the thread finishes the bag if possible and sets `failure`.
     """
 
     def __init__(
@@ -126,7 +126,7 @@ class WritingThread:
         self._post(keep)
 
     def close(self, custom_data: Mapping[str, str]) -> None:
-        """Write all queued messages and finish the bag. `failure` holds an error."""
+        """Write all queued messages and finish the bag; `failure` contains an error."""
         with self._changed:
             self._final = custom_data
             self._ending = True

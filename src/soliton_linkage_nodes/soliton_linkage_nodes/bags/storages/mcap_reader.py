@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reader of finished MCAP files, whose index shows which chunks are needed."""
+"""Reader of finished MCAP files; their index shows which chunks are needed."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ _FOOTER_SIZE = 20
 """Size of the footer: two offsets and a checksum [B]."""
 _TAIL = mcap.RECORD_HEADER.size + _FOOTER_SIZE + len(mcap.MAGIC)
 _MESSAGE_COST = 250
-"""Approximate memory of a waiting message in addition to its data [B]."""
+"""Approximate memory of a waiting message, in addition to its data [B]."""
 _MOST_WAITING = 4
 """Memory limit for chunks that overlap in time, relative to `max_unpacked` [1]."""
 _LONGEST_RUN = 2**20
-"""Size of a run of messages outside chunks [B], which are read together."""
+"""Size of a run of messages outside chunks, which are read together [B]."""
 _CHUNK_INDEX = struct.Struct('<QQQQ')
 _stamp = attrgetter('stamp')
 

@@ -101,7 +101,7 @@ def channel_record(channel: Channel) -> bytes:
 
 
 def topic_of(channel: Channel, schemas: Mapping[int, Schema]) -> StoredTopic:
-    """Return the topic of a channel. Without its schema, the type is unknown."""
+    """Return the topic of a channel; without the schema of the channel, its type is unknown."""
     schema = schemas.get(channel.schema) or Schema(0, '', 'ros2msg' if channel.schema else '', b'')
     texts = dict(channel.metadata)
     digest, profiles = texts.pop(_DIGEST, ''), texts.pop(_PROFILES, '')
@@ -139,7 +139,7 @@ def _text_map(texts: Mapping[str, str]) -> bytes:
 def message_head(
     channel: int, stamp: int, size: int, published: int | None = None, sequence: int = 0
 ) -> bytes:
-    """Return the head of a message record; `published` is `stamp` by default [ns]."""
+    """Return the head of a message record; `published` [ns] is by default `stamp` [ns]."""
     length = MESSAGE_HEADER.size + size
     published = stamp if published is None else published
     return _MESSAGE_RECORD_HEADER.pack(Opcode.MESSAGE, length, channel, sequence, stamp, published)
@@ -148,7 +148,7 @@ def message_head(
 def chunk_record(
     records: bytes | memoryview, start: int, end: int, codec: str
 ) -> tuple[bytes, bytes | memoryview]:
-    """Return head and content of a chunk record from the first and last receive time [ns]."""
+    """Return head and content of a chunk record, given the first and last receive time [ns]."""
     packed = zstd.compress(records) if codec == 'zstd' else records
     fields = CHUNK_HEADER.pack(start, end, len(records), crc32(records))
     fields += text(codec) + struct.pack('<Q', len(packed))
@@ -156,13 +156,13 @@ def chunk_record(
 
 
 def message_index_record(channel: int, entries: Sequence[int]) -> bytes:
-    """Return the index of a channel in a chunk: receive time [ns] and offset [B] in turn."""
+    """Return the index of a channel in a chunk: receive time [ns] and offset [B], alternating."""
     packed = struct.pack(f'<{len(entries)}Q', *entries)
     return record(Opcode.MESSAGE_INDEX, struct.pack('<H', channel), sized(packed))
 
 
 def attachment_index_record(body: Bytes, offset: int, length: int) -> bytes:
-    """Return the index of an attachment `body` at `offset`, `length` [B] long."""
+    """Return the index of an attachment `body` with its offset and length [B]."""
     fields = Fields(body)
     times, name, media_type = bytes(fields.take(16)), fields.sized(), fields.sized()
     size = struct.pack('<Q', fields.number(8))
@@ -172,7 +172,7 @@ def attachment_index_record(body: Bytes, offset: int, length: int) -> bytes:
 
 
 def data_is_intact(data: Bytes, end: int) -> bool:
-    """Return whether the checksum of the data before the record at `end` is right or missing."""
+    """Return whether the checksum of the data before the record at `end` is correct or missing."""
     begin = end + RECORD_HEADER.size
     checksum = int.from_bytes(data[begin : begin + 4], 'little')
     return not checksum or crc32(data[:end]) == checksum
@@ -272,7 +272,7 @@ _LAYOUTS: dict[int, tuple[int, tuple[int, ...], int]] = {
     Opcode.SUMMARY_OFFSET: (17, (), 0),
     Opcode.DATA_END: (4, (), 0),
 }
-"""Sizes [B] per opcode: first numbers, length fields of texts or data, last numbers."""
+"""Sizes [B] for each opcode: first numbers, length fields of texts or data, last numbers."""
 
 
 def extra_bytes(opcode: int, body: Bytes) -> int:
@@ -291,7 +291,7 @@ def extra_bytes(opcode: int, body: Bytes) -> int:
 
 @dataclass(frozen=True)
 class ChunkHead:
-    """Head of a chunk record; sizes `packed` and `uncompressed`, and offset `begin` [B]."""
+    """Head of a chunk record, with sizes `packed` and `uncompressed` and offset `begin` [B]."""
 
     uncompressed: int
     crc: int
@@ -318,7 +318,7 @@ def parse_chunk_head(body: Bytes) -> ChunkHead:
 
 
 def unpack(head: ChunkHead, packed: Bytes, most: int) -> tuple[Bytes, bool]:
-    """Return the records of a chunk of up to `most` [B], and whether the chunk is intact."""
+    """Return the records of a chunk of at most `most` [B], and whether the chunk is intact."""
     if head.uncompressed > most:
         return b'', False
     records = packed

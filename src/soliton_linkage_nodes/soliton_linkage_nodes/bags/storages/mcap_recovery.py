@@ -27,7 +27,7 @@ from soliton_linkage_nodes.bags.stored_topic import completed
 
 
 class _Chunk(NamedTuple):
-    """Chunk record at `offset` with its body at `begin` [B]; `rejected` is the reason or ''."""
+    """Chunk record at `offset` with its body at `begin` [B]; `rejected` is a reason or ''."""
 
     offset: int
     begin: int
@@ -37,7 +37,7 @@ class _Chunk(NamedTuple):
 
 
 class _Run(NamedTuple):
-    """Messages outside of chunks in the bytes [begin, end), doubtful directly after damage."""
+    """Messages outside chunks in the bytes [begin, end); doubtful if directly after damage."""
 
     begin: int
     end: int
@@ -48,8 +48,8 @@ class RecoveredMcap(RecoveredFile):
     """Recovery of the intact messages and the topics of an MCAP file.
 
     After damage, the next plausible record head is searched. A truncated chunk yields its complete
-    messages. Messages are doubtful in a chunk with a wrong checksum, or directly after damage in a
-    file with chunks; they are recovered only if `doubtful` is set.
+    messages. Messages in a chunk with a wrong checksum are doubtful, and so are messages directly
+    after damage in a file with chunks. They are recovered only if `doubtful` is set.
     """
 
     def _scan(self, path: Path) -> None:
@@ -298,7 +298,7 @@ _HEAD = re.compile(rb'[\x01-\x0f](?=.{5}\x00\x00\x00)', re.DOTALL)
 _SHORTEST, _LONGEST = 4, 2**40
 """Smallest and largest plausible size of the content of a record [B]."""
 _WINDOW = 2**26
-"""Bytes of the file that are searched before their memory is released [B]."""
+"""Number of bytes of the file that are searched before their memory is released [B]."""
 
 
 def _may_follow(data: Bytes, offset: int) -> bool:

@@ -18,17 +18,17 @@ from soliton_linkage_nodes.bags.storages.mcap_records import Channel, Opcode, Sc
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 
 _LARGEST_CHUNK = 2**20
-"""Size at which a chunk is written [B]. Sensitivity: larger ones lose more by one damaged byte,
-smaller ones have more overhead."""
+"""Size at which a chunk is written [B]. Sensitivity: a damaged byte loses more messages in a
+larger chunk; smaller chunks have more overhead."""
 
 
 class McapWriter:
     """Writer of an MCAP file of chunks with checksums; OSError if a write fails.
 
-    Definitions of topics are repeated, so that messages stay readable if other parts are lost.
-    Every chunk contains a message, because MCAP C++ before 2.0.1 ignores the index if the first
-    chunk has none. A failed write truncates the file to its last complete chunk. `counts` holds
-    the messages per topic number, `span` the first and last receive time [ns].
+    Definitions of topics are repeated, so that messages stay readable if another part of the file
+    is lost. Every chunk contains a message, because MCAP C++ before 2.0.1 ignores the index if the
+    first chunk has none. A failed write truncates the file to its last complete chunk. `counts`
+    contains the number of messages by topic number, `span` the first and last receive time [ns].
     """
 
     def __init__(self, path: Path, codec: str = '', definitions_interval: float = 10.0) -> None:
@@ -132,7 +132,7 @@ class McapWriter:
         self._begin_chunk()
 
     def write_custom_data(self, texts: Mapping[str, str]) -> None:
-        """Write custom data as a record, which survives if the file is never closed."""
+        """Write custom data as a record, which survives even if the file is never closed."""
         self._add_metadata(mcap.CUSTOM_DATA, texts)
 
     def copy_record(self, opcode: int, body: mcap.Bytes) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reader of the sqlite3 files of rosbag2, and recovery of damaged files, both row by row."""
+"""Reader of the sqlite3 files of rosbag2, and recovery of damaged ones; both read row by row."""
 
 from __future__ import annotations
 
@@ -26,19 +26,20 @@ from soliton_linkage_nodes.bags.storages.storage import (
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic, completed
 
 _LEAST_ROW = 4
-"""Size of the shortest row of a table [B]. A file of n bytes has at most n / 4 rows."""
+"""Size of the shortest row of a table [B]; a file of n bytes has at most n / 4 rows."""
 _PATIENCE = 4.0
-"""Time limit for finding a row, beside the time for reading the whole file [s]."""
+"""Time limit for finding a row, in addition to the time for reading the whole file [s]."""
 _SLOWEST_DISK = 20e6
 """Assumed read rate of the slowest disk [B/s]."""
 _CHECK_EVERY = 20_000
-"""Steps of the SQLite machine between checks of the time limit [1], less than 1 ms."""
+"""Steps of the SQLite machine between two checks of the time limit [1]; they take less than 1
+ms."""
 _LONGEST_SQL = 20_000
-"""Longest accepted definition of a table [characters]. Those in bags have 200."""
+"""Longest accepted definition of a table [characters]; definitions in bags have 200."""
 
 
 class Tables:
-    """Tables of a sqlite3 file, only read. Raises sqlite3.Error if the file is damaged."""
+    """Tables of a sqlite3 file, for reading only. Raises sqlite3.Error if the file is damaged."""
 
     def __init__(self, path: Path, largest_value: int, damaged: bool = False) -> None:
         """Open a file, perhaps `damaged`; values larger than `largest_value` [B] become None."""
@@ -86,10 +87,9 @@ class Tables:
     def rows(
         self, table: str, columns: Sequence[str], rest: str = '', values: Sequence[object] = ()
     ) -> Iterator[tuple[Any, ...]]:
-        """Yield columns of each row; `rest`, with placeholders for `values`, ends the SELECT.
+        """Yield columns of each row.
 
-        Raises sqlite3.Error if `table` is not an ordinary table or has more rows than the file can
-        hold.
+        `rest`, with placeholders for `values`, ends the SELECT statement.
         """
         self._check(table, columns)
         quoted = ['"{}"'.format(name.replace('"', '""')) for name in columns]
@@ -133,7 +133,7 @@ class Tables:
             yield *(*row, '', '')[:6], *definitions.get(row[2], ('', ''))
 
     def _check(self, table: str, columns: Sequence[str]) -> None:
-        """Raise sqlite3.Error unless a table has these columns, and restart the time limit."""
+        """Raise sqlite3.Error unless a table has given columns; restart the time limit."""
         held = self.columns(table)
         if missing := [name for name in columns if name not in held]:
             raise sqlite3.DatabaseError(f'{table} is not a table with {", ".join(missing)}')
@@ -144,13 +144,13 @@ class Tables:
 
 
 _MOST_SELECTED = 500
-"""Largest number of topics in an SQL condition [1]. For more, all rows are read."""
+"""Largest number of topics in an SQL condition [1]; for more topics, all rows are read."""
 _TOPIC = ('id', 'name', 'type', 'serialization_format')
 _MESSAGE = ('topic_id', 'timestamp', 'data')
 
 
 class StoredSqlite(LimitedReader):
-    """Reader of a sqlite3 file by receive time; ValueError or sqlite3.Error if it is damaged."""
+    """Reader of a sqlite3 file, sorted by receive time; ValueError or sqlite3.Error if damaged."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()
@@ -221,7 +221,10 @@ class StoredSqlite(LimitedReader):
 
 
 class RecoveredSqlite(RecoveredFile):
-    """Recovery of the messages of a sqlite3 file, row by row up to an error, without checksums."""
+    """Recovery of the messages of a sqlite3 file, row by row up to an error.
+
+    No checksums exist.
+    """
 
     def _scan(self, path: Path) -> None:
         self._folder = TemporaryDirectory(prefix='recover_bag_')

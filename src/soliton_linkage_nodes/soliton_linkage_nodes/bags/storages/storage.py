@@ -102,9 +102,10 @@ def summary_of(
 class RecoveredFile(ABC):
     """Recovery of all intact messages of a bag file, which may be damaged.
 
-    `topics` maps the numbers in the file to topics. `damage` has one line for each damaged part,
-    `lost` messages cannot be read, `unverified` ones have no checksum, `stated` is their number in
-    the statistics or 0. `records` holds opcodes and contents of records to copy.
+    `topics` maps the numbers in the file to topics. `damage` has one line for each damaged part.
+    `lost` is the number of messages that cannot be read, `unverified` that of messages without a
+    checksum, and `stated` that in the statistics of the file, or 0. `records` contains opcodes and
+    contents of records to copy.
     """
 
     def __init__(

@@ -31,7 +31,7 @@ _LARGEST_COUPLING = 1e-3
 
 
 class WaveControls(ChainControls):
-    """Controls of a waveform, with the phonon band on the frequency slider, and of motors."""
+    """Controls of a waveform and of motors; the frequency slider shows the phonon band."""
 
     def __init__(self, view: View, page: Shown) -> None:
         super().__init__(view, page)

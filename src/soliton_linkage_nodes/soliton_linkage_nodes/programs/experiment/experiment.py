@@ -37,7 +37,7 @@ _REPORT = 'soliton_linkage_nodes.programs.experiment.report'
 _NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
 _PAGE = 'live_view'
 _ALL_FRAMES = ['-p', 'longest_lag:=0.0']
-"""Argument with which live and replayed analysers process every frame."""
+"""Argument with which the live and the replayed analyser process every frame."""
 _UNUSED = (
     interfaces.IDENTIFIED_CHAIN,
     interfaces.JOINT_STATE_DEVIATIONS,
@@ -50,7 +50,7 @@ _UNUSED = (
 )
 _RECORDED_TOPICS = {f'/{topic.name}' for topic in interfaces.SUITE_TOPICS if topic not in _UNUSED}
 _REPORT_LIMIT = 6.2
-"""Longest wait for the report of a node, which comes once per second [s]."""
+"""Longest wait for the report of a node [s]; nodes report once per second."""
 _QUIET = 0.5
 """Time without a new state after which no more states are expected [s]."""
 

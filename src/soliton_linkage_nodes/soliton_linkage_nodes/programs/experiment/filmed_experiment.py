@@ -44,7 +44,8 @@ class PositionErrors:
     """Errors of the angles and the soliton position in a film, without positions near edges."""
 
     angle_noise: float
-    """Standard deviation of the angle errors, without the mean error of each rotor [rad]."""
+    """Standard deviation of the errors of the angles, without the mean error of each rotor
+    [rad]."""
     stated_angle_noise: float
     """Median of the stated standard deviations of the angles [rad]."""
     frames: int
@@ -53,14 +54,14 @@ class PositionErrors:
     stated: float
     """Root mean square of the stated standard deviation of the position [rotor spacings]."""
     allowed: float
-    """Root mean square Cramer-Rao bound of the position of one frame [rotor spacings]."""
+    """Root mean square Cramer-Rao bound of the position from one frame [rotor spacings]."""
     with_true_chain: float
     """Root mean square position error of an analyser with the true chain [rotor spacings]."""
     hidden: float
     """Fraction of the angles that were hidden in the compared frames [1]."""
     by_hidden: float
-    """Root mean square position error with the true chain and exact visible angles [rotor
-    spacings]."""
+    """Root mean square position error with the true chain and the exact angles of visible rotors
+    [rotor spacings]."""
 
 
 @dataclass(frozen=True)

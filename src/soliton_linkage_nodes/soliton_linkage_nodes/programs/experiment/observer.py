@@ -18,7 +18,8 @@ from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 _NEAR_EDGE = 2.0
-"""Distance from an edge at which a soliton has reached it [rotor spacings]."""
+"""Distance from an edge below which a soliton counts as having reached the edge [rotor
+spacings]."""
 
 
 @dataclass(frozen=True)

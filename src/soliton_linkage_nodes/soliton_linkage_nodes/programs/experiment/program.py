@@ -55,7 +55,7 @@ def main() -> None:
 
 @contextmanager
 def _plain_end(left: Callable[[], str] = lambda: '') -> Iterator[None]:
-    """Print one line, with `left()` about the results, and exit with 130 after Ctrl-C, else 1."""
+    """After Ctrl-C, print one line with `left()` about the results; exit with 130, else 1."""
     try:
         yield
     except KeyboardInterrupt:
@@ -104,7 +104,7 @@ def _run_filmed(options: argparse.Namespace, given: dict[str, Any]) -> None:
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[Path]:
-    """Yield `folder`, or the first free one with the suffix _1, _2, ..., without old results."""
+    """Yield `folder`, or the first free folder with a suffix _1, _2, ..., without old results."""
     candidates = (folder.with_name(f'{folder.name}_{n}') if n else folder for n in count())
     claims = ((each, _claim(each)) for each in candidates)
     chosen, claim = next((each, claim) for each, claim in claims if claim is not None)
@@ -202,7 +202,7 @@ def _suggestions(configuration: Path) -> list[str]:
 
 
 def other_scenarios(configuration: Path) -> list[Path]:
-    """Return the other parameter files in the folder that have the name of their scenario."""
+    """Return the other parameter files in the folder whose name is that of their scenario."""
     return [
         path
         for path in sorted(configuration.parent.glob('*.yaml'))

@@ -40,12 +40,12 @@ class RecordedRun:
     track: Track
     crossings: tuple[Crossing, ...]
     states: Mapping[int, tuple[float, ...]]
-    """Site coordinates of the solitons of the live analyser [rotor spacings], by stamp [ns]."""
+    """Site coordinates of the solitons from the live analyser [rotor spacings], by stamp [ns]."""
     events: tuple[str, ...]
     messages: int
     lost: int
     publish_rate: float
-    """Rate of joint_states from the arrival times after the nudge [Hz]."""
+    """Rate of joint_states [Hz], from the arrival times after the nudge."""
 
 
 def read_run(bag: Path) -> RecordedRun:
@@ -82,7 +82,7 @@ def read_run(bag: Path) -> RecordedRun:
 def largest_difference(
     live: Mapping[int, tuple[float, ...]], replayed: Mapping[int, tuple[float, ...]]
 ) -> float:
-    """Return the largest difference of sites [rotor spacings], infinite if numbers differ."""
+    """Return the largest difference of sites [rotor spacings]; infinite for different numbers."""
     largest = 0.0
     for stamp in live.keys() & replayed.keys():
         if len(live[stamp]) != len(replayed[stamp]):
