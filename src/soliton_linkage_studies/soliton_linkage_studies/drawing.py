@@ -36,7 +36,7 @@ from soliton_linkage_studies.palette import (
 )
 
 _OUTSIDE = matplotlib.__version_info__ >= (3, 7)
-"""Whether matplotlib can put a legend outside the panels, which it would cover."""
+"""Whether matplotlib can put a legend outside the panels; otherwise the legend covers a panel."""
 LEGEND_ABOVE: Literal['outside upper center', 'upper center'] = (
     'outside upper center' if _OUTSIDE else 'upper center'
 )
@@ -50,7 +50,7 @@ _MARGIN = 0.35
 _ROW = 0.3
 """Height of a row of displacement arrows [rotor spacings]."""
 _ARROW = 1.2
-"""Length of the arrow of a mode component 1, divided by the larger of a and r [1]."""
+"""Length of the arrow of a mode component of 1, relative to the larger of a and r [1]."""
 
 
 def displacement(chain: Chain, angles: Array) -> Array:

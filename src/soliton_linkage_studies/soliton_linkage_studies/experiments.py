@@ -21,15 +21,15 @@ DISTANCE_LABEL = 'n - X [rotor spacings]'
 """Axis label of the distance of a rotor from a wall."""
 
 _ARCTANH_REACH = 0.9
-"""Largest |m| of a fitted rotor [1]. Above it, arctanh(m) would amplify errors."""
+"""Largest |m| of a fitted rotor [1]; for larger values, arctanh(m) would amplify errors."""
 _MIDDLE = 0.3
 """Fraction of a chain in which a wall is measured, around the middle [1]."""
 _FRAMES = 600
 """Number of frames in a recording of a crossing."""
 _SLACK = 1.1
-"""Recording time divided by the theoretical crossing time of a slow wall [1]."""
+"""Recording time, relative to the theoretical crossing time of a slow wall [1]."""
 _TRANSIENT = 1.5
-"""Recording time of the fastest walls, in times of sound from edge to edge [1]."""
+"""Recording time of the fastest walls, relative to the time of sound from edge to edge [1]."""
 
 
 def kick_rates(
@@ -37,9 +37,9 @@ def kick_rates(
 ) -> Array:
     """Return the angular velocities that drive the wall away from an edge [rad/s], shape (N,).
 
-    They are phi_dot = (a / r) sqrt(k_e / M) v0 e, with the zero mode e of norm 1 and the kick v0,
-    the norm r |phi_dot| in units of a sqrt(k_e / M). Raises ValueError if the wall is nearer to
-    the other edge and `anywhere` is false.
+    The velocities are phi_dot = (a / r) sqrt(k_e / M) v0 e with the zero mode e of norm 1. The
+    kick v0 is the norm r |phi_dot| in units of a sqrt(k_e / M). Raises ValueError if the wall is
+    nearer to the other edge and `anywhere` is false.
     """
     speed = kick * chain.spacing / (chain.rotor_length * chain.time_unit)
     return speed * edge_mode(chain, angles, edge, anywhere)
@@ -68,8 +68,8 @@ def crossing_duration(chain: Chain, kick: float) -> float:
 def slow_crossing_time(chain: Chain, kick: float) -> float:
     """Return the crossing time of a wall in a chain of rigid bars [time units].
 
-    It is (N - 1) Lambda / v0. Lambda is the norm of the displacements of all masses while the wall
-    moves by one rotor spacing, divided by the spacing.
+    The time is (N - 1) Lambda / v0 for a kick v0. Lambda is the norm of the displacements of all
+    masses while the wall moves by one rotor spacing, divided by the spacing.
     """
     way = site_arc(chain) * chain.rotor_length / chain.spacing
     return (chain.number_of_rotors - 1) * way / kick

@@ -19,14 +19,14 @@ from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linkage.chain import Chain
 
 _RESOLUTION = 150
-"""Resolution of PNG pictures [pixels per inch], at which they are 1200 to 2000 pixels wide."""
+"""Resolution of PNG pictures [pixels per inch]; the pictures are 1200 to 2000 pixels wide."""
 _DIGITS = 5
-"""Number of significant digits of the values in a table. Most theories are less accurate."""
+"""Number of significant digits in a table; most theories are less accurate."""
 _LINE = 95
 """Largest number of characters in a line of a caption."""
 _FUNCTIONS = ('sin', 'cos', 'ln', 'min', 'max')
 _ROUNDING = 1e-11
-"""Smallest relative error in a table [1], about that of a sum of 1000 terms."""
+"""Smallest relative error in a table [1]; it is about that of a sum of 1000 terms."""
 
 
 @dataclass(frozen=True)
@@ -87,9 +87,10 @@ class Comparison:
 
     @property
     def error(self) -> str:
-        """Relative difference of the measured value from theory [%] as text, empty without.
+        """Relative difference of the measured value from theory [%] as text.
 
-        If the theoretical value is 0, the text contains the measured value instead.
+        If the theoretical value is 0, the text contains the measured value instead. Without a
+        theoretical value, the text is empty.
         """
         if not math.isfinite(self.expected):
             return ''
@@ -168,7 +169,7 @@ def save_caption(caption: str, path: Path) -> None:
 def write_table(
     drawn: Mapping[str, Sequence[Comparison]], path: Path, order: Sequence[str]
 ) -> None:
-    """Write comparisons as Markdown, in figure order, beside the other rows of the file."""
+    """Write comparisons as Markdown, sorted by figure, and keep the other rows of the file."""
     rows = _rows_by_figure(path)
     for name, comparisons in drawn.items():
         rows[name] = [_row(name, comparison) for comparison in comparisons]

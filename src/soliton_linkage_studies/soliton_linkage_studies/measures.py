@@ -144,8 +144,8 @@ def _frame_arc(chain: Chain) -> float:
     """Return the arc length between two frames, equal to the period at 1 rad/s [rad].
 
     The rotors of a flipper turn by 2 theta_bar while the wall moves by its own width. The lower
-    limit resolves the swing of an edge rotor at a reflection, which is about a / r, but at most 1
-    rad.
+    limit resolves the swing of an edge rotor at a reflection. This swing is about a / r, but at
+    most 1 rad.
     """
     spacings = 1 + chain.wall_width / chain.spacing
     of_wall = chain.rest_angle / (_FRAMES_A_SPACING * math.sqrt(spacings))
@@ -167,9 +167,11 @@ OUTCOMES = ('returns', 'crosses', 'lost')
 _PIECE = 20
 """Interval between two checks for the return of the wall [time units]."""
 _WALL_REACH = 4
-"""Half-width of a wall with 98 % of its energy [larger of wall width and penetration depth]."""
+"""Half width of a wall with 98 % of its energy, relative to the larger of wall width and
+penetration depth [1]."""
 _JUMP = 5
-"""Smallest displacement per frame of a track that changes to another wall [rotor spacings]."""
+"""Smallest displacement per frame that means a change of the track to another wall [rotor
+spacings]."""
 
 Value = float | int | str
 

@@ -38,9 +38,10 @@ _TOLERANCE = 1e-8
 _OBSERVATION_TIME = 0.2
 """Time from the first frame to the goal command [s]. The wall is at rest during this time."""
 _TIME_LIMIT = 120.0
-"""Time limit of a move [s]. A move that has not ended by then has the outcome NOT_HELD."""
+"""Time limit of a move [s]; a longer move has the outcome NOT_HELD."""
 _SAMPLE_EVERY = 20
-"""Number of frames between samples [1]. At 250 Hz, 80 ms are a pixel of the picture."""
+"""Number of frames between two samples [1]; at 250 Hz, the 80 ms between samples are a pixel of
+the picture."""
 DISORDERED = ('spacing', 'rotor_length', 'mass', 'stiffness', 'rest_length')
 _DRAWS = 100
 """Largest number of attempts to draw a disorder through which a wall can pass [1]."""
@@ -146,7 +147,8 @@ class MoveRun:
 def _started(task: MoveTask, orbit: UniformOrbit) -> tuple[Chain, Array]:
     """Return the chain of a task with damping and disorder, and its initial angles [rad].
 
-    Deviations are drawn again if they may stop the wall, or if the chain has no such rest state.
+    Deviations are drawn again if they may stop the wall, or if the chain has no rest state with a
+    wall there.
     """
     damping = task.condition.decay * task.chain.moment_of_inertia
     chain = replace(task.chain, damping=damping)
@@ -271,7 +273,8 @@ _REQUIRED_ACCURACY = 0.1
 _LEAST_ERROR = 1e-6
 """Smallest distance from the goal on the logarithmic axis [rotor spacings]."""
 _LEAST_SHARE = 1e-16
-"""Smallest energy ratio on the logarithmic axis [1], about the rounding error of this ratio."""
+"""Smallest energy ratio on the logarithmic axis [1]; it is about the rounding error of this
+ratio."""
 
 
 def draw_moves(

@@ -56,9 +56,9 @@ LEAN_COLOURS = 'PuOr'
 _REST = 0.30
 """Distance of a uniform rest state from the middle of the colour map [1]."""
 _NEAR_REST = ((0.95, 0.24), (1.0, _REST), (1.02, 0.36), (1.05, 0.41), (1.2, 0.46))
-"""Nodes (displacement / rest displacement, distance from the middle of the map) of the colour
-scale [1]. They stretch the scale near the rest state, so that oscillations of a few per cent are
-visible."""
+"""Nodes of the colour scale [1]: displacement relative to the rest displacement, and distance from
+the middle of the map. They stretch the scale near the rest state, so that oscillations of a few
+per cent are visible."""
 LEANS_RIGHT, LEANS_LEFT = (to_hex(colormaps[LEAN_COLOURS](0.5 + side * _REST)) for side in (1, -1))
 """Colours of the uniform states that lean right and left."""
 
@@ -72,7 +72,7 @@ MOTION_COLOURS = {motion: shades[0] for motion, shades in _SHADES.items()}
 
 
 def chain_colours(chains: Sequence[Chain]) -> list[str]:
-    """Return a colour per chain, a shade of its class; the largest d has the class colour."""
+    """Return a colour per chain, a shade of its class; the largest lean ratio has the purest."""
     order = sorted(range(len(chains)), key=lambda number: -chains[number].lean_ratio)
     found: dict[int, str] = {}
     for number in order:

@@ -59,7 +59,7 @@ _NOTE = (
     'A colour darker than at rest means that the rotor leans beyond its rest angle.'
 )
 _MOST_COLUMNS = 2000
-"""Largest number of frames in a kymograph [1]. The pixels of the image resolve no more."""
+"""Largest number of frames in a kymograph [1]; the pixels of the image resolve no more."""
 
 _JUMP = 5.0
 """Threshold of the displacement between two frames [rotor spacings]. A larger displacement means

@@ -12,9 +12,9 @@ from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage.linkage.chain import Array
 
 _FEWEST_READINGS = 4
-"""Smallest number of readings [1], one more than the unknowns."""
+"""Smallest number of readings [1]; it is one more than the number of unknowns."""
 _SHORTEST_STEP = 0.05
-"""Smallest |command - pressure| in the initial guess, relative to the largest [1]."""
+"""Smallest |command - pressure| that the initial guess uses, relative to the largest [1]."""
 
 
 @dataclass(frozen=True)
@@ -102,8 +102,8 @@ def fit_torque(pressures: Array, torques: Array) -> tuple[float, float]:
 
     Both arrays contain steady readings, shape (readings,). The model clip(k p, -limit, limit) is
     fitted by least squares. The limit is infinite unless it at least halves the sum of squared
-    residuals of a straight line; then read torques at larger pressures. Raises ValueError for
-    fewer than two readings or if all pressures are 0.
+    residuals of a straight line. An infinite limit means that torques should be read at larger
+    pressures. Raises ValueError for fewer than two readings or if all pressures are 0.
     """
     order = np.argsort(np.abs(pressures))
     pressed, twisted = np.abs(pressures[order]), np.sign(pressures[order]) * torques[order]

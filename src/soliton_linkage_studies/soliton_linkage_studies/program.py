@@ -141,7 +141,7 @@ def installed_settings(name: str) -> Path | None:
 
 
 def select_names(known: Sequence[str], asked: Sequence[str], option: str = '--only') -> list[str]:
-    """Return the names that an option selects, in full or up to the first _; all if it is empty.
+    """Return the names that an option selects, in full or up to the first _; by default all.
 
     Raises ValueError for an unknown name.
     """

@@ -5,8 +5,9 @@ In staggered angles the bar has its rest length if
 
     cos(theta_1 + theta_2) - cos(2 theta_bar) + (a / r) (sin(theta_2) - sin(theta_1)) = 0
 
-(paper, eq. flip_discrete with the opposite sign of a / r). With the mean s = (theta_1 + theta_2) /
-2 and the half difference delta = (theta_2 - theta_1) / 2, the condition becomes
+with the rest angle theta_bar, the spacing a and the rotor length r (paper, eq. flip_discrete with
+the opposite sign of a / r). With the mean s = (theta_1 + theta_2) / 2 and the half difference
+delta = (theta_2 - theta_1) / 2, the condition becomes
 
     sin(delta) = (r / a) (cos(theta_bar)^2 / cos(s) - cos(s)).
 
@@ -32,7 +33,7 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 Integers = NDArray[np.int64]
 
 _ARC_TOLERANCE = 1e-12
-"""Tolerance of the integration along a curve [rad], near the rounding error close to d_c."""
+"""Tolerance of the integration along a curve [rad]; it is near the rounding error close to d_c."""
 _CLOSED = 1e-6
 """Largest distance between both ends of a closed curve [turns]."""
 
@@ -96,7 +97,8 @@ def windings(curve: ArrayLike) -> tuple[int, int]:
 def ground_states(chain: Chain) -> Array:
     """Return the staggered angles (theta, theta) of the uniform states [rad], shape (4, 2).
 
-    theta_bar leans right, -theta_bar left; pi - theta_bar and pi + theta_bar are both upside down.
+    The state theta = theta_bar leans right, and -theta_bar leans left. Both pi - theta_bar and pi
+    + theta_bar are upside down.
     """
     angle = chain.rest_angle
     return np.repeat([angle, -angle, math.pi - angle, math.pi + angle], 2).reshape(4, 2)
@@ -134,8 +136,8 @@ def spinner_limit(rest_angles: ArrayLike) -> Array:
 class _Arc:
     """Piece of a configuration curve with s >= 0 and |delta| <= pi / 2; the rest is symmetric.
 
-    On it s and delta increase together, so that theta_2 is a coordinate without folds at any r /
-    a.
+    On this piece, s and delta increase together, so that theta_2 is a coordinate without folds at
+    any r / a.
     """
 
     def __init__(self, chain: Chain) -> None:

@@ -28,9 +28,9 @@ _MAXIMUM_COUNT = 1000
 """Largest number of processes [1]. A larger number is rejected as a typing error."""
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 _CHUNK_DURATION = 1.0
-"""Duration of the rows that a worker measures in one task, and may lose [s]."""
+"""Duration of the rows that a worker measures in one task [s]; a failure loses these rows."""
 _CHUNK_GROWTH = 4
-"""Largest ratio of successive chunk sizes [1]. The first rows may be unusually fast."""
+"""Largest ratio of successive chunk sizes [1], because the first rows may be unusually fast."""
 _CHUNKS_PER_WORKER = 2
 """Number of submitted chunks per worker [1]: one is measured while the next one waits."""
 
@@ -67,7 +67,7 @@ class Pool(Protocol):
         """Queue a task and return the future of its result."""
 
     def finished(self) -> Iterator[Any]:
-        """Yield the future of each task, also of tasks submitted meanwhile."""
+        """Yield the future of each task, also of tasks that are submitted meanwhile."""
 
 
 class Processes:
@@ -114,7 +114,7 @@ class Processes:
         return future
 
     def finished(self) -> Iterator[Future[Any]]:
-        """Yield the future of each task, also of tasks submitted meanwhile.
+        """Yield the future of each task, also of tasks that are submitted meanwhile.
 
         Raises ChildProcessError if a process has ended unexpectedly.
         """
@@ -259,7 +259,7 @@ def measure_rows(pool: Pool, table: Rows, rows: Sequence[int]) -> Iterator[list[
 
 
 def measure_chunk(table: Rows, rows: list[int]) -> Chunk:
-    """Measure rows until about a second has passed, but at least one row or one call.
+    """Measure rows for about a second, at least one row or one call.
 
     Returns the cells of the measured rows, the rows that were not measured, and the duration [s].
     """

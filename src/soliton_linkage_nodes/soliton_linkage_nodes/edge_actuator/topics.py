@@ -71,10 +71,7 @@ class LatestFrames:
         return None if self._previous is None else self._decoder.stamp(self._previous)
 
     def period(self, stamp: int) -> float | None:
-        """Return the time from the previous frame to `stamp` [ns] in [s].
-
-        None if it was the first.
-        """
+        """Return the time from the previous frame to `stamp` [ns] in [s]; None without one."""
         before = self.stamp_before
         return None if before is None or stamp <= before else (stamp - before) / SECOND
 

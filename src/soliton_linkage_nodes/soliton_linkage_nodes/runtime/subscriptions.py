@@ -100,10 +100,7 @@ class AdaptiveSubscription:
                 yield taken
 
     def newest(self) -> Any:
-        """Return the next waiting message, or None.
-
-        With queue depth 1 it is the newest message.
-        """
+        """Return the next waiting message, or None; with queue depth 1, it is the newest."""
         message, info = next(self.waiting(), (None, None))
         if info is not None:
             self.sequence = info['publication_sequence_number']

@@ -24,7 +24,7 @@ _NOISES = (0.001, 0.1)
 _SPEEDS = (0.02, 0.9)
 """Range of the wall speed relative to the speed of sound [1]."""
 _PERIODS = (0.05, 0.5)
-"""Range of the frame period [time units], 1000 Hz to 100 Hz for 0.02 kg and 50 N/m."""
+"""Range of the frame period [time units]; for 0.02 kg and 50 N/m, 1000 Hz to 100 Hz."""
 _RUNS = (50, 400)
 """Range of the number of frames in a record [1]."""
 _PHONONS = (0.001, 0.03)
@@ -40,7 +40,8 @@ _WIDEST = 3.0
 _LONGEST = 4.0
 """Largest ratio of the rotor length r to the rotor spacing a, as in the paper [1]."""
 _APART = 1.6
-"""Smallest number of rotors per wall with several walls, relative to a single wall [1]."""
+"""Smallest number of rotors per wall in a cell with several walls, relative to a single wall
+[1]."""
 _SEVERAL = (1, 1, 1, 2, 4)
 """Numbers of walls from which a random cell draws with equal probability [1]."""
 
@@ -70,24 +71,25 @@ class AccuracyCell:
     wrong_reading: float = 0.0
     """Error of one random encoder in the last frame of a record [rad]; 0 means none."""
     disorder: float = 0.0
-    """Standard deviation of the unknown relative deviations of the chain [1]."""
+    """Standard deviation of the relative deviations of the chain, which the analyser does not know
+    [1]."""
     impulses: int = 0
-    """Number of impulses on the wall, summed over all records [1]."""
+    """Number of impulses on the wall, in all records together [1]."""
     impulses_known: bool = False
     """Whether each impulse is reported to the analyser."""
     unseen: str = ''
-    """Rotors without encoder: none (''), 'edges', or all except one or three random ones ('all but
-    one', 'all but three')."""
+    """Rotors without encoder: none (''), 'edges', or all except one or three random rotors ('all
+    but one', 'all but three')."""
     kick: float = 0.0
     """Rotor rate of a kick after which no wall exists [rad / time unit]; 0 means none."""
     noise_only: bool = False
     """Whether all angles are uniformly random, so that no wall exists."""
     degrees: bool = False
-    """Whether the analyser receives degrees instead of radians."""
+    """Whether the analyser receives angles in degrees instead of radians."""
     start: float = math.nan
     """Position of a wall at rest [rotor spacings]; NaN means a moving wall."""
     jitter: float = 0.0
-    """Standard deviation of the error of a time stamp, relative to the frame period [1]."""
+    """Standard deviation of the errors of time stamps, relative to the frame period [1]."""
     offsets: float = 0.0
     """Offset of the encoder of every tenth rotor [rad]."""
     damping: float = 0.0
@@ -103,7 +105,7 @@ class AccuracyCell:
 
     @property
     def invalid_input(self) -> bool:
-        """Whether no wall can be found in the readings, so that every reported wall is false."""
+        """Whether the readings show no wall, so that every reported wall is false."""
         return self.noise_only or self.degrees or self.configured_chain is not None
 
     @property
@@ -121,7 +123,7 @@ class AccuracyCell:
 
 
 def random_cells(seed: int, count: int) -> list[AccuracyCell]:
-    """Draw random cells, alternately of the motion classes, from the ranges of this module."""
+    """Draw random cells from the ranges of this module, with the motion classes in turn."""
     return [_drawn(number, np.random.default_rng([seed, number])) for number in range(count)]
 
 
@@ -245,7 +247,7 @@ def _of_model(chains: dict[str, Chain]) -> list[AccuracyCell]:
 def _with_forces(chain: Chain) -> dict[str, Chain]:
     """Return the chain with each force term by name.
 
-    Each term changes the speed of a wall by up to a half during a record.
+    During a record, each term changes the speed of a wall by up to a half.
     """
     sites = _FORCED_SPEED * speed_of_sound(chain) / chain.spacing
     drag = 0.01 * chain.moment_of_inertia / chain.time_unit

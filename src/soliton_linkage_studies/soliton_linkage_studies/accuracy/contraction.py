@@ -39,11 +39,12 @@ SIMULATED, RECORDED = 'contraction_simulated', 'contraction_recorded'
 """File names of results for simulated walls and for walls recorded by the nodes."""
 _SOURCES = {SIMULATED: 'simulated frames', RECORDED: 'bags that the nodes recorded'}
 _QUICK_EVERY = 4
-"""Interval between the kicks that a quick study uses: 4 means every fourth kick [1]."""
+"""Interval between the kicks of a quick study [1]; 4 means that every fourth kick is used."""
 _QUICK_FRAMES = 400
 """Largest number of frames per wall in a quick study [1]."""
 _FEWEST_FRAMES = 10
-"""Smallest number of frames with the wall in the middle, for a mean width [1]."""
+"""Smallest number of frames with the wall in the middle from which a mean width is computed
+[1]."""
 
 
 @dataclass(frozen=True)
@@ -62,13 +63,13 @@ class ContractedWall:
 
 @dataclass(frozen=True)
 class Walls:
-    """One chain and the kicks [a sqrt(k_e / M)] that start its walls."""
+    """Chain, and the kicks [a sqrt(k_e / M)] that start its walls."""
 
     name: str
     chain: Chain
     kicks: tuple[float, ...]
     reference: Mapping[float, tuple[float, float]]
-    """Known speed [a sqrt(k_e / M)] and relative width [1] of walls without noise, by kick."""
+    """Known speed [a sqrt(k_e / M)] and relative width [1] of each wall without noise, by kick."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ class ContractionStudy:
     noise: float
     """Standard deviation of the noise of each angle [rad]."""
     frames: int
-    """Number of frames of a passage from edge to edge [1]."""
+    """Number of frames in a passage from edge to edge [1]."""
     seed: int
 
     def tasks(self) -> list[Callable[[], Any]]:
@@ -109,12 +110,15 @@ class ContractionStudy:
         write_table(lines, folder / f'{name}.md', list(lines))
 
     def duration(self, walls: int, kick: int) -> float:
-        """Return the recording time of a kick [time units], by indices of chain and kick."""
+        """Return the recording time [time units] for given indices of chain and kick."""
         chain, kicks = self.walls[walls].chain, self.walls[walls].kicks
         return crossing_duration(chain, kicks[kick])
 
     def passage(self, walls: int, kick: int) -> ContractedWall:
-        """Simulate a kick, by indices of chain and kick; measure speed and width of its wall."""
+        """Simulate a kick, for given indices of chain and kick.
+
+        Return speed and width of the wall.
+        """
         chain, kicks = self.walls[walls].chain, self.walls[walls].kicks
         generator = np.random.default_rng([self.seed, walls, kick])
         recording = record_kick(chain, kicks[kick], self.duration(walls, kick), self.frames)
@@ -141,11 +145,12 @@ def passage_of(
 ) -> ContractedWall:
     """Measure speed and width of a wall on its first passage through the middle of the chain.
 
-    `times` [s] has shape (T,). Only `frames` with exactly one wall are used. The speed is the
-    slope of a line fitted to the positions. Its standard deviation is that of a position, applied
-    to the first and the last one, because a common error does not change the slope. The width is
-    the mean, with the smallest stated standard deviation, because successive widths are
-    correlated. Raises ValueError for fewer than ten frames.
+    `times` [s] has shape (T,). Frames with several walls or without walls are not used. The speed
+    is the slope of a line fitted to the positions. Its standard deviation follows from those of
+    the first and the last position, because an error that is common to all positions does not
+    change the slope. The width is the mean of all widths. Its standard deviation is the smallest
+    stated one, because successive widths are correlated. Raises ValueError for fewer than ten
+    frames.
     """
     alone = [
         (time, walls[0]) for time, walls in zip(times, frames, strict=True) if len(walls) == 1

@@ -30,14 +30,14 @@ ORBIT_NEAR = 'nearest point of the orbit'
 ORBIT_COLD = 'the same, without a guess'
 
 _FROM_EDGE = 2.0
-"""Smallest distance of a tested wall from an edge, which changes its shape by 2 % [wall
-widths]."""
+"""Smallest distance of a tested wall from an edge [wall widths]; closer edges change its shape by
+over 2 %."""
 _LOST_WIDTHS = 2.0
 """Largest position error of a successful estimate [wall widths]."""
 _LOST_BOUNDS = 6.0
-"""Largest error of a successful estimate [Cramer-Rao bounds], if beyond `_LOST_WIDTHS`."""
+"""Largest error of a successful estimate [Cramer-Rao bounds] beyond `_LOST_WIDTHS`."""
 _QUANTILE = 0.975
-"""Probability below the upper limit of a 95 % interval [1]."""
+"""Probability below the upper end of a 95 % interval [1]."""
 
 
 @dataclass(frozen=True)
@@ -60,13 +60,14 @@ class EstimatorTrial:
     noise: float
     """Standard deviation of the noise of each angle [rad]."""
     coarse_start: float
-    """Largest error of the initial guess that a fit receives [rotor spacings]."""
+    """Largest error of the initial guess for a fit [rotor spacings]."""
     cold_every: int
-    """Interval between the frames that test the slow search without a guess [frames]."""
+    """Interval between the frames on which the slow search without a guess is tested [frames]."""
 
 
 Estimator = Callable[[UniformOrbit, Array, float], Estimate]
-"""Estimator from an orbit, angles [rad] of shape (N,) and a guess of the arc length [rad]."""
+"""Estimator: function of the orbit, angles [rad] of shape (N,) and a guess of the arc length
+[rad]."""
 
 
 def bound(chain: Chain, noise: float) -> float:
@@ -124,8 +125,8 @@ def errors(
 def bias_by_position(chain: Chain, points: int) -> tuple[Array, dict[str, Array]]:
     """Return the bias of each estimator without noise, over one period of the chain.
 
-    Returns wall positions relative to an even rotor, and the errors by estimator, each of shape
-    (points,) [rotor spacings]. The walls are from `static_wall`, which is independent of the
+    Returns wall positions relative to an even rotor, and the errors of each estimator, all of
+    shape (points,) [rotor spacings]. The walls are computed by `static_wall`, independently of the
     orbit.
     """
     orbit = orbit_of(chain)

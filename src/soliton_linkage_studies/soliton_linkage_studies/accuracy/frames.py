@@ -27,11 +27,12 @@ from soliton_linkage_studies.accuracy.statistics import Line, accuracy_of, write
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CHUNK = 250
-"""Number of frames per task [1], about one second. It changes the random frames of a seed."""
+"""Number of frames per task [1]; a task takes about one second. Another number changes the random
+frames of a seed."""
 _QUICK_FRAMES = 400
 """Largest number of frames per chain and noise in a quick study [1]."""
 _POINTS = 81
-"""Number of wall positions over two spacings, with 40 intervals per spacing [1]."""
+"""Number of wall positions [1]: two rotor spacings with 40 intervals each."""
 
 
 @dataclass(frozen=True)

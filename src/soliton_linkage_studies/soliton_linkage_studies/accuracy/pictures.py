@@ -62,18 +62,19 @@ _SIZE = 6
 _OFFSET = 0.15
 """Horizontal offset between the estimators of a chain, relative to the distance of chains [1]."""
 _SIGNIFICANT = 3.0
-"""Smallest bias that counts as different from 0 [standard errors], with 0.3 % false positives."""
+"""Smallest bias that counts as different from 0 [standard errors]; 0.3 % of the cases without bias
+exceed it."""
 _UNBIASED = 0.002
-"""Absolute bias of an unbiased estimator [rotor spacings], far below the bounds."""
+"""Absolute bias of an unbiased estimator [rotor spacings]; it is far below the bounds."""
 _LEAST_BIAS = 1e-5
 """Lower limit of the bias axis [rotor spacings]."""
 _ROUNDING = 1e-12
-"""Smallest drawn bias of an estimator without noise [rotor spacings]."""
+"""Smallest bias that is drawn for an estimator without noise [rotor spacings]."""
 _BEYOND = 'position beyond an even rotor [rotor spacings]'
 
 
 def draw_accuracy(lines: Sequence[Line]) -> FigureReport:
-    """Draw standard deviation relative to the bound, bias and coverage, one column per noise."""
+    """Draw standard deviation over bound, bias and coverage, with one column per noise."""
     noises = sorted({line.noise for line in lines})
     chains = list(dict.fromkeys(line.chain for line in lines))
     width = 1.5 + 0.6 * (len(chains) + 1) * len(noises)
@@ -163,7 +164,7 @@ def _dress(column: Sequence[Axes], noise: float, names: Sequence[str]) -> None:
 
 
 def _dashes(name: str) -> Literal['-', ':']:
-    """Return a dotted line for the search without a guess, which covers another line."""
+    """Return the line style: dotted for the search without a guess, which covers another line."""
     return ':' if name == ORBIT_COLD else '-'
 
 
@@ -187,7 +188,8 @@ three times this duration.
 """
 _COLOURS = {Motion.FLIPPER: BLUE, Motion.WOBBLING_FLIPPER: ORANGE, Motion.SPINNER: GREEN}
 _LIMITS = (0.95, 1.05)
-"""Range of the rms normalised error in which stated deviations count as consistent [1]."""
+"""Range of the root mean square normalised error in which stated deviations count as consistent
+[1]."""
 _MOST = 20.0
 """Largest drawn normalised error [1]."""
 _SHOWN = (

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of the recursive estimator for a wall at constant velocity, against the frame number.
 
-The bounds hold for a line fitted to positions of variance s^2 = (sigma / Lambda)^2 in n frames of
-period dt. The variance is at least 2 (2 n - 1) / (n (n + 1)) s^2 for the position in the last
-frame, and 12 / (n (n^2 - 1) dt^2) s^2 for the velocity.
+The bounds are those of a line fitted to the positions in n frames of period dt. A position has the
+variance s^2 = (sigma / Lambda)^2, for the angle noise sigma and the arc length Lambda per rotor
+spacing. The variance of the position in the last frame is at least 2 (2 n - 1) / (n (n + 1)) s^2,
+that of the velocity 12 / (n (n^2 - 1) dt^2) s^2.
 """
 
 from __future__ import annotations
@@ -34,13 +35,15 @@ Relative error of the velocity. Blue lines are root mean squares over {runs} run
 are the standard deviations stated by the estimator. Dotted black lines are the Cramér-Rao bound.
 """
 _CLEAR = 8.0
-"""Smallest distance between the path of a wall and the edges, if possible [rotors]."""
+"""Distance between the path of a wall and the edges that a run keeps, if possible [rotor
+spacings]."""
 _QUICK_RUNS = 4
 """Largest number of runs per chain in a quick study [1]."""
 _SHOWN = 60
 """Number of frame counts at which errors are evaluated [1], before equal ones are merged."""
 _FEWEST = 3
-"""Smallest evaluated frame count [1]. A line through two frames has no residuals."""
+"""Smallest frame count at which errors are evaluated [1]; a line through two frames has no
+residuals."""
 _QUANTITIES = ('position [rotor spacings]', 'velocity, relative')
 
 
@@ -95,8 +98,8 @@ class RecordStudy:
         """Simulate a run; return errors and stated deviations, shape (4, evaluated frame counts).
 
         The rows are the position error [rotor spacings], the relative velocity error [1], and the
-        stated standard deviations of both. The wall moves on a random leg of the orbit. Its path
-        keeps as far from both edges as possible, up to eight rotors.
+        stated standard deviations of both. The wall moves on a random leg of the orbit. The
+        distance of its path from both edges is as large as possible, up to eight rotors.
         """
         # This import is slow, and the other parts of the command do not need it.
         from soliton_linkage.estimation.orbit_filter import OrbitFilter

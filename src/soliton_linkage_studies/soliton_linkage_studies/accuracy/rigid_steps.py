@@ -34,7 +34,8 @@ _POINTS = 60
 _QUICK_STEPS = 1000
 """Largest number of steps in a quick study [1]."""
 _PERIOD = 0.1
-"""Frame period [time units]. The step size of the solver follows from its tolerance instead."""
+"""Frame period [time units]; it does not determine the step size, which follows from the
+tolerance."""
 _QUANTITIES = ('length', 'energy')
 
 

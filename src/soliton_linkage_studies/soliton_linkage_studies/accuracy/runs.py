@@ -33,23 +33,26 @@ from soliton_linkage_studies.settings import Section
 from soliton_linkage_studies.sweep.table import fingerprint
 
 _LOST_WIDTHS = 2.0
-"""Position error of a lost wall, beyond all three thresholds [wall widths]."""
+"""Position error above which a wall counts as lost, beyond both other thresholds [wall widths]."""
 _LOST = 1.0
-"""Position error of a lost wall [rotor spacings]."""
+"""Position error above which a wall counts as lost, beyond both other thresholds [rotor
+spacings]."""
 _LOST_DEVIATIONS = 6.0
-"""Position error of a lost wall, in stated standard deviations [1]."""
+"""Position error above which a wall counts as lost, in stated standard deviations [1]."""
 _LARGEST_DEVIATION = 0.25
-"""Stated standard deviation of a false wall, relative to the chain length [1]."""
+"""Stated standard deviation above which a wall counts as false, relative to the chain length
+[1]."""
 _FALSE_MISFIT = 0.5
-"""Rms misfit of the rotors near a reported wall beyond which the wall is false [rad]."""
+"""Root mean square misfit of the rotors near a reported wall above which the wall counts as false
+[rad]."""
 _CORE = 2.5
-"""Largest distance between a wall and the rotors of this misfit [rotor spacings]."""
+"""Largest distance of these rotors from the wall [rotor spacings]."""
 _SCENES = 8
 """Largest number of scenes per cell [1]. Each record is a random section of a scene."""
 _LONGER = 2
-"""Number of frames of a scene, relative to a record [1]."""
+"""Ratio of the number of frames of a scene to that of a record [1]."""
 _NEAR = 3.0
-"""Largest distance of the wrong reading from the wall in half of the records [rotor spacings]."""
+"""Largest distance of the wrong reading from the wall, in half of the records [rotor spacings]."""
 
 
 def records(cell: AccuracyCell, frames: int, random: np.random.Generator) -> Iterator[Scores]:
@@ -256,7 +259,10 @@ class CellStudy:
         return len(self.all)
 
     def cells(self, row: int) -> list[str]:
-        """Measure the cell of a row, and return its columns as text, the last one for an error."""
+        """Measure the cell of a row, and return its columns as text.
+
+        The last one is for an error.
+        """
         cell = self.all[row]
         line: dict[str, float] = {}
         failure = ''

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Noiseless frames of elastic chains, and the true positions of the walls in them.
 
-The static wall nearest to a frame gives the position of the wall, which is averaged over one
-period of the slowest phonon, or over the passage of a rotor if that is shorter. The rate is the
-slope of a line fitted to the positions over three times this duration. A cubic replaces the line
-for slow walls, whose speed varies between rotors, and for damped rotors. No average extends across
-an impulse.
+The static wall nearest to a frame gives the position of the wall. The position is averaged over
+one period of the slowest phonon, or over the passage of a rotor if that is shorter. The rate is
+the slope of a line fitted to the positions over three times this duration. For slow walls, whose
+speed varies between rotors, and for damped rotors, a cubic replaces the line. No average extends
+across an impulse.
 """
 
 from __future__ import annotations
@@ -41,33 +41,36 @@ from soliton_linkage_studies.accuracy.walls import (
 )
 
 _SLOW = 0.25
-"""Displacement in a period of the slowest phonon below which a wall is slow [rotor spacings]."""
+"""Displacement during a period of the slowest phonon below which a wall counts as slow [rotor
+spacings]."""
 _SETTLED = (20, 400)
 """Range of the number of frames between a kick and the start of a scene [1]."""
 # Scenes with one wall:
 _FROM_EDGE = 1.0
-"""Smallest distance between a scored wall and an edge, which absorbs the wall [rotor spacings]."""
+"""Smallest distance of a scored wall from an edge [rotor spacings], because edges absorb walls."""
 _BEGIN = 2.0
 """Smallest distance between a wall and an edge at the start of a scene [rotor spacings]."""
 _SAMPLES = 200
-"""Number of samples of the orbit near the first edge, which locate the rest state on it [1]."""
+"""Number of samples of the orbit near the first edge [1]; the search for the rest state uses
+them."""
 _LEGS = 2.0
-"""Longest path of a kicked wall before the scene starts [legs], passages from edge to edge."""
+"""Longest path of a kicked wall before the scene starts [passages from edge to edge]."""
 _CHAINS = 200
-"""Largest number of disordered chains that are drawn until a wall can pass through one [1]."""
+"""Largest number of disordered chains that are drawn until a wall can pass through a chain [1]."""
 _IMPULSE_REACH = 1.5
 """Largest distance between the wall and a rotor that receives an impulse [rotor spacings]."""
 # Scenes with several walls:
 _FEWEST = 20
 """Smallest number of frames of a scene with several walls [1]."""
 _DRAWS = 20
-"""Largest number of drawn scenes until the walls of one stay intact and apart [1]."""
+"""Largest number of scenes that are drawn until the walls of a scene stay intact and apart [1]."""
 _SLOWER = 0.7
 """Factor by which each further draw reduces the initial speed of anti-kinks [1]."""
 _JITTER = 0.05
 """Largest random shift of an initial wall position, relative to the distance between walls [1]."""
 _CORE = 3.0
-"""Largest distance of the rotors that show whether a wall is intact [rotor spacings]."""
+"""Largest distance from a wall of the rotors that show whether the wall is intact [rotor
+spacings]."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +126,7 @@ def _without_walls(angles: Array, kinetic: Array) -> WallScene:
 
 
 def frames_beside(speed: float, cell: AccuracyCell) -> int:
-    """Return the number of averaged frames on each side for a wall speed [rotor spacings/s]."""
+    """Return the number of averaged frames on either side, for a wall speed [rotor spacings/s]."""
     time = 1 / max(abs(speed), gap(cell.chain) / (2 * math.pi))
     return max(round(time / (cell.period * cell.chain.time_unit) / 2), 1)
 
@@ -137,10 +140,10 @@ def averages_and_slopes(
 ) -> tuple[Array, Array]:
     """Return a moving average and a slope for each value.
 
-    An average contains `beside` values on either side, a slope three times as many. No window
-    extends across the indices `breaks`. Slopes are from fitted lines, or from cubics if `cubic` is
-    true. If `forced` is true, the values of the cubics replace the averages, which would be biased
-    by an acceleration.
+    An average contains `beside` values on either side, and a slope three times as many. No window
+    extends across the indices `breaks`. Slopes are those of fitted lines or, if `cubic` is true,
+    of fitted cubics. If `forced` is true, the values of the cubics replace the averages, because
+    an acceleration would bias the averages.
     """
     means, slopes = np.empty_like(values), np.empty_like(values)
     for begin, end in pairwise([0, *(breaks or []), len(values)]):
@@ -286,7 +289,7 @@ def _nudged(cell: AccuracyCell, orbit: Orbit, random: np.random.Generator) -> _S
 def _apply_impulse(
     start: _Start, arc: float, largest: float, random: np.random.Generator
 ) -> Array:
-    """Change the speed by up to `largest` of it [1]; return angular impulses [N m s]."""
+    """Change the speed by up to the fraction `largest` [1]; return angular impulses [N m s]."""
     orbit = start.orbit
     near = np.abs(np.arange(orbit.chain.number_of_rotors) - orbit.site(arc)) < _IMPULSE_REACH
     change = start.speed * random.uniform(-largest, largest)

@@ -2,7 +2,8 @@
 """Integrator of elastic chains that is independent of the simulator.
 
 Both share only the geometry of a spring. The integrator is Suzuki's symplectic composition of five
-leapfrog steps, of fourth order:
+leapfrog steps, of fourth order. With angles x, rates v, torques F, moments of inertia I and the
+step h,
 
     x += w h v / 2,  v += w h F(x) / I,  x += w h v / 2  for w = p, p, 1 - 4 p, p, p,
 
@@ -25,9 +26,10 @@ from soliton_linkage.linkage.springs import spring_between
 _spring = compile_loop(spring_between, inlined=True)
 
 _STEP = 0.1
-"""Largest step [time units]. The energy of a wall at v = 0.9 c is then constant to 1e-6."""
+"""Largest step [time units]; the energy of a wall at v = 0.9 c is then constant to 1e-6."""
 _TOLERANCE = 1e-8
-"""Integration error of an angle per step of the simulator [rad], far below the encoder noise."""
+"""Integration error of an angle per step of the simulator [rad]; it is far below the encoder
+noise."""
 _SHARE = 1 / (4 - 4 ** (1 / 3))
 """Weight p of a leapfrog step [1]."""
 _WEIGHTS = np.array([_SHARE, _SHARE, 1 - 4 * _SHARE, _SHARE, _SHARE])
@@ -68,7 +70,8 @@ class Springs:
 class ForcedSprings(Springs):
     """Simulation of an elastic chain with the force terms of its parameters.
 
-    It uses the simulator, because the independent integrator knows only springs and damping.
+    This class uses the simulator, because the independent integrator knows only springs and
+    damping.
     """
 
     def __init__(self, chain: Chain, angles: Array, rates: Array, period: float) -> None:

@@ -75,17 +75,19 @@ _COLUMNS = (
     'failures',
 )
 _CONSISTENT = (0.95, 1.05)
-"""Range of the rms normalised error in which stated deviations count as consistent [1]."""
+"""Range of the root mean square normalised error in which stated deviations count as consistent
+[1]."""
 _SIGNIFICANT = 3.0
-"""Smallest significant difference [standard errors], with 1 false positive in 400."""
+"""Smallest significant difference [standard errors]; 1 of 400 equal pairs exceeds it."""
 _SINGLE_RECORD = 0.3
 """Assumed relative standard error of a root mean square from a single record [1]."""
 _LARGER = 1.1
-"""Ratio beyond which a new error counts as larger than an earlier one [1]."""
+"""Ratio above which a new error counts as larger than an earlier one [1]."""
 _USEFUL = 2.0
-"""Rms normalised error below which stated positions count as useful [1]."""
+"""Root mean square normalised error below which stated positions count as useful [1]."""
 _FEWER = 0.01
-"""Decrease of lost walls [1] beyond which errors are not compared, because walls differ."""
+"""Decrease of the number of lost walls [1] above which errors are not compared, because the walls
+differ."""
 _FAILURES = ('lost', 'false', 'wrong_leg')
 _ERRORS = ('position_rms', 'position_rms_error', 'rate_rms', 'rate_rms_error', 'error_rms')
 _COMPARED = (*_ERRORS, *_FAILURES, 'frames', 'failure', 'position_beyond_4', 'walls_looked_for')
@@ -148,8 +150,8 @@ def line_of(scores: Sequence[Scores]) -> dict[str, float]:
 def _normalised(name: str, errors: list[Array]) -> dict[str, float]:
     """Return the columns of normalised errors, one array per record.
 
-    The standard error of the root mean square is from a jackknife over records, because the frames
-    of a record are correlated.
+    The standard error of the root mean square is computed by a jackknife over records, because the
+    frames of a record are correlated.
     """
     pieces = [_finite(each) for each in errors]
     whole = np.concatenate(pieces)
@@ -206,7 +208,8 @@ class Accuracy:
     bound: float
     """Cramer-Rao bound: smallest standard deviation of any unbiased estimator [rotor spacings]."""
     coverage: float
-    """Fraction of frames whose stated interval contains the position; NaN without intervals."""
+    """Fraction of frames whose stated interval contains the true position; NaN without
+    intervals."""
 
     @property
     def ratio(self) -> float:
@@ -296,7 +299,7 @@ def check_comparable(cells: Sequence[AccuracyCell], seed: int, earlier: Sequence
 
 
 def worse_cells(rows: Sequence[Row], earlier: Sequence[Row]) -> list[str]:
-    """Compare the cells of two tables; return a summary and one line per cell that is worse."""
+    """Compare the cells of two tables; return a summary and a line for each cell that is worse."""
     before = {_key(row): row for row in earlier}
     both = [(row, before[_key(row)]) for row in rows if _key(row) in before]
     worse = [
@@ -337,7 +340,7 @@ def _less_consistent(name: str, row: Row, old: Row, useful: bool) -> list[str]:
 
 
 def _more_failures(name: str, row: Row, old: Row) -> list[str]:
-    """Report significantly more failures; a found wall beyond four deviations counts as lost."""
+    """Report significantly more failures; found walls beyond four deviations count as lost."""
     share, earlier = _rate(row, name), _rate(old, name)
     misplaced = _large_errors(row), _large_errors(old)
     if name == 'lost' and math.isfinite(sum(misplaced)):

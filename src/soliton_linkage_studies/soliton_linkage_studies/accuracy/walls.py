@@ -29,17 +29,20 @@ from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage_studies.accuracy.springs import Springs
 
 _SAMPLES = 65
-"""Number of static walls over two spacings, interpolated by a spline to 1e-6 rad [1]."""
+"""Number of static walls over two spacings [1]; a spline interpolates them to 1e-6 rad."""
 _LONGEST = 0.3
 """Largest Gauss-Newton step towards the nearest point, as a change of the angles [rad]."""
 _GAUSS_STEPS = 6
-"""Largest number of Gauss-Newton steps [1]. From the point of the previous frame, two suffice."""
+"""Largest number of Gauss-Newton steps [1]; from the point of the previous frame, two suffice."""
 _CLOSE = 1e-6
 """Gauss-Newton step below which the search ends [rad]."""
 
 
 def reach(chain: Chain) -> float:
-    """Return the half width of a wall, beyond which angles change by 1 % [rotor spacings]."""
+    """Return the half width of a wall.
+
+    Beyond it, angles change by less than 1 % [rotor spacings].
+    """
     return 2.5 * max(chain.wall_width, penetration_depth(chain)) / chain.spacing + 3
 
 
@@ -95,7 +98,7 @@ class WallPath:
         return self.rest_position + 2 * round((position - self.rest_position) / 2)
 
     def relative_angles(self, rotors: int, position: float) -> Array:
-        """Return the angles minus the angles of the left domain [rad], shape (rotors,)."""
+        """Return the angles minus those of the left domain [rad], shape (rotors,)."""
         first, angles, _ = self.window(position)
         base = self._left(len(angles))
         added = np.zeros(rotors)
@@ -140,7 +143,7 @@ class WallPath:
         return position
 
     def misfit(self, angles: Array, position: float, within: float) -> float:
-        """Return the rms angle difference from a static wall near it [rad]."""
+        """Return the root mean square angle difference from a static wall, near the wall [rad]."""
         first, wall, _ = self.window(position)
         low, high = max(first, 0), min(first + len(wall), len(angles))
         near = np.abs(np.arange(low, high) - position) < within
@@ -200,7 +203,7 @@ _STEP = 0.5
 _SLOWER = 0.8
 """Factor by which the initial speed is reduced if the wall is destroyed [1]."""
 _TRIES = 25
-"""Largest number of initial speeds that are tried [1]. The last is 1 / 200 of the first."""
+"""Largest number of initial speeds that are tried [1]; the last one is 1 / 200 of the first."""
 
 
 @dataclass(frozen=True)
@@ -220,16 +223,17 @@ class SteadyWall:
 
 
 def launch_speed(chain: Chain, share: float) -> float:
-    """Return the speed of a static wall that settles at `share` of sound [rotor spacings/s]."""
+    """Return the initial speed of a static wall that settles at `share` [rotor spacings/s]."""
     sound = speed_of_sound(chain) / chain.spacing
     return sound * math.sqrt(2 * (1 / math.sqrt(1 - share**2) - 1))
 
 
 @lru_cache(maxsize=8)
 def steady_wall(chain: Chain, leg: int, share: float) -> SteadyWall:
-    """Return a wall without phonons at the speed `share` [speed of sound], or the largest stable.
+    """Return a wall without phonons that moves at the speed `share` [speed of sound].
 
-    Raises ArithmeticError if the wall is destroyed at every speed that is tried.
+    If such a wall is unstable, its speed is the largest stable one. Raises ArithmeticError if the
+    wall is destroyed at every speed that is tried.
     """
     speed = launch_speed(chain, share)
     for _ in range(_TRIES):
@@ -289,7 +293,10 @@ def _positions(
 
 
 def add_motion(wall: SteadyWall, shift: int, angles: Array, rates: Array, sense: int) -> None:
-    """Add the motion of a wall, shifted by rotors, to a static wall; `sense` 1 is rightwards."""
+    """Add the motion of a wall, shifted by some rotors, to a static wall.
+
+    `sense` is 1 to the right.
+    """
     numbers = np.arange(len(wall.offsets)) + wall.first + shift
     inside = (numbers >= 0) & (numbers < len(angles))
     angles[numbers[inside]] += wall.offsets[inside]
@@ -306,6 +313,6 @@ def left_of(chain: Chain, charge: int) -> Array:
 
 
 def is_broken(path: WallPath, chain: Chain, angles: Array, position: float, within: float) -> bool:
-    """Return whether rotors closer to a position than `within` [spacings] form no wall."""
+    """Return whether the rotors nearer to a position than `within` [spacings] form no wall."""
     swing = math.pi if chain.motion is Motion.SPINNER else 2 * chain.rest_angle
     return path.misfit(angles, position, within) > _BROKEN * swing

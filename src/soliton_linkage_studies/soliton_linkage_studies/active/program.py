@@ -83,7 +83,7 @@ _SITE = 'site [rotor spacings]'
 _FRAMES = 600
 """Number of frames of each simulation [1]."""
 _LONGEST = 60.0
-"""Longest duration of a simulation [s], for walls that are pinned."""
+"""Longest duration of a simulation [s]; it limits the simulation of pinned walls."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class ActiveStudy:
     ratios: tuple[float, ...]
     """Ratios κ / c at which the terminal velocity is measured [1/s]."""
     decay: float
-    """Decay rate c / (M r^2) of the rotor velocities in all panels except d [1/s]."""
+    """Decay rate c / (M r^2) of the rotor velocities, in all panels except d [1/s]."""
     diagram_ratios: tuple[float, ...]
     diagram_decays: tuple[float, ...]
     pair_ratio: float
@@ -121,7 +121,7 @@ class ActiveStudy:
 
     @property
     def drives(self) -> dict[tuple[str, int], WallDrive]:
-        """Effect of the motors by chain and charge of the wall, where the wall has a path."""
+        """Effect of the motors by chain and charge of the wall, for walls that have a path."""
         found = {}
         for name, chain in self.chains.items():
             for charge in (1, -1):

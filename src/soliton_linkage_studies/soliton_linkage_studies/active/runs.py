@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Theory and simulations of walls in chains with non-reciprocal coupling.
 
-A chain with a wall at the site x has the configuration q(x), in the coordinates that `Chain.signs`
-defines, with the tangent t = dq/dx. At the terminal velocity the power of the motors equals the
-power that the linear damping c dissipates:
+A chain with a wall at the site x has the configuration q(x) in the coordinates of `Chain.signs`,
+with the tangent t = dq/dx. The motors have the non-reciprocity kappa. At the terminal velocity,
+their power equals the power that the linear damping c dissipates:
 
     kappa x_dot g(x) = c x_dot^2 sum_n t_n^2,    g = sum_n (q_n - q_{n+1}) (t_n + t_{n+1}).
 
 The sum of the squares is the same at all sites. Therefore the terminal velocity is v = (kappa / c)
 <g> / sum_n t_n^2 with the mean <g> over two rotor spacings. For wide walls <g> / sum_n t_n^2 tends
 to 2, with the same sign for kinks and anti-kinks. The elastic energy V(x) of an anti-kink depends
-on its site. It is pinned if kappa g < dV/dx at any site.
+on its site. The anti-kink is pinned if kappa g < dV/dx at any site.
 """
 
 from __future__ import annotations
@@ -30,15 +30,16 @@ from soliton_linkage.solitons.anti_kink import anti_kink_path, continuum_anti_ki
 from soliton_linkage.solitons.static_wall import static_wall
 
 _SAMPLES = 65
-"""Number of samples of the orbit over two rotor spacings [1], with a spline error of 1e-6."""
+"""Number of samples of the orbit over two rotor spacings [1]; the spline error is 1e-6."""
 _FROM_END = 8
 """Number of rotors at each end in which the velocity of a wall is not measured [1]."""
 _STARTUP = 4.0
 """Initial time in which the velocity of a wall is not measured, in decay times M r^2 / c [1]."""
 _PIECES = 8
-"""Number of pieces of a track whose slopes give the standard error of the velocity [1]."""
+"""Number of pieces into which a track is divided [1]; their slopes give the standard error of the
+velocity."""
 _TOLERANCE = 1e-11
-"""Integration error of an angle per step [rad]. The energy balance is closed to 1e-6."""
+"""Integration error of an angle per step [rad]; the energy balance is then closed to 1e-6."""
 
 
 @dataclass(frozen=True)
@@ -185,8 +186,8 @@ def follow_charge(found: Sequence[Sequence[tuple[float, int]]], charge: int) -> 
 def terminal_velocity(task: ActiveTask, run: ActiveRun) -> tuple[float, float]:
     """Return the terminal velocity of the wall and its standard error [rotor spacings/s].
 
-    It is measured after the startup time and far from the ends of the chain. Both values are NaN
-    for fewer than 16 such frames.
+    The velocity is measured after the startup time and far from the ends of the chain. Both values
+    are NaN for fewer than 16 such frames.
     """
     decay = task.chain.moment_of_inertia / task.chain.damping
     last = task.chain.number_of_rotors - 1 - _FROM_END

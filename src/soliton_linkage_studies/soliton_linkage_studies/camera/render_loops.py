@@ -109,9 +109,9 @@ def paint_rotors(
 ) -> None:
     """Paint every other rotor, from `parity`, with its arm and dots.
 
-    `rotors`: angles [rad], rates [rad/s] and accelerations [rad/s^2] at time 0, pivots and rotor
-    lengths [m]. `shape`: radii of labels and dots, half width of arms [m]. `moments`: times of the
-    samples of each row of the picture [s].
+    `rotors` contains angles [rad], rates [rad/s] and accelerations [rad/s^2] at time 0, pivots and
+    rotor lengths [m]. `shape` contains the radii of labels and dots, and the half width of arms
+    [m]. `moments` contains the times of the samples of each row of the picture [s].
     """
     label, dot, arm = shape[0], shape[1], shape[2]
     samples = moments.shape[1]
@@ -202,7 +202,7 @@ def paint_bonds(
 def expose(
     canvas: Canvas, light: Canvas, noise: Canvas, shift: int, picture: NDArray[np.uint8]
 ) -> None:
-    """Write a picture: canvas times light, plus noise with a horizontal shift [pixels]."""
+    """Write a picture: canvas times light, plus noise that is shifted by `shift` [pixels]."""
     height, width, colours = canvas.shape
     for row in range(height):
         for column in range(width):

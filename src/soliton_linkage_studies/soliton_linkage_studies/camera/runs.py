@@ -42,17 +42,18 @@ CAMERA = Camera(
 PERIOD = 1 / 60
 """Time between successive pictures [s]."""
 SIMULATED = 0.002
-"""Period of the simulated frames [s], between which cubic splines interpolate."""
+"""Period of the simulated frames [s]; cubic splines interpolate between these frames."""
 _TILTS = (0.06, -0.09, 0.01)
 """Pan, pitch and roll of the chain plane relative to the camera [rad]."""
 _FILLED = 1.12
 """Width of the picture, relative to the width of the chain with its frame markers [1]."""
 _SWAPPED = 0.1
-"""Error of an angle above which it counts as that of another rotor [rad]."""
+"""Error of an angle above which the angle counts as that of another rotor [rad]."""
 _SETTLING = 10
-"""Number of first pictures that are not evaluated, because plane and pivots are means."""
+"""Number of first pictures that are not evaluated, because plane and pivots are means over
+pictures."""
 _HAND_EVERY, _HAND_FOR = 10.0, 0.7
-"""Time between two hands that cover part of the view, and duration of a hand [s]."""
+"""Time between two hands that cover part of the view, and duration of each hand [s]."""
 _TURN = 0.01
 """Rotation of the rotors for finite differences of the pixels [rad]."""
 
@@ -63,7 +64,7 @@ class FilmedTask:
 
     chain: Chain
     kick: float
-    """Norm of the velocities of all masses by the kick, in units of a sqrt(k_e / M) [1]."""
+    """Norm of the velocities of all masses after the kick, in units of a sqrt(k_e / M) [1]."""
     frames: int
     settings: FilmSettings
     h264: int = 0
@@ -114,7 +115,7 @@ class FilmedRun:
     stated: Array
     """Stated standard deviations of the angles [rad], (F, N)."""
     bound: float
-    """Cramer-Rao bound of the deviation of an angle, from the pixels of a label [rad]."""
+    """Cramer-Rao bound of the standard deviation of an angle, from the pixels of a label [rad]."""
     busy: float
     """CPU time per picture [s]."""
 
@@ -155,7 +156,7 @@ FIGURES = (
     'bias',
     'busy',
 )
-"""Statistics: `bound`, `noise`, `stated`, `bias` in [rad], `busy` in [s], others [1]."""
+"""Statistics: `bound`, `noise`, `stated` and `bias` in [rad], `busy` in [s], others in [1]."""
 
 
 def _changes(errors: Array) -> int:
@@ -199,7 +200,10 @@ def _held(angles: Array, still: Array) -> Motion:
 
 
 def _pixel_bound(task: FilmedTask, layout: MarkerLayout, plane: ChainPlane) -> float:
-    """Return the Cramer-Rao bound [rad], the median of sigma / sqrt(sum (dI / dphi)^2)."""
+    """Return the Cramer-Rao bound [rad], the median of sigma / sqrt(sum (dI / dphi)^2).
+
+    sigma is the noise of the grey levels I.
+    """
     cv2 = opencv()
     rest, still = task.chain.uniform_state(1), np.zeros((1, task.chain.number_of_rotors))
     pictures = []

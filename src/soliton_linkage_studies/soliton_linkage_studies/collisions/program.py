@@ -203,11 +203,12 @@ shown. Numbers in the domains of spinners are the turns of the rotors since the 
 state.
 """
 _SHOWN = 40.0
-"""Width of a panel in units of `Collision.reach` [1]."""
+"""Width of a panel, in units of `Collision.reach` [1]."""
 _AFTERWARDS = 35.0
 """Time for which a collision is drawn after the walls meet, in units of `Collision.unit` [1]."""
 _LARGEST = 1.6
-"""Absolute order field at both ends of the colour scale [1], slightly above the largest value."""
+"""Absolute order field at both ends of the colour scale [1]; the largest value is slightly
+smaller."""
 _SPACETIME_COLUMNS = 3
 """Number of space-time panels in a row [1]."""
 _TURNS = {-2: '−1', -1: '−½', 0: '0', 1: '+½', 2: '+1'}

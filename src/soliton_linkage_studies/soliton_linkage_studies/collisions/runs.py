@@ -3,10 +3,10 @@
 
 The kink (charge +1, zero energy at rest) comes from the left, the anti-kink (charge -1, positive
 rest energy) from the right at the same speed. The ring leans left between the walls, and right
-elsewhere. The walls overlap while no rotor leans left; each overlap counts as a collision. Because
+elsewhere. The walls overlap while no rotor leans left. Each overlap counts as a collision. Because
 charges alternate along a ring, the kink is always on the left. Only the turns of the rotors
-between the walls show whether the walls have passed through each other. Lengths are in reaches of
-a wall (`Collision.reach`).
+between the walls show whether the walls have passed through each other. The unit of length is the
+reach of a wall (`Collision.reach`).
 """
 
 from __future__ import annotations
@@ -27,23 +27,26 @@ from soliton_linkage.solitons.continuum import wall_theory
 from soliton_linkage_studies.collisions.travelling_wall import travelling_wall
 
 INITIAL_DISTANCE = 12.0
-"""Initial distance between the walls [reaches], with an attraction of e^(-24) of the wall mass."""
+"""Initial distance between the walls [reaches]; their attraction is then e^(-24) of the wall
+mass."""
 ESCAPED = 8.0
-"""Distance of escaped walls [reaches]. Only walls slower than 0.001 c can return."""
+"""Distance at which walls count as escaped [reaches]; only walls slower than 0.001 c can
+return."""
 _NEAR = 7.0
 """Smallest distance at which the speed before a collision is measured [reaches]."""
 _LEAVING = 5.0
 """Smallest distance at which the speed after a collision is measured [reaches]."""
 _FRAMES = 10
-"""Number of frames in which sound crosses a reach [1]. Each overlap lasts for ten or more."""
+"""Number of frames in which sound crosses a reach [1]; each overlap lasts for ten frames or
+more."""
 _CORE = 4.0
-"""Half width of a wall [reaches], with all but e^(-16) of its energy."""
+"""Half width of a wall [reaches]; it contains all but e^(-16) of the energy."""
 _LUMP = 8.0
-"""Half width of a captured pair [reaches], twice the amplitude of its walls."""
+"""Half width of a captured pair [reaches]; it is twice the amplitude of the walls."""
 _FEWEST = 5
-"""Smallest number of frames for a speed estimate [1]. Escaped walls have 30 frames or more."""
+"""Smallest number of frames for a speed estimate [1]; escaped walls have 30 frames or more."""
 _TOLERANCE = 1e-10
-"""Angle tolerance of adaptive integrators [rad], with a relative energy error of 1e-9."""
+"""Angle tolerance of adaptive integrators [rad]; the relative energy error is then 1e-9."""
 
 
 @dataclass(frozen=True)
@@ -56,12 +59,12 @@ class Collision:
     onwards: bool = False
     """Whether the second wall of a spinner turns the rotors onwards instead of back."""
     step: float = 1.0
-    """Longest integration step, multiplied by the largest phonon frequency [1]."""
+    """Longest integration step times the largest phonon frequency [1]."""
     integrator: str = 'symplectic'
     shift: float = 0.0
     """Shift of both walls along the ring [rotor spacings]."""
     patience: float = 120.0
-    """Time limit for an escape [reach / speed of sound], besides the path at half speed."""
+    """Time limit for an escape [reach / speed of sound], in addition to the path at half speed."""
 
     def __call__(self) -> CollisionRun:
         """Simulate the collision until the walls escape or the time limit is reached."""
@@ -82,9 +85,10 @@ class Collision:
 
     @property
     def reach(self) -> float:
-        """Reach of a wall: twice the penetration depth l [rotor spacings], with tails e^(-x / l).
+        """Reach of a wall [rotor spacings]: twice the penetration depth l.
 
-        For d << 1, it is the width w of a flipper's wall, and 2 w for a spinner.
+        The tails are e^(-x / l). For lean ratios d << 1, the reach is the width w of a flipper's
+        wall, and 2 w for a spinner.
         """
         return 2 * penetration_depth(self.ring) / self.ring.spacing
 
@@ -134,7 +138,7 @@ class CollisionRun:
 
 @dataclass(frozen=True)
 class WallPaths:
-    """Paths of both walls, from the outermost sign changes of the order field, or NaN without."""
+    """Paths of both walls: outermost sign changes of the order field, NaN without walls."""
 
     times: Array
     """Times of the frames [s], shape (T,)."""

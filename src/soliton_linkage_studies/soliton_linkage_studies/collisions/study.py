@@ -31,9 +31,9 @@ _QUICK_EVERY = 40
 _QUICK_HALVINGS = 2
 """Number of bisections in a quick study [1]."""
 _HALVINGS = 13
-"""Number of bisections in a full study [1]; they reduce a speed range of 0.6 c to 1e-4 c."""
+"""Number of bisections in a full study [1]; they reduce a range of speeds from 0.6 c to 1e-4 c."""
 _FASTEST = 2.0
-"""Largest speed in units of the speed of sound [1]; flippers with d near 1 can be supersonic."""
+"""Largest speed, relative to the speed of sound [1]; flippers with d near 1 can be supersonic."""
 
 
 @dataclass(frozen=True)
@@ -289,7 +289,7 @@ PHI4_SPEED = 0.2598
 CRITICAL_SPEED = 'critical speed / c [1]'
 """Label of the critical speed, above which walls separate after one collision."""
 _SHAPE_MODE = math.sqrt(3)
-"""Frequency of the shape mode of a phi^4 wall [c / w], with its width w."""
+"""Frequency of the shape mode of a phi^4 wall of width w, in units of c / w [1]."""
 _FEWEST = 2
 """Smallest number of adjacent speeds with the same outcome that form a window [1]."""
 
@@ -407,7 +407,7 @@ def _variation_table(series: dict[str, list[Row]]) -> str:
 
 
 def _critical_table(series: dict[str, list[Row]]) -> str:
-    """Return the critical speeds, and their limit d -> 0 extrapolated linearly in d^2."""
+    """Return the critical speeds and their limit for d -> 0, extrapolated linearly in d^2."""
     lines = []
     for name, rows in series.items():
         found = [(float(row.name), row.speed) for row in rows if row.run]

@@ -32,25 +32,29 @@ from soliton_linkage.solitons.continuum import FlipperTheory, SpinnerTheory
 _REACH = 11.0
 """Half length of the grid, in units of twice the penetration depth l [1]."""
 _QUIET_FROM = 4.0
-"""Distance from the wall at which the penalty on moving tails starts, in units of 2 l [1]. It
-increases to its final value at 1.5 times this distance."""
+"""Distance from the wall at which the penalty on moving tails starts, in units of 2 l [1]. The
+penalty increases to its final value at 1.5 times this distance."""
 _QUIETNESS = 0.05
-"""Strength of the penalty on moving tails [I gap^2], with the moment of inertia I and the lowest
-phonon frequency. Sensitivity: at 0.01 or 0.2, v' changes by 1e-4."""
+"""Strength of the penalty on moving tails, in units of I gap^2 [1], with the moment of inertia I
+and the lowest phonon frequency. Sensitivity: at 0.01 or 0.2, the speed after a collision changes
+by 1e-4."""
 _POINTS_A_WIDTH = 12
-"""Number of grid points per wall width [1]. Sensitivity: at 2x, v' changes by less than 1e-5."""
+"""Number of grid points per wall width [1]. Sensitivity: at 2x, the speed after a collision
+changes by less than 1e-5."""
 _ITERATIONS = 20
-"""Largest number of Gauss-Newton iterations [1]. A search converges within ten or not at all."""
+"""Largest number of Gauss-Newton iterations [1]; a search converges within ten or not at all."""
 _LONGEST_STEP = 0.3
-"""Largest change of an angle in one iteration [rad]. Searches with longer steps diverge."""
+"""Largest change of an angle in one iteration [rad]; searches with longer steps diverge."""
 _CONVERGED = 1e-8
 """Largest change of an angle in the last iteration [rad]."""
 _CLOSEST = 0.9
-"""Largest relative speed v / c of the initial guess [1]. The continuum has no supersonic walls."""
+"""Largest relative speed v / c of the initial guess [1]; continuum walls are never supersonic."""
 _FIRST = (0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280)
-"""First-derivative stencil of order 8, for the centre and the points ahead, antisymmetric [1]."""
+"""Antisymmetric stencil of order 8 for the first derivative, for the centre and the points ahead
+[1]."""
 _SECOND = (-205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560)
-"""Second-derivative stencil of order 8, for the centre and the points ahead, symmetric [1]."""
+"""Symmetric stencil of order 8 for the second derivative, for the centre and the points ahead
+[1]."""
 
 
 @dataclass(frozen=True)
@@ -60,12 +64,12 @@ class TravellingWall:
     points: int
     """Number of grid points per rotor spacing."""
     angles: Array
-    """Angles of even and of odd rotors [rad], shape (2, J), the centre at J // 2."""
+    """Angles of even and of odd rotors [rad], shape (2, J); the centre has the index J // 2."""
     slopes: Array
     """Derivatives of the angles along the chain [rad per spacing], shape (2, J)."""
 
     def at(self, rotors: NDArray[np.int64], position: float) -> tuple[Array, Array]:
-        """Return angles [rad] and slopes [rad/spacing] of rotors (K,) for a wall at a position.
+        """Return angles [rad] and slopes [rad/spacing] of rotors, (K,), near a wall at a position.
 
         The position [rotor spacings] is rounded to the grid.
         """
@@ -181,7 +185,10 @@ class _Grid:
         return csr_array((entries, (rows, columns)), shape=(len(angles), len(angles)))
 
     def _derivative(self, weights: tuple[float, ...], mirrored: int) -> csr_array:
-        """Return the matrix of a stencil; `mirrored` is the sign of its weights behind."""
+        """Return the matrix of a stencil.
+
+        `mirrored` is the sign of the weights behind the centre.
+        """
         reach = len(weights) - 1
         offsets = list(range(-reach, reach + 1))
         values = [weights[abs(k)] * (1 if k >= 0 else mirrored) for k in offsets]

@@ -40,7 +40,8 @@ from soliton_linkage_studies.settings import load_settings
 from soliton_linkage_studies.sweep.table import markdown_table
 
 IMBALANCE_LIMIT = 1e-9
-"""Largest allowed |energy imbalance| / largest energy [1], from the integration tolerance."""
+"""Largest allowed energy imbalance, relative to the largest energy [1]; it follows from the
+integration tolerance."""
 
 _CAPTION = """
 Validation of driven chains on one page.
@@ -63,7 +64,7 @@ the torques (thin dashed lines), for an actuator below saturation (blue) and a s
 _A4 = (8.27, 11.69)
 """Page size [inches]."""
 _LAYOUT = 3 * 'ab;' + 'ct;' + 2 * 'cd;' + 2 * 'ef;' + 'ef'
-"""Arrangement of the panels, row by row. Panel t is the tilt above panel d."""
+"""Arrangement of the panels, row by row; panel t shows the tilt above panel d."""
 _TITLES = {
     'a': 'a  Soft actuator: a step up and down',
     'b': 'b  Energy balance of driven chains',
@@ -73,10 +74,10 @@ _TITLES = {
     'f': 'f  Work of a pressure on the chain',
 }
 _LEAST = 1e-17
-"""Value at which an imbalance of 0 is drawn [1]. It is smaller than any rounding error."""
+"""Value at which an imbalance of 0 is drawn [1]; rounding errors are larger."""
 _TIME = 'time [s]'
 _ROOM = 0.25
-"""Height of the space for the legend above the moves, divided by the height of the data [1]."""
+"""Height of the space for the legend above the moves, relative to the height of the data [1]."""
 
 
 def entitle(panels: Mapping[str, Axes]) -> None:

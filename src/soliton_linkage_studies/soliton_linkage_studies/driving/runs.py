@@ -37,9 +37,9 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 _KEYS = ('step', 'work', 'energy_balance', 'stiffness', 'tilt', 'moves')
 _WORK_PERIOD = 0.002
-"""Frame period of a chain with an actuator [s], a small fraction of its filling time."""
+"""Frame period of a chain with an actuator [s]; it is a small fraction of the filling time."""
 _SHORT = 1.0
-"""Duration of the energy balance with the option `--quick` [s], three periods of the events."""
+"""Duration of the energy balance with the option `--quick` [s]: three periods of the events."""
 
 
 @dataclass(frozen=True)
@@ -163,19 +163,21 @@ _BALANCE_KEYS = (
     'seed',
 )
 _PERIOD = 0.01
-"""Frame period with energy balance or tilt [s], a fraction of the time unit sqrt(M / k_e)."""
+"""Frame period for energy balance and tilt [s]; it is a fraction of the time unit sqrt(M /
+k_e)."""
 _BALANCE_TOLERANCE = 1e-12
-"""Integration error per time unit [rad], a thousandth of the allowed imbalance."""
+"""Integration error per time unit [rad]; it is a thousandth of the allowed imbalance."""
 _TILT_TOLERANCE = 1e-8
-"""Integration error per time unit [rad], far below the resolution of wall positions."""
+"""Integration error per time unit [rad]; it is far below the resolution of wall positions."""
 _EVENT_FRAMES = 30
-"""Number of frames of a span with a kick and a change of gravity [1]. Every second has torques."""
+"""Number of frames of a span with a kick and a change of gravity [1]; every second span has
+torques."""
 _KICK_FRAME = 10
 """Index of the frame with the kick in a span [1], far from other events."""
 _TURN_FRAME = 20
 """Index of the frame with the change of gravity in a span [1], far from kicks."""
 _CROSSING_FRAMES = 200
-"""Number of frames of a crossing [1]. A wall moves by less than a rotor spacing per frame."""
+"""Number of frames of a crossing [1]; a wall moves by less than a rotor spacing per frame."""
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,6 @@ from soliton_linkage_studies.program import Registry
 from soliton_linkage_studies.settings import Section
 
 DrawFigure = Callable[[Section, bool], FigureReport]
-"""Function of the settings and of `quick`, for fewer points, that draws a figure."""
+"""Function that draws a figure, given its settings and `quick`, which means fewer points."""
 
 FIGURES: Registry[DrawFigure] = Registry()

@@ -25,7 +25,7 @@ from soliton_linkage_studies.pneumatic_fit import StepResponse, fit_step_respons
 from soliton_linkage_studies.settings import Section, chain_from
 
 _TOLERANCE = 1e-12
-"""Integration error per time unit [rad], with which work and energy agree to 1e-9."""
+"""Integration error per time unit [rad]; work and energy then agree to 1e-9."""
 TIME = 'time [s]'
 """Label of the time axes."""
 _STEPPED = slice(None, None, 20)
@@ -133,7 +133,7 @@ the torques and angles of its frames (dotted black). The two curves must be equa
 _SEED = 1
 """Random seed of the measurement noise."""
 _FRAMES_A_SECOND = 500
-"""Frame rate of the driven chain [Hz]; a quick figure uses a quarter."""
+"""Frame rate of the driven chain [Hz]; a quick figure uses a quarter of it."""
 
 
 @FIGURES.add('soft_actuator')

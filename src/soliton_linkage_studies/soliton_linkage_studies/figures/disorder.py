@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figure of the survival rate of walls, against the disorder of their chains."""
+"""Figure of the survival rate of walls against the disorder of their chains."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _QUICK_SEEDS = 3
 _NORMAL = 1.959964
 """Half width of the central 95 % of a normal distribution [standard deviations]."""
 _ASIDE = 0.4
-"""Offset between the points of different chains [%], so that error bars do not overlap."""
+"""Offset between the points of different chains [%]; it separates the error bars."""
 
 
 @FIGURES.add('disorder_against_passage')

@@ -95,16 +95,18 @@ wall. Hollow markers are upper bounds, because reflected phonons of the kick may
 wake.
 """
 _REACH = 8
-"""Smallest distance between the wall and its wake [penetration depths], where the tail is e^-8."""
+"""Smallest distance between the wall and its wake [penetration depths]; the tail there is e^-8."""
 _CONTINUUM = 0.3
-"""Largest lean ratio d for a comparison with continuum theory [1], whose error is of order d^2."""
+"""Largest lean ratio d for a comparison with continuum theory [1]; the error of this theory is of
+order d^2."""
 _ENERGIES = {
     'a': 'total energy / E_s [1]',
     'b': 'elastic / kinetic energy [1]',
     'c': 'energy behind the wall / total energy [1]',
 }
 _SLOW = 0.87
-"""Largest v / c for a comparison with theory, whose error is then a few per cent [1]."""
+"""Largest v / c for a comparison with theory [1]; the error of the theory is then a few per
+cent."""
 
 
 @FIGURES.add('energy_against_speed')

@@ -37,7 +37,8 @@ frequency below the gap, which is the lowest point of each line. The thin grey l
 frequency of the zero mode.
 """
 _LONG = 400
-"""Number of rotors of a chain whose lowest modes agree with the infinite one to 1e-4 [1]."""
+"""Number of rotors of a chain whose lowest modes agree with those of the infinite chain to 1e-4
+[1]."""
 
 
 @FIGURES.add('figure_1')
@@ -177,12 +178,15 @@ def _compare(report: FigureReport, chain: Chain, rotors: int) -> None:
 
 
 def _extrapolated_gap(frequencies: Array) -> float:
-    """Return the gap of the infinite chain from its two lowest modes j in a finite chain."""
+    """Return the gap of the infinite chain from the two lowest modes of a finite chain."""
     squares = np.sort(frequencies)[:2] ** 2
     return math.sqrt((4 * squares[0] - squares[1]) / 3)
 
 
 def _curvature(frequencies: Array) -> float:
-    """Return the speed of sound [spacings / s] from the two lowest modes, k a = pi j / N."""
+    """Return the speed of sound [spacings / s] from the two lowest modes.
+
+    K a = pi j / N for mode j.
+    """
     squares = np.sort(frequencies)[:2] ** 2
     return math.sqrt((squares[1] - squares[0]) / 3) * (len(frequencies) + 1) / math.pi

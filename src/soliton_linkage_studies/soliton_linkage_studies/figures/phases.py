@@ -36,9 +36,10 @@ from soliton_linkage_studies.unit_cell import (
 )
 
 _FINE = 40_000
-"""Number of steps along curves whose slopes are compared with theory [1], accurate to 1e-7."""
+"""Number of steps along curves whose slopes are compared with theory [1]; slopes are accurate to
+1e-7."""
 _SHAPE = 1.9
-"""Aspect ratio of a panel of the unit cells, width / height [1]."""
+"""Aspect ratio of a panel of the unit cells [1]: width divided by height."""
 _REGIONS = {
     Motion.FLIPPER: (0.22, 0.85),
     Motion.WOBBLING_FLIPPER: (1.75, 0.55),

@@ -64,9 +64,9 @@ Angles φ of the rotors in one snapshot of the slowest wall. Far from the wall, 
 blue) and odd rotors (hollow blue) differ by the constant π − 2 θ̄.
 """
 _FAR = 5
-"""Number of rotors at an edge whose angles a wall in the middle does not affect [1]."""
+"""Number of rotors at an edge that a wall in the middle does not affect [1]."""
 _PROFILES = 4
-"""Number of drawn profiles, the slowest walls [1]. More profiles would overlap."""
+"""Number of drawn profiles [1], those of the slowest walls. More profiles would overlap."""
 
 
 @dataclass(frozen=True)

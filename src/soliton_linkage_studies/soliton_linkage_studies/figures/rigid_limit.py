@@ -24,7 +24,7 @@ from soliton_linkage_studies.settings import Section, chain_from
 def convergence_order(stiffnesses: ArrayLike, distances: ArrayLike) -> float:
     """Return the order in 1 / k_e with which springs converge to rigid bars [1].
 
-    It is fitted to the three largest stiffnesses.
+    The order is fitted to the three largest stiffnesses.
     """
     stiffest, nearest = np.log(np.asarray(stiffnesses)[-3:]), np.log(np.asarray(distances)[-3:])
     return -float(np.polyfit(stiffest, nearest, 1)[0])
@@ -49,7 +49,7 @@ from the chain of rigid bars, over all rotors and times, against the stiffness (
 line has slope −1 and passes through the last dot.
 """
 _TRACKED = 3
-"""Number of stiffnesses with a drawn wall path [1]. Paths of stiffer chains would overlap."""
+"""Number of stiffnesses with a drawn wall path [1]; paths of stiffer chains would overlap."""
 _PATH = ('time [sqrt(M/k_e)]', 'wall at rotor [rotor spacings]')
 
 

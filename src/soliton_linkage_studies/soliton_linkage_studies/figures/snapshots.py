@@ -42,7 +42,7 @@ _WIDTH = 9.0
 _TITLE = 0.4
 """Height of a title above a panel, with margin [inches]."""
 _SAMPLES = 400
-"""Number of frames of a cycle of rigid bars [1], several dozen per crossing."""
+"""Number of frames in a cycle of rigid bars [1]; a crossing has several dozen."""
 _LEGEND = 0.3
 """Height of the legend below the panels [inches]."""
 

@@ -18,7 +18,7 @@ from soliton_linkage_studies.settings import Section, chain_from
 from soliton_linkage_studies.unit_cell import configuration_curves
 
 _SMOOTH = 800
-"""Number of steps of a drawn curve [1], none longer than a pixel."""
+"""Number of steps of a drawn curve [1]; no step is longer than a pixel."""
 
 
 @dataclass(frozen=True)

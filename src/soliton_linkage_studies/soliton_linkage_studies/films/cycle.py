@@ -35,11 +35,11 @@ from soliton_linkage_studies.palette import BLACK, BLUE, GREY, RED, WHITE
 from soliton_linkage_studies.settings import Section, chain_from
 
 _AZIMUTH = math.radians(-75)
-"""Initial azimuth of the camera [rad], beside the front so that no rotor hides its bar."""
+"""Initial azimuth of the camera [rad]; from the front, rotors would hide their bars."""
 _ELEVATION = math.radians(22)
 """Elevation of the camera above the axles [rad]."""
 _ZOOM = 1.9
-"""Zoom factor of the 3D axes [1]. At the default of matplotlib, 1, the long linkage is small."""
+"""Zoom factor of the 3D axes [1]; at matplotlib's default of 1, the long linkage is small."""
 _BODIES = (
     ('rotors', BLACK, 6.0),
     ('axles on the frame', GREY, 5.0),

@@ -36,7 +36,8 @@ LEFT, WIDTH, BOTTOM, TOP = 0.07, 0.90, 0.085, 0.88
 """Area for the panels below the title, in fractions of the figure width and height [1]."""
 
 TOLERANCE = 1e-9
-"""Integration error of an angle per time unit [rad], invisible at the end of a filmed cycle."""
+"""Integration error of an angle per time unit [rad]; it is invisible at the end of a filmed
+cycle."""
 
 SPACE_TIME = (
     'The space-time diagram shows the displacement u, with one row for each past frame and one '

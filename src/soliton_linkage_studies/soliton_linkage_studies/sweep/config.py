@@ -28,9 +28,9 @@ _SECTIONS = ('measure', 'chain', 'deviations', 'trial', 'seeds', 'sweep')
 _DEVIATIONS = tuple(f.name for f in fields(Deviations))
 _FRACTIONS = (*_DEVIATIONS, 'scale')
 _MOST_POINTS = 10_000
-"""Largest number of points of an axis [1]; larger numbers are typing errors."""
+"""Largest number of points of an axis [1]; larger numbers are probably typing errors."""
 _MOST_ROWS = 10_000_000
-"""Largest number of rows of a table [1], about a gigabyte."""
+"""Largest number of rows of a table [1]; the table then has about a gigabyte."""
 _QUICK_POINTS = 8
 """Largest number of points of an axis in a quick sweep [1]."""
 _QUICK_SEEDS = 2

@@ -36,7 +36,7 @@ from soliton_linkage_studies.sweep.config import Axis, SweepStudy
 from soliton_linkage_studies.unit_cell import flipper_limit, spinner_limit
 
 _MOST_CURVES = 5
-"""Largest number of axis values with a curve each [1]. More values are drawn as a map."""
+"""Largest number of curves in a picture [1]; more axis values are drawn as a map."""
 CLASS_COLOURS = {
     **{motion.value: colour for motion, colour in MOTION_COLOURS.items()},
     BLOCKED: DARK,
@@ -246,7 +246,7 @@ def _curve_label(study: SweepStudy, families: bool) -> str:
 
 
 def _blended(each: Array, classes: Sequence[str]) -> Array:
-    """Return the colour of the most frequent class at each point, paler if it is rare."""
+    """Return the colour of the most frequent class at each point; rare classes are paler."""
     colours = np.array([to_rgb(CLASS_COLOURS[name]) for name in classes])
     share = each.max(axis=-1, keepdims=True)
     commonest = colours[each.argmax(axis=-1)]

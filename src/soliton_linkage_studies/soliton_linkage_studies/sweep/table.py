@@ -121,7 +121,7 @@ class Table:
                 )
 
     def _read(self) -> dict[int, str]:
-        """Return the existing lines by row number, without an incomplete last line."""
+        """Return the existing lines by row number, without a last line that is incomplete."""
         if self.path.exists():
             return _by_number(self.path.read_text(encoding='utf-8').splitlines(True)[1:])
         self._part.seek(0)
@@ -155,7 +155,7 @@ def fill_table(
 
 
 def _fill(study: Tabulated, table: Table, missing: list[int], pool: Pool) -> None:
-    """Measure the missing rows, and show a rate that includes the start of the processes."""
+    """Measure the missing rows; the shown rate includes the start of the processes."""
     line = ProgressLine(study.name, study.rows)
     begin, done, elapsed = time.monotonic(), 0, 0.0
     total = study.rows - len(missing)
@@ -178,7 +178,7 @@ def read_rows(path: Path) -> list[dict[str, str]]:
 
 
 def fingerprint(package: ModuleType) -> str:
-    """Return a hash of the source files of a package that determines the rows of a table."""
+    """Return a hash of the source files of a package that determine the rows of a table."""
     found = hashlib.sha256()
     for folder in package.__path__:
         for path in sorted(Path(folder).rglob('*.py')):

@@ -29,9 +29,11 @@ from soliton_linkage_studies.program import run_parallel, run_study, study_parse
 from soliton_linkage_studies.settings import Section, chain_from, load_settings
 
 _FIRST = 3
-"""First rotor for the velocity of a packet [1], outside the near field of the driven rotor."""
+"""First rotor for the velocity of a packet [1]; it is outside the near field of the driven
+rotor."""
 _TOLERANCE = 1e-8
-"""Integration error of an angle per step [rad], far smaller than the amplitudes of bursts."""
+"""Integration error of an angle per step [rad]; it is far smaller than the amplitudes of
+bursts."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,8 @@ class WaveTask:
     duration: float
     """Duration of the simulation [s]."""
     site: float | None = None
-    """Initial site of the kink [rotor spacings]. None means no kink, in a left-leaning chain."""
+    """Initial site of the kink [rotor spacings]; None means a left-leaning chain without a
+    kink."""
     frames: int = 400
 
     def __call__(self) -> WaveRun:
@@ -127,7 +130,7 @@ class WaveRun:
     def displacement(self) -> float:
         """Displacement of the kink from its initial site [rotor spacings].
 
-        It is averaged over the last fifth of the frames.
+        The final site is a mean over the last fifth of the frames.
         """
         return float(np.mean(self._last) - self.sites[0])
 
@@ -135,7 +138,7 @@ class WaveRun:
     def displacement_error(self) -> float:
         """Standard deviation of the site over the same frames [rotor spacings].
 
-        It is large if the kink still moves.
+        The deviation is large if the kink still moves.
         """
         return float(np.std(self._last))
 
@@ -154,7 +157,7 @@ def energy_per_rotor(chain: Chain, recording: Recording) -> Array:
 def group_velocity(chain: Chain, frequency: float) -> float:
     """Return the group velocity abs(d omega / dk) of phonons [rotor spacings/s].
 
-    It is 0 if the angular frequency [rad/s] lies outside the phonon band.
+    The velocity is 0 if the angular frequency [rad/s] is outside the phonon band.
     """
     low, high = band_edges(chain)
     if not low < frequency < high:
@@ -235,9 +238,9 @@ _MOVED = 'displacement of the kink [rotor spacings]'
 _SITE = 'site [rotor spacings]'
 _TIME = 'time [s]'
 _FEW = 10.0
-"""Number of rotors below which a vibration is localised [1], far fewer than in a wave."""
+"""Number of rotors below which a vibration counts as localised [1]; waves have far more."""
 _PACKET = (10.0, 0.01)
-"""Number of cycles [1] and amplitude [rad] of a linear packet with measured velocity."""
+"""Number of cycles [1] and amplitude [rad] of the linear packet whose velocity is measured."""
 _SITES = 33
 """Number of kink sites, over two rotor spacings, at which the spectrum is computed [1]."""
 

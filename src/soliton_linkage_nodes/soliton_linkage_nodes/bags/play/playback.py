@@ -62,10 +62,7 @@ class PlaybackRange:
 
 
 def playback_range(reader: Reader, start_offset: float, playback_until: float) -> PlaybackRange:
-    """Return the range between two times from the start [s], 0: to the end.
-
-    ValueError if empty.
-    """
+    """Return the range between two times from the start [s], 0 for the end, or ValueError."""
     empty = not reader.message_count
     origin, last = (0, 0) if empty else (reader.start_time, reader.end_time)
     start = origin + round(start_offset * SECOND)
