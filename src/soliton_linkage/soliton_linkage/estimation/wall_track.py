@@ -213,8 +213,7 @@ class WallTrack:
         return self._line.wrap(site), variance / self._arc**2 + self._variance
 
     def update(self, measured: WallMeasurement, time: float) -> None:
-        """Update the state with a measurement at a time [s], after `predict` except at the start.
-        """
+        """Update the state with a measurement at a time [s], after `predict` unless it is new."""
         self.frames += 1
         self.missed, self.last_seen, self.width = 0, time, measured.width
         self._pinning = measured.pinning
