@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from soliton_linkage.linkage.chain import Motion
-from soliton_linkage_studies.accuracy.cells import random_cells
+from soliton_linkage_studies.accuracy.cells import hard_cells, random_cells
 from soliton_linkage_studies.accuracy.runs import CellStudy
 from soliton_linkage_studies.accuracy.walls import reach
 
@@ -38,6 +38,15 @@ def test_a_cell_does_not_depend_on_the_other_selected_cells():
     assert len(first) == len(alone.columns)
     number = first[alone.columns.index('frames')]
     assert float(number) == 10
+
+
+def test_the_analyser_is_configured_with_the_force_terms_of_a_cell():
+    cells = {cell.name: cell for cell in hard_cells()}
+    cell = cells['non_reciprocal_spinner']
+    assert cell.analysed_chain == cell.chain
+    assert cell.chain.damping > 0
+    assert cells['friction_known_spinner'].analysed_chain.damping > 0
+    assert cells['friction_spinner'].analysed_chain.damping == 0
 
 
 def test_unknown_cells_are_rejected():

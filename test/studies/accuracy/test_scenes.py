@@ -110,3 +110,12 @@ def test_slopes_of_a_cubic_track_are_exact():
         _, slopes = averages_and_slopes(times**3 - 7 * times, wide, cubic=True)
         inner = slice(30, -30)
         assert slopes[inner] == pytest.approx(3 * times[inner] ** 2 - 7)
+
+
+def test_an_acceleration_does_not_bias_the_average_position_under_a_force():
+    frames = np.arange(200)
+    track = 0.01 * frames + 2e-3 * frames**2
+    means, slopes = averages_and_slopes(track, 10, cubic=True, forced=True)
+    inner = slice(30, -30)
+    assert means[inner] == pytest.approx(track[inner])
+    assert slopes[inner] == pytest.approx(np.gradient(track)[inner])

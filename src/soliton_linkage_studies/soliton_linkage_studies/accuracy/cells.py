@@ -118,7 +118,7 @@ class AccuracyCell:
         return replace(
             chain,
             rotor_length=chain.rotor_length * (1 + self.length_error),
-            damping=decay * chain.moment_of_inertia,
+            damping=chain.damping + decay * chain.moment_of_inertia,
         )
 
 

@@ -4,8 +4,8 @@
 The static wall nearest to a frame gives the position of the wall. The position is averaged over
 one period of the slowest phonon, or over the passage of a rotor if that is shorter. The rate is
 the slope of a line fitted to the positions over three times this duration. For slow walls, whose
-speed varies between rotors, and for damped rotors, a cubic replaces the line. No average extends
-across an impulse.
+speed varies between rotors, and for damped and driven rotors, a cubic replaces the line. Under
+force terms, the curvature of the cubic corrects the average. No average extends across an impulse.
 """
 
 from __future__ import annotations
@@ -142,8 +142,8 @@ def averages_and_slopes(
 
     An average contains `beside` values on either side, and a slope three times as many. No window
     extends across the indices `breaks`. Slopes are those of fitted lines or, if `cubic` is true,
-    of fitted cubics. If `forced` is true, the values of the cubics replace the averages, because
-    an acceleration would bias the averages.
+    of fitted cubics. An acceleration x'' biases the average of 2 b + 1 values by x'' b (b + 1) /
+    6, which is subtracted if `forced` is true, with x'' of the cubic.
     """
     means, slopes = np.empty_like(values), np.empty_like(values)
     for begin, end in pairwise([0, *(breaks or []), len(values)]):
@@ -157,7 +157,8 @@ def averages_and_slopes(
                 piece, savgol_coeffs(2 * wide + 1, order, deriv=1, use='dot')
             )
             if forced:
-                means[begin:end] = _convolved(piece, savgol_coeffs(2 * wide + 1, order, use='dot'))
+                curvature = savgol_coeffs(2 * wide + 1, order, deriv=2, use='dot')
+                means[begin:end] -= _convolved(piece, curvature) * about * (about + 1) / 6
     return means, slopes
 
 
