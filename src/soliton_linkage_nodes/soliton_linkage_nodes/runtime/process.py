@@ -157,6 +157,9 @@ def run_together(constructors: Sequence[Callable[[], Node]], arguments: list[str
             # Exclude the permanent objects from garbage collection, which would take 40 ms with
             # them.
             gc.freeze()
+            # First of all, shut the executor down: until then, threads of the middleware call it
+            # when a message arrives.
+            stack.callback(executor.shutdown)
             _spin(executor, nodes, stopping)
     except (ValueError, OSError) as error:
         get_logger('soliton_linkage').fatal(str(error))

@@ -93,6 +93,7 @@ class Experiment:
             recorded = self._draw()
             replayed = self._replay()
         finally:
+            self._executor.shutdown()
             self._processes.stop()
         return self._summary(recorded, replayed, pacing)
 
