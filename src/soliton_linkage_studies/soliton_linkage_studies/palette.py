@@ -57,8 +57,8 @@ _REST = 0.30
 """Distance of a uniform rest state from the middle of the colour map [1]."""
 _NEAR_REST = ((0.95, 0.24), (1.0, _REST), (1.02, 0.36), (1.05, 0.41), (1.2, 0.46))
 """Nodes of the colour scale [1]: displacement relative to the rest displacement, and distance from
-the middle of the map. They stretch the scale near the rest state, so that oscillations of a few
-per cent are visible."""
+the middle of the map. These nodes stretch the scale near the rest state, so that oscillations of a
+few per cent are visible."""
 LEANS_RIGHT, LEANS_LEFT = (to_hex(colormaps[LEAN_COLOURS](0.5 + side * _REST)) for side in (1, -1))
 """Colours of the uniform states that lean right and left."""
 

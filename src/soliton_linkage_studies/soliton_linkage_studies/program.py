@@ -33,7 +33,7 @@ class Registry(dict[str, Entry]):
     """Entries by name. Each module of a package adds its own entries when it is imported."""
 
     def add(self, name: str) -> Callable[[Entry], Entry]:
-        """Return a decorator that adds an entry. It raises ValueError if the name is in use."""
+        """Return a decorator that adds an entry; it raises ValueError for a name in use."""
 
         def added(entry: Entry) -> Entry:
             if name in self:

@@ -26,7 +26,7 @@ _CHAIN_KEYS = (
 
 @dataclass(frozen=True)
 class Section:
-    """Section of a settings file. Its methods raise ValueError for a missing or invalid value."""
+    """Section of a settings file; methods raise ValueError for a missing or invalid value."""
 
     file: str
     """Path of the file, for error messages."""

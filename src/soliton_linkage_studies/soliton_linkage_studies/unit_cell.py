@@ -80,8 +80,8 @@ def configuration_curves(chain: Chain, points: int = 400) -> tuple[Array, ...]:
 def windings(curve: ArrayLike) -> tuple[int, int]:
     """Return the winding numbers of theta_1 and theta_2 along a closed curve [rad], shape (K, 2).
 
-    They are (0, 0) for flippers and (1, -1) for spinners. Raises ValueError if the curve is not
-    closed.
+    The winding numbers are (0, 0) for flippers and (1, -1) for spinners. Raises ValueError if the
+    curve is not closed.
     """
     followed = np.asarray(curve, dtype=np.float64)
     turns = (followed[-1] - followed[0]) / (2 * np.pi)

@@ -140,8 +140,8 @@ class PneumaticActuator:
 class Actuator(Protocol):
     """Interface of an actuator at an edge.
 
-    Its level, for example a pressure [Pa], approaches the command and determines the torque [N m]
-    along the unit zero mode. At rest, both are 0.
+    The level of an actuator, for example a pressure [Pa], approaches the command and determines
+    the torque [N m] along the unit zero mode. At rest, both are 0.
     """
 
     def check_command(self, command: float) -> None:

@@ -150,8 +150,8 @@ class _Command:
 class JointDrive:
     """Torques of the joint actuators as functions of time [s].
 
-    A command replaces the torques of the rotors that it names. Its last torques are held for
-    `timeout` [s]; 0 means without a limit.
+    A command replaces the torques of the rotors that it names. The last torques of a command are
+    held for `timeout` [s]; 0 means without a limit.
     """
 
     def __init__(self, number_of_rotors: int, timeout: float) -> None:

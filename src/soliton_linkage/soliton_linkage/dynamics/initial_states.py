@@ -43,9 +43,9 @@ def with_soliton(chain: Chain, site: float, velocity: float) -> State:
 
     The angles are those of `static_wall` on leg 0. For a velocity v, the rates are Lambda v / a
     times the zero mode, with the arc length Lambda per rotor spacing a. This state is exact for
-    rigid bars. With springs the wall contracts and radiates. Its speed decreases in the example
-    chains by 0.4 to 4 % at 0.2 c and by 3 to 42 % at 0.6 c. Raises ValueError for a velocity that
-    is not finite, and the errors of `static_wall`.
+    rigid bars. With springs the wall contracts and radiates, so that its speed decreases. The
+    decrease in the example chains is 0.4 to 4 % at 0.2 c and 3 to 42 % at 0.6 c. Raises ValueError
+    for a velocity that is not finite, and the errors of `static_wall`.
     """
     from soliton_linkage.solitons.static_wall import site_arc, static_wall
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motion of a chain of rigid bars, the limit of infinitely stiff springs.
 
-The configurations phi in which all bars have their rest length form a curve. Its tangent is the
-zero mode t(phi), normalised to sum_n I_n t_n^2 = 1. With the speed s along the curve [J^(1/2)] and
-the kinetic energy T,
+The configurations phi in which all bars have their rest length form a curve. The tangent of this
+curve is the zero mode t(phi), normalised to sum_n I_n t_n^2 = 1. With the speed s along the curve
+[J^(1/2)] and the kinetic energy T,
 
     dphi/dt = s t(phi),    ds/dt = t(phi) . torques,    T = s^2 / 2.
 """

@@ -55,8 +55,8 @@ class Term(ABC):
     dissipative = False
     """Whether the negative power of the term counts as dissipated energy."""
     active = False
-    """Whether the torques depend on the angles without a potential energy. Their negative work
-    counts as dissipated energy."""
+    """Whether the torques depend on the angles without a potential energy. The negative work of
+    these torques counts as dissipated energy."""
 
     @abstractmethod
     def add(self, torques: Array, time: float, angles: Array, rates: Array) -> float:

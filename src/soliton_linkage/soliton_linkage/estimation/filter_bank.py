@@ -259,8 +259,8 @@ def set_weights(filters: Records, settings: Records, base: int, log_odds: float)
 def mixture(filters: Records, count: int) -> tuple[float, float, float, float, float]:
     """Return moments of the first `count` filters in the mixture.
 
-    These are the mean arc length, the mean rate, the variance of the arc length, the covariance,
-    and the variance of the rate.
+    The moments are mean arc length, mean rate, variance of the arc length, covariance and variance
+    of the rate.
     """
     whole, arc, rate = 0.0, 0.0, 0.0
     of_arc, both, of_rate = 0.0, 0.0, 0.0

@@ -12,7 +12,7 @@ for d = 1, and d the lean ratio. Then
     e' = F(e) + lambda e + ...,    lambda = (1 - d) / (1 + d),
 
 and the chain wobbles if lambda < 0. Extended springs change the curvature of F, for which the
-model has a term in e^2. They do not change the sign of lambda.
+model has a term in e^2. Extended springs do not change the sign of lambda.
 """
 
 from __future__ import annotations
@@ -145,8 +145,8 @@ def uniform_part(
 def tail_of_side(deviations: Array, large: float, small: float) -> tuple[int, int]:
     """Return the begin and the end of a tail, given deviations [rad] from the wall outwards.
 
-    The tail begins after the last deviation above `large`. It ends before the first one of at most
-    `small`.
+    The tail begins after the last deviation above `large`. The tail ends before the first
+    deviation of at most `small`.
     """
     begin = 0
     for n in range(deviations.size):

@@ -19,8 +19,9 @@ exchange energy with the wall. There and in strong waves, the weight of the stea
 limited.
 
 Several filters assume an impulse about 1, 2, 4, 8, ... frames ago, after which the rate is almost
-unknown. Their weights are the prior probability of an impulse times the likelihood ratio since. If
-the odds of an impulse become decisive, all filters restart from it.
+unknown. The weight of such a filter is the prior probability of an impulse times the likelihood
+ratio since the impulse. If the odds of an impulse become decisive, all filters restart from this
+impulse.
 
 If the settings include a disturbance, the state changes, for a modelled acceleration u, by
 

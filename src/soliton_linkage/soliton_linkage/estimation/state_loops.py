@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled loops over springs and rotors that compute energies and topology of a state.
 
-A spring table has shape (3, springs). Its rows are the extensions [m] and their derivatives
-[m/rad] by the angle of the left rotor (lever A) and of the right rotor (lever B).
+A spring table has shape (3, springs). The rows of the table are the extensions [m] and their
+derivatives [m/rad] by the angle of the left rotor (lever A) and of the right rotor (lever B).
 """
 
 from __future__ import annotations

@@ -185,9 +185,9 @@ class StateReporter:
         `sites` are the sites of the walls [rotor spacings], empty or NaN without walls. `rates`
         are the rates of the rotors [rad/s], shape (N,), or an `ArcRate`. An `ArcRate` gives the
         kinetic energy (I / 2) rate^2 but no energy of the wake. Noise adds the mean energies (k_e
-        / 2) (A_n^2 + B_n^2) sigma^2 per spring and (I / 2) sigma_rate^2 per rotor. These are
-        subtracted, so that small energies may be negative. Raises ValueError for another shape and
-        for values that are not finite.
+        / 2) (A_n^2 + B_n^2) sigma^2 per spring and (I / 2) sigma_rate^2 per rotor. The reporter
+        subtracts these mean energies, so that small energies may be negative. Raises ValueError
+        for another shape and for values that are not finite.
         """
         chain, walls = self.chain, _finite(sites)
         state = np.ascontiguousarray(angles, dtype=np.float64)
@@ -256,7 +256,7 @@ class StateReporter:
         The edge rotor of a flipper toggles where lever A_0 or B_{N-2} of the outermost spring
         changes its sign. In the left-leaning state, A_0 has the sign of d - 1 (lean ratio d), and
         B_n that of (-1)^(n+1). Upside down, both signs are opposite. The edge rotor of a spinner
-        makes half a turn per wall. Its turns are counted from theta = +-theta_bar, the staggered
+        makes half a turn per wall. The turns are counted from theta = +-theta_bar, the staggered
         rest angle.
         """
         chain = self.chain

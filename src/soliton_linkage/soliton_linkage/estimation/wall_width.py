@@ -2,7 +2,8 @@
 """Lorentz contraction of a moving wall, whose width is w / gamma for the width w at rest.
 
 The angle of rotor n is phi_n = f(gamma (X - n)), with the shape f of the wall at rest, its site X
-and the contraction gamma. This is exact for gamma = 1, and in the continuum limit for any gamma.
+and the contraction gamma. This profile is exact for gamma = 1, and in the continuum limit for any
+gamma.
 """
 
 from __future__ import annotations

@@ -220,8 +220,8 @@ def _deviations(slopes: Array, covariance: Array) -> Array:
 def _room(lengths: Lengths) -> tuple[Array, Array]:
     """Return the distances from both limits [m], (2 K,), and their derivatives, for K bonds.
 
-    They are l - a - |r_n - r_(n+1)| and |a + l - r_n - r_(n+1)| for rest length l, spacing a and
-    rotor lengths r.
+    The distances are l - a - |r_n - r_(n+1)| and |a + l - r_n - r_(n+1)| for the rest length l,
+    the spacing a and the rotor lengths r of a bond.
     """
     r, a, rest = lengths.rotor_lengths, lengths.spacings, lengths.rest_lengths
     left, right = r[:-1], r[1:]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled loops that integrate a free motion, its sensitivities, and the gradient of a sum.
 
-The classical Runge-Kutta method integrates the angles phi. Their sensitivities to the unknowns q,
-X = dphi/dq and V = X', satisfy
+The classical Runge-Kutta method integrates the angles phi. The sensitivities of the angles to the
+unknowns q, X = dphi/dq and V = X', satisfy
 
     X' = V,    V' = (dphi''/dphi) X + (dphi''/dphi') V + dphi''/dq,
 

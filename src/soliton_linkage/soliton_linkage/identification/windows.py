@@ -144,7 +144,7 @@ class MotionPrior:
     def evaluate(self, motion: FreeMotion) -> tuple[Array, Array]:
         """Return the information of the prior on the chain, and the distances from its mean.
 
-        Both are for the Q - 2 N unknowns of the chain.
+        Information and distances are those of the Q - 2 N unknowns of the chain.
         """
         at, rotors = motion.slices, len(motion.masses)
         size = at.forces.stop

@@ -55,7 +55,8 @@ def bloch_matrix(chain: Chain, wave_numbers: ArrayLike, lean: int = 1) -> Comple
 def bloch_dynamical_matrix(chain: Chain, wave_numbers: ArrayLike, lean: int = 1) -> ComplexArray:
     """Return the dynamical matrix D(k) = k_e R(k)^dagger R(k) / (M r^2) [rad^2/s^2], (..., 2, 2).
 
-    Its eigenvalues are the squared frequencies of the two branches at finite real k [rad/m].
+    The eigenvalues of D(k) are the squared frequencies of the two branches at finite real k
+    [rad/m].
     """
     matrix = bloch_matrix(chain, np.asarray(wave_numbers, dtype=np.float64), lean)
     matrix /= chain.rotor_length * chain.time_unit
@@ -200,8 +201,8 @@ def density_of_states(chain: Chain, frequencies: ArrayLike) -> Array:
     """Return the density of modes of an infinite chain [modes / rotor / (rad/s)], shape (...).
 
     Between the band edges `lowest` and `highest`, the density is g(omega) = 2 omega / (pi
-    sqrt((omega^2 - lowest^2) (highest^2 - omega^2))). Its integral is 1. Raises ValueError for
-    frequencies [rad/s] that are negative or not finite.
+    sqrt((omega^2 - lowest^2) (highest^2 - omega^2))). The integral of the density is 1. Raises
+    ValueError for frequencies [rad/s] that are negative or not finite.
     """
     given = np.asarray(frequencies, dtype=np.float64)
     check_frequencies(given)

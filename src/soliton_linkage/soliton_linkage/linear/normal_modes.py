@@ -123,9 +123,9 @@ def phonon_energy(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> float:
 
     With the rigidity matrix R, the zero mode t, the kinetic energy T and the displacement dphi
     from `unstretched`, E = sum_n (k_e / 2) (R dphi)_n^2 + T(phi_dot - t (t . I phi_dot) / (t . I
-    t)). E is the sum of `phonon_energies` without the first one. It includes the elastic energy of
-    a moving wall. Of several walls, only the common motion is excluded; with periodic ends, E is
-    the total energy. Raises the errors of `phonon_energies`.
+    t)). E is the sum of `phonon_energies` without the first one. For example, the energy E
+    includes the elastic energy of a moving wall. Of several walls, only the common motion is
+    excluded; with periodic ends, E is the total energy. Raises the errors of `phonon_energies`.
     """
     relaxed, displacement = _departure(chain, angles)
     left = chain.check_angles(rates, 'rate')

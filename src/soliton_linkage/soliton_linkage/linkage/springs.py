@@ -25,9 +25,9 @@ def spring_between(
     The masses are at (h_left, v_left) and (h_right, v_right) [m] from their pivots, which are the
     `spacing` a [m] apart; `offset` [m^2] is an element of `Chain.offsets`. Let (dh, dv) = (a +
     h_right - h_left, v_right - v_left) and l = hypot(dh, dv). The derivatives of l by the left and
-    right angle are A = (h_left dv - v_left dh) / l and B = (v_right dh - h_right dv) / l. They are
-    0 if the masses coincide. Arguments are numbers or arrays; `compile_loop(spring_between,
-    inlined=True)` compiles it.
+    right angle are A = (h_left dv - v_left dh) / l and B = (v_right dh - h_right dv) / l. The
+    derivatives are 0 if the masses coincide. Arguments are numbers or arrays;
+    `compile_loop(spring_between, inlined=True)` compiles it.
     """
     across, up = h_right - h_left, v_right - v_left
     products = h_left * h_right + v_left * v_right

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Path of a wall from rotor to rotor through a chain with deviations of rotors and springs.
 
-The seed is the rotor that moves most. Its angle determines the angles of all other rotors. Where
-the levers of the bar to a neighbour are equal, |A_n| = |B_n|, the neighbour becomes the seed. The
-bar from rotor n to rotor n + 1 allows two angles of rotor n. While the seed is to the right of
-rotor n, A_n does not vanish. Therefore the sign that A_n had when the seed changed from n to n + 1
-selects one of the angles. In the same way, for a seed to the left of rotor n, the sign of B_{n-1}
-selects the angle.
+The seed is the rotor that moves most. The angle of the seed determines the angles of all other
+rotors. Where the levers of the bar to a neighbour are equal, |A_n| = |B_n|, the neighbour becomes
+the seed. The bar from rotor n to rotor n + 1 allows two angles of rotor n. While the seed is to
+the right of rotor n, A_n does not vanish. Therefore the sign that A_n had when the seed changed
+from n to n + 1 selects one of the angles. In the same way, for a seed to the left of rotor n, the
+sign of B_{n-1} selects the angle.
 """
 
 from __future__ import annotations

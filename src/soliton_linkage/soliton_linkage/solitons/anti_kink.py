@@ -83,7 +83,7 @@ def constraint_field(chain: Chain, angles: Array) -> tuple[Array, Array, Array]:
     """Return the field F_n of each rotor and its first two derivatives by the angle, (N,) each.
 
     F_n is (3 m - m^3) / 2 for flippers with the `order_field` m, and cos(theta - theta_bar) for
-    spinners. Both are stationary far from the anti-kink.
+    spinners. Both fields are stationary far from the anti-kink.
     """
     theta, sense = staggered(angles), np.where(np.arange(len(angles)) % 2, -1.0, 1.0)
     if chain.motion is Motion.SPINNER:

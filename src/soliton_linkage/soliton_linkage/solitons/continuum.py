@@ -200,7 +200,7 @@ class FlipperTheory(WallTheory):
     def elastic_density(self, displacements: ArrayLike, slopes: ArrayLike) -> Array:
         """Return the elastic energy per length [J/m].
 
-        It is (K / 2 a) [(ub^2 - u^2) + (a^2 / 2) u']^2.
+        The density is (K / 2 a) [(ub^2 - u^2) + (a^2 / 2) u']^2.
         """
         chain = self.chain
         misfit = np.asarray(slopes) - self.static_slope(displacements)

@@ -78,7 +78,7 @@ def find_obstacles(chain: Chain) -> tuple[Obstacle, ...]:
 def motion_of_bonds(chain: Chain) -> Motion | None:
     """Return the class of motion of a chain with deviations, or None if a bond may stop a wall.
 
-    The chain is a spinner if r_n + r_{n+1} - lbar_n exceeds the spacing a_n on every bond. It is a
+    The chain is a spinner if r_n + r_{n+1} - lbar_n exceeds the spacing a_n on every bond, and a
     flipper if this difference is below 0 on every bond.
     """
     if blocked_bonds(chain).any():

@@ -6,7 +6,7 @@ detected where the polarisation changes its sign. The order field is +1 where th
 and -1 where it leans left. The position X of a wall of charge Q follows from a fit of m_n = -Q
 tanh((n - X) / w) to the order field, with the width w of a slow wall. The bias of X is below 0.002
 rotor spacings for lean ratios d < 0.9 and d > 2.5 d_c, and below 0.1 for d < 2 and d > 1.4 d_c.
-Otherwise it is up to 2, because the profile is no tanh.
+For other chains, the bias is up to 2 rotor spacings, because the profile is no tanh.
 """
 
 from __future__ import annotations
@@ -62,7 +62,8 @@ def polarisation(chain: Chain, angles: Array) -> Array:
     """Return the polarisation of each bond [1], shape (..., springs).
 
     With the levers A and B, the polarisation is (A^2 - B^2) / (A^2 + B^2), divided by its value in
-    the right-leaning state. It is +1 in the right-leaning and -1 in the left-leaning state.
+    the right-leaning state. Therefore the polarisation is +1 in the right-leaning and -1 in the
+    left-leaning state.
     """
     first, second = rigidity_bands(chain, angles)
     plus, minus = couplings(chain)

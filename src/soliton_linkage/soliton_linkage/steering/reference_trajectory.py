@@ -2,7 +2,7 @@
 """Reference trajectories of a wall along the orbit, and their adiabatic speed limit.
 
 A wall with the rate w = ds/dt of its arc length exerts the force I w^2 t_n'(s) on rotor n with the
-moment of inertia I. The force is orthogonal to the orbit, whose tangent is t. It has the Fourier
+moment of inertia I. The force is orthogonal to the orbit, whose tangent t has the Fourier
 components t_n(q) = int t_n e^(iqs) ds. If q w exceeds the gap omega_0, a component radiates about
 the fraction |q t_n(q)|^2 of the energy of the wall.
 """

@@ -48,7 +48,7 @@ class Effort:
 class Reach:
     """Range of site coordinates to which actuators can move a wall [rotor spacings].
 
-    Both are NaN if the actuators cannot hold the wall at its current position.
+    Both limits are NaN if the actuators cannot hold the wall at its current position.
     """
 
     first: float

@@ -55,8 +55,8 @@ def find_dots(
     """Return the dots in a region (left, top, right, bottom) [pixels].
 
     A dot must be nearer than `reaches`, (M,) [pixels], to one of the positions `predicted`, (M,
-    2). It is fitted with the outline, (M, 2, 2), and the smear, (M, 2) [pixels], of this position
-    (see `fit_dots`).
+    2). The fit of the dot uses the outline, (M, 2, 2), and the smear, (M, 2) [pixels], of this
+    position (see `fit_dots`).
     """
     radius = float(np.median(np.abs(np.linalg.det(outlines)))) ** -0.5
     left, top, right, bottom = region

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plane of the chain from the markers on its frame, and detection of camera motions.
 
-ArUco markers are detected in the first picture and after each motion of the camera. Their dots are
-fitted in every picture, and averaged while the camera is at rest.
+ArUco markers are detected in the first picture and after each motion of the camera. The dots of
+the markers are fitted in every picture, and averaged while the camera is at rest.
 """
 
 from __future__ import annotations

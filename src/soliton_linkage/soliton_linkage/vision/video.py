@@ -198,7 +198,8 @@ def _opened_camera(number: int) -> Any:
 def _start(path: Path, created: str, length: float) -> float:
     """Return the time of the first picture, counted from the epoch [s].
 
-    It is the creation time, or the last change minus the length.
+    The time is that of the creation of the file, or of its last change minus the length of the
+    film.
     """
     try:
         return datetime.datetime.fromisoformat(created.replace('Z', '+00:00')).timestamp()

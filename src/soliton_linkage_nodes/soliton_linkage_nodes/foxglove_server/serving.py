@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Websocket server of the Foxglove SDK, and the processing of its clients' requests.
 
-The SDK calls callbacks on its own threads. They only queue work for the executor of the node.
+The SDK calls callbacks on its own threads. These callbacks only queue work for the executor of the
+node.
 """
 
 from __future__ import annotations

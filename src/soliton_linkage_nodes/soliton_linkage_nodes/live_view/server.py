@@ -178,8 +178,8 @@ class Gate:
     """Middleware that rejects requests and streams that do not come from the live page.
 
     Without the middleware, another web page in the same browser could send commands to the chain
-    (DNS rebinding). It accepts host names of this machine and, if a token is set, requests with
-    the token.
+    (DNS rebinding). The middleware accepts host names of this machine and, if a token is set,
+    requests with the token.
     """
 
     def __init__(self, guarded: ASGIApp, token: str = '') -> None:

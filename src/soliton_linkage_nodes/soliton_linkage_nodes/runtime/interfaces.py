@@ -86,7 +86,7 @@ def latched_qos(depth: int = 1) -> QoSProfile:
 
 @dataclass(frozen=True)
 class Topic:
-    """Topic of the suite. Its name is relative unless it begins with a slash."""
+    """Topic of the suite; its name is relative unless it begins with a slash."""
 
     name: str
     type: Any

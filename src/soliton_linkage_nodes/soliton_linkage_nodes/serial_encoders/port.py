@@ -66,7 +66,7 @@ class ReopenedPort:
     ) -> None:
         """Open the port and start the thread; ValueError if the port cannot be opened.
 
-        The thread calls `take` with bytes and their monotonic arrival time [ns]. It calls
+        The thread calls `take` with bytes and their monotonic arrival time [ns]. The thread calls
         `changed` with the reason of a loss, and with '' when the port is open again. With
         `hang_up`, DTR is released when the port closes.
         """

@@ -150,12 +150,12 @@ class SimulationControl:
             self._commands.count += 1
 
     def set_gravity(self, gravity: Gravity) -> None:
-        """Set the gravity from the next frame on. It is kept after a reset."""
+        """Set the gravity from the next frame on; a reset does not change it."""
         with self._lock:
             self._gravity = gravity
 
     def set_non_reciprocity(self, value: float) -> None:
-        """Set the non-reciprocity [N m/rad] from the next frame on. It is kept after a reset."""
+        """Set the non-reciprocity [N m/rad] from the next frame on; a reset does not change it."""
         with self._lock:
             self._non_reciprocity = value
 

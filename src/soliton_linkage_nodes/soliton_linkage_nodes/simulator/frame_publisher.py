@@ -74,8 +74,9 @@ class SensedJoints:
 class DeliveryPublisher:
     """Publisher of `delivery`, the total impulses and work that have acted on the chain.
 
-    It publishes at each frame before which impulses or torques acted. Torques are constant over a
-    frame period, so that torque times angle is their exact work. A reset keeps the totals.
+    A message is published at each frame before which impulses or torques acted. Torques are
+    constant over a frame period, so that torque times angle is their exact work. A reset keeps the
+    totals.
     """
 
     def __init__(self, node: Node, number_of_rotors: int, stamp: int) -> None:

@@ -230,7 +230,7 @@ One frame at each end of the interval and one late frame are normal."""
 
 
 class SimulationReport:
-    """Report of a simulation. Its rates refer to the time since the previous report."""
+    """Report of a simulation, with rates since the previous report."""
 
     def __init__(
         self,
@@ -239,7 +239,7 @@ class SimulationReport:
         settings: SimulatorParameters,
         complain: Callable[[str], object],
     ) -> None:
-        """Create the report. It calls `complain` once for each fault of the simulation."""
+        """Create the report, which calls `complain` once for each fault of the simulation."""
         self._control = control
         self._loop = loop
         self._publish_rate = settings.publish_rate

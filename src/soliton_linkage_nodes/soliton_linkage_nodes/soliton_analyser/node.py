@@ -276,7 +276,8 @@ _CONTRADICTION_CONFIDENCE = 0.999
 def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bool]:
     """Return a description of the state of the analysis, and whether it is a warning.
 
-    It warns of a misfit above `misfit_limit` [rad] that neither noise nor phonons explain.
+    The description warns of a misfit above `misfit_limit` [rad] that neither noise nor phonons
+    explain.
     """
     analyser, latest = analysis.analyser, analysis.latest
     if analyser is None or latest is None:
@@ -335,9 +336,10 @@ def _disagreement(latest: Analysis) -> str:
 
 
 def _swing(analysis: JointStateAnalysis) -> float:
-    """Return the largest RMS angle of phonons that is consistent with the rates [rad].
+    """Return the largest root mean square angle of phonons that agrees with the rates [rad].
 
-    It is w / omega_0 with the RMS rate w [rad/s] and the band gap omega_0, the lowest frequency.
+    The angle is w / omega_0 with the root mean square rate w [rad/s] and the lowest phonon
+    frequency omega_0.
     """
     frame, analyser = analysis.frame, analysis.analyser
     if frame is None or frame.rates is None or not isinstance(analyser, Analyser):

@@ -237,7 +237,7 @@ class SolitonSteering(ManagedNode):
 
     @property
     def holding(self) -> bool:
-        """Whether the node moves or holds a soliton. It then needs each frame immediately."""
+        """Whether the node moves or holds a soliton; it then needs each frame immediately."""
         return self.chain is not None and self.chain.steering.holding
 
     def _on_joint_states(self, serialized: bytes) -> None:
@@ -286,7 +286,7 @@ class SolitonSteering(ManagedNode):
         chain.observe(*self._read(chain, serialized))
 
     def _on_goal(self, handle: ServerGoalHandle) -> None:
-        """Start the move of a goal. It replaces the active move."""
+        """Start the move of a goal, in place of the active move."""
         handle.execute()
         self._observe_recent(_OBSERVER_FRAMES)
         rejection = self._start_move(handle.request)

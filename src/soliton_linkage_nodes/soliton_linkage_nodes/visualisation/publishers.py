@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Publishers of markers, pose and kymograph. They draw only while a node subscribes."""
+"""Publishers of markers, pose and kymograph, which draw only while a node subscribes."""
 
 from __future__ import annotations
 

@@ -146,11 +146,11 @@ def passage_of(
     """Measure speed and width of a wall on its first passage through the middle of the chain.
 
     `times` [s] has shape (T,). Frames with several walls or without walls are not used. The speed
-    is the slope of a line fitted to the positions. Its standard deviation follows from those of
-    the first and the last position, because an error that is common to all positions does not
-    change the slope. The width is the mean of all widths. Its standard deviation is the smallest
-    stated one, because successive widths are correlated. Raises ValueError for fewer than ten
-    frames.
+    is the slope of a line fitted to the positions. The standard deviation of the slope follows
+    from those of the first and the last position, because an error that is common to all positions
+    does not change the slope. The width is the mean of all widths. The standard deviation of the
+    mean is the smallest stated one, because successive widths are correlated. Raises ValueError
+    for fewer than ten frames.
     """
     alone = [
         (time, walls[0]) for time, walls in zip(times, frames, strict=True) if len(walls) == 1

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Integrator of elastic chains that is independent of the simulator.
 
-Both share only the geometry of a spring. The integrator is Suzuki's symplectic composition of five
-leapfrog steps, of fourth order. With angles x, rates v, torques F, moments of inertia I and the
-step h,
+The two integrators share only the geometry of a spring. The integrator is Suzuki's symplectic
+composition of five leapfrog steps, of fourth order. With angles x, rates v, torques F, moments of
+inertia I and the step h,
 
     x += w h v / 2,  v += w h F(x) / I,  x += w h v / 2  for w = p, p, 1 - 4 p, p, p,
 

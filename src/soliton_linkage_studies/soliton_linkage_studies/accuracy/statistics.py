@@ -193,8 +193,8 @@ def _finite(values: Array) -> Array:
 class Accuracy:
     """Accuracy of an estimator over many frames.
 
-    Bias, standard deviation and coverage include only frames without failure. They are NaN for
-    fewer than two such frames.
+    Bias, standard deviation and coverage include only frames without failure. These values are NaN
+    for fewer than two such frames.
     """
 
     frames: int

@@ -257,8 +257,8 @@ def _line_through_middle(
 ) -> tuple[Array, Array]:
     """Return times [s] and sites of motion at a velocity [rotor spacings/s].
 
-    The line passes through the last site of the first wall of a charge. It shows the second half
-    of the motion of this wall.
+    The line passes through the last site of the first wall of a charge. The line shows the second
+    half of the motion of this wall.
     """
     found: dict[float, float] = {}
     for time, angles in zip(run.recording.times, run.recording.angles, strict=True):

@@ -81,7 +81,7 @@ def stability_limit(chain: Chain) -> float:
 
         I lambda^2 + c lambda + I omega(k)^2 + 2 i kappa sin(k) = 0
 
-    with the moment of inertia I. It decays if 2 kappa abs(sin(k)) < c omega(k).
+    with the moment of inertia I. The wave decays if 2 kappa abs(sin(k)) < c omega(k).
     """
     waves = np.linspace(1e-3, math.pi - 1e-3, 2000)
     return float((dispersion(chain, waves / chain.spacing) / (2 * np.sin(waves))).min())
@@ -90,7 +90,7 @@ def stability_limit(chain: Chain) -> float:
 def coordinates(chain: Chain, angles: Array) -> Array:
     """Return the coordinates q that `Chain.signs` defines [rad], shape (..., N).
 
-    They are phi where the sign is 1, and pi - phi where the sign is -1.
+    A coordinate is phi where the sign is 1, and pi - phi where the sign is -1.
     """
     return np.asarray(chain.signs * angles + (1 - chain.signs) * math.pi / 2)
 
@@ -186,8 +186,8 @@ def follow_charge(found: Sequence[Sequence[tuple[float, int]]], charge: int) -> 
 def terminal_velocity(task: ActiveTask, run: ActiveRun) -> tuple[float, float]:
     """Return the terminal velocity of the wall and its standard error [rotor spacings/s].
 
-    The velocity is measured after the startup time and far from the ends of the chain. Both values
-    are NaN for fewer than 16 such frames.
+    The velocity is measured after the startup time and far from the ends of the chain. Velocity
+    and standard error are NaN for fewer than 16 such frames.
     """
     decay = task.chain.moment_of_inertia / task.chain.damping
     last = task.chain.number_of_rotors - 1 - _FROM_END
@@ -206,7 +206,7 @@ def terminal_velocity(task: ActiveTask, run: ActiveRun) -> tuple[float, float]:
 def moving(chain: Chain, site: float, charge: int, velocity: float) -> tuple[Array, Array]:
     """Return the angles [rad] and angular velocities [rad/s] of a chain with a moving wall.
 
-    Both have shape (N,). The velocity of the wall is in [rotor spacings/s].
+    Angles and velocities have shape (N,). The velocity of the wall is in [rotor spacings/s].
     """
     build = static_wall if charge > 0 else continuum_anti_kink
     here = build(chain, site)
@@ -228,7 +228,7 @@ def outcome(task: ActiveTask, run: ActiveRun) -> str:
     """Return the final state of a wall: 'runs', 'is pinned', 'breaks up' or 'vanishes'.
 
     A wall runs if it reaches the last rotors, or moves by more than one rotor spacing in the last
-    quarter of the simulation. It breaks up if the last frame contains further walls.
+    quarter of the simulation. A wall breaks up if the last frame contains further walls.
     """
     sites = run.sites[np.isfinite(run.sites)]
     if not len(sites):

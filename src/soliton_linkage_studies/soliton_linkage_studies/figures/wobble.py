@@ -198,7 +198,7 @@ def _compare_tail(report: FigureReport, chain: Chain) -> None:
 def wavelength(deviation: Array) -> float:
     """Return the wavelength of an oscillation with one value per rotor [rotor spacings].
 
-    The wavelength is twice the mean distance between interpolated zeros. It is infinite for fewer
+    The wavelength is twice the mean distance between interpolated zeros, or infinity for fewer
     than two zeros.
     """
     before = np.flatnonzero(np.signbit(deviation[:-1]) != np.signbit(deviation[1:]))

@@ -38,10 +38,10 @@ class SymplecticNystrom(OdeSolver):
 
     The solver chooses a step length with an error below atol + rtol abs(y), in the norm of scipy's
     solvers, and keeps it as long as possible, because the energy error is bounded only while the
-    length is constant. The error is the difference between a step and two half steps. It is
-    measured in the first, fourth and sixteenth step of each length, and then in every 32nd step.
-    Steps with a too large error are repeated with a shorter length. If the error is far below the
-    tolerance, the length increases.
+    length is constant. The error is the difference between a step and two half steps. The solver
+    measures the error in the first, fourth and sixteenth step of each length, and then in every
+    32nd step. Steps with a too large error are repeated with a shorter length. If the error is far
+    below the tolerance, the length increases.
 
     `length` is the length of a method step [s], and `together` the largest number of method steps
     in one solver step. Raises TypeError for a right-hand side that is not an `EquationOfMotion`,

@@ -192,7 +192,7 @@ class BagWriter:
     def set_custom_data(self, custom_data: Mapping[str, str]) -> None:
         """Set texts for the metadata.
 
-        They are written at most once a second until the bag is closed.
+        The texts are written at most once a second until the bag is closed.
         """
         self._custom_data.update(custom_data)
 

@@ -49,7 +49,7 @@ class RecoveredMcap(RecoveredFile):
 
     After damage, the next plausible record head is searched. A truncated chunk yields its complete
     messages. Messages in a chunk with a wrong checksum are doubtful, and so are messages directly
-    after damage in a file with chunks. They are recovered only if `doubtful` is set.
+    after damage in a file with chunks. Doubtful messages are recovered only if `doubtful` is set.
     """
 
     def _scan(self, path: Path) -> None:
