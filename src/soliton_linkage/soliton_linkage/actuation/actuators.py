@@ -141,7 +141,7 @@ class Actuator(Protocol):
     """Interface of an actuator at an edge.
 
     The level of an actuator, for example a pressure [Pa], approaches the command and determines
-    the torque [N m] along the unit zero mode. At rest, both are 0.
+    the torque [N m] along the unit zero mode. At rest, level and torque are 0.
     """
 
     def check_command(self, command: float) -> None:
@@ -150,7 +150,7 @@ class Actuator(Protocol):
     def response(
         self, level: float, command: Profile, start: float, end: float
     ) -> tuple[float, float]:
-        """Return the level at `end` [s], given that at `start`, and its integral in between."""
+        """Return the level at `end` [s], given the level at `start`, and its integral."""
 
     def torque(self, level: float) -> SupportsFloat:
         """Return the torque at a level [N m]."""

@@ -138,7 +138,7 @@ class Simulation(ABC):
     def kick(self, impulses: Array) -> None:
         """Apply angular impulses [N m s], shape (N,), at the current frame.
 
-        Raises ValueError if their work is not finite.
+        Raises ValueError if the work of the impulses is not finite.
         """
         checked = self.chain.check_angles(impulses, 'impulse')
         with np.errstate(over='ignore', invalid='ignore'):

@@ -77,7 +77,7 @@ class Analysis(NamedTuple):
 
 
 def cycle_phase(estimate: OrbitEstimate, orbit: Orbit | None) -> CyclePhase:
-    """Return the phase in the cycle of the orbit; its sense is equal for both mirror images."""
+    """Return the phase in the cycle of the orbit, with the same sense for both mirror images."""
     if orbit is None or not estimate.leg_known:
         return CyclePhase(math.nan, math.nan, math.nan, math.nan, 0, -1)
     scale = 2 * math.pi / orbit.length

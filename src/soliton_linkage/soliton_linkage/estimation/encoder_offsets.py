@@ -51,7 +51,7 @@ unchanged readings in a chain that counts as moving [1]."""
 
 
 class EncoderOffsets:
-    """Maximum-a-posteriori estimator of encoder offsets and rest angle errors; normal priors."""
+    """Maximum-a-posteriori estimator of encoder offsets and rest angle errors (normal priors)."""
 
     def __init__(self, number_of_rotors: int, settings: OffsetSettings = DEFAULTS.offsets) -> None:
         self.settings = settings
@@ -100,7 +100,7 @@ class EncoderOffsets:
     def predict(self, sides: Array) -> tuple[Array, Array]:
         """Return predicted mean [rad] and variance [rad^2] of each residual.
 
-        `sides` as in `update`.
+        `sides` are those of `update`.
         """
         of_offset, mixed, of_rest = self._covariance
         expected = self.values + sides * self.rest_angles
@@ -121,7 +121,7 @@ class EncoderOffsets:
     def retest(self, rotors: Flags, errors: Array) -> None:
         """Reduce the weight of earlier residuals of given rotors.
 
-        `errors` are the contradictions by the latest block [rad].
+        `errors` [rad] are the differences of the latest block from the expectation.
         """
         self.means[rotors] = np.minimum(self.means[rotors], _FEWEST_MEANS) - 1
         kept = 1 / np.maximum(self.weights[:, rotors] * errors[rotors] ** 2, 1.0)

@@ -197,7 +197,7 @@ def _flipping(left: float, right: float, variance: float) -> float:
 def evidence(
     settings: Records, angles: Array, sines: Array, cosines: Array, noise: float, tails: Array
 ) -> tuple[float, float, float]:
-    """Return site, log likelihood ratio and rest angle of a frame; add to the sums `tails`."""
+    """Return site, log likelihood ratio and rest angle of a frame; add its tails to `tails`."""
     rotors, fewest = angles.size, settings[0]['fewest_rotors']
     bond, before, beyond = bond_of_wall(sines)
     if not fewest < bond < rotors - fewest:

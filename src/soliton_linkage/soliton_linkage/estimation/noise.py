@@ -98,7 +98,7 @@ def _noise_bound(
 ) -> float:
     """Return Bernstein's bound of a sum of weighted products of noise [rad^2].
 
-    `square` is the variance of the noise; a product has 17 / 9 of its square.
+    With the noise variance `square`, a product has the variance 17 / 9 square^2.
     """
     deviation = significance * math.sqrt(17 / 9 * squared_weights)
     return square * (deviation + significance**2 / 2 * largest)

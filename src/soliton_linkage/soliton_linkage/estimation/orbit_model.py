@@ -231,8 +231,8 @@ _PERIOD = 2
 _SLOW = 0.25
 """Largest number of rotors that a slow wall passes per period of the slowest phonon [1]."""
 _SECOND_ORDER = 0.5
-"""Square root of the relative error of the predicted rate change at the fastest slow wall [1]; a
-measured value."""
+"""Square root of the measured relative error of the predicted rate change of the fastest slow wall
+[1]."""
 _LONGEST_RESOLVED = 4 / 3
 """Speed above which the spring forces average out, relative to the fastest slow wall [1]."""
 

@@ -119,7 +119,7 @@ class ShapeMeasurementModel:
     def _explains(self, wall: _ShapeFit, first: int, residuals: Array) -> bool:
         """Return whether a fitted wall matches its rotors better than random angles.
 
-        The rotors in the core of the wall must do so, too.
+        The rotors in the core of the wall must also match better.
         """
         variance = min(self._variance, self._largest)
         if self._likelihood.over_random(residuals, variance) < self._evidence:

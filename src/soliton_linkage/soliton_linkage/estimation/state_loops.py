@@ -165,10 +165,10 @@ def topology(rows: Array, before: int, beyond: int, domain: float) -> Sides:
     """Return the polarisations beside the walls, the edge signs, and the centre of the zero mode.
 
     The polarisation of a bond with the levers A and B is (A^2 - B^2) / (A^2 + B^2). A bond is in a
-    domain if the absolute polarisation exceeds `domain`. Polarisations are summed over the bonds
-    up to `before` and from `beyond` on. The edge signs are those of the first and last bond in a
-    domain; 0 without domains. The centre [rotor spacings] is the centroid of the squared zero mode
-    t_n^2.
+    domain if the absolute polarisation exceeds `domain`. The first two results are sums of
+    polarisations: over the bonds up to `before`, and over the bonds from `beyond` on. The edge
+    signs are those of the first and last bond in a domain; 0 without domains. The centre [rotor
+    spacings] is the centroid of the squared zero mode t_n^2.
     """
     left, right, first, last = 0.0, 0.0, 0, 0
     squares, moments, square, level = 1.0, 0.0, 1.0, 0

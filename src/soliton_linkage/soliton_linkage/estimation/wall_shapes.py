@@ -69,8 +69,8 @@ _TABLE = named_tuple(WallTable, f8_2d, f8, f8)
 def find_domains(polarised: Array, cost: float, right: Flags) -> None:
     """Set whether each bond lies in a right-leaning domain, given its polarisation, shape (B,).
 
-    Dynamic programming finds the domains with the largest score: the sum of the polarisations,
-    limited to -1 to 1 and times the sign of the domain, minus `cost` per wall.
+    Dynamic programming finds the domains with the largest score. The score is the sum of the
+    polarisations, limited to -1 to 1 and times the sign of the domain, minus `cost` per wall.
     """
     count = polarised.size
     # Highest scores up to the current bond: for a left-leaning bond, and for a right-leaning bond.
@@ -121,7 +121,7 @@ def set_residuals(
 def scan_wall(
     theta: Array, first: int, table: WallTable, start: float, beside: float, bound: float
 ) -> tuple[float, float]:
-    """Return the least sum of squared residuals [rad^2], and its site near `start`.
+    """Return the least sum of squared residuals near `start` [rad^2], and the site of the wall.
 
     Each square counts at most as `bound` [rad^2].
     """
@@ -220,7 +220,7 @@ def fit_wall(
 def fit_about(
     angles: Array, span: float, last: int, table: WallTable, site: float, stretch: float
 ) -> tuple[float, float, tuple[float, float, float, float, float]]:
-    """Fit site and stretch to the angles [rad] within `span` of the site; add `sums_of_fit`."""
+    """Return site and stretch, fitted to the angles [rad] within `span`, and `sums_of_fit`."""
     first, end = max(math.ceil(site - span), 1), min(math.floor(site + span) + 1, last)
     theta = np.empty(max(end - first, 0))
     for k in range(theta.size):

@@ -123,9 +123,9 @@ _AVERAGED = 20
 """Number of frames over which the variance of a fit is averaged [1], because a wall has few
 rotors."""
 _FORCE = 0.6
-"""Process noise of the rate of a fast anti-kink, times v / u^4 [1], for its speed v and its speed
-u at the energy barrier. The value is f^2 / 2 for f = pi / sqrt(8), the root mean square force of a
-sine at u = 1."""
+"""Process noise of the rate of a fast anti-kink, divided by u^4 / v [1]. v is its speed, and u its
+speed at the energy barrier. The value is f^2 / 2 for f = pi / sqrt(8), the root mean square force
+of a sine at u = 1."""
 
 
 class WallMeasurement(NamedTuple):

@@ -98,10 +98,11 @@ def overshooting(expected: Array, rest_angle: float, calm: float) -> int:
 def tail_sums(
     measured: Array, begin: int, end: int, rest_angle: float, k: float
 ) -> tuple[float, float, float, float, float]:
-    """Return the sums of e^2, e (e' - F(e)), F'(e), (F'(e) e)^2 and F'(e) e e_inner in a tail.
+    """Return five sums over the rotors of a tail, for the fit of the tail ratio.
 
-    e, e' and e_inner are the deviations [rad] from the uniform state of a rotor and its outer and
-    inner neighbours. F is the `next_deviation` with the derivative F'.
+    The summands are e^2, e (e' - F(e)), F'(e), (F'(e) e)^2 and F'(e) e e_inner. e, e' and e_inner
+    are the deviations [rad] from the uniform state of a rotor and its outer and inner neighbours.
+    F is the `next_deviation` with the derivative F'.
     """
     square, product, slopes, squares, both = 0.0, 0.0, 0.0, 0.0, 0.0
     share = 0.0

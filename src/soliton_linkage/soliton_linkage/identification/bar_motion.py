@@ -222,7 +222,8 @@ def bar_motion(
 ) -> BarMotion | None:
     """Estimate masses and forces from a free motion; return None if other forces act.
 
-    The units are the mean spacing and the mean mass. `noise` is that of a reading [rad].
+    The units are the mean spacing and the mean mass. `noise` is the standard deviation of a
+    reading [rad].
     """
     orbit = orbit_of(lengths.chain(Chain()))
     intervals = free_intervals(readings.times, readings.interruptions)

@@ -116,7 +116,8 @@ def weakly_observable(
 ) -> tuple[str, ...]:
     """Describe the combinations of unknowns that are weakly observable.
 
-    `information` is that of the readings; `basis`, (P, K), contains the possible changes.
+    `information` is the information of the readings on the unknowns. The columns of `basis`, (P,
+    K), are the possible changes.
     """
     values, vectors = np.linalg.eigh(basis.T @ information @ basis)
     weak = [

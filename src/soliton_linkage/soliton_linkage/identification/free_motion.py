@@ -182,7 +182,7 @@ def states_with_sensitivities(motion: FreeMotion, times: Array) -> Iterator[tupl
 def gradient_of(motion: FreeMotion, times: Array, states: Array, weights: Array) -> Array:
     """Return the gradient of the sum of angles * weights by the unknowns, (Q,).
 
-    The weights have shape (T, N), and the states are `states_at`, (T, 2, N).
+    The weights have shape (T, N), and the states, (T, 2, N), are the result of `states_at`.
     """
     rotors, at = len(motion.masses), motion.slices
     pull, gradient = np.zeros((2, rotors)), np.zeros(5 * rotors + FORCE_UNKNOWNS)

@@ -35,7 +35,7 @@ smaller variance is not significant."""
 
 
 class WindowEquations(NamedTuple):
-    """Normal equations of a window for readings of unit variance; sum of squared residuals."""
+    """Normal equations of a window for readings of unit variance, and squared residuals."""
 
     matrix: Array
     vector: Array

@@ -34,10 +34,10 @@ _WEIGHTINGS = 4
 _FLATTEST = 0.1
 """Value that is added in quadrature to derivatives, so that no single frame dominates [1]."""
 _BETTER = 0.8
-"""Ratio of the misfit with a reversed rotor to the misfit without below which the rotor counts as
-reversed [1]."""
+"""Largest misfit with a reversed rotor, relative to the misfit without reversal, for which the
+rotor counts as reversed [1]."""
 _AS_GOOD = 1.25
-"""Same ratio, for a bond that no wall can pass as recorded [1]."""
+"""The same limit for a bond that no wall can pass as recorded [1]."""
 _IMPASSABLE = 0.95
 """Relative square of the bond length l below which no wall can pass a bond [1]; noise changes the
 square by 0.03."""

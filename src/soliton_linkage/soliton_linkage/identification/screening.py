@@ -136,7 +136,8 @@ def without_outliers(recording: Readings) -> Readings:
 def isolated(values: Array, limits: Array) -> NDArray[np.bool_]:
     """Return which values, (T, N), are outliers of the cubic curve through 4 neighbours.
 
-    `limits` are the largest distances, without the share of the range of the neighbours.
+    `limits` are the allowed distances from the curve, without the part that is proportional to the
+    range of the neighbours.
     """
     errors = np.zeros_like(values)
     near, far = values[1:-3] + values[3:-1], values[:-4] + values[4:]

@@ -148,9 +148,9 @@ class Tail:
 
 
 def exact_tail(chain: Chain) -> Tail:
-    """Return the tail of a wall in the discrete chain, du_n ~ (-(d - 1) / (d + 1))^n.
+    """Return the tail of a wall in the discrete chain, (-(d - 1) / (d + 1))^n at rotor n.
 
-    For a lean ratio d > 1, its signs alternate; this is the wobble of a wobbling flipper.
+    For a lean ratio d > 1, the signs alternate; this is the wobble of a wobbling flipper.
     """
     wave_number = math.pi / chain.spacing if chain.lean_ratio > 1 else 0.0
     return Tail(penetration_depth(chain), wave_number)

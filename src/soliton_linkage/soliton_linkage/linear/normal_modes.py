@@ -56,9 +56,9 @@ def normal_modes(chain: Chain, angles: ArrayLike) -> NormalModes:
 def mode_frequencies(chain: Chain, angles: ArrayLike) -> Array:
     """Return the angular frequencies of `normal_modes` in ascending order [rad/s], shape (N,).
 
-    With free ends they are the non-negative eigenvalues of [[0, B^T], [B, 0]], tridiagonal with
-    rotors and springs in alternating order: the time is O(N^2). Raises ValueError if a spring is
-    stretched.
+    With free ends the frequencies are the non-negative eigenvalues of [[0, B^T], [B, 0]],
+    tridiagonal with rotors and springs in alternating order: the time is O(N^2). Raises ValueError
+    if a spring is stretched.
     """
     relaxed = _relaxed(chain, angles)
     if chain.periodic:
@@ -76,9 +76,9 @@ def mode_frequencies(chain: Chain, angles: ArrayLike) -> Array:
 def mode_density(frequencies: ArrayLike, edges: ArrayLike) -> Array:
     """Return a histogram of the mode frequencies [modes / rotor / (rad/s)], shape (bins,).
 
-    For a long uniform chain it is the mean of `density_of_states` between two `edges` [rad/s].
-    Raises ValueError for frequencies that are negative or not finite, and for edges that do not
-    increase.
+    For a long uniform chain the histogram is the mean of `density_of_states` between two `edges`
+    [rad/s]. Raises ValueError for frequencies that are negative or not finite, and for edges that
+    do not increase.
     """
     counted, bounds = np.atleast_1d(np.asarray(frequencies, float)), np.asarray(edges, float)
     check_frequencies(counted)

@@ -10,7 +10,7 @@ from soliton_linkage.linkage.quantities import check_quantities, document_fields
 _LARGEST_GAIN = 1e6
 """Largest allowed gain, in the unit of each gain; it equals the limits of other torques."""
 MOST_FRAMES_OF_DELAY = 1000
-"""Largest allowed delay [frames]. At 1000 frames per second it is one second."""
+"""Largest allowed delay [frames]. At 1000 frames per second, this is one second."""
 
 
 def _gain(of: str, unit: str) -> float:

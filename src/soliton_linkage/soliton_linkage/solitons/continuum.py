@@ -240,10 +240,10 @@ class FlipperTheory(WallTheory):
 class SpinnerTheory(WallTheory):
     """Sine-Gordon theory of the walls of a spinner. Raises ValueError for a flipper.
 
-    The rotation psi [rad] increases across a wall from 0 to pi. With `turn` = +1, phi increases
-    with psi, with -1 it decreases. theta is theta_bar + turn psi on rotors 0, 2, ... (the odd
-    sites of the paper), and theta_bar - turn psi on the others. With I = M r^2, ub = r
-    sin(theta_bar) and K = k_e r^4 a^2 sin(2 theta_bar)^2 / lbar^2, the Lagrangian is
+    The rotation psi [rad] increases across a wall from 0 to pi. phi increases with psi for `turn`
+    = +1, and decreases for -1. theta is theta_bar + turn psi on rotors 0, 2, ... (the odd sites of
+    the paper), and theta_bar - turn psi on the others. With I = M r^2, ub = r sin(theta_bar) and K
+    = k_e r^4 a^2 sin(2 theta_bar)^2 / lbar^2, the Lagrangian is
 
         L = (1 / a) integral dx {(I / 2) psi_t^2 - (K / 2) [psi_x - sin(psi) / ub]^2}.
 

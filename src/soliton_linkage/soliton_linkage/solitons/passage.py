@@ -2,8 +2,8 @@
 """Bonds that stop a wall in a chain with deviations of rotors and springs.
 
 Each bond is a four-bar linkage of two rotors, the line between their pivots, and their spring. If
-the linkage of one bond is of another class than the others, its rotors reach a limit before the
-wall has passed.
+the linkage of one bond is of another class than the others, the rotors of this bond reach a limit
+before the wall has passed.
 """
 
 from __future__ import annotations

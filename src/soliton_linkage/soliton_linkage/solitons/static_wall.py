@@ -93,7 +93,7 @@ def site_arc(chain: Chain) -> float:
 
 
 def check_transition(chain: Chain) -> None:
-    """Raise ValueError if d differs by less than 1e-9 d_c from d_c, where spinners begin."""
+    """Raise ValueError if d is within 1e-9 d_c of d_c, the lean ratio where spinners begin."""
     d, critical = chain.lean_ratio, chain.critical_lean_ratio
     if abs(d - critical) < _TRANSITION * critical:
         raise ValueError(

@@ -34,7 +34,7 @@ _MOVING = 0.1
 """Displacement between two pictures above which a dot counts as moving [pixels]; noise is a
 tenth."""
 _ORDER = 6
-"""Order of the divided difference [1], which reduces slow waves to a thousandth."""
+"""Order of the divided differences [1]; this order reduces slow waves to a thousandth."""
 _RECORDED_STEP = 0.4
 """Displacement between two pictures [pixels] that every usable video records; smaller ones may be
 lost in the dead zone."""

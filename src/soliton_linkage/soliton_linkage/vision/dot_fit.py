@@ -264,7 +264,7 @@ class FittedDots:
 def fit_dots(
     grey: NDArray[np.uint8], starts: Array, outlines: Array, dot_share: float, smears: Array
 ) -> FittedDots:
-    """Fit K dots near `starts` [pixels], (K, 2); `smears` [pixels], (K, 2), are their paths.
+    """Fit K dots near `starts` [pixels], (K, 2), with their paths `smears` [pixels], (K, 2).
 
     `outlines`, (K, 2, 2), map each dot to the unit circle [1/pixel]. `dot_share` is the radius of
     a dot divided by the radius of its label [1].

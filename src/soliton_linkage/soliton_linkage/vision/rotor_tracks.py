@@ -54,8 +54,8 @@ class RotorTracks:
         """Mean measured length of each rotor [m], (N,); before a measurement, the configured
         one."""
         self.bonds = chain.rest_lengths[: rotors - 1].copy()
-        """Mean measured distance of neighbouring masses [m], (N - 1,); before, the configured
-        one."""
+        """Mean measured distance of neighbouring masses [m], (N - 1,); before a measurement, the
+        configured one."""
         self._colours = layout.colours
         self._length_counts, self._bond_counts = np.zeros(rotors), np.zeros(rotors - 1)
         self._times = np.full((_MEMORY, rotors), -np.inf)

@@ -10,9 +10,9 @@ With linear damping c, gamma = c / (M r^2), a drift is the exact solution
 
     phi_dot(t) = phi_dot e^(-gamma t),    phi(t) = phi + phi_dot (1 - e^(-gamma t)) / gamma,
 
-With other damping, a drift is a Runge-Kutta step of order 4. Without damping a step is symplectic
-and reversible. With linear damping it reduces volumes in phase space as the true motion does, so
-that energy plus dissipated energy has no drift.
+and with other damping a Runge-Kutta step of order 4. Without damping a step is symplectic and
+reversible. With linear damping it reduces volumes in phase space as the true motion does, so that
+energy plus dissipated energy has no drift.
 
 The coefficients are those of the method SRKN_14^a of order 6, for a quadratic kinetic energy: S.
 Blanes and P. C. Moan, J. Comput. Appl. Math. 142 (2002) 313.
