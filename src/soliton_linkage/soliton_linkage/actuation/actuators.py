@@ -84,7 +84,7 @@ class PneumaticActuator:
     def response(
         self, pressure: float, command: Profile, start: float, end: float
     ) -> tuple[float, float]:
-        """Return the exact pressure at `end` [Pa], given that at `start`, and its integral."""
+        """Return the pressure at `end` [Pa], given `pressure` at `start`, and its integral."""
         integral = 0.0
         for line in command.segments(start, end):
             first, last = float(line.first), float(line.last)
@@ -96,8 +96,8 @@ class PneumaticActuator:
     def responses(self, pressure: float, times: Array, commands: Array) -> Array:
         """Return the pressure [Pa] at the instants `times` [s].
 
-        `pressure` is that at the first one. Each element of `commands` [Pa] acts until the next
-        instant.
+        `pressure` is the pressure at the first instant. Each element of `commands` [Pa] acts until
+        the next instant.
         """
         pressures = [pressure]
         for step, target in zip(np.diff(times).tolist(), commands.tolist(), strict=False):

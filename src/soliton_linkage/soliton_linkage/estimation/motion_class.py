@@ -5,9 +5,9 @@ A wall is where the horizontal displacement u = r sin(phi) of the rotor tips cha
 from the wall, the staggered angles theta are uniform on each side: theta_right = -theta_left in a
 flipper, and theta_right = theta_left + pi in a spinner.
 
-In a wobbling flipper, rotors beside the wall lean by more than the rest angle. Let e be the
-deviation of a rotor from the rest angle, e' that of its outer neighbour, F(e) the `next_deviation`
-for d = 1, and d the lean ratio. Then
+In a wobbling flipper, rotors beside the wall lean by more than the rest angle. Let e and e' be the
+deviations of a rotor and of its outer neighbour from the rest angle, F(e) the `next_deviation` for
+d = 1, and d the lean ratio. Then
 
     e' = F(e) + lambda e + ...,    lambda = (1 - d) / (1 + d),
 
@@ -298,7 +298,7 @@ class MotionEvidence(NamedTuple):
     tail_ratio_deviation: float
 
     def verdict(self, settings: MotionSettings = DEFAULTS.motion) -> MotionClass:
-        """Return the class of motion; None if its probability is below that of the settings."""
+        """Return the class of motion; None below `least_probability`."""
         determined = math.isfinite(self.tail_ratio)
         scaled = self.tail_ratio / self.tail_ratio_deviation if determined else 0.0
         wobbling = math.erfc(scaled / math.sqrt(2)) / 2

@@ -188,8 +188,8 @@ class UnseenRotorCorrection:
     ) -> float:
         """Return the correction of the arc length [rad]; 0 if it would add noise.
 
-        `field` is the variance of a rotor due to waves and springs, and `noise` that of the noise
-        [rad^2].
+        The variance of an angle [rad^2] is `field` due to waves and springs, and `noise` due to
+        noise.
         """
         unseen = np.isnan(residuals)
         tangent = self._orbit.tangent(arc)

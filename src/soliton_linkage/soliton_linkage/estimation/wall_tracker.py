@@ -46,11 +46,11 @@ def assign(
 ) -> dict[int, int]:
     """Assign measured walls to predicted walls.
 
-    Return the index of the measured one for each predicted one.
+    Return the index of the measured wall for each predicted wall.
 
     The walls of a pair have equal charges and differ by less than `gate` standard deviations. The
-    number of pairs is maximal. Of such assignments, the one with the smallest sum of squared
-    differences is returned.
+    number of pairs is maximal. Of such assignments, the smallest sum of squared differences
+    decides.
     """
     if not predicted or not seen:
         return {}

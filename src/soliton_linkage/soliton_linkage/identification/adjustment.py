@@ -27,7 +27,7 @@ _RESTARTS = 3
 """Largest number of runs of the iteration [1]; two suffice unless several bonds are near a
 limit."""
 _HALVINGS = 8
-"""Number of fractions 1, 1/2, 1/4, ... of a step that are tried [1]."""
+"""Number of step lengths that are tried [1]: 1, 1/2, 1/4, ... of the full step."""
 _NOISE_OF_COST = 1.0
 """Error of -2 log likelihood due to first-order derivatives [1]; smaller increases are
 accepted."""

@@ -58,7 +58,7 @@ _COARSE = 0.1
 _STIFFNESS_FACTORS = (1, 1 / 5, 5)
 """Initial stiffnesses that are tried, relative to the given stiffness [1]."""
 _TOLERANCE_CHANGE = 0.05
-"""Relative change of the tolerances at which they have converged [1]."""
+"""Relative change of converged tolerances [1]."""
 _SAMPLES = 4
 """Number of samples of the posterior [1]; at 0.5x, standard deviations are 1.4 times as
 uncertain."""

@@ -81,8 +81,9 @@ def dispersion(chain: Chain, wave_numbers: ArrayLike, branch: int = 1) -> Array:
 def gap(chain: Chain) -> float:
     """Return the lowest angular frequency of a phonon [rad/s], sqrt(k_e / M) ||q+| - |q-|| / r.
 
-    In units of sqrt(k_e / M) it is 2 r sin(2 theta_bar) / lbar for d < 1 and 2 a cos(theta_bar) /
-    lbar for d > 1. The paper (section 1) has r^2 sin(2 theta_bar) / lbar for all d.
+    In units of sqrt(k_e / M) the gap is 2 r sin(2 theta_bar) / lbar for d < 1 and 2 a
+    cos(theta_bar) / lbar for d > 1. The paper (section 1) has r^2 sin(2 theta_bar) / lbar for all
+    d.
     """
     return band_edges(chain)[0]
 

@@ -3,8 +3,8 @@
 
 Let R be the rigidity matrix, I the moments of inertia, k_e the stiffnesses, and B = k_e^(1/2) R
 I^(-1/2). The modes are the right singular vectors of B, and the angular frequencies are its
-singular values. The rounding errors of the frequencies are 1e-16 times the largest frequency. From
-the eigenvalues of B^T B they would be 1e-8 times the largest frequency.
+singular values. The rounding errors of the frequencies are 1e-16 times the largest frequency. With
+the eigenvalues of B^T B, these errors would be 1e-8 times the largest frequency.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def phonon_energies(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> tuple[
     """Return frequencies [rad/s] and energies [J] of the modes about `unstretched`, (N,) each.
 
     The sum of the energies is the total energy up to third order in the displacements. With free
-    ends, the first energy is that of the zero mode, the kinetic energy of a wall in a chain of
+    ends, the first energy belongs to the zero mode: the kinetic energy of a wall in a chain of
     rigid bars. Raises ValueError for angles [rad] and rates [rad/s] that do not fit, and if no
     relaxed configuration is near.
     """

@@ -163,8 +163,8 @@ class DeviatingOrbit(Orbit):
     def _nearest(self, rotor: int, angle: float, turning: float) -> float:
         """Return the arc length [rad] at which an edge rotor is nearest to an angle [rad].
 
-        The rotor is the seed there. The search is near a reflection at the arc length `turning`
-        [rad].
+        The search covers the pieces near the reflection at the arc length `turning` [rad] in which
+        the rotor is the seed.
         """
         pieces, count = self._pieces, len(self._pieces)
         number = bisect_right(self._ends, (turning + self._origin) % self._ends[-1]) % count

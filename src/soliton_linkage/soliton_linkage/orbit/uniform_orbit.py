@@ -37,7 +37,7 @@ _TOLERANCE = 1e-9
 """Tolerance of a solver step, as a norm over all rotors [rad]; the orbit has errors below 1e-6
 rad."""
 _SAMPLES_A_STEP = 3
-"""Spline points per solver step [1]; interpolation errors are below those of the solver."""
+"""Spline points per solver step [1]; interpolation errors are below the solver errors."""
 _DEPTHS_OF_EDGE = 8.0
 """Distance from an edge, in addition to two rotor spacings, beyond which site and arc length are
 proportional up to e^-16 [penetration depths]."""

@@ -58,9 +58,9 @@ def assign_dots(
 ) -> NDArray[np.intp]:
     """Return the dot number of each rotor, or `HIDDEN`, (N,).
 
-    `points`, (2, K, 2), are the positions of K dots [m], computed for the height of even rotors
-    and for that of odd rotors. `point_deviations`, (K,), are their standard deviations [m].
-    `colour_costs`, (K, C), is the cost of each colour.
+    `points`, (2, K, 2), are the positions of K dots [m], computed for the heights of even rotors
+    and of odd rotors. `point_deviations`, (K,), are their standard deviations [m]. `colour_costs`,
+    (K, C), is the cost of each colour.
     """
     rotors = len(predicted.pivots)
     if not points.shape[1]:

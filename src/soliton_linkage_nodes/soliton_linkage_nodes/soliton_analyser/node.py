@@ -312,7 +312,7 @@ def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bo
 def _likely_error(analyser: FrameAnalyser) -> str:
     """Describe the likeliest cause of a misfit.
 
-    Rotors far from the wall have the rest angle and reveal an error of this parameter. Errors of
+    Rotors far from the wall have the rest angle and reveal an error of the rest angle. Errors of
     the other parameters change only the shape of the wall.
     """
     error = analyser.rest_angle_error
