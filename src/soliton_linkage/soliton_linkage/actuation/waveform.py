@@ -51,7 +51,7 @@ class DrivenQuantity(enum.Enum):
 
 @dataclass(frozen=True)
 class Waveform:
-    """Waveform of an `EdgeCommand`; raises ValueError for numbers that do not fit the shape."""
+    """Waveform of an `EdgeCommand`; raises ValueError for numbers that its shape forbids."""
 
     shape: WaveShape = WaveShape.BURST
     quantity: DrivenQuantity = DrivenQuantity.TORQUE

@@ -41,7 +41,7 @@ class EquationOfMotion:
     The dissipated energy W [J] is part of the state only if a term is dissipative or active. The
     terms are springs, `torques`, gravity, those of `of_chain`, and `forces`. `Simulation` adds the
     torques of `Chain.feedback`, which are constant between frames, to `torques`. Raises ValueError
-    for torques and fixed rotors that do not fit.
+    for invalid torques and invalid fixed rotors.
     """
 
     chain: Chain

@@ -143,7 +143,7 @@ def uniform_part(
 
 @compiled(const_f8_1d, f8, f8)
 def tail_of_side(deviations: Array, large: float, small: float) -> tuple[int, int]:
-    """Return the begin and the end of a tail, given deviations [rad] from the wall outwards.
+    """Return begin and end of a tail, given deviations [rad] from the wall outwards.
 
     The tail begins after the last deviation above `large`. The tail ends before the first
     deviation of at most `small`.

@@ -109,8 +109,8 @@ def phonon_energies(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> tuple[
 
     The sum of the energies is the total energy up to third order in the displacements. With free
     ends, the first energy belongs to the zero mode: the kinetic energy of a wall in a chain of
-    rigid bars. Raises ValueError for angles [rad] and rates [rad/s] that do not fit, and if no
-    relaxed configuration is near.
+    rigid bars. Raises ValueError for invalid angles [rad] or rates [rad/s], and if no relaxed
+    configuration is near.
     """
     relaxed, displacement = _departure(chain, angles)
     modes = normal_modes(chain, relaxed)

@@ -86,7 +86,7 @@ class WallTheory(ABC):
         return moving + (1 - _checked_sign('charge', charge)) * self.energy_scale
 
     def energy(self, velocity: float, charge: int = 1) -> float:
-        """Return the energy of the wall [J], (gamma - 1) M_eff c^2 + (1 - Q) E_s."""
+        """Return the energy of a wall of charge Q [J], (gamma - 1) M_eff c^2 + (1 - Q) E_s."""
         moving = self.effective_mass * self.speed_of_sound**2 * self._excess(velocity)
         return moving + (1 - _checked_sign('charge', charge)) * self.energy_scale
 

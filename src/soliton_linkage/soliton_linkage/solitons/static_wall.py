@@ -2,8 +2,8 @@
 """Walls at rest, and the arc length of the orbit per displacement of the wall by a rotor spacing.
 
 For a given angle of the neighbour, a bar allows two angles of a rotor (branches). The sign of a
-lever of the bar selects one of them: B_n to the right of the wall, A_n to the left. Errors decay
-outwards from the wall as the zero mode does.
+lever of the bar selects one branch: the lever B_n to the right of the wall, A_n to the left.
+Errors decay outwards from the wall as the zero mode does.
 """
 
 from __future__ import annotations

@@ -96,8 +96,8 @@ class ChainPlane:
 def fit_plane(camera: Camera, points: Array, pixels: Array) -> tuple[ChainPlane, float]:
     """Return the plane that maps points [m] to pixels, (K, 2) each, and the residual [pixels].
 
-    The residual is the root mean square error of a coordinate. Raises ValueError if no plane is
-    defined.
+    The residual is the root mean square error of a coordinate. Raises ValueError if the points
+    define no plane.
     """
     if len(points) < _MIN_POINTS:
         raise ValueError(

@@ -121,7 +121,7 @@ class _Publisher:
         return missing
 
     def time_mismatch(self, number: int, sent: int) -> float:
-        """Return |log(time since the last message / predicted)|; infinite for an old number."""
+        """Return |log(time since last message / expected time)|; infinite for an old number."""
         count, took = number - self.number, sent - self.sent
         if count <= 0:
             return math.inf
