@@ -52,7 +52,7 @@ spring = compile_loop(spring_between, inlined=True)
 def accelerate(
     table: Array, forces: Array, angles: Array, rates: Array, work: Array, direct: Array
 ) -> None:
-    """Set `work` and `direct` for given angles [rad] and rates [rad/s], (N,) each."""
+    """Set accelerations and derivatives for given angles [rad] and rates [rad/s], (N,) each."""
     rotors, values, inertias = angles.size, work[ACCELERATION], table[INERTIA]
     gravity = forces[ALONG] != 0.0 or forces[DOWN] != 0.0
     for n in range(rotors):

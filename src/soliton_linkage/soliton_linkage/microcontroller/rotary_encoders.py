@@ -132,7 +132,7 @@ class AngleStream:
         self._numbers.clear()
 
     def reconnect(self) -> None:
-        """Prepare for a controller that may have restarted; reset the clock only if unknown."""
+        """Prepare for a controller that may have restarted; reset an unknown clock."""
         if math.isnan(self.clock.scatter):
             self.reset()
 
