@@ -22,7 +22,6 @@ from soliton_linkage_studies.workers import (
     cluster,
     defer_interrupts,
     local_processes,
-    measure_chunk,
     measure_rows,
     process_count,
 )
@@ -307,26 +306,6 @@ def test_slow_rows_are_removed_from_their_chunk(monkeypatch):
     done = list(measure_rows(pool, STUDY, range(STUDY.rows)))
     assert sorted(int(row[0]) for cells in done for row in cells) == list(range(STUDY.rows))
     assert max(spent for *_, spent in pool.results) <= 1 + 3
-
-
-def test_rows_measured_by_processes_are_the_same():
-    with local_processes(2) as workers:
-        done = list(measure_rows(workers, STUDY, [5, 3, 8]))
-    expected = measure_chunk(STUDY, [3, 5, 8])[0]
-    assert sorted(row for cells in done for row in cells) == sorted(expected)
-
-
-def test_rows_measured_by_a_cluster_are_the_same():
-    distributed = pytest.importorskip('distributed', reason='needs Dask: pip install distributed')
-    local = distributed.LocalCluster(
-        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=':0'
-    )
-    with local, cluster(local.scheduler_address) as workers:
-        assert workers.count == 2
-        done = list(measure_rows(workers, STUDY, range(10)))
-    assert sorted(int(row[0]) for cells in done for row in cells) == list(range(10))
-    for cells in done:
-        assert cells == measure_chunk(STUDY, [int(row[0]) for row in cells])[0]
 
 
 def test_a_cluster_that_does_not_answer_is_reported():

@@ -16,8 +16,8 @@ SPINNER = {'number_of_rotors': 14, 'rotor_length_ratio': 2.0, 'rest_angle': 1.18
 SETTINGS = {
     'single_frame': {
         'seed': 1,
-        'frames': 260,
-        'cold_every': 50,
+        'frames': 60,
+        'cold_every': 10,
         'coarse_start': 0.5,
         'noises': [0.05],
         'chains': {'flipper': FLIPPER, 'spinner': SPINNER},

@@ -22,7 +22,7 @@ def small_settings() -> Section:
     """Return the installed settings with less disorder, because lost walls take long to detect."""
     settings = load_settings(CONFIG)
     disorder: Any = settings.values['disorder_against_passage']
-    disorder['fractions'] = [0.01, 0.02, 0.03, 0.04, 0.05]
+    disorder['fractions'] = [0.01, 0.03, 0.05]
     for each in disorder['chains'].values():
         each['chain']['number_of_rotors'] = 8
     return settings
