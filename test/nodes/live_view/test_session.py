@@ -7,13 +7,18 @@ from pathlib import Path
 
 from soliton_linkage_nodes.runtime import interfaces
 
-CONFIG = Path(__file__).parents[3] / 'config' / 'flipper.yaml'
+SLOW = """
+/**: {ros__parameters: {chain.number_of_rotors: 8}}
+/**/simulator: {ros__parameters: {publish_rate: 10.0}}
+"""
 
 
 def test_a_killed_node_is_started_again_and_named(graph, start, tmp_path):
     states = graph.hear(interfaces.SOLITON_STATE)
-    output = tmp_path / 'out'
-    program = start('live', str(CONFIG), '--output', str(output), '--port', '0', '--no-browser')
+    config = tmp_path / 'slow.yaml'
+    config.write_text(SLOW)
+    options = ('--output', str(tmp_path / 'out'), '--port', '0', '--no-browser')
+    program = start('live', str(config), *options)
     graph.until(lambda: states, 'the first state')
     graph.until(lambda: any('http://' in line for line in program.said), 'the address')
     (address,) = [line.strip() for line in program.said if 'http://' in line]

@@ -5,7 +5,8 @@ import dataclasses
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -65,8 +66,18 @@ class Published:
         self.told[number] = impulses
 
 
-def reference() -> Simulation:
-    return begin_springs(LEFT)
+def assert_follow(
+    frames: Sequence[Array],
+    simulation: Simulation | None = None,
+    acts: Mapping[int, Callable[[Simulation], object]] = MappingProxyType({}),
+) -> None:
+    """Compare angles with a simulation on which acts are done at the instants of some frames."""
+    simulation = simulation or begin_springs(LEFT)
+    for number, angles in enumerate(frames):
+        np.testing.assert_array_equal(angles, simulation.angles)
+        if number in acts:
+            acts[number](simulation)
+        simulation.advance()
 
 
 def test_a_kick_acts_at_the_instant_of_the_next_frame_which_shows_it():
@@ -74,7 +85,7 @@ def test_a_kick_acts_at_the_instant_of_the_next_frame_which_shows_it():
     published.tick(3)
     published.control.kick(KICK)
     published.tick(5)
-    simulation = reference()
+    simulation = begin_springs(LEFT)
     for number, angles, rates in zip(
         published.numbers, published.angles, published.rates, strict=True
     ):
@@ -99,25 +110,16 @@ def test_torques_are_dropped_after_the_timeout_of_simulated_time():
     published = Published()
     published.control.hold(TORQUES)
     published.tick(12)
-    simulation = reference()
-    for number, angles in enumerate(published.angles):
-        np.testing.assert_array_equal(angles, simulation.angles)
-        if number == 0:
-            simulation.hold(TORQUES)
-        if number == round(TIMEOUT * RATE):
-            simulation.hold(0 * TORQUES)
-        simulation.advance()
+    last = round(TIMEOUT * RATE)
+    acts = {0: lambda twin: twin.hold(TORQUES), last: lambda twin: twin.hold(0 * TORQUES)}
+    assert_follow(published.angles, acts=acts)
 
 
 def test_without_a_timeout_torques_are_held_for_ever():
     published = Published(timeout=0.0)
     published.control.hold(TORQUES)
     published.tick(200)
-    simulation = reference()
-    simulation.hold(TORQUES)
-    for _ in range(199):
-        simulation.advance()
-    np.testing.assert_array_equal(published.angles[-1], simulation.angles)
+    assert_follow(published.angles, acts={0: lambda twin: twin.hold(TORQUES)})
 
 
 def test_a_pause_is_idempotent_and_waiting_commands_act_afterwards():
@@ -133,12 +135,7 @@ def test_a_pause_is_idempotent_and_waiting_commands_act_afterwards():
     assert published.control.tick()
     assert published.control.tick()
     assert published.numbers == [0, 1, 2, 3]
-    simulation = reference()
-    simulation.advance()
-    simulation.advance()
-    simulation.kick(KICK)
-    simulation.advance()
-    np.testing.assert_array_equal(published.angles[-1], simulation.angles)
+    assert_follow(published.angles, acts={2: lambda twin: twin.kick(KICK)})
 
 
 def test_steps_are_taken_while_paused_only():
@@ -161,10 +158,7 @@ def test_a_reset_drops_commands_and_motion_and_time_continues():
     published.control.reset(RIGHT)
     published.tick(4)
     assert published.numbers == list(range(8))
-    simulation = begin_springs(RIGHT)
-    for angles in published.angles[4:]:
-        np.testing.assert_array_equal(angles, simulation.angles)
-        simulation.advance()
+    assert_follow(published.angles[4:], begin_springs(RIGHT))
 
 
 def test_a_frame_that_cannot_be_computed_pauses_until_a_reset():
@@ -193,13 +187,11 @@ def test_between_two_frames_all_kicks_and_the_latest_torques_act():
     assert published.control.status.pending == 2001
     published.tick(5)
     assert published.control.status.pending == 0
-    simulation = reference()
+    simulation = begin_springs(LEFT)
     for _ in range(1000):
         simulation.kick(KICK / 500)
     simulation.hold(TORQUES)
-    for angles in published.angles:
-        np.testing.assert_array_equal(angles, simulation.angles)
-        simulation.advance()
+    assert_follow(published.angles, simulation)
 
 
 def test_kicks_beyond_the_queue_are_rejected():
@@ -218,18 +210,11 @@ def test_gravity_turns_at_the_instant_of_the_next_frame_and_stays_after_a_reset(
     published.control.set_gravity(Gravity(9.81, -0.3))
     published.control.set_gravity(TILTED)
     published.tick(3)
-    simulation = begin(LEFT, NO_GRAVITY)
-    for number, angles in enumerate(published.angles):
-        np.testing.assert_array_equal(angles, simulation.angles)
-        if number == 2:
-            simulation.set_gravity(TILTED)
-        simulation.advance()
+    turned = {2: lambda twin: twin.set_gravity(TILTED)}
+    assert_follow(published.angles, begin(LEFT, NO_GRAVITY), turned)
     published.control.reset(RIGHT)
     published.tick(3)
-    simulation = begin(RIGHT, TILTED)
-    for angles in published.angles[5:]:
-        np.testing.assert_array_equal(angles, simulation.angles)
-        simulation.advance()
+    assert_follow(published.angles[5:], begin(RIGHT, TILTED))
 
 
 def test_a_pulse_continues_after_a_pause_without_loss():
@@ -253,12 +238,7 @@ def test_a_reset_that_the_mechanics_do_not_allow_changes_nothing():
     with pytest.raises(ValueError, match='longer than its'):
         published.control.reset(State(np.zeros(6), np.zeros(6)))
     published.tick(2)
-    simulation = begin_bars(LEFT)
-    for number, angles in enumerate(published.angles):
-        np.testing.assert_array_equal(angles, simulation.angles)
-        if number == 2:
-            simulation.kick(KICK)
-        simulation.advance()
+    assert_follow(published.angles, begin_bars(LEFT), {2: lambda twin: twin.kick(KICK)})
 
 
 def test_the_state_is_that_of_the_frame_published_next():
@@ -336,10 +316,7 @@ def test_a_reset_gives_up_the_frame_that_is_computed(endless, monkeypatch):
     monkeypatch.undo()
     published.tick(3)
     assert published.numbers == [0, 1, 2, 3]
-    simulation = begin_springs(RIGHT)
-    for angles in published.angles[1:]:
-        np.testing.assert_array_equal(angles, simulation.angles)
-        simulation.advance()
+    assert_follow(published.angles[1:], begin_springs(RIGHT))
 
 
 def test_the_end_gives_up_the_frame_that_is_computed_and_publishes_no_other(endless):

@@ -8,7 +8,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -42,8 +42,6 @@ CHAINS = {
     'wobbler': (Chain(number_of_rotors=12, rotor_length=0.1, rest_angle=0.77), 4.0),
     'spinner': (Chain(number_of_rotors=16, rotor_length=0.2, rest_angle=1.18), 12.5),
 }
-
-
 PERIOD = 20 * 10**6
 EVERY_FRAME = {'longest_lag': 0.0}
 
@@ -77,11 +75,6 @@ def expected_of(named: NamedChain, frames: Sequence[JointState]) -> list[Any]:
     return states
 
 
-def same(one: Any, other: Any) -> bool:
-    """Return whether two states are equal, with NaN equal to NaN."""
-    return repr(one) == repr(other)
-
-
 def tell_chain(graph: Graph, named: NamedChain) -> Publisher:
     topic = interfaces.CHAIN
     publisher = graph.user.create_publisher(topic.type, topic.name, topic.qos)
@@ -89,20 +82,55 @@ def tell_chain(graph: Graph, named: NamedChain) -> Publisher:
     return publisher
 
 
+class Analysed:
+    """An analyser between a test that publishes joint states and one that receives states."""
+
+    def __init__(
+        self, graph: Graph, named: NamedChain | None, parameters: Mapping[str, Any] = EVERY_FRAME
+    ) -> None:
+        self._graph = graph
+        self.states = graph.hear(interfaces.SOLITON_STATE)
+        self.reports = graph.reports('soliton_analyser')
+        if named:
+            tell_chain(graph, named)
+        self.node = graph.start(SolitonAnalyser, parameters)
+        self._joints = graph.speak(interfaces.JOINT_STATES)
+
+    def publish(self, *frames: JointState | bytes) -> None:
+        for frame in frames:
+            self._joints.publish(frame)
+
+    def analyse(self, frames: Sequence[JointState]) -> list[Any]:
+        """Return the states of frames, one for each."""
+        self.publish(*frames)
+        self._graph.until(lambda: len(self.states) == len(frames), f'{len(frames)} states')
+        return self.states
+
+    def report(self, said: str) -> Any:
+        """Return the first report whose message contains a text."""
+        self._graph.until(lambda: any(said in each.message for each in self.reports), said)
+        return next(each for each in self.reports if said in each.message)
+
+    def reported(self, name: str, value: str) -> dict[str, str]:
+        """Return the values of the latest report once one of them contains a text."""
+        self._graph.until(
+            lambda: self.reports and value in values(self.reports[-1]).get(name, ''), name
+        )
+        return values(self.reports[-1])
+
+
+def assert_same(states: Sequence[Any], named: NamedChain, frames: Sequence[JointState]) -> None:
+    """Compare states with those of the analysis without a node; NaN equals NaN."""
+    assert [repr(each) for each in states] == [repr(each) for each in expected_of(named, frames)]
+
+
 @pytest.mark.parametrize('name', CHAINS)
 def test_every_frame_gets_its_solitons_under_its_own_header(graph, name):
     chain, speed = CHAINS[name]
     named = named_chain(chain)
-    states = graph.hear(interfaces.SOLITON_STATE)
-    tell_chain(graph, named)
-    graph.start(SolitonAnalyser, EVERY_FRAME)
-    joints = graph.speak(interfaces.JOINT_STATES)
     frames = frames_of(named, speed)
-    for frame in frames:
-        joints.publish(frame)
-    graph.until(lambda: len(states) == len(frames), f'{len(frames)} states')
-    for state, expected in zip(states, expected_of(named, frames), strict=True):
-        assert same(state, expected)
+    states = Analysed(graph, named).analyse(frames)
+    assert_same(states, named, frames)
     assert states[0].solitons == []
     assert any(state.solitons for state in states)
 
@@ -111,10 +139,6 @@ def test_every_frame_gets_its_solitons_under_its_own_header(graph, name):
 def test_joints_may_come_in_any_order_and_without_rates(graph, rates):
     chain, speed = CHAINS['flipper']
     named = named_chain(chain)
-    states = graph.hear(interfaces.SOLITON_STATE)
-    tell_chain(graph, named)
-    graph.start(SolitonAnalyser, EVERY_FRAME)
-    joints = graph.speak(interfaces.JOINT_STATES)
     frame = frames_of(named, speed)[60]
     order = np.random.default_rng(1).permutation(chain.number_of_rotors)
     shuffled = JointState(
@@ -123,25 +147,20 @@ def test_joints_may_come_in_any_order_and_without_rates(graph, rates):
         position=[5.0, *(frame.position[n] for n in order)],
         velocity=[5.0, *(frame.velocity[n] for n in order)] if rates else [],
     )
-    joints.publish(shuffled)
-    graph.until(lambda: states, 'a state')
-    assert same(states[0], expected_of(named, [shuffled])[0])
+    states = Analysed(graph, named).analyse([shuffled])
+    assert_same(states, named, [shuffled])
     if not rates:
         frame.velocity = []
     frame.header = shuffled.header
-    assert same(states[0], expected_of(named, [frame])[0])
+    assert_same(states, named, [frame])
 
 
 def test_no_soliton_is_an_empty_list(graph, named):
-    states = graph.hear(interfaces.SOLITON_STATE)
-    tell_chain(graph, named)
-    graph.start(SolitonAnalyser, EVERY_FRAME)
-    joints = graph.speak(interfaces.JOINT_STATES)
-    for stamp, lean in enumerate((-1, 1)):
-        rest = named.chain.uniform_state(lean)
-        joints.publish(frame_to_msg(named, Frame(rest, 0 * rest), 0 * rest, time_to_msg(stamp)))
-    graph.until(lambda: len(states) == 2, 'two states')
-    for state in states:
+    frames = [
+        frame_to_msg(named, Frame(rest, 0 * rest), 0 * rest, time_to_msg(stamp))
+        for stamp, rest in enumerate(map(named.chain.uniform_state, (-1, 1)))
+    ]
+    for state in Analysed(graph, named).analyse(frames):
         assert state.solitons == []
         assert state.motion_name == 'flipper'
 
@@ -149,23 +168,17 @@ def test_no_soliton_is_an_empty_list(graph, named):
 def test_frames_that_come_before_the_chain_are_analysed_once_it_is_known(graph):
     chain, speed = CHAINS['flipper']
     named = named_chain(chain)
-    states = graph.hear(interfaces.SOLITON_STATE)
-    reports = graph.reports('soliton_analyser')
-    graph.start(SolitonAnalyser, EVERY_FRAME)
-    joints = graph.speak(interfaces.JOINT_STATES)
-    frames = frames_of(named, speed)
-    for frame in frames:
-        joints.publish(frame)
-    graph.until(lambda: reports, 'a report')
-    said = (
+    analysed, frames = Analysed(graph, None), frames_of(named, speed)
+    analysed.publish(*frames)
+    report = analysed.report(
         'waiting for the topic chain; if no node publishes it, set chain_from to parameters or '
         'nowhere'
     )
-    assert (reports[-1].message, reports[-1].level) == (said, reports[-1].WARN)
-    assert states == []
+    assert report.level == report.WARN
+    assert analysed.states == []
     tell_chain(graph, named)
-    graph.until(lambda: len(states) == len(frames), f'{len(frames)} states')
-    assert [state.header for state in states] == [frame.header for frame in frames]
+    graph.until(lambda: len(analysed.states) == len(frames), f'{len(frames)} states')
+    assert [state.header for state in analysed.states] == [frame.header for frame in frames]
 
 
 def test_no_frame_is_lost_while_the_analyser_is_busy(graph, named):
@@ -230,116 +243,73 @@ def test_the_last_1000_frames_wait_for_the_chain(graph, named):
 
 
 def test_parameters_of_the_chain_replace_the_topic(graph, named):
-    states = graph.hear(interfaces.SOLITON_STATE)
-    graph.start(
-        SolitonAnalyser,
-        {'chain_from': 'parameters', 'chain.number_of_rotors': named.rotors, **EVERY_FRAME},
-    )
-    joints = graph.speak(interfaces.JOINT_STATES)
+    own = {'chain_from': 'parameters', 'chain.number_of_rotors': named.rotors}
     frames = frames_of(named, 10.0)
-    for frame in frames:
-        joints.publish(frame)
-    graph.until(lambda: len(states) == len(frames), f'{len(frames)} states')
-    for state, expected in zip(states, expected_of(named, frames), strict=True):
-        assert same(state, expected)
+    assert_same(Analysed(graph, None, own | EVERY_FRAME).analyse(frames), named, frames)
 
 
 def test_a_frame_of_any_numbers_is_analysed(graph):
     chance = np.random.default_rng(3)
     named = named_chain(Chain(number_of_rotors=5))
-    states = graph.hear(interfaces.SOLITON_STATE)
-    reports = graph.reports('soliton_analyser')
-    tell_chain(graph, named)
-    graph.start(SolitonAnalyser, EVERY_FRAME)
-    joints = graph.speak(interfaces.JOINT_STATES)
+    frames = []
     for number in range(300):
         size = 10.0 ** chance.uniform(-150, 150)
         angles, rates = chance.uniform(-size, size, (2, 5))
         angles[chance.random(5) < 0.2] = chance.choice([math.nan, math.inf])
         frame = Frame(angles, rates if number % 2 else np.zeros(5))
-        joints.publish(frame_to_msg(named, frame, np.zeros(5), time_to_msg(number)))
-    graph.until(lambda: len(states) == 300, 'an answer to each frame')
-    assert not reports or values(reports[-1])['rejected'] == '0'
+        frames.append(frame_to_msg(named, frame, np.zeros(5), time_to_msg(number)))
+    analysed = Analysed(graph, named)
+    analysed.analyse(frames)
+    assert not analysed.reports or values(analysed.reports[-1])['rejected'] == '0'
 
 
 def test_a_report_has_rate_and_number_of_solitons(graph, named):
-    states = graph.hear(interfaces.SOLITON_STATE)
-    reports = graph.reports('soliton_analyser')
-    tell_chain(graph, named)
-    graph.start(SolitonAnalyser, EVERY_FRAME)
-    graph.until(lambda: reports and reports[-1].message == 'waiting for joint_states', 'a warning')
-    joints = graph.speak(interfaces.JOINT_STATES)
-    joints.publish(frames_of(named, 10.0)[20])
-    said = '1 solitons, acquired'
-    graph.until(lambda: any(r.message == said for r in reports), 'a report')
-    assert len(states) == 1
-    figures = values(next(r for r in reports if r.message == said))
+    analysed = Analysed(graph, named)
+    analysed.report('waiting for joint_states')
+    analysed.publish(frames_of(named, 10.0)[20])
+    figures = values(analysed.report('1 solitons, acquired'))
+    assert len(analysed.states) == 1
     assert (figures['frames'], figures['solitons'], figures['subscribers']) == ('1', '1', '1')
     assert float(figures['rate [Hz]']) > 0
 
 
 def test_a_parameter_maps_joints_to_rotors(graph, named):
-    joints = [f'wheel_{7 - rotor}' for rotor in range(8)]
-    states = graph.hear(interfaces.SOLITON_STATE)
-    tell_chain(graph, named)
-    graph.start(SolitonAnalyser, {'joint_names': joints, **EVERY_FRAME})
-    publisher = graph.speak(interfaces.JOINT_STATES)
+    own = {'joint_names': [f'wheel_{7 - rotor}' for rotor in range(8)]}
     frames = frames_of(named, 10.0)
-    for frame in frames:
-        publisher.publish(
-            JointState(
-                header=frame.header,
-                name=[f'wheel_{n}' for n in range(8)],
-                position=frame.position[::-1],
-                velocity=frame.velocity[::-1],
-            )
+    turned = [
+        JointState(
+            header=frame.header,
+            name=[f'wheel_{n}' for n in range(8)],
+            position=frame.position[::-1],
+            velocity=frame.velocity[::-1],
         )
-    graph.until(lambda: len(states) == len(frames), f'{len(frames)} states')
-    for state, expected in zip(states, expected_of(named, frames), strict=True):
-        assert same(state, expected)
+        for frame in frames
+    ]
+    assert_same(Analysed(graph, named, own | EVERY_FRAME).analyse(turned), named, frames)
 
 
 def test_joints_that_do_not_fit_the_chain_are_reported(graph, named):
-    reports = graph.reports('soliton_analyser')
-    tell_chain(graph, named)
-    graph.start(SolitonAnalyser, {'joint_names': ['a', 'b']})
-    graph.until(
-        lambda: any('parameter joint_names has 2 names' in r.message for r in reports), 'it'
-    )
+    analysed = Analysed(graph, named, {'joint_names': ['a', 'b']})
+    analysed.report('parameter joint_names has 2 names')
 
 
 def test_without_a_chain_the_angles_alone_give_the_motion(graph, named):
-    states = graph.hear(interfaces.SOLITON_STATE)
-    reports = graph.reports('soliton_analyser')
-    graph.start(SolitonAnalyser, {'chain_from': 'nowhere'})
-    publisher = graph.speak(interfaces.JOINT_STATES)
     chain, speed = CHAINS['spinner']
-    frames = frames_of(named_chain(chain), speed)
-    for frame in frames:
-        publisher.publish(frame)
-    graph.until(lambda: len(states) == len(frames), f'{len(frames)} states')
+    analysed = Analysed(graph, None, {'chain_from': 'nowhere'})
+    states = analysed.analyse(frames_of(named_chain(chain), speed))
     assert states[-1].motion_name == 'spinner'
     assert states[-1].measured_motion == states[-1].motion
     assert states[-1].measured_motion_confidence > 0.99
     assert math.isnan(states[-1].cycle.phase)
     assert any(state.solitons for state in states)
-    said = 'the parameters of the chain are unknown'
-    graph.until(lambda: any(said in r.message for r in reports), 'a report')
+    analysed.report('the parameters of the chain are unknown')
 
 
 def test_late_frames_get_no_state_and_are_counted(graph, named):
-    states = graph.hear(interfaces.SOLITON_STATE)
-    reports = graph.reports('soliton_analyser')
-    tell_chain(graph, named)
-    graph.start(SolitonAnalyser, EVERY_FRAME)
-    publisher = graph.speak(interfaces.JOINT_STATES)
-    frames = frames_of(named, 10.0)[:10]
-    for frame in (*frames, frames[4], frames[9]):
-        publisher.publish(frame)
-    graph.until(
-        lambda: reports and values(reports[-1]).get('late frames') == '2', 'the late frames'
-    )
-    assert [state.header for state in states] == [frame.header for frame in frames]
+    analysed, frames = Analysed(graph, named), frames_of(named, 10.0)[:10]
+    analysed.publish(*frames, frames[4], frames[9])
+    analysed.reported('late frames', '2')
+    assert [state.header for state in analysed.states] == [frame.header for frame in frames]
 
 
 @pytest.mark.parametrize(
@@ -348,19 +318,12 @@ def test_late_frames_get_no_state_and_are_counted(graph, named):
 def test_missing_rotors_are_reported(graph, spoiled, said):
     chain, speed = CHAINS['flipper']
     named = named_chain(chain)
-    states = graph.hear(interfaces.SOLITON_STATE)
-    reports = graph.reports('soliton_analyser')
-    tell_chain(graph, named)
-    graph.start(SolitonAnalyser, EVERY_FRAME)
-    publisher = graph.speak(interfaces.JOINT_STATES)
-    for frame in frames_of(named, speed)[:60]:
-        if spoiled:
-            frame.position[5] = math.nan
-        publisher.publish(frame)
-    graph.until(lambda: len(states) == 60, 'all states')
-    assert {state.unseen for state in states} == {spoiled}
-    graph.until(lambda: any(said in r.message for r in reports), 'a report')
-    report = next(r for r in reports if said in r.message)
+    frames = frames_of(named, speed)[:60]
+    for frame in frames[: 60 * spoiled]:
+        frame.position[5] = math.nan
+    analysed = Analysed(graph, named)
+    assert {state.unseen for state in analysed.analyse(frames)} == {spoiled}
+    report = analysed.report(said)
     assert report.level == (report.WARN if spoiled else report.OK)
 
 
@@ -385,26 +348,16 @@ def test_a_second_chain_is_ignored_until_the_first_publisher_ends(graph, said):
 def test_offsets_of_encoders_are_reported(graph):
     chain, speed = CHAINS['flipper']
     named = named_chain(chain)
-    reports = graph.reports('soliton_analyser')
-    tell_chain(graph, named)
-    graph.start(SolitonAnalyser, EVERY_FRAME)
-    publisher = graph.speak(interfaces.JOINT_STATES)
-    for frame in frames_of(named, speed, 8.0):
+    frames = frames_of(named, speed, 8.0)
+    for frame in frames:
         frame.position[5] += 0.2
-        publisher.publish(frame)
-    graph.until(
-        lambda: reports and 'rotor_5 0.2' in values(reports[-1]).get('encoder offsets [rad]', ''),
-        'the offset',
-    )
+    analysed = Analysed(graph, named)
+    analysed.publish(*frames)
+    analysed.reported('encoder offsets [rad]', 'rotor_5 0.2')
 
 
 def test_wrong_joint_states_are_rejected_and_valid_ones_analysed_as_before(graph, named):
-    states = graph.hear(interfaces.SOLITON_STATE)
-    reports = graph.reports('soliton_analyser')
-    tell_chain(graph, named)
-    graph.start(SolitonAnalyser, EVERY_FRAME)
-    joints = graph.speak(interfaces.JOINT_STATES)
-    frames = frames_of(named, 10.0)[60:66]
+    analysed, frames = Analysed(graph, named), frames_of(named, 10.0)[60:66]
     spoiled: list[tuple[dict[str, Any] | None, str]] = [
         ({'position': [0.0]}, 'joint_states.position has 1 values for 8 names'),
         ({'velocity': [0.0] * 9}, 'joint_states.velocity has 9 values for 8 names'),
@@ -422,15 +375,10 @@ def test_wrong_joint_states_are_rejected_and_valid_ones_analysed_as_before(graph
         wrong = copy.deepcopy(right)
         for field, value in (spoil or {}).items():
             setattr(wrong, field, value)
-        joints.publish(wrong if spoil else serialize_message(wrong)[:200])
-        joints.publish(right)
-        graph.until(
-            lambda n=number: reports and values(reports[-1])['rejected'] == str(n), 'the rejection'
-        )
-        assert complaint in values(reports[-1])['last rejection']
-    graph.until(lambda: len(states) == 6, 'a state of each valid frame')
-    for state, expected in zip(states, expected_of(named, frames), strict=True):
-        assert same(state, expected)
+        analysed.publish(wrong if spoil else serialize_message(wrong)[:200], right)
+        assert complaint in analysed.reported('rejected', str(number))['last rejection']
+    graph.until(lambda: len(analysed.states) == 6, 'a state of each valid frame')
+    assert_same(analysed.states, named, frames)
 
 
 @pytest.mark.parametrize(
@@ -453,13 +401,9 @@ def test_wrong_joint_states_are_rejected_and_valid_ones_analysed_as_before(graph
 )
 def test_angles_that_do_not_fit_the_chain_are_reported(graph, name, changes, warning, remedy):
     chain, speed = CHAINS[name]
-    reports = graph.reports('soliton_analyser')
-    tell_chain(graph, named_chain(dataclasses.replace(CHAINS['flipper'][0], **(changes or {}))))
-    graph.start(SolitonAnalyser, EVERY_FRAME)
-    publisher = graph.speak(interfaces.JOINT_STATES)
-    for frame in frames_of(named_chain(chain), speed):
-        publisher.publish(frame)
-    graph.until(lambda: any(warning in r.message for r in reports), 'a warning')
-    report = next(r for r in reports if warning in r.message)
+    stated = dataclasses.replace(CHAINS['flipper'][0], **(changes or {}))
+    analysed = Analysed(graph, named_chain(stated))
+    analysed.publish(*frames_of(named_chain(chain), speed))
+    report = analysed.report(warning)
     assert report.level == report.WARN
     assert remedy in report.message
