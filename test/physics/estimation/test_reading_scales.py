@@ -2,6 +2,7 @@
 """Weights of readings by their stated deviations."""
 
 import math
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -32,6 +33,7 @@ def normalised_and_errors(
     return error / estimate.arc_deviation, error, estimate.noise
 
 
+@lru_cache
 def runs(weighted: bool, noise: float | None = None, count: int = 30) -> Array:
     """Return normalised errors, errors and noises, shape (3, runs)."""
     return np.transpose([normalised_and_errors(seed, weighted, noise) for seed in range(count)])
