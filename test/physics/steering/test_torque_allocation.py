@@ -32,7 +32,7 @@ def test_torques_act_on_actuated_rotors_only_with_minimum_norm(example, rotors, 
     assert tangent @ torques == pytest.approx(given_force, rel=1e-9, abs=1e-15)
     if tangent[actuated] @ tangent[actuated] > 1e-11:
         assert given_force == pytest.approx(force)
-        least = np.linalg.pinv(tangent[None, actuated], rcond=0)[:, 0] * force
+        least = force * tangent[actuated] / (tangent[actuated] @ tangent[actuated])
         np.testing.assert_allclose(torques[actuated], least, rtol=1e-9, atol=1e-300)
 
 
