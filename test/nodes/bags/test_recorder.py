@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from importlib.metadata import version
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from std_srvs.srv import Trigger
 
 from soliton_linkage_nodes.bags import recorder
 from soliton_linkage_nodes.bags.reading import gaps_of, open_bag, read_topic
+from soliton_linkage_nodes.bags.record.receiving_thread import ReceivingThread
 from soliton_linkage_nodes.bags.record.subscriptions import RecordedSubscription
 from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.bags.recovery import check_bag, recover_bag
@@ -105,8 +107,7 @@ def test_losses_are_counted_reported_and_stored_in_the_bag(graph, named, tmp_pat
     publish_frames(publisher, named, 1)
     graph.until(lambda: recorder.messages, 'the first frame')
     reports = graph.reports('bag_recorder')
-    graph.until(lambda: reports, 'a report')
-    assert reports[-1].message == 'recording'
+    graph.until(lambda: reports and reports[-1].message == 'recording', 'a report')
     gate.clear()
     assert entered.wait(120)
     publish_frames(publisher, named, 6000)
@@ -310,3 +311,53 @@ def test_a_recorder_that_cannot_start_leaves_nothing(graph, tmp_path, monkeypatc
     with pytest.raises(RuntimeError, match='new thread'):
         graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_report_is_recording_only_after_the_discovery_of_publishers(
+    graph: Graph, tmp_path: Path, said: Callable[[], str]
+) -> None:
+    reports = graph.reports('bag_recorder')
+    graph.start(BagRecorder, few(tmp_path))
+    states: dict[bool, set[str]] = {False: set(), True: set()}
+
+    def has_recorded() -> bool:
+        announced = f'recording to {tmp_path}/run_0\n' in said()
+        states[announced] |= {report.message for report in reports}
+        reports.clear()
+        return 'recording' in states[True]
+
+    graph.until(has_recorded, 'the end of the discovery', lambda: states)
+    assert states[False] == {'discovering publishers'}
+
+
+def test_messages_in_transport_at_the_end_are_recorded(
+    graph: Graph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drain, settle = RecordedSubscription.drain, ReceivingThread.settle
+    numbers, held_rounds, held = count(), iter(range(4)), threading.Event()
+
+    def publish(messages: int) -> None:
+        for _ in range(messages):
+            publisher.publish(Float64(data=float(next(numbers))))
+
+    def late(subscription: RecordedSubscription) -> Any:
+        if not held.is_set():
+            return drain(subscription)
+        publish(1)
+        return drain(subscription) if next(held_rounds, None) is None else []
+
+    def stop(thread: ReceivingThread) -> None:
+        graph.until(lambda: publish(1) or recorder.messages >= 5, 'a stream')
+        held.set()
+        publish(5)
+        sent.extend(serialize_message(Float64(data=float(n))) for n in range(next(numbers)))
+        settle(thread)
+
+    sent: list[bytes] = []
+    monkeypatch.setattr(RecordedSubscription, 'drain', late)
+    monkeypatch.setattr(ReceivingThread, 'settle', stop)
+    recorder = graph.start(BagRecorder, {**few(tmp_path), 'topics': ['nudge']})
+    publisher = graph.speak(interfaces.NUDGE)
+    graph.stop(recorder)
+    recorded = messages_of(tmp_path / 'run_0')['/nudge']
+    assert set(sent) <= set(recorded)

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 import yaml
 from programs import signalled
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.lifecycle import LifecycleNode
 from std_msgs.msg import Float64
@@ -40,7 +41,8 @@ class Pendulum(LifecycleNode):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('pendulum', **kwargs)
-        self.declare_parameter('length', 0.5)
+        bounds = FloatingPointRange(from_value=0.1, to_value=2.0)
+        self.declare_parameter('length', 0.5, ParameterDescriptor(floating_point_range=[bounds]))
         self.declare_parameter('masses', [1, 2])
         topic = interfaces.Topic('angle', Float64, interfaces.latched_qos())
         topic.publisher(self).publish(Float64(data=0.25))
@@ -124,6 +126,10 @@ def test_parameters_are_listed_got_set_and_dumped(said):
     assert (dumped['length'], dumped['masses']) == (0.75, [1, 2])
     with pytest.raises(RuntimeError, match='pendulum rejected length: '):
         said(param, 'set', 'pendulum', 'length', 'long')
+    limits = 'pendulum rejected length: 3 must lie in the range 0.1 to 2; set another value'
+    for too_long in ('3', '3.0'):
+        with pytest.raises(RuntimeError, match=limits.replace('3', too_long, 1)):
+            said(param, 'set', 'pendulum', 'length', too_long)
     with pytest.raises(RuntimeError, match='pendulum has no parameter mass, or it is not set'):
         said(param, 'get', 'pendulum', 'mass')
 

@@ -88,3 +88,47 @@ def test_without_a_folder_nothing_is_recorded() -> None:
     recording = BagRecording(None, finder(), read_only=False)
     with pytest.raises(ValueError, match='start live_view with bag_folders'):
         recording.begin('/')
+
+
+class SimulatedRecorder(BagRecording):
+    """Recording without a process."""
+
+    def begin(self, namespace: str, snapshot: float = 0.0) -> str:
+        self.running = True
+        return 'recording'
+
+
+def test_record_answers_when_the_recorder_is_connected_to_all_publishers(tmp_path: Path) -> None:
+    found = finder('/bag_recorder')
+    recording = SimulatedRecorder(tmp_path, found, read_only=False)
+
+    def report(message: str) -> None:
+        received = time.monotonic(), NodeReport('/bag_recorder', 0, message, {})
+        found.reports['/bag_recorder'] = received
+
+    async def record() -> None:
+        report('discovering publishers')
+        answer = asyncio.ensure_future(recording.start('/'))
+        await asyncio.sleep(0.2)
+        assert not answer.done()
+        report('recording')
+        assert await answer == 'recording to recording_0'
+
+    asyncio.run(record())
+
+
+def test_stop_waits_for_the_state_of_the_newest_frame(tmp_path: Path) -> None:
+    found = finder()
+    recording = SimulatedRecorder(tmp_path, found, read_only=False)
+    recording.begin('/')
+    analysed = iter([False, False, True])
+    asked: list[int] = []
+
+    def is_analysed(stamp: int) -> bool:
+        assert recording.running
+        asked.append(stamp)
+        return next(analysed)
+
+    found.chains['/'] = SimpleNamespace(newest_frame=7, is_analysed=is_analysed)
+    assert asyncio.run(recording.stop()) == 'the bag is complete'
+    assert asked == [7, 7, 7]

@@ -53,6 +53,8 @@ def test_a_late_state_is_shown_with_its_own_frame(graph: Graph, named: NamedChai
 
     publish_frame(0)
     graph.until(lambda: found.update() or model.frames == 1, 'the joints')
+    topics = found.chains['/']
+    assert topics.is_analysed(topics.newest_frame), 'no analyser publishes'
     publish_frame(1)
     publish_state(1)
     graph.until(lambda: shown(1), 'the first frame with its state')
@@ -60,6 +62,36 @@ def test_a_late_state_is_shown_with_its_own_frame(graph: Graph, named: NamedChai
     publish_state(2)
     graph.until(lambda: shown(2), 'the second frame with its state')
     assert model.delay == 0.0
+    assert topics.newest_frame == 2 * SECOND
+    assert topics.is_analysed(2 * SECOND)
+    publish_frame(3)
+    graph.until(lambda: found.update() or topics.newest_frame == 3 * SECOND, 'the third frame')
+    publish_state(2)
+    publish_state(2)
+    graph.until(lambda: found.update() or not topics.is_analysed(3 * SECOND), 'states')
+    publish_state(3)
+    graph.until(lambda: found.update() or topics.is_analysed(3 * SECOND), 'its state')
+
+
+def test_the_first_frame_is_not_shown_with_an_earlier_state(
+    graph: Graph, named: NamedChain
+) -> None:
+    found = finder(graph)
+    topics, model = found.chains['/'], found.chains['/'].model
+    joints, states = graph.speak(interfaces.JOINT_STATES), graph.speak(interfaces.SOLITON_STATE)
+    header = Header(stamp=time_to_msg(SECOND))
+    graph.until(
+        lambda: (
+            states.publish(SolitonState(header=header, solitons=[Soliton(rotor=3.0)]))
+            or found.update()
+            or not topics.is_analysed(2 * SECOND)
+        ),
+        'a state',
+    )
+    zeros = np.zeros(named.rotors)
+    joints.publish(frame_to_msg(named, Frame(zeros, zeros), zeros, time_to_msg(2 * SECOND)))
+    graph.until(lambda: found.update() or topics.newest_frame == 2 * SECOND, 'the first frame')
+    assert 'rotor' not in model.numbers
 
 
 def test_each_frame_has_its_own_state_if_the_analyser_lags(

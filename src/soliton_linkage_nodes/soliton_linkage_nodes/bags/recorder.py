@@ -77,6 +77,7 @@ class BagRecorder(ManagedNode):
         """Create the bag and subscribe. Recording begins when the node is activated."""
         self._settings = settings = current(self, BagRecorderParameters)
         self._paused = settings.start_paused
+        self._connected = False
         self._inbox = GuardedNode(
             '_bag_recorder_inbox',
             namespace=self.get_namespace(),
@@ -163,6 +164,7 @@ class BagRecorder(ManagedNode):
         writer = self._bag.writer
         without = f', but a publisher of {", ".join(missing)} did not respond' if missing else ''
         self.get_logger().info(f'recording to {writer.path}{writer.gap_description}{without}')
+        self._connected = True
 
     def _offer_services(self) -> None:
         serve(self, 'pause', 'Pause', lambda _: self._pause())
@@ -195,7 +197,9 @@ class BagRecorder(ManagedNode):
 
     def _report(self) -> Report:
         lost, rejected = self.lost, {**self._finder.rejected, **self._bag.rejected}
-        state = 'paused' if self._buffer.paused else 'recording'
+        state = 'recording' if self._connected else 'discovering publishers'
+        if self._buffer.paused:
+            state = 'paused'
         if lost:
             state = f'{state}, {lost} messages lost'
         elif self.missed:

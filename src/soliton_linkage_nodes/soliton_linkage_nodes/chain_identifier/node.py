@@ -251,7 +251,7 @@ class ChainIdentifier(ManagedNode):
             'progress': f'{self._progress:.0%}',
         }
         if self.found is None:
-            message = self._failure or 'waiting for a soliton to pass through the chain'
+            message = self._failure or 'no chain is identified yet'
             return Report(message, values, bool(self._failure))
         found = self.found
         values |= {

@@ -12,6 +12,7 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.parameter import get_parameter_value, parameter_value_to_python
 
 from soliton_linkage_nodes.commands.visitor import Verbs, Visitor, full_name
+from soliton_linkage_nodes.messages.view_conversions import adjustable_parameters
 
 
 def main(arguments: list[str]) -> int:
@@ -65,8 +66,22 @@ def _set(visitor: Visitor, options: argparse.Namespace) -> None:
     answer = visitor.call_node(options.node, SetParameters, parameters=[parameter])
     result = answer.results[0]
     if not result.successful:
-        raise RuntimeError(f'{options.node} rejected {options.name}: {result.reason}')
+        reason = _range_error(visitor, options) or result.reason
+        raise RuntimeError(f'{options.node} rejected {options.name}: {reason}')
     print(f'Set parameter successful: {options.name} = {_value(visitor, options)}')
+
+
+def _range_error(visitor: Visitor, options: argparse.Namespace) -> str:
+    """Return the error of a value outside the range of its parameter, otherwise ''."""
+    node, names = options.node, [options.name]
+    descriptors = visitor.call_node(node, DescribeParameters, names=names).descriptors
+    ranged = [each for each in descriptors if each.floating_point_range or each.integer_range]
+    values = visitor.call_node(node, GetParameters, names=names).values
+    for parameter in adjustable_parameters(ranged, values):
+        complaint = parameter.range.complaint(yaml.safe_load(options.value))
+        if complaint:
+            return f'{options.value} {complaint}; set another value'
+    return ''
 
 
 def _describe(visitor: Visitor, options: argparse.Namespace) -> None:

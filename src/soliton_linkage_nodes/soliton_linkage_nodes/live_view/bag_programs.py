@@ -26,7 +26,9 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 _RECORDER = 'bag_recorder'
 _PLAYER = 'bag_player'
 _POLL_INTERVAL = 0.05
-"""Poll interval for the first report of a recorder [s]."""
+"""Poll interval for the reports of a recorder and for states [s]."""
+_LONGEST_ANALYSIS = 5.0
+"""Longest wait for soliton_state of the last frame before Stop [s]."""
 _RESULTS = {
     'pause': 'paused',
     'resume': 'resumed',
@@ -121,12 +123,12 @@ class BagRecording(_BagProgram):
         return ''
 
     async def start(self, namespace: str, snapshot: float = 0.0) -> str:
-        """Begin to record, and wait for the first report of the recorder."""
+        """Begin to record, and wait until the recorder is connected to all publishers."""
         name = self.begin(namespace, snapshot)
-        while self.running and self.report is None:
+        while self.running and not (self.report and self.report.message.startswith('recording')):
             await asyncio.sleep(_POLL_INTERVAL)
         if not self.running:
-            raise ValueError('the recorder has ended; see its log')
+            raise ValueError('the recorder ended before it was connected to all publishers')
         return f'recording to {name}_0'
 
     def begin(self, namespace: str, snapshot: float = 0.0) -> str:
@@ -147,6 +149,7 @@ class BagRecording(_BagProgram):
         self._check_writable()
         if not self.running:
             raise ValueError('this page is not recording; press Record first')
+        await self._await_states()
         code = await self._stop()
         self.finished += 1
         self._finder.reports.pop(f'{self.namespace}{_RECORDER}', None)
@@ -157,6 +160,14 @@ class BagRecording(_BagProgram):
     async def request(self, commands: ChainCommands, name: str) -> str:
         """Send a request to the recorder: `pause`, `resume`, `split_bagfile` or `snapshot`."""
         return await self._request(commands, commands.namespace, name)
+
+    async def _await_states(self) -> None:
+        """Wait until the analyser has published the state of the newest frame."""
+        chain = self._finder.chains.get(self.namespace)
+        newest = chain.newest_frame if chain else 0
+        deadline = time.monotonic() + _LONGEST_ANALYSIS
+        while chain and not chain.is_analysed(newest) and time.monotonic() < deadline:
+            await asyncio.sleep(_POLL_INTERVAL)
 
 
 class BagReplay(_BagProgram):

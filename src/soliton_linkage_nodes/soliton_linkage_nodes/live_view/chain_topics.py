@@ -127,6 +127,7 @@ class ChainTopics:
         self.publishers = 0
         self.kick: LastKick | None = None
         self.kicks = 0
+        self.newest_frame = self._newest_state = 0
         self._chain = subscribe_newest(node, interfaces.CHAIN, f'{namespace}chain')
         self._joints = NewestFrame(node, f'{namespace}joint_states')
         self._states = subscribe_newest(
@@ -157,7 +158,8 @@ class ChainTopics:
                 self.model.error = f'chain: {error}'
         for serialized, _ in self._states.waiting():
             try:
-                self._analysed[stamp_of(serialized)] = serialized
+                self._newest_state = stamp_of(serialized)
+                self._analysed[self._newest_state] = serialized
                 self._state_at = time.monotonic()
             except ValueError as error:
                 self.model.error = f'soliton_state: {error}'
@@ -169,10 +171,16 @@ class ChainTopics:
         if frame is not None:
             self.model.update_rate(self._joints.number)
             self._frames[frame.stamp] = frame
+            self.newest_frame = frame.stamp
         for kept in (self._frames, self._analysed):
             for stamp in list(kept)[:-_PAIRED]:
                 del kept[stamp]
         self._show_frame(frame is not None)
+
+    def is_analysed(self, stamp: int) -> bool:
+        """Return whether the state of a stamp [ns] has arrived or no analyser publishes states."""
+        silent = time.monotonic() - self._state_at > _SILENCE
+        return silent or self._newest_state >= stamp
 
     def _show_frame(self, fresh: bool) -> None:
         """Show the newest pair of frame and state, or, after a long wait, the newest of each."""

@@ -20,6 +20,8 @@ _DROP_AGE = 30.0
 _LONGEST_DELAY = 0.2
 """Delay of soliton_state [s] above which the page warns, provided that it also exceeds
 `_FRAMES_BEHIND`."""
+_ENDING = ('bag_player', 'bag_recorder')
+"""Nodes that end regularly. Their missing reports are no warning."""
 _FRAMES_BEHIND = 2
 """Delay of soliton_state [frames] above which the page warns; one frame is always in transit."""
 _LATE = re.compile('deadlines missed in the last second')
@@ -85,9 +87,9 @@ def health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
             replay = report.figures.get('bag', '').rpartition('/')[2]
         losses = figure(report.figures, 'lost messages')
         lost = lost if math.isnan(losses) else (lost or 0) + int(losses)
-        if age > REPORT_TIMEOUT:
+        if age > REPORT_TIMEOUT and name not in _ENDING:
             warnings.append(f'{name} has not reported for {age:.0f} s')
-        elif report.level and not _LATE.search(report.message):
+        elif age <= REPORT_TIMEOUT and report.level and not _LATE.search(report.message):
             warnings.append(f'{name}: {report.message}')
     if chain.publishers > 1:
         warnings.append(f'{chain.publishers} nodes publish joint_states; stop all but one')

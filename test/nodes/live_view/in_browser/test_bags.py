@@ -69,7 +69,7 @@ def test_a_bag_is_played_beside_the_chain_with_seek_rate_and_loop(
     visit.has_text('health', 'replay of flipper_0')
     assert 'flipper_0' in visit.text('time-note')
     visit.shot('replay')
-    visit.click('replay-pause')
+    visit.click('replay-play')
     until(lambda: view.replay.paused, 'the pause')
     box = visit.page.locator('#live-time').bounding_box()
     visit.page.mouse.click(box['x'] + 10 + 0.9 * (box['width'] - 20), box['y'] + 30)

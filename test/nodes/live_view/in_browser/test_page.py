@@ -222,7 +222,7 @@ def test_the_first_steps_go_on_with_each_success(at_rest: Visit) -> None:
 
 def test_each_panel_explains_itself_and_links_to_the_documentation(visit: Visit) -> None:
     buttons = visit.page.locator('.live-help:visible')
-    assert buttons.count() == 6
+    assert buttons.count() == 7
     for button in buttons.all():
         button.click()
         links = visit.page.locator('.live-help-text:popover-open a')

@@ -110,6 +110,8 @@ _DISCOVERY_INTERVAL = 0.01
 """Time between two queries for awaited topics [s]; a query takes at most 0.1 ms."""
 _LONGEST_ROUND = 5.0
 """Longest wait until the thread has taken all waiting messages [s]; 0.01 s is usual."""
+_LONGEST_TRANSPORT = 2.0
+"""Longest wait for messages in transport, if their publisher sends no later one [s]."""
 _SEARCH_INTERVAL = 0.25
 """Time between two searches for new publishers of subscribed topics [s]."""
 
@@ -175,10 +177,15 @@ class ReceivingThread:
             self._buffer.paused = True
 
     def settle(self) -> None:
-        """Wait until the thread has taken all messages that have arrived."""
+        """Wait until the thread has taken all messages that were sent before this call."""
+        called = time.time_ns()
         with self._rounds_changed:
             after = self._rounds + 2
             self._rounds_changed.wait_for(lambda: self._rounds >= after, _LONGEST_ROUND)
+            self._rounds_changed.wait_for(
+                lambda: not any(each.may_lack(called) for each in self._subscriptions),
+                _LONGEST_TRANSPORT,
+            )
 
     def resume(self) -> int:
         """End a pause; record the last latched messages of the pause and return their number."""

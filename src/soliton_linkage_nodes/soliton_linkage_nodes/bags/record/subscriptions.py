@@ -22,6 +22,8 @@ from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, In
 
 _DEPTH = 5000
 """Queue depth of a subscription [messages]: five seconds at 1000 messages per second."""
+_STREAM_PERIOD = SECOND
+"""Largest time between two messages of a stream [ns]. Slower topics send no next message soon."""
 
 
 class RecordedSubscription:
@@ -40,6 +42,7 @@ class RecordedSubscription:
         self._subscription = AdaptiveSubscription(node, topic, raw=True)
         self.publishers = 0
         self.connected = 0
+        self._sent = self._sent_before = 0
 
     def drain(self) -> list[ReceivedMessage]:
         """Take the waiting messages; of older latched messages, take only the last one."""
@@ -48,6 +51,7 @@ class RecordedSubscription:
         for serialized, info in self._subscription.waiting():
             if not taken:
                 self.connected = self._subscription.connected
+            self._sent_before, self._sent = self._sent, info['source_timestamp']
             number = info['publication_sequence_number']
             if number is not None:
                 self._count(number, info)
@@ -63,6 +67,10 @@ class RecordedSubscription:
             self.starts.take(number, sent)
         elif not self.source.latched:
             self.starts.add(number, sent, info['received_timestamp'] - self._wanted_since)
+
+    def may_lack(self, until: int) -> bool:
+        """Return whether messages of a stream that were sent before `until` [ns] may arrive."""
+        return self._sent < until < self._sent_before + _STREAM_PERIOD
 
     @property
     def changed(self) -> bool:

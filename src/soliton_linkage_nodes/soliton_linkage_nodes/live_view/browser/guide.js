@@ -17,9 +17,10 @@ export class Guide {
   // acts[name]() performs the action of the button in the step `name`.
   constructor(element, acts) {
     this.element = element;
-    [this.text, this.button, this.close] = element.children;
+    [this.text, this.button, this.next, this.close] = element.children;
     this.done = new Set(this.stored());
     this.button.addEventListener('click', () => acts[this.step[0]]());
+    this.next.addEventListener('click', () => this.finish(this.step[0]));
     this.close.addEventListener('click', () => STEPS.forEach(([name]) => this.finish(name)));
   }
 
@@ -44,7 +45,7 @@ export class Guide {
     const { step } = this;
     this.element.hidden = !step || !able;
     if (this.element.hidden) return;
-    setText(this.text, step[1]);
+    setText(this.text, `${STEPS.indexOf(step) + 1}/${STEPS.length} ${step[1]}`);
     setText(this.button, step[2]);
     this.button.hidden = !step[2];
   }

@@ -13,6 +13,8 @@ import { Dial, EnergyPlot, Kymograph, LeanPlot, TimeLine, TopologyPlot } from '.
 const SILENCE = 1; // seconds without a message after which the page warns
 const ALL = '*';
 const LATE = 0.05; // share of missed deadlines above which the header is amber
+const LATE_MEANING = 'share of the frames of the last 10 s that were published after their time, because the computer is busy';
+const END = 0.2; // last part of a replay that counts as its end [s]
 const MOVES = 0.5; // speed of a soliton above which it is not at rest [rotor spacings/s]
 const element = (id) => document.getElementById(`live-${id}`);
 
@@ -258,13 +260,13 @@ class Live {
   refreshHealth() {
     const { health, replay } = this.statusOf(this.watched);
     const parts = [];
-    const add = (text, kind = '') => parts.push([text, kind]);
+    const add = (text, kind = '', title = '') => parts.push([text, kind, title]);
     if (health) {
       if (replay) add(`replay of ${this.status.replay ? this.status.replay.bag : 'a bag'}`, 'badge');
       else if (health.replay) add(`replay of ${health.replay}`, 'badge');
       if (health.rate) add(`${health.rate} frames/s`);
       if (health.factor) add(`${Number(health.factor).toFixed(2)} × real time`);
-      if (health.late !== null) add(`${(100 * health.late).toFixed(0)} % late frames`, health.late > LATE ? 'late' : '');
+      if (health.late !== null) add(`${(100 * health.late).toFixed(0)} % late frames`, health.late > LATE ? 'late' : '', LATE_MEANING);
       if (health.lost) add(`${health.lost} lost messages`, 'warning');
     }
     if (this.status.recorder) add(`● recorder: ${this.status.recorder.message}`);
@@ -276,8 +278,8 @@ class Live {
     this.healthKey = key;
     // The header shows only one line. The tooltip contains the complete text.
     element('health').title = [...parts.map(([text]) => text), ...warnings.slice(1)].join('\n');
-    element('health').replaceChildren(...parts.map(([textContent, className]) => (
-      Object.assign(document.createElement('span'), { textContent, className }))));
+    element('health').replaceChildren(...parts.map(([textContent, className, title]) => (
+      Object.assign(document.createElement('span'), { textContent, className, title }))));
   }
 
   // Warns if the shown frame is so old that it does not show the present state.
@@ -290,11 +292,13 @@ class Live {
     else if (this.watched !== ALL && newest) {
       const age = newest.frame.age + (performance.now() - newest.arrival) / 1000;
       const { paused, status } = this.known(index);
-      const ended = status.replay && this.status.replay && this.status.replay.ended;
+      const replay = status.replay && this.status.replay;
+      const ended = replay && (replay.ended || replay.position > replay.duration - END);
       if (age === Infinity) text = 'waiting for joint_states';
       else if (age > SILENCE) {
-        expected = Boolean(paused || ended);
+        expected = Boolean(paused || replay);
         text = ended ? 'end of the replay' : `no joint_states for ${age.toFixed(1)} s`;
+        if (replay && !ended) text = `the bag contains no joint_states for ${age.toFixed(1)} s`;
         if (paused) text = `paused, ${text}`;
       }
     }
@@ -310,11 +314,12 @@ class Live {
     line.dataset.key = key;
     if (!move || !move.state) { line.replaceChildren(); return; }
     if (move.state !== 'under way') { line.replaceChildren(`${move.state}: ${move.message}`); return; }
+    const settles = move.progress > 0.99;
     const bar = Object.assign(document.createElement('progress'), { value: move.progress });
     bar.setAttribute('aria-label', 'completed fraction of the move');
     const client = move.foreign ? ', requested by another program ' : ' ';
     const goal = Number(move.goal).toFixed(2);
-    line.replaceChildren(`moving the soliton to rotor ${goal}${client}`, bar, ` ${Math.round(100 * move.progress)} %`);
+    line.replaceChildren(`moving the soliton to rotor ${goal}${client}`, bar, settles ? ' settling' : ` ${Math.floor(100 * move.progress)} %`);
   }
 
   refreshReplay(chain, frame) {

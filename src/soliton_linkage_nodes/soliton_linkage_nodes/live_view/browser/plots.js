@@ -2,15 +2,20 @@
 // Plots beside the chain: lean, kymograph, cycle, energies, topology and the time line.
 
 import { triangle } from './chain.js';
-import { Canvas, REST, axes, finite, leanColour, leanPixel, line, scaled, theme, ticks } from './drawing.js';
+import { Canvas, REST, axes, finite, leanColour, leanPixel, line, scaled, theme } from './drawing.js';
 import { SPAN, Track, solitonsOf } from './frames.js';
 
 const NO_STATE = 'no node publishes soliton_state: start soliton_analyser';
+const NO_RECORDED_STATE = 'the bag contains no soliton_state at this time';
 const NO_JOINTS = 'waiting for joint_states';
+const [LEFT, RIGHT] = [62, 10]; // margins of the time line [pixels]
 const SMALL = '14px system-ui, sans-serif';
 
-// Returns whether the analyser publishes.
-function analysed(frame) { return frame.state_age < 2; }
+// Returns the reason why no state is drawn.
+function noState({ status }) { return status && status.replay ? NO_RECORDED_STATE : NO_STATE; }
+
+// Returns whether the analyser published until the time of the frame.
+function analysed(frame) { return frame.state_age - frame.age < 2; }
 
 class Plot {
   constructor(element) { this.canvas = new Canvas(element); }
@@ -127,7 +132,7 @@ export class Dial extends Plot {
   draw(frame, chain) {
     const { canvas } = this;
     const look = theme();
-    if (!analysed(frame)) { canvas.showReason(look, NO_STATE); return; }
+    if (!analysed(frame)) { canvas.showReason(look, noState(chain)); return; }
     const c = canvas.begin();
     const legs = chain.motion === 'spinner' ? 2 : 4;
     const radius = Math.max(30, Math.min(canvas.width / 2 - 62, canvas.height / 2 - 14));
@@ -206,10 +211,10 @@ export class EnergyPlot extends Plot {
 }
 
 export class TopologyPlot extends Plot {
-  draw(frame) {
+  draw(frame, chain) {
     const { canvas } = this;
     const look = theme();
-    if (!analysed(frame)) { canvas.showReason(look, NO_STATE); return; }
+    if (!analysed(frame)) { canvas.showReason(look, noState(chain)); return; }
     const c = canvas.begin();
     const left = 20;
     const w = canvas.width - 40;
@@ -268,7 +273,7 @@ export class TimeLine extends Plot {
     element.addEventListener('pointerdown', (event) => {
       if (!this.replay) return;
       const box = element.getBoundingClientRect();
-      const part = (event.clientX - box.left - 10) / (box.width - 20);
+      const part = (event.clientX - box.left - LEFT) / (box.width - LEFT - RIGHT);
       seek(Math.max(0, Math.min(1, part)) * this.replay.duration);
     });
     element.addEventListener('keydown', (event) => {
@@ -285,24 +290,19 @@ export class TimeLine extends Plot {
     const { canvas, canvas: { element } } = this;
     const look = theme();
     const c = canvas.begin();
-    const w = canvas.width - 20;
-    const h = canvas.height - 24;
-    const toX = (time) => 10 + (time / Math.max(replay.duration, 1e-9)) * w;
-    const toY = (rotor) => (rotor === null ? NaN : 3 + h - (rotor / Math.max(rotors - 1, 1)) * h);
+    const { toX, toY: at } = axes(canvas, look, {
+      x: [0, Math.max(replay.duration, 1e-9)], y: [0, Math.max(rotors - 1, 1)], xLabel: 'time [s]', yLabel: 'rotor', left: LEFT, right: RIGHT,
+    });
+    const toY = (rotor) => (rotor === null ? NaN : at(rotor));
     element.setAttribute('aria-valuemax', replay.duration.toFixed(1));
     element.setAttribute('aria-valuenow', (replay.position || 0).toFixed(1));
-    c.strokeStyle = look.line;
-    c.strokeRect(10, 3, w, h);
     line(c, this.track.map(([t, rotor]) => [toX(t), toY(rotor)]), look.red, 2);
     c.fillStyle = look.soft;
     c.textAlign = 'center';
-    if (!this.track.length) c.fillText('the bag contains no soliton_state', canvas.width / 2, 3 + h / 2);
-    ticks(0, replay.duration, w / 90).forEach((t) => {
-      c.fillText(`${t} s`, Math.max(16, Math.min(canvas.width - 20, toX(t))), canvas.height - 9);
-    });
+    if (!this.track.length) c.fillText('the bag contains no soliton_state', canvas.width / 2, canvas.height / 2 - 9);
     if (Number.isFinite(replay.position)) {
       c.fillStyle = look.ink;
-      c.fillRect(toX(replay.position) - 1.5, 0, 3, h + 6);
+      c.fillRect(toX(replay.position) - 1.5, 0, 3, canvas.height - 20);
     }
   }
 }

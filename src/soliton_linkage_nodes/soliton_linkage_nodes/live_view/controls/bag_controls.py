@@ -25,7 +25,7 @@ from soliton_linkage_nodes.live_view.view import View
 _RATES = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
 """Selectable speeds of a replay relative to the recorded speed [1]."""
 _REQUESTS = (
-    ('Pause', 'pause', 'pause'),
+    ('Pause recording', 'pause', 'pause'),
     ('New file', 'split_bagfile', 'call_split'),
     ('Snapshot', 'snapshot', 'photo_camera'),
 )
@@ -42,7 +42,7 @@ class RecordControls:
             kept.tooltip('0 records everything; otherwise Snapshot writes the last seconds')
             record = partial(self._record, kept)
             self._start = button(
-                'Record', record, 'fiber_manual_record', 'live-record', primary=True
+                'Record', record, 'fiber_manual_record', 'live-record', primary=True, long=True
             )
             self._requests = [
                 button(text, partial(self._request, name), icon, f'live-record-{name}')
@@ -107,8 +107,7 @@ class BagControls:
         self._list = ui.element('div').classes('live-bags').props('id=live-bags')
         self._transport = ControlGroup('Replay of a bag', 'replay')
         with self._transport.body:
-            button('Pause', lambda: self._pause(True), 'pause', 'live-replay-pause')
-            button('Play', lambda: self._pause(False), 'play_arrow', 'live-replay-play')
+            self._pausing = button('Pause', self._pause, 'pause', 'live-replay-play')
             rate = ui.select({r: f'{r:g} ×' for r in _RATES}, value=1.0, label='speed')
             rate.props('dense outlined id=live-replay-rate')
             loop = ui.switch('repeat', value=False).props('id=live-replay-loop')
@@ -129,6 +128,10 @@ class BagControls:
         read_only = READ_ONLY if self._view.read_only else ''
         closed = '' if self._view.replay.bag else 'no bag is open; press Play beside a bag'
         self._transport.disable_for(read_only or closed)
+        text, icon = ('Pause', 'pause') if self._plays else ('Play', 'play_arrow')
+        if self._pausing.text != text:
+            self._pausing.text = text
+            self._pausing.icon = icon
         if self._finished != self._view.recording.finished:
             self._finished = self._view.recording.finished
             ui.timer(0, self.list_bags, once=True)
@@ -173,5 +176,9 @@ class BagControls:
             play.set_enabled(bool(bag.played and contents) and not self._view.read_only)
         return row
 
-    async def _pause(self, paused: bool) -> str:
-        return await self._view.replay.pause(self._view.commands(REPLAY), paused)
+    @property
+    def _plays(self) -> bool:
+        return self._view.replay.running and not self._view.replay.paused
+
+    async def _pause(self) -> str:
+        return await self._view.replay.pause(self._view.commands(REPLAY), self._plays)

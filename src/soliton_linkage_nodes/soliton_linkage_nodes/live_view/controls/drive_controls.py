@@ -91,6 +91,14 @@ def number(label: str, value: float, unit: str, **props: Any) -> ui.number:
     return created.props(f'suffix="{unit}"').classes('live-number')
 
 
+def scale(slider: ui.slider, low: float, high: float, unit: str) -> None:
+    """Set the range of a slider, and label its ends and its middle."""
+    middle = (low + high) / 2
+    texts = {low: f'{low:.3g}', middle: f'{middle:.3g} {unit}', high: f'{high:.3g}'}
+    labels = [{'value': v, 'label': text.replace('-', '−')} for v, text in texts.items()]
+    slider.props(f"min={low:.6g} max={high:.6g} :marker-labels='{json.dumps(labels)}'")
+
+
 def hint(text: str) -> None:
     """Add an explanation."""
     ui.label(text).classes('live-hint')
@@ -162,6 +170,7 @@ class DriveControls(ChainControls):
                 min=-_FASTEST_NUDGE, max=_FASTEST_NUDGE, step=0.5, value=_DEFAULT_NUDGE
             )
             slider.props('label aria-label="speed of a nudge [rad/s]" id=live-nudge-strength')
+            scale(slider, -_FASTEST_NUDGE, _FASTEST_NUDGE, 'rad/s')
             slider.classes('live-slider')
             entry = number('speed', _DEFAULT_NUDGE, 'rad/s').bind_value(slider)
             slider.on_value_change(
@@ -201,7 +210,7 @@ class DriveControls(ChainControls):
                     kind.value, edge.value, value_of(value), (duration, up, down)
                 )
 
-            button('Send', send, 'send', 'live-send')
+            button('Send command', send, 'send', 'live-send')
         return group
 
     def _tilt(self) -> ControlGroup:
@@ -209,6 +218,7 @@ class DriveControls(ChainControls):
         with group.body:
             slider = ui.slider(min=-_LARGEST_TILT, max=_LARGEST_TILT, step=0.005, value=0.0)
             slider.props('label aria-label="tilt [rad]" id=live-tilt').classes('live-slider')
+            scale(slider, -_LARGEST_TILT, _LARGEST_TILT, 'rad')
 
             async def tilt() -> None:
                 await attempt('Tilt', lambda: self._commands.tilt(float(slider.value)))

@@ -17,6 +17,7 @@ from soliton_linkage_nodes.live_view.controls.drive_controls import (
     attempt,
     button,
     number,
+    scale,
     value_of,
 )
 from soliton_linkage_nodes.live_view.view import View
@@ -82,7 +83,7 @@ class WaveControls(ChainControls):
                     **{name: value_of(field) for name, field in given.items()},
                 )
 
-            button('Send', send, 'waves', 'live-wave')
+            button('Send waveform', send, 'waves', 'live-wave')
 
     def _motors(self) -> ControlGroup:
         group = ControlGroup('Motors: non-reciprocal coupling κ of a simulated chain', 'pause')
@@ -121,17 +122,18 @@ class WaveControls(ChainControls):
             return
         largest = 2 * abs(kappa) or _LARGEST_COUPLING
         # The slider rounds to the digits after the decimal point of the step.
-        self._coupling.props(f'min={-largest:.4g} max={largest:.4g} step={largest / 100:.12f}')
+        self._coupling.props(f'step={largest / 100:.12f}')
+        scale(self._coupling, -largest, largest, 'N m/rad')
         self._coupling.value = kappa
         low, high = band_edges(named.chain)
         end = 2 * high
-        self._slider.props(f'max={end:.4g}')
+        scale(self._slider, 1.0, end, 'rad/s')
         self._slider.value = round((low + high) / 2, 1)
         first, second = (100 * (edge - 1) / (end - 1) for edge in (low, high))
         self._slider.style(
             f'background: linear-gradient(to right, transparent {first:.1f}%, '
             f'#e69f0066 {first:.1f}%, #e69f0066 {second:.1f}%, transparent {second:.1f}%) '
-            'content-box'
+            '0 0 / 100% 34px no-repeat content-box'
         )
         self._band.text = (
             f'Phonon band, shaded: {low:.3g} to {high:.3g} rad/s. '
