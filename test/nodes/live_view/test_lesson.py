@@ -16,13 +16,13 @@ ROTORS, PERIOD = 41, 0.02
 class Chain:
     """View of a chain whose soliton runs between the edges, as fast as it was nudged.
 
-    Some frames have no state.
+    Some frames have no state. Some have an older state, because the analyser lags.
     """
 
     def __init__(self, turn_back: float) -> None:
         numbers = {'rotor': math.nan, 'zero_mode_rotor': 0.0, 'wall_energy': 1e-3}
         self.model = SimpleNamespace(
-            rotors=ROTORS, numbers=numbers, stamp=0.0, frames=0, angles=np.zeros(ROTORS)
+            rotors=ROTORS, numbers=numbers, stamp=0.0, frames=0, angles=np.zeros(ROTORS), delay=0.0
         )
         self.chains = {'/': SimpleNamespace(model=self.model)}
         self._speed, self._way, self._turn_back = 0.0, 0.0, turn_back
@@ -48,6 +48,9 @@ class Chain:
             model.numbers = {}
         passages = (self._way + (ROTORS - 1) / 2) // (ROTORS - 1)
         model.angles[ROTORS // 2] = 2.0 * (passages == 1) + self._turn_back * (passages >= 2)
+        model.delay = 3.0 if 12 < rotor < 14 or 26 < rotor < 28 else 0.0
+        if model.delay:
+            model.angles[ROTORS // 2] = 10.0 * legs
         await asyncio.sleep(0)
 
 

@@ -174,8 +174,9 @@ class Laboratory:
 
         def passed() -> bool:
             rotor = model.numbers.get('rotor', math.nan)
-            # A frame without a state does not end a passage.
-            if math.isnan(rotor) or (samples and model.stamp <= samples[-1].stamp):
+            # A frame without a state, or with the state of another frame, does not end a passage.
+            old = bool(samples) and model.stamp <= samples[-1].stamp
+            if math.isnan(rotor) or model.delay or old:
                 return False
             if low < rotor < high:
                 turn = float(model.angles[model.rotors // 2])

@@ -5,7 +5,7 @@ import { triangle } from './chain.js';
 import { Canvas, REST, axes, finite, leanColour, leanPixel, line, scaled, theme } from './drawing.js';
 import { SPAN, Track, solitonsOf } from './frames.js';
 
-const NO_STATE = 'no node publishes soliton_state: start soliton_analyser';
+const NO_STATE = 'no recent soliton_state; start soliton_analyser if it does not run';
 const NO_RECORDED_STATE = 'the bag contains no soliton_state at this time';
 const NO_JOINTS = 'waiting for joint_states';
 const [LEFT, RIGHT] = [62, 10]; // margins of the time line [pixels]
