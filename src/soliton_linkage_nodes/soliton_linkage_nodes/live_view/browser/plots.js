@@ -261,7 +261,9 @@ export class TopologyPlot extends Plot {
 
   note(frame) {
     if (!analysed(frame)) return '';
-    return `charge ${finite(frame.charge, 0)}, zero mode at ${finite(frame.zero_mode_rotor)}`;
+    // The charge of the whole chain is 0 up to one rotor before the soliton is at the edge.
+    const charge = solitonsOf(frame).reduce((sum, soliton) => sum + soliton[2], 0 * frame.charge);
+    return `charge ${finite(charge, 0)}, zero mode at ${finite(frame.zero_mode_rotor)}`;
   }
 }
 
