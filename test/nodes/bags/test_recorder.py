@@ -313,14 +313,12 @@ def test_a_recorder_that_cannot_start_leaves_nothing(graph, tmp_path, monkeypatc
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_report_is_recording_only_after_the_discovery_of_publishers(
-    graph: Graph, tmp_path: Path, said: Callable[[], str]
-) -> None:
+def test_the_report_is_recording_only_after_the_discovery_of_publishers(graph, tmp_path, said):
     reports = graph.reports('bag_recorder')
     graph.start(BagRecorder, few(tmp_path))
-    states: dict[bool, set[str]] = {False: set(), True: set()}
+    states = {False: set(), True: set()}
 
-    def has_recorded() -> bool:
+    def has_recorded():
         announced = f'recording to {tmp_path}/run_0\n' in said()
         states[announced] |= {report.message for report in reports}
         reports.clear()
@@ -330,30 +328,28 @@ def test_the_report_is_recording_only_after_the_discovery_of_publishers(
     assert states[False] == {'discovering publishers'}
 
 
-def test_messages_in_transport_at_the_end_are_recorded(
-    graph: Graph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_messages_in_transport_at_the_end_are_recorded(graph, tmp_path, monkeypatch):
     drain, settle = RecordedSubscription.drain, ReceivingThread.settle
     numbers, held_rounds, held = count(), iter(range(4)), threading.Event()
 
-    def publish(messages: int) -> None:
+    def publish(messages):
         for _ in range(messages):
             publisher.publish(Float64(data=float(next(numbers))))
 
-    def late(subscription: RecordedSubscription) -> Any:
+    def late(subscription):
         if not held.is_set():
             return drain(subscription)
         publish(1)
         return drain(subscription) if next(held_rounds, None) is None else []
 
-    def stop(thread: ReceivingThread) -> None:
+    def stop(thread):
         graph.until(lambda: publish(1) or recorder.messages >= 5, 'a stream')
         held.set()
         publish(5)
         sent.extend(serialize_message(Float64(data=float(n))) for n in range(next(numbers)))
         settle(thread)
 
-    sent: list[bytes] = []
+    sent = []
     monkeypatch.setattr(RecordedSubscription, 'drain', late)
     monkeypatch.setattr(ReceivingThread, 'settle', stop)
     recorder = graph.start(BagRecorder, {**few(tmp_path), 'topics': ['nudge']})
