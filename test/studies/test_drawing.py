@@ -21,7 +21,6 @@ from soliton_linkage_studies.drawing import (
     limits,
     mass_points,
     mode_arrows,
-    mode_quiver,
     projection_quiver,
     split_at_wraps,
 )
@@ -101,11 +100,12 @@ def test_arrows_have_the_direction_of_the_mass_velocities(configuration, data):
 def test_drawn_arrows_have_one_scale_for_all_rotors(chain, lean, arrow_length):
     angles = chain.uniform_state(lean)
     mode = zero_mode(chain, angles)
-    quiver = mode_quiver(new_axes(), chain, angles, mode, arrow_length)
-    assert np.hypot(*arrow_vectors(quiver).T) == pytest.approx(
+    picture = ChainPicture(new_axes(), chain, angles, mode, arrow_length=arrow_length)
+    assert picture.arrows is not None
+    assert np.hypot(*arrow_vectors(picture.arrows).T) == pytest.approx(
         arrow_length * np.abs(mode), rel=16 * EPS
     )
-    assert quiver.get_offsets() == pytest.approx(mass_points(chain, angles), rel=EPS)
+    assert np.array_equal(picture.arrows.get_offsets(), np.transpose(picture.masses.get_data()))
 
 
 def test_an_updated_picture_equals_a_new_picture():

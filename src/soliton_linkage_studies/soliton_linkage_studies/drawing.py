@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import matplotlib
 import numpy as np
@@ -15,12 +15,13 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import FuncNorm
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from matplotlib.quiver import Quiver
 from numpy.typing import ArrayLike
 
-from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.chain import Array, Chain, displacement
 from soliton_linkage_studies.palette import (
     BLACK,
     BLUE,
@@ -45,6 +46,13 @@ LEGEND_BELOW: Literal['outside lower center', 'lower center'] = (
     'outside lower center' if _OUTSIDE else 'lower center'
 )
 """Location of a figure legend below the panels."""
+PIXELS: Any = {
+    'cmap': LEAN_COLOURS,
+    'origin': 'lower',
+    'aspect': 'auto',
+    'interpolation': 'nearest',
+}
+"""Keywords of `Axes.imshow` for images of displacements or order fields."""
 _MARGIN = 0.35
 """Margin around the area that the rotors of a chain can reach [rotor spacings]."""
 _ROW = 0.3
@@ -53,16 +61,16 @@ _ARROW = 1.2
 """Length of the arrow of a mode component of 1, relative to the larger of a and r [1]."""
 
 
-def displacement(chain: Chain, angles: Array) -> Array:
-    """Return the horizontal displacement u_n = r sin(phi_n) of each mass [m]."""
-    return chain.positions(angles)[0]
-
-
 def pivot_points(chain: Chain) -> Array:
     """Return the (x, z) coordinates of the pivots [m], shape (N, 2)."""
-    offsets = np.cumsum(chain.spacings[: chain.number_of_rotors - 1])
-    along = np.concatenate([[0.0], offsets])
-    return np.column_stack([along, np.zeros_like(along)])
+    return np.column_stack([chain.pivots, np.zeros_like(chain.pivots)])
+
+
+def show_leans(
+    axes: Axes, chain: Chain, leans: Array, extent: tuple[float, float, float, float]
+) -> AxesImage:
+    """Draw displacements u [m], shape (rows, columns), as an image and return it."""
+    return axes.imshow(leans, norm=lean_norm(chain), extent=extent, **PIXELS)
 
 
 def mass_points(chain: Chain, angles: Array) -> Array:
@@ -131,7 +139,8 @@ class ChainPicture:
         self.pivots, self.masses = _points(axes, chain)
         self.arrows = None
         if mode is not None:
-            self.arrows = mode_quiver(axes, chain, angles, mode, arrow_length)
+            vectors = _stretched(chain, angles, mode, arrow_length)
+            self.arrows = _quiver(axes, mass_points(chain, angles), vectors, chain, GREEN)
         self.projections = None
         if projections:
             self.projections = projection_quiver(axes, chain, angles, lowered)
@@ -144,15 +153,8 @@ class ChainPicture:
     @property
     def artists(self) -> list[Artist]:
         """Artists that `update` moves, from back to front."""
-        moving = (
-            self.springs,
-            self.rotors,
-            self.pivots,
-            self.arrows,
-            self.projections,
-            self.masses,
-        )
-        return [artist for artist in moving if artist is not None]
+        arrows = (each for each in (self.arrows, self.projections) if each is not None)
+        return [self.springs, self.rotors, self.pivots, *arrows, self.masses]
 
     def update(self, angles: Array, mode: Array | None = None, tilt: float = 0.0) -> None:
         """Move the artists to angles [rad] and a mode [1], each of shape (N,).
@@ -223,17 +225,6 @@ def add_legend(figure: Figure) -> None:
     figure.legend(handles=handles, loc=LEGEND_BELOW, ncols=len(handles), fontsize=8, frameon=False)
 
 
-def mode_quiver(
-    axes: Axes, chain: Chain, angles: Array, mode: Array, arrow_length: float | None = None
-) -> Quiver:
-    """Draw the arrows of a mode [1], shape (N,), at the masses and return the arrows.
-
-    A component 1 has the length `arrow_length` [m], by default 1.2 times the larger of a and r.
-    """
-    vectors = _stretched(chain, angles, mode, arrow_length)
-    return _quiver(axes, mass_points(chain, angles), vectors, 0.9 * _thickness(chain), GREEN)
-
-
 def projection_quiver(axes: Axes, chain: Chain, angles: Array, lowered: float = 0.0) -> Quiver:
     """Draw the displacements u_n = r sin(phi_n) [m] as arrows; return the arrows.
 
@@ -241,11 +232,9 @@ def projection_quiver(axes: Axes, chain: Chain, angles: Array, lowered: float = 
     several rows so that they do not overlap.
     """
     along = displacement(chain, angles)
-    positions = pivot_points(chain) + np.column_stack(
-        [np.zeros_like(along), _rows(chain) - lowered]
-    )
+    positions = np.column_stack([chain.pivots, _rows(chain) - lowered])
     vectors = np.column_stack([along, np.zeros_like(along)])
-    arrows = _quiver(axes, positions, vectors, 0.9 * _thickness(chain), None)
+    arrows = _quiver(axes, positions, vectors, chain, None)
     arrows.set_cmap(LEAN_COLOURS)
     arrows.set_norm(lean_norm(chain))
     arrows.set_array(along)
@@ -272,22 +261,12 @@ def draw_torus(axes: Axes, chain: Chain, curves: Sequence[Array]) -> None:
         ((rest, math.pi - rest), '>', LEANS_RIGHT, 'leans right'),
         ((-rest, rest - math.pi), '<', LEANS_LEFT, 'leans left'),
     ):
-        axes.plot(
-            states,
-            states,
-            marker,
-            color=colour,
-            markersize=13,
-            markeredgecolor=WHITE,
-            label=label,
-            zorder=4,
-        )
-    ticks = [-math.pi, -math.pi / 2, 0, math.pi / 2, math.pi]
-    names = ['−π', '−π/2', '0', 'π/2', 'π']
-    axes.set(xlim=(-math.pi, math.pi), ylim=(-math.pi, math.pi), aspect='equal')
-    axes.set_xticks(ticks, names)
-    axes.set_yticks(ticks, names)
-    axes.set(xlabel='θ₁ [rad]', ylabel='θ₂ [rad]')
+        look: Any = {'color': colour, 'markersize': 13, 'markeredgecolor': WHITE}
+        axes.plot(states, states, marker, label=label, zorder=4, **look)
+    ends, names = (-math.pi, math.pi), ['−π', '−π/2', '0', 'π/2', 'π']
+    axes.set(xlim=ends, ylim=ends, aspect='equal', xlabel='θ₁ [rad]', ylabel='θ₂ [rad]')
+    for set_ticks in (axes.set_xticks, axes.set_yticks):
+        set_ticks(np.linspace(*ends, 5), names)
 
 
 def split_at_wraps(curve: Array) -> Array:
@@ -297,60 +276,41 @@ def split_at_wraps(curve: Array) -> Array:
     return np.insert(wrapped, jumps, np.nan, axis=0)
 
 
+def towards_camera(azimuth: float, elevation: float) -> Array:
+    """Return the unit vector towards a camera in a direction given by two angles [rad], (3,)."""
+    flat = math.cos(elevation)
+    return np.array([flat * math.cos(azimuth), flat * math.sin(azimuth), math.sin(elevation)])
+
+
 def _bars(axes: Axes, chain: Chain, rigid: bool) -> tuple[LineCollection, LineCollection]:
-    thickness = _thickness(chain)
-    springs = LineCollection(
-        [],
-        colors=RED,
-        linewidths=0.75 * thickness,
-        linestyles='solid' if rigid else [(0, (2.5, 1.2))],
-        zorder=2,
-    )
-    overlapping = chain.rotor_length > chain.spacing
-    rotors = LineCollection(
-        [],
-        colors=[BLACK, GREY] if overlapping else BLACK,
-        linewidths=thickness,
-        capstyle='round',
-        path_effects=[withStroke(linewidth=thickness + 1.6, foreground=WHITE)],
-        zorder=3,
-    )
-    axes.add_collection(springs, autolim=False)
-    axes.add_collection(rotors, autolim=False)
+    thickness, dashes = _thickness(chain), 'solid' if rigid else [(0, (2.5, 1.2))]
+    springs = LineCollection([], colors=RED, linestyles=dashes, linewidths=0.75 * thickness)
+    colours = [BLACK, GREY] if chain.rotor_length > chain.spacing else BLACK
+    border = [withStroke(linewidth=thickness + 1.6, foreground=WHITE)]
+    rotors = LineCollection([], colors=colours, linewidths=thickness, path_effects=border)
+    rotors.set_capstyle('round')
+    for order, bars in enumerate((springs, rotors), start=2):
+        bars.set_zorder(order)
+        axes.add_collection(bars, autolim=False)
     return springs, rotors
 
 
 def _points(axes: Axes, chain: Chain) -> tuple[Line2D, Line2D]:
-    thickness = _thickness(chain)
-    size = 3 * thickness
-    (pivots,) = axes.plot(
-        [], [], 'x', color=BLACK, markersize=size, markeredgewidth=0.6 * thickness, zorder=4
-    )
-    (masses,) = axes.plot(
-        [], [], 'o', color=BLUE, markersize=size, markeredgecolor=WHITE, zorder=6
-    )
+    size: Any = {'markersize': 3 * _thickness(chain)}
+    width = 0.6 * _thickness(chain)
+    (pivots,) = axes.plot([], [], 'x', color=BLACK, markeredgewidth=width, zorder=4, **size)
+    (masses,) = axes.plot([], [], 'o', color=BLUE, markeredgecolor=WHITE, zorder=6, **size)
     return pivots, masses
 
 
 def _quiver(
-    axes: Axes, positions: Array, vectors: Array, thickness: float, colour: str | None
+    axes: Axes, positions: Array, vectors: Array, chain: Chain, colour: str | None
 ) -> Quiver:
-    return axes.quiver(
-        *positions.T,
-        *vectors.T,
-        angles='xy',
-        units='inches',
-        scale_units='xy',
-        scale=1,
-        width=thickness / 72,
-        headwidth=3.5,
-        headlength=4,
-        headaxislength=3.6,
-        color=colour,
-        clip_on=False,
-        in_layout=False,
-        zorder=5,
-    )
+    units: Any = {'angles': 'xy', 'scale_units': 'xy', 'scale': 1, 'units': 'inches'}
+    head: Any = {'headwidth': 3.5, 'headlength': 4, 'headaxislength': 3.6}
+    look: Any = {'color': colour, 'clip_on': False, 'in_layout': False, 'zorder': 5}
+    width = 0.9 * _thickness(chain) / 72
+    return axes.quiver(*positions.T, *vectors.T, width=width, **units, **head, **look)
 
 
 def _stretched(chain: Chain, angles: Array, mode: Array, arrow_length: float | None) -> Array:
@@ -377,11 +337,8 @@ def _turned(tilt: float) -> Array:
 
 
 def _between(positions: Array, values: Array, wanted: ArrayLike) -> Array:
+    """Interpolate linearly, and extrapolate, values at the positions `wanted`."""
     at = np.asarray(np.ma.filled(wanted, np.nan), dtype=np.float64)
-    inside = np.interp(at, positions, values)
     slopes = np.diff(values)[[0, -1]] / np.diff(positions)[[0, -1]]
-    beyond = (
-        np.minimum(at - positions[0], 0) * slopes[0]
-        + np.maximum(at - positions[-1], 0) * slopes[1]
-    )
-    return np.asarray(inside + beyond)
+    below, above = np.minimum(at - positions[0], 0), np.maximum(at - positions[-1], 0)
+    return np.asarray(np.interp(at, positions, values) + below * slopes[0] + above * slopes[1])

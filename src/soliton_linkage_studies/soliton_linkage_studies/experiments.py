@@ -106,13 +106,8 @@ def snapshots(chain: Chain, recording: Recording, count: int) -> Snapshots:
         )
     slope = np.polyfit(recording.times[passage], walls[passage], 1)[0]
     chosen = np.linspace(passage.start, passage.stop - 1, count).round().astype(int)
-    rotors = np.arange(chain.number_of_rotors)
-    return Snapshots(
-        distances=rotors - walls[chosen, None],
-        fields=fields[chosen],
-        angles=recording.angles[chosen],
-        speed=abs(float(slope)),
-    )
+    distances = np.arange(chain.number_of_rotors) - walls[chosen, None]
+    return Snapshots(distances, fields[chosen], recording.angles[chosen], abs(float(slope)))
 
 
 def first_passage(chain: Chain, positions: Array) -> slice:
@@ -129,14 +124,10 @@ def static_profile(chain: Chain, middle: float) -> tuple[Array, Array]:
     The profile consists of distances from the wall [rotor spacings] and of the order field m [1],
     each of shape (K,). Edge rotors are excluded, because each of them has two rest angles.
     """
-    positions, fields = [], []
-    for beyond in np.arange(SNAPSHOTS) / SNAPSHOTS:
-        angles = static_wall(chain, middle + beyond)
-        field, _ = order_field(chain, angles)
-        rotors = np.arange(chain.number_of_rotors)
-        positions.append((rotors - zero_crossing(field))[1:-1])
-        fields.append(field[1:-1])
-    return np.ravel(positions), np.ravel(fields)
+    rotors, beyond = np.arange(chain.number_of_rotors), np.arange(SNAPSHOTS) / SNAPSHOTS
+    fields = [order_field(chain, static_wall(chain, middle + each))[0] for each in beyond]
+    positions = [(rotors - zero_crossing(field))[1:-1] for field in fields]
+    return np.ravel(positions), np.ravel([field[1:-1] for field in fields])
 
 
 def wall_positions(chain: Chain, recording: Recording) -> Array:

@@ -10,8 +10,10 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
@@ -118,6 +120,20 @@ class FigureReport:
         for across, up in zip(np.ravel(x), np.ravel(y), strict=True):
             self.rows.append((panel, series, float(across), float(up), *names))
 
+    def plot(
+        self,
+        axes: Axes,
+        where: tuple[str, str],
+        names: tuple[str, str],
+        x: ArrayLike,
+        y: ArrayLike,
+        form: str = '-',
+        **style: Any,
+    ) -> None:
+        """Plot points with `Axes.plot`, and add them to the data of `where`, panel and series."""
+        axes.plot(x, y, form, **style)
+        self.add_points(*where, names, x, y)
+
     def add_comparison(
         self,
         quantity: str,
@@ -143,11 +159,11 @@ class FigureReport:
             )
 
 
-def save_page(report: FigureReport, folder: Path, name: str) -> str:
+def save_page(report: FigureReport, folder: Path, name: str, table: str = 'table.md') -> str:
     """Write the files of a report and its table; return a text with the table and the folder."""
     report.save(folder, name)
-    write_table({name: report.comparisons}, folder / 'table.md', [name])
-    table = (folder / 'table.md').read_text(encoding='utf-8')
+    write_table({name: report.comparisons}, folder / table, [name])
+    table = (folder / table).read_text(encoding='utf-8')
     return f'{table}\npage and table are in {folder}'
 
 
@@ -194,12 +210,6 @@ def _row(name: str, comparison: Comparison) -> str:
     theory = str(comparison.theory)
     if math.isfinite(comparison.stated):
         theory = f'{theory} = {comparison.stated:.{_DIGITS}g}'
-    cells = [
-        name,
-        comparison.quantity,
-        str(comparison.paper),
-        theory,
-        f'{comparison.measured:.{_DIGITS}g}',
-        comparison.error,
-    ]
+    measured = f'{comparison.measured:.{_DIGITS}g}'
+    cells = name, comparison.quantity, str(comparison.paper), theory, measured, comparison.error
     return '| ' + ' | '.join(cell.replace('|', '∣') for cell in cells) + ' |'

@@ -18,7 +18,7 @@ from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linear.rigidity import Edge, edge_mode, mode_centre, rigidity_bands, zero_mode
 from soliton_linkage.linear.statics import rest_state
 from soliton_linkage.linkage.chain import Array, Chain, Motion
-from soliton_linkage.linkage.quantities import check_quantities, quantity
+from soliton_linkage.linkage.quantities import CheckedQuantities, quantity
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.passage import blocked_bonds, find_obstacles, motion_of_bonds
 from soliton_linkage.solitons.track import Crossing, Track, find_crossings, follow
@@ -65,13 +65,12 @@ def follow_wall(chain: Chain, edge: Edge = Edge.FIRST, legs: int = 2) -> tuple[L
     _check_ends(chain)
     if legs < 1:
         raise ValueError(f'legs = {legs} must be 1 or more; give 2 for a crossing and a return')
-    angles = rest_state(chain, 1 if edge is Edge.LAST else -1)
+    lean, start = (1, chain.number_of_rotors - 1) if edge is Edge.LAST else (-1, 0)
+    angles = rest_state(chain, lean)
     mode = edge_mode(chain, angles, edge, anywhere=True)
     spinner = chain.motion is Motion.SPINNER
     rates = mode if spinner else -mode
-    simulation = RigidSimulation(chain, angles, rates, _frame_arc(chain), _TOLERANCE)
-    start = chain.number_of_rotors - 1 if edge is Edge.LAST else 0
-    walker = _Walker(simulation, start)
+    walker = _Walker(RigidSimulation(chain, angles, rates, _frame_arc(chain), _TOLERANCE), start)
     if not spinner:
         walker.leg()
     ways: list[Leg] = []
@@ -177,7 +176,7 @@ Value = float | int | str
 
 
 @dataclass(frozen=True)
-class SweepTrial:
+class SweepTrial(CheckedQuantities):
     """Parameters of a trial, in which a wall is sent through a chain."""
 
     kick: float = quantity(
@@ -194,9 +193,6 @@ class SweepTrial:
     tolerance: float = quantity(
         1e-7, 'largest integration error of an angle per time unit', 'rad', 1e-13, 1e-2
     )
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 class SentWall(NamedTuple):
@@ -227,11 +223,8 @@ def measure_motion(
     chain: Chain, _trial: SweepTrial, _sent: SentWall | None = None
 ) -> dict[str, Value]:
     """Return the motion class and the number of bonds that may stop a wall."""
-    motion = motion_of_bonds(chain)
-    return {
-        'motion': motion.value if motion else BLOCKED,
-        'obstacles': int(blocked_bonds(chain).sum()),
-    }
+    motion, obstacles = motion_of_bonds(chain), int(blocked_bonds(chain).sum())
+    return {'motion': motion.value if motion else BLOCKED, 'obstacles': obstacles}
 
 
 def measure_speed(
@@ -243,11 +236,11 @@ def measure_speed(
     `phonons` (`phonon_share`) are NaN without a crossing. `sent` is a known result of `send_wall`.
     """
     recording, track, crossings = sent or send_wall(chain, trial)
-    return {
-        'outcome': _outcome(len(crossings)),
-        'speed': crossings[0].site_rate * chain.time_unit if crossings else math.nan,
-        'phonons': phonon_share(chain, recording, track, crossings[0]) if crossings else math.nan,
-    }
+    speed = phonons = math.nan
+    if crossings:
+        speed = crossings[0].site_rate * chain.time_unit
+        phonons = phonon_share(chain, recording, track, crossings[0])
+    return {'outcome': _outcome(len(crossings)), 'speed': speed, 'phonons': phonons}
 
 
 def measure_survival(
@@ -317,16 +310,8 @@ def _moved(
     """Continue the motion of each chain by one piece; the result of a chain may be an error."""
     starts = [State(one.recording.angles[-1], one.recording.rates[-1]) for one in sent]
     try:
-        moved = simulate_many(
-            chains,
-            starts,
-            duration,
-            frames=_PIECE,
-            reduce=lambda _, recording: recording,
-            tolerance=tolerance,
-            executor=ThisThread(),
-        )
-        return list(moved)
+        how: Any = {'frames': _PIECE, 'tolerance': tolerance, 'executor': ThisThread()}
+        return list(simulate_many(chains, starts, duration, reduce=lambda _, done: done, **how))
     except ArithmeticError as error:
         if len(chains) == 1:
             return [error]
@@ -382,26 +367,13 @@ def _outcome(crossings: int) -> str:
     return OUTCOMES[2 - min(crossings, 2)]
 
 
+_MOTIONS = (*(motion.value for motion in Motion), BLOCKED)
+_OF_MOTION, _OF_SURVIVAL = ('motion', 'obstacles'), ('outcome', 'obstacles')
+_OF_SPEED = ('outcome', 'speed', 'phonons')
 MEASURES = {
-    'motion': Measure(
-        measure_motion,
-        ('motion', 'obstacles'),
-        'motion',
-        'class of motion',
-        False,
-        (*(motion.value for motion in Motion), BLOCKED),
-    ),
-    'speed': Measure(
-        measure_speed,
-        ('outcome', 'speed', 'phonons'),
-        'speed',
-        'speed of the wall [$a\\sqrt{k_e/M}$]',
-    ),
+    'motion': Measure(measure_motion, _OF_MOTION, 'motion', 'class of motion', False, _MOTIONS),
+    'speed': Measure(measure_speed, _OF_SPEED, 'speed', 'speed of the wall [$a\\sqrt{k_e/M}$]'),
     'survival': Measure(
-        measure_survival,
-        ('outcome', 'obstacles'),
-        'outcome',
-        'outcome of the wall',
-        classes=OUTCOMES,
+        measure_survival, _OF_SURVIVAL, 'outcome', 'outcome of the wall', classes=OUTCOMES
     ),
 }

@@ -185,26 +185,18 @@ def read_moves(settings: Section, quick: bool) -> dict[MoveKey, list[MoveTask]]:
     seed = settings.whole_number('seed', 0, 2**31)
     frame_rate = settings.number('frame_rate', 10.0, 2000.0)
     moves = settings.whole_number('moves', 1, 10_000)
-    held = settings.number('held', 0.0, 60.0)
-    torque_limit = settings.number('torque_limit', 1e-9, 1e6)
-    conditions = {
-        name: _condition(section)
-        for name, section in settings.section('conditions').sections().items()
-    }
-    chains = {
-        name: chain_from(section)
-        for name, section in settings.section('chains').sections().items()
-    }
+    held, limit = settings.number('held', 0.0, 60.0), settings.number('torque_limit', 1e-9, 1e6)
+    found = settings.section('conditions').sections()
+    conditions = {name: _condition(section) for name, section in found.items()}
+    found = settings.section('chains').sections()
+    chains = {name: chain_from(section) for name, section in found.items()}
     tasks = {}
     for number, (name, chain) in enumerate(chains.items()):
-        positions = np.random.default_rng([seed, number]).uniform(
-            0, chain.number_of_rotors - 1, (moves, 2)
-        )[: _QUICK_MOVES if quick else moves]
+        random, last = np.random.default_rng([seed, number]), chain.number_of_rotors - 1
+        positions = random.uniform(0, last, (moves, 2))[: _QUICK_MOVES if quick else moves]
         for title, condition in conditions.items():
             tasks[name, title] = [
-                MoveTask(
-                    chain, condition, start, goal, seed + move, frame_rate, held, torque_limit
-                )
+                MoveTask(chain, condition, start, goal, seed + move, frame_rate, held, limit)
                 for move, (start, goal) in enumerate(positions.tolist())
             ]
     return tasks
@@ -229,6 +221,7 @@ _TITLES = (
     *('chain', 'condition', 'reached', 'largest error [spacings]', 'phonons at the end [J]'),
     *('phonons / peak energy of the wall', 'time [s]'),
 )
+_WORST = ('error', 'energy_left')
 
 
 def move_table(runs: Mapping[MoveKey, Sequence[MoveRun]]) -> str:
@@ -238,15 +231,11 @@ def move_table(runs: Mapping[MoveKey, Sequence[MoveRun]]) -> str:
         reached = [run for run in moves if run.outcome is Outcome.REACHED]
         cells = [name, title, f'{len(reached)} of {len(moves)}', '', '', '', '']
         if reached:
-            left = max(run.energy_left for run in reached)
+            error, left = (max(getattr(run, key) for run in reached) for key in _WORST)
             share = max(run.energy_left / run.peak_energy for run in reached)
             durations = [run.duration for run in reached]
-            cells[3:] = [
-                f'{max(run.error for run in reached):.4f}',
-                f'{left:.1e}',
-                f'{share:.1e}',
-                f'{min(durations):.1f} to {max(durations):.1f}',
-            ]
+            times = f'{min(durations):.1f} to {max(durations):.1f}'
+            cells[3:] = [f'{error:.4f}', f'{left:.1e}', f'{share:.1e}', times]
         rows.append(cells)
     return markdown_table(_TITLES, rows)
 
@@ -285,7 +274,7 @@ def draw_moves(
     conditions = list(dict.fromkeys(title for _, title in tasks))
     figure = Figure(figsize=(max(4.3 * len(chains), 6), 10), layout='constrained')
     report = FigureReport(figure, _CAPTION.format(least=_LEAST_ERROR, required=_REQUIRED_ACCURACY))
-    panels = report.figure.subplots(3, len(chains), sharex='col', sharey='row', squeeze=False)
+    panels = figure.subplots(3, len(chains), sharex='col', sharey='row', squeeze=False)
     for column, name in zip(panels.T, chains, strict=True):
         for number, title in enumerate(conditions):
             colour = COLOURS[number % len(COLOURS)]
@@ -297,9 +286,8 @@ def draw_moves(
     panels[0, 0].set(ylabel='a  position [rotor spacings]')
     panels[1, 0].set(ylabel='b  |position − goal| [rotor spacings]', yscale='log')
     panels[2, 0].set(ylabel='c  phonons / peak energy of the wall [1]', yscale='log')
-    panels[1, 0].plot(
-        [], [], '--', color=GREY, linewidth=0.8, label=f'required: {_REQUIRED_ACCURACY:g}'
-    )
+    label = f'required: {_REQUIRED_ACCURACY:g}'
+    panels[1, 0].plot([], [], '--', color=GREY, linewidth=0.8, label=label)
     for number, title in enumerate(conditions):
         panels[0, 0].plot([], [], color=COLOURS[number % len(COLOURS)], label=title)
     report.figure.legend(loc=LEGEND_ABOVE, ncols=len(conditions) + 1)

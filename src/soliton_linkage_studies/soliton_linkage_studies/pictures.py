@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,17 +12,16 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
-from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.chain import Array, Chain, displacement
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.track import Crossing, Track
 from soliton_linkage_studies.captions import description
-from soliton_linkage_studies.drawing import displacement, lean_norm
+from soliton_linkage_studies.drawing import show_leans
 from soliton_linkage_studies.figure_report import save_caption, save_figure
 from soliton_linkage_studies.palette import (
     BLACK,
     BLUE,
     GREEN,
-    LEAN_COLOURS,
     MEASURED,
     PALE,
     RED,
@@ -69,23 +68,16 @@ that the track has changed to another soliton."""
 def kymograph(axes: Axes, chain: Chain, recording: Recording, track: Track) -> Axes:
     """Draw the displacements u_n(t) as an image over time, with the soliton's track."""
     every = max(1, len(recording.times) // _MOST_COLUMNS)
-    image = axes.imshow(
-        displacement(chain, recording.angles[::every]).T,
-        origin='lower',
-        aspect='auto',
-        interpolation='nearest',
-        cmap=LEAN_COLOURS,
-        norm=lean_norm(chain),
-        extent=(*_edges(recording.times), -0.5, chain.number_of_rotors - 0.5),
-    )
+    leans = displacement(chain, recording.angles[::every]).T
+    edges = (*_edges(recording.times), -0.5, chain.number_of_rotors - 0.5)
+    image = show_leans(axes, chain, leans, edges)
     border = [withStroke(linewidth=3.5, foreground=WHITE)]
     sites = unbroken_sites(track)
     axes.plot(track.times, sites, color=BLACK, label='soliton', path_effects=border)
     axes.legend(loc='upper right')
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel='time [s]', ylabel='rotor n [1]', title=description(chain))
-    marks = lean_ticks(chain)
-    names = ('left, −r', 'at rest', 'upright', 'at rest', 'right, r')
+    marks, names = lean_ticks(chain), ('left, −r', 'at rest', 'upright', 'at rest', 'right, r')
     words = [f'{mark:.3g}  {name}' for mark, name in zip(marks, names, strict=True)]
     bar = axes.figure.colorbar(image, ax=axes, ticks=marks)
     bar.ax.set_yticks(marks, words, fontsize=8)
@@ -116,15 +108,9 @@ def track_velocities(axes: Axes, track: Track, crossings: tuple[Crossing, ...]) 
     axes.plot(track.times, track.site_rates, color=MEASURED, linewidth=0.8, label='measured')
     _draw_band(axes, track.times, track.site_rates, track.site_rate_deviations)
     for number, crossing in enumerate(crossings):
-        axes.plot(
-            [crossing.start, crossing.end],
-            [crossing.direction * crossing.site_rate] * 2,
-            '--',
-            color=BLACK,
-            linewidth=1,
-            zorder=3,
-            label=None if number else 'mean of a crossing',
-        )
+        ends, mean = [crossing.start, crossing.end], crossing.direction * crossing.site_rate
+        label = None if number else 'mean of a crossing'
+        axes.plot(ends, [mean] * 2, '--', color=BLACK, linewidth=1, zorder=3, label=label)
     axes.axhline(0, color=PALE, linewidth=0.8, zorder=0)
     axes.set(xlabel='time [s]', ylabel='velocity [rotor spacings/s]')
     axes.legend(loc='center', ncols=3, fontsize=8)
@@ -136,16 +122,11 @@ def track_velocities(axes: Axes, track: Track, crossings: tuple[Crossing, ...]) 
 
 def track_deviations(axes: Axes, track: Track) -> Axes:
     """Draw the standard deviations of position and velocity over time."""
-    axes.semilogy(
-        track.times, track.site_deviations, color=MEASURED, label='position [rotor spacings]'
-    )
-    axes.semilogy(
-        track.times,
-        track.site_rate_deviations,
-        ':',
-        color=BLACK,
-        label='velocity [rotor spacings/s]',
-    )
+    for values, style, colour, label in (
+        (track.site_deviations, '-', MEASURED, 'position [rotor spacings]'),
+        (track.site_rate_deviations, ':', BLACK, 'velocity [rotor spacings/s]'),
+    ):
+        axes.semilogy(track.times, values, style, color=colour, label=label)
     axes.set(xlabel='time [s]', ylabel='standard deviation')
     axes.legend(loc='best', ncols=2, fontsize=8)
     return axes
@@ -233,18 +214,16 @@ def save_report(found: Identification, folder: Path) -> None:
 
 
 def _draw_lengths(axes: Axes, found: Identification) -> None:
-    for name, label, colour in (
-        ('rotor_length', 'rotor r', BLUE),
-        ('spacing', 'pivot spacing a', GREEN),
-        ('rest_length', 'spring or bar l', RED),
+    for name, label, colour, shift in (
+        ('rotor_length', 'rotor r', BLUE, 0.0),
+        ('spacing', 'pivot spacing a', GREEN, 0.4),
+        ('rest_length', 'spring or bar l', RED, 0.6),
     ):
         fractions = np.array(getattr(found.chain.deviations, name))
-        positions = np.arange(len(fractions)) + (0.0 if name == 'rotor_length' else 0.5)
+        positions = np.arange(len(fractions)) + shift
         spreads = 100 * found.deviations[name] * (1 + fractions)
-        shift = {'spacing': -0.1, 'rest_length': 0.1}.get(name, 0.0)
-        axes.errorbar(
-            positions + shift, 100 * fractions, spreads, fmt='o', ms=3, color=colour, label=label
-        )
+        look: Any = {'fmt': 'o', 'ms': 3, 'color': colour, 'label': label}
+        axes.errorbar(positions, 100 * fractions, spreads, **look)
     axes.axhline(0, color=PALE, linewidth=0.8, zorder=0)
     axes.set(ylabel='deviation from the mean [%]')
     axes.legend(ncols=3, fontsize=8)
@@ -257,7 +236,6 @@ def _draw_bonds(axes: Axes, found: Identification) -> None:
     top = float(np.max(found.bond_noise))
     for bond in found.worst_bonds[:_WORST]:
         axes.text(bond + 0.5, found.bond_noise[bond] + 0.02 * top, f'{bond}', ha='center')
-    axes.set(
-        xlabel='rotor n [1]', ylabel='noise estimated from each bond [rad]', ylim=(0, 1.15 * top)
-    )
+    axes.set(ylabel='noise estimated from each bond [rad]', ylim=(0, 1.15 * top))
+    axes.set_xlabel('rotor n [1]')
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -56,8 +56,8 @@ def study_parser(
     description: str | None,
     quick: str,
     output: str = '',
-    *,
     config: str = '',
+    *,
     selective: bool = False,
     scheduler: bool = False,
 ) -> PlainParser:
@@ -77,26 +77,19 @@ def study_parser(
     )
     default = installed_settings(config or name)
     shown = default.name if default else 'none is installed'
-    parser.add_argument(
-        'config',
-        type=Path,
-        nargs='?' if default else None,
-        default=default,
-        help=f'settings file, like those in config/studies [{shown}]',
-    )
+    about = f'settings file, like those in config/studies [{shown}]'
+    count = '?' if default else None
+    parser.add_argument('config', type=Path, nargs=count, default=default, help=about)
     folder = None if output else Path('out') / name
-    parser.add_argument(
-        '--output', type=Path, default=folder, help=f'output folder [{output or folder}]'
-    )
+    about = f'output folder [{output or folder}]'
+    parser.add_argument('--output', type=Path, default=folder, help=about)
     parser.add_argument('--quick', action='store_true', help=f'{quick}, for a first test')
     if selective:
-        help_only = 'names, or the parts of names before the first _ [all]'
-        parser.add_argument('--only', nargs='+', default=[], metavar='NAME', help=help_only)
+        about = 'names, or the parts of names before the first _ [all]'
+        parser.add_argument('--only', nargs='+', default=[], metavar='NAME', help=about)
     where = parser.add_mutually_exclusive_group()
-    cores = os.cpu_count() or 1
-    where.add_argument(
-        '--workers', type=process_count, default=cores, help='local processes [one per core]'
-    )
+    cores, about = os.cpu_count() or 1, 'local processes [one per core]'
+    where.add_argument('--workers', type=process_count, default=cores, help=about)
     if scheduler:
         where.add_argument('--scheduler', help='address of a Dask cluster, tcp://host:8786')
     return parser
@@ -145,11 +138,12 @@ def select_names(known: Sequence[str], asked: Sequence[str], option: str = '--on
 
     Raises ValueError for an unknown name.
     """
+    aliases = {name: {name, name.split('_')[0]} for name in known}
     for name in asked:
-        if not any(name in _aliases(one) for one in known):
+        if not any(name in each for each in aliases.values()):
             names = ', '.join(known)
             raise ValueError(f'{option} {name}: unknown name; choose from {names}')
-    return [name for name in known if not asked or not _aliases(name).isdisjoint(asked)]
+    return [name for name in known if not asked or not aliases[name].isdisjoint(asked)]
 
 
 def run_parallel(
@@ -168,7 +162,3 @@ def run_parallel(
             progress.show(len(done), f'{len(done)} of {len(tasks)}, {left:.0f} s left')
     progress.end(f'{title}: {len(done)} done in {time.monotonic() - begin:.0f} s')
     return {key: done[key] for key in tasks}
-
-
-def _aliases(name: str) -> set[str]:
-    return {name, name.split('_')[0]}

@@ -14,13 +14,8 @@ from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.quantities import described_fields
 
 _CHAIN_KEYS = (
-    'number_of_rotors',
-    'rotor_length_ratio',
-    'rest_angle',
-    'spacing',
-    'mass',
-    'stiffness',
-    'damping',
+    *('number_of_rotors', 'rotor_length_ratio', 'rest_angle', 'spacing'),
+    *('mass', 'stiffness', 'damping'),
 )
 
 
@@ -153,10 +148,9 @@ def chain_from(section: Section) -> Chain:
         for key in ('spacing', 'mass', 'stiffness')
     )
     damping = section.number('damping', 0.0, 1e6, 0.0)
+    lengths = spacing, ratio * spacing
     try:
-        return Chain(
-            number_of_rotors, spacing, ratio * spacing, rest_angle, mass, stiffness, damping
-        )
+        return Chain(number_of_rotors, *lengths, rest_angle, mass, stiffness, damping)
     except ValueError as error:
         raise ValueError(
             f'{section.file}: {section.name} gives {error}; change rotor_length_ratio or spacing'

@@ -64,12 +64,11 @@ def configuration_curves(chain: Chain, points: int = 400) -> tuple[Array, ...]:
     sin(theta_1 + theta_2) is positive on the first. Along each of them theta_1 increases and
     theta_2 decreases by a turn.
     """
-    arc = _Arc(chain)
     pieces = 2 if chain.motion is Motion.SPINNER else 4
     pieces_done = np.linspace(0, pieces, points + 1)
     piece = np.minimum(pieces_done.astype(np.int64), pieces - 1)
     share = pieces_done - piece
-    quarter = arc.configurations(np.where(piece % 2, 1 - share, share))
+    quarter = _Arc(chain).configurations(np.where(piece % 2, 1 - share, share))
     swapped = quarter[:, ::-1] + np.array([-np.pi, np.pi])
     curve = np.where(((piece == 1) | (piece == 2))[:, None], swapped, quarter)
     if pieces == 2:
@@ -177,15 +176,8 @@ class _Arc:
 
 
 def _solved(rate: Callable[..., Array], span: tuple[float, float], start: float) -> Any:
-    return solve_ivp(
-        rate,
-        span,
-        [start],
-        method='DOP853',
-        dense_output=True,
-        rtol=_ARC_TOLERANCE,
-        atol=_ARC_TOLERANCE,
-    )
+    tolerances = {'rtol': _ARC_TOLERANCE, 'atol': _ARC_TOLERANCE}
+    return solve_ivp(rate, span, [start], method='DOP853', dense_output=True, **tolerances)
 
 
 def _partners(chain: Chain, theta_1: Array) -> tuple[Array, Array]:

@@ -56,20 +56,6 @@ class RowsTogether(Rows, Protocol):
         """Measure rows and return their cells."""
 
 
-class Pool(Protocol):
-    """Workers that run tasks in parallel."""
-
-    @property
-    def count(self) -> int:
-        """Number of workers."""
-
-    def submit(self, task: Callable[..., Any], /, *arguments: Any) -> Any:
-        """Queue a task and return the future of its result."""
-
-    def finished(self) -> Iterator[Any]:
-        """Yield the future of each task, also of tasks that are submitted meanwhile."""
-
-
 class Processes:
     """Worker processes on this machine, which `local_processes` creates.
 
@@ -155,12 +141,9 @@ class Processes:
     def _failure(self, connection: Connection) -> ChildProcessError:
         process = self._processes[connection]
         process.join()
-        code = process.exitcode or 0
-        how = (
-            f'ended with {code}'
-            if code >= 0
-            else f'was ended by a signal ({signal.strsignal(-code)})'
-        )
+        code, how = process.exitcode or 0, f'ended with {process.exitcode}'
+        if code < 0:
+            how = f'was ended by a signal ({signal.strsignal(-code)})'
         advice = '; if memory ran out, use fewer --workers' if code == -signal.SIGKILL else ''
         return ChildProcessError(f'process {process.pid} {how} before its task was done{advice}')
 
@@ -238,6 +221,10 @@ class _Cluster:
         return iter(self.completed)
 
 
+Pool = Processes | _Cluster
+"""Workers that run tasks in parallel."""
+
+
 def measure_rows(pool: Pool, table: Rows, rows: Sequence[int]) -> Iterator[list[list[str]]]:
     """Measure rows in parallel and yield the cells of each chunk when it is completed."""
     waiting = deque(rows)
@@ -284,7 +271,7 @@ def defer_interrupts() -> Iterator[None]:
     # It is not sufficient to block the signals in this thread, because another thread can receive
     # them.
     handlers = [
-        signal.signal(number, lambda *call: received.append(call[0])) for number in _INTERRUPTS
+        signal.signal(each, lambda *call: received.append(call[0])) for each in _INTERRUPTS
     ]
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

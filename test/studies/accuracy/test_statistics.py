@@ -27,7 +27,7 @@ from soliton_linkage_studies.accuracy.statistics import (
 def scores(random: np.random.Generator, scale: float, alike: int = 1) -> Scores:
     drawn = np.repeat(random.standard_normal((100 // alike, len(WALL_VALUES))), alike, axis=0)
     rows = [tuple(row) for row in (scale * drawn).tolist()]
-    return Scores(walls=rows, frames=100, expected=100, lost=1, false=2, wrong_leg=3)
+    return Scores(walls=rows, frames=100, walls_looked_for=100, lost=1, false=2, wrong_leg=3)
 
 
 def test_consistent_deviations_give_a_root_mean_square_of_1():
@@ -48,7 +48,7 @@ def test_correlated_frames_increase_the_standard_error():
 
 
 def test_a_cell_without_found_walls_reports_only_failures():
-    line = line_of([Scores(frames=9, expected=9, lost=9)])
+    line = line_of([Scores(frames=9, walls_looked_for=9, lost=9)])
     assert line['lost'] == 9
     assert math.isnan(line['position_rms'])
     assert math.isnan(line['rate_rms_error'])

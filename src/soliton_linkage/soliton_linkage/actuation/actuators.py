@@ -16,11 +16,11 @@ from numpy.typing import ArrayLike
 
 from soliton_linkage.actuation.profile import Profile
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.linkage.quantities import check_quantities, quantity
+from soliton_linkage.linkage.quantities import CheckedQuantities, quantity
 
 
 @dataclass(frozen=True)
-class PneumaticActuator:
+class PneumaticActuator(CheckedQuantities):
     """Soft actuator with first-order pressure dynamics; raises ValueError for invalid parameters.
 
     The pressure p [Pa] approaches a higher command with the time constant `filling_time`, and a
@@ -40,9 +40,6 @@ class PneumaticActuator:
         5e-8, 'torque along the unit zero mode per pressure', 'N m/Pa', 0.0, 1.0
     )
     saturation_torque: float = quantity(0.02, 'largest torque of the actuator', 'N m', 0.0, 1e6)
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
     def check_command(self, pressure: float) -> None:
         """Raise ValueError for a commanded pressure [Pa] out of range."""

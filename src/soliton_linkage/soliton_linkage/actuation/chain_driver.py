@@ -141,8 +141,6 @@ class ChainDriver:
     def _drop(self, stamp: int) -> None:
         self._pending.clear()
         self.record.end(stamp, cut_short=True)
-        self._drive = TorqueDrive(
-            self.chain, self._drive.edges.actuator, self._drive.joints.timeout
-        )
-        self._driving = False
-        self._origin = None
+        given = self._drive.edges.actuator, self._drive.joints.timeout
+        self._drive = TorqueDrive(self.chain, *given)
+        self._driving, self._origin = False, None

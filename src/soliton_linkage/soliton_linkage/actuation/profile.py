@@ -67,17 +67,11 @@ class Profile:
 
     def after(self, time: float) -> Array:
         """Return the limit of the value from the right at an instant [s], shape (...)."""
-        index = int(np.searchsorted(self.times, time, side='right'))
-        if index == 0:
-            return np.zeros(self.values.shape[1:])
-        return self._between(index - 1, index, time)
+        return self._between(int(np.searchsorted(self.times, time, side='right')), time)
 
     def before(self, time: float) -> Array:
         """Return the limit of the value from the left at an instant [s], shape (...)."""
-        index = int(np.searchsorted(self.times, time, side='left'))
-        if index == 0:
-            return np.zeros(self.values.shape[1:])
-        return self._between(index - 1, index, time)
+        return self._between(int(np.searchsorted(self.times, time, side='left')), time)
 
     def segments(self, start: float, end: float) -> Iterator[Segment]:
         """Yield the linear segments of the profile between two instants [s]."""
@@ -99,12 +93,16 @@ class Profile:
         means = [line.duration / length * ((line.first + line.last) / 2) for line in lines]
         return np.asarray(np.sum(means, axis=0))
 
-    def _between(self, left: int, right: int, time: float) -> Array:
-        if right == len(self.times):
+    def _between(self, following: int, time: float) -> Array:
+        """Return the value at an instant [s] before the point `following`."""
+        if following == 0:
+            return np.zeros(self.values.shape[1:])
+        if following == len(self.times):
             return np.asarray(self.values[-1])
-        first, last = self.values[left], self.values[right]
-        fraction = (time - self.times[left]) / (self.times[right] - self.times[left])
-        return np.asarray(first + fraction * (last - first))
+        (begin, end), (first, last) = (
+            each[following - 1 : following + 1] for each in (self.times, self.values)
+        )
+        return np.asarray(first + (time - begin) / (end - begin) * (last - first))
 
 
 AT_REST = Profile(np.zeros(1), np.zeros(1))

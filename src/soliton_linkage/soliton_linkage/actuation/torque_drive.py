@@ -183,9 +183,7 @@ class JointDrive:
     def mean_torques(self, start: float, end: float) -> Array:
         """Return the mean torques from `start` to `end` [N m], shape (N,); drop ended commands."""
         torques = np.zeros(self._number)
-        self._commands = [
-            command for command in self._commands if start < command.ends - RESOLUTION
-        ]
+        self._commands = [each for each in self._commands if start < each.ends - RESOLUTION]
         for command in self._commands:
             since = start - command.started
             torques[command.rotors] = command.profile.mean(since, since + end - start)

@@ -22,7 +22,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from soliton_linkage.linkage.deviations import NO_DEVIATIONS, Deviations
+from soliton_linkage.linkage.deviations import NO_DEVIATIONS, OF_SPRINGS, Deviations
 from soliton_linkage.linkage.feedback import NO_FEEDBACK, Feedback
 from soliton_linkage.linkage.quantities import check_quantities, document_fields, quantity
 from soliton_linkage.linkage.springs import spring_between
@@ -36,6 +36,16 @@ class Motion(enum.Enum):
     FLIPPER = 'flipper'
     WOBBLING_FLIPPER = 'wobbling flipper'
     SPINNER = 'spinner'
+
+
+def _deviating(parameter: str, meaning: str) -> cached_property[Array]:
+    """Return a property of `Chain` with the values of a parameter for each rotor or spring."""
+
+    def values(chain: Chain) -> Array:
+        return np.asarray(getattr(chain, parameter) * chain._factors(parameter))
+
+    values.__doc__ = meaning
+    return cached_property(values)
 
 
 @document_fields
@@ -101,10 +111,23 @@ class Chain:
         """Number of springs: N - 1 with free ends, N with periodic ends."""
         return self.number_of_rotors - (not self.periodic)
 
-    @cached_property
-    def spacings(self) -> Array:
-        """Distance from each pivot to the next [m], shape (springs,)."""
-        return self._deviating('spacing', self.number_of_springs)
+    spacings = _deviating('spacing', 'Distance from each pivot to the next [m], shape (springs,).')
+    rotor_lengths = _deviating('rotor_length', 'Length of each rotor [m], shape (N,).')
+    masses = _deviating('mass', 'Mass at the end of each rotor [kg], shape (N,).')
+    stiffnesses = _deviating('stiffness', 'Stiffness of each spring [N/m], shape (springs,).')
+    rest_lengths = _deviating('rest_length', 'Rest length of each spring [m], shape (springs,).')
+    dampings = _deviating('damping', 'Damping of each rotor [N m s/rad], shape (N,).')
+    dry_frictions = _deviating('dry_friction', 'Dry friction of each rotor [N m], shape (N,).')
+    quadratic_dampings = _deviating(
+        'quadratic_damping', 'Quadratic damping of each rotor [N m s^2/rad^2], shape (N,).'
+    )
+    non_reciprocities = _deviating(
+        'non_reciprocity', 'Non-reciprocity kappa of each bond [N m/rad], shape (springs,).'
+    )
+    on_site_torques = _deviating(
+        'on_site_torque',
+        'Largest torque of the on-site potential of each rotor [N m], shape (N,).',
+    )
 
     @cached_property
     def pivots(self) -> Array:
@@ -113,54 +136,9 @@ class Chain:
         return np.concatenate([[0.0], np.cumsum(between)])
 
     @cached_property
-    def rotor_lengths(self) -> Array:
-        """Length of each rotor [m], shape (N,)."""
-        return self._deviating('rotor_length', self.number_of_rotors)
-
-    @cached_property
-    def masses(self) -> Array:
-        """Mass at the end of each rotor [kg], shape (N,)."""
-        return self._deviating('mass', self.number_of_rotors)
-
-    @cached_property
-    def stiffnesses(self) -> Array:
-        """Stiffness of each spring [N/m], shape (springs,)."""
-        return self._deviating('stiffness', self.number_of_springs)
-
-    @cached_property
-    def rest_lengths(self) -> Array:
-        """Rest length of each spring [m], shape (springs,)."""
-        return self._deviating('rest_length', self.number_of_springs)
-
-    @cached_property
-    def dampings(self) -> Array:
-        """Damping of each rotor [N m s/rad], shape (N,)."""
-        return self._deviating('damping', self.number_of_rotors)
-
-    @cached_property
-    def dry_frictions(self) -> Array:
-        """Dry friction of each rotor [N m], shape (N,)."""
-        return self._deviating('dry_friction', self.number_of_rotors)
-
-    @cached_property
-    def quadratic_dampings(self) -> Array:
-        """Quadratic damping of each rotor [N m s^2/rad^2], shape (N,)."""
-        return self._deviating('quadratic_damping', self.number_of_rotors)
-
-    @cached_property
-    def non_reciprocities(self) -> Array:
-        """Non-reciprocity kappa of each bond [N m/rad], shape (springs,)."""
-        return self._deviating('non_reciprocity', self.number_of_springs)
-
-    @cached_property
-    def on_site_torques(self) -> Array:
-        """Largest torque of the on-site potential of each rotor [N m], shape (N,)."""
-        return self._deviating('on_site_torque', self.number_of_rotors)
-
-    @cached_property
     def feedback_strengths(self) -> Array:
         """Factor of the feedback gains of each motor [1], shape (N,)."""
-        return self._factors('feedback', self.number_of_rotors)
+        return self._factors('feedback')
 
     @cached_property
     def moments_of_inertia(self) -> Array:
@@ -301,11 +279,10 @@ class Chain:
             return values, np.roll(values, -1, axis=-1)
         return values[..., :-1], values[..., 1:]
 
-    def _deviating(self, parameter: str, count: int) -> Array:
-        return np.asarray(getattr(self, parameter) * self._factors(parameter, count))
-
-    def _factors(self, parameter: str, count: int) -> Array:
+    def _factors(self, parameter: str) -> Array:
         deviations = getattr(self.deviations, parameter)
+        of_springs = parameter in OF_SPRINGS
+        count = self.number_of_springs if of_springs else self.number_of_rotors
         return 1 + np.array(deviations) if deviations else np.ones(count)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from soliton_linkage.linkage.quantities import (
     LARGEST_SEED,
-    check_quantities,
+    CheckedQuantities,
     document_fields,
     quantity,
 )
@@ -71,7 +71,7 @@ class Deviations:
     def check_fit(self, number_of_rotors: int, number_of_springs: int) -> None:
         """Raise ValueError unless each tuple is empty or has one value per rotor or spring."""
         for name in _NAMES:
-            of_springs = name in _OF_SPRINGS
+            of_springs = name in OF_SPRINGS
             wanted = number_of_springs if of_springs else number_of_rotors
             given = len(getattr(self, name))
             if given not in (0, wanted):
@@ -88,13 +88,13 @@ class Deviations:
                     f'deviations of {name} are given twice, as values and as a standard deviation '
                     'of random values; remove one of them'
                 )
-        return Deviations(
-            **{name: getattr(self, name) or getattr(others, name) for name in _NAMES}
-        )
+        both = {name: getattr(self, name) or getattr(others, name) for name in _NAMES}
+        return Deviations(**both)
 
 
 _NAMES = tuple(f.name for f in fields(Deviations))
-_OF_SPRINGS = ('spacing', 'stiffness', 'rest_length', 'non_reciprocity')
+OF_SPRINGS = ('spacing', 'stiffness', 'rest_length', 'non_reciprocity')
+"""Quantities of springs; all others are quantities of rotors."""
 NO_DEVIATIONS = Deviations()
 _LARGEST_SPREAD = 0.5
 """Largest relative standard deviation [1]; one random parameter in forty is then below 0."""
@@ -107,7 +107,7 @@ def _spread(of: str) -> Any:
 
 @document_fields
 @dataclass(frozen=True)
-class Disorder:
+class Disorder(CheckedQuantities):
     """Relative standard deviations and a seed. Raises ValueError for values out of range."""
 
     spacing: float = _spread('distances between pivots')
@@ -122,9 +122,6 @@ class Disorder:
     on_site_torque: float = _spread('on-site torques')
     feedback: float = _spread('feedback gains')
     seed: int = quantity(0, 'seed of the random deviations', '', 0, LARGEST_SEED)
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
     def drawn(self, number_of_rotors: int, periodic: bool = False) -> Deviations:
         """Return random deviations; quantities with the standard deviation 0 do not deviate."""
@@ -152,7 +149,7 @@ def drawn_deviations(
                 f'standard deviation of {name} = {fraction} must be a finite number >= 0'
             )
         generator = np.random.Generator(np.random.PCG64([seed, _NAMES.index(name)]))
-        count = springs if name in _OF_SPRINGS else number_of_rotors
+        count = springs if name in OF_SPRINGS else number_of_rotors
         drawn[name] = tuple((fraction * generator.standard_normal(count)).tolist())
     return Deviations(**drawn)
 

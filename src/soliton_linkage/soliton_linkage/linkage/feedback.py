@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from soliton_linkage.linkage.quantities import check_quantities, document_fields, quantity
+from soliton_linkage.linkage.quantities import CheckedQuantities, document_fields, quantity
 
 _LARGEST_GAIN = 1e6
 """Largest allowed gain, in the unit of each gain; it equals the limits of other torques."""
@@ -21,7 +21,7 @@ def _gain(of: str, unit: str) -> float:
 
 @document_fields
 @dataclass(frozen=True)
-class Feedback:
+class Feedback(CheckedQuantities):
     """Feedback of motors, see `motor_controllers`; ValueError for values out of range."""
 
     angle: float = _gain('the coordinate of the own rotor', 'N m/rad')
@@ -37,9 +37,6 @@ class Feedback:
         0, 'frames from a measurement to its torque', 'frames', 0, MOST_FRAMES_OF_DELAY
     )
     limit: float = quantity(0.1, 'largest torque of each motor', 'N m', 0.0, 1e6)
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
     @property
     def acts(self) -> bool:

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage.linkage.quantities import check_quantities, document_fields, quantity
+from soliton_linkage.linkage.quantities import CheckedQuantities, document_fields, quantity
 
 
 @document_fields
 @dataclass(frozen=True)
-class Gravity:
+class Gravity(CheckedQuantities):
     """Uniform gravity along -z, turned towards +x by the tilt; ValueError if out of range."""
 
     acceleration: float = quantity(
@@ -27,9 +27,6 @@ class Gravity:
         1e6,
         adjustable=True,
     )
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
     def energy(self, chain: Chain, angles: Array) -> Array:
         """Return the potential energy g sum_n M r cos(phi_n + tilt), 0 at the pivots [J]."""

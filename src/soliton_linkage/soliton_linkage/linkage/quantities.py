@@ -97,6 +97,13 @@ def check_quantities(instance: Any) -> None:
             raise ValueError(f'{type(instance).__name__}.{name} = {value!r} {complaint}')
 
 
+class CheckedQuantities:
+    """Base class of dataclasses whose values are checked by `check_quantities`."""
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+
 def _complaint_of_kind(value: object, default: object) -> str | None:
     if isinstance(default, bool) or not isinstance(default, (int, float)):
         return None

@@ -13,7 +13,7 @@ from xml.etree import ElementTree as Xml
 
 from soliton_linkage.colours import BLUE, DARK, GREY, PALE, shares
 from soliton_linkage.linkage.chain import Chain
-from soliton_linkage.linkage.quantities import check_quantities, document_fields, quantity
+from soliton_linkage.linkage.quantities import CheckedQuantities, document_fields, quantity
 
 BASE = 'linkage'
 """Name of the fixed link; the pivots are on its x axis."""
@@ -26,14 +26,11 @@ value is not 0, because many programs reject a moment of inertia of 0."""
 
 @document_fields
 @dataclass(frozen=True)
-class JointLimits:
+class JointLimits(CheckedQuantities):
     """Limits of the torque and of the rate of each rotor. The angle has no limits."""
 
     torque: float = quantity(0.1, 'largest torque on a rotor', 'N m', 0.0, 1e6)
     speed: float = quantity(100.0, 'largest rate of a rotor', 'rad/s', 0.0, 1e6)
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 def robot_description(
@@ -57,9 +54,8 @@ def robot_description(
     Xml.SubElement(Xml.SubElement(robot, 'mujoco'), 'compiler', discardvisual='false')
     for name, colour in (('rod', DARK), ('odd_rod', GREY), ('mass', BLUE), ('base', PALE)):
         material = Xml.SubElement(robot, 'material', name=name)
-        Xml.SubElement(
-            material, 'color', rgba=' '.join(f'{share:.4g}' for share in (*shares(colour), 1))
-        )
+        rgba = ' '.join(f'{share:.4g}' for share in (*shares(colour), 1))
+        Xml.SubElement(material, 'color', rgba=rgba)
     width = _THICKNESS * min(chain.spacing, chain.rotor_length)
     _add_base(robot, chain, width)
     for rotor, name in enumerate(names):

@@ -116,11 +116,8 @@ class DeviatingOrbit(Orbit):
             if not spinner and piece.seed not in (0, last):
                 continue
             rotor = None if spinner else -2 if piece.seed == last else 1
-            rate = (
-                _rate(0.0, after, rotor)
-                if spinner or after.seed == piece.seed
-                else _rate(piece.length, piece, rotor)
-            )
+            within = spinner or after.seed == piece.seed
+            rate = _rate(0.0, after, rotor) if within else _rate(piece.length, piece, rotor)
             if (_rate(0.0, piece, rotor) > 0) != (rate > 0):
                 found.append(end - piece.length + _reversal(piece, rotor))
         if len(found) != self.number_of_legs:
@@ -211,9 +208,8 @@ class _ArcMap:
             here, there = (_arcs_at_bonds(each, leg)[:: (-1) ** leg] for each in (orbit, uniform))
             kept = np.isfinite(here) & np.isfinite(there)
             here, there = here[kept], there[kept]
-            rising = (here == np.maximum.accumulate(here)) & (
-                here == np.minimum.accumulate(here[::-1])[::-1]
-            )
+            rising = here == np.maximum.accumulate(here)
+            rising &= here == np.minimum.accumulate(here[::-1])[::-1]
             arcs += [orbit.leg_arcs(leg)[0], *here[rising].tolist()]
             uniform_arcs += [uniform.leg_arcs(leg)[0], *there[rising].tolist()]
         self._arcs = [*arcs, orbit.length]
@@ -228,9 +224,8 @@ class _ArcMap:
         return self._cubic.at(arc)
 
     def inverse(self, uniform_arc: float) -> float:
-        number = min(
-            max(bisect_right(self._uniform_arcs, uniform_arc) - 1, 0), len(self._arcs) - 2
-        )
+        number = bisect_right(self._uniform_arcs, uniform_arc) - 1
+        number = min(max(number, 0), len(self._arcs) - 2)
         begin, end = self._arcs[number : number + 2]
         low, high = self._uniform_arcs[number : number + 2]
         if uniform_arc <= low or uniform_arc >= high:

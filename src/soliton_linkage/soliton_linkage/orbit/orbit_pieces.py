@@ -97,14 +97,10 @@ def _pieces(chain: Chain, beside: int) -> list[OrbitPiece]:
         size = len(keys) * _NODES * (2 * beside + 1)
         numbers += size
         _check_size(chain, numbers)
-        left = []
-        for batch in np.array_split(np.arange(len(keys)), math.ceil(size / _BATCH)):
-            pieces = zip(batch.tolist(), _resolved(chain, todo.take(batch)), strict=True)
-            for number, piece in pieces:
-                if piece is None:
-                    left.append(number)
-                else:
-                    done.append((float(keys[number]), piece))
+        batches = np.array_split(np.arange(len(keys)), math.ceil(size / _BATCH))
+        found = [piece for each in batches for piece in _resolved(chain, todo.take(each))]
+        left = [number for number, piece in enumerate(found) if piece is None]
+        done += [(float(key), piece) for key, piece in zip(keys, found, strict=True) if piece]
         if not left:
             return [piece for _, piece in sorted(done, key=lambda each: each[0])]
         todo = todo.take(np.array(left)).halves()
@@ -169,10 +165,8 @@ class _Window:
         distance = np.hypot(h, v)
         above = (length - distance + r) * (length + distance - r)
         below = (distance + r - length) * (distance + r + length)
-        return np.asarray(
-            np.arctan2(h, v)
-            + branches[:, bar, None] * 2 * np.arctan2(np.sqrt(above), np.sqrt(below))
-        )
+        aside = branches[:, bar, None] * 2 * np.arctan2(np.sqrt(above), np.sqrt(below))
+        return np.asarray(np.arctan2(h, v) + aside)
 
 
 def _resolved(chain: Chain, path: SeedPath) -> list[OrbitPiece | None]:

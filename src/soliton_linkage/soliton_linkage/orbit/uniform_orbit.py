@@ -120,26 +120,17 @@ class UniformOrbit(Orbit):
         way = (1 if forward else -1) / self.site_arc
         site = self.middle + way * (arc - self._halfway[leg])
         at_first = bool(site < self.middle)
-        distance, slope = self._orbit.edges[leg][at_first].at(
-            site if at_first else self._last - site
-        )
+        from_edge = site if at_first else self._last - site
+        distance, slope = self._orbit.edges[leg][at_first].at(from_edge)
         return distance if at_first else self._last - distance, way * slope
 
     def segment(self, arc: float) -> OrbitSegment:
         """Return angles and tangent of the rotors near the wall at an arc length [rad]."""
-        short = self._orbit
-        rotors = self._short.number_of_rotors
+        short, rotors = self._orbit, self._short.number_of_rotors
+        long = arc % self._starts[-1], self._legs, self._repeats, self.site_arc
         values = np.empty(2 * rotors)
-        first, low, high = set_near_wall(
-            arc % self._starts[-1],
-            self._legs,
-            self._repeats,
-            self.site_arc,
-            short.length,
-            short.knots,
-            short.coefficients,
-            values,
-        )
+        series = short.length, short.knots, short.coefficients
+        first, low, high = set_near_wall(*long, *series, values)
         return OrbitSegment(first, values[low:high], values[rotors + low : rotors + high])
 
     def background(self, arc: float) -> tuple[Array, Array]:
@@ -320,13 +311,11 @@ def _closed_spline(pieces: list[_HalfLegs], middles: list[float]) -> BSpline:
     around, samples = np.concatenate(arcs), np.concatenate(rows)
     turned = np.zeros(samples.shape[1])
     turned[: len(end)] = 2 * math.pi * np.round((end - pieces[0].angles[0]) / (2 * math.pi))
-    beyond = _DEGREE + 1
-    length = middles[-1]
-    return make_interp_spline(
-        np.concatenate([around[-beyond:] - length, around, around[:beyond] + length]),
-        np.concatenate([samples[-beyond:] - turned, samples, samples[:beyond] + turned]),
-        k=_DEGREE,
+    closed = (
+        np.concatenate([each[-_DEGREE - 1 :] - period, each, each[: _DEGREE + 1] + period])
+        for each, period in ((around, middles[-1]), (samples, turned))
     )
+    return make_interp_spline(*closed, k=_DEGREE)
 
 
 @compiled(const_f8_1d, const_f8_2d, f8, f8_1d)

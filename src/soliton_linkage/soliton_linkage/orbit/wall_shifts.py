@@ -155,14 +155,13 @@ class _BarsNearWall:
         )
         both = first + second
         (h, v), (h_next, v_next), a = self._left, self._right, self._spacing
-        by_angles = _rotor_sums(
-            both * self._dot + first * a * h, second * a * h_next - both * self._dot
-        )
+        turned = both * self._dot
+        by_angles = _rotor_sums(turned + first * a * h, second * a * h_next - turned)
         effects = self._angle_effect(by_angles)
         effects[1::2] -= first * a * v + second * a * v_next
-        effects[::2] += _rotor_sums(
-            first * self._first + second * self._cross, first * self._cross - second * self._second
-        )
+        of_left = first * self._first + second * self._cross
+        of_right = first * self._cross - second * self._second
+        effects[::2] += _rotor_sums(of_left, of_right)
         return -effects / float(by_angles @ self._tangent)
 
     def _angle_effect(self, weights: Array) -> Array:
@@ -171,10 +170,9 @@ class _BarsNearWall:
         (h, v), (h_next, v_next) = self._left, self._right
         effects = np.empty(2 * len(weights) - 1)
         effects[1::2] = -bars * self._spacing * self._across
-        effects[::2] = _rotor_sums(
-            bars * (self._across * h + self._up * v),
-            -bars * (self._across * h_next + self._up * v_next),
-        )
+        of_left = bars * (self._across * h + self._up * v)
+        of_right = -bars * (self._across * h_next + self._up * v_next)
+        effects[::2] = _rotor_sums(of_left, of_right)
         return effects
 
 

@@ -187,10 +187,8 @@ def follow_zero_mode(
     [rad]. `begin` and `end` are arc lengths from `start` [rad]; `angles` interpolates between
     them. Raises ArithmeticError if the orbit does not reach `goal`.
     """
-    relative, absolute = tolerances
-    solver = DOP853(
-        lambda _, angles: tangent(angles), 0.0, start, np.inf, rtol=relative, atol=absolute
-    )
+    limits = dict(zip(('rtol', 'atol'), tolerances, strict=True))
+    solver = DOP853(lambda _, angles: tangent(angles), 0.0, start, np.inf, **limits)
     at_goal = tangent(goal)
     for _ in range(_MOST_STEPS):
         if solver.step():
@@ -284,16 +282,12 @@ class _SitePassage:
         start = _symmetric_wall(window, self._rotor - 1, leg)
         mode = zero_mode(window, start)
         sense = 1.0 if mode @ mode_towards_last(window, start) > 0 else -1.0
-        _, ends, pieces = zip(
-            *follow_zero_mode(
-                window,
-                lambda angles: sense * zero_mode(window, angles),
-                start,
-                goal,
-                (_TOLERANCE, _TOLERANCE),
-            ),
-            strict=True,
-        )
+
+        def tangent(angles: Array) -> Array:
+            return sense * zero_mode(window, angles)
+
+        steps = follow_zero_mode(window, tangent, start, goal, (_TOLERANCE, _TOLERANCE))
+        _, ends, pieces = zip(*steps, strict=True)
         self.arc = float(ends[-1])
         self._solution = OdeSolution([0.0, *ends], list(pieces))
 

@@ -82,11 +82,10 @@ def measured_track(chain: Chain, times: Array, walls: Sequence[Sequence[Measured
 def follow(chain: Chain, recording: Recording) -> Track:
     """Return the trajectory of the first soliton in a recording."""
     rates = recording.rates if len(recording.rates) else [None] * len(recording.times)
-    found = [
-        find_solitons(chain, angles, rate)
-        for angles, rate in zip(recording.angles, rates, strict=True)
-    ]
-    track = measured_track(chain, recording.times, found)
+    frames = zip(recording.angles, rates, strict=True)
+    track = measured_track(
+        chain, recording.times, [find_solitons(chain, *each) for each in frames]
+    )
     return Track(track.times, track.sites, track.site_rates)
 
 
@@ -103,12 +102,6 @@ def find_crossings(chain: Chain, track: Track) -> tuple[Crossing, ...]:
         passage = slice(left, entered + 1)
         found = np.isfinite(track.sites[passage])
         slope = np.polyfit(track.times[passage][found], track.sites[passage][found], 1)[0]
-        crossings.append(
-            Crossing(
-                start=float(track.times[left]),
-                end=float(track.times[entered]),
-                direction=int(side[entered]),
-                site_rate=float(abs(slope)),
-            )
-        )
+        start, end = float(track.times[left]), float(track.times[entered])
+        crossings.append(Crossing(start, end, int(side[entered]), float(abs(slope))))
     return tuple(crossings)

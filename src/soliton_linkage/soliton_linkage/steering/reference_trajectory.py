@@ -80,11 +80,8 @@ class ReferenceTrajectory:
     def at(self, time: float) -> ReferencePoint:
         """Return the reference at an instant [s]."""
         x = min(max((time - self.start) / self.duration, 0.0), 1.0)
-        arc, rate, acceleration = (
-            float(np.polyval(self._derivative(order), x)) / self.duration**order
-            for order in range(3)
-        )
-        return ReferencePoint(arc, rate, acceleration)
+        values = (float(np.polyval(self._derivative(order), x)) for order in range(3))
+        return ReferencePoint(*(each / self.duration**order for order, each in enumerate(values)))
 
     def _derivative(self, order: int) -> Array:
         """Return the coefficients of a derivative by x, highest power first."""

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from soliton_linkage.linkage.quantities import check_quantities, quantity
+from soliton_linkage.linkage.quantities import CheckedQuantities, quantity
 
 
 @dataclass(frozen=True)
-class SteeringSettings:
+class SteeringSettings(CheckedQuantities):
     """Tuned parameters of the steering; raises ValueError for values out of range.
 
     The `Quantity` of each field contains its meaning and range. b [rad/s] is the bandwidth.
@@ -148,9 +148,6 @@ class SteeringSettings:
     )
     """Kinetic and elastic energy of a phonon alternate. Sensitivity: at 0.5x, the oscillation of
     the estimate is twice as large, and the estimate converges twice as fast."""
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 DEFAULTS = SteeringSettings()

@@ -224,9 +224,8 @@ class Steering:
         if estimate is None or not self._moving:
             return
         shortest = self.settings.min_duration / self._bandwidth
-        self._begin(
-            trajectory_to_rest(estimate.time, self._reference(estimate), shortest), stopping=True
-        )
+        trajectory = trajectory_to_rest(estimate.time, self._reference(estimate), shortest)
+        self._begin(trajectory, stopping=True)
 
     def release(self) -> None:
         """Release the wall: apply no further torques."""
@@ -244,9 +243,8 @@ class Steering:
             for sent in list(self._sent)[1:]:
                 then = then.after(self._period, sent.acceleration)
         point, b = self._trajectory.at(then.time), self._bandwidth
-        acceleration = (
-            point.acceleration + 2 * b * (point.rate - then.rate) + b**2 * (point.arc - then.arc)
-        )
+        correction = 2 * b * (point.rate - then.rate)
+        acceleration = point.acceleration + correction + b**2 * (point.arc - then.arc)
         force = self._inertia * (acceleration - then.disturbance)
         torques, available = self.allocation.torques(then.arc, force)
         torques = -torques if estimate.upside_down else torques
@@ -399,14 +397,11 @@ class Steering:
         force = self.settings.force_reserve * self._inertia * trajectory.max_acceleration
         if self.allocation.can_move(estimate.arc, trajectory.goal, force):
             return None
-        reach = self.allocation.reach(estimate.arc, force)
-        here = self.orbit.site(estimate.arc)
-        able = (
-            f'they cannot hold a soliton at rotor {here:.2f}'
-            if math.isnan(reach.first)
-            else f'they can move a soliton at rotor {here:.2f} between rotors {reach.first:.2f} '
-            f'and {reach.last:.2f}'
-        )
+        reach, here = self.allocation.reach(estimate.arc, force), self.orbit.site(estimate.arc)
+        able = f'they cannot hold a soliton at rotor {here:.2f}'
+        if not math.isnan(reach.first):
+            between = f'between rotors {reach.first:.2f} and {reach.last:.2f}'
+            able = f'they can move a soliton at rotor {here:.2f} {between}'
         return MoveResult(
             Outcome.OUT_OF_REACH,
             f'rotor = {site:g} is out of reach of the actuators: {able} with torques up to '

@@ -41,12 +41,8 @@ class WallEstimate:
     def after(self, elapsed: float, acceleration: float) -> WallEstimate:
         """Return the state after a time [s] with an acceleration by known torques [rad/s^2]."""
         gained = (acceleration + self.disturbance) * elapsed
-        return replace(
-            self,
-            time=self.time + elapsed,
-            arc=self.arc + (self.rate + gained / 2) * elapsed,
-            rate=self.rate + gained,
-        )
+        arc = self.arc + (self.rate + gained / 2) * elapsed
+        return replace(self, time=self.time + elapsed, arc=arc, rate=self.rate + gained)
 
 
 class WallObserver:
@@ -95,12 +91,8 @@ class WallObserver:
         if found.status in (TrackingStatus.ACQUIRED, TrackingStatus.TRACKING):
             self._seen = time
         self.estimate = None
-        if (
-            found.status is not TrackingStatus.LOST
-            and time - self._seen <= self._settings.detection_timeout
-        ):
-            disturbance = self._filter.disturbance
-            self.estimate = WallEstimate(
-                time, found.arc, found.rate, disturbance, self._seen, found.upside_down
-            )
+        recent = time - self._seen <= self._settings.detection_timeout
+        if recent and found.status is not TrackingStatus.LOST:
+            motion = found.arc, found.rate, self._filter.disturbance
+            self.estimate = WallEstimate(time, *motion, self._seen, found.upside_down)
         return self.estimate

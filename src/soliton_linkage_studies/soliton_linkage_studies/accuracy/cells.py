@@ -131,8 +131,7 @@ def _drawn(number: int, random: np.random.Generator) -> AccuracyCell:
     motion = _MOTIONS[number % len(_MOTIONS)]
     walls = int(random.choice(_SEVERAL))
     chain = _chain(motion, walls, random)
-    lively = bool(random.integers(2))
-    phonons = _between(_PHONONS, random)
+    lively, phonons = bool(random.integers(2)), _between(_PHONONS, random)
     return AccuracyCell(
         name=f'{number}',
         chain=chain,
@@ -192,24 +191,16 @@ def _of_model(chains: dict[str, Chain]) -> list[AccuracyCell]:
     """Return cells in which a single effect dominates the stated standard deviations."""
     edge, narrow = chain_of(40, 0.9, 0.2), chain_of(30, 1.1, 4.39)
     slow, wide = chain_of(40, 1.1, 1.25 * 2 / math.sin(1.1)), chain_of(30, 0.8, 1.6)
+    at_rest = [('35', edge, 35.0), ('37', edge, 37.0), ('spinner', narrow, 27.0)]
+    at_rest += [
+        (f'{name}_{rotors}', replace(chain, number_of_rotors=rotors), 1.0)
+        for name, chain in chains.items()
+        for rotors in (3, 4, 5)
+    ]
     cells = [
         *(
-            AccuracyCell(f'edge_{start:g}', edge, 0.01, 0.0, 0.2, 150, start=start)
-            for start in (35.0, 37.0)
-        ),
-        AccuracyCell('edge_spinner', narrow, 0.01, 0.0, 0.2, 150, start=27.0),
-        *(
-            AccuracyCell(
-                f'edge_{name}_{rotors}',
-                replace(chain, number_of_rotors=rotors),
-                0.01,
-                0.0,
-                0.2,
-                150,
-                start=1.0,
-            )
-            for name, chain in chains.items()
-            for rotors in (3, 4, 5)
+            AccuracyCell(f'edge_{name}', chain, 0.01, 0.0, 0.2, 150, start=start)
+            for name, chain, start in at_rest
         ),
         AccuracyCell('slow_spinner', slow, 0.01, 0.03, 4.0, 150),
         AccuracyCell('slow_spinner_outliers', slow, 0.01, 0.03, 4.0, 150, outliers=0.01),
@@ -237,10 +228,8 @@ def _of_model(chains: dict[str, Chain]) -> list[AccuracyCell]:
     spinner = replace(chains['spinner'], number_of_rotors=60)
     cells.append(AccuracyCell('pair_spinner', spinner, 0.01, 0.1, 0.2, 150, walls=2))
     for share in (0.77, 0.92):
-        chain = chain_of(30, 0.9, share * 2 / math.sin(0.9))
-        cells.append(
-            AccuracyCell(f'broken_wobbler_{share:g}', chain, 0.01, 0.3, 0.2, 400, kick=4.0)
-        )
+        chain, name = chain_of(30, 0.9, share * 2 / math.sin(0.9)), f'broken_wobbler_{share:g}'
+        cells.append(AccuracyCell(name, chain, 0.01, 0.3, 0.2, 400, kick=4.0))
     return cells
 
 
@@ -287,14 +276,12 @@ def _of_class(name: str, chain: Chain) -> list[AccuracyCell]:
 
 def _of_few() -> list[AccuracyCell]:
     flipper, wobbler, spinner = (chain_of(*lean) for lean in _LEANS.values())
-    pair = chain_of(60, 0.9, 0.7)
+    pair, wobblers = chain_of(60, 0.9, 0.7), replace(wobbler, number_of_rotors=60)
     cells = [
         AccuracyCell('broken_flipper', flipper, 0.01, 0.15, 0.2, 150, kick=3.0),
         AccuracyCell('broken_spinner', spinner, 0.01, 0.15, 0.2, 150, kick=6.0),
         AccuracyCell('pair_flipper', pair, 0.01, 0.15, 0.2, 150, walls=2),
-        AccuracyCell(
-            'pair_wobbler', replace(wobbler, number_of_rotors=60), 0.01, 0.1, 0.2, 150, walls=2
-        ),
+        AccuracyCell('pair_wobbler', wobblers, 0.01, 0.1, 0.2, 150, walls=2),
     ]
     for number, (rotors, speed) in enumerate(((16, 0.14), (20, 0.18), (25, 0.23))):
         chain = chain_of(rotors, 1.1, (1.7 + 0.3 * number) * 2 / math.sin(1.1))
@@ -303,10 +290,8 @@ def _of_few() -> list[AccuracyCell]:
     for share, speed in ((0.89, 0.25), (0.96, 0.33)):
         chain = chain_of(30, 0.9, share * 2 / math.sin(0.9))
         sound = speed_of_sound(chain) / chain.spacing * chain.time_unit
-        kick = speed * sound * site_arc(chain)
-        cells.append(
-            AccuracyCell(f'fast_wobbler_{share:g}', chain, 0.01, speed, 0.2, 150, kick=kick)
-        )
+        kick, name = speed * sound * site_arc(chain), f'fast_wobbler_{share:g}'
+        cells.append(AccuracyCell(name, chain, 0.01, speed, 0.2, 150, kick=kick))
     for rotors, lean, noise in ((17, 1.4, 0.05), (33, 1.87, 0.01), (33, 2.3, 0.01)):
         chain = chain_of(rotors, 0.77, lean)
         name = f'slow_wobbler_{rotors}_{lean:g}'

@@ -85,14 +85,11 @@ class ContractionStudy:
 
     def tasks(self) -> list[Callable[[], Any]]:
         """Return the tasks: first the passages of all walls, then the widths at rest."""
-        return [
-            *(
-                partial(self.passage, number, kick)
-                for number, walls in enumerate(self.walls)
-                for kick in range(len(walls.kicks))
-            ),
-            *(partial(rest_width, walls.chain) for walls in self.walls),
+        both = [
+            (n, kick) for n, walls in enumerate(self.walls) for kick in range(len(walls.kicks))
         ]
+        passages = [partial(self.passage, *each) for each in both]
+        return [*passages, *(partial(rest_width, walls.chain) for walls in self.walls)]
 
     def write(self, results: Sequence[Any], folder: Path, name: str = SIMULATED) -> None:
         """Write the table and the picture under a file name, from the results of the tasks."""
@@ -135,9 +132,7 @@ def measured_passage(chain: Chain, times: Array, angles: Array) -> ContractedWal
     analyser = Analyser(chain)
     stamps = np.rint(1e9 * times).astype(np.int64).tolist()
     analyses = [analyser.analyse(*frame) for frame in zip(stamps, angles, strict=True)]
-    return passage_of(
-        chain, times, [each.solitons if each is not None else () for each in analyses]
-    )
+    return passage_of(chain, times, [each.solitons if each else () for each in analyses])
 
 
 def passage_of(
@@ -152,9 +147,8 @@ def passage_of(
     mean is the smallest stated one, because successive widths are correlated. Raises ValueError
     for fewer than ten frames.
     """
-    alone = [
-        (time, walls[0]) for time, walls in zip(times, frames, strict=True) if len(walls) == 1
-    ]
+    both = zip(times, frames, strict=True)
+    alone = [(time, walls[0]) for time, walls in both if len(walls) == 1]
     passage = first_passage(chain, np.array([wall.rotor for _, wall in alone]))
     inside = [each for each in alone[passage] if math.isfinite(each[1].width_deviation)]
     if len(inside) < _FEWEST_FRAMES:
@@ -167,12 +161,10 @@ def passage_of(
     walls = [wall for _, wall in inside]
     slope = np.polyfit(times_inside, [wall.position for wall in walls], 1)[0]
     of_position = float(np.median([wall.position_deviation for wall in walls]))
+    duration = float(times_inside[-1] - times_inside[0])
     return ContractedWall(
         speed=abs(float(slope)) / sound,
-        speed_deviation=math.sqrt(2)
-        * of_position
-        / float(times_inside[-1] - times_inside[0])
-        / sound,
+        speed_deviation=math.sqrt(2) * of_position / duration / sound,
         width=float(np.mean([wall.width for wall in walls])) / at_rest,
         width_deviation=min(wall.width_deviation for wall in walls) / at_rest,
     )
@@ -181,19 +173,19 @@ def passage_of(
 def rest_width(chain: Chain) -> float:
     """Return the mean relative width of static walls over two spacings, from tanh fits [1]."""
     middle = chain.number_of_rotors // 2 - 1
-    walls = np.array([static_wall(chain, middle + position) for position in np.arange(0, 2, 0.1)])
-    return float(_widths(chain, walls).mean())
+    walls = (static_wall(chain, middle + position) for position in np.arange(0, 2, 0.1))
+    found = [find_solitons(chain, wall) for wall in walls]
+    widths = np.array([walls[0].width for walls in found if len(walls) == 1])
+    return float((widths[np.isfinite(widths)] / chain.wall_width).mean())
 
 
 def read_contraction_study(section: Section, quick: bool) -> ContractionStudy:
     """Read the settings. Raises ValueError for invalid settings."""
     section.check_keys('chains', 'noise', 'frames', 'seed')
     frames = section.whole_number('frames', 50, 1_000_000)
+    chains = section.section('chains').sections()
     return ContractionStudy(
-        walls=tuple(
-            _walls(name, each, quick)
-            for name, each in section.section('chains').sections().items()
-        ),
+        walls=tuple(_walls(name, each, quick) for name, each in chains.items()),
         noise=section.number('noise', 0.0, 1.0),
         frames=min(frames, _QUICK_FRAMES) if quick else frames,
         seed=section.whole_number('seed', 0, 2**32),
@@ -208,59 +200,39 @@ def _walls(name: str, section: Section, quick: bool) -> Walls:
     known_kicks = known.numbers('kicks', 1e-6, 100.0)
     found = {key: known.numbers(key, 0.0, 100.0) for key in ('speeds', 'widths')}
     for key, values in found.items():
-        if len(values) != len(known_kicks):
-            raise known.error(
-                key, f'must have one value per kick ({len(known_kicks)}); add or remove values'
-            )
+        if len(values) != (count := len(known_kicks)):
+            raise known.error(key, f'must have one value per kick ({count}); add or remove values')
     pairs = zip(found['speeds'], found['widths'], strict=True)
     reference = dict(zip(known_kicks, pairs, strict=True))
     chain = chain_from(section.section('chain'))
     return Walls(name, chain, kicks[::_QUICK_EVERY] if quick else kicks, reference)
 
 
-def _widths(chain: Chain, angles: Array) -> Array:
-    found = [find_solitons(chain, frame) for frame in angles]
-    widths = np.array([walls[0].width for walls in found if len(walls) == 1])
-    return np.asarray(widths[np.isfinite(widths)] / chain.wall_width)
-
-
 def _draw(
     report: FigureReport, axes: Axes, walls: Walls, passages: Sequence[ContractedWall], rest: float
 ) -> None:
-    speeds = np.array([passage.speed for passage in passages])
-    widths = np.array([passage.width for passage in passages])
+    rows = [
+        (each.speed, each.width, each.speed_deviation, each.width_deviation) for each in passages
+    ]
+    speeds, widths, of_speeds, of_widths = np.array(rows).T
     fine = np.linspace(0, 1, 400)
-    law = np.sqrt(1 - fine**2)
-    axes.plot(fine, law, color=PAPER, label='√(1 − v²/c²) (paper)')
+    axes.plot(fine, np.sqrt(1 - fine**2), color=PAPER, label='√(1 − v²/c²) (paper)')
     sound = speed_of_sound(walls.chain) / walls.chain.spacing * walls.chain.time_unit
-    known = np.array(list(walls.reference.values()))
-    axes.plot(
-        known[:, 0] / sound,
-        known[:, 1] / rest,
-        'D',
-        color=BLACK,
-        markerfacecolor='none',
-        markersize=11,
-        label='independent integrator, no noise, tanh fit',
-    )
-    axes.errorbar(
-        speeds,
-        widths,
-        xerr=[2 * passage.speed_deviation for passage in passages],
-        yerr=[2 * passage.width_deviation for passage in passages],
-        fmt='o',
-        color=MEASURED,
-        markersize=4,
-        capsize=3,
-        label='measured from noisy angles, ± 2 std',
-    )
+    known = np.array(list(walls.reference.values())) / [sound, rest]
+    label = 'independent integrator, no noise, tanh fit'
+    (hollow,) = axes.plot(*known.T, 'D', color=BLACK, markersize=11, label=label)
+    hollow.set_markerfacecolor('none')
+    look: Any = {'fmt': 'o', 'color': MEASURED, 'markersize': 4, 'capsize': 3}
+    label = 'measured from noisy angles, ± 2 std'
+    axes.errorbar(speeds, widths, 2 * of_widths, 2 * of_speeds, label=label, **look)
     axes.set(xlabel='v / c [1]', ylabel='w / w at rest [1]', xlim=(0, 1), ylim=(0, 1.05))
     axes.set(title=f'{class_and_shape(walls.chain)}, {walls.chain.number_of_rotors} rotors')
     axes.legend(loc='lower left')
-    report.add_points(walls.name, 'measured', ('v / c [1]', 'w / w at rest [1]'), speeds, widths)
-    deviations = [passage.width_deviation for passage in passages]
-    names = ('v / c [1]', 'standard deviation of w / w at rest [1]')
-    report.add_points(walls.name, 'measured', names, speeds, deviations)
+    for values, quantity in (
+        (widths, 'w / w at rest [1]'),
+        (of_widths, 'standard deviation of w / w at rest [1]'),
+    ):
+        report.add_points(walls.name, 'measured', ('v / c [1]', quantity), speeds, values)
 
 
 def _comparisons(
@@ -274,15 +246,10 @@ def _comparisons(
         slowed = min(passage.speed, 1.0)
         law = Formula('√(1 − (v/c)²)', math.sqrt(1 - slowed**2), {'v/c': slowed})
         where = f'{class_and_shape(chain)}, v₀ = {kick:g}'
+        of_width = f'w / w at rest at {passage.speed:.3f} c'
         for quantity, deviation, paper, measured, expected in (
             ('v [a√(k_e/M)]', passage.speed_deviation * sound, '', passage.speed * sound, speed),
-            (
-                f'w / w at rest at {passage.speed:.3f} c',
-                passage.width_deviation,
-                law,
-                passage.width,
-                width / rest,
-            ),
+            (of_width, passage.width_deviation, law, passage.width, width / rest),
         ):
             source = 'independent integrator' if kick in walls.reference else ''
             name = f'{quantity} ± {deviation:.5f}, {where}'

@@ -83,11 +83,8 @@ def inner_positions(chain: Chain) -> tuple[float, float]:
 
 def estimators_of(chain: Chain) -> dict[str, Estimator]:
     """Return the estimators for a chain by name; `SHIFTED_CROSSING` is for spinners only."""
-    return {
-        name: estimator
-        for name, estimator in ESTIMATORS.items()
-        if name != SHIFTED_CROSSING or chain.motion is Motion.SPINNER
-    }
+    omitted = () if chain.motion is Motion.SPINNER else (SHIFTED_CROSSING,)
+    return {name: each for name, each in ESTIMATORS.items() if name not in omitted}
 
 
 def errors(
@@ -101,9 +98,8 @@ def errors(
     exceeds both two wall widths and six Cramer-Rao bounds.
     """
     orbit = orbit_of(chain)
-    lost = max(
-        _LOST_WIDTHS * chain.wall_width / chain.spacing, _LOST_BOUNDS * bound(chain, trial.noise)
-    )
+    widths = _LOST_WIDTHS * chain.wall_width / chain.spacing
+    lost = max(widths, _LOST_BOUNDS * bound(chain, trial.noise))
     found: dict[str, list[tuple[float, float]]] = {name: [] for name in estimators_of(chain)}
     for frame in range(trial.frames):
         position = float(generator.uniform(*inner_positions(chain)))
@@ -149,31 +145,12 @@ def orbit_of(chain: Chain) -> UniformOrbit:
     return UniformOrbit(chain)
 
 
-def _crossing_of_u(_orbit: UniformOrbit, angles: Array, _guess: float) -> Estimate:
-    """Return the first zero of u = r sin(theta) (paper, Fig. 5)."""
-    return Estimate(zero_crossing(np.sin(staggered(angles))))
-
-
-def _crossing_of_shifted_field(orbit: UniformOrbit, angles: Array, _guess: float) -> Estimate:
-    """Return the first zero of cos(theta - theta_bar) (paper, Fig. 6)."""
-    field, _ = order_field(orbit.chain, angles)
-    return Estimate(zero_crossing(field))
-
-
 def _tanh_fit(orbit: UniformOrbit, angles: Array, _guess: float) -> Estimate:
     walls = find_solitons(orbit.chain, angles)
     if len(walls) != 1:
         return Estimate(math.nan)
     margin = stdtrit(math.inf, _QUANTILE) * walls[0].position_deviation / orbit.chain.spacing
     return Estimate(walls[0].rotor, float(margin))
-
-
-def _orbit_near(orbit: UniformOrbit, angles: Array, guess: float) -> Estimate:
-    return _orbit_estimate(orbit, fit_near(orbit, angles, guess))
-
-
-def _orbit_cold(orbit: UniformOrbit, angles: Array, _guess: float) -> Estimate:
-    return _orbit_estimate(orbit, fit_anywhere(orbit, angles))
 
 
 def _orbit_estimate(orbit: UniformOrbit, fit: NearestPoint) -> Estimate:
@@ -185,9 +162,12 @@ def _orbit_estimate(orbit: UniformOrbit, fit: NearestPoint) -> Estimate:
 
 
 ESTIMATORS: dict[str, Estimator] = {
-    ZERO_CROSSING: _crossing_of_u,
-    SHIFTED_CROSSING: _crossing_of_shifted_field,
+    ZERO_CROSSING: lambda _, angles, guess: Estimate(zero_crossing(np.sin(staggered(angles)))),
+    SHIFTED_CROSSING: lambda orbit, angles, guess: Estimate(
+        zero_crossing(order_field(orbit.chain, angles)[0])
+    ),
     TANH_FIT: _tanh_fit,
-    ORBIT_NEAR: _orbit_near,
-    ORBIT_COLD: _orbit_cold,
+    ORBIT_NEAR: lambda orbit, *given: _orbit_estimate(orbit, fit_near(orbit, *given)),
+    ORBIT_COLD: lambda orbit, angles, _: _orbit_estimate(orbit, fit_anywhere(orbit, angles)),
 }
+"""Estimators by name; the zero crossings are those of the paper, Figs. 5 and 6."""

@@ -77,8 +77,7 @@ class FrameStudy:
             chunks = samples[cell * self._chunks : (cell + 1) * self._chunks]
             for name in estimators_of(chain):
                 pairs = np.concatenate([chunk[name] for chunk in chunks])
-                accuracy = accuracy_of(pairs, bound(chain, noise))
-                lines.append(Line(chain, noise, name, accuracy))
+                lines.append(Line(chain, noise, name, accuracy_of(pairs, bound(chain, noise))))
         return lines
 
     @property
@@ -112,7 +111,6 @@ def _chain_of(section: Section) -> Chain:
         raise section.error(
             'number_of_rotors',
             f'leaves no position at a distance of two wall widths ({low:.3g} spacings) from both '
-            'edges; use '
-            f'{fewest} or more',
+            f'edges; use {fewest} or more',
         )
     return chain

@@ -95,11 +95,8 @@ def draw_accuracy(lines: Sequence[Line]) -> FigureReport:
     handles.append(_handle(f'hollow: within {_SIGNIFICANT:g} standard errors of 0', GREY, 'o'))
     handles[-1].set_markerfacecolor(WHITE)
     report.figure.legend(handles=handles, loc=LEGEND_ABOVE, ncols=4)
-    for axes, label in zip(
-        panels[:, 0],
-        ('Cramér-Rao bound', f'unbiased below {_UNBIASED:g}', 'stated 95 %'),
-        strict=True,
-    ):
+    labels = 'Cramér-Rao bound', f'unbiased below {_UNBIASED:g}', 'stated 95 %'
+    for axes, label in zip(panels[:, 0], labels, strict=True):
         axes.legend(handles=[_level(label)], loc='best', fontsize=8)
     return report
 
@@ -109,18 +106,16 @@ def draw_bias(biases: Sequence[tuple[Chain, tuple[Array, dict[str, Array]]]]) ->
     rows = (len(biases) + 2) // 3
     caption = _BIASES.format(unbiased=_UNBIASED, rounding=_ROUNDING)
     report = FigureReport(Figure(figsize=(13, 1 + 3.6 * rows), layout='constrained'), caption)
-    panels = report.figure.subplots(
-        rows, min(len(biases), 3), sharex=True, sharey=True, squeeze=False
-    )
+    columns = min(len(biases), 3)
+    panels = report.figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     names: set[str] = set()
+    axes_names = (_BEYOND, 'bias [rotor spacings]')
     for axes, (chain, (positions, found)) in zip(panels.flat, biases, strict=False):
         for name, bias in found.items():
             colour, _ = _STYLES[name]
             size = np.maximum(np.abs(bias), _ROUNDING)
             axes.plot(positions, size, _dashes(name), color=colour, linewidth=2)
-            report.add_points(
-                class_and_shape(chain), name, (_BEYOND, 'bias [rotor spacings]'), positions, bias
-            )
+            report.add_points(class_and_shape(chain), name, axes_names, positions, bias)
             names.add(name)
         axes.axhline(_UNBIASED, color=GREY, linewidth=0.8, linestyle='--')
         axes.set(title=class_and_shape(chain), yscale='log', ylim=(_ROUNDING, 9))
@@ -190,6 +185,11 @@ _COLOURS = {Motion.FLIPPER: BLUE, Motion.WOBBLING_FLIPPER: ORANGE, Motion.SPINNE
 _LIMITS = (0.95, 1.05)
 """Range of the root mean square normalised error in which stated deviations count as consistent
 [1]."""
+_LABELS = (
+    'a  position error / stated, rms [1]',
+    'b  rate error / stated, rms [1]',
+    'c  failures per 10,000 frames [1]',
+)
 _MOST = 20.0
 """Largest drawn normalised error [1]."""
 _SHOWN = (
@@ -230,27 +230,19 @@ def draw_cells(rows: Sequence[Row], seed: int, frames: int) -> FigureReport:
             _draw_errors(report, axes, name, number, row)
         for limit in _LIMITS:
             axes.axhline(limit, color=GREY, linestyle='--', linewidth=0.8, zorder=0)
-        axes.set(yscale='log')
     for number, row in enumerate(rows):
         _draw_failures(report, panels[2], number, row)
-    panels[0].set(ylabel='a  position error / stated, rms [1]')
-    panels[1].set(ylabel='b  rate error / stated, rms [1]')
-    panels[2].set(ylabel='c  failures per 10,000 frames [1]', yscale='log')
+    for axes, label in zip(panels, _LABELS, strict=True):
+        axes.set(ylabel=label, yscale='log')
     names = [row['cell'] for row in rows]
     panels[2].set_xticks(range(len(rows)), names, rotation=90, fontsize=7)
     hard = next((n for n, name in enumerate(names) if not name.isdecimal()), len(names))
     for axes in panels:
         axes.axvline(hard - 0.5, color=PALE, linewidth=1.5, zorder=0)
         axes.set_xlim(-1, len(rows))
-    handles = [
-        Line2D([], [], color=colour, marker='o', linestyle='', label=motion.value)
-        for motion, colour in _COLOURS.items()
-    ]
-    handles += [
-        Line2D([], [], color=GREY, marker=marker, linestyle='', label=label)
-        for marker, label in (('o', 'c: lost'), ('^', 'c: false'))
-    ]
-    handles.append(Line2D([], [], color=BLACK, marker='x', linestyle='', label='c: wrong leg'))
+    marks = [(motion.value, colour, 'o') for motion, colour in _COLOURS.items()]
+    marks += [('c: lost', GREY, 'o'), ('c: false', GREY, '^'), ('c: wrong leg', BLACK, 'x')]
+    handles = [_handle(*mark) for mark in marks]
     figure.legend(handles=handles, loc=LEGEND_ABOVE, ncols=6)
     return report
 

@@ -53,16 +53,13 @@ _LEFT = 'finished cells are kept; the same command with the same --seed continue
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command `accuracy` and return its exit status."""
     parser = study_parser('accuracy', __doc__, 'fewer frames', selective=True)
-    cells = parser.add_argument_group(
-        'cells of the analyser (each of these options selects only the cells)'
-    )
-    cells.add_argument(
-        '--cells', nargs='+', default=[], metavar='NAME', help='cells to measure [all]'
-    )
+    title = 'cells of the analyser (each of these options selects only the cells)'
+    cells = parser.add_argument_group(title)
+    many: Any = {'nargs': '+', 'default': [], 'metavar': 'NAME'}
+    cells.add_argument('--cells', help='cells to measure [all]', **many)
     cells.add_argument('--frames', type=_count, help='frames of each cell [from the settings]')
-    cells.add_argument(
-        '--seed', type=_count, help='seed of the random cells [the date as YYYYMMDD]'
-    )
+    about = 'seed of the random cells [the date as YYYYMMDD]'
+    cells.add_argument('--seed', type=_count, help=about)
     cells.add_argument('--against', type=Path, metavar='CSV', help='earlier table to compare with')
     return run_study(parser, arguments, _written, _LEFT)
 

@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage_studies.accuracy.estimators import bound, orbit_of
 from soliton_linkage_studies.captions import class_and_shape
-from soliton_linkage_studies.figure_report import FigureReport, write_table
+from soliton_linkage_studies.figure_report import FigureReport, save_page
 from soliton_linkage_studies.palette import MEASURED, RED, THEORY
 from soliton_linkage_studies.settings import Section, chain_from
 
@@ -70,29 +71,21 @@ class RecordStudy:
 
     def tasks(self) -> list[Callable[[], Any]]:
         """Return the tasks: all runs of all chains."""
-        return [
-            partial(self.run, chain, run)
-            for chain in range(len(self.chains))
-            for run in range(self.runs)
-        ]
+        numbers = product(range(len(self.chains)), range(self.runs))
+        return [partial(self.run, *each) for each in numbers]
 
     def write(self, results: Sequence[Any], folder: Path) -> None:
         """Write the table and the picture; `results` are the results of the tasks in order."""
         figure = Figure(figsize=(1 + 4.5 * len(self.chains), 8), layout='constrained')
-        caption = _CAPTION.format(
-            speed=self.speed, noise=self.noise, rate=self.frame_rate, runs=self.runs
-        )
-        report = FigureReport(figure, caption)
-        panels = report.figure.subplots(
-            2, len(self.chains), sharex=True, sharey='row', squeeze=False
-        )
+        given = {'speed': self.speed, 'noise': self.noise, 'rate': self.frame_rate}
+        report = FigureReport(figure, _CAPTION.format(**given, runs=self.runs))
+        panels = figure.subplots(2, len(self.chains), sharex=True, sharey='row', squeeze=False)
         for number, chain in enumerate(self.chains):
             runs = np.array(results[number * self.runs : (number + 1) * self.runs])
             self._draw(report, list(panels[:, number]), chain, runs)
             self._compare(report, chain, runs)
         panels[0, 0].legend(loc='lower left')
-        report.save(folder, 'record')
-        write_table({'record': report.comparisons}, folder / 'record.md', ['record'])
+        save_page(report, folder, 'record', 'record.md')
 
     def run(self, chain: int, run: int) -> Array:
         """Simulate a run; return errors and stated deviations, shape (4, evaluated frame counts).
@@ -117,14 +110,8 @@ class RecordStudy:
             estimate = recursive.update(elapsed, orbit.configuration(arc) + noise)
             if frame + 1 in shown:
                 error = math.remainder(estimate.arc - arc, orbit.length) / orbit.site_arc
-                found.append(
-                    (
-                        error,
-                        estimate.rate / rate - 1,
-                        estimate.arc_deviation / orbit.site_arc,
-                        estimate.rate_deviation / rate,
-                    )
-                )
+                stated = estimate.arc_deviation / orbit.site_arc, estimate.rate_deviation / rate
+                found.append((error, estimate.rate / rate - 1, *stated))
         return np.array(found).T
 
     def _begin(self, orbit: UniformOrbit, generator: np.random.Generator) -> float:
@@ -146,19 +133,18 @@ class RecordStudy:
     def _draw(
         self, report: FigureReport, column: Sequence[Axes], chain: Chain, runs: Array
     ) -> None:
-        times = self.shown / self.frame_rate
+        times, title = self.shown / self.frame_rate, class_and_shape(chain)
         for number, (axes, least) in enumerate(zip(column, self.bounds(chain), strict=True)):
-            curves = (
+            names = ('time [s]', _QUANTITIES[number])
+            for name, curve, colour, style, width in (
                 ('error, rms of the runs', _root_mean_square(runs[:, number]), MEASURED, '-', 2.0),
                 ('stated deviation', _root_mean_square(runs[:, number + 2]), RED, '--', 2.0),
                 ('bound of Cramér and Rao', least, THEORY, ':', 1.5),
-            )
-            for name, curve, colour, style, width in curves:
-                axes.plot(times, curve, style, color=colour, linewidth=width, label=name)
-                names = ('time [s]', _QUANTITIES[number])
-                report.add_points(class_and_shape(chain), name, names, times, curve)
+            ):
+                look = {'color': colour, 'linewidth': width, 'label': name}
+                report.plot(axes, (title, name), names, times, curve, style, **look)
             axes.set(xscale='log', yscale='log')
-        column[0].set(title=class_and_shape(chain))
+        column[0].set(title=title)
         column[1].set(xlabel='time since the first frame [s]')
         if chain == self.chains[0]:
             column[0].set(ylabel='a  error of the position [rotor spacings]')
@@ -168,14 +154,12 @@ class RecordStudy:
         for number, least in enumerate(self.bounds(chain)):
             for shown in (len(self.shown) // 2, len(self.shown) - 1):
                 stated = _root_mean_square(runs[:, number + 2, shown])
-                report.add_comparison(
+                quantity = (
                     f'{_QUANTITIES[number]}, rms error after {self.shown[shown]} frames, stated '
-                    f'as {stated:.3g}, {class_and_shape(chain)}',
-                    '',
-                    'bound of Cramér and Rao',
-                    float(_root_mean_square(runs[:, number, shown])),
-                    float(least[shown]),
+                    f'as {stated:.3g}, {class_and_shape(chain)}'
                 )
+                both = float(_root_mean_square(runs[:, number, shown])), float(least[shown])
+                report.add_comparison(quantity, '', 'bound of Cramér and Rao', *both)
 
 
 def read_record_study(section: Section, quick: bool) -> RecordStudy:

@@ -18,7 +18,7 @@ from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage_studies.captions import class_and_shape
-from soliton_linkage_studies.figure_report import FigureReport, write_table
+from soliton_linkage_studies.figure_report import FigureReport, save_page
 from soliton_linkage_studies.palette import GREY, MARKERS, chain_colours
 from soliton_linkage_studies.settings import Section, chain_from
 
@@ -66,21 +66,15 @@ class RigidSteps:
                 axes.loglog(taken, shown, f'{marker}-', color=colour, markersize=4, label=name)
                 axes_names = ('steps [1]', f'relative error of the {what} [1]')
                 report.add_points(what, name, axes_names, taken, values)
-                report.add_comparison(
-                    f'largest relative error of the {what} in {self.steps:,} steps, {name}',
-                    '',
-                    f'rounding, {_ROUNDING:.1e}',
-                    float(values.max()),
-                )
+                quantity = f'largest relative error of the {what} in {self.steps:,} steps, {name}'
+                rounding = f'rounding, {_ROUNDING:.1e}'
+                report.add_comparison(quantity, '', rounding, float(values.max()))
         for axes, what in zip(panels, ('a  length of a bar', 'b  energy'), strict=True):
             axes.axhline(_ROUNDING, color=GREY, linestyle='--', linewidth=0.8, label='rounding')
             axes.set(xlabel='steps [1]', ylabel='relative error [1]')
             axes.set_title(what, loc='left')
         panels[0].legend()
-        report.save(folder, 'rigid_steps')
-        write_table(
-            {'rigid_steps': report.comparisons}, folder / 'rigid_steps.md', ['rigid_steps']
-        )
+        save_page(report, folder, 'rigid_steps', 'rigid_steps.md')
 
     def errors(self, chain: Chain) -> tuple[Array, Array, Array]:
         """Simulate a chain; return step counts, errors of bar lengths and errors of the energy.

@@ -89,9 +89,9 @@ def record(
     reference = deepcopy(template) if cell.wrong_reading else None
     readable = _rotors_with_encoder(cell, random)
     period = cell.period * cell.chain.time_unit
-    late = (
-        cell.jitter * random.standard_normal(len(frames)) if cell.jitter else 0 * np.array(frames)
-    )
+    late = np.zeros(len(frames))
+    if cell.jitter:
+        late = cell.jitter * random.standard_normal(len(frames))
     for number, frame in enumerate(frames):
         angles = scene.angles[frame] + cell.noise * random.standard_normal(len(readable))
         angles[::10] += cell.offsets
@@ -104,9 +104,8 @@ def record(
         clean = reference.analyse(stamp, angles) if reference else None
         last = frame == frames[-1]
         if last and cell.wrong_reading:
-            angles[_wrong_rotor(scene.positions[frame, 0], len(angles), random)] += (
-                cell.wrong_reading
-            )
+            rotor = _wrong_rotor(scene.positions[frame, 0], len(angles), random)
+            angles[rotor] += cell.wrong_reading
         if cell.impulses_known and frame in scene.impulse_frames:
             analyser.apply_impulse(stamp, scene.impulses[scene.impulse_frames.index(frame)])
         analysis = analyser.analyse(stamp, angles)
@@ -158,7 +157,7 @@ def _score(
             stated.remove(wall)
         if not scene.scored[frame, number]:
             continue
-        scores.expected += 1
+        scores.walls_looked_for += 1
         scores.lost += not near
         for wall in near[:1]:
             scores.walls.append(_wall_values(cell, scene, frame, number, wall))
@@ -186,22 +185,15 @@ def _wall_values(
     of_instant = wall.rotor - float(scene.instants[frame, number])
     rate = float(scene.site_rates[frame, number])
     rate_error = wall.velocity / spacing - rate
-    return (
-        error / deviation,
-        of_instant / deviation,
-        rate_error / (wall.velocity_deviation / spacing),
-        error,
-        deviation,
-        rate_error / rate if rate else math.nan,
-    )
+    of_rate = rate_error / (wall.velocity_deviation / spacing)
+    relative = rate_error / rate if rate else math.nan
+    return error / deviation, of_instant / deviation, of_rate, error, deviation, relative
 
 
 def _is_false(cell: AccuracyCell, angles: Array, wall: AnalysedSoliton) -> bool:
     chain = cell.chain
-    if (
-        cell.invalid_input
-        or wall.position_deviation > _LARGEST_DEVIATION * chain.number_of_rotors * chain.spacing
-    ):
+    limit = _LARGEST_DEVIATION * chain.number_of_rotors * chain.spacing
+    if cell.invalid_input or wall.position_deviation > limit:
         return True
     inner = chain.number_of_rotors - 1
     legs = (0, 1) if chain.motion is Motion.SPINNER and wall.charge > 0 else (0,)

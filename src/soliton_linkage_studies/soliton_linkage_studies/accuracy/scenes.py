@@ -153,9 +153,8 @@ def averages_and_slopes(
             wide = min(3 * beside, len(piece) - 1)
             means[begin:end] = _convolved(piece, np.full(2 * about + 1, 1 / (2 * about + 1)))
             order = min(3 if cubic else 1, max(2 * wide - 1, 0))
-            slopes[begin:end] = _convolved(
-                piece, savgol_coeffs(2 * wide + 1, order, deriv=1, use='dot')
-            )
+            weights = savgol_coeffs(2 * wide + 1, order, deriv=1, use='dot')
+            slopes[begin:end] = _convolved(piece, weights)
             if forced:
                 curvature = savgol_coeffs(2 * wide + 1, order, deriv=2, use='dot')
                 means[begin:end] -= _convolved(piece, curvature) * about * (about + 1) / 6
@@ -304,14 +303,9 @@ def _orbit(cell: AccuracyCell, random: np.random.Generator) -> Orbit:
     if not cell.disorder:
         return _uniform_orbit(cell.chain)
     for _ in range(_CHAINS):
-        drawn = drawn_deviations(
-            cell.chain.number_of_rotors,
-            int(random.integers(2**31)),
-            spacing=cell.disorder,
-            rotor_length=cell.disorder,
-            stiffness=cell.disorder,
-            mass=cell.disorder,
-        )
+        shares = dict.fromkeys(('spacing', 'rotor_length', 'stiffness', 'mass'), cell.disorder)
+        seed = int(random.integers(2**31))
+        drawn = drawn_deviations(cell.chain.number_of_rotors, seed, periodic=False, **shares)
         try:
             return orbit_of(replace(cell.chain, deviations=drawn))
         except (ValueError, ArithmeticError):
@@ -372,9 +366,8 @@ def _placed(
             position, speed = wall.position + shift, wall.speed
             add_motion(wall, shift, angles, rates, sense)
         else:
-            position = (
-                path.nearest_allowed(position) if slower == 1 else path.nearest_minimum(position)
-            )
+            allowed = path.nearest_allowed if slower == 1 else path.nearest_minimum
+            position = allowed(position)
             speed = slower * cell.speed * speed_of_sound(chain) / chain.spacing
             rates += sense * speed * path.derivative(rotors, position)
         angles += path.relative_angles(rotors, position)

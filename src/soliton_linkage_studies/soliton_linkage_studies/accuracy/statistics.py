@@ -17,33 +17,13 @@ from soliton_linkage_studies.accuracy.cells import CELL_COLUMNS, AccuracyCell, c
 from soliton_linkage_studies.captions import class_and_shape
 from soliton_linkage_studies.sweep.table import markdown_table
 
+_FAILURES = ('lost', 'false', 'wrong_leg')
 COLUMNS = (
-    'speed',
-    'frames',
-    'walls_looked_for',
-    'position_rms',
-    'position_rms_error',
-    'position_99',
-    'position_max',
-    'position_beyond_4',
-    'position_coverage_1',
-    'position_coverage_2',
-    'position_bias',
-    'instant_rms',
-    'rate_rms',
-    'rate_rms_error',
-    'rate_99',
-    'rate_beyond_4',
-    'rate_coverage_1',
-    'rate_coverage_2',
-    'rate_bias',
-    'kinetic_rms',
-    'error_rms',
-    'deviation_median',
-    'shift_max',
-    'lost',
-    'false',
-    'wrong_leg',
+    *('speed', 'frames', 'walls_looked_for', 'position_rms', 'position_rms_error', 'position_99'),
+    *('position_max', 'position_beyond_4', 'position_coverage_1', 'position_coverage_2'),
+    *('position_bias', 'instant_rms', 'rate_rms', 'rate_rms_error', 'rate_99', 'rate_beyond_4'),
+    *('rate_coverage_1', 'rate_coverage_2', 'rate_bias', 'kinetic_rms', 'error_rms'),
+    *('deviation_median', 'shift_max', *_FAILURES),
 )
 """Measured columns of a cell. `speed` is the speed of the fastest wall, relative to the speed of
 sound [1]. `position` and `rate` are errors divided by their stated standard deviations, with the
@@ -60,19 +40,9 @@ standard deviations [1]. `error` is the position error and `deviation` its state
 deviation [rotor spacings]. `rate_error` is the relative error of the rate [1]."""
 
 _COLUMNS = (
-    'class',
-    'r/a',
-    'rest angle [rad]',
-    'noise [rad]',
-    'estimator',
-    'frames',
-    'bias [spacings]',
-    'standard error of the bias [spacings]',
-    'std [spacings]',
-    'bound [spacings]',
-    'std / bound',
-    'coverage of 95 % [%]',
-    'failures',
+    *('class', 'r/a', 'rest angle [rad]', 'noise [rad]', 'estimator', 'frames'),
+    *('bias [spacings]', 'standard error of the bias [spacings]', 'std [spacings]'),
+    *('bound [spacings]', 'std / bound', 'coverage of 95 % [%]', 'failures'),
 )
 _CONSISTENT = (0.95, 1.05)
 """Range of the root mean square normalised error in which stated deviations count as consistent
@@ -88,18 +58,12 @@ _USEFUL = 2.0
 _FEWER = 0.01
 """Decrease of the number of lost walls [1] above which errors are not compared, because the walls
 differ."""
-_FAILURES = ('lost', 'false', 'wrong_leg')
 _ERRORS = ('position_rms', 'position_rms_error', 'rate_rms', 'rate_rms_error', 'error_rms')
 _COMPARED = (*_ERRORS, *_FAILURES, 'frames', 'failure', 'position_beyond_4', 'walls_looked_for')
 
 _TITLES = (
-    'class (r/a, θ̄)',
-    'noise [rad]',
-    'estimator',
-    'bias [spacings]',
-    'std / bound',
-    'coverage of 95 %',
-    'failures',
+    *('class (r/a, θ̄)', 'noise [rad]', 'estimator', 'bias [spacings]', 'std / bound'),
+    *('coverage of 95 %', 'failures'),
 )
 
 Row = Mapping[str, str]
@@ -118,7 +82,7 @@ class Scores:
     speed: float = 0.0
     """Speed of the fastest wall of the scene, relative to the speed of sound [1]."""
     frames: int = 0
-    expected: int = 0
+    walls_looked_for: int = 0
     """Number of true walls in the scored frames [1]."""
     lost: int = 0
     false: int = 0
@@ -128,14 +92,9 @@ class Scores:
 def line_of(scores: Sequence[Scores]) -> dict[str, float]:
     """Return the columns of a cell from the scores of its records."""
     found = [np.array(each.walls).reshape(-1, len(WALL_VALUES)) for each in scores]
-    line = {
-        'speed': float(np.median([each.speed for each in scores])),
-        'frames': sum(each.frames for each in scores),
-        'walls_looked_for': sum(each.expected for each in scores),
-        'lost': sum(each.lost for each in scores),
-        'false': sum(each.false for each in scores),
-        'wrong_leg': sum(each.wrong_leg for each in scores),
-    }
+    line = {'speed': float(np.median([each.speed for each in scores]))}
+    for name in ('frames', 'walls_looked_for', *_FAILURES):
+        line[name] = sum(getattr(each, name) for each in scores)
     line |= _normalised('position', [each[:, 0] for each in found])
     line |= _normalised('rate', [each[:, 2] for each in found])
     whole = np.concatenate(found)
@@ -254,31 +213,16 @@ def write_lines(lines: Sequence[Line], folder: Path) -> None:
         writer.writerow(_COLUMNS)
         for line in lines:
             chain, found, noise = line.chain, line.accuracy, f'{line.noise:g}'
-            covered = 100 * found.coverage
+            covered, ratio = 100 * found.coverage, chain.rotor_length / chain.spacing
             errors = (found.bias, found.bias_error, found.deviation, found.bound, found.ratio)
-            writer.writerow(
-                [
-                    chain.motion.value,
-                    f'{chain.rotor_length / chain.spacing:g}',
-                    f'{chain.rest_angle:g}',
-                    noise,
-                    line.estimator,
-                    str(found.frames),
-                    *map(number_text, (*errors, covered)),
-                    str(found.failures),
-                ]
-            )
-            rows.append(
-                [
-                    class_and_shape(chain),
-                    noise,
-                    line.estimator,
-                    f'{found.bias:+.4f} ± {found.bias_error:.4f}',
-                    f'{found.ratio:.3f}',
-                    '' if math.isnan(covered) else f'{covered:.1f} %',
-                    f'{found.failures} of {found.frames}',
-                ]
-            )
+            texts = (number_text(each) for each in (*errors, covered))
+            cell = chain.motion.value, f'{ratio:g}', f'{chain.rest_angle:g}', noise, line.estimator
+            writer.writerow([*cell, found.frames, *texts, found.failures])
+            bias, share = f'{found.bias:+.4f} ± {found.bias_error:.4f}', f'{found.ratio:.3f}'
+            coverage = '' if math.isnan(covered) else f'{covered:.1f} %'
+            failures = f'{found.failures} of {found.frames}'
+            named = class_and_shape(chain), noise, line.estimator
+            rows.append([*named, bias, share, coverage, failures])
     (folder / 'table.md').write_text(markdown_table(_TITLES, rows), encoding='utf-8')
 
 
@@ -329,12 +273,10 @@ def _less_consistent(name: str, row: Row, old: Row, useful: bool) -> list[str]:
     now, was = _number(row[f'{name}_rms']), _number(old[f'{name}_rms'])
     if math.isnan(now):
         return [f'states no {name}'] if useful and was > 0 else []
-    chance = math.hypot(
-        _number(row[f'{name}_rms_error']) / now, _number(old[f'{name}_rms_error']) / was
-    )
-    if _inconsistency(now) - _inconsistency(was) > _SIGNIFICANT * (
-        chance if math.isfinite(chance) else _SINGLE_RECORD
-    ):
+    errors = (_number(each[f'{name}_rms_error']) for each in (row, old))
+    chance = math.hypot(*(error / rms for error, rms in zip(errors, (now, was), strict=True)))
+    chance = chance if math.isfinite(chance) else _SINGLE_RECORD
+    if _inconsistency(now) - _inconsistency(was) > _SIGNIFICANT * chance:
         return [f'{name} rms {now:.3g} after {was:.3g}']
     return []
 

@@ -100,7 +100,7 @@ class WallPath:
     def relative_angles(self, rotors: int, position: float) -> Array:
         """Return the angles minus those of the left domain [rad], shape (rotors,)."""
         first, angles, _ = self.window(position)
-        base = self._left(len(angles))
+        base = np.tile(self.left, len(angles) // 2 + 1)[: len(angles)]
         added = np.zeros(rotors)
         numbers = np.arange(first, first + len(angles))
         inside = (numbers >= 0) & (numbers < rotors)
@@ -127,15 +127,10 @@ class WallPath:
         """
         if self.pinned:
             return self.nearest_allowed(position)
-        numbers = np.arange(len(angles))
         for _ in range(_GAUSS_STEPS):
-            first, wall, slope = self.window(position)
-            low, high = max(first, 0), min(first + len(wall), len(angles))
-            near = np.abs(numbers[low:high] - position) < within
-            residual = wrapped(angles[low:high] - wall[low - first : high - first])
-            segment = slope[low - first : high - first]
-            size = float(segment[near] @ segment[near])
-            step = float(residual[near] @ segment[near]) / size
+            residual, slope = self._near(angles, position, within)
+            size = float(slope @ slope)
+            step = float(residual @ slope) / size
             step = min(max(step, -_LONGEST / math.sqrt(size)), _LONGEST / math.sqrt(size))
             position += step
             if abs(step) * math.sqrt(size) < _CLOSE:
@@ -144,23 +139,24 @@ class WallPath:
 
     def misfit(self, angles: Array, position: float, within: float) -> float:
         """Return the root mean square angle difference from a static wall, near the wall [rad]."""
-        first, wall, _ = self.window(position)
-        low, high = max(first, 0), min(first + len(wall), len(angles))
-        near = np.abs(np.arange(low, high) - position) < within
-        residual = wrapped(angles[low:high] - wall[low - first : high - first])[near]
+        residual, _ = self._near(angles, position, within)
         return math.sqrt(float(residual @ residual) / max(len(residual), 1))
 
-    def _left(self, count: int) -> Array:
-        return np.tile(self.left, count // 2 + 1)[:count]
+    def _near(self, angles: Array, position: float, within: float) -> tuple[Array, Array]:
+        """Return the differences from a static wall near it, and its derivatives there."""
+        first, wall, slope = self.window(position)
+        low, high = max(first, 0), min(first + len(wall), len(angles))
+        near = np.abs(np.arange(low, high) - position) < within
+        part = slice(low - first, high - first)
+        return wrapped(angles[low:high] - wall[part])[near], slope[part][near]
 
 
 def nearest_arc(orbit: Orbit, angles: Array, arc: float) -> float:
     """Return the arc length along the orbit nearest to the angles [rad], from the guess `arc`."""
     for _ in range(_GAUSS_STEPS):
         segment = orbit.segment(arc)
-        residual = wrapped(
-            angles[segment.first : segment.first + len(segment.angles)] - segment.angles
-        )
+        end = segment.first + len(segment.angles)
+        residual = wrapped(angles[segment.first : end] - segment.angles)
         size = float(segment.tangent @ segment.tangent)
         step = min(max(float(residual @ segment.tangent) / size, -_LONGEST), _LONGEST)
         arc += step
@@ -252,7 +248,9 @@ def _settled(chain: Chain, path: WallPath, speed: float) -> SteadyWall | None:
     time = min(max(2 * near / (speed * unit), shortest), longest)
     rotors = math.ceil(6 * near + 1.3 * speed * unit * time)
     long = replace(chain, number_of_rotors=rotors + rotors % 2)
-    springs = _launched(long, path, 3 * near, speed)
+    static = left_of(long, 1) + path.relative_angles(long.number_of_rotors, 3 * near)
+    rates = speed * path.derivative(long.number_of_rotors, 3 * near)
+    springs = Springs(long, static, rates, _STEP * chain.time_unit)
     track = _positions(springs, path, 3 * near, near, round(time / _STEP))
     if track is None:
         return None
@@ -265,14 +263,6 @@ def _settled(chain: Chain, path: WallPath, speed: float) -> SteadyWall | None:
     static = left_of(long, 1) + path.relative_angles(long.number_of_rotors, track[-1])
     beside = wrapped(springs.angles - static)[window]
     return SteadyWall(track[-1], first, beside, springs.rates[window].copy(), found)
-
-
-def _launched(chain: Chain, path: WallPath, position: float, speed: float) -> Springs:
-    rotors = chain.number_of_rotors
-    static = left_of(chain, 1) + path.relative_angles(rotors, position)
-    return Springs(
-        chain, static, speed * path.derivative(rotors, position), _STEP * chain.time_unit
-    )
 
 
 def _positions(

@@ -27,16 +27,8 @@ _QUICK_FRAMES = 120
 _KICKS = 0.7, 1.3
 """Range of a random factor on the kick of each clip [1]."""
 COLUMNS = (
-    'pictures',
-    'hidden',
-    'swapped',
-    'turns lost',
-    'bound of the pixels [mrad]',
-    'noise [mrad]',
-    'stated [mrad]',
-    'noise over stated',
-    'bias over noise',
-    'a picture [ms]',
+    *('pictures', 'hidden', 'swapped', 'turns lost', 'bound of the pixels [mrad]'),
+    *('noise [mrad]', 'stated [mrad]', 'noise over stated', 'bias over noise', 'a picture [ms]'),
 )
 
 
@@ -107,14 +99,14 @@ def table_of(rows: Sequence[Mapping[str, str]]) -> str:
 
 
 def _row(figures: Mapping[str, Array]) -> list[str]:
-    noise, stated, normalised = (
-        float(np.sqrt(np.mean(figures[key] ** 2))) for key in ('noise', 'stated', 'normalised')
-    )
+    root_mean_squares = ('noise', 'stated', 'normalised')
+    noise, stated, normalised = (np.sqrt(np.mean(figures[key] ** 2)) for key in root_mean_squares)
+    total = {key: figures[key].sum() for key in figures}
     return [
-        f'{figures["pictures"].sum():.0f}',
-        f'{figures["hidden"].sum() / figures["angles"].sum():.2%}',
-        f'{figures["swapped"].sum():.0f}',
-        f'{figures["turns_lost"].sum():.0f}',
+        f'{total["pictures"]:.0f}',
+        f'{total["hidden"] / total["angles"]:.2%}',
+        f'{total["swapped"]:.0f}',
+        f'{total["turns_lost"]:.0f}',
         f'{1e3 * figures["bound"].mean():.3f}',
         f'{1e3 * noise:.3f}',
         f'{1e3 * stated:.3f}',

@@ -176,22 +176,14 @@ def paint_bonds(
             for column in range(left, right):
                 x, z = pixels.x[row, column], pixels.z[row, column]
                 spread = pixels.spread[row, column]
-                from_first = from_arm(
-                    x - masses[0, 0],
-                    z - masses[0, 1],
-                    masses[0, 2] - masses[0, 0],
-                    masses[0, 3] - masses[0, 1],
-                )
+                across, up = masses[0, 2] - masses[0, 0], masses[0, 3] - masses[0, 1]
+                from_first = from_arm(x - masses[0, 0], z - masses[0, 1], across, up)
                 if from_first > width + swept + 4 * spread:
                     continue
                 share = 0.0
                 for k in range(samples):
-                    distance = from_arm(
-                        x - masses[k, 0],
-                        z - masses[k, 1],
-                        masses[k, 2] - masses[k, 0],
-                        masses[k, 3] - masses[k, 1],
-                    )
+                    across, up = masses[k, 2] - masses[k, 0], masses[k, 3] - masses[k, 1]
+                    distance = from_arm(x - masses[k, 0], z - masses[k, 1], across, up)
                     share += covered(distance - width, spread)
                 share /= samples
                 for c in range(3):

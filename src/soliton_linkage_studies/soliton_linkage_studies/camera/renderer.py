@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.linkage.quantities import check_quantities, document_fields, quantity
+from soliton_linkage.linkage.quantities import CheckedQuantities, document_fields, quantity
 from soliton_linkage.vision.camera import Camera
 from soliton_linkage.vision.layout import COLOURS, MODULES, MarkerLayout, marker_cells
 from soliton_linkage.vision.opencv import Picture, opencv
@@ -34,7 +34,7 @@ _NOISES = 4
 
 @document_fields
 @dataclass(frozen=True)
-class FilmSettings:
+class FilmSettings(CheckedQuantities):
     """Light and sensor of a film; raises ValueError for values out of their range."""
 
     light: float = quantity(
@@ -48,9 +48,6 @@ class FilmSettings:
     quality: int = quantity(0, 'JPEG quality, 0 for uncompressed pictures', '', 0, 100)
     samples: int = quantity(6, 'number of samples per exposure', '', 1, 100)
     seed: int = quantity(0, 'random seed of the noise', '', 0, 10**9)
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 @dataclass(frozen=True)
@@ -85,10 +82,8 @@ class Renderer:
         self._generator = np.random.default_rng(settings.seed)
         self._pictures = 0
         self._background = self._painted_background()
-        shape = self._background.shape
-        self._noise = settings.noise * self._generator.standard_normal(
-            (_NOISES, *shape), dtype=np.float32
-        )
+        shape = _NOISES, *self._background.shape
+        self._noise = settings.noise * self._generator.standard_normal(shape, dtype=np.float32)
 
     @cached_property
     def middle_row(self) -> float:
@@ -167,11 +162,7 @@ class Renderer:
         points = self._plane.points(grid.astype(np.float64), height)
         size = 1 / self._plane.pixels_per_metre(points, height)
         spread = np.sqrt(self._settings.blur**2 + 1 / 12)
-        return Pixels(
-            np.ascontiguousarray(points[..., 0]),
-            np.ascontiguousarray(points[..., 1]),
-            np.ascontiguousarray(size * spread),
-        )
+        return Pixels(*map(np.ascontiguousarray, (*np.moveaxis(points, -1, 0), size * spread)))
 
     @cached_property
     def _paint(self) -> NDArray[np.float32]:
@@ -218,9 +209,8 @@ class Renderer:
             cell = on & (bits[inside[..., 1], inside[..., 0]] == 0)
             # The coverage of each sample by a dot is a ramp, because steps would displace dots.
             sharpness = fine * self._plane.pixels_per_metre(centre[None])[0]
-            black = np.maximum(
-                cell, np.clip(0.5 + sharpness * (layout.dot_radius - from_dot), 0, 1)
-            )
+            dot = np.clip(0.5 + sharpness * (layout.dot_radius - from_dot), 0, 1)
+            black = np.maximum(cell, dot)
             shape = (bottom - top, fine, right - left, fine)
             of_black, of_white = (
                 each.reshape(shape).mean(axis=(1, 3))[..., None]
@@ -235,11 +225,8 @@ class Renderer:
         cv2 = opencv()
         for hand in self._hands:
             if hand.begin <= time < hand.end:
-                x, y = (
-                    s + v * (time - hand.begin)
-                    for s, v in zip(hand.start, hand.velocity, strict=True)
-                )
-                centre, axes = (round(x), round(y)), tuple(round(a) for a in hand.size)
+                moved = np.array(hand.start) + np.array(hand.velocity) * (time - hand.begin)
+                centre, axes = (tuple(map(round, each)) for each in (moved.tolist(), hand.size))
                 skin = (120, 150, 205)
                 cv2.ellipse(picture, centre, axes, 20.0, 0.0, 360.0, skin, -1, cv2.LINE_AA)
 

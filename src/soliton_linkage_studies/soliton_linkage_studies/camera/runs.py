@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -29,15 +30,9 @@ from soliton_linkage_studies.camera.renderer import (
 )
 from soliton_linkage_studies.experiments import record_kick
 
-CAMERA = Camera(
-    1280,
-    720,
-    (1100.0, 1100.0),
-    (641.3, 357.2),
-    (-0.12, 0.05, 5e-4, -3e-4, 0.0),
-    row_time=25e-6,
-    exposure=0.004,
-)
+_LENS = (1100.0, 1100.0), (641.3, 357.2), (-0.12, 0.05, 5e-4, -3e-4, 0.0)
+"""Focal lengths [pixels], principal point [pixels] and distortion [1] of the lens of a phone."""
+CAMERA = Camera(1280, 720, *_LENS, row_time=25e-6, exposure=0.004)
 """Camera with the lens and the rolling shutter of a phone [pixels, s]."""
 PERIOD = 1 / 60
 """Time between successive pictures [s]."""
@@ -128,43 +123,25 @@ class FilmedRun:
         swapped = known & (np.abs(near) > _SWAPPED)
         right = np.where(swapped, np.nan, near)
         own = right - np.nanmean(right, axis=0)
-        return (
-            len(self.errors),
-            known.size,
-            known.size - int(known.sum()),
-            int(swapped.sum()),
-            _changes(errors),
-            self.bound,
-            float(np.nanstd(own)),
-            float(np.sqrt(np.nanmean(stated**2))),
-            float(np.nanstd(own / stated)),
-            float(np.nanmean(right)),
-            self.busy,
-        )
+        hidden = known.size - int(known.sum())
+        counts = len(self.errors), known.size, hidden, int(swapped.sum()), _changes(errors)
+        of_stated = float(np.sqrt(np.nanmean(stated**2))), float(np.nanstd(own / stated))
+        spreads = self.bound, float(np.nanstd(own)), *of_stated
+        return *counts, *spreads, float(np.nanmean(right)), self.busy
 
 
 FIGURES = (
-    'pictures',
-    'angles',
-    'hidden',
-    'swapped',
-    'turns_lost',
-    'bound',
-    'noise',
-    'stated',
-    'normalised',
-    'bias',
-    'busy',
+    *('pictures', 'angles', 'hidden', 'swapped', 'turns_lost'),
+    *('bound', 'noise', 'stated', 'normalised', 'bias', 'busy'),
 )
 """Statistics: `bound`, `noise`, `stated` and `bias` in [rad], `busy` in [s], others in [1]."""
 
 
 def _changes(errors: Array) -> int:
     """Return the number of times that the error of a rotor changes by a full turn or more."""
-    turns = np.rint(errors / (2 * np.pi))
-    return sum(
-        int(np.count_nonzero(np.diff(of_rotor[np.isfinite(of_rotor)]))) for of_rotor in turns.T
-    )
+    turns = np.rint(errors / (2 * np.pi)).T
+    known = (of_rotor[np.isfinite(of_rotor)] for of_rotor in turns)
+    return sum(int(np.count_nonzero(np.diff(each))) for each in known)
 
 
 def interpolate_motion(recording: Recording) -> Motion:
@@ -182,21 +159,12 @@ def chain_plane(layout: MarkerLayout) -> ChainPlane:
 
 
 def _hands(duration: float) -> tuple[Hand, ...]:
-    begins = np.arange(_HAND_EVERY / 2, duration, _HAND_EVERY)
+    begins = np.arange(_HAND_EVERY / 2, duration, _HAND_EVERY).tolist()
+    starts = [(150.0 + 370.0 * (number % 3), 250.0) for number in range(len(begins))]
     return tuple(
-        Hand(
-            float(begin),
-            float(begin) + _HAND_FOR,
-            (150.0 + 370.0 * (number % 3), 250.0),
-            (150.0, 150.0),
-            (45.0, 90.0),
-        )
-        for number, begin in enumerate(begins)
+        Hand(begin, begin + _HAND_FOR, start, (150.0, 150.0), (45.0, 90.0))
+        for begin, start in zip(begins, starts, strict=True)
     )
-
-
-def _held(angles: Array, still: Array) -> Motion:
-    return lambda _times: (angles, still, still)
 
 
 def _pixel_bound(task: FilmedTask, layout: MarkerLayout, plane: ChainPlane) -> float:
@@ -206,13 +174,13 @@ def _pixel_bound(task: FilmedTask, layout: MarkerLayout, plane: ChainPlane) -> f
     """
     cv2 = opencv()
     rest, still = task.chain.uniform_state(1), np.zeros((1, task.chain.number_of_rotors))
-    pictures = []
-    for turn in (_TURN, -_TURN):
-        clear = FilmSettings(light=task.settings.light, blur=task.settings.blur, noise=0.0)
-        angles = (rest + turn)[None]
-        film = Renderer(layout, plane, _held(angles, still), clear)
-        pictures.append(cv2.cvtColor(film.picture(0.0), cv2.COLOR_BGR2GRAY).astype(float))
-    change = (pictures[0] - pictures[1]) / (2 * _TURN)
+    clear = FilmSettings(light=task.settings.light, blur=task.settings.blur, noise=0.0)
+
+    def picture(angles: Array) -> Any:
+        film = Renderer(layout, plane, lambda _: (angles, still, still), clear)
+        return cv2.cvtColor(film.picture(0.0), cv2.COLOR_BGR2GRAY).astype(float)
+
+    change = (picture((rest + _TURN)[None]) - picture((rest - _TURN)[None])) / (2 * _TURN)
     lengths = task.chain.rotor_lengths[:, None]
     arms = lengths * np.column_stack([np.sin(rest), np.cos(rest)])
     positions = plane.pixels(np.column_stack([task.chain.pivots, 0 * rest]) + arms)
@@ -220,8 +188,6 @@ def _pixel_bound(task: FilmedTask, layout: MarkerLayout, plane: ChainPlane) -> f
     rows, columns = np.indices(change.shape)
     weights = np.array([0.299, 0.587, 0.114])
     noise = task.settings.noise * float(np.sqrt(np.sum(weights**2)))
-    sums = [
-        np.sum(change[np.hypot(columns - x, rows - y) < radius] ** 2)
-        for x, y in positions.tolist()
-    ]
+    shown = (np.hypot(columns - x, rows - y) < radius for x, y in positions.tolist())
+    sums = [np.sum(change[each] ** 2) for each in shown]
     return noise / float(np.sqrt(np.median(sums)))

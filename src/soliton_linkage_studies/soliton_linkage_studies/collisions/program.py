@@ -11,6 +11,7 @@ import argparse
 import math
 import sys
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -35,14 +36,13 @@ from soliton_linkage_studies.collisions.study import (
     read_row,
     series_of,
 )
-from soliton_linkage_studies.drawing import LEGEND_ABOVE
+from soliton_linkage_studies.drawing import LEGEND_ABOVE, PIXELS
 from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.palette import (
     BLACK,
     BLUE,
     GREEN,
     GREY,
-    LEAN_COLOURS,
     ORANGE,
     PURPLE,
     RED,
@@ -82,20 +82,31 @@ _SPEED, _SPEED_AFTER = 'v / c [1]', "v' / c [1]"
 def draw_speeds(rows: Sequence[Row]) -> FigureReport:
     """Draw the speed after a collision against the speed before, one panel per ring."""
     series = series_of(rows, 'sweeps')
-    columns = min(_COLUMNS, len(series))
-    lines = -(-len(series) // columns)
-    figure = Figure(figsize=(4.1 * columns, 3.9 * lines + 0.5), layout='constrained')
-    report = FigureReport(figure, _SPEEDS)
-    panels = figure.subplots(lines, columns, squeeze=False).ravel()
-    for axes, (name, each) in zip(panels, series.items(), strict=False):
+    report, panels = _panels(_SPEEDS, len(series), _COLUMNS, (4.1, 3.9, 0.5), 'v′ / c [1]')
+    for axes, (name, each) in zip(panels, series.items(), strict=True):
         _draw_speeds(report, axes, name, each)
         axes.set(title=name, xlabel='v / c [1]', xlim=(0, None), ylim=(0, None))
-    for axes in panels[len(series) :]:
+    report.figure.legend(handles=_handles(True), loc=LEGEND_ABOVE, ncols=8, frameon=False)
+    return report
+
+
+def _panels(
+    caption: str, count: int, most: int, size: tuple[float, float, float], label: str
+) -> tuple[FigureReport, Any]:
+    """Return a report and its `count` panels, `most` or fewer in a row with the same `label`.
+
+    `size` [inches] is the width and the height of a panel, and the height of the legend.
+    """
+    columns = min(most, count)
+    lines = -(-count // columns)
+    shape = size[0] * columns, size[1] * lines + size[2]
+    report = FigureReport(Figure(figsize=shape, layout='constrained'), caption)
+    panels = report.figure.subplots(lines, columns, squeeze=False).ravel()
+    for axes in panels[count:]:
         axes.set_axis_off()
     for axes in panels[::columns]:
-        axes.set_ylabel('v′ / c [1]')
-    figure.legend(handles=_handles(True), loc=LEGEND_ABOVE, ncols=8, frameon=False)
-    return report
+        axes.set_ylabel(label)
+    return report, panels[:count]
 
 
 def draw_windows(rows: Sequence[Row]) -> FigureReport:
@@ -134,14 +145,13 @@ def _draw_speeds(report: FigureReport, axes: Axes, name: str, rows: Sequence[Row
             continue
         before = np.array([row.speed for row in chosen])
         if outcome is None or outcome < 0:
-            colour = GREY if outcome is None else RED
+            colour, after = GREY if outcome is None else RED, np.zeros_like(before)
             axes.vlines(before, 0.0, 0.04, color=colour, linewidth=0.6, transform=bottom)
-            report.add_points(name, label, (_SPEED, _SPEED_AFTER), before, np.zeros_like(before))
         else:
-            after = np.array([row.run.speed_after for row in chosen if row.run])
             colour = _OUTCOME_COLOURS[outcome]
+            after = np.array([row.run.speed_after for row in chosen if row.run])
             axes.plot(before, after, '.', color=colour, markersize=3.5, zorder=2 + outcome)
-            report.add_points(name, label, (_SPEED, _SPEED_AFTER), before, after)
+        report.add_points(name, label, (_SPEED, _SPEED_AFTER), before, after)
 
 
 def _draw_strips(report: FigureReport, axes: Axes, series: dict[str, list[Row]]) -> None:
@@ -149,22 +159,19 @@ def _draw_strips(report: FigureReport, axes: Axes, series: dict[str, list[Row]])
         width = (rows[-1].speed - rows[0].speed) / max(len(rows) - 1, 1)
         for outcome, label in enumerate(_NAMES):
             speeds = [row.speed for row in rows if row.run and _outcome(row) == outcome]
-            bars = [(speed - width / 2, width) for speed in speeds]
+            bars, places = [(speed - width / 2, width) for speed in speeds], [number] * len(speeds)
             axes.broken_barh(bars, (number - 0.4, 0.8), color=_OUTCOME_COLOURS[outcome])
-            report.add_points(
-                'b', f'{name}: {label}', (_SPEED, 'row'), speeds, [number] * len(speeds)
-            )
+            report.add_points('b', f'{name}: {label}', (_SPEED, 'row'), speeds, places)
     axes.set_yticks(range(len(series)), list(series))
     axes.set(xlabel='v / c [1]', ylim=(len(series) - 0.5, -0.5))
 
 
 def _draw_critical(report: FigureReport, axes: Axes, series: dict[str, list[Row]]) -> None:
     for (name, rows), colour in zip(series.items(), (BLUE, GREEN, SKY), strict=False):
-        found = [row for row in rows if row.run]
-        leans = [float(row.name) for row in found]
-        speeds = [row.speed for row in found]
-        axes.plot(leans, speeds, 'o-', color=colour, markersize=4, label=name)
-        report.add_points('c', name, ('d [1]', CRITICAL_SPEED), leans, speeds)
+        found = [(float(row.name), row.speed) for row in rows if row.run]
+        leans, speeds = np.array(found).reshape(-1, 2).T
+        look, names = {'color': colour, 'markersize': 4, 'label': name}, ('d [1]', CRITICAL_SPEED)
+        report.plot(axes, ('c', name), names, leans, speeds, 'o-', **look)
     axes.axhline(PHI4_SPEED, color=BLACK, linestyle='--', linewidth=0.9, label='phi⁴ theory')
     axes.set(xlabel='d = 2 r sin θ̄ / a [1]', ylabel=CRITICAL_SPEED)
     axes.set(xlim=(0, None), ylim=(0, None))
@@ -180,17 +187,13 @@ def _outcome(row: Row) -> int | None:
 
 
 def _handles(whole: bool) -> list[Line2D]:
-    names = list(zip(_NAMES, _OUTCOME_COLOURS, strict=True))
-    dots = [
-        Line2D([], [], color=colour, marker='o', linestyle='', markersize=5, label=name)
-        for name, colour in (names if whole else names[1:])
+    dots = [(name, colour, 'o', 5) for name, colour in zip(_NAMES, _OUTCOME_COLOURS, strict=True)]
+    ticks = [('captured', GREY, '|', 9), ('anti-kink broken', RED, '|', 9)]
+    handles = [
+        Line2D([], [], color=colour, marker=marker, linestyle='', markersize=size, label=name)
+        for name, colour, marker, size in ([*dots, *ticks] if whole else [*dots[1:], ticks[0]])
     ]
-    ticks = [('captured', GREY), ('anti-kink broken', RED)]
-    bars = [
-        Line2D([], [], color=colour, marker='|', linestyle='', markersize=9, label=name)
-        for name, colour in (ticks if whole else ticks[:1])
-    ]
-    return [*dots, *bars, Line2D([], [], color=GREY, linestyle='--', label='v′ = v')]
+    return [*handles, Line2D([], [], color=GREY, linestyle='--', label='v′ = v')]
 
 
 _CAPTION = """
@@ -217,18 +220,13 @@ _TURNS = {-2: '−1', -1: '−½', 0: '0', 1: '+½', 2: '+1'}
 
 def draw_pictures(collisions: Mapping[str, Collision]) -> FigureReport:
     """Draw the order field of each collision against position and time."""
-    columns = min(_SPACETIME_COLUMNS, len(collisions))
-    lines = -(-len(collisions) // columns)
-    figure = Figure(figsize=(4.6 * columns, 4.4 * lines), layout='constrained')
-    report = FigureReport(figure, _CAPTION)
-    panels = figure.subplots(lines, columns, squeeze=False).ravel()
-    for axes, (name, collision) in zip(panels, collisions.items(), strict=False):
+    most, size = _SPACETIME_COLUMNS, (4.6, 4.4, 0.0)
+    report, panels = _panels(_CAPTION, len(collisions), most, size, 't c / 2 ℓ [1]')
+    for axes, (name, collision) in zip(panels, collisions.items(), strict=True):
         _draw(report, axes, name, collision)
-    for axes in panels[len(collisions) :]:
-        axes.set_axis_off()
-    for axes in panels[::columns]:
-        axes.set_ylabel('t c / 2 ℓ [1]')
-    bar = figure.colorbar(panels[0].images[0], ax=panels, shrink=0.6, extend='both', pad=0.01)
+    figure = report.figure
+    look: Any = {'shrink': 0.6, 'extend': 'both', 'pad': 0.01}
+    bar = figure.colorbar(panels[0].images[0], ax=figure.axes, **look)
     bar.set_label('order field m [1]')
     return report
 
@@ -240,16 +238,8 @@ def _draw(report: FigureReport, axes: Axes, name: str, collision: Collision) -> 
     shown = np.abs(positions) < _SHOWN / 2 * collision.reach
     fields = ring_order_field(collision.ring, angles)[:, shown]
     positions = positions[shown]
-    axes.imshow(
-        fields,
-        origin='lower',
-        aspect='auto',
-        interpolation='nearest',
-        cmap=LEAN_COLOURS,
-        vmin=-_LARGEST,
-        vmax=_LARGEST,
-        extent=(positions[0] - 0.5, positions[-1] + 0.5, times[0], times[-1]),
-    )
+    extent = positions[0] - 0.5, positions[-1] + 0.5, times[0], times[-1]
+    axes.imshow(fields, vmin=-_LARGEST, vmax=_LARGEST, extent=extent, **PIXELS)
     ring = collision.ring
     title = f'{name}: v / c = {collision.speed:g}\n{ring.motion.value}, {parameters(ring)}'
     axes.set_title(title, fontsize=10)

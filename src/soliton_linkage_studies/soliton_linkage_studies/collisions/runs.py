@@ -158,11 +158,8 @@ class WallPaths:
 
     def joined(self, later: WallPaths) -> WallPaths:
         """Return these paths followed by later paths."""
-        return WallPaths(
-            np.append(self.times, later.times),
-            np.append(self.kinks, later.kinks),
-            np.append(self.anti_kinks, later.anti_kinks),
-        )
+        pairs = zip(vars(self).values(), vars(later).values(), strict=True)
+        return WallPaths(*(np.append(*pair) for pair in pairs))
 
     def speeds(self) -> Array:
         """Return the fitted speeds of both walls [rotor spacings / s], shape (2,), or NaN."""
@@ -180,17 +177,13 @@ def simulate_frames(task: Collision) -> Iterator[tuple[Array, Array, Array]]:
     start = initial_state(task)
     motion = EquationOfMotion(task.ring)
     method = INTEGRATORS[task.integrator]
-    constant = issubclass(method, SymplecticNystrom)
-    solver = method(
-        motion,
-        0.0,
-        motion.state(start.angles, start.rates),
-        np.inf,
-        rtol=0.0 if constant else _TOLERANCE,
+    relative = absolute = _TOLERANCE
+    if issubclass(method, SymplecticNystrom):
         # With a large tolerance, the solver always takes the longest allowed step.
-        atol=1e3 if constant else _TOLERANCE,
-        max_step=task.step / band_edges(task.ring)[1],
-    )
+        relative, absolute = 0.0, 1e3
+    state, longest = motion.state(start.angles, start.rates), task.step / band_edges(task.ring)[1]
+    limits = {'rtol': relative, 'atol': absolute, 'max_step': longest}
+    solver = method(motion, 0.0, state, np.inf, **limits)
     period, rotors = task.unit / _FRAMES, task.ring.number_of_rotors
     yield np.zeros(1), start.angles[None], start.rates[None]
     while True:
@@ -232,16 +225,10 @@ def ring_order_field(ring: Chain, angles: Array) -> Array:
 def find_walls(ring: Chain, times: Array, angles: Array) -> WallPaths:
     """Return the walls in frames of angles [rad], shape (T, N)."""
     fields = ring_order_field(ring, angles)
-    left = fields < 0
-    last = fields.shape[1] - 1
-    first = left.argmax(axis=1)
-    final = last - left[:, ::-1].argmax(axis=1)
-    apart = left.any(axis=1)
-    return WallPaths(
-        times,
-        np.where(apart, _crossings(fields, np.clip(first - 1, 0, last)), np.nan),
-        np.where(apart, _crossings(fields, np.clip(final, 0, last - 1)), np.nan),
-    )
+    left, last = fields < 0, fields.shape[1] - 1
+    before = left.argmax(axis=1) - 1, last - left[:, ::-1].argmax(axis=1)
+    crossings = (_crossings(fields, np.clip(rotors, 0, last - 1)) for rotors in before)
+    return WallPaths(times, *(np.where(left.any(axis=1), one, np.nan) for one in crossings))
 
 
 def _crossings(fields: Array, rotors: NDArray[np.int64]) -> Array:

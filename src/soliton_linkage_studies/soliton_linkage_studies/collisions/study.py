@@ -154,9 +154,8 @@ def read_row(cells: Mapping[str, str]) -> Row:
     """Parse a row of the table; `cells` maps column names to text."""
     run = None
     if not cells['failure']:
-        run = CollisionRun(
-            **{field.name: _value(field.type, cells[field.name]) for field in fields(CollisionRun)}
-        )
+        values = {one.name: _value(one.type, cells[one.name]) for one in fields(CollisionRun)}
+        run = CollisionRun(**values)
     part, series, name = (cells[key] for key in ('part', 'series', 'name'))
     return Row(part, series, name, float(cells['speed']), run, cells['failure'])
 
@@ -169,11 +168,8 @@ def read_collision_study(settings: Section, quick: bool) -> CollisionStudy:
     entries: list[Entry] = []
     for name, section in _named(settings, 'sweeps').items():
         section.check_keys('rotor_length_ratio', 'rest_angle', 'turning', 'speeds')
-        collision = _collision(section, common)
-        entries += [
-            Entry('sweeps', name, replace(collision, speed=speed))
-            for speed in _speeds(section, quick).tolist()
-        ]
+        collision, speeds = _collision(section, common), _speeds(section, quick).tolist()
+        entries += [Entry('sweeps', name, replace(collision, speed=speed)) for speed in speeds]
     entries += _variations(settings.section('variations'), common, quick)
     entries += _critical_speeds(settings.section('critical_speeds'), common, quick)
     pictures = {
@@ -193,8 +189,7 @@ def _named(settings: Section, key: str) -> dict[str, Section]:
 
 def _variations(section: Section, common: Section, quick: bool) -> list[Entry]:
     section.check_keys('rotor_length_ratio', 'rest_angle', 'speeds', 'changes', 'edges')
-    speeds = _speeds(section, quick).tolist()
-    entries = []
+    speeds, entries = _speeds(section, quick).tolist(), []
     for name, change in _named(section, 'changes').items():
         change.check_keys(*_SETTINGS, 'integrator')
         collision = _collision(section, common, change)
@@ -214,10 +209,8 @@ def _critical_speeds(section: Section, common: Section, quick: bool) -> list[Ent
         ratio = rings.number('rotor_length_ratio', 1e-3, 1e3)
         wanted = rings.numbers('lean_ratios', 1e-3, min(2 * ratio, 1.0))
         for lean_ratio in wanted[-1:] if quick else wanted:
-            angle = math.asin(lean_ratio / (2 * ratio))
-            collision = _task(common, ratio, angle)
-            halvings = _QUICK_HALVINGS if quick else _HALVINGS
-            task = _edge(section, collision, 1, halvings)
+            collision = _task(common, ratio, math.asin(lean_ratio / (2 * ratio)))
+            task = _edge(section, collision, 1, _QUICK_HALVINGS if quick else _HALVINGS)
             entries.append(Entry('critical_speeds', name, task, f'{lean_ratio:g}'))
     return entries
 
@@ -251,14 +244,9 @@ def _task(
         integrator = change.text('integrator', tuple(INTEGRATORS), integrator)
     chain = Chain(2, 1.0, ratio, rest_angle, 1.0, 1.0)
     half = math.ceil(number('length') * penetration_depth(chain))
-    return Collision(
-        replace(chain, number_of_rotors=2 * half, periodic=True),
-        speed=0.0,
-        step=number('step'),
-        integrator=integrator,
-        shift=number('shift', 0.0),
-        patience=number('patience'),
-    )
+    ring = replace(chain, number_of_rotors=2 * half, periodic=True)
+    step, shift, patience = number('step'), number('shift', 0.0), number('patience')
+    return Collision(ring, 0.0, False, step, integrator, shift, patience)
 
 
 def _speeds(section: Section, quick: bool) -> Array:
@@ -348,13 +336,9 @@ def finding_tables(rows: Sequence[Row]) -> str:
     """Return tables of rings, bounce windows, changed settings and critical speeds as Markdown."""
     variations = series_of(rows, 'variations')
     whole = [row for row in next(iter(variations.values()), []) if not row.name]
-    tables = (
-        _sweep_table(series_of(rows, 'sweeps')),
-        _window_table(windows(whole)),
-        _variation_table(variations),
-        _critical_table(series_of(rows, 'critical_speeds')),
-    )
-    return '\n'.join(tables)
+    tables = _sweep_table(series_of(rows, 'sweeps')), _window_table(windows(whole))
+    critical = _critical_table(series_of(rows, 'critical_speeds'))
+    return '\n'.join([*tables, _variation_table(variations), critical])
 
 
 def _sweep_table(series: dict[str, list[Row]]) -> str:
@@ -365,16 +349,11 @@ def _sweep_table(series: dict[str, list[Row]]) -> str:
             continue
         parted = [run for run in runs if run.escaped and not run.broken]
         kept = [run.speed_after / run.speed_before for run in parted]
-        cells = [
-            name,
-            f'{len(runs)} of {len(rows)}',
-            str(sum(not run.escaped and not run.broken for run in runs)),
-            str(sum(run.broken for run in runs)),
-            f'{max(run.radiated for run in runs):.3f}',
-            f'{min(kept):.3f} to {max(kept):.3f}' if kept else '',
-            f'{max(run.drift for run in runs):.1e}',
-        ]
-        lines.append(cells)
+        captured = sum(not run.escaped and not run.broken for run in runs)
+        counts = f'{len(runs)} of {len(rows)}', str(captured), str(sum(run.broken for run in runs))
+        radiated, drift = (max(getattr(run, key) for run in runs) for key in ('radiated', 'drift'))
+        ratio = f'{min(kept):.3f} to {max(kept):.3f}' if kept else ''
+        lines.append([name, *counts, f'{radiated:.3f}', ratio, f'{drift:.1e}'])
     return markdown_table(_SWEEP_TITLES, lines)
 
 

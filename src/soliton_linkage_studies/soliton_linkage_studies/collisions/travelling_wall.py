@@ -108,9 +108,7 @@ class _Grid:
     """Grid of angles in a flat array: first the angles of even rotors, then of odd rotors."""
 
     def __init__(self, ring: Chain) -> None:
-        width, depth = (
-            length / ring.spacing for length in (ring.wall_width, penetration_depth(ring))
-        )
+        width, depth = ring.wall_width / ring.spacing, penetration_depth(ring) / ring.spacing
         self.points = max(1, math.ceil(_POINTS_A_WIDTH / width))
         sites = 2 * math.ceil(2 * _REACH * depth) + 8
         lengths = ring.spacing, ring.rotor_length, ring.rest_angle

@@ -69,25 +69,19 @@ def stepped_response(actuator: PneumaticActuator, command: Profile) -> CommandRe
 
 def draw_response(report: FigureReport, axes: Axes, response: CommandResponse) -> None:
     """Draw the pressure of a command: commanded, in closed form, and by numerical integration."""
-    series = (
+    for name, times, pressures, style, colour in (
         ('commanded', response.times, response.commanded, '--', GREY),
         ('closed form', response.times, response.closed, '-', BLUE),
         ('numerical integration', response.times[_STEPPED], response.stepped, 'o', BLACK),
-    )
-    for name, times, pressures, style, colour in series:
+    ):
         axes.plot(times, 1e-3 * pressures, style, color=colour, label=name)
         report.add_points('a', name, (TIME, 'pressure [Pa]'), times, pressures)
     axes.set(xlabel=TIME, ylabel='pressure [kPa]', ylim=(0, None))
     axes.set_title('a  pressure after a command', loc='left')
     axes.legend()
     largest = int(np.argmax(response.stepped))
-    report.add_comparison(
-        'highest pressure of the soft actuator [Pa]',
-        '',
-        'closed form',
-        float(response.stepped[largest]),
-        float(response.closed[_STEPPED][largest]),
-    )
+    both = float(response.stepped[largest]), float(response.closed[_STEPPED][largest])
+    report.add_comparison('highest pressure of the soft actuator [Pa]', '', 'closed form', *both)
 
 
 @dataclass(frozen=True)
@@ -145,10 +139,11 @@ def actuator_figure(section: Section, quick: bool) -> FigureReport:
     report = FigureReport(Figure(figsize=(8, 10), layout='constrained'), _CAPTION)
     above, middle, below = report.figure.subplots(3)
     draw_response(report, above, stepped_response(actuator, order.profile))
-    noise = section.number('noise', 0.0, 1e5)
-    rate = section.number('rate', 10.0, 1e4)
+    noise, rate = section.number('noise', 0.0, 1e5), section.number('rate', 10.0, 1e4)
     _draw_fit(report, middle, actuator, order, noise, rate)
-    _draw_work(report, below, chain_from(section.section('chain')), actuator, order, quick)
+    period = (4 if quick else 1) / _FRAMES_A_SECOND
+    chain = chain_from(section.section('chain'))
+    _draw_work(report, below, driven_chain(chain, actuator, order, period))
     return report
 
 
@@ -185,25 +180,11 @@ def _draw_fit(
     for series, values in (('commanded', commands), ('read', read), ('fitted', fitted)):
         report.add_points('b', series, (TIME, 'pressure [Pa]'), times, values)
     for name in ('filling_time', 'venting_time'):
-        report.add_comparison(
-            f'{name.replace("_", " ")} from a noisy step response [s]',
-            '',
-            'as set',
-            getattr(fit, name),
-            getattr(actuator, name),
-        )
+        quantity = f'{name.replace("_", " ")} from a noisy step response [s]'
+        report.add_comparison(quantity, '', 'as set', getattr(fit, name), getattr(actuator, name))
 
 
-def _draw_work(
-    report: FigureReport,
-    axes: Axes,
-    chain: Chain,
-    actuator: PneumaticActuator,
-    order: EdgeCommand,
-    quick: bool,
-) -> None:
-    period = (4 if quick else 1) / _FRAMES_A_SECOND
-    driven = driven_chain(chain, actuator, order, period)
+def _draw_work(report: FigureReport, axes: Axes, driven: DrivenChain) -> None:
     for series, values, style, colour in (
         ('energy of the chain', driven.energies, '-', BLUE),
         ('work of the torques', driven.works, ':', BLACK),
@@ -213,10 +194,5 @@ def _draw_work(
     axes.set(xlabel=TIME, ylabel='energy [mJ]')
     axes.set_title('c  energy gained by the chain, and work of the torques', loc='left')
     axes.legend()
-    report.add_comparison(
-        'work of the actuator on the chain [J]',
-        '',
-        'energy gained',
-        float(driven.works[-1]),
-        float(driven.energies[-1]),
-    )
+    both = float(driven.works[-1]), float(driven.energies[-1])
+    report.add_comparison('work of the actuator on the chain [J]', '', 'energy gained', *both)

@@ -41,6 +41,10 @@ Points at the same deviation are shifted horizontally so that their bars do not 
 of rigid bars, no wall can pass a bond that is too short for its two rotors.
 """
 _TITLES = {'rigid': 'a  rigid bars', 'elastic': 'b  springs'}
+_AXES = (
+    'relative standard deviation of r, a and k_e [1]',
+    'fraction of chains that the wall crosses and returns [1]',
+)
 _QUICK_SEEDS = 3
 """Largest number of chains per class and deviation in a quick figure."""
 _NORMAL = 1.959964
@@ -59,7 +63,7 @@ def disorder_figure(section: Section, quick: bool) -> FigureReport:
     count = min(seeds, _QUICK_SEEDS) if quick else seeds
     figure = Figure(figsize=(10, 4.6), layout='constrained')
     report = FigureReport(figure, _CAPTION.format(count=count))
-    panels = report.figure.subplots(1, 2, sharey=True)
+    panels = figure.subplots(1, 2, sharey=True)
     rigid: list[tuple[Array, Array]] = []
     studied = section.section('chains').sections()
     chains = [chain_from(each.section('chain')) for each in studied.values()]
@@ -76,24 +80,13 @@ def disorder_figure(section: Section, quick: bool) -> FigureReport:
             passed = np.array([[_returns(one, kick, mechanics) for one in row] for row in drawn])
             shares = passed.mean(axis=1)
             ends = np.array(score_interval(shares, count, _NORMAL))
-            axes.errorbar(
-                100 * shown + _ASIDE * (number - 1),
-                shares,
-                np.abs(ends - shares),
-                fmt=marker + '-',
-                color=colour,
-                label=label,
-                capsize=3,
-                linewidth=1,
-            )
+            look = {'fmt': f'{marker}-', 'color': colour, 'capsize': 3, 'linewidth': 1}
+            aside = 100 * shown + _ASIDE * (number - 1)
+            axes.errorbar(aside, shares, np.abs(ends - shares), label=label, **look)
             axes.set_title(_TITLES[mechanics], loc='left')
-            names = (
-                'relative standard deviation of r, a and k_e [1]',
-                'fraction of chains that the wall crosses and returns [1]',
-            )
-            report.add_points(mechanics, label, names, shown, shares)
+            report.add_points(mechanics, label, _AXES, shown, shares)
             for series, end in zip(('lower', 'upper'), ends, strict=True):
-                report.add_points(mechanics, f'{label}, {series} end of 95 %', names, shown, end)
+                report.add_points(mechanics, f'{label}, {series} end of 95 %', _AXES, shown, end)
             if mechanics == 'rigid':
                 rigid.append((open_, passed))
     for axes in panels:

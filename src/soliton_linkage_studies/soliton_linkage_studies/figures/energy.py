@@ -41,18 +41,14 @@ def anti_kink_figure(section: Section, quick: bool) -> FigureReport:
     chains = [_ring_of_lean(ratio, lean_ratio) for lean_ratio in shown]
     costs = np.array([_anti_kink_cost(chain) for chain in chains])
     shares = costs / np.array([wall_theory(chain).energy(0.0, charge=-1) for chain in chains])
-    axes.plot(shown, shares, 'o-', color=MEASURED, label='ring of springs')
-    axes.axhline(
-        1, color=THEORY, linestyle='--', label=r'continuum: $(16/3)\,k_e\,a\,\bar u^3 / \bar l^2$'
-    )
-    axes.set(
-        xlabel='d = 2 r sin θ̄ / a [1]',
-        ylabel='energy of an anti-kink / continuum [1]',
-        ylim=(0.6, 1.05),
-    )
-    axes.legend()
     names = ('d = 2 r sin(theta_bar) / a [1]', 'energy / energy of the continuum [1]')
-    report.add_points('', 'anti-kink', names, shown, shares)
+    look = {'color': MEASURED, 'label': 'ring of springs'}
+    report.plot(axes, ('', 'anti-kink'), names, shown, shares, 'o-', **look)
+    label = r'continuum: $(16/3)\,k_e\,a\,\bar u^3 / \bar l^2$'
+    axes.axhline(1, color=THEORY, linestyle='--', label=label)
+    axes.set(xlabel='d = 2 r sin θ̄ / a [1]', ylabel='energy of an anti-kink / continuum [1]')
+    axes.set_ylim(0.6, 1.05)
+    axes.legend()
     for chain, cost in zip(chains, costs, strict=True):
         lean = chain.rotor_length * math.sin(chain.rest_angle)
         limit = 16 / 3 * lean**3 / (chain.spacing * chain.rest_length**2)
@@ -79,9 +75,8 @@ def _anti_kink_cost(ring: Chain) -> float:
     first = theory.displacements(positions, kink, charge=1)
     second = theory.displacements(positions, anti_kink, charge=-1)
     lean = np.where(np.arange(rotors) < rotors // 2, first, second)
-    return float(
-        ring.elastic_energy(equilibrium(ring, staggered(np.arcsin(lean / ring.rotor_length))))
-    )
+    angles = equilibrium(ring, staggered(np.arcsin(lean / ring.rotor_length)))
+    return float(ring.elastic_energy(angles))
 
 
 _CAPTION = """
@@ -131,10 +126,8 @@ def energy_figure(section: Section, quick: bool) -> FigureReport:
         left = wake / (kinetic + elastic)
         for axes, letter, values in zip(panels, 'abc', (whole, shares, left), strict=True):
             report.add_points(letter, label, ('v / c [1]', _ENERGIES[letter]), speed, values)
-            known = (echo == 0) | (letter != 'c')
-            axes.plot(
-                speed[known], values[known], marker + '-', color=colour, label=label, linewidth=0.6
-            )
+            known, look = (echo == 0) | (letter != 'c'), {'color': colour, 'linewidth': 0.6}
+            axes.plot(speed[known], values[known], marker + '-', label=label, **look)
             axes.plot(speed[~known], values[~known], marker, color=colour, fillstyle='none')
         if chain.lean_ratio < _CONTINUUM:
             _compare_energies(report, chain, speed, whole, shares)
@@ -145,17 +138,11 @@ def energy_figure(section: Section, quick: bool) -> FigureReport:
     for axes, (letter, label), title in zip(panels, _ENERGIES.items(), titles, strict=True):
         axes.set_title(f'{letter}  {title}', loc='left')
         axes.set(xlabel='speed v / c [1]', ylabel=label.replace('E_s', '$E_s$'), yscale='log')
-    panels[2].plot(
-        [],
-        [],
-        'o',
-        color=BLACK,
-        markerfacecolor=WHITE,
-        label='may contain reflected phonons of the kick',
-    )
+    label = 'may contain reflected phonons of the kick'
+    panels[2].plot([], [], 'o', color=BLACK, markerfacecolor=WHITE, label=label)
     panels[0].legend(fontsize=8)
-    panels[1].legend(handles=panels[1].lines[-1:], fontsize=8, loc='lower right')
-    panels[2].legend(handles=panels[2].lines[-1:], fontsize=8, loc='lower right')
+    for axes in panels[1:]:
+        axes.legend(handles=axes.lines[-1:], fontsize=8, loc='lower right')
     return report
 
 
@@ -164,11 +151,11 @@ def _draw_theory(panels: Sequence[Axes], theory: WallTheory) -> None:
     velocities = (fine * theory.speed_of_sound).tolist()
     energies = np.array([theory.energy(velocity) for velocity in velocities])
     shares = [theory.elastic_energy(each) / theory.kinetic_energy(each) for each in velocities]
-    whole = energies / theory.energy_scale
-    panels[0].plot(
-        fine, whole, '--', color=THEORY, label=r'theory: $(\gamma - 1)\,M_{eff}\,c^2 / E_s$'
-    )
-    panels[1].plot(fine, shares, '--', color=THEORY, label=r'theory: $(\gamma - 1)/(\gamma + 1)$')
+    for axes, values, law in (
+        (panels[0], energies / theory.energy_scale, r'$(\gamma - 1)\,M_{eff}\,c^2 / E_s$'),
+        (panels[1], shares, r'$(\gamma - 1)/(\gamma + 1)$'),
+    ):
+        axes.plot(fine, values, '--', color=THEORY, label=f'theory: {law}')
 
 
 def _energies(chain: Chain, kick: float) -> tuple[float, float, float, float, float]:
@@ -202,15 +189,14 @@ def _compare_energies(
     for v, energy, ratio in zip(speed[slow], whole[slow], share[slow], strict=True):
         gamma = theory.lorentz_factor(float(v) * theory.speed_of_sound)
         scale = theory.effective_mass * theory.speed_of_sound**2 / theory.energy_scale
+        symbols, limit = (
+            {'γ': gamma, 'M_eff c²/E_s': scale},
+            'with the exact c; its limit is γ − 1',
+        )
         report.add_comparison(
             f'energy of a wall / E_s at v = {v:.3f} c, {parameters(chain)}',
             'zero energy at rest; no value given',
-            Formula(
-                '(γ − 1) M_eff c²/E_s',
-                (gamma - 1) * scale,
-                {'γ': gamma, 'M_eff c²/E_s': scale},
-                'with the exact c; its limit is γ − 1',
-            ),
+            Formula('(γ − 1) M_eff c²/E_s', (gamma - 1) * scale, symbols, limit),
             float(energy),
         )
         report.add_comparison(

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from soliton_linkage.linear.bands import couplings, dispersion, penetration_depth, winding_number
 from soliton_linkage.linear.normal_modes import mode_frequencies
 from soliton_linkage.linear.rigidity import mode_centre, zero_mode
-from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage_studies.captions import LINKAGE, MODE, PROJECTIONS, parameters
 from soliton_linkage_studies.drawing import ChainPicture, add_legend, expand_limits
@@ -36,6 +36,11 @@ angles. Lines: theory of the infinite chain. Markers: finite chain with free end
 frequency below the gap, which is the lowest point of each line. The thin grey line is the zero
 frequency of the zero mode.
 """
+_TITLES = (
+    'a  the linkage of rigid bars (red), leaning right',
+    'b  springs (dashed) and the zero mode (green), localised at the last rotor',
+    'c  a wall at rest,   d  the horizontal projections of its rotors',
+)
 _LONG = 400
 """Number of rotors of a chain whose lowest modes agree with those of the infinite chain to 1e-4
 [1]."""
@@ -58,23 +63,16 @@ def figure_1(section: Section, quick: bool) -> FigureReport:
     waiting = ChainPicture(top[2], chain, wall, projections=True, rigid=True)
     expand_limits([uniform, moving])
     waiting.axes.set_xlim(moving.axes.get_xlim())
-    for axes, title in zip(
-        top,
-        (
-            'a  the linkage of rigid bars (red), leaning right',
-            'b  springs (dashed) and the zero mode (green), localised at the last rotor',
-            'c  a wall at rest,   d  the horizontal projections of its rotors',
-        ),
-        strict=True,
-    ):
+    for axes, title in zip(top, _TITLES, strict=True):
         axes.set_title(title, loc='left')
-    names = ('rotor n', 'phi [rad]')
-    report.add_points('a', 'leaning right', names, np.arange(chain.number_of_rotors), rest)
-    report.add_points('c', 'wall', names, np.arange(chain.number_of_rotors), wall)
+    names, rotors = ('rotor n', 'phi [rad]'), np.arange(chain.number_of_rotors)
+    report.add_points('a', 'leaning right', names, rotors, rest)
+    report.add_points('c', 'wall', names, rotors, wall)
     add_legend(figure)
-    _draw_depths(report, figure.add_subplot(grid[3, 0]), [chain, *others])
-    _draw_bands(report, figure.add_subplot(grid[3, 1]), [chain, *others])
-    for each in [chain, *others]:
+    chains = [chain, *others]
+    _draw_depths(report, figure.add_subplot(grid[3, 0]), chains)
+    _draw_bands(report, figure.add_subplot(grid[3, 1]), chains)
+    for each in chains:
         _compare(report, each, 100 if quick else _LONG)
     return report
 
@@ -84,17 +82,13 @@ def _draw_depths(report: FigureReport, axes: Axes, chains: list[Chain]) -> None:
         mode = np.abs(zero_mode(chain, chain.uniform_state(1)))
         from_edge = np.arange(chain.number_of_rotors)[::-1]
         depth = penetration_depth(chain) / chain.spacing
-        axes.plot(from_edge, mode, marker, color=colour, label=parameters(chain))
+        name, names = parameters(chain), ('rotors from the last', 'zero mode |t| [1]')
+        look = {'color': colour, 'label': name}
+        report.plot(axes, ('e', name), names, from_edge, mode, marker, **look)
         axes.plot(from_edge, mode[-1] * np.exp(-from_edge / depth), '-', color=colour)
-        names = ('rotors from the last', 'zero mode |t| [1]')
-        report.add_points('e', parameters(chain), names, from_edge, mode)
-    axes.set(
-        yscale='log',
-        ylim=(1e-7, 2),
-        xlabel='distance from the last rotor [rotor spacings]',
-        ylabel='component of the zero mode |t| [1]',
-        title='e  decay of the zero mode with the penetration depth ℓ',
-    )
+    axes.set(yscale='log', ylim=(1e-7, 2), xlabel='distance from the last rotor [rotor spacings]')
+    axes.set(ylabel='component of the zero mode |t| [1]')
+    axes.set(title='e  decay of the zero mode with the penetration depth ℓ')
     axes.plot([], [], '-', color=GREY, label=r'$e^{-n a / \ell}$, theory')
     axes.legend()
 
@@ -110,45 +104,39 @@ def _draw_bands(report: FigureReport, axes: Axes, chains: list[Chain]) -> None:
         ascending = np.argsort(dispersion(chain, steps / chain.spacing))
         placed = np.empty(rotors - 1)
         placed[ascending] = found
-        axes.plot(steps, placed, marker, color=colour, label=parameters(chain), markersize=4)
+        look = {'color': colour, 'label': parameters(chain), 'markersize': 4}
         names = ('wave number k a [rad]', 'frequency omega sqrt(M/k_e) [1]')
-        report.add_points('f', parameters(chain), names, steps, placed)
+        report.plot(axes, ('f', parameters(chain)), names, steps, placed, marker, **look)
     axes.axhline(0, color=GREY, linewidth=0.8)
-    axes.set(
-        xlabel='wave number k a of the staggered angles [rad]',
-        ylabel=r'frequency $\omega\,\sqrt{M/k_e}$ [1]',
-        title='f  no phonon below the gap',
-    )
+    axes.set(xlabel='wave number k a of the staggered angles [rad]')
+    axes.set(ylabel=r'frequency $\omega\,\sqrt{M/k_e}$ [1]', title='f  no phonon below the gap')
     axes.plot([], [], '-', color=GREY, label='infinite chain, theory')
     axes.legend()
 
 
 def _compare(report: FigureReport, chain: Chain, rotors: int) -> None:
     name, spacing, unit = parameters(chain), chain.spacing, chain.time_unit
-    long_chain = Chain(
-        rotors, spacing, chain.rotor_length, chain.rest_angle, chain.mass, chain.stiffness
-    )
+    lengths = spacing, chain.rotor_length, chain.rest_angle
+    long_chain = Chain(rotors, *lengths, chain.mass, chain.stiffness)
     frequencies = mode_frequencies(long_chain, long_chain.uniform_state(1))[1:] * unit
     mode = np.abs(zero_mode(chain, chain.uniform_state(1)))
     r, rest, d = chain.rotor_length, chain.rest_length, chain.lean_ratio
     paper = r**2 * math.sin(2 * chain.rest_angle) / (rest * spacing)
     plus, minus = (abs(one) for one in couplings(chain))
+    # The two lowest modes of a finite chain, j = 1 and 2, have the wave numbers k a = pi j / N.
+    squares = np.sort(frequencies)[:2] ** 2
     report.add_comparison(
         f'gap ω₀ √(M/kₑ), {name}',
         chain_formula('r² sin(2 θ̄) / (l̄ a)', paper, chain),
         chain_formula('||q₊| − |q₋|| / r', abs(plus - minus) / r, chain),
-        _extrapolated_gap(frequencies),
+        math.sqrt((4 * squares[0] - squares[1]) / 3),
     )
+    remark = 'the same, about the lowest frequency'
     report.add_comparison(
         f'speed of sound c √(M/kₑ) / a, {name}',
         'cos θ̄ √|4 r² sin² θ̄ − a²| / l̄',
-        chain_formula(
-            '√|q₊ q₋| / r',
-            math.sqrt(plus * minus) / r,
-            chain,
-            'the same, about the lowest frequency',
-        ),
-        _curvature(frequencies),
+        chain_formula('√|q₊ q₋| / r', math.sqrt(plus * minus) / r, chain, remark),
+        math.sqrt((squares[1] - squares[0]) / 3) * rotors / math.pi,
     )
     report.add_comparison(
         f'largest group velocity √(M/kₑ) / a, {name}',
@@ -156,15 +144,11 @@ def _compare(report: FigureReport, chain: Chain, rotors: int) -> None:
         chain_formula('min(|q₊|, |q₋|) / r', min(plus, minus) / r, chain),
         float(np.abs(np.diff(np.sort(frequencies))).max()) * rotors / math.pi,
     )
+    depth = 1 / math.log((1 + d) / abs(1 - d))
     report.add_comparison(
         f'penetration depth ℓ / a, {name}',
         'the same',
-        chain_formula(
-            '1 / ln((1 + d) / |1 − d|)',
-            1 / math.log((1 + d) / abs(1 - d)),
-            chain,
-            'd is 2 r sin θ̄ / a',
-        ),
+        chain_formula('1 / ln((1 + d) / |1 − d|)', depth, chain, 'd is 2 r sin θ̄ / a'),
         -1 / float(np.log(mode[-2] / mode[-1])),
     )
     centre = mode_centre(zero_mode(long_chain, long_chain.uniform_state(1)))
@@ -175,18 +159,3 @@ def _compare(report: FigureReport, chain: Chain, rotors: int) -> None:
         float(centre > rotors / 2),
         1.0,
     )
-
-
-def _extrapolated_gap(frequencies: Array) -> float:
-    """Return the gap of the infinite chain from the two lowest modes of a finite chain."""
-    squares = np.sort(frequencies)[:2] ** 2
-    return math.sqrt((4 * squares[0] - squares[1]) / 3)
-
-
-def _curvature(frequencies: Array) -> float:
-    """Return the speed of sound [spacings / s] from the two lowest modes.
-
-    K a = pi j / N for mode j.
-    """
-    squares = np.sort(frequencies)[:2] ** 2
-    return math.sqrt((squares[1] - squares[0]) / 3) * (len(frequencies) + 1) / math.pi

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,7 +14,13 @@ from numpy.typing import NDArray
 
 from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
-from soliton_linkage_studies.drawing import ChainPicture, draw_torus, mass_points, pivot_points
+from soliton_linkage_studies.drawing import (
+    ChainPicture,
+    draw_torus,
+    mass_points,
+    pivot_points,
+    towards_camera,
+)
 from soliton_linkage_studies.figure_report import FigureReport, chain_formula
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.palette import (
@@ -81,14 +88,14 @@ def figure_4(section: Section, quick: bool) -> FigureReport:
     grid = report.figure.add_gridspec(4, 1, height_ratios=[1.0, 0.55, 0.95, 0.8])
     rows = [report.figure.add_subfigure(grid[row]) for row in range(4)]
     _draw_diagram(report, rows[0].subplots(), chains, 200)
-    for number, chain in enumerate(chains):
+    for number, chain in enumerate(chains, start=1):
         curves = configuration_curves(chain, points // 10 if quick else points)
-        cells = rows[1].add_subplot(1, len(chains), number + 1)
-        torus = rows[2].add_subplot(1, len(chains), number + 1)
-        solid = rows[3].add_subplot(1, len(chains), number + 1, projection='3d')
-        _draw_cells(cells, chain, letter='b' if number == 0 else '')
-        _draw_curves(report, torus, chain, curves, letter='c' if number == 0 else '')
-        _draw_solid_torus(solid, curves, letter='d' if number == 0 else '')
+        cells, torus = (row.add_subplot(1, len(chains), number) for row in rows[1:3])
+        solid = rows[3].add_subplot(1, len(chains), number, projection='3d')
+        letters = 'bcd' if number == 1 else ('', '', '')
+        _draw_cells(cells, chain, letters[0])
+        _draw_curves(report, torus, chain, curves, letters[1])
+        _draw_solid_torus(solid, curves, letters[2])
         _compare(report, chain, configuration_curves(chain, 1000 if quick else _FINE))
     _compare_limits(report, chains[0])
     return report
@@ -97,40 +104,24 @@ def figure_4(section: Section, quick: bool) -> FigureReport:
 def _draw_diagram(report: FigureReport, axes: Axes, chains: list[Chain], points: int) -> None:
     low, high = 0.1, 10.0
     rest_angles = np.linspace(0.02, math.pi / 2 - 0.02, points)
-    borders = [
-        np.full(points, low),
-        np.clip(flipper_limit(rest_angles), low, high),
-        np.clip(spinner_limit(rest_angles), low, high),
-        np.full(points, high),
-    ]
-    for (motion, position), left, right in zip(
-        _REGIONS.items(), borders[:-1], borders[1:], strict=True
-    ):
+    limits = flipper_limit(rest_angles), spinner_limit(rest_angles)
+    borders = np.clip([np.zeros(points), *limits, np.full(points, np.inf)], low, high)
+    for (motion, position), (left, right) in zip(_REGIONS.items(), pairwise(borders), strict=True):
         colour = tint(MOTION_COLOURS[motion], _TINT)
         axes.fill_betweenx(rest_angles, left, right, color=colour, linewidth=0)
         axes.text(*position, f'{motion.value}s', ha='center', va='center', fontsize=13)
-    axes.plot(flipper_limit(rest_angles), rest_angles, '-', color=BLACK, label='$d = 1$')
-    axes.plot(
-        spinner_limit(rest_angles),
-        rest_angles,
-        '--',
-        color=BLACK,
-        label=r'$d = d_c = 2 / \sin\bar\theta$',
-    )
-    names = ('r/a [1]', 'theta_bar [rad]')
-    report.add_points('a', 'd = 1', names, flipper_limit(rest_angles), rest_angles)
-    report.add_points('a', 'd = d_c', names, spinner_limit(rest_angles), rest_angles)
+    names, labels = ('r/a [1]', 'theta_bar [rad]'), ('$d = 1$', r'$d = d_c = 2 / \sin\bar\theta$')
+    for series, ratios, style, label in zip(
+        ('d = 1', 'd = d_c'), limits, ('-', '--'), labels, strict=True
+    ):
+        look = {'color': BLACK, 'label': label}
+        report.plot(axes, ('a', series), names, ratios, rest_angles, style, **look)
     for chain in chains:
         position = chain.rotor_length / chain.spacing, chain.rest_angle
         axes.plot(*position, 'o', color=BLACK)
     axes.plot([], [], 'o', color=BLACK, label='cells of b, c and d')
-    axes.set(
-        xscale='log',
-        xlim=(low, high),
-        ylim=(0.02, math.pi / 2 - 0.02),
-        xlabel='length of the rotors r / a [1]',
-        ylabel='rest angle θ̄ [rad]',
-    )
+    axes.set(xscale='log', xlim=(low, high), ylim=(0.02, math.pi / 2 - 0.02))
+    axes.set(xlabel='length of the rotors r / a [1]', ylabel='rest angle θ̄ [rad]')
     axes.set_title('a  phases of motion', loc='left')
     axes.legend(loc='lower left')
 
@@ -174,9 +165,8 @@ def _draw_curves(
 def _draw_solid_torus(axes: Axes3D, curves: tuple[Array, ...], letter: str) -> None:
     around, across = np.meshgrid(np.linspace(0, 2 * np.pi, 60), np.linspace(0, 2 * np.pi, 30))
     axes.computed_zorder = False
-    axes.plot_surface(
-        *on_torus(around, across), color=GREY, alpha=0.12, linewidth=0, rasterized=True
-    )
+    look = {'color': GREY, 'alpha': 0.12, 'linewidth': 0}
+    axes.plot_surface(*on_torus(around, across), rasterized=True, **look)
     for curve, colour in zip(curves, CURVE_COLOURS, strict=False):
         points = np.array(on_torus(curve[:, 0], curve[:, 1]))
         behind = hidden(points)
@@ -203,13 +193,7 @@ def on_torus(around: Array, across: Array) -> tuple[Array, Array, Array]:
 
 def hidden(points: Array) -> NDArray[np.bool_]:
     """Return whether points of the torus, shape (3, K), are hidden from the viewer, shape (K,)."""
-    eye = np.array(
-        [
-            math.cos(_ELEVATION) * math.cos(_AZIMUTH),
-            math.cos(_ELEVATION) * math.sin(_AZIMUTH),
-            math.sin(_ELEVATION),
-        ]
-    )
+    eye = towards_camera(_AZIMUTH, _ELEVATION)
     steps = np.linspace(0.02, 2 * (_RADIUS + 1), 400)
     x, y, z = points[:, :, None] + eye[:, None, None] * steps
     inside = (np.hypot(x, y) - _RADIUS) ** 2 + z**2 < 1
@@ -217,33 +201,22 @@ def hidden(points: Array) -> NDArray[np.bool_]:
 
 
 def _compare(report: FigureReport, chain: Chain, curves: tuple[Array, ...]) -> None:
-    spinner = chain.motion is Motion.SPINNER
-    name = chain.motion.value
-    report.add_comparison(
-        f'components of the configuration space, {name}',
-        'two' if spinner else 'one',
-        'two beyond d_c' if spinner else 'one below d_c',
-        float(len(curves)),
-        2.0 if spinner else 1.0,
-    )
-    for number, curve in enumerate(curves):
-        expected = (1, -1) if spinner else (0, 0)
+    spinner, name = chain.motion is Motion.SPINNER, chain.motion.value
+    count = ('two', 'two beyond d_c', 2.0) if spinner else ('one', 'one below d_c', 1.0)
+    quantity = f'components of the configuration space, {name}'
+    report.add_comparison(quantity, *count[:2], float(len(curves)), count[2])
+    laws = 'bounds a disc', 'none'
+    if spinner:
+        laws = 'linked rings', 'once about both, in opposite senses'
+    for number, curve in enumerate(curves, start=1):
+        expected = (1.0, -1.0) if spinner else (0.0, 0.0)
         for angle, turns, wanted in zip('₁₂', windings(curve), expected, strict=True):
-            report.add_comparison(
-                f'turns of θ{angle} along component {number + 1}, {name}',
-                'linked rings' if spinner else 'bounds a disc',
-                'once about both, in opposite senses' if spinner else 'none',
-                float(turns),
-                float(wanted),
-            )
-    states = component_of(chain, ground_states(chain))
-    report.add_comparison(
-        f'uniform states on the first component, {name}',
-        'a pair ±θ̄' if spinner else 'all four',
-        'θ̄ and π + θ̄' if spinner else 'all four',
-        float(np.count_nonzero(states == 0)),
-        2.0 if spinner else 4.0,
-    )
+            quantity = f'turns of θ{angle} along component {number}, {name}'
+            report.add_comparison(quantity, *laws, float(turns), wanted)
+    states = float(np.count_nonzero(component_of(chain, ground_states(chain)) == 0))
+    laws = ('a pair ±θ̄', 'θ̄ and π + θ̄') if spinner else ('all four', 'all four')
+    quantity = f'uniform states on the first component, {name}'
+    report.add_comparison(quantity, *laws, states, 2.0 if spinner else 4.0)
     nearest = int(np.argmin(np.linalg.norm(curves[0] - chain.rest_angle, axis=1)))
     step = curves[0][nearest + 1] - curves[0][nearest - 1]
     plus, minus = couplings(chain)

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -82,13 +83,8 @@ class WallAtSpeed:
     """Mean width from tanh fits to the snapshots, relative to the continuum width at rest [1]."""
 
 
-@dataclass(frozen=True)
-class Inset:
-    """Additional panel of a profile figure, with its part of the caption."""
-
-    draw: Callable[[FigureReport, Axes, Chain, WallAtSpeed], None]
-    """Function of the report, the axes, the chain and the slowest wall that draws the panel."""
-    caption: str
+Inset = Callable[[FigureReport, Axes, Chain, WallAtSpeed], None]
+"""Function of the report, the axes, the chain and the slowest wall that draws another panel."""
 
 
 @FIGURES.add('figure_5')
@@ -97,23 +93,28 @@ def figure_5(section: Section, quick: bool) -> FigureReport:
     section.check_keys('chain', 'kicks', 'wobbler')
     wobbler = chain_from(section.section('wobbler'))
 
-    def draw_inset(report: FigureReport, axes: Axes, _chain: Chain, _slowest: WallAtSpeed) -> None:
+    def inset(report: FigureReport, axes: Axes, _chain: Chain, _slowest: WallAtSpeed) -> None:
         _draw_wobbler(report, axes, wobbler)
 
-    inset = Inset(draw_inset, _WOBBLER_INSET.format(shape=shape(wobbler)))
-    return _profile_figure(section, quick, 'u / ū', (-45, 75), inset)
+    caption = _WOBBLER_INSET.format(shape=shape(wobbler))
+    return _profile_figure(section, quick, 'u / ū', (-45, 75), caption, inset)
 
 
 @FIGURES.add('figure_6')
 def figure_6(section: Section, quick: bool) -> FigureReport:
     """Draw profiles, widths and angles of spinners at several speeds (paper, Fig. 6)."""
     section.check_keys('chain', 'kicks')
-    inset = Inset(_draw_offset, _ANGLE_INSET)
-    return _profile_figure(section, quick, 'cos(θ − θ̄)', (-15, 25), inset)
+    field, shown = 'cos(θ − θ̄)', (-15, 25)
+    return _profile_figure(section, quick, field, shown, _ANGLE_INSET, _draw_offset)
 
 
 def _profile_figure(
-    section: Section, quick: bool, field: str, shown: tuple[float, float], inset: Inset
+    section: Section,
+    quick: bool,
+    field: str,
+    shown: tuple[float, float],
+    inset_caption: str,
+    inset: Inset,
 ) -> FigureReport:
     chain = chain_from(section.section('chain'))
     kicks = section.numbers('kicks', 1e-6, 100.0)
@@ -128,7 +129,7 @@ def _profile_figure(
         field=field,
         count=SNAPSHOTS,
         profiles=len(profiles),
-        inset=inset.caption.strip(),
+        inset=inset_caption.strip(),
     )
     report = FigureReport(Figure(figsize=(12, 6.5), layout='constrained'), caption)
     grid = report.figure.add_gridspec(2, 3)
@@ -138,7 +139,7 @@ def _profile_figure(
     main.set(xlabel='distance from the wall n − X(t) [rotor spacings]')
     main.set(ylabel=f'{field} [1]', xlim=shown)
     main.set_title(f'a  {kind}, {chain.number_of_rotors} rotors, {shape(chain)}', loc='left')
-    inset.draw(report, above, chain, walls[0])
+    inset(report, above, chain, walls[0])
     _draw_widths(report, below, chain, walls)
     _compare_walls(report, chain, walls)
     return report
@@ -158,21 +159,12 @@ def _draw_profiles(
     report: FigureReport, axes: Axes, chain: Chain, walls: list[WallAtSpeed]
 ) -> None:
     fine = np.linspace(-80, 80, 1601)
+    names = (DISTANCE_LABEL, 'order field [1]')
     for colour, wall in zip(scale_colours(len(walls)), walls, strict=True):
-        label = f'v = {wall.relative_speed:.2f} c'
-        seen = wall.snapshots
-        axes.plot(
-            seen.distances.ravel(),
-            seen.fields.ravel(),
-            '.',
-            color=colour,
-            markersize=3,
-            label=label,
-        )
+        look: Any = {'color': colour, 'label': f'v = {wall.relative_speed:.2f} c', 'markersize': 3}
+        points = wall.snapshots.distances.ravel(), wall.snapshots.fields.ravel()
         series = f'v0 = {wall.kick:g}, v = {wall.relative_speed:.4g} c'
-        report.add_points(
-            'main', series, (DISTANCE_LABEL, 'order field [1]'), seen.distances, seen.fields
-        )
+        report.plot(axes, ('main', series), names, *points, '.', **look)
         if wall.relative_speed < 1:
             width = chain.wall_width / chain.spacing * math.sqrt(1 - wall.relative_speed**2)
             axes.plot(fine, -np.tanh(fine / width), '--', color=BLACK, linewidth=0.8, zorder=3)
@@ -189,65 +181,45 @@ def _draw_widths(report: FigureReport, axes: Axes, chain: Chain, walls: list[Wal
     axes.plot(fine, contraction, '-', color=PAPER, label=r'$\sqrt{1 - v^2/c^2}$ (paper)')
     label = rf'${at_rest:.3f}\,\sqrt{{1 - v^2/c^2}}$, from the chain at rest'
     axes.plot(fine, at_rest * contraction, '--', color=THEORY, linewidth=1, label=label)
-    axes.plot(
-        0,
-        at_rest,
-        'o',
-        color=MEASURED,
-        markerfacecolor=WHITE,
-        markersize=5,
-        clip_on=False,
-        label='chain at rest',
-    )
-    axes.plot(speeds, widths, 'o', color=MEASURED, markersize=4, label='chain')
+    names = ('v / c [1]', 'w / w0 of the continuum at rest [1]')
+    hollow: Any = {'color': MEASURED, 'markerfacecolor': WHITE, 'markersize': 5, 'clip_on': False}
+    axes.plot(0, at_rest, 'o', label='chain at rest', **hollow)
+    look = {'color': MEASURED, 'markersize': 4, 'label': 'chain'}
+    report.plot(axes, ('width', 'chain, slope of arctanh'), names, speeds, widths, 'o', **look)
     axes.set(xlabel='v / c [1]', ylabel='$w / w_0$ [1]', xlim=(0, 1.02), ylim=(0, 1.1))
     axes.set_title('c  width against speed', loc='left')
     axes.legend(loc='lower left', fontsize=9)
-    names = ('v / c [1]', 'w / w0 of the continuum at rest [1]')
-    report.add_points('width', 'chain, slope of arctanh', names, speeds, widths)
-    report.add_points(
-        'width', 'chain, fit of tanh', names, speeds, [wall.fitted_width for wall in walls]
-    )
+    fitted = [wall.fitted_width for wall in walls]
+    report.add_points('width', 'chain, fit of tanh', names, speeds, fitted)
     report.add_points('width', 'chain at rest, slope of arctanh', names, 0.0, at_rest)
 
 
 def _compare_walls(report: FigureReport, chain: Chain, walls: list[WallAtSpeed]) -> None:
     sound = speed_of_sound(chain) * chain.time_unit / chain.spacing
     way = site_arc(chain) * chain.rotor_length / chain.spacing
+    text = '√(1 − 1 / (1 + (v₀ a / (Λ r c))² / 2)²)'
     for wall in walls:
+        speed = math.sqrt(1 - 1 / (1 + (wall.kick / (way * sound)) ** 2 / 2) ** 2)
+        symbols = {'v₀': wall.kick, 'Λ': site_arc(chain), 'c': sound}
         report.add_comparison(
             f'v / c after a kick of v₀ = {wall.kick:g}',
             'not given',
-            chain_formula(
-                '√(1 − 1 / (1 + (v₀ a / (Λ r c))² / 2)²)',
-                math.sqrt(1 - 1 / (1 + (wall.kick / (way * sound)) ** 2 / 2) ** 2),
-                chain,
-                'exact Λ',
-                **{'v₀': wall.kick, 'Λ': site_arc(chain), 'c': sound},
-            ),
+            chain_formula(text, speed, chain, 'exact Λ', **symbols),
             wall.relative_speed,
         )
     for wall in walls:
         if wall.relative_speed < 1:
-            law = Formula(
-                '√(1 − (v/c)²)',
-                math.sqrt(1 - wall.relative_speed**2),
-                {'v/c': wall.relative_speed},
-                'near d ≪ 1 and d ≫ 1 only',
-            )
+            symbols, remark = {'v/c': wall.relative_speed}, 'near d ≪ 1 and d ≫ 1 only'
+            width = math.sqrt(1 - wall.relative_speed**2)
+            law = Formula('√(1 − (v/c)²)', width, symbols, remark)
             name = f'at v = {wall.relative_speed:.3f} c (v₀ = {wall.kick:g})'
             for estimator, width in (
                 ("slope of arctanh, the paper's estimator", wall.width),
                 ('fit of tanh with a free width', wall.fitted_width),
             ):
                 report.add_comparison(f'w / w₀ {name}, {estimator}', '√(1 − v²/c²)', law, width)
-    report.add_comparison(
-        'w / w₀ of the wall of the chain at rest, slope of arctanh',
-        '1',
-        '1 for d ≪ 1 and d ≫ 1',
-        _width_at_rest(chain),
-        1.0,
-    )
+    quantity = 'w / w₀ of the wall of the chain at rest, slope of arctanh'
+    report.add_comparison(quantity, '1', '1 for d ≪ 1 and d ≫ 1', _width_at_rest(chain), 1.0)
 
 
 def _draw_wobbler(report: FigureReport, axes: Axes, chain: Chain) -> None:
@@ -255,7 +227,9 @@ def _draw_wobbler(report: FigureReport, axes: Axes, chain: Chain) -> None:
     positions, fields = static_profile(chain, middle)
     near = np.abs(positions) < 7
     fine = np.linspace(-7, 7, 400)
-    axes.plot(positions[near], fields[near], '.', color=MEASURED, markersize=4, label='chain')
+    names, look = (DISTANCE_LABEL, 'u / ub [1]'), {'color': MEASURED, 'label': 'chain'}
+    where = ('wobbler', 'chain')
+    report.plot(axes, where, names, positions[near], fields[near], '.', markersize=4, **look)
     axes.plot(fine, -np.tanh(fine * chain.lean_ratio), '-', color=GREY, label='tanh')
     beyond = fine < -1
     overshoot = float(fields.max() - 1)
@@ -269,25 +243,22 @@ def _draw_wobbler(report: FigureReport, axes: Axes, chain: Chain) -> None:
     axes.set(xlabel='n − X [rotor spacings]', ylabel='u / ū [1]', ylim=(-1.9, 1.5))
     axes.set_title(f'b  wobbler at rest, {shape(chain)}', loc='left', fontsize=10)
     axes.legend(fontsize=8, loc='lower left')
-    report.add_points(
-        'wobbler', 'chain', (DISTANCE_LABEL, 'u / ub [1]'), positions[near], fields[near]
-    )
 
 
 def _draw_offset(report: FigureReport, axes: Axes, chain: Chain, wall: WallAtSpeed) -> None:
-    positions = wall.snapshots.distances[len(wall.snapshots.distances) // 2]
-    angles = wall.snapshots.angles[len(wall.snapshots.distances) // 2]
-    theta = staggered(angles)
+    middle = len(wall.snapshots.distances) // 2
+    positions, theta = wall.snapshots.distances[middle], staggered(wall.snapshots.angles[middle])
     even, odd = theta[::2], np.pi - theta[1::2]
-    axes.plot(positions[::2], even, 'o', color=MEASURED, markersize=4, label='φ, even rotors')
-    (hollow,) = axes.plot(positions[1::2], odd, 'o', color=MEASURED, markersize=4)
-    hollow.set(markerfacecolor=WHITE, label='φ, odd rotors')
+    for rotors, x, y, face in (
+        ('even rotors', positions[::2], even, MEASURED),
+        ('odd rotors', positions[1::2], odd, WHITE),
+    ):
+        look = {'color': MEASURED, 'markerfacecolor': face, 'label': f'φ, {rotors}'}
+        where, names = ('angles', rotors), (DISTANCE_LABEL, 'phi [rad]')
+        report.plot(axes, where, names, x, y, 'o', markersize=4, **look)
     axes.set(xlabel='n − X [rotor spacings]', ylabel='actual angle φ [rad]')
     axes.set_title('b  angles of the rotors in one snapshot', loc='left', fontsize=10)
     axes.legend()
-    names = (DISTANCE_LABEL, 'phi [rad]')
-    report.add_points('angles', 'even rotors', names, positions[::2], even)
-    report.add_points('angles', 'odd rotors', names, positions[1::2], odd)
     long_side = slice(-_FAR, None) if positions[-1] > -positions[0] else slice(_FAR)
     offset = float(np.abs(np.median(odd[long_side]) - np.median(even[long_side])))
     report.add_comparison(

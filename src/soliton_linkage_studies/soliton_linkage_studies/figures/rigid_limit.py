@@ -33,10 +33,9 @@ def convergence_order(stiffnesses: ArrayLike, distances: ArrayLike) -> float:
 def draw_convergence(axes: Axes, stiffnesses: ArrayLike, distances: ArrayLike, label: str) -> None:
     """Draw angle deviations [rad] against the stiffness, each (K,), and a line of order 1."""
     across, up = np.asarray(stiffnesses), np.asarray(distances)
+    first_order = up[-1] * across[-1] / across
     axes.loglog(across, up, 'o', color=MEASURED, label=label)
-    axes.loglog(
-        across, up[-1] * across[-1] / across, '--', color=THEORY, label=r'order 1, $\propto 1/k_e$'
-    )
+    axes.loglog(across, first_order, '--', color=THEORY, label=r'order 1, $\propto 1/k_e$')
     axes.set(ylabel='largest angle deviation [rad]')
     axes.legend()
 
@@ -76,14 +75,12 @@ def rigid_limit_figure(section: Section, quick: bool) -> FigureReport:
         times = elastic.times / chain.time_unit
         if number < _TRACKED:
             track = follow(stiff, elastic)
-            label, colour = f'$k_e \\times {factor:g}$', colours[number]
-            paths.plot(times, track.sites, color=colour, label=label, linewidth=1.5)
-            report.add_points('a', f'k_e times {factor:g}', _PATH, times, track.sites)
-    track = follow(chain, rigid)
-    times = rigid.times / chain.time_unit
-    rigid_colour = MECHANICS_COLOURS['rigid']
-    paths.plot(times, track.sites, '--', color=rigid_colour, label='rigid bars')
-    report.add_points('a', 'rigid bars', _PATH, times, track.sites)
+            where = ('a', f'k_e times {factor:g}')
+            look = {'label': f'$k_e \\times {factor:g}$', 'color': colours[number]}
+            report.plot(paths, where, _PATH, times, track.sites, linewidth=1.5, **look)
+    look = {'color': MECHANICS_COLOURS['rigid'], 'label': 'rigid bars'}
+    track, times = follow(chain, rigid), rigid.times / chain.time_unit
+    report.plot(paths, ('a', 'rigid bars'), _PATH, times, track.sites, '--', **look)
     paths.set(xlabel=r'time [$\sqrt{M/k_e}$]', ylabel='wall position [rotor spacings]')
     paths.set_title('a  paths of the wall', loc='left')
     paths.legend()

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.linear.rigidity import mode_towards_last, zero_mode
-from soliton_linkage.linkage.chain import Array, Chain, Motion
+from soliton_linkage.linkage.chain import Chain, Motion
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.solitons.static_wall import site_arc
@@ -60,22 +60,20 @@ def snapshot_figure(section: Section, quick: bool) -> FigureReport:
     track = follow(chain, recording)
     crossings = find_crossings(chain, track)
     if len(crossings) < 2:
-        raise section.error(
-            'duration', f'is too short: found {len(crossings)} of 2 crossings; increase it'
-        )
+        found = f'found {len(crossings)} of 2 crossings'
+        raise section.error('duration', f'is too short: {found}; increase it')
     chosen = [0, *_turning_points(chain, recording, track, crossings)]
     lowered = _APART * chain.rotor_length if chain.rotor_length > chain.spacing else 0.0
-    caption = _CAPTION.format(
-        chain=description(chain), kick=kick, lowered=_LOWERED if lowered else ''
-    )
+    shift = _LOWERED if lowered else ''
+    caption = _CAPTION.format(chain=description(chain), kick=kick, lowered=shift)
     report = FigureReport(Figure(layout='constrained'), caption)
     panels = report.figure.subplots(3, 1)
     states = ('before the kick', 'wall halfway to the first rotor', 'after one round trip')
-    pictures = []
-    for axes, angles in zip(panels, recording.angles[chosen], strict=True):
-        mode = zero_mode(chain, angles)
-        picture = ChainPicture(axes, chain, angles, mode, projections=True, lowered=lowered)
-        pictures.append(picture)
+    shown = [(angles, zero_mode(chain, angles)) for angles in recording.angles[chosen]]
+    pictures = [
+        ChainPicture(axes, chain, *each, projections=True, lowered=lowered)
+        for axes, each in zip(panels, shown, strict=True)
+    ]
     width, height = expand_limits(pictures)
     report.figure.set_size_inches(_WIDTH, 3 * (_WIDTH * height / width + _TITLE) + _LEGEND)
     add_legend(report.figure)
@@ -103,36 +101,26 @@ def _compare(
     report: FigureReport, chain: Chain, recording: Recording, kick: float, speed: float
 ) -> None:
     trips, turns = _cycle(chain)
-    spinner = chain.motion is Motion.SPINNER
+    counts = ('two', 2.0), ('none', 0.0)
+    if chain.motion is Motion.SPINNER:
+        counts = ('one', 1.0), ('edge rotors by 2π; all by π per passage', 1.0)
+    for quantity, (paper, expected), theory, found in (
+        ('round trips of the wall', counts[0], 'half the reflections of rigid bars', trips),
+        ('turns of each rotor', counts[1], 'rigid bars', turns),
+    ):
+        name = f'{quantity} in a cycle, {chain.motion.value}'
+        report.add_comparison(name, paper, f'{theory} in a cycle', found, expected)
     way = site_arc(chain)
     slow = kick * chain.spacing / (way * chain.rotor_length)
-    report.add_comparison(
-        f'round trips of the wall in a cycle, {chain.motion.value}',
-        'one' if spinner else 'two',
-        'half the reflections of rigid bars in a cycle',
-        trips,
-        1.0 if spinner else 2.0,
-    )
-    report.add_comparison(
-        f'turns of each rotor in a cycle, {chain.motion.value}',
-        'edge rotors by 2π; all by π per passage' if spinner else 'none',
-        'rigid bars in a cycle',
-        turns,
-        1.0 if spinner else 0.0,
-    )
     report.add_comparison(
         f'speed of the wall after a kick of {kick:g}, rotors / √(M/kₑ), {chain.motion.value}',
         'not given',
         chain_formula('v₀ a / (Λ r)', slow, chain, 'slow limit', **{'v₀': kick, 'Λ': way}),
         speed * chain.time_unit,
     )
-    report.add_comparison(
-        f'final energy / initial energy, {chain.motion.value}',
-        '1',
-        '1',
-        _energy(chain, recording, -1) / _energy(chain, recording, 0),
-        1.0,
-    )
+    energies = chain.elastic_energy(recording.angles) + chain.kinetic_energy(recording.rates)
+    kept, name = float(energies[-1] / energies[0]), 'final energy / initial energy'
+    report.add_comparison(f'{name}, {chain.motion.value}', '1', '1', kept, 1.0)
 
 
 def _cycle(chain: Chain) -> tuple[float, float]:
@@ -147,8 +135,3 @@ def _cycle(chain: Chain) -> tuple[float, float]:
     ]
     turns = np.round((cycle.angles[-1] - cycle.angles[0]) / (2 * math.pi))
     return np.count_nonzero(np.diff(ahead)) / 2, float(np.abs(turns).mean())
-
-
-def _energy(chain: Chain, recording: Recording, frame: int) -> float:
-    angles: Array = recording.angles[frame]
-    return float(chain.elastic_energy(angles) + chain.kinetic_energy(recording.rates[frame]))

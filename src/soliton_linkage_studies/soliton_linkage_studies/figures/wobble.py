@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -63,21 +64,15 @@ def figure_s1(section: Section, quick: bool) -> FigureReport:
     for chain, colour, marker in zip(chains, chain_colours(chains), MARKERS, strict=False):
         seen = _slow_snapshots(chain, count)
         near = np.abs(seen.distances) < 9
-        name = shape(chain)
-        axes.plot(
-            seen.distances[near], seen.fields[near], marker, color=colour, markersize=4, label=name
-        )
-        report.add_points(
-            '', name, (DISTANCE_LABEL, 'u / ub [1]'), seen.distances[near], seen.fields[near]
-        )
+        name, names = shape(chain), (DISTANCE_LABEL, 'u / ub [1]')
+        points = seen.distances[near], seen.fields[near]
+        look: Any = {'color': colour, 'markersize': 4, 'label': name}
+        report.plot(axes, ('', name), names, *points, marker, **look)
         _compare_overshoot(report, chain)
     for side, label in ((1, 'uniform states ±ū'), (-1, None)):
         axes.axhline(side, color=GREY, linewidth=0.8, label=label)
-    axes.set(
-        xlabel='distance from the wall n − X [rotor spacings]',
-        ylabel='u / ū [1]',
-        title=f'wobbling flippers overshoot: {count} snapshots of each chain',
-    )
+    axes.set(xlabel='distance from the wall n − X [rotor spacings]', ylabel='u / ū [1]')
+    axes.set_title(f'wobbling flippers overshoot: {count} snapshots of each chain')
     axes.legend()
     return report
 
@@ -149,9 +144,8 @@ def _draw_decays(
         wave = strengths @ np.stack([np.cos(np.pi * fine), np.sin(np.pi * fine)])
         decay = np.exp(-fine / depth)
         linear.plot(fine, wave * decay + beside_tanh, style, color=colour, label=label)
-        logarithmic.plot(
-            fine, np.hypot(*strengths) * decay, style, color=colour, label=f'{label}, envelope'
-        )
+        envelope = np.hypot(*strengths) * decay
+        logarithmic.plot(fine, envelope, style, color=colour, label=f'{label}, envelope')
         report.add_points(shape(chain), label, (_BEYOND, '(u - ub) / a [1]'), fine, wave * decay)
 
 

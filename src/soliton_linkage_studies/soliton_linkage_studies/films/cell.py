@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -35,9 +36,8 @@ class Cell:
         section.check_keys('chain', 'kick')
         chain = chain_from(section.section('chain'))
         if chain.number_of_rotors != 2:
-            raise section.section('chain').error(
-                'number_of_rotors', 'must be 2 for a unit cell; use the kind cycle for more rotors'
-            )
+            wanted = 'must be 2 for a unit cell; use the kind cycle for more rotors'
+            raise section.section('chain').error('number_of_rotors', wanted)
         return Cell(chain, section.number('kick', 1e-6, 100.0))
 
 
@@ -62,10 +62,8 @@ class CellScene(Scene):
         rate = motion.kick * chain.spacing / (chain.rotor_length * chain.time_unit)
         subtitle = f'{description(chain)}, rigid bar, v₀ = {motion.kick:g} a√(kₑ/M)'
         super().__init__(title, subtitle, shape, arc / rate, chain.time_unit)
-        shares = np.linspace(0, _SMOOTH, shape.frames)
-        self.cell = np.column_stack(
-            [np.interp(shares, np.arange(_SMOOTH + 1), angles) for angles in curves[0].T]
-        )
+        shares, steps = np.linspace(0, _SMOOTH, shape.frames), np.arange(_SMOOTH + 1)
+        self.cell = np.column_stack([np.interp(shares, steps, angles) for angles in curves[0].T])
         high = TOP - BOTTOM - 0.02
         left = self.figure.add_axes((0.03, BOTTOM, 0.44, high))
         right = self.figure.add_axes((0.53, BOTTOM, 0.45, high - 0.02))
@@ -75,9 +73,8 @@ class CellScene(Scene):
         self.figure.legend(loc='lower center', bbox_to_anchor=(0.25, 0.05), ncols=2, frameon=False)
         right.set_title('configurations that keep the length of the bar')
         (self._trail,) = right.plot([], [], color=GREY, linewidth=7, alpha=0.45, zorder=1)
-        (self._point,) = right.plot(
-            [], [], 'o', color=BLACK, markersize=14, clip_on=False, zorder=6
-        )
+        look: Any = {'color': BLACK, 'markersize': 14, 'clip_on': False}
+        (self._point,) = right.plot([], [], 'o', zorder=6, **look)
         self.add_moving([*self._picture.artists, self._trail, self._point])
         self.show(0)
 

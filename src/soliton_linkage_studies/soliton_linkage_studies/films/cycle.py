@@ -16,7 +16,13 @@ from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage_studies.captions import LINKAGE, MODE, PROJECTIONS, description
-from soliton_linkage_studies.drawing import ChainPicture, limits, mass_points, pivot_points
+from soliton_linkage_studies.drawing import (
+    ChainPicture,
+    limits,
+    mass_points,
+    pivot_points,
+    towards_camera,
+)
 from soliton_linkage_studies.experiments import kick_rates
 from soliton_linkage_studies.films.scenes import (
     BOTTOM,
@@ -99,8 +105,7 @@ class CycleScene(Scene):
         self._picture = ChainPicture(above, chain, rest, mode, projections=True)
         self._profile = ProfilePanel(middle, chain)
         self._space_time = SpaceTime(below, chain, self.angles, motion.duration)
-        for part in (self._picture.artists, self._profile.moving, self._space_time.moving):
-            self.add_moving(part)
+        self.add_moving([*self._picture.artists, *self._profile.moving, *self._space_time.moving])
         self.show(0)
 
     def _move(self, frame: int) -> None:
@@ -175,27 +180,17 @@ class StaggeredScene(Scene):
         self._space_time.show(frame)
 
     def _looks(self) -> tuple[Array, list[str]]:
-        rotors, bars = self._chain.number_of_rotors, self._chain.number_of_springs
-        counts = [rotors, rotors, rotors, bars]
-        widths = np.repeat([width for _, _, width in _BODIES], counts)
-        colours = [
-            colour
-            for (_, colour, _), count in zip(_BODIES, counts, strict=True)
-            for _ in range(count)
-        ]
-        return widths, colours
+        counts = [self._chain.number_of_rotors] * 3 + [self._chain.number_of_springs]
+        colours: list[str] = np.repeat([colour for _, colour, _ in _BODIES], counts).tolist()
+        return np.repeat([width for _, _, width in _BODIES], counts), colours
 
     def _add_legend(self) -> None:
-        lines = [Line2D([], [], color=colour, linewidth=width) for _, colour, width in _BODIES]
-        names = [name for name, _, _ in _BODIES]
-        self.figure.legend(
-            lines,
-            names,
-            loc='upper right',
-            bbox_to_anchor=(0.99, 0.905),
-            ncols=len(names),
-            frameon=False,
-        )
+        lines = [
+            Line2D([], [], color=colour, linewidth=width, label=name)
+            for name, colour, width in _BODIES
+        ]
+        place: Any = {'loc': 'upper right', 'bbox_to_anchor': (0.99, 0.905)}
+        self.figure.legend(handles=lines, ncols=len(lines), frameon=False, **place)
 
     def _add_axes(self) -> Any:
         axes: Any = self.figure.add_axes((0.0, 0.17, 1.0, 0.9), projection='3d')
@@ -236,11 +231,5 @@ def from_behind(bodies: Array, azimuth: float, elevation: float) -> list[int]:
 
     The direction of the camera is given by its azimuth and elevation [rad].
     """
-    towards = np.array(
-        [
-            math.cos(elevation) * math.cos(azimuth),
-            math.cos(elevation) * math.sin(azimuth),
-            math.sin(elevation),
-        ]
-    )
-    return [int(body) for body in np.argsort(bodies.mean(axis=1) @ towards, kind='stable')]
+    nearness = bodies.mean(axis=1) @ towards_camera(azimuth, elevation)
+    return [int(body) for body in np.argsort(nearness, kind='stable')]

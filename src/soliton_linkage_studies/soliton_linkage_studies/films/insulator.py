@@ -13,7 +13,7 @@ from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linear.statics import stiffness_matrix
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage_studies.captions import LINKAGE, MODE, description
-from soliton_linkage_studies.drawing import ChainPicture, limits, pivot_points
+from soliton_linkage_studies.drawing import ChainPicture, limits
 from soliton_linkage_studies.films.scenes import BOTTOM, LEFT, TOP, WIDTH, Format, Scene, film_kind
 from soliton_linkage_studies.palette import BLUE, GREEN, RED
 from soliton_linkage_studies.settings import Section, chain_from
@@ -65,12 +65,10 @@ class InsulatorScene(Scene):
         super().__init__(title, description(chain), shape, motion.duration, chain.time_unit)
         mode = zero_mode(chain, chain.uniform_state(1))
         mode *= motion.swing / mode[np.argmax(np.abs(mode))]
-        self._frequencies = [2 * math.pi * _OSCILLATIONS / motion.duration]
-        self._frequencies += [drive * gap(chain) for drive in motion.drives]
-        self._swings = [mode.astype(complex)]
-        self._swings += [
-            motion.swing * driven(chain, frequency) for frequency in self._frequencies[1:]
-        ]
+        driving = [drive * gap(chain) for drive in motion.drives]
+        self._frequencies = [2 * math.pi * _OSCILLATIONS / motion.duration, *driving]
+        driven_motions = (motion.swing * driven(chain, each) for each in driving)
+        self._swings = [mode.astype(complex), *driven_motions]
         below, above = (f'{drive:g} of the gap frequency' for drive in motion.drives)
         texts = (
             'the zero mode at the right edge stretches no spring and needs no force '
@@ -80,8 +78,7 @@ class InsulatorScene(Scene):
         )
         self._pictures = self._add_chains(chain, mode, texts)
         self._add_swings(chain, motion)
-        for picture in self._pictures:
-            self.add_moving(picture.artists)
+        self.add_moving(artist for picture in self._pictures for artist in picture.artists)
         self.show(0)
 
     def _move(self, frame: int) -> None:
@@ -101,15 +98,14 @@ class InsulatorScene(Scene):
             low = TOP - 0.04 - (row + 1) * height - row * 0.04
             axes = self.figure.add_axes((LEFT, low, WIDTH, height))
             axes.set_title(f'{row + 1}  {text}', y=0.97)
-            pictures.append(
-                ChainPicture(axes, chain, rest, None if row else mode, arrow_length=chain.spacing)
-            )
+            moving = None if row else mode
+            pictures.append(ChainPicture(axes, chain, rest, moving, arrow_length=chain.spacing))
         return pictures
 
     def _add_swings(self, chain: Chain, motion: Insulation) -> None:
         left, right, *_ = limits(chain)
         axes = self.figure.add_axes((LEFT, BOTTOM, WIDTH, 0.2))
-        positions = pivot_points(chain)[:, 0]
+        positions = chain.pivots
         names = ('1  zero mode', '2  driven in the gap', '3  driven above it')
         for swings, name, colour, marker in zip(
             self._swings, names, (GREEN, RED, BLUE), 'o^s', strict=True

@@ -62,11 +62,10 @@ def read_films(settings: Section) -> list[Film]:
         kind = section.text('kind', tuple(sorted(FILM_KINDS)))
         frames = max(round(frame_rate * section.number('playing_time', 0.1, 3600.0)), 2)
         of_motion = {key: section.values[key] for key in section.values if key not in _OF_FILMS}
-        motion = FILM_KINDS[kind].read(replace(section, values=of_motion))
+        read, make = FILM_KINDS[kind]
+        motion = read(replace(section, values=of_motion))
         shape = Format(frames, frame_rate, width, height)
-        films.append(
-            Film(name, kind, FILM_KINDS[kind].scene, section.text('title'), motion, shape)
-        )
+        films.append(Film(name, kind, make, section.text('title'), motion, shape))
     return films
 
 
@@ -113,24 +112,21 @@ def file_kind() -> FileKind:
             complaints.append(f'no {_CODEC} in {program}')
         else:
             return FileKind(program, f'MP4 (H.264), written with {program}')
-    return FileKind(
-        '',
-        f'GIF of half the size, because there is {" and ".join(complaints)}; install ffmpeg for '
-        'MP4',
-    )
+    reasons = ' and '.join(complaints)
+    text = f'GIF of half the size, because there is {reasons}; install ffmpeg for MP4'
+    return FileKind('', text)
 
 
 def write_film(scene: Scene, frame_rate: float, path: Path, kind: FileKind) -> None:
     """Write every frame of a scene to a file."""
     rate: Any = frame_rate  # matplotlib accepts any number, although its annotation is int
-    options = ['-pix_fmt', 'yuv420p', *_QUALITY]
-    writer = (
-        _Painter(rate, codec=_CODEC, extra_args=options) if kind.ffmpeg else PillowWriter(rate)
-    )
+    writer: Any = PillowWriter(rate)
+    if kind.ffmpeg:
+        writer = _Painter(rate, codec=_CODEC, extra_args=['-pix_fmt', 'yuv420p', *_QUALITY])
     settings: Any = {'animation.ffmpeg_path': kind.ffmpeg or 'ffmpeg'}
     with mpl.rc_context(settings), writer.saving(scene.figure, str(path), scene.figure.get_dpi()):
         for frame in range(len(scene.times)):
-            if isinstance(writer, _Painter):
+            if kind.ffmpeg:
                 writer.write(scene.paint(frame))
             else:
                 scene.show(frame)
@@ -155,14 +151,9 @@ def _packaged() -> str | None:
 
 
 def _writes_h264(program: str) -> bool:
+    command = [program, '-hide_banner', '-encoders']
     try:
-        listed = subprocess.run(
-            [program, '-hide_banner', '-encoders'],
-            capture_output=True,
-            check=True,
-            text=True,
-            timeout=30,
-        )
+        listed = subprocess.run(command, capture_output=True, check=True, text=True, timeout=30)
     except (OSError, subprocess.SubprocessError):
         return False
     return _CODEC in listed.stdout
@@ -176,13 +167,11 @@ def make_films(
     A film appears in the folder when it is finished. On failure, unfinished films are deleted.
     """
     output.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(
-        prefix='.unfinished-', dir=output, ignore_cleanup_errors=True
-    ) as scratch:
-        longest_first = sorted(films, key=lambda film: -film.shape.frames)
-        tasks = {
-            film.name: partial(_make, film, Path(scratch), output, kind) for film in longest_first
-        }
+    longest_first = sorted(films, key=lambda film: -film.shape.frames)
+    folder: Any = {'prefix': '.unfinished-', 'dir': output, 'ignore_cleanup_errors': True}
+    with tempfile.TemporaryDirectory(**folder) as name:
+        scratch = Path(name)
+        tasks = {each.name: partial(_make, each, scratch, output, kind) for each in longest_first}
         run_parallel('filming', tasks, workers or os.cpu_count() or 1)
 
 
@@ -217,14 +206,14 @@ def _filmed(options: argparse.Namespace) -> str:
         films = [resized(film, *_QUICK_SIZE, _QUICK_FRAMES) for film in films]
     kind = file_kind()
     if not kind.ffmpeg:
-        films = [resized(film, *_shrunk(film.shape)) for film in films]
+        half = 2 * SHRINKING  # width and height stay even
+        films = [
+            resized(film, film.shape.width // half * 2, film.shape.height // half * 2)
+            for film in films
+        ]
     print(f'{len(films)} films as {kind.reason}', file=sys.stderr)
     make_films(films, options.output, kind, options.workers)
     return f'{len(films)} films are in {options.output}'
-
-
-def _shrunk(shape: Format) -> tuple[int, int]:
-    return shape.width // SHRINKING // 2 * 2, shape.height // SHRINKING // 2 * 2
 
 
 if __name__ == '__main__':

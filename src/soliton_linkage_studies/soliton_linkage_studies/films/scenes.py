@@ -16,10 +16,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
+from soliton_linkage.linkage.chain import Array, Chain, Motion, displacement, staggered
+from soliton_linkage.solitons.continuum import FlipperTheory, SpinnerTheory
 from soliton_linkage.solitons.tanh_fit import find_solitons
-from soliton_linkage_studies.drawing import displacement, lean_norm, limits, pivot_points
-from soliton_linkage_studies.palette import BLACK, BLUE, DARK, GREY, LEAN_COLOURS, PALE, WHITE
+from soliton_linkage_studies.drawing import limits, show_leans
+from soliton_linkage_studies.palette import BLACK, BLUE, DARK, GREY, PALE, WHITE
 from soliton_linkage_studies.program import Registry
 from soliton_linkage_studies.settings import Section
 
@@ -133,25 +134,13 @@ class SpaceTime:
 
     def __init__(self, axes: Axes, chain: Chain, angles: Array, duration: float) -> None:
         """Draw the whole diagram from angles [rad], shape (frames, N), over a duration [s]."""
-        leans = displacement(chain, angles)
-        half, last = chain.spacing / 2, float(pivot_points(chain)[-1, 0])
-        axes.imshow(
-            leans,
-            origin='lower',
-            aspect='auto',
-            interpolation='nearest',
-            cmap=LEAN_COLOURS,
-            norm=lean_norm(chain),
-            extent=(-half, last + half, 0, duration),
-        )
+        half, last = chain.spacing / 2, float(chain.pivots[-1])
+        show_leans(axes, chain, displacement(chain, angles), (-half, last + half, 0, duration))
         self.cover = Rectangle((-half, 0), last + 2 * half, duration, color=WHITE, zorder=2)
         axes.add_patch(self.cover)
         self._duration, self._frames = duration, len(angles)
-        axes.set(
-            xlabel='x [m]',
-            ylabel='t [s]',
-            title='u in space and time: purple leans right, orange leans left',
-        )
+        axes.set(xlabel='x [m]', ylabel='t [s]')
+        axes.set_title('u in space and time: purple leans right, orange leans left')
         self.moving = [self.cover, *axes.spines.values()]
 
     def show(self, frame: int) -> None:
@@ -165,31 +154,28 @@ class ProfilePanel:
 
     def __init__(self, axes: Axes, chain: Chain) -> None:
         self._chain = chain
-        self._positions = pivot_points(chain)[:, 0]
+        self._positions = chain.pivots
         self._fine = np.linspace(self._positions[0], self._positions[-1], 400)
-        spinner = chain.motion is Motion.SPINNER
-        names = ('theory, even', 'theory, odd') if spinner else ('theory', '')
-        lines = ('-', '--')
+        lines = [('-', BLACK, 'theory')]
+        dots = [(BLUE, 'rotors'), (BLUE, None)]
+        if chain.motion is Motion.SPINNER:
+            lines = [('-', BLACK, 'theory, even'), ('--', GREY, 'theory, odd')]
+            dots = [(BLUE, 'even rotors'), (WHITE, 'odd')]
         self.theory = [
             axes.plot([], [], line, color=colour, linewidth=2, label=name)[0]
-            for line, colour, name in zip(lines, (BLACK, GREY), names, strict=True)
-            if name
+            for line, colour, name in lines
         ]
-        face = ('even rotors', 'odd') if spinner else ('rotors', '')
         self.rotors = [
-            axes.plot(
-                [], [], 'o', color=BLUE, markerfacecolor=fill, markersize=7, label=name or None
-            )[0]
-            for fill, name in zip((BLUE, 'white' if spinner else BLUE), face, strict=True)
+            axes.plot([], [], 'o', color=BLUE, markerfacecolor=face, markersize=7, label=name)[0]
+            for face, name in dots
         ]
         most = 110 * chain.rotor_length
         axes.axhline(0, color=PALE, zorder=0)
         title = 'u = r sin φ of each rotor, and theory of a wall at rest'
         axes.set(ylim=(-most, most), ylabel='u [cm]', title=title)
         axes.tick_params(labelbottom=False)
-        axes.legend(
-            loc='lower right', bbox_to_anchor=(1.0, 0.98), ncols=4, frameon=False, fontsize=11.5
-        )
+        place: Any = {'loc': 'lower right', 'bbox_to_anchor': (1.0, 0.98)}
+        axes.legend(ncols=4, frameon=False, fontsize=11.5, **place)
         self.moving = [*self.theory, *self.rotors]
 
     def show(self, angles: Array) -> None:
@@ -198,13 +184,10 @@ class ProfilePanel:
         for parity, markers in enumerate(self.rotors):
             markers.set_data(self._positions[parity::2], 100 * lean[parity::2])
         walls = find_solitons(self._chain, angles)
+        wall = walls[0].position if len(walls) == 1 else math.nan
         for parity, line in enumerate(self.theory):
-            profile = np.full_like(self._fine, np.nan)
-            if len(walls) == 1:
-                profile = 100 * static_profile(
-                    self._chain, angles, walls[0].position, self._fine, parity
-                )
-            line.set_data(self._fine, profile)
+            profile = static_profile(self._chain, angles, wall, self._fine, parity)
+            line.set_data(self._fine, 100 * profile)
 
 
 def static_profile(
@@ -217,13 +200,11 @@ def static_profile(
     arccos(-tanh((x - X) / w)), + for even rotors (parity 0), - for odd rotors. The sign s is
     determined from `angles` [rad], shape (N,).
     """
-    order = -np.tanh((positions - wall) / chain.wall_width)
-    rest = chain.rest_angle
     if chain.motion is not Motion.SPINNER:
-        return np.asarray(chain.rotor_length * math.sin(rest) * order)
-    turned = np.sin(staggered(angles) - rest)
+        return FlipperTheory(chain).displacements(positions, wall)
+    turned = np.sin(staggered(angles) - chain.rest_angle)
     sense = 1 if turned[0::2].sum() >= turned[1::2].sum() else -1
-    theta = rest + (-1) ** parity * sense * np.arccos(order)
+    theta = SpinnerTheory(chain).staggered_angles(positions, parity, wall, turn=sense)
     return np.asarray(chain.rotor_length * np.sin(theta))
 
 
@@ -235,8 +216,8 @@ def stacked(figure: Figure, chain: Chain, shares: tuple[float, ...]) -> list[Axe
     most = 0.42 * (TOP - BOTTOM)
     spare = max(height / most - 1, 0) * (right - left) / 2
     height = min(height, most)
-    axes = [figure.add_axes((LEFT, TOP - height, WIDTH, height))]
     edge = TOP - height
+    axes = [figure.add_axes((LEFT, edge, WIDTH, height))]
     free = edge - BOTTOM - _GAP * len(shares)
     for share in shares:
         part = free * share / sum(shares)
@@ -248,24 +229,16 @@ def stacked(figure: Figure, chain: Chain, shares: tuple[float, ...]) -> list[Axe
 
 AnyScene = TypeVar('AnyScene', bound=type[Scene])
 
-
-@dataclass(frozen=True)
-class FilmKind:
-    """Functions that read the settings of one kind of film and construct its scene."""
-
-    read: Callable[[Section], Any]
-    scene: Callable[[str, Any, Format], Scene]
-    """Constructor of the scene from the title, the settings and the format."""
-
-
-FILM_KINDS: Registry[FilmKind] = Registry()
+FILM_KINDS: Registry[tuple[Callable[[Section], Any], Callable[[str, Any, Format], Scene]]]
+FILM_KINDS = Registry()
+"""Reader of the settings, and constructor of the scene from title, settings and format."""
 
 
 def film_kind(name: str, read: Callable[[Section], Any]) -> Callable[[AnyScene], AnyScene]:
     """Return a decorator that registers a scene class and the reader of its settings."""
 
     def added(scene: AnyScene) -> AnyScene:
-        FILM_KINDS.add(name)(FilmKind(read, scene))
+        FILM_KINDS.add(name)((read, scene))
         return scene
 
     return added

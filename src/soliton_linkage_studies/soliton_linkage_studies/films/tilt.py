@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -133,12 +134,6 @@ def _make_room(axes: Axes, chain: Chain, tilt: float) -> None:
     left, right, _, top = limits(chain)
     rise = (right - left) / 2 * math.sin(tilt) + top
     axes.set_ylim(-rise, rise)
-    axes.annotate(
-        'gravity',
-        (0.5, 0.72),
-        (0.5, 1.0),
-        xycoords='axes fraction',
-        ha='center',
-        va='top',
-        arrowprops={'arrowstyle': '-|>', 'linewidth': 2.5, 'mutation_scale': 20, 'color': BLACK},
-    )
+    arrow = {'arrowstyle': '-|>', 'linewidth': 2.5, 'mutation_scale': 20, 'color': BLACK}
+    look: Any = {'xycoords': 'axes fraction', 'ha': 'center', 'va': 'top', 'arrowprops': arrow}
+    axes.annotate('gravity', (0.5, 0.72), (0.5, 1.0), **look)

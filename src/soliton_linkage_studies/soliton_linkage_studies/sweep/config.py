@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -121,13 +121,9 @@ class SweepStudy:
     def cells_of(self, rows: Sequence[int]) -> list[list[str]]:
         """Measure rows together, and return the columns of each row as `cells` does."""
         trials = {row: self._trial(row) for row in rows}
-        sending = {
-            row: trial
-            for row, trial in trials.items()
-            if not isinstance(trial, Exception)
-            and self.measure.sends_wall
-            and trial[1].mechanics == 'elastic'
-        }
+        known = {row: each for row, each in trials.items() if not isinstance(each, Exception)}
+        elastic = {row for row, (_, trial) in known.items() if trial.mechanics == 'elastic'}
+        sending = {row: known[row] for row in known if self.measure.sends_wall and row in elastic}
         sent = dict(zip(sending, send_walls(list(sending.values())), strict=True))
         return [self._cells(row, trials[row], sent.get(row)) for row in rows]
 
@@ -191,13 +187,15 @@ def read_sweep_study(path: Path, quick: bool = False) -> SweepStudy:
     settings = load_settings(path)
     settings.check_keys(*_SECTIONS)
     parameters = _parameters(settings)
-    if not isinstance(settings.values.get('sweep'), Mapping) or not settings.values['sweep']:
+    if not settings.values.get('sweep') or not isinstance(settings.values['sweep'], Mapping):
         raise settings.error('sweep', 'must contain one or more parameters with their values')
-    axes = _axes(settings.section('sweep'))
+    section = settings.section('sweep')
+    section.check_keys(*_LIMITS, 'mechanics')
+    axes = tuple(_axis(section, name) for name in section.values)
     swept = _LENGTHS & {axis.name for axis in axes}
     if swept == _LENGTHS or parameters.keys() >= _LENGTHS:
-        section = 'sweep' if swept else 'chain'
-        raise settings.error(section, 'contains rotor_length and rotor_length_ratio; remove one')
+        where = 'sweep' if swept else 'chain'
+        raise settings.error(where, 'contains rotor_length and rotor_length_ratio; remove one')
     if swept:
         parameters = {key: parameters[key] for key in parameters.keys() - _LENGTHS}
     seeds = _seeds(settings)
@@ -220,9 +218,8 @@ def _parameters(settings: Section) -> dict[str, Value]:
             continue
         section = settings.section(name)
         if 'periodic' in section.values:
-            raise section.error(
-                'periodic', 'is not known, because sweeps use chains with free ends; remove it'
-            )
+            reason = 'because sweeps use chains with free ends'
+            raise section.error('periodic', f'is not known, {reason}; remove it')
         section.check_keys(*allowed)
         for key in section.values:
             parameters[prefix + key] = _value(section, key, prefix + key)
@@ -236,11 +233,6 @@ def _value(section: Section, key: str, parameter: str) -> Value:
     if parameter == 'number_of_rotors':
         return section.whole_number(key, int(low), int(high))
     return section.number(key, low, high)
-
-
-def _axes(section: Section) -> tuple[Axis, ...]:
-    section.check_keys(*_LIMITS, 'mechanics')
-    return tuple(_axis(section, name) for name in section.values)
 
 
 def _axis(section: Section, name: str) -> Axis:
@@ -286,7 +278,7 @@ def _numbered(content: list[Any]) -> list[tuple[str, Any]]:
 def _thinned(axis: Axis) -> Axis:
     points = len(axis.values)
     kept = np.unique(np.linspace(0, points - 1, min(points, _QUICK_POINTS)).round().astype(int))
-    return Axis(axis.name, tuple(axis.values[index] for index in kept), axis.logarithmic)
+    return replace(axis, values=tuple(axis.values[index] for index in kept))
 
 
 def _seeds(settings: Section) -> tuple[int, ...]:
@@ -303,10 +295,8 @@ def _seeds(settings: Section) -> tuple[int, ...]:
 def _check(settings: Section, study: SweepStudy) -> None:
     """Raise ValueError for too many rows, and for axis values that no chain can have."""
     if study.rows > _MOST_ROWS:
-        raise settings.error(
-            'sweep',
-            f'gives {study.rows} rows, more than {_MOST_ROWS}; reduce the points or the seeds',
-        )
+        count = f'gives {study.rows} rows, more than {_MOST_ROWS}'
+        raise settings.error('sweep', f'{count}; reduce the points or the seeds')
     first = {axis.name: axis.values[0] for axis in study.axes}
     for axis in study.axes:
         for value in axis.values:

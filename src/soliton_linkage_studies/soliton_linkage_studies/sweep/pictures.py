@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import XAxis, YAxis
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -171,33 +170,30 @@ def _draw_curves(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) 
     of_classes = bool(study.measure.classes)
     values = shares(study, rows) if of_classes else numbers(study, rows)
     values = np.moveaxis(values, study.axes.index(along), 0)
-    if families and of_classes:
-        values = values[..., :1]
+    names, curves = [''], [values]
     if families:
         names = [_value_label(families[0].name, value) for value in families[0].values]
-        curves = [values[:, number] for number in range(len(names))]
+        curves = list((values[..., :1] if of_classes else values).swapaxes(0, 1))
     elif of_classes:
-        names = list(study.measure.classes)
-        curves = [values[:, number, None] for number in range(len(names))]
-    else:
-        names, curves = [''], [values]
+        names, curves = list(study.measure.classes), list(values.T[..., None])
     colours = _curve_colours(families[0] if families else None, names)
     for number, (name, curve) in enumerate(zip(names, curves, strict=True)):
-        style = {
-            'color': colours[number],
-            'marker': MARKERS[number % len(MARKERS)],
-            'label': class_label(name),
-        }
+        style: Any = {'color': colours[number], 'marker': MARKERS[number % len(MARKERS)]}
+        style['label'] = class_label(name)
         if of_classes:
-            aside = _ASIDE * (number - (len(curves) - 1) / 2)
-            _draw_shares(axes, along, curve[:, 0], len(study.seeds), aside, style)
+            share = curve[:, 0]
+            positions = _beside(along, _ASIDE * (number - (len(curves) - 1) / 2))
+            bars = score_interval(share, len(study.seeds))
+            axes.vlines(positions, *bars, color=style['color'], linewidth=1.5)
+            axes.plot(positions, share, '-', markersize=5, clip_on=False, zorder=3, **style)
         else:
             _draw_curve(axes, along, curve, style)
     if of_classes:
         axes.set_ylim(-0.02, 1.02)
     axes.set_ylabel(_curve_label(study, bool(families)))
     _scale_axes(axes, along, None)
-    if along.name == 'deviations.scale' and _scale_is_fraction(study):
+    spreads = (value for key, value in study.parameters.items() if key.startswith('deviations.'))
+    if along.name == 'deviations.scale' and all(value == 1 for value in spreads):
         axes.set_xlabel('standard deviation, as a fraction of the parameter [1]')
     if names != ['']:
         axes.legend(frameon=False)
@@ -208,14 +204,6 @@ def _curve_colours(family: Axis | None, names: Sequence[str]) -> list[str]:
         return scale_colours(len(names))
     known = {**CLASS_COLOURS, **MECHANICS_COLOURS}
     return [known.get(name, COLOURS[number % len(COLOURS)]) for number, name in enumerate(names)]
-
-
-def _draw_shares(
-    axes: Axes, along: Axis, share: Array, seeds: int, aside: float, style: Mapping[str, Any]
-) -> None:
-    positions = _beside(along, aside)
-    axes.vlines(positions, *score_interval(share, seeds), color=style['color'], linewidth=1.5)
-    axes.plot(positions, share, '-', markersize=5, clip_on=False, zorder=3, **style)
 
 
 def _draw_curve(axes: Axes, along: Axis, curve: Array, style: Mapping[str, Any]) -> None:
@@ -231,11 +219,6 @@ def _draw_curve(axes: Axes, along: Axis, curve: Array, style: Mapping[str, Any])
     axes.plot(positions[seen], middle, '-', markersize=4, **style)
 
 
-def _scale_is_fraction(study: SweepStudy) -> bool:
-    names = (key for key in study.parameters if key.startswith('deviations.'))
-    return all(study.parameters[name] == 1 for name in names)
-
-
 def _curve_label(study: SweepStudy, families: bool) -> str:
     measure = study.measure
     if not measure.classes:
@@ -249,8 +232,7 @@ def _blended(each: Array, classes: Sequence[str]) -> Array:
     """Return the colour of the most frequent class at each point; rare classes are paler."""
     colours = np.array([to_rgb(CLASS_COLOURS[name]) for name in classes])
     share = each.max(axis=-1, keepdims=True)
-    commonest = colours[each.argmax(axis=-1)]
-    return np.asarray(share * commonest + (1 - share))
+    return np.asarray(share * colours[each.argmax(axis=-1)] + (1 - share))
 
 
 def _label_classes(axes: Axes, classes: Sequence[str], seeds: int) -> None:
@@ -258,36 +240,26 @@ def _label_classes(axes: Axes, classes: Sequence[str], seeds: int) -> None:
     if seeds > 1:
         half = tint(CLASS_COLOURS[classes[0]], 0.5)
         handles.append(Patch(color=half, label='paler: fewer seeds'))
-    legend = axes.legend(
-        handles=handles,
-        loc='upper center',
-        bbox_to_anchor=(0.5, -0.12),
-        ncols=3,
-        frameon=False,
-        fontsize=9,
-    )
-    axes.add_artist(legend)
+    place: Any = {'loc': 'upper center', 'bbox_to_anchor': (0.5, -0.12)}
+    axes.add_artist(axes.legend(handles=handles, ncols=3, frameon=False, fontsize=9, **place))
 
 
 def _scale_axes(axes: Axes, across: Axis, up: Axis | None) -> None:
-    axes.set_xlabel(_label(across.name))
-    if across.logarithmic:
-        axes.set_xscale('log')
-        _tick_plainly(axes.xaxis)
+    """Label both axes; a logarithmic one at 1, 2 and 5 of each decade, without powers of ten."""
+    for axis, set_scale, parameter in (
+        (axes.xaxis, axes.set_xscale, across),
+        (axes.yaxis, axes.set_yscale, up),
+    ):
+        if parameter is None:
+            continue
+        axis.set_label_text(_label(parameter.name))
+        if parameter.logarithmic:
+            set_scale('log')
+            axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            axis.set_major_formatter('{x:g}')
+            axis.set_minor_formatter('')
     if not _numeric(across):
         axes.set_xticks(range(len(across.values)), [str(value) for value in across.values])
-    if up is not None:
-        axes.set_ylabel(_label(up.name))
-        if up.logarithmic:
-            axes.set_yscale('log')
-            _tick_plainly(axes.yaxis)
-
-
-def _tick_plainly(axis: XAxis | YAxis) -> None:
-    """Label 1, 2 and 5 of each decade of a logarithmic axis, without powers of ten."""
-    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axis.set_major_formatter('{x:g}')
-    axis.set_minor_formatter('')
 
 
 def _edges(axis: Axis) -> Array:
@@ -376,12 +348,9 @@ def _described(study: SweepStudy) -> str:
             f'Lines join the medians of {seeds} seeds (markers), dots are single seeds, and the '
             'pale band is the range from the smallest to the largest value.'
         )
-    shown = (
-        f'{class_label(classes[0])}, one curve per value of {families[0].name}'
-        if families
-        else colours
-    )
+    if families:
+        colours = f'{class_label(classes[0])}, one curve per value of {families[0].name}'
     return (
-        f'Points are fractions of {seeds} seeds: {shown}. Bars are standard errors (score '
+        f'Points are fractions of {seeds} seeds: {colours}. Bars are standard errors (score '
         'interval). Curves are shifted horizontally, so that their bars do not overlap.'
     )

@@ -21,14 +21,8 @@ from soliton_linkage_studies.sweep.table import RESUMES, fill_table
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command `sweep` and return its exit status."""
-    parser = study_parser(
-        'sweep',
-        __doc__,
-        'a coarser grid',
-        'out/sweeps/NAME_OF_CONFIG',
-        config='phase_diagram',
-        scheduler=True,
-    )
+    names = 'out/sweeps/NAME_OF_CONFIG', 'phase_diagram'
+    parser = study_parser('sweep', __doc__, 'a coarser grid', *names, scheduler=True)
     return run_study(parser, arguments, _run, RESUMES)
 
 

@@ -15,7 +15,7 @@ import os
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from types import ModuleType, TracebackType
+from types import ModuleType
 from typing import Any, Protocol
 
 import yaml
@@ -70,12 +70,7 @@ class Table:
     def __enter__(self) -> Table:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._part.close()
 
     @property
@@ -123,14 +118,16 @@ class Table:
     def _read(self) -> dict[int, str]:
         """Return the existing lines by row number, without a last line that is incomplete."""
         if self.path.exists():
-            return _by_number(self.path.read_text(encoding='utf-8').splitlines(True)[1:])
-        self._part.seek(0)
-        text = self._part.read()
-        whole = text[: text.rfind('\n') + 1]
-        if whole != text:
+            lines = self.path.read_text(encoding='utf-8').splitlines(True)[1:]
+        else:
             self._part.seek(0)
-            self._part.truncate(len(whole.encode()))
-        return _by_number(whole.splitlines(True))
+            text = self._part.read()
+            whole = text[: text.rfind('\n') + 1]
+            if whole != text:
+                self._part.seek(0)
+                self._part.truncate(len(whole.encode()))
+            lines = whole.splitlines(True)
+        return {int(line.split(',', 1)[0]): line for line in lines}
 
 
 def fill_table(
@@ -191,10 +188,6 @@ def markdown_table(titles: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     lines = (f'| {" | ".join(row)} |' for row in (titles, *rows))
     header = next(lines)
     return '\n'.join([header, '|' + ' --- |' * len(titles), *lines]) + '\n'
-
-
-def _by_number(lines: list[str]) -> dict[int, str]:
-    return {int(line.split(',', 1)[0]): line for line in lines}
 
 
 def _line(cells: Sequence[str]) -> str:
