@@ -12,37 +12,14 @@ HOME = Path(__file__).resolve().parent
 PACKAGE = 'soliton_linkage_nodes'
 SHARE = f'share/{PACKAGE}'
 NODES = [
-    'simulator',
-    'edge_actuator',
-    'soliton_analyser',
-    'soliton_steering',
-    'chain_identifier',
-    'bag_recorder',
-    'bag_player',
-    'live_view',
-    'visualisation',
-    'foxglove_server',
-    'camera_encoders',
-    'serial_encoders',
+    *('simulator', 'edge_actuator', 'soliton_analyser', 'soliton_steering', 'chain_identifier'),
+    *('bag_recorder', 'bag_player', 'live_view', 'visualisation', 'foxglove_server'),
+    *('camera_encoders', 'serial_encoders'),
 ]
 PROGRAMS = [
-    'analyse_bag',
-    'calibrate_camera',
-    'check_bag',
-    'check_rig',
-    'contraction',
-    'experiment',
-    'film_encoders',
-    'identify_chain',
-    'live',
-    'move_soliton',
-    'nudge',
-    'print_markers',
-    'recover_bag',
-    'robot_description',
-    'simulated_controller',
-    'suite',
-    'watch_soliton',
+    *('analyse_bag', 'calibrate_camera', 'check_bag', 'check_rig', 'contraction', 'experiment'),
+    *('film_encoders', 'identify_chain', 'live', 'move_soliton', 'nudge', 'print_markers'),
+    *('recover_bag', 'robot_description', 'simulated_controller', 'suite', 'watch_soliton'),
 ]
 COMMANDS = [
     *('action', 'bag', 'interface', 'lifecycle', 'node', 'param', 'rig', 'run', 'service', 'topic')

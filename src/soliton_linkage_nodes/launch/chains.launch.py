@@ -53,7 +53,7 @@ def suite(chains, record, path):
     nodes = [*SUITE, *(['bag_recorder'] if record else [])]
     rules = [
         f'{chain}/bag_recorder:{rule}'
-        for chain in chains
+        for chain in (chains if record else [])
         for rule in (f'output:={record}_{chain}', 'append:=true')
     ]
     return Node(
@@ -61,11 +61,7 @@ def suite(chains, record, path):
         executable='suite',
         output='screen',
         arguments=[f'{chain}/{node}' for chain in chains for node in nodes],
-        ros_arguments=[
-            '--params-file',
-            path,
-            *(word for rule in rules if record for word in ('-p', rule)),
-        ],
+        ros_arguments=['--params-file', path, *(word for rule in rules for word in ('-p', rule))],
         **RESPAWN,
     )
 
@@ -94,26 +90,16 @@ def processes(context):
 
 def generate_launch_description():
     """Return the launch arguments and the processes."""
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument(
-                'chains',
-                default_value='three_motions',
-                description=f'parameters: {", ".join(NAMED)}, or the path of a parameter file',
-            ),
-            DeclareLaunchArgument(
-                'record', default_value='', description='bag to record; empty for none'
-            ),
-            DeclareLaunchArgument(
-                'bags',
-                default_value='each',
-                description='each: one bag for each chain; one: one bag for all chains',
-            ),
-            DeclareLaunchArgument(
-                'processes',
-                default_value=str(len(os.sched_getaffinity(0))),
-                description='number of processes; more processes than cores are slower',
-            ),
-            OpaqueFunction(function=processes),
-        ]
-    )
+    chains = f'parameters: {", ".join(NAMED)}, or the path of a parameter file'
+    cores = str(len(os.sched_getaffinity(0)))
+    arguments = [
+        ('chains', 'three_motions', chains),
+        ('record', '', 'bag to record; empty for none'),
+        ('bags', 'each', 'each: one bag for each chain; one: one bag for all chains'),
+        ('processes', cores, 'number of processes; more processes than cores are slower'),
+    ]
+    declared = [
+        DeclareLaunchArgument(name, default_value=value, description=text)
+        for name, value, text in arguments
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=processes)])

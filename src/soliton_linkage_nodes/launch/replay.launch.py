@@ -54,16 +54,12 @@ def nodes(context):
 
 def generate_launch_description():
     """Return the launch arguments and the nodes."""
+    bag = f'bag to play: {", ".join(NAMED)}, or the path of a bag'
+    rate = 'playback rate relative to the recording'
     return LaunchDescription(
         [
-            DeclareLaunchArgument(
-                'bag',
-                default_value='flipper_0',
-                description=f'bag to play: {", ".join(NAMED)}, or the path of a bag',
-            ),
-            DeclareLaunchArgument(
-                'rate', default_value='1.0', description='playback rate relative to the recording'
-            ),
+            DeclareLaunchArgument('bag', default_value='flipper_0', description=bag),
+            DeclareLaunchArgument('rate', default_value='1.0', description=rate),
             OpaqueFunction(function=nodes),
         ]
     )

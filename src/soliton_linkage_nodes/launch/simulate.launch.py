@@ -64,36 +64,20 @@ def nodes(context):
 
 def generate_launch_description():
     """Return the launch arguments and the nodes, in one namespace."""
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument(
-                'config',
-                default_value='flipper',
-                description=f'parameters: {", ".join(NAMED)}, or the path of a parameter file',
-            ),
-            DeclareLaunchArgument(
-                'namespace', default_value='', description='namespace of all nodes'
-            ),
-            DeclareLaunchArgument(
-                'record',
-                default_value='',
-                description='bag to record, with _0 appended; empty for none',
-            ),
-            DeclareLaunchArgument(
-                'port',
-                default_value='',
-                description='serial port of a controller; empty for the simulator',
-            ),
-            DeclareLaunchArgument(
-                'draw',
-                default_value='true',
-                choices=['true', 'false'],
-                description='whether to draw the chain for viewers',
-            ),
-            IncludeLaunchDescription(
-                PythonLaunchDescriptionSource(str(Path(__file__).with_name('view.launch.py'))),
-                condition=IfCondition(LaunchConfiguration('draw')),
-            ),
-            OpaqueFunction(function=nodes),
-        ]
+    config = f'parameters: {", ".join(NAMED)}, or the path of a parameter file'
+    arguments = [
+        ('config', 'flipper', config, None),
+        ('namespace', '', 'namespace of all nodes', None),
+        ('record', '', 'bag to record, with _0 appended; empty for none', None),
+        ('port', '', 'serial port of a controller; empty for the simulator', None),
+        ('draw', 'true', 'whether to draw the chain for viewers', ['true', 'false']),
+    ]
+    declared = [
+        DeclareLaunchArgument(name, default_value=value, description=text, choices=choices)
+        for name, value, text, choices in arguments
+    ]
+    drawing = IncludeLaunchDescription(
+        PythonLaunchDescriptionSource(str(Path(__file__).with_name('view.launch.py'))),
+        condition=IfCondition(LaunchConfiguration('draw')),
     )
+    return LaunchDescription([*declared, drawing, OpaqueFunction(function=nodes)])

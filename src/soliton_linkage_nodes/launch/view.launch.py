@@ -82,16 +82,8 @@ def rviz(namespace, layout):
     """Return RViz."""
     if not installed('rviz2'):
         return [LogInfo(msg='view:=rviz needs RViz; run: sudo apt install ros-jazzy-rviz2')]
-    arguments = ['-d', layout]
-    return [
-        Node(
-            package='rviz2',
-            executable='rviz2',
-            namespace=namespace,
-            arguments=arguments,
-            remappings=FRAMES,
-        )
-    ]
+    given = {'namespace': namespace, 'arguments': ['-d', layout], 'remappings': FRAMES}
+    return [Node(package='rviz2', executable='rviz2', **given)]
 
 
 def foxglove(namespace, layout):
@@ -103,12 +95,8 @@ def foxglove(namespace, layout):
         served = {'package': PACKAGE, 'executable': 'foxglove_server', 'namespace': namespace}
         served['parameters'] = [{'host': ADDRESS, 'port': PORT}]
     else:
-        return [
-            LogInfo(
-                msg='view:=foxglove needs a server; run: '
-                'sudo apt install ros-jazzy-foxglove-bridge, or: pip install foxglove-sdk'
-            )
-        ]
+        run = 'sudo apt install ros-jazzy-foxglove-bridge, or: pip install foxglove-sdk'
+        return [LogInfo(msg=f'view:=foxglove needs a server; run: {run}')]
     hint = f'open ws://{ADDRESS}:{PORT} in Foxglove or Lichtblick, with the layout {layout}'
     return [Node(output='screen', **served), LogInfo(msg=hint)]
 
@@ -120,30 +108,21 @@ def plotjuggler(namespace, layout):
         return [ExecuteProcess(cmd=['plotjuggler4', *arguments])]
     if installed('plotjuggler'):
         return [Node(package='plotjuggler', executable='plotjuggler', arguments=arguments)]
-    return [
-        LogInfo(
-            msg='view:=plotjuggler needs PlotJuggler; install version 4 from its releases, or '
-            'run: sudo apt install ros-jazzy-plotjuggler-ros'
-        )
-    ]
+    run = 'sudo apt install ros-jazzy-plotjuggler-ros'
+    remedy = f'install version 4 from its releases, or run: {run}'
+    return [LogInfo(msg=f'view:=plotjuggler needs PlotJuggler; {remedy}')]
 
 
 def rqt(namespace, layout):
     """Return rqt."""
     if not installed('rqt_gui'):
-        return [
-            LogInfo(
-                msg='view:=rqt needs rqt; run: sudo apt install ros-jazzy-rqt '
-                'ros-jazzy-rqt-common-plugins ros-jazzy-rqt-robot-monitor'
-            )
-        ]
-    arguments = ['--perspective-file', layout]
+        packages = 'ros-jazzy-rqt ros-jazzy-rqt-common-plugins ros-jazzy-rqt-robot-monitor'
+        return [LogInfo(msg=f'view:=rqt needs rqt; run: sudo apt install {packages}')]
     # The monitor of rqt expects the topic of an aggregator. The remapping connects the monitor to
     # the nodes directly.
-    remappings = [('/diagnostics_agg', '/diagnostics')]
-    return [
-        Node(package='rqt_gui', executable='rqt_gui', arguments=arguments, remappings=remappings)
-    ]
+    given = {'remappings': [('/diagnostics_agg', '/diagnostics')]}
+    given['arguments'] = ['--perspective-file', layout]
+    return [Node(package='rqt_gui', executable='rqt_gui', **given)]
 
 
 VIEWERS = {'rviz': rviz, 'foxglove': foxglove, 'plotjuggler': plotjuggler, 'rqt': rqt}
@@ -169,19 +148,14 @@ def view_of(context):
 
 def generate_launch_description():
     """Return the launch arguments and the nodes."""
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument(
-                'config',
-                default_value='flipper',
-                description=f'parameters: {", ".join(NAMED)}, or the path of a parameter file',
-            ),
-            DeclareLaunchArgument(
-                'namespace', default_value='', description='namespace of the chain'
-            ),
-            DeclareLaunchArgument(
-                'view', default_value='none', choices=list(LAYOUTS), description='viewer to open'
-            ),
-            OpaqueFunction(function=view_of),
-        ]
-    )
+    config = f'parameters: {", ".join(NAMED)}, or the path of a parameter file'
+    arguments = [
+        ('config', 'flipper', config, None),
+        ('namespace', '', 'namespace of the chain', None),
+        ('view', 'none', 'viewer to open', list(LAYOUTS)),
+    ]
+    declared = [
+        DeclareLaunchArgument(name, default_value=value, description=text, choices=choices)
+        for name, value, text, choices in arguments
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=view_of)])

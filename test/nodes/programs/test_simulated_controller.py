@@ -24,7 +24,6 @@ from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint
 from soliton_linkage_nodes.programs.simulated_controller import (
     PseudoTerminal,
     RealTimeChain,
-    encoders_of,
 )
 
 ROTORS = 6
@@ -82,7 +81,7 @@ def test_the_chain_moves_by_the_torques_of_its_valves(terminal: PseudoTerminal) 
 
 def test_its_encoders_have_the_offsets_of_the_chain() -> None:
     offsets = tuple(0.1 * (1 + np.arange(ROTORS)))
-    encoders = encoders_of(NamedChain(CHAIN, default_joint_names(ROTORS), offsets), 2.0**16)
+    encoders = RotaryEncoders((2.0**16,), offsets=offsets)
     said = SimulatedController(ROTORS, encoders).measure(0.0, np.zeros(ROTORS))
     read = AngleReader(RotaryEncoders((2.0**16,)), ROTORS).read(*FrameDecoder().feed(said))
     np.testing.assert_allclose(read, offsets, atol=1e-4)

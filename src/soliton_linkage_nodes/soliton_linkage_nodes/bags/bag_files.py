@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from operator import itemgetter
 from pathlib import Path, PurePath
@@ -29,7 +29,12 @@ from soliton_linkage_nodes.bags.metadata import (
 )
 from soliton_linkage_nodes.bags.storages.mcap_reader import IndexedMcap
 from soliton_linkage_nodes.bags.storages.sqlite_files import StoredSqlite
-from soliton_linkage_nodes.bags.storages.storage import LimitedReader, parse_profiles, summary_of
+from soliton_linkage_nodes.bags.storages.storage import (
+    LimitedReader,
+    Messages,
+    parse_profiles,
+    summary_of,
+)
 from soliton_linkage_nodes.bags.stored_topic import CDR
 
 if TYPE_CHECKING:
@@ -96,11 +101,8 @@ class BagFiles(LimitedReader):
         self._stack.close()
 
     def messages(
-        self,
-        connections: Collection[Connection],
-        start: int | None = None,
-        stop: int | None = None,
-    ) -> Generator[tuple[Connection, int, bytes], None, None]:
+        self, connections: Iterable[Connection], start: int | None = None, stop: int | None = None
+    ) -> Messages:
         """Yield topic, receive time [ns] and bytes of the messages of some topics.
 
         The receive times are in the interval [start, stop).
@@ -121,13 +123,12 @@ class BagFiles(LimitedReader):
         self,
         readers: Sequence[ReaderProtocol],
         wanted: Mapping[tuple[str, str, str], Connection],
-        start: int | None,
-        stop: int | None,
-    ) -> Iterator[tuple[Connection, int, bytes]]:
+        *span: int | None,
+    ) -> Messages:
         sources = []
         for reader in readers:
             in_file = [each for each in reader.connections if topic_key(each) in wanted]
-            sources += [reader.messages(in_file, start, stop)] if in_file else []
+            sources += [reader.messages(in_file, *span)] if in_file else []
         in_order = sources[0] if len(sources) == 1 else heapq.merge(*sources, key=itemgetter(1))
         for found, stamp, data in in_order:
             if self._mode == 'message':

@@ -31,11 +31,7 @@ class BagLimits:
     """Size limits of a bag. Readers reject larger bags; recovery omits data above a limit."""
 
     max_unpacked: int = quantity(
-        64 * _MEBIBYTE,
-        'largest decompressed size of one message or chunk of a bag',
-        'B',
-        1024,
-        2**31,
+        64 * _MEBIBYTE, 'largest decompressed size of a message or chunk', 'B', 1024, 2**31
     )
     max_unpacked_file: int = quantity(
         512 * _MEBIBYTE,

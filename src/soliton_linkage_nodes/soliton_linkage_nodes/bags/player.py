@@ -56,10 +56,7 @@ class BagPlayerParameters:
         False, 'publish the receive times on /clock; a recorded /clock is then not played'
     )
     longest_gap: float = quantity(
-        3600.0,
-        'time without a message above which the player skips the gap; 0: never skip',
-        's',
-        0.0,
+        3600.0, 'gap between messages above which the player skips it; 0: never', 's', 0.0
     )
     lockstep: bool = quantity(
         False, 'play as fast as the analyser answers each frame with a soliton_state'
@@ -114,25 +111,17 @@ class BagPlayer(ManagedNode):
             self._awaited = self._topics_to_wait_for(reader)
             self._latched = {each.topic for each in reader.connections if latched(each)}
             if settings.lockstep:
-                self._lockstep = self._create_lockstep(reader)
+                frames = find_topic(reader, interfaces.JOINT_STATES.name).topic
+                window, timeout = settings.lockstep_window, settings.lockstep_timeout
+                self._lockstep = Lockstep(self, frames, window, timeout)
+                self._replay.set_lockstep(self._lockstep)
             else:
                 self._suppress_recorded_states(reader)
-        topic = interfaces.CLOCK
-        self._clock_publisher = (
-            self.create_publisher(topic.type, topic.name, topic.qos)
-            if settings.publish_clock
-            else None
-        )
-        self._playing = PlaybackThread(
-            Path(settings.bag),
-            self._replay,
-            self._playback,
-            settings.loop,
-            self._prepare,
-            self._publish_clock,
-            settings.longest_gap,
-            limits,
-        )
+        clock = interfaces.CLOCK
+        self._clock_publisher = clock.publisher(self) if settings.publish_clock else None
+        played = Path(settings.bag), self._replay, self._playback, settings.loop
+        calls = self._prepare, self._publish_clock
+        self._playing = PlaybackThread(*played, *calls, settings.longest_gap, limits)
         self.diagnostics = Diagnostics(self, 'playing', self.reporting(self._report))
         self._controls = PlayerControls(self, self._playback, self._playing, self._range)
         self._paused = False
@@ -180,13 +169,6 @@ class BagPlayer(ManagedNode):
         self.get_logger().info('the recorded /clock is not played, because publish_clock is set')
         return others
 
-    def _create_lockstep(self, reader: Reader) -> Lockstep:
-        frames = find_topic(reader, interfaces.JOINT_STATES.name).topic
-        settings = self._settings
-        lockstep = Lockstep(self, frames, settings.lockstep_window, settings.lockstep_timeout)
-        self._replay.set_lockstep(lockstep)
-        return lockstep
-
     def _suppress_recorded_states(self, reader: Reader) -> None:
         chosen = {topic.rpartition('/')[2] for topic in self._settings.topics}
         for connection in self._replay.of(reader.connections):
@@ -211,19 +193,16 @@ class BagPlayer(ManagedNode):
         state = f'played {self._playing.summary()}'
         if given_up:
             state = f'{state}, {given_up} frames without an answer of the analyser'
-        return Report(
-            state,
-            {
-                'bag': self._settings.bag,
-                'rate': self._playback.rate,
-                'paused': self._playback.paused,
-                'messages played': self._replay.published,
-                'messages': self._replay.total,
-                'rounds': self._playing.rounds,
-                'recorded states left out': self._replay.left_out,
-            },
-            warning=bool(given_up),
-        )
+        figures = {
+            'bag': self._settings.bag,
+            'rate': self._playback.rate,
+            'paused': self._playback.paused,
+            'messages played': self._replay.published,
+            'messages': self._replay.total,
+            'rounds': self._playing.rounds,
+            'recorded states left out': self._replay.left_out,
+        }
+        return Report(state, figures, warning=bool(given_up))
 
 
 def main() -> None:

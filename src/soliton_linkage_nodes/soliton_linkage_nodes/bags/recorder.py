@@ -42,18 +42,10 @@ class BagRecorderParameters:
         0.0, 'duration after which a new file is begun, 0: never', 's', 0.0, _LAST_STAMP
     )
     snapshot_duration: float = quantity(
-        0.0,
-        'duration kept in memory, which ~/snapshot writes; 0: record continuously',
-        's',
-        0.0,
-        3600.0,
+        0.0, 'duration in memory for ~/snapshot; 0: record continuously', 's', 0.0, 3600.0
     )
     sync_interval: float = quantity(
-        1.0,
-        'interval of synchronising to disk; a power failure loses at most so long; 0: never',
-        's',
-        0.0,
-        3600.0,
+        1.0, 'interval of synchronising to disk, lost if power fails; 0: never', 's', 0.0, 3600.0
     )
     append: bool = quantity(
         False, 'continue the last bag of this output in a new file, if its recorder was killed'
@@ -143,12 +135,10 @@ class BagRecorder(ManagedNode):
             raise self.failure
 
     def _record(self, settings: BagRecorderParameters) -> None:
-        self._finder = TopicFinder(
-            self._inbox, settings.topics, settings.regex, settings.exclude_regex
-        )
-        self._buffer = RecordingBuffer(
-            settings.snapshot_duration, self._paused or not self.starting
-        )
+        patterns = settings.regex, settings.exclude_regex
+        self._finder = TopicFinder(self._inbox, settings.topics, *patterns)
+        paused = self._paused or not self.starting
+        self._buffer = RecordingBuffer(settings.snapshot_duration, paused)
         self._bag = WritingThread(lambda: _create_writer(settings), real_time=self.real_time)
         try:
             self._receiving = ReceivingThread(
@@ -208,6 +198,7 @@ class BagRecorder(ManagedNode):
             state = f'{state}, but not {", ".join(rejected)}: {next(iter(rejected.values()))}'
         elif self._finder.awaited:
             state = f'{state}, waiting for {", ".join(sorted(self._finder.awaited))}'
+        losses, missed = self._receiving.losses, self._receiving.missed
         figures = {
             'bag': self._bag.writer.path,
             'messages': self.messages,
@@ -217,16 +208,11 @@ class BagRecorder(ManagedNode):
             'bytes waiting for the disk': self._bag.waiting,
             'messages held back': self._buffer.held,
             'topics received': ' '.join(self._receiving.connected_topics),
+            **{f'lost on {name}': n for name, n in losses.items() if n},
+            **{f'missed on {name}': n for name, n in missed.items()},
         }
-        return Report(
-            state,
-            {
-                **figures,
-                **{f'lost on {name}': n for name, n in self._receiving.losses.items() if n},
-                **{f'missed on {name}': n for name, n in self._receiving.missed.items()},
-            },
-            warning=bool(lost or self.missed or rejected or self._finder.awaited),
-        )
+        warning = bool(lost or self.missed or rejected or self._finder.awaited)
+        return Report(state, figures, warning)
 
 
 def _create_writer(settings: BagRecorderParameters) -> BagWriter:

@@ -141,9 +141,8 @@ class _BagScan:
                 if output is not None:
                     for opcode, body in recovered.records:
                         self._new_bag(output).copy_record(opcode, body)
-                self._take(
-                    recovered, {key: self._known(_typed(topic, types)) for key, topic in found}
-                )
+                known = {key: self._known(_typed(topic, types)) for key, topic in found}
+                self._take(recovered, known)
                 self.report.custom_data.update(recovered.custom_data)
                 self.report.damage += [f'{file.name}: {damage}' for damage in recovered.damage]
                 self.report.lost += recovered.lost
@@ -189,9 +188,8 @@ class _BagScan:
             if known is not None:
                 report.counts[known] += counts[number]
         if nameless:
-            recovered.report_damage(
-                f'{nameless} messages have topics whose types are lost', nameless
-            )
+            lost = f'{nameless} messages have topics whose types are lost'
+            recovered.report_damage(lost, nameless)
         if damaged:
             recovered.report_damage(f'{damaged} messages cannot be decompressed: {why}', damaged)
 

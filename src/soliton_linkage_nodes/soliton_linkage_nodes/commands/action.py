@@ -18,9 +18,7 @@ from soliton_linkage_nodes.messages.fields import interface_type, read, to_yaml
 from soliton_linkage_nodes.runtime.guarded import ACTION_QOS
 
 _STATUS = {
-    GoalStatus.STATUS_SUCCEEDED: 'SUCCEEDED',
-    GoalStatus.STATUS_CANCELED: 'CANCELED',
-    GoalStatus.STATUS_ABORTED: 'ABORTED',
+    getattr(GoalStatus, f'STATUS_{name}'): name for name in ('SUCCEEDED', 'CANCELED', 'ABORTED')
 }
 
 
@@ -29,9 +27,8 @@ def main(arguments: list[str]) -> int:
     verbs = Verbs('action', __doc__)
     listing = verbs.add('list', _list, 'print the names of all actions')
     listing.add_argument('-t', '--show-types', action='store_true', help='also print the types')
-    send = verbs.add(
-        'send_goal', _send_goal, 'send a goal and print its result; Ctrl-C cancels it'
-    )
+    summary = 'send a goal and print its result; Ctrl-C cancels it'
+    send = verbs.add('send_goal', _send_goal, summary)
     send.add_argument('action')
     send.add_argument('type', help='type, such as soliton_linkage_msgs/action/MoveSoliton')
     send.add_argument(
@@ -58,12 +55,8 @@ def _send_goal(visitor: Visitor, options: argparse.Namespace) -> int:
         )
     interrupted = _note_interrupt()
     _print('Sending goal', goal)
-    sent = client.send_goal_async(
-        goal,
-        feedback_callback=(lambda each: _print('Feedback', each.feedback))
-        if options.feedback
-        else None,
-    )
+    show = (lambda each: _print('Feedback', each.feedback)) if options.feedback else None
+    sent = client.send_goal_async(goal, feedback_callback=show)
     if not visitor.until(sent.done, ANSWER_LIMIT):
         raise RuntimeError(f'{options.action} gave no response within {ANSWER_LIMIT:g} s')
     handle = sent.result()

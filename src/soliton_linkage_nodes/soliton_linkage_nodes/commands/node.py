@@ -18,9 +18,8 @@ def main(arguments: list[str]) -> int:
     """Run the verb that the arguments specify, and return its exit code."""
     verbs = Verbs('node', __doc__)
     verbs.add('list', _list, 'print the names of all nodes')
-    verbs.add('info', _info, 'print the topics, services and actions of a node').add_argument(
-        'node'
-    )
+    info = verbs.add('info', _info, 'print the topics, services and actions of a node')
+    info.add_argument('node')
     return verbs.run(arguments)
 
 

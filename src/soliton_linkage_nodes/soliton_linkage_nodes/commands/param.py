@@ -43,10 +43,8 @@ def _list(visitor: Visitor, options: argparse.Namespace) -> None:
 
 
 def _values(visitor: Visitor, node: str, names: list[str]) -> list[Any]:
-    return [
-        parameter_value_to_python(value)
-        for value in visitor.call_node(node, GetParameters, names=names).values
-    ]
+    found = visitor.call_node(node, GetParameters, names=names).values
+    return list(map(parameter_value_to_python, found))
 
 
 def _get(visitor: Visitor, options: argparse.Namespace) -> None:
@@ -99,11 +97,9 @@ def _describe(visitor: Visitor, options: argparse.Namespace) -> None:
 def _dump(visitor: Visitor, options: argparse.Namespace) -> None:
     # Request the parameters one at a time, because rclpy returns no values at all if one of the
     # requested parameters is not set.
-    found = {
-        name: value
-        for name in _names(visitor, options.node)
-        for value in _values(visitor, options.node, [name])
-    }
+    node = options.node
+    names = _names(visitor, node)
+    found = {name: value for name in names for value in _values(visitor, node, [name])}
     parameters = {name: _plain(value) for name, value in found.items() if value is not None}
     document = {full_name(options.node): {'ros__parameters': parameters}}
     print(yaml.safe_dump(document, default_flow_style=None, allow_unicode=True), end='')

@@ -76,12 +76,8 @@ def _info(visitor: Visitor, options: argparse.Namespace) -> None:
     node = visitor.node
     kind = visitor.type_name('topic', options.topic, node.get_topic_names_and_types)
     topic = node.resolve_topic_name(options.topic)
-    endpoints = visitor.settled(
-        lambda: [
-            [*node.get_publishers_info_by_topic(topic)],
-            [*node.get_subscriptions_info_by_topic(topic)],
-        ]
-    )
+    queries = (node.get_publishers_info_by_topic, node.get_subscriptions_info_by_topic)
+    endpoints = visitor.settled(lambda: [list(query(topic)) for query in queries])
     print(f'Type: {kind}')
     for title, found in zip(('Publisher', 'Subscription'), endpoints, strict=True):
         print(f'{title} count: {len(found)}')
@@ -127,31 +123,26 @@ def _rate(visitor: Visitor, options: argparse.Namespace) -> None:
     arrivals: list[float] = []
     message_type = _type(visitor, options)
     topic = visitor.node.resolve_topic_name(options.topic)
-    AdaptiveSubscription(
-        visitor.node,
-        Topic(topic, message_type, _QOS),
-        lambda _: arrivals.append(time.monotonic()),
-        raw=True,
-    )
+
+    def note(_: Any) -> None:
+        arrivals.append(time.monotonic())
+
+    AdaptiveSubscription(visitor.node, Topic(topic, message_type, _QOS), note, raw=True)
     while True:
         visitor.rest(1.0)
         gaps = [later - sooner for sooner, later in pairwise(arrivals)]
+        text = f'{len(arrivals)} messages in a second'
         if gaps:
-            print(
-                f'{len(gaps) / sum(gaps):.3f} Hz, {1e3 * min(gaps):.2f} to '
-                f'{1e3 * max(gaps):.2f} ms apart, of {len(arrivals)} messages',
-                flush=True,
-            )
-        else:
-            print(f'{len(arrivals)} messages in a second', flush=True)
+            least, most, rate = 1e3 * min(gaps), 1e3 * max(gaps), len(gaps) / sum(gaps)
+            apart = f'{least:.2f} to {most:.2f} ms apart'
+            text = f'{rate:.3f} Hz, {apart}, of {len(arrivals)} messages'
+        print(text, flush=True)
         del arrivals[:-1]
 
 
 def _publish(visitor: Visitor, options: argparse.Namespace) -> None:
     times = 1 if options.once else options.times
-    subscribers = options.subscribers
-    if subscribers is None:
-        subscribers = 1 if times else 0
+    subscribers = int(times > 0) if options.subscribers is None else options.subscribers
     message = read(interface_type(options.type, 'msg'), options.values)
     publisher = visitor.node.create_publisher(type(message), options.topic, 10)
     if not visitor.until(lambda: publisher.get_subscription_count() >= subscribers):

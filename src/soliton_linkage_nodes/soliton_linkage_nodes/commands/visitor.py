@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -76,15 +77,13 @@ class Visitor:
 
     def settled(self, there: Callable[[], Found]) -> Found:
         """Call `there` repeatedly, and return its list when this list no longer changes."""
-        begun = since = self._clock()
-        found = there()
-        while self._clock() < min(
-            max(begun + _ALL_ANNOUNCED, since + _SETTLED), begun + self.limit
-        ):
+        begun = self._clock()
+        found, end = there(), begun + _ALL_ANNOUNCED
+        while self._clock() < min(end, begun + self.limit):
             self.spin()
             before, found = found, there()
             if found != before:
-                since = self._clock()
+                end = max(end, self._clock() + _SETTLED)
         return found
 
     def type_name(self, kind: str, name: str, there: Callable[[], NamesAndTypes]) -> str:
@@ -118,17 +117,14 @@ class Visitor:
 
         Raises RuntimeError if the node has no such service or the service does not respond.
         """
-        words = ''.join(
-            f'_{each.lower()}' if each.isupper() else each for each in service_type.__name__
-        )
+        name = re.sub(r'(?<!^)(?=[A-Z])', '_', service_type.__name__).lower()
         try:
             return self.call(
-                service_type, f'{full_name(node)}/{words[1:]}', service_type.Request(**request)
+                service_type, f'{full_name(node)}/{name}', service_type.Request(**request)
             )
         except RuntimeError as error:
-            raise RuntimeError(
-                f'{node}: {error}; list nodes with: soliton-linkage node list'
-            ) from error
+            reason = f'{node}: {error}; list nodes with: soliton-linkage node list'
+            raise RuntimeError(reason) from error
 
 
 def full_name(node: str) -> str:

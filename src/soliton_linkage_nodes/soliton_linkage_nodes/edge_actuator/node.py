@@ -8,6 +8,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -146,21 +147,14 @@ class EdgeActuator(ManagedNode):
         self.commands.chain = None
         self._assembler.set_joints(named.joint_names)
         try:
-            joints = joint_actuators(
-                named,
-                settings.joints,
-                lambda name: self._torque_limits.get(name, settings.torque_limit),
-            )
+            own, default = self._torque_limits, settings.torque_limit
+            joints = joint_actuators(named, settings.joints, lambda name: own.get(name, default))
         except ValueError as error:
             self.diagnostics.reject('chain', error)
             return
-        driver = ChainDriver(
-            named.chain,
-            self.actuator,
-            settings.command_timeout,
-            settings.state_timeout,
-            lambda kick: self.output.report(named, kick),
-        )
+        limits = settings.command_timeout, settings.state_timeout
+        finish = partial(self.output.report, named)
+        driver = ChainDriver(named.chain, self.actuator, *limits, finish)
         self.commands.chain = ActuatedChain(named, joints, driver)
         if self._delivery is not None:
             self._on_delivery(self._delivery)

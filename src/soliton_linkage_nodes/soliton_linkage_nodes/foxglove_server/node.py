@@ -58,13 +58,8 @@ class FoxgloveServer(GuardedNode):
             ) from error
         self.diagnostics = Diagnostics(self, 'serving', self._report)
         self._queued: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
-        self.serving = Serving(
-            self,
-            (settings.host, settings.port),
-            settings.read_only,
-            self._queued.put,
-            self.diagnostics.reject,
-        )
+        address, reject = (settings.host, settings.port), self.diagnostics.reject
+        self.serving = Serving(self, address, settings.read_only, self._queued.put, reject)
         self._searched = 0.0
         self._reported = (time.monotonic(), 0)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -100,16 +95,14 @@ class FoxgloveServer(GuardedNode):
         outgoing = self.serving.outgoing
         self._reported = (now, outgoing.sent)
         wanted = sum(topic.subscribed for topic in outgoing.topics.values())
-        return Report(
-            f'{wanted} of {len(outgoing.topics)} topics have clients',
-            {
-                'address': self.address,
-                'topics': len(outgoing.topics),
-                'topics with clients': wanted,
-                'messages sent [1/s]': (outgoing.sent - sent_before) / (now - before),
-                'messages from clients': self.serving.published,
-            },
-        )
+        figures = {
+            'address': self.address,
+            'topics': len(outgoing.topics),
+            'topics with clients': wanted,
+            'messages sent [1/s]': (outgoing.sent - sent_before) / (now - before),
+            'messages from clients': self.serving.published,
+        }
+        return Report(f'{wanted} of {len(outgoing.topics)} topics have clients', figures)
 
 
 def main() -> None:

@@ -60,9 +60,8 @@ class OfferedService:
         if not self._waiting:
             return
         if self._client is None:
-            self._client = self._node.create_client(
-                self._service_type, self.name, qos_profile=SERVICE_QOS
-            )
+            create, kind = self._node.create_client, self._service_type
+            self._client = create(kind, self.name, qos_profile=SERVICE_QOS)
         if self._client.service_is_ready():
             waiting, self._waiting = self._waiting, []
             for request, answer in waiting:

@@ -62,9 +62,8 @@ class OutgoingTopic:
             self._unsubscribe()
             return
         if self._subscription is None:
-            self._subscription = AdaptiveSubscription(
-                self._node, self._topic, self._send, raw=True
-            )
+            topic, send = self._topic, self._send
+            self._subscription = AdaptiveSubscription(self._node, topic, send, raw=True)
         elif new_client or adapt:
             latched = self._subscription.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
             if not self._subscription.adapt() and new_client and latched:
@@ -197,9 +196,8 @@ class Serving:
                 context=context,
             )
         except Exception as error:  # the type of this error in the SDK has no public name
-            raise OSError(
-                f'cannot serve at {host}:{port}: {error}; set another host or port'
-            ) from error
+            reason = f'cannot serve at {host}:{port}: {error}; set another host or port'
+            raise OSError(reason) from error
         self.port = self._server.port
         self.services = None if read_only else OfferedServices(node, self._server, queue, reject)
 

@@ -9,10 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header
 
 from soliton_linkage.estimation.estimates import AnalysedSoliton
-from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.vision.angle_camera import AngleCamera, AngleFrame
 from soliton_linkage.vision.camera import Camera, uncalibrated_camera
@@ -21,7 +19,7 @@ from soliton_linkage.vision.layout import MarkerLayout, MarkerSettings
 from soliton_linkage.vision.opencv import Picture
 from soliton_linkage.vision.overlay import WallMark
 from soliton_linkage.vision.video import GapCounter
-from soliton_linkage_nodes.messages.conversions import FRAME, NamedChain
+from soliton_linkage_nodes.messages.conversions import NamedChain, joint_state
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 
 
@@ -106,12 +104,12 @@ class CameraMeasurement:
 
 def angles_to_msg(named: NamedChain, seen: CameraReading) -> JointState:
     """Return the angles as joint states. A hidden rotor has the angle NaN."""
-    return _to_msg(named, seen.stamp, seen.frame.angles)
+    return joint_state(named, time_to_msg(seen.stamp), position=seen.frame.angles)
 
 
 def deviations_to_msg(named: NamedChain, seen: CameraReading) -> JointState:
     """Return joint states with the standard deviations of the angles [rad] as positions."""
-    return _to_msg(named, seen.stamp, seen.frame.deviations)
+    return joint_state(named, time_to_msg(seen.stamp), position=seen.frame.deviations)
 
 
 def describe_reading(measurement: CameraMeasurement, seen: CameraReading) -> str:
@@ -129,14 +127,6 @@ def median_deviation(frame: AngleFrame) -> float:
     """Return the median standard deviation of the visible angles [rad], or NaN."""
     known = frame.deviations[np.isfinite(frame.deviations)]
     return float(np.median(known)) if len(known) else float('nan')
-
-
-def _to_msg(named: NamedChain, stamp: int, values: Array) -> JointState:
-    return JointState(
-        header=Header(stamp=time_to_msg(stamp), frame_id=FRAME),
-        name=list(named.joint_names),
-        position=values.tolist(),
-    )
 
 
 def walls_on_overlay(

@@ -6,6 +6,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -201,13 +202,10 @@ class ParameterFile:
         known = {
             before + name for kind, before in groups.items() for name in described_fields(kind)
         }
-        unknown = sorted(
-            each for each in self.values if each.startswith(prefix) and each not in known
-        )
+        unknown = sorted(each for each in self.values.keys() - known if each.startswith(prefix))
         if unknown:
-            raise ValueError(
-                f'{self.path}: {unknown[0]} is unknown; known: {", ".join(sorted(known))}'
-            )
+            listed = ', '.join(sorted(known))
+            raise ValueError(f'{self.path}: {unknown[0]} is unknown; known: {listed}')
 
 
 def chain_of_file(path: Path) -> NamedChain:
@@ -230,13 +228,9 @@ def markers_of_file(path: Path) -> MarkerSettings:
 
 def differences(one: NamedChain, other: NamedChain) -> str:
     """List the parameters in which two chains differ, with both values."""
-    pairs = [
-        (name, getattr(one.chain, name), getattr(other.chain, name))
-        for name in (field.name for field in fields(Chain))
-    ]
+    names = [field.name for field in fields(Chain)]
+    pairs = [(name, getattr(one.chain, name), getattr(other.chain, name)) for name in names]
     pairs.append(('joint_names', one.joint_names, other.joint_names))
-    return ', '.join(f'{name} {_short(a)} for {_short(b)}' for name, a, b in pairs if a != b)
-
-
-def _short(value: object) -> str:
-    return textwrap.shorten(str(value), _LONGEST_VALUE, placeholder=' ...')
+    short = partial(textwrap.shorten, width=_LONGEST_VALUE, placeholder=' ...')
+    different = [(name, short(str(a)), short(str(b))) for name, a, b in pairs if a != b]
+    return ', '.join(f'{name} {a} for {b}' for name, a, b in different)

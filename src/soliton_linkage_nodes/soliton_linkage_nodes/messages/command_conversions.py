@@ -22,17 +22,15 @@ from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.messages.conversions import FRAME, NamedChain, check_names
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_msg
 
-_EDGES = {getattr(msg.EdgeCommand, edge.name): edge for edge in Edge}
-_KINDS = {getattr(msg.EdgeCommand, kind.name): kind for kind in CommandKind}
-_CHOICES: dict[str, dict[int, Any]] = {
+_ENUMS = {'edge': Edge, 'kind': CommandKind}
+_WAVE_ENUMS = {'quantity': DrivenQuantity, 'shape': WaveShape, 'window': WaveWindow}
+_CODES: dict[str, dict[int, Any]] = {
     name: {getattr(msg.EdgeCommand, each.name): each for each in choices}
-    for name, choices in (
-        ('quantity', DrivenQuantity),
-        ('shape', WaveShape),
-        ('window', WaveWindow),
-    )
+    for name, choices in (_ENUMS | _WAVE_ENUMS).items()
 }
-_NUMBERS = ('joint', 'frequency', 'last_frequency', 'cycles', 'seed')
+_FIELDS = ('value', 'duration', 'ramp_up', 'ramp_down')
+_WAVE_FIELDS = ('joint', 'frequency', 'last_frequency', 'cycles', 'seed')
+_DELIVERY = ('impulses', 'work_of_impulses', 'torques_act', 'work_of_torques')
 
 
 @dataclass(frozen=True)
@@ -91,52 +89,34 @@ def joint_actuators(
 
 def edge_command_from_msg(message: msg.EdgeCommand) -> EdgeCommand:
     """Return the command to an edge actuator; ValueError if a field is invalid."""
-    codes: dict[str, dict[int, Any]] = {'edge': _EDGES, 'kind': _KINDS, **_CHOICES}
-    for name, known in codes.items():
+    chosen: dict[str, Any] = {}
+    for name, known in _CODES.items():
         code = getattr(message, name)
         if code not in known:
             raise ValueError(f'{name} = {code} must be one of {", ".join(map(str, known))}')
-    kind = _KINDS[message.kind]
+        chosen[name] = known[code]
+    edge, kind = chosen.pop('edge'), chosen.pop('kind')
     waveform = None
     if kind is CommandKind.WAVEFORM:
-        waveform = Waveform(
-            **{name: known[getattr(message, name)] for name, known in _CHOICES.items()},
-            **{name: getattr(message, name) for name in _NUMBERS},
-            samples=tuple(message.samples),
-        )
-    return EdgeCommand(
-        _EDGES[message.edge],
-        kind,
-        message.value,
-        message.duration,
-        message.ramp_up,
-        message.ramp_down,
-        waveform,
-    )
+        given = {name: getattr(message, name) for name in _WAVE_FIELDS}
+        waveform = Waveform(**chosen, **given, samples=tuple(message.samples))
+    return EdgeCommand(edge, kind, *(getattr(message, name) for name in _FIELDS), waveform)
 
 
 def edge_command_to_msg(command: EdgeCommand) -> msg.EdgeCommand:
     """Return the message that holds a command to an edge actuator."""
-    message = msg.EdgeCommand(
-        edge=_code(_EDGES, command.edge),
-        kind=_code(_KINDS, command.kind),
-        value=command.value,
-        duration=command.duration,
-        ramp_up=command.ramp_up,
-        ramp_down=command.ramp_down,
-    )
     waveform = command.waveform
+    given = {name: _code(command, name) for name in _ENUMS}
+    given |= {name: getattr(command, name) for name in _FIELDS}
     if waveform is not None:
-        for name, known in _CHOICES.items():
-            setattr(message, name, _code(known, getattr(waveform, name)))
-        for name in _NUMBERS:
-            setattr(message, name, getattr(waveform, name))
-        message.samples = list(waveform.samples)
-    return message
+        given |= {name: _code(waveform, name) for name in _WAVE_ENUMS}
+        given |= {name: getattr(waveform, name) for name in _WAVE_FIELDS}
+        given['samples'] = list(waveform.samples)
+    return msg.EdgeCommand(**given)
 
 
-def _code(known: dict[int, Any], value: Any) -> int:
-    return next(code for code, each in known.items() if each is value)
+def _code(command: EdgeCommand | Waveform, name: str) -> Any:
+    return getattr(msg.EdgeCommand, getattr(command, name).name)
 
 
 def efforts_from_msg(
@@ -192,24 +172,15 @@ def delivery_to_msg(delivered: DeliveryTotals) -> msg.Delivery:
     """Return the message with the total impulse and work delivered to the chain."""
     return msg.Delivery(
         header=Header(stamp=time_to_msg(delivered.stamp), frame_id=FRAME),
-        impulses=delivered.impulses,
-        work_of_impulses=delivered.work_of_impulses,
-        torques_act=delivered.torques_act,
-        work_of_torques=delivered.work_of_torques,
+        **{name: getattr(delivered, name) for name in _DELIVERY},
         impulse_of_torques=delivered.impulse_of_torques.tolist(),
     )
 
 
 def delivery_from_msg(message: msg.Delivery) -> DeliveryTotals:
     """Return the total impulse and work delivered to the chain."""
-    return DeliveryTotals(
-        time_from_msg(message.header.stamp),
-        message.impulses,
-        message.work_of_impulses,
-        message.torques_act,
-        message.work_of_torques,
-        np.asarray(message.impulse_of_torques, dtype=np.float64),
-    )
+    stamp, totals = time_from_msg(message.header.stamp), (getattr(message, n) for n in _DELIVERY)
+    return DeliveryTotals(stamp, *totals, np.asarray(message.impulse_of_torques, np.float64))
 
 
 def last_kick_to_msg(named: NamedChain, kick: KickReport) -> msg.LastKick:

@@ -108,9 +108,8 @@ def chain_from_msg(message: msg.Chain) -> NamedChain:
     names = tuple(message.joint_names)
     check_names('chain.joint_names', names)
     parameters = {name: getattr(message, name) for name in _CHAIN_FIELDS}
-    deviations = Deviations(
-        **{name: tuple(getattr(message, f'{name}_deviations')) for name in _DEVIATIONS}
-    )
+    given = {name: tuple(getattr(message, f'{name}_deviations')) for name in _DEVIATIONS}
+    deviations = Deviations(**given)
     feedback = Feedback(**{name: getattr(message, f'feedback_{name}') for name in _FEEDBACK})
     chain = Chain(len(names), deviations=deviations, feedback=feedback, **parameters)
     return NamedChain(chain, names, tuple(message.encoder_offsets))
@@ -131,13 +130,15 @@ def joint_states_from_msg(message: JointState) -> JointStates:
 
 def frame_to_msg(named: NamedChain, frame: Frame, efforts: Array, stamp: Time) -> JointState:
     """Return a message with the angles and rates of a frame, and torques [N m] as efforts."""
-    return JointState(
-        header=Header(stamp=stamp, frame_id=FRAME),
-        name=list(named.joint_names),
-        position=frame.angles.tolist(),
-        velocity=[] if frame.rates is None else frame.rates.tolist(),
-        effort=efforts.tolist(),
-    )
+    rates = np.zeros(0) if frame.rates is None else frame.rates
+    return joint_state(named, stamp, position=frame.angles, velocity=rates, effort=efforts)
+
+
+def joint_state(named: NamedChain, stamp: Time, **arrays: Array) -> JointState:
+    """Return joint states of a chain with arrays for fields of the message, shape (N,)."""
+    header, names = Header(stamp=stamp, frame_id=FRAME), list(named.joint_names)
+    fields = {name: array.tolist() for name, array in arrays.items()}
+    return JointState(header=header, name=names, **fields)
 
 
 def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Frame:
@@ -193,11 +194,7 @@ def state_from_reset(named: NamedChain, request: Any, now: State) -> State:
 
 def torques_to_msg(named: NamedChain, torques: Array, stamp: Time) -> JointState:
     """Return joint states with only the torques on all rotors [N m], as efforts."""
-    return JointState(
-        header=Header(stamp=stamp, frame_id=FRAME),
-        name=list(named.joint_names),
-        effort=torques.tolist(),
-    )
+    return joint_state(named, stamp, effort=torques)
 
 
 def torques_from_msg(rotors: Mapping[str, int], message: JointState, largest: float) -> Array:

@@ -56,7 +56,9 @@ class FrameAssembler:
         if not names:
             return [joints]
         if not (self._rotors and names == self._rotors):
-            _check_lengths(joints)
+            check_length('joint_states.position', joints.name, joints.position)
+            if len(joints.velocity):
+                check_length('joint_states.velocity', joints.name, joints.velocity)
         same = joints.stamp == self.waiting_since
         if same and names.isdisjoint(self._joints):
             self._parts.append(joints)
@@ -107,19 +109,21 @@ class FrameAssembler:
         return parts[0] if len(parts) == 1 else self._merged(parts)
 
     def _merged(self, parts: Sequence[JointStates]) -> JointStates:
-        kept = [
-            [n for n, name in enumerate(part.name) if not self._rotors or name in self._rotors]
-            for part in parts
-        ]
-        pairs = list(zip(parts, kept, strict=True))
-        rates = any(len(part.velocity) for part in parts)
-        unknown = [part.velocity if len(part.velocity) else _unknown(part) for part in parts]
+        names: list[str] = []
+        positions: list[Array] = []
+        rates: list[Array] = []
+        for part in parts:
+            at = [
+                n for n, name in enumerate(part.name) if not self._rotors or name in self._rotors
+            ]
+            names += [part.name[n] for n in at]
+            positions.append(part.position[at])
+            rates.append(part.velocity[at] if len(part.velocity) else np.full(len(at), np.nan))
+        velocity = parts[0].velocity
+        if any(len(part.velocity) for part in parts):
+            velocity = np.concatenate(rates)
         return parts[0]._replace(
-            name=tuple(part.name[n] for part, at in pairs for n in at),
-            position=np.concatenate([part.position[at] for part, at in pairs]),
-            velocity=np.concatenate([v[at] for v, at in zip(unknown, kept, strict=True)])
-            if rates
-            else parts[0].velocity,
+            name=tuple(names), position=np.concatenate(positions), velocity=velocity
         )
 
 
@@ -168,13 +172,3 @@ def _serialized(frame: JointStates) -> bytes:
         velocity=frame.velocity.tolist(),
     )
     return serialize(message)
-
-
-def _check_lengths(joints: JointStates) -> None:
-    check_length('joint_states.position', joints.name, joints.position)
-    if len(joints.velocity):
-        check_length('joint_states.velocity', joints.name, joints.velocity)
-
-
-def _unknown(part: JointStates) -> Array:
-    return np.full(len(part.name), np.nan)

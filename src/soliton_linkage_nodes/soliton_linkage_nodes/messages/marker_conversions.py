@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import array
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import Point, Pose, PoseWithCovariance, PoseWithCovarianceStamped, Vector3
@@ -17,18 +16,6 @@ from visualization_msgs.msg import Marker
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.messages.conversions import NamedChain
-
-
-class Wall(NamedTuple):
-    """Position and charge of a wall."""
-
-    position: float
-    """Position along the chain [m]."""
-    deviation: float
-    """Standard deviation of the position [m]."""
-    rotor: float
-    """Site coordinate of the wall [rotor spacings]."""
-    charge: int
 
 
 def lines_to_msg(
@@ -56,8 +43,6 @@ def box_to_msg(
     colour: Sequence[float],
 ) -> Marker:
     """Return a marker for a box with centre and size [m]; `colour` is RGBA, each 0 to 1."""
-    red, green, blue, opacity = colour
-    x, y, z = size
     pose = _upright()
     pose.position.x, pose.position.y, pose.position.z = map(float, centre)
     return Marker(
@@ -67,8 +52,8 @@ def box_to_msg(
         type=Marker.CUBE,
         action=Marker.ADD,
         pose=pose,
-        scale=Vector3(x=x, y=y, z=z),
-        color=ColorRGBA(r=red, g=green, b=blue, a=opacity),
+        scale=Vector3(**dict(zip('xyz', size, strict=True))),
+        color=ColorRGBA(**dict(zip('rgba', colour, strict=True))),
     )
 
 
@@ -84,14 +69,6 @@ def text_to_msg(
     marker = box_to_msg(header, name, 0, position, (0.0, 0.0, size), colour)
     marker.type, marker.text = Marker.TEXT_VIEW_FACING, text
     return marker
-
-
-def walls_from_msg(message: msg.SolitonState) -> list[Wall]:
-    """Return the walls of a state, sorted by position."""
-    return [
-        Wall(each.position, each.position_deviation, each.rotor, int(each.charge))
-        for each in message.solitons
-    ]
 
 
 def pose_to_msg(header: Header, position: float, deviation: float) -> PoseWithCovarianceStamped:

@@ -12,6 +12,7 @@ import yaml
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
+from soliton_linkage.linkage.chain import Array
 from soliton_linkage.vision.camera import Camera
 from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
@@ -108,28 +109,23 @@ def read_camera(path: Path) -> Camera:
 
 def write_camera(path: Path, camera: Camera) -> None:
     """Write a calibration file that this suite and ROS camera drivers can read."""
-    model = (
-        'plumb_bob' if len(camera.distortion) <= _MODELS['plumb_bob'] else 'rational_polynomial'
-    )
+    plain = len(camera.distortion) <= _MODELS['plumb_bob']
     (fx, fy), (cx, cy) = camera.focal, camera.centre
-    matrix = [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
+    matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+    def table(values: Array) -> dict[str, Any]:
+        rows, columns = values.shape
+        return {'rows': rows, 'cols': columns, 'data': values.ravel().tolist()}
+
     content: dict[str, Any] = {
         'image_width': camera.width,
         'image_height': camera.height,
         'camera_name': 'camera',
-        'camera_matrix': {'rows': 3, 'cols': 3, 'data': matrix},
-        'distortion_model': model,
-        'distortion_coefficients': {
-            'rows': 1,
-            'cols': len(camera.distortion),
-            'data': list(camera.distortion),
-        },
-        'rectification_matrix': {'rows': 3, 'cols': 3, 'data': np.eye(3).ravel().tolist()},
-        'projection_matrix': {
-            'rows': 3,
-            'cols': 4,
-            'data': [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
-        },
+        'camera_matrix': table(matrix),
+        'distortion_model': 'plumb_bob' if plain else 'rational_polynomial',
+        'distortion_coefficients': table(np.array([camera.distortion], dtype=np.float64)),
+        'rectification_matrix': table(np.eye(3)),
+        'projection_matrix': table(np.pad(matrix, ((0, 0), (0, 1)))),
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding='utf-8')
@@ -148,10 +144,5 @@ def _camera(width: int, height: int, model: str, matrix: Any, distortion: Any) -
         raise ValueError(f'camera matrix has {len(numbers)} numbers; it must have 9')
     if model not in _MODELS and len(distortion):
         raise ValueError(f'distortion_model {model!r} is none of {", ".join(_MODELS)}')
-    return Camera(
-        width,
-        height,
-        (numbers[0], numbers[4]),
-        (numbers[2], numbers[5]),
-        tuple(float(each) for each in distortion),
-    )
+    fx, _, cx, _, fy, cy, *_ = numbers
+    return Camera(width, height, (fx, fy), (cx, cy), tuple(map(float, distortion)))

@@ -102,20 +102,12 @@ _REST = NumberFields(
 _NO_SIDES = (0, 0, math.nan, math.nan, 0, math.nan)
 """First six fields of a Topology message for an unknown topology."""
 _NO_EDGES = (False, False, math.nan, math.nan)
-_ROTORS = 'rotor spacings'
 _UNITS = {
-    'rotor': _ROTORS,
-    'velocity': 'm/s',
-    'velocity_deviation': 'm/s',
-    'phase': 'rad',
-    'phase_deviation': 'rad',
-    'rate': 'rad/s',
-    'rate_deviation': 'rad/s',
-    'zero_mode_rotor': _ROTORS,
-    'first_turns': 'turns',
-    'last_turns': 'turns',
-    'noise': 'rad',
-    'misfit': 'rad',
+    **dict.fromkeys(('rotor', 'zero_mode_rotor'), 'rotor spacings'),
+    **dict.fromkeys(('velocity', 'velocity_deviation'), 'm/s'),
+    **dict.fromkeys(('phase', 'phase_deviation', 'noise', 'misfit'), 'rad'),
+    **dict.fromkeys(('rate', 'rate_deviation'), 'rad/s'),
+    **dict.fromkeys(('first_turns', 'last_turns'), 'turns'),
     **dict.fromkeys(('position', 'width', 'theory_width'), 'm'),
     **dict.fromkeys(('position_deviation', 'width_deviation'), 'm'),
     **dict.fromkeys(_ENERGIES.names, 'J'),
@@ -126,19 +118,21 @@ _UNITS = {
 def state_to_msg(analysis: Analysis, joints: JointStates) -> msg.SolitonState:
     """Return the SolitonState message for the analysis of a frame."""
     stamp = Time(sec=joints.seconds, nanosec=joints.nanoseconds)
-    values = {
-        'header': Header(stamp=stamp, frame_id=joints.frame_id),
-        **dict(zip(_LEADING, _leading(analysis), strict=True)),
-        'solitons': [_SOLITON.message(msg.Soliton, each) for each in analysis.solitons],
-        'cycle': _CYCLE.message(msg.Cycle, analysis),
-        'energies': _ENERGIES.message(msg.Energies, analysis.energies),
-        'wobble': _WOBBLE.message(msg.Wobble, analysis.wobble),
-        **dict(zip(_REST.names, _REST(analysis), strict=True)),
-    }
     topology = _topology(analysis.topology, analysis.edge_rotors)
-    names = msg.Topology.get_fields_and_field_types()
+    motion, measured = analysis.motion, analysis.measured_motion
     return msg.SolitonState(
-        topology=msg.Topology(**dict(zip(names, topology, strict=True))), **values
+        header=Header(stamp=stamp, frame_id=joints.frame_id),
+        motion=_MOTIONS[motion],
+        motion_name=motion.value if motion else 'unknown',
+        measured_motion=_MOTIONS[measured.motion],
+        measured_motion_confidence=measured.confidence,
+        status=_STATUSES[analysis.status],
+        solitons=[_SOLITON.message(msg.Soliton, each) for each in analysis.solitons],
+        cycle=_CYCLE.message(msg.Cycle, analysis),
+        topology=msg.Topology(**dict(zip(_kinds(msg.Topology), topology, strict=True))),
+        energies=_ENERGIES.message(msg.Energies, analysis.energies),
+        wobble=_WOBBLE.message(msg.Wobble, analysis.wobble),
+        **dict(zip(_REST.names, _REST(analysis), strict=True)),
     )
 
 
@@ -162,35 +156,17 @@ def _column(message: str, field: str) -> str:
 
 def row(analysis: Analysis, joints: JointStates) -> tuple[Any, ...]:
     """Return a state as a row of the table; without a soliton, its cells are NaN."""
-    solitons = analysis.solitons
-    return (
-        joints.stamp,
-        *_leading(analysis),
-        len(solitons),
-        *_SOLITON(solitons[0] if solitons else None),
-        *_following(analysis),
-    )
-
-
-def _leading(analysis: Analysis) -> tuple[int, str, int, float, int]:
-    motion, measured = analysis.motion, analysis.measured_motion
-    return (
-        _MOTIONS[motion],
-        motion.value if motion else 'unknown',
-        _MOTIONS[measured.motion],
-        measured.confidence,
-        _STATUSES[analysis.status],
-    )
-
-
-def _following(analysis: Analysis) -> tuple[Any, ...]:
-    return (
-        *_CYCLE(analysis),
-        *_topology(analysis.topology, analysis.edge_rotors),
-        *_ENERGIES(analysis.energies),
-        *_WOBBLE(analysis.wobble),
-        *_REST(analysis),
-    )
+    message, solitons = state_to_msg(analysis, joints), analysis.solitons
+    cells: list[Any] = [joints.stamp]
+    for name in list(_STATE)[1:]:
+        value = getattr(message, name)
+        if name == 'solitons':
+            cells += [len(solitons), *_SOLITON(solitons[0] if solitons else None)]
+        elif name in _NESTED:
+            cells += [getattr(value, each) for each in _kinds(_NESTED[name])]
+        else:
+            cells.append(value)
+    return tuple(cells)
 
 
 def _topology(topology: Topology | None, edges: EdgeRotors | None) -> tuple[Any, ...]:
@@ -217,18 +193,9 @@ _EVENT_FIELDS = (
     *('energy_before', 'energy_after', 'collisions'),
 )
 EVENT_COLUMNS = (
-    'stamp [ns]',
-    'time [ns]',
-    'kind_name',
-    'rotor [rotor spacings]',
-    'position [m]',
-    'ids_before',
-    'ids_after',
-    'charge_before',
-    'charge_after',
-    'energy_before [J]',
-    'energy_after [J]',
-    'collisions',
+    *('stamp [ns]', 'time [ns]', 'kind_name', 'rotor [rotor spacings]', 'position [m]'),
+    *('ids_before', 'ids_after', 'charge_before', 'charge_after'),
+    *('energy_before [J]', 'energy_after [J]', 'collisions'),
 )
 """Columns of a table of events. Spaces separate several wall ids in a cell."""
 

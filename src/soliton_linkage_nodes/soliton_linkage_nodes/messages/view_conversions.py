@@ -39,15 +39,16 @@ STATES = {
     name: getattr(Reset.Request, name.upper().replace('-', '_'))
     for name in ('initial', 'left-leaning', 'right-leaning', 'soliton', 'angles')
 }
-_EDGES = {name: getattr(msg.EdgeCommand, name.upper()) for name in ('nearest', 'first', 'last')}
-_KINDS, _SHAPES, _QUANTITIES = (
-    {name: getattr(msg.EdgeCommand, name.upper()) for name in names}
-    for names in (
-        ('kick', 'pulse', 'pressure', 'waveform'),
-        ('burst', 'chirp', 'noise'),
-        ('torque', 'angle'),
-    )
-)
+_CHOICES = {
+    'edge': ('nearest', 'first', 'last'),
+    'kind': ('kick', 'pulse', 'pressure', 'waveform'),
+    'shape': ('burst', 'chirp', 'noise'),
+    'quantity': ('torque', 'angle'),
+}
+_CODES = {
+    field: {name: getattr(msg.EdgeCommand, name.upper()) for name in names}
+    for field, names in _CHOICES.items()
+}
 KICK_UNITS = {'kick': 'rad/s', 'pulse': 'N m', 'pressure': 'Pa', 'waveform': 'N m'}
 """Unit of the field `value` for each kind of edge command."""
 _TYPES: Mapping[int, tuple[type[bool | int | float | str], str]] = {
@@ -169,16 +170,11 @@ def edge_command_of(
 
     Raises ValueError for an unknown name or a number that is not finite.
     """
+    names = {'kind': kind, 'edge': edge, 'shape': shape, 'quantity': quantity}
+    numbers |= {'value': value, 'duration': duration, 'ramp_up': ramp_up, 'ramp_down': ramp_down}
     return msg.EdgeCommand(
-        shape=_chosen('shape', shape, _SHAPES),
-        quantity=_chosen('quantity', quantity, _QUANTITIES),
-        **{name: _finite(name, number) for name, number in numbers.items()},
-        kind=_chosen('kind', kind, _KINDS),
-        edge=_chosen('edge', edge, _EDGES),
-        value=_finite('value', value),
-        duration=_finite('duration', duration),
-        ramp_up=_finite('ramp_up', ramp_up),
-        ramp_down=_finite('ramp_down', ramp_down),
+        **{field: _chosen(field, name, _CODES[field]) for field, name in names.items()},
+        **{field: _finite(field, number) for field, number in numbers.items()},
     )
 
 
@@ -208,8 +204,8 @@ def describe_kick(kick: msg.LastKick) -> str:
     if kick.cut_short and not kick.name:
         raise ValueError('the simulator did not execute the command; see its log')
     command = kick.command
-    edge = next((e for e, code in _EDGES.items() if code == command.edge), 'nearest')
-    kind = next((k for k, code in _KINDS.items() if code == command.kind), 'kick')
+    edge = next((e for e, code in _CODES['edge'].items() if code == command.edge), 'nearest')
+    kind = next((k for k, code in _CODES['kind'].items() if code == command.kind), 'kick')
     lasting = f' for {kick.duration:.3g} s' if kick.duration else ''
     peak = f', up to {kick.peak_torque:.3g} N m' if kick.peak_torque else ''
     imposed = kind == 'waveform' and command.quantity == msg.EdgeCommand.ANGLE
@@ -253,15 +249,10 @@ def adjustable_parameters(
             each if abs(each) < _INT64_END - 1 else None for each in ends or (math.inf,) * 2
         )
         choices = descriptor.additional_constraints if kind is str else ''
-        found.append(
-            AdjustableParameter(
-                descriptor.name,
-                kind.__name__,
-                getattr(value, field),
-                descriptor.description,
-                Quantity('', '', low, high, tuple(filter(None, choices.split(', ')))),
-            )
-        )
+        names, text = tuple(filter(None, choices.split(', '))), descriptor.description
+        limits, present = Quantity('', '', low, high, names), getattr(value, field)
+        known = AdjustableParameter(descriptor.name, kind.__name__, present, text, limits)
+        found.append(known)
     return found
 
 

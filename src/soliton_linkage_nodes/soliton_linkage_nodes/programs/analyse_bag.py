@@ -16,7 +16,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -56,27 +56,13 @@ from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 from soliton_linkage_nodes.runtime.stamps import SECOND
 from soliton_linkage_studies.pictures import save_run
 from soliton_linkage_studies.sweep.table import Table, read_rows
-from soliton_linkage_studies.workers import (
-    Pool,
-    cluster,
-    local_processes,
-    measure_rows,
-    process_count,
-)
+from soliton_linkage_studies.workers import cluster, local_processes, measure_rows, process_count
 
 _NO_CHAIN = 'specify the chain with --chain, or record the topic chain'
 _STATES = 'soliton_state.csv'
 COLUMNS = (
-    'number',
-    'bag',
-    'motion',
-    'frames',
-    'duration [s]',
-    'frames tracked',
-    'frames with a soliton',
-    'largest speed [m/s]',
-    'mean noise [rad]',
-    'failure',
+    *('number', 'bag', 'motion', 'frames', 'duration [s]', 'frames tracked'),
+    *('frames with a soliton', 'largest speed [m/s]', 'mean noise [rad]', 'failure'),
 )
 
 
@@ -91,7 +77,7 @@ class BagBatch:
     chain: Path | None = None
     noise: float | None = None
     name: str = 'bags'
-    columns: tuple[str, ...] = field(default=COLUMNS)
+    columns: tuple[str, ...] = COLUMNS
 
     @property
     def rows(self) -> int:
@@ -113,17 +99,12 @@ class BagBatch:
         try:
             # Parallel processes would overwrite each other's progress lines. Hide these lines.
             with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-                measured = self._measured(name, bag, given)
-            failure = ''
+                self.analyse(bag, self.folder / name, given, self.noise)
+            with (self.folder / name / _STATES).open(encoding='utf-8', newline='') as file:
+                measured, failure = summary(csv.DictReader(file)), ''
         except (ArithmeticError, OSError, ValueError) as error:
             measured, failure = [''] * (len(COLUMNS) - 3), ' '.join(str(error).split())
         return [str(row), str(bag), *measured, failure]
-
-    def _measured(self, name: str, bag: Path, given: NamedChain | None) -> list[str]:
-        folder = self.folder / name
-        self.analyse(bag, folder, given, self.noise)
-        with (folder / _STATES).open(encoding='utf-8', newline='') as file:
-            return summary(csv.DictReader(file))
 
 
 def summary(states: Iterable[dict[str, str]]) -> list[str]:
@@ -165,9 +146,14 @@ def analyse_many(study: BagBatch, workers: int, scheduler: str | None = None) ->
     with Table(study, study.folder) as table:
         while missing := table.missing:
             ready = cluster(scheduler) if scheduler else local_processes(workers)
+            line = ProgressLine('analysing', study.rows)
             try:
                 with ready as pool:
-                    _fill(study, table, pool)
+                    for cells in measure_rows(pool, study, missing):
+                        table.append(cells)
+                        done = study.rows - len(table.missing)
+                        line.show(done, f'{done} of {study.rows} bags')
+                line.clear()
             except ChildProcessError as error:
                 if table.missing == missing:
                     raise
@@ -180,15 +166,6 @@ def analyse_many(study: BagBatch, workers: int, scheduler: str | None = None) ->
         print(f'{each["bag"]}: {each["failure"]}', file=sys.stderr)
     print(f'{study.rows - len(failed)} of {study.rows} bags in {table.path}')
     return len(failed)
-
-
-def _fill(study: BagBatch, table: Table, pool: Pool) -> None:
-    line = ProgressLine('analysing', study.rows)
-    for cells in measure_rows(pool, study, table.missing):
-        table.append(cells)
-        done = study.rows - len(table.missing)
-        line.show(done, f'{done} of {study.rows} bags')
-    line.clear()
 
 
 _MOST_DRAWN = 4000
@@ -212,21 +189,17 @@ class PictureFrames:
                 self._every *= 2
         self._count += 1
 
-    def draw(self, chain: Chain, folder: Path) -> None:
-        """Write kymograph.png and track.png, each with its caption in a text file."""
+    def draw(self, chain: Chain, folder: Path, title: str | None) -> None:
+        """Write kymograph.png and track.png with captions, and view.html if it has a `title`."""
         stamps, angles, walls = zip(*self._kept, strict=True)
         times = (np.array(stamps) - stamps[0]) * 1e-9
         track = measured_track(chain, times, walls)
         recording = Recording(times, np.array(angles), np.empty((0, chain.number_of_rotors)))
         save_run(chain, recording, track, find_crossings(chain, track), folder)
-
-    def share(self, title: str, chain: Chain, path: Path) -> None:
-        """Write one HTML file that contains the selected frames and a viewer."""
-        stamps, angles, walls = zip(*self._kept, strict=True)
-        times = (np.array(stamps) - stamps[0]) * 1e-9
-        solitons = [soliton_numbers(each) for each in walls]
-        text = shared_page(title, chain, times, np.array(angles), solitons)
-        path.write_text(text, encoding='utf-8')
+        if title is not None:
+            solitons = [soliton_numbers(each) for each in walls]
+            page = shared_page(title, chain, times, recording.angles, solitons)
+            (folder / 'view.html').write_text(page, encoding='utf-8')
 
 
 def analyse(
@@ -277,9 +250,7 @@ def analyse(
             'add --stamps log to use the receive times'
         )
     _report_absent(bag, analysed, given is not None and not missing_joints)
-    drawn.draw(named.chain, folder)
-    if html:
-        drawn.share(f'Bag {bag.name}', named.chain, folder / 'view.html')
+    drawn.draw(named.chain, folder, f'Bag {bag.name}' if html else None)
     progress.end(f'{frames} frames of {bag} analysed, {late} late frames skipped; see {folder}')
     return frames
 
@@ -331,17 +302,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
             if len(options.bags) == 1:
                 _within(options)(options.bags[0], options.output, given, options.noise)
             else:
-                failed = analyse_many(_many(options), options.workers, options.scheduler)
-                sys.exit(min(failed, 1))
+                chain, folder = options.chain and options.chain.resolve(), options.output.resolve()
+                bags, within = named_bags(options.bags), _within(options)
+                study = BagBatch(bags, folder, within, chain, options.noise)
+                sys.exit(min(analyse_many(study, options.workers, options.scheduler), 1))
         except KeyboardInterrupt:
             print('\nanalyse_bag: stopped; the table contains the frames so far', file=sys.stderr)
             raise
-
-
-def _many(options: argparse.Namespace) -> BagBatch:
-    chain = options.chain.resolve() if options.chain else None
-    folder = options.output.resolve()
-    return BagBatch(named_bags(options.bags), folder, _within(options), chain, options.noise)
 
 
 def _within(options: argparse.Namespace) -> Callable[..., int]:
@@ -363,17 +330,10 @@ def _parser() -> PlainParser:
         'folder for soliton_state.csv, soliton_events.csv, kymograph.png and track.png; for '
         'several bags, one folder for each bag and bags.csv',
     )
-    parser.add_argument(
-        '--html',
-        action='store_true',
-        help='also write view.html, one file that shows the run in a browser without a server',
-    )
-    parser.add_argument(
-        '--chain',
-        type=Path,
-        metavar='FILE',
-        help='parameter file with chain.* in SI units, for a bag without the topic chain',
-    )
+    html = 'also write view.html, one file that shows the run in a browser without a server'
+    parser.add_argument('--html', action='store_true', help=html)
+    chain = 'parameter file with chain.* in SI units, for a bag without the topic chain'
+    parser.add_argument('--chain', type=Path, metavar='FILE', help=chain)
     parser.add_argument(
         '--override', action='store_true', help='replace the chain of the bag by --chain'
     )
@@ -390,11 +350,8 @@ def _parser() -> PlainParser:
         help='source of the times: header, the stamps of the messages, or log, the receive times, '
         'for drivers that publish no stamps (%(default)s)',
     )
-    parser.add_argument(
-        '--missing-joints',
-        action='store_true',
-        help='allow joints of --chain that have no angle in the bag',
-    )
+    missing = 'allow joints of --chain that have no angle in the bag'
+    parser.add_argument('--missing-joints', action='store_true', help=missing)
     add_limits(parser)
     where = parser.add_mutually_exclusive_group()
     where.add_argument(

@@ -88,7 +88,7 @@ def analyse_frames(
 
 def _beside(reader: Reader, joints: Connection, topic: interfaces.Topic) -> list[Connection]:
     name = f'{joints.topic.rpartition("/")[0]}/{topic.name}'
-    return [connection for connection in reader.connections if connection.topic == name]
+    return [each for each in reader.connections if each.topic == name]
 
 
 def _decoder(connection: Connection) -> Callable[[bytes], JointStates]:

@@ -19,16 +19,18 @@ from soliton_linkage.vision.camera import calibrate
 from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage.vision.video import read_video
 from soliton_linkage_nodes.messages.picture_conversions import write_camera
-from soliton_linkage_nodes.programs.command_line import add_output, exit_on_failure, number
+from soliton_linkage_nodes.programs.command_line import add_output, add_quantity, exit_on_failure
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 _PICTURES = ('.jpg', '.jpeg', '.png', '.tif', '.tiff', '.bmp')
 _STRIDE = 10
 """Interval between the used pictures of a film [pictures]; a search in a picture takes 0.1 s."""
-_CORNERS = Quantity('inner corners', '', 2, 100)
-"""Inner corners in a row or in a column of the chessboard [1]."""
-_SQUARE = Quantity('side of a square', 'm', 1e-4, 10.0)
-"""Side of a square of the board [m]."""
+_BOARD = {
+    '--columns': (Quantity('columns of inner corners', '', 2, 100), 8, int),
+    '--rows': (Quantity('rows of inner corners', '', 2, 100), 5, int),
+    '--square': (Quantity('side of a square', 'm', 1e-4, 10.0), 0.025, float),
+}
+"""Options that describe the chessboard, with default and type."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -37,24 +39,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         'paths', type=Path, nargs='+', metavar='picture', help='pictures, or one film'
     )
-    parser.add_argument(
-        '--columns',
-        type=number(_CORNERS, int),
-        default=8,
-        help='columns of inner corners (%(default)s)',
-    )
-    parser.add_argument(
-        '--rows', type=number(_CORNERS, int), default=5, help='rows of inner corners (%(default)s)'
-    )
-    parser.add_argument(
-        '--square', type=number(_SQUARE), default=0.025, help='side of a square [m] (%(default)s)'
-    )
+    for name, described in _BOARD.items():
+        add_quantity(parser, name, *described)
     add_output(parser, 'out/camera.yaml', 'calibration file to write')
     options = parser.parse(arguments)
     with exit_on_failure('calibrate_camera'):
         interrupt_on_signals()
         pictures = _pictures(options.paths)
-        found = calibrate(pictures, int(options.columns), int(options.rows), options.square)
+        found = calibrate(pictures, options.columns, options.rows, options.square)
         write_camera(options.output, found.camera)
         print(
             f'{options.output}: rms residual of {found.misfit:.2f} pixels in '

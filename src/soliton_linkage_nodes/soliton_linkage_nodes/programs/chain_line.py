@@ -12,7 +12,7 @@ import numpy as np
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.chain import Array
 from soliton_linkage.progress import ProgressLine, line_width
 from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.messages.cdr import JointStateDecoder
@@ -78,31 +78,25 @@ class ChainLine:
         if self._chain is None or self._serialized is None:
             self._line.show_text(remark)
             return
-        named, reader = self._chain
+        (named, reader), count = self._chain, self._chain[0].rotors
         try:
             angles = reader.read(self._decoder.decode(self._serialized)).angles
         except ValueError as error:
             self._line.show_text(str(error))
             return
-        self._draw(named.chain, angles, solitons, remark)
+        room = max(line_width() - len(remark) - len('[]  '), _FEWEST)
+        marks = drawn(np.sin(angles) / math.sin(named.chain.rest_angle), solitons, room)
+        if not self._explained:
+            self._explained = True
+            each = f'; {count / len(marks):.3g} rotors per mark' if len(marks) < count else ''
+            self._line.note(f'{count} rotors, rotor 0 first: {LEGEND}{each}')
+        self._line.show_text(f'[{marks}]  {remark}')
 
     def end(self, remark: str = '') -> None:
         """Replace the drawing with a final text, and remove the subscriptions."""
         self._line.end(remark)
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
-
-    def _draw(self, chain: Chain, angles: Array, solitons: Sequence[float], remark: str) -> None:
-        room = max(line_width() - len(remark) - len('[]  '), _FEWEST)
-        marks = drawn(np.sin(angles) / math.sin(chain.rest_angle), solitons, room)
-        if not self._explained:
-            self._explained = True
-            each = f'; {chain.number_of_rotors / len(marks):.3g} rotors per mark'
-            self._line.note(
-                f'{chain.number_of_rotors} rotors, rotor 0 first: {LEGEND}'
-                f'{each if len(marks) < chain.number_of_rotors else ""}'
-            )
-        self._line.show_text(f'[{marks}]  {remark}')
 
     def _on_chain(self, message: msg.Chain) -> None:
         try:

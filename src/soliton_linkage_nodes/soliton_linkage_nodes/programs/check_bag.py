@@ -60,7 +60,7 @@ def main() -> None:
 
 
 def _is_sound(report: BagReport) -> bool:
-    lost = sum(_lost_when_recorded(report).values())
+    lost = sum(_counts_in(report, 'lost_messages').values())
     return not (report.damage or _DAMAGE in report.custom_data or lost)
 
 
@@ -84,12 +84,9 @@ def _lines(report: BagReport) -> Iterator[tuple[str, list[str]]]:
         recorded = _seconds(_recorded(report))
         yield 'Recorded:', [f'{recorded}s, without {_seconds(paused)}s of pauses']
     yield 'Lost:', [_losses(report)]
-    missed = _counts_in(report, 'missed_messages')
+    missed = _counts_in(report, 'missed_messages').items()
     if missed:
-        yield (
-            'Missed:',
-            [f'{n} on {name}, before its publisher was matched' for name, n in missed.items()],
-        )
+        yield 'Missed:', [f'{n} on {name}, before its publisher was matched' for name, n in missed]
     if 'chain' in report.custom_data:
         yield 'Chain:', _chains(report.custom_data['chain'])
     events = [f'{count} on {name}' for (name, kind, _), count, _ in topics if kind == _EVENTS]
@@ -121,7 +118,7 @@ def _topics(report: BagReport) -> tuple[list[_TopicRow], list[_TopicRow]]:
     counts: Counter[tuple[str, str, str]] = Counter()
     for topic, count in report.counts.items():
         counts[topic.name, topic.type_name, topic.serialization] += count
-    lost = _lost_when_recorded(report)
+    lost = _counts_in(report, 'lost_messages')
     topics: list[_TopicRow] = []
     services: list[_TopicRow] = []
     for (name, kind, encoding), count in sorted(counts.items()):
@@ -149,7 +146,7 @@ def _as_json(report: BagReport) -> dict[str, Any]:
         'messages': report.messages,
         'topics': [dict(zip(keys, (*own, *counts), strict=True)) for own, *counts in topics],
         'services': [dict(zip(keys, (*own, *counts), strict=True)) for own, *counts in services],
-        'lost_when_recorded': sum(_lost_when_recorded(report).values()) if known else None,
+        'lost_when_recorded': sum(_counts_in(report, 'lost_messages').values()) if known else None,
         'lost_by_damage': report.lost,
         'unverified': report.unverified,
         'damage': report.damage,
@@ -198,17 +195,13 @@ def _chains(text: str) -> list[str]:
 
 def _losses(report: BagReport) -> str:
     known = 'lost_messages' in report.custom_data
-    count = sum(_lost_when_recorded(report).values())
+    count = sum(_counts_in(report, 'lost_messages').values())
     recorded = f'{count or "nothing"} when recorded' if known else 'unknown when recorded'
     if _DAMAGE not in report.custom_data:
         return recorded
     damaged = parse_count(report.custom_data.get('lost_in_damage'))
     damage = report.custom_data[_DAMAGE]
     return f'{damaged or "an unknown number"} by damage before recovery ({damage}); {recorded}'
-
-
-def _lost_when_recorded(report: BagReport) -> dict[str, int]:
-    return _counts_in(report, 'lost_messages')
 
 
 def _counts_in(report: BagReport, key: str) -> dict[str, int]:

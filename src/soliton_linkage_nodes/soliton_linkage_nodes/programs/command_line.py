@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import math
 import re
 import sys
@@ -13,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import rclpy
 from rclpy.utilities import remove_ros_args
@@ -55,6 +55,21 @@ def number(described: Quantity, kind: type[float] = float) -> Callable[[str], fl
         return value
 
     return read
+
+
+def add_quantity(
+    parser: argparse._ActionsContainer,
+    name: str,
+    described: Quantity,
+    default: float | None = None,
+    kind: type[float] = float,
+    **more: Any,
+) -> None:
+    """Add an argument for a number, with the description, unit and range of a quantity."""
+    unit = f' [{described.unit}]' if described.unit else ''
+    shown = '' if default is None else f' (%(default){"s" if kind is int else "g"})'
+    text = f'{described.description}{unit}{shown}'
+    parser.add_argument(name, type=number(described, kind), default=default, help=text, **more)
 
 
 def reason(error: Exception) -> str:
@@ -121,16 +136,10 @@ def add_output(parser: argparse.ArgumentParser, default: str, description: str) 
 def add_limits(parser: argparse.ArgumentParser) -> None:
     """Add an option for each limit in `BagLimits`, with its default value."""
     for name, described in described_fields(BagLimits).items():
-        parser.add_argument(
-            f'--{name.replace("_", "-")}',
-            type=number(described, int),
-            metavar='BYTES',
-            default=getattr(BagLimits(), name),
-            help=f'{described.description} [B] (%(default)s)',
-        )
+        option, default = f'--{name.replace("_", "-")}', getattr(BagLimits(), name)
+        add_quantity(parser, option, described, default, int, metavar='BYTES')
 
 
 def limits_of(options: argparse.Namespace) -> BagLimits:
     """Return the limits that the options specify."""
-    names = [each.name for each in dataclasses.fields(BagLimits)]
-    return BagLimits(**{name: getattr(options, name) for name in names})
+    return BagLimits(options.max_unpacked, options.max_unpacked_file)

@@ -142,20 +142,17 @@ def _measured(
     Repeat once after a failure, because the machine may be busy.
     """
 
-    def measured(walls: int, kick: int) -> ContractedWall:
-        bag = record(study, walls, kick, folder, stopping)
+    def measured(number: int, kick: int) -> ContractedWall:
+        bag = record(study, number, kick, folder, stopping)
         with interruptible(stopping):
             return measure(bag)
 
-    runs = [
-        (number, walls, kick)
-        for number, walls in enumerate(study.walls)
-        for kick in range(len(walls.kicks))
-    ]
+    walls = enumerate(study.walls)
+    runs = [(number, each, kick) for number, each in walls for kick in range(len(each.kicks))]
     progress = ProgressLine('contraction', len(runs))
     passages: list[ContractedWall] = []
-    for number, walls, kick in runs:
-        which = f'{walls.name}, kick {walls.kicks[kick]:g}'
+    for number, each, kick in runs:
+        which = f'{each.name}, kick {each.kicks[kick]:g}'
         progress.show(len(passages), which)
         try:
             passages.append(measured(number, kick))

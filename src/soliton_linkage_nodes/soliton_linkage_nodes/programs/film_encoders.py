@@ -8,7 +8,6 @@ film with the detected markers and the walls.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import threading
 import time
@@ -47,7 +46,7 @@ from soliton_linkage_nodes.messages.camera_measurement import (
 from soliton_linkage_nodes.messages.chain_source import chain_of_file, markers_of_file
 from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg, without_offsets
 from soliton_linkage_nodes.messages.picture_conversions import read_camera
-from soliton_linkage_nodes.programs.command_line import add_output, exit_on_failure, number
+from soliton_linkage_nodes.programs.command_line import add_output, add_quantity, exit_on_failure
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import stop_on_signals
 from soliton_linkage_nodes.runtime.serialization import serialize
@@ -176,6 +175,7 @@ class _AngleBag:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure a film until its end or Ctrl-C; exit with 1 after a failure, 130 if interrupted."""
     options = _parser().parse(arguments)
+    live = options.camera is not None
     with exit_on_failure('film_encoders'):
         stopping = stop_on_signals()
         named = chain_of_file(options.chain)
@@ -184,9 +184,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         measurement = CameraMeasurement(
             named, markers_of_file(options.markers or options.chain), parameters, lens
         )
-        result = film_to_bag(
-            _video(options), named, measurement, options.output, options.overlay, stopping
-        )
+        pictures = capture_camera(options.camera) if live else None
+        film = Video(time.time(), 0, pictures) if pictures else read_video(options.film)
+        result = film_to_bag(film, named, measurement, options.output, options.overlay, stopping)
         option = f' --chain {options.chain}' if named.encoder_offsets else ''
         print(
             f'{result.pictures} pictures, {result.shares:.1%} of the rotors visible, standard '
@@ -195,15 +195,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             file=sys.stderr,
         )
         if stopping.is_set():
-            sys.exit(INTERRUPTED if options.camera is None else 0)
+            sys.exit(0 if live else INTERRUPTED)
         if result.ended_by:
             raise ValueError(result.ended_by)
-
-
-def _video(options: argparse.Namespace) -> Video:
-    if options.camera is None:
-        return read_video(options.film)
-    return Video(time.time(), 0, capture_camera(options.camera))
 
 
 def _parser() -> PlainParser:
@@ -241,17 +235,8 @@ def _parser() -> PlainParser:
     )
     add_output(parser, 'out/film', 'path of the bag; _0 is appended')
     quantities = described_fields(CameraParameters)
-    for name in ('row_time', 'exposure'):
-        parser.add_argument(
-            f'--{name.replace("_", "-")}',
-            type=number(quantities[name]),
-            default=0.0,
-            metavar='SECONDS',
-            help=f'{quantities[name].description} (0)',
-        )
-    parser.add_argument(
-        '--unmarked',
-        action='store_true',
-        help='the rotors have no markers; they are dark on a light background and do not touch',
-    )
+    for option, name in (('--row-time', 'row_time'), ('--exposure', 'exposure')):
+        add_quantity(parser, option, quantities[name], 0.0, metavar='SECONDS')
+    unmarked = 'the rotors have no markers; they are dark on a light background and do not touch'
+    parser.add_argument('--unmarked', action='store_true', help=unmarked)
     return parser

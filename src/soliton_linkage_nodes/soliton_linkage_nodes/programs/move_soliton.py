@@ -21,13 +21,17 @@ from soliton_linkage.command_line import PlainParser
 from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_nodes.programs.chain_line import LEGEND, ChainLine
-from soliton_linkage_nodes.programs.command_line import number, parse_own_arguments, ros_client
+from soliton_linkage_nodes.programs.command_line import (
+    add_quantity,
+    parse_own_arguments,
+    ros_client,
+)
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import ACTION_QOS
 from soliton_linkage_nodes.runtime.process import WaitingNode
 
 _ROTOR = Quantity('destination, counted from rotor 0', 'rotor spacings')
-_SPEED = Quantity('largest speed of the move', 'rotor spacings/s', minimum=0.0)
+_SPEED = Quantity('largest speed of the move, 0 for automatic', 'rotor spacings/s', minimum=0.0)
 """Largest speed of the move; 0: soliton_steering selects it."""
 _WAIT = Quantity('longest wait for soliton_steering to be ready', 's', 0.0, 3600.0)
 """Longest wait for the steering node; the largest value is one hour."""
@@ -59,12 +63,8 @@ class MoveClient(WaitingNode):
         not end soon.
         """
         deadline = time.monotonic() + wait
-        self._until(
-            self._client.server_is_ready,
-            f'no node offers the action {interfaces.MOVE_SOLITON} after {wait:g} s; '
-            'start soliton_steering first',
-            wait,
-        )
+        absent = f'no node offers the action {interfaces.MOVE_SOLITON} after {wait:g} s; '
+        self._until(self._client.server_is_ready, f'{absent}start soliton_steering first', wait)
         # Send the goal in any case, because a node that is not ready rejects it with a reason.
         self.wait(self._ready, deadline - time.monotonic())
         if self.stopping.is_set():
@@ -148,17 +148,7 @@ def _parser() -> PlainParser:
         description=__doc__,
         epilog=f'Marks in the picture of the chain: {LEGEND}.',
     )
-    parser.add_argument('rotor', type=number(_ROTOR), help=f'{_ROTOR.description} [{_ROTOR.unit}]')
-    parser.add_argument(
-        '--speed',
-        type=number(_SPEED),
-        default=0.0,
-        help=f'{_SPEED.description}, 0 for automatic [{_SPEED.unit}] (%(default)g)',
-    )
-    parser.add_argument(
-        '--wait',
-        type=number(_WAIT),
-        default=_LONGEST_WAIT,
-        help=f'{_WAIT.description} [{_WAIT.unit}] (%(default)g)',
-    )
+    add_quantity(parser, 'rotor', _ROTOR)
+    add_quantity(parser, '--speed', _SPEED, 0.0)
+    add_quantity(parser, '--wait', _WAIT, _LONGEST_WAIT)
     return parser

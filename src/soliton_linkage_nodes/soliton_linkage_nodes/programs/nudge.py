@@ -18,7 +18,11 @@ from soliton_linkage.command_line import PlainParser
 from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage_msgs.msg import LastKick
 from soliton_linkage_nodes.messages.view_conversions import describe_kick
-from soliton_linkage_nodes.programs.command_line import number, parse_own_arguments, ros_client
+from soliton_linkage_nodes.programs.command_line import (
+    add_quantity,
+    parse_own_arguments,
+    ros_client,
+)
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import WaitingNode
 
@@ -27,7 +31,7 @@ _TIMEOUT = Quantity(
     'longest wait for the actuator, and afterwards for its answer', 's', 0.0, 3600.0
 )
 """Longest wait for the actuator, and then for its answer; the largest value is one hour each."""
-_SUBSCRIBERS = Quantity('number of subscribers to wait for', minimum=1)
+_SUBSCRIBERS = Quantity('subscribers to wait for, 2 with actuator and recorder', minimum=1)
 """Number of subscribers of the topic nudge, including the edge actuator."""
 _LONGEST_WAIT = 5.0
 """Default of the longest wait for the actuator, and then for its answer [s]."""
@@ -141,19 +145,9 @@ def main() -> None:
 
 def _parser() -> PlainParser:
     parser = PlainParser(prog='nudge', description=__doc__)
-    parser.add_argument('speed', type=number(_SPEED), help=f'{_SPEED.description} [rad/s]')
-    parser.add_argument(
-        '--subscribers',
-        type=number(_SUBSCRIBERS, int),
-        default=1,
-        help='number of subscribers to wait for, 2 with an actuator and a recorder (%(default)s)',
-    )
-    parser.add_argument(
-        '--timeout',
-        type=number(_TIMEOUT),
-        default=_LONGEST_WAIT,
-        help=f'{_TIMEOUT.description} [s] (%(default)g)',
-    )
+    add_quantity(parser, 'speed', _SPEED)
+    add_quantity(parser, '--subscribers', _SUBSCRIBERS, 1, int)
+    add_quantity(parser, '--timeout', _TIMEOUT, _LONGEST_WAIT)
     return parser
 
 

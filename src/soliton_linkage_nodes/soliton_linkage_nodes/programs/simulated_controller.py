@@ -29,7 +29,7 @@ from soliton_linkage.microcontroller.simulated_controller import (
 )
 from soliton_linkage_nodes.messages.chain_source import chain_of_file
 from soliton_linkage_nodes.messages.conversions import NamedChain
-from soliton_linkage_nodes.programs.command_line import exit_on_failure, number
+from soliton_linkage_nodes.programs.command_line import add_quantity, exit_on_failure
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 _RATE = Quantity('frames per second', 'Hz', 1.0, 1000.0)
@@ -119,7 +119,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with exit_on_failure('simulated_controller'):
         interrupt_on_signals()
         named = chain_of_file(options.chain)
-        encoders = encoders_of(named, options.counts_per_turn)
+        encoders = RotaryEncoders((options.counts_per_turn,), offsets=named.encoder_offsets)
         settings = ControllerSettings(options.protocol, options.drift)
         controller = SimulatedController(named.rotors, encoders, settings)
         terminal = PseudoTerminal(options.link)
@@ -133,11 +133,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
             _run_in_real_time(played)
         finally:
             terminal.close()
-
-
-def encoders_of(named: NamedChain, counts_per_turn: float) -> RotaryEncoders:
-    """Return rotary encoders that have the encoder offsets of the chain."""
-    return RotaryEncoders((counts_per_turn,), offsets=named.encoder_offsets)
 
 
 def _run_in_real_time(played: RealTimeChain) -> None:
@@ -156,28 +151,14 @@ def _run_in_real_time(played: RealTimeChain) -> None:
 
 
 def _parser() -> PlainParser:
-    quantities = described_fields(ControllerSettings)
     parser = PlainParser(prog='simulated_controller', description=__doc__)
     parser.add_argument('chain', type=Path, help='parameter file, such as config/flipper.yaml')
     parser.add_argument(
         '--protocol', choices=('binary', 'text'), default='binary', help='serial protocol (binary)'
     )
-    parser.add_argument(
-        '--rate', type=number(_RATE), default=250.0, help=f'{_RATE.description} [Hz] (250)'
-    )
-    parser.add_argument(
-        '--drift',
-        type=number(quantities['drift']),
-        default=0.0,
-        help=f'{quantities["drift"].description} [1] (0)',
-    )
-    parser.add_argument(
-        '--counts-per-turn',
-        type=number(_COUNTS),
-        default=4096.0,
-        metavar='COUNTS',
-        help=f'{_COUNTS.description} (4096)',
-    )
+    add_quantity(parser, '--rate', _RATE, 250.0)
+    add_quantity(parser, '--drift', described_fields(ControllerSettings)['drift'], 0.0)
+    add_quantity(parser, '--counts-per-turn', _COUNTS, 4096.0, metavar='COUNTS')
     parser.add_argument(
         '--link', type=Path, metavar='PATH', help='path of a symbolic link to the port'
     )

@@ -113,11 +113,8 @@ def addressed(
         rule = next(following, None) if argument in _PARAMETER_OPTIONS else None
         full_name, _, text = (rule or '').partition(':=')
         whom, _, name = full_name.rpartition(':')
-        owners = [
-            each
-            for each, node in classes.items()
-            if whom in ('', each, _kind(each)) and _has(node, name)
-        ]
+        named = {each: node for each, node in classes.items() if whom in ('', each, _kind(each))}
+        owners = [each for each, node in named.items() if _has(node, name)]
         for owner in owners:
             given[owner].append(Parameter(name, value=_value(text)))
         if not owners:

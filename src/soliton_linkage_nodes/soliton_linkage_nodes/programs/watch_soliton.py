@@ -60,10 +60,8 @@ class WatchSoliton(Node):
         self._received = (serialized, time.monotonic())
 
     def _draw(self) -> None:
-        missing = [
-            *self._line.missing,
-            *([] if self._received else [interfaces.SOLITON_STATE.name]),
-        ]
+        unseen = [] if self._received else [interfaces.SOLITON_STATE.name]
+        missing = [*self._line.missing, *unseen]
         if missing or self._received is None:
             nodes = ', '.join(dict.fromkeys(_STARTED_BY[name] for name in missing))
             self._line.show((), f'no {", ".join(missing)} yet; start {nodes}')

@@ -49,9 +49,13 @@ class ChildProcesses:
     ) -> None:
         """Start a node with the arguments `own`, followed by the ROS arguments `arguments`."""
         executable = Path(get_package_prefix(_PACKAGE), 'lib', _PACKAGE, node)
-        self._start(node, [str(executable), *own, '--ros-args', *arguments], environment)
+        command = [str(executable), *own, '--ros-args', *arguments]
+        self._starts[node] = 0.0, command, environment
+        self.restart(node)
 
-    def _start(self, node: str, command: list[str], environment: dict[str, str]) -> None:
+    def restart(self, node: str) -> None:
+        """Start an ended process again with the same arguments and environment."""
+        _, command, environment = self._starts[node]
         self._starts[node] = time.monotonic(), command, environment
         with self._log(node).open('wb') as log:
             self._running[node] = subprocess.Popen(
@@ -75,11 +79,6 @@ class ChildProcesses:
                 raise RuntimeError(self._ended(node, process.returncode))
             found[node] = f'{node} ended with exit code {process.returncode}'
         return found
-
-    def restart(self, node: str) -> None:
-        """Start an ended process again with the same arguments and environment."""
-        _, command, environment = self._starts[node]
-        self._start(node, command, environment)
 
     def check(self) -> None:
         """Raise RuntimeError with the last log lines if a process has ended."""

@@ -50,10 +50,8 @@ def check_arguments(node: NodeClass, arguments: Sequence[str]) -> None:
     except RuntimeError:
         return
     if unknown:
-        proposal = _proposal(node, unknown)
-        remedy = (
-            f'try: {_command(node)} {proposal}' if proposal else f'see {_command(node)} --help'
-        )
+        proposal, command = _proposal(node, unknown), _command(node)
+        remedy = f'try: {command} {proposal}' if proposal else f'see {command} --help'
         text = ' '.join(unknown)
         print(f'{executable_name(node)}: unknown argument {text!r}; {remedy}', file=sys.stderr)
         sys.exit(USAGE)
@@ -66,11 +64,8 @@ def executable_name(node: NodeClass) -> str:
 
 def parameter_names(node: NodeClass) -> set[str]:
     """Return the names of the parameters that a node always has."""
-    return {
-        prefix + name
-        for group, prefix in _groups(node).items()
-        for name in described_fields(group)
-    }
+    groups = _groups(node).items()
+    return {prefix + name for group, prefix in groups for name in described_fields(group)}
 
 
 def help_text(node: NodeClass) -> str:
@@ -102,10 +97,8 @@ def _describe(group: type, prefix: str) -> Iterator[str]:
             yield f'  {prefix}{field.name}:={_as_yaml(field.default)}  ({kind})'
             adjustable = 'adjustable at run time' if described.adjustable else ''
             parts = (description_with_unit(described), describe_range(described), adjustable)
-            text = '; '.join(filter(None, parts))
-            yield from textwrap.wrap(
-                text, _WIDTH, initial_indent=' ' * 6, subsequent_indent=' ' * 6
-            )
+            text, indent = '; '.join(filter(None, parts)), ' ' * 6
+            yield from textwrap.wrap(text, _WIDTH, initial_indent=indent, subsequent_indent=indent)
 
 
 def _as_yaml(value: Any) -> str:

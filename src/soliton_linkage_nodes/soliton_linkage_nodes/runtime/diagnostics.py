@@ -93,9 +93,8 @@ class Diagnostics:
         self._rejections = LogThrottle(lambda line: node.get_logger().warning(line), _PERIOD)
         self._failures = LogThrottle(lambda line: node.get_logger().error(line), _PERIOD)
         self._publisher = DIAGNOSTICS.publisher(node)
-        self._timer = node.create_timer(
-            _PERIOD, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = node.create_timer(_PERIOD, self.publish, clock=steady)
 
     def reject(self, source: str, reason: object) -> None:
         """Count a rejected input; log each kind of reason at most once per second."""

@@ -77,11 +77,8 @@ def image_qos() -> QoSProfile:
 
 def latched_qos(depth: int = 1) -> QoSProfile:
     """Return a transient-local quality of service. Late subscribers get `depth` messages."""
-    return QoSProfile(
-        depth=depth,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
-    )
+    latched = DurabilityPolicy.TRANSIENT_LOCAL
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=latched)
 
 
 @dataclass(frozen=True)

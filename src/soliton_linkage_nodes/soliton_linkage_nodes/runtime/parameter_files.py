@@ -91,10 +91,9 @@ def _conflict(node: Node, name: str, filed: Any, rule: str, path: Path) -> Itera
     if _number(filed) == _number(typed):
         return
     if _number(used) == _number(filed):
-        alone = node.get_namespace() == '/'
-        remedy = (
-            f'write -p {node.get_name()}:{name}:={typed} after it' if alone else 'change the file'
-        )
+        remedy = 'change the file'
+        if node.get_namespace() == '/':
+            remedy = f'write -p {node.get_name()}:{name}:={typed} after it'
         yield Notice(f'{name} = {filed} of {path} overrides -p {rule}; {remedy}', True)
     else:
         yield Notice(f'-p {rule} overrides {name} = {filed} of {path}', False)

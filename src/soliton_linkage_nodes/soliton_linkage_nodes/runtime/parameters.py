@@ -61,9 +61,7 @@ def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Param
         for field in dataclasses.fields(cast(Any, parameters))
         if field.name in quantities
     }
-    adjustable = {
-        prefix + name: described for name, described in quantities.items() if described.adjustable
-    }
+    adjustable = {prefix + name: each for name, each in quantities.items() if each.adjustable}
     if adjustable:
         node.add_on_set_parameters_callback(lambda changes: _check(adjustable, changes))
     return parameters(**values)
@@ -120,11 +118,9 @@ def describe_range(described: Quantity) -> str:
     return f'{low:g} or more' if high is None else f'{low:g} to {high:g}'
 
 
-def _check(
-    adjustable: Mapping[str, Quantity], changes: Sequence[Parameter]
-) -> SetParametersResult:
+def _check(known: Mapping[str, Quantity], changes: Sequence[Parameter]) -> SetParametersResult:
     for change in changes:
-        complaint = change.name in adjustable and adjustable[change.name].complaint(change.value)
+        complaint = change.name in known and known[change.name].complaint(change.value)
         if complaint:
             reason = f'parameter {change.name} = {change.value!r} {complaint}'
             return SetParametersResult(successful=False, reason=reason)

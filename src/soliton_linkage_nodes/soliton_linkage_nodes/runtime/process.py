@@ -161,11 +161,9 @@ def run_together(constructors: Sequence[Callable[[], Node]], arguments: list[str
             # when a message arrives.
             stack.callback(executor.shutdown)
             _spin(executor, nodes, stopping)
-    except (ValueError, OSError) as error:
-        get_logger('soliton_linkage').fatal(str(error))
-        code = 1
-    except MemoryError as error:
-        get_logger('soliton_linkage').fatal(f'out of memory ({error}); see ulimit -a')
+    except (ValueError, OSError, MemoryError) as error:
+        memory = f'out of memory ({error}); see ulimit -a'
+        get_logger('soliton_linkage').fatal(memory if type(error) is MemoryError else str(error))
         code = 1
     finally:
         rclpy.try_shutdown()

@@ -45,14 +45,12 @@ class SequenceGaps:
         if self._last == [number - 1]:
             self._last[0] = number
             return False
-        behind = [last for last in self._last if last < number]
-        new_publisher = not behind or (
-            number - 1 not in behind and len(self._last) < max(publishers, 1)
-        )
+        behind, full = [last for last in self._last if last < number], max(publishers, 1)
+        new_publisher = not behind or (number - 1 not in behind and len(self._last) < full)
         if not new_publisher:
             self.lost += number - max(behind) - 1
             self._last.remove(max(behind))
-        elif len(self._last) >= max(publishers, 1):
+        elif len(self._last) >= full:
             del self._last[0]
         self._last.append(number)
         return new_publisher
@@ -77,11 +75,8 @@ class MissedStarts:
     @property
     def missed(self) -> int:
         """Number of missed messages."""
-        return sum(
-            each.number - 1
-            for each in self._newcomers
-            if (each.number - 1) * each.period <= each.elapsed
-        )
+        before = ((each.number - 1, each) for each in self._newcomers)
+        return sum(count for count, each in before if count * each.period <= each.elapsed)
 
     def add(self, number: int, sent: int, elapsed: int) -> None:
         """Add a publisher's first message, its source time and the time since subscribing [ns]."""
@@ -188,11 +183,8 @@ class PublisherArbitration:
         self, selected: _Publisher, number: int, sent: int, publishers: int
     ) -> _Publisher | None:
         alone = publishers < 2 and not self._others
-        if (
-            alone
-            and number > selected.number
-            and (sent - selected.sent) * _NANOSECOND < selected.silence
-        ):
+        recent = (sent - selected.sent) * _NANOSECOND < selected.silence
+        if alone and recent and number > selected.number:
             return selected
         known = [selected, *self._others]
         following = [each for each in known if number == each.number + 1] or known
@@ -272,8 +264,9 @@ class StreamArbitration:
                 return share
         for gone in [each for each in self._shares if now - each.taken_at > _ABSENCE]:
             old = gone.arbitration
-            mine = old.lost, old.foreign, old.successions
-            self._counts = [a + b for a, b in zip(self._counts, mine, strict=True)]
+            self._counts[0] += old.lost
+            self._counts[1] += old.foreign
+            self._counts[2] += old.successions
             self._shares.remove(gone)
         if self._shares and len(self._shares) >= count:
             return self._shares[0]

@@ -87,9 +87,8 @@ class AdaptiveSubscription:
         for event in self._events:
             with event:
                 status = event.take_event()
-            changed |= bool(
-                status.total_count_change or getattr(status, 'current_count_change', 0)
-            )
+            changed |= bool(status.total_count_change)
+            changed |= bool(getattr(status, 'current_count_change', 0))
         return changed
 
     def waiting(self) -> Iterator[tuple[Any, Info]]:
@@ -183,9 +182,8 @@ def subscribe_newest(
     node: Node, topic: Topic, name: str, raw: bool = False, depth: int = 1
 ) -> AdaptiveSubscription:
     """Subscribe to the newest messages of the topic with the full name `name`, for a display."""
-    qos = QoSProfile(
-        depth=depth, reliability=topic.qos.reliability, durability=topic.qos.durability
-    )
+    offer = topic.qos
+    qos = QoSProfile(depth=depth, reliability=offer.reliability, durability=offer.durability)
     return AdaptiveSubscription(node, replace(topic, name=name, qos=qos), raw=raw)
 
 
@@ -314,20 +312,16 @@ class StreamSubscription:
 
     def _watch(self) -> tuple[str, Mapping[str, Any]]:
         name = self._topic.name
-        lost, self._lost_before = (
-            self._arbitration.lost - self._lost_before,
-            self._arbitration.lost,
-        )
+        total = self._arbitration.lost
+        lost, self._lost_before = total - self._lost_before, total
         skipped, self._skipped_before = self.skipped - self._skipped_before, self.skipped
         figures = {
             f'publishers of {name}': len(self._publishers),
             f'{name} of others': self._arbitration.foreign,
-            f'lost {name}': self._arbitration.lost,
+            f'lost {name}': total,
             f'skipped {name}': self.skipped,
         }
-        concerns = []
-        if self._several:
-            concerns.append(self._warning())
+        concerns = [self._warning()] if self._several else []
         # If the queue depth is 1 or `latest` is set, older messages are dropped on purpose.
         lost = lost if self._topic.qos.depth > 1 else 0
         skipped = 0 if self._latest else skipped

@@ -98,15 +98,10 @@ class SimulationControl:
     def status(self) -> SimulationStatus:
         """State of the simulation."""
         with self._lock:
-            return SimulationStatus(
-                self._frame,
-                self._commands.count,
-                self._paused,
-                self._failure,
-                self._simulation.energy,
-                self._simulation.energy_drift,
-                self._simulation.dissipated,
-            )
+            simulation = self._simulation
+            energies = simulation.energy, simulation.energy_drift, simulation.dissipated
+            state = self._frame, self._commands.count, self._paused, self._failure
+            return SimulationStatus(*state, *energies)
 
     @property
     def simulation(self) -> Simulation:

@@ -99,18 +99,15 @@ class DeliveryPublisher:
         acting = bool(self._torques.any())
         if acting or before.torques_act or self._kicks:
             turned = simulation.angles - self._angles
-            self._delivered = DeliveryTotals(
-                stamp,
-                before.impulses + self._kicks,
-                before.work_of_impulses + self._kick_work,
-                acting,
-                before.work_of_torques + float(self._torques @ turned),
-                before.impulse_of_torques + self._torques * simulation.period,
-            )
+            kicks = before.impulses + self._kicks, before.work_of_impulses + self._kick_work
+            work = before.work_of_torques + float(self._torques @ turned)
+            impulse = before.impulse_of_torques + self._torques * simulation.period
+            self._delivered = DeliveryTotals(stamp, *kicks, acting, work, impulse)
             self._publisher.publish(delivery_to_msg(self._delivered))
         self._angles, self._torques = simulation.angles, simulation.torques
-        kicks, work = self._counted
-        self._kicks, self._kick_work = simulation.kicks - kicks, simulation.kick_work - work
+        counted, counted_work = self._counted
+        self._kicks = simulation.kicks - counted
+        self._kick_work = simulation.kick_work - counted_work
         self._counted = (simulation.kicks, simulation.kick_work)
 
 

@@ -75,25 +75,18 @@ class Simulator(ManagedNode):
         self._joints = SensedJoints(self.named, period, errors, missing)
         world = World(chain, names, settings, period)
         self.frames = FramePublisher(self, self.named, self._joints, settings)
-        self.control = SimulationControl(
-            world.begin,
-            world.initial_state(),
-            gravity,
-            settings.command_timeout,
-            self.frames.publish,
-            self.frames.announce,
-        )
+        calls, timeout = (self.frames.publish, self.frames.announce), settings.command_timeout
+        state = world.initial_state()
+        self.control = SimulationControl(world.begin, state, gravity, timeout, *calls)
         pace = self._pace(settings.real_time_factor)
         self.loop = PacedLoop(pace, self.control.tick, self.real_time)
-        self._figures = SimulationReport(
-            self.control, self.loop, settings, self.get_logger().error
-        )
+        complain = self.get_logger().error
+        self._figures = SimulationReport(self.control, self.loop, settings, complain)
         self.diagnostics = Diagnostics(self, 'simulation', self.reporting(self._report))
         self._obstacles = find_obstacles(chain)
         self._subscribe()
-        services = SimulationServices(
-            self, self.named, world, self.control, period, self.frames.depth
-        )
+        most = self.frames.depth
+        services = SimulationServices(self, self.named, world, self.control, period, most)
         serve_standard(self, services)
         self.get_logger().info(describe_simulation(chain, settings))
         if self._obstacles:
@@ -186,9 +179,8 @@ class Simulator(ManagedNode):
         """Apply the parameters of gravity, motors, encoders and real-time factor."""
         motors = self.get_parameter(_NON_RECIPROCITY).value
         if motors != self.named.chain.non_reciprocity:
-            self.named = replace(
-                self.named, chain=replace(self.named.chain, non_reciprocity=motors)
-            )
+            chain = replace(self.named.chain, non_reciprocity=motors)
+            self.named = replace(self.named, chain=chain)
             self.control.set_non_reciprocity(motors)
             self.frames.publish_chain(self.named)
         self.control.set_gravity(current(self, Gravity, PARAMETERS[Gravity]))
@@ -204,19 +196,16 @@ class Simulator(ManagedNode):
     def _report(self) -> Report:
         if not self._start_timer.is_canceled():
             present, required = self.frames.subscribers, self.settings.subscribers
-            return Report(
-                f'waiting for {required} subscribers of joint_states, there are {present}',
-                warning=True,
-            )
+            line = f'waiting for {required} subscribers of joint_states, there are {present}'
+            return Report(line, warning=True)
         gravity = current(self, Gravity, PARAMETERS[Gravity])
-        return self._figures(
-            {
-                'motion': self.named.chain.motion.value,
-                'bonds that may stop a soliton': len(self._obstacles),
-                'gravity [m/s^2]': gravity.acceleration,
-                'tilt [rad]': gravity.tilt,
-            }
-        )
+        world = {
+            'motion': self.named.chain.motion.value,
+            'bonds that may stop a soliton': len(self._obstacles),
+            'gravity [m/s^2]': gravity.acceleration,
+            'tilt [rad]': gravity.tilt,
+        }
+        return self._figures(world)
 
 
 def main() -> None:
@@ -262,22 +251,18 @@ class SimulationReport:
         if fault and fault != self._logged:
             self._complain(fault)
         self._logged = fault
-        return Report(
-            message,
-            {
-                'publish rate [Hz]': rate,
-                'real-time factor': rate / self._publish_rate,
-                'frames': status.frames,
-                'missed deadlines': punctuality.missed,
-                'largest lateness [s]': punctuality.largest_lateness,
-                'lag [s]': punctuality.lag,
-                'energy [J]': status.energy,
-                'dissipated [J]': status.dissipated,
-                'energy drift': status.energy_drift,
-                **world,
-            },
-            warning=bool(fault or late),
-        )
+        figures = {
+            'publish rate [Hz]': rate,
+            'real-time factor': rate / self._publish_rate,
+            'frames': status.frames,
+            'missed deadlines': punctuality.missed,
+            'largest lateness [s]': punctuality.largest_lateness,
+            'lag [s]': punctuality.lag,
+            'energy [J]': status.energy,
+            'dissipated [J]': status.dissipated,
+            'energy drift': status.energy_drift,
+        }
+        return Report(message, {**figures, **world}, warning=bool(fault or late))
 
     def _message(self, status: SimulationStatus, late: int, slow: bool) -> tuple[str, str]:
         """Return the message of the report and the fault to log, empty without a fault."""

@@ -21,12 +21,7 @@ class SimulatorParameters(WorldParameters):
         500.0, 'rate of joint_states in simulated time', 'Hz', 1.0, 10_000.0
     )
     real_time_factor: float = quantity(
-        1.0,
-        'simulated time per clock time, 0 for as fast as possible',
-        '',
-        0.0,
-        1000.0,
-        adjustable=True,
+        1.0, 'simulated time per clock time, 0: unlimited', '', 0.0, 1000.0, adjustable=True
     )
     missing_joints: tuple[str, ...] = quantity(
         (), 'joints left out of joint_states, by name or number; empty for none'

@@ -16,13 +16,9 @@ from soliton_linkage_nodes.messages.conversions import NamedChain, state_from_re
 from soliton_linkage_nodes.simulator.control import SimulationControl
 
 _STANDARD_FEATURES = (
-    'SIMULATION_RESET',
-    'SIMULATION_RESET_STATE',
-    'SIMULATION_STATE_GETTING',
-    'SIMULATION_STATE_SETTING',
-    'SIMULATION_STATE_PAUSE',
-    'STEP_SIMULATION_SINGLE',
-    'STEP_SIMULATION_MULTIPLE',
+    *('SIMULATION_RESET', 'SIMULATION_RESET_STATE', 'SIMULATION_STATE_GETTING'),
+    *('SIMULATION_STATE_SETTING', 'SIMULATION_STATE_PAUSE'),
+    *('STEP_SIMULATION_SINGLE', 'STEP_SIMULATION_MULTIPLE'),
 )
 
 
@@ -156,13 +152,11 @@ class StandardServices:
         """Continue, pause or stop the simulation. To stop means to pause and reset it."""
         known, wanted = self._messages.SimulationState, request.state.state
         if wanted not in (known.STATE_PLAYING, known.STATE_PAUSED, known.STATE_STOPPED):
-            return self._unsupported(
-                response, f'state = {wanted} must be playing, paused or stopped'
-            )
+            complaint = f'state = {wanted} must be playing, paused or stopped'
+            return self._unsupported(response, complaint)
         if wanted == self._state():
-            response.result.result = (
-                self._types.SetSimulationState.Response.ALREADY_IN_TARGET_STATE
-            )
+            codes = self._types.SetSimulationState.Response
+            response.result.result = codes.ALREADY_IN_TARGET_STATE
             return response
         complaint = self._control.pause(wanted != known.STATE_PLAYING)
         self._stopped_at = None
@@ -180,11 +174,11 @@ class StandardServices:
         """Put the chain into its initial state. A request to reset the time is rejected."""
         scopes = self._types.ResetSimulation.Request
         if request.scope not in (scopes.SCOPE_STATE, scopes.SCOPE_STATE | scopes.SCOPE_SPAWNED):
-            return self._unsupported(
-                response,
+            complaint = (
                 f'scope = {request.scope} must include the state and exclude the time, which '
-                f'never decreases; request SCOPE_STATE = {scopes.SCOPE_STATE}',
+                f'never decreases; request SCOPE_STATE = {scopes.SCOPE_STATE}'
             )
+            return self._unsupported(response, complaint)
         complaint = self._services.reset(Reset.Request(state=Reset.Request.INITIAL))
         return self._answered(response, complaint)
 

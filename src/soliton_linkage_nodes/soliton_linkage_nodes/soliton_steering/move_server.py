@@ -30,15 +30,9 @@ class MoveServer(ActionServer):
         cancel: Callable[[ServerGoalHandle], CancelResponse],
     ) -> None:
         """Create the server; it calls `take` with accepted and `cancel` with cancelled goals."""
-        super().__init__(
-            node,
-            MoveSoliton,
-            interfaces.MOVE_SOLITON,
-            lambda _: None,
-            handle_accepted_callback=self._take,
-            cancel_callback=cancel,
-            **ACTION_QOS,
-        )
+        action = MoveSoliton, interfaces.MOVE_SOLITON, lambda _: None
+        calls = {'handle_accepted_callback': self._take, 'cancel_callback': cancel}
+        super().__init__(node, *action, **calls, **ACTION_QOS)
         self._on_goal = take
         self.goal: ServerGoalHandle | None = None
         """Active goal, or None."""
@@ -71,13 +65,12 @@ class MoveServer(ActionServer):
     def publish_feedback(self, wall: WallState | None, phonon_energy: float) -> None:
         """Publish feedback on the active goal, unless the last feedback is younger than 0.1 s."""
         now = time.monotonic()
-        if (
-            self.goal is not None
-            and wall is not None
-            and now - self._feedback_time >= _FEEDBACK_PERIOD
-        ):
+        due = now - self._feedback_time >= _FEEDBACK_PERIOD
+        if due and self.goal is not None and wall is not None:
             self._feedback_time = now
-            self.goal.publish_feedback(move_feedback_to_msg(wall, phonon_energy))
+            feedback = MoveSoliton.Feedback(rotor=wall.site, speed=wall.speed)
+            feedback.phonon_energy = phonon_energy
+            self.goal.publish_feedback(feedback)
 
     def conclude(self, ended: MoveResult) -> None:
         """End the active goal with a result. Without an active goal nothing happens."""
@@ -95,23 +88,7 @@ class MoveServer(ActionServer):
         else:
             handle.abort()
         if self._node_of_server.executor is not None:
-            super().notify_execute(handle, lambda _: move_result_to_msg(ended))
-
-
-_OUTCOMES = {
-    outcome: getattr(MoveSoliton.Result, outcome.name)
-    for outcome in Outcome
-    if outcome is not Outcome.STOPPED
-} | {Outcome.STOPPED: MoveSoliton.Result.CANCELLED}
-
-
-def move_result_to_msg(ended: MoveResult) -> MoveSoliton.Result:
-    """Return the result message of a move."""
-    return MoveSoliton.Result(
-        outcome=_OUTCOMES[ended.outcome], message=ended.message, rotor=ended.site
-    )
-
-
-def move_feedback_to_msg(wall: WallState, phonon_energy: float) -> MoveSoliton.Feedback:
-    """Return the feedback message of a move. `phonon_energy` is in [J]."""
-    return MoveSoliton.Feedback(rotor=wall.site, speed=wall.speed, phonon_energy=phonon_energy)
+            kind, stopped = MoveSoliton.Result, ended.outcome is Outcome.STOPPED
+            code = getattr(kind, 'CANCELLED' if stopped else ended.outcome.name)
+            result = kind(outcome=code, message=ended.message, rotor=ended.site)
+            super().notify_execute(handle, lambda _: result)

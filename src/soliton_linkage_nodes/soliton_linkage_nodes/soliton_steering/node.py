@@ -51,18 +51,10 @@ class SolitonSteeringParameters:
     )
     torque_limit: float = quantity(0.1, 'largest torque of an actuator', 'N m', 1e-9, 1e6)
     strain_limit: float = quantity(
-        0.1,
-        'largest deflection of a rotor against the springs, if some joints have no actuator',
-        'rad',
-        1e-6,
-        1.0,
+        0.1, 'largest deflection of a rotor, if some joints have no actuator', 'rad', 1e-6, 1.0
     )
     tolerance: float = quantity(
-        0.1,
-        'largest distance from the goal at the end of a successful move',
-        'rotor spacings',
-        1e-3,
-        1.0,
+        0.1, 'largest distance from the goal after a successful move', 'rotor spacings', 1e-3, 1.0
     )
     state_timeout: float = quantity(
         0.5, 'time without joint_states after which a soliton is released as lost', 's', 1e-2, 60.0
@@ -176,9 +168,8 @@ class SolitonSteering(ManagedNode):
         self.chain: SteeredChain | None = None
         self.freshness = Freshness(self.settings.state_timeout)
         self._decoder, self._assembler = JointStateDecoder(), SerializedFrames()
-        diagnostics = self.diagnostics = Diagnostics(
-            self, 'steering', self.reporting(self._report)
-        )
+        report = self.reporting(self._report)
+        diagnostics = self.diagnostics = Diagnostics(self, 'steering', report)
         self.torques = interfaces.ROTOR_TORQUES.publisher(self)
         self._recent: deque[bytes] = deque(maxlen=_OBSERVER_FRAMES)
         take_chain = diagnostics.guarded('chain', self._on_chain)
@@ -206,10 +197,8 @@ class SolitonSteering(ManagedNode):
         self.create_service(Trigger, '~/release', self._on_release)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._watch = self.create_timer(_POLL_INTERVAL, self._on_watch, clock=steady)
-        actuated = len(self.settings.actuated_joints) or 'all'
-        self.get_logger().info(
-            f'steering the soliton of {source.description} by {actuated} joints'
-        )
+        joints = f'{len(self.settings.actuated_joints) or "all"} joints'
+        self.get_logger().info(f'steering the soliton of {source.description} by {joints}')
 
     @property
     def site(self) -> float:
@@ -307,26 +296,18 @@ class SolitonSteering(ManagedNode):
 
     def _start_move(self, request: MoveSoliton.Goal) -> MoveResult | None:
         """Start the move that a client requests. Return None, or the result of a rejection."""
+        unreachable, unseen = Outcome.OUT_OF_REACH, Outcome.NO_SOLITON
         if not self.active:
-            return MoveResult(
-                Outcome.OUT_OF_REACH, 'the steering is not active; activate it first', math.nan
-            )
+            reason = 'the steering is not active; activate it first'
+            return MoveResult(unreachable, reason, math.nan)
         if self.chain is None:
-            return MoveResult(
-                Outcome.NO_SOLITON,
-                'the chain is unknown; publish chain or set chain_from to parameters',
-                math.nan,
-            )
+            reason = 'the chain is unknown; publish chain or set chain_from to parameters'
+            return MoveResult(unseen, reason, math.nan)
         if self.freshness.stale:
-            return MoveResult(
-                Outcome.NO_SOLITON, f'no fresh joint_states: {self.freshness}', math.nan
-            )
+            return MoveResult(unseen, f'no fresh joint_states: {self.freshness}', math.nan)
         if not self.torques.get_subscription_count():
-            return MoveResult(
-                Outcome.OUT_OF_REACH,
-                'nothing subscribes to rotor_torques; start the simulator first',
-                self.site,
-            )
+            reason = 'nothing subscribes to rotor_torques; start the simulator first'
+            return MoveResult(unreachable, reason, self.site)
         return self.chain.steering.move(request.rotor, request.speed)
 
     def _on_cancel(self, handle: ServerGoalHandle) -> CancelResponse:
@@ -408,8 +389,6 @@ def report(chain: SteeredChain | None, silent: bool, server: MoveServer) -> Repo
         'deviations left out': '' if chain is None else chain.limitation,
         'holding': chain is not None and chain.steering.holding,
         'last move': '' if ended is None else f'{ended.outcome.value}: {ended.message}',
-        'gentle speed [rotor spacings/s]': (
-            math.nan if chain is None else chain.steering.adiabatic_speed
-        ),
+        'gentle speed [rotor spacings/s]': chain.steering.adiabatic_speed if chain else math.nan,
     }
     return Report(message, values, warning=wall is None)

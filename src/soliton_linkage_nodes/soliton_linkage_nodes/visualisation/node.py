@@ -49,11 +49,7 @@ class VisualisationParameters:
     kymograph_rate: float = quantity(10.0, 'highest rate of pictures', 'Hz', 0.1, 30.0)
     kymograph_length: float = quantity(20.0, 'time span of a picture', 's', 1.0, 600.0)
     kick_shown: float = quantity(
-        3.0,
-        'time for which the last kick is shown after its end, 0 until the next kick',
-        's',
-        0.0,
-        86_400.0,
+        3.0, 'time for which the last kick is shown, 0: until the next kick', 's', 0.0, 86_400.0
     )
 
 
@@ -87,14 +83,11 @@ class Visualisation(GuardedNode):
         )
         self.observed = ObservedChain(self._inbox, self)
         self._description = interfaces.ROBOT_DESCRIPTION.publisher(self)
+        length, rate = settings.kymograph_length, settings.kymograph_rate
         self._drawings = (
             MarkerPublisher(interfaces.MARKERS.publisher(self), settings.kick_shown),
             PosePublisher(interfaces.SOLITON_POSE.publisher(self)),
-            KymographPublisher(
-                interfaces.KYMOGRAPH.publisher(self),
-                settings.kymograph_length,
-                settings.kymograph_rate,
-            ),
+            KymographPublisher(interfaces.KYMOGRAPH.publisher(self), length, rate),
         )
         self._busy, self._rest_until, self._searched = 0.0, 0.0, 0.0
         self._reported = (time.monotonic(), 0.0)

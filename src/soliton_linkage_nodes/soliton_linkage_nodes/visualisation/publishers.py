@@ -193,33 +193,22 @@ class MarkerPublisher(DrawingPublisher):
         shapes.append(scene.kick(chain.angles, impulses))
         markers = [lines_to_msg(header, *shape) for shape in shapes]
         markers += self._solitons(header, scene, chain)
-        colour = (*shares(GREY), 1.0)
-        markers.append(
-            text_to_msg(header, 'figures', scene.above, scene.lettering, colour, chain.describe())
-        )
+        size, colour = scene.lettering, (*shares(GREY), 1.0)
+        markers.append(text_to_msg(header, 'figures', scene.above, size, colour, chain.describe()))
         if self._clear:
             markers.insert(0, Marker(header=header, action=Marker.DELETEALL))
             self._clear = False
         self._publish(MarkerArray(markers=markers))
 
     def _solitons(self, header: Header, scene: ChainScene, chain: ObservedChain) -> list[Marker]:
-        boxes = scene.boxes([(wall.position, wall.deviation) for wall in chain.walls])
-        markers = [
-            box_to_msg(
-                header,
-                _WALLS,
-                number,
-                (box.position, 0.0, 0.0),
-                (box.length, scene.width, box.height),
-                (*shares(RED), _OPACITY),
-            )
-            for number, box in enumerate(boxes)
-        ]
-        gone = range(len(boxes), self._walls)
-        self._walls = len(boxes)
-        return markers + [
-            Marker(header=header, ns=_WALLS, id=number, action=Marker.DELETE) for number in gone
-        ]
+        boxes = scene.boxes([(wall.position, wall.position_deviation) for wall in chain.walls])
+        colour, markers = (*shares(RED), _OPACITY), []
+        for number, box in enumerate(boxes):
+            centre, size = (box.position, 0.0, 0.0), (box.length, scene.width, box.height)
+            markers.append(box_to_msg(header, _WALLS, number, centre, size, colour))
+        gone, self._walls = range(len(boxes), self._walls), len(boxes)
+        action = Marker.DELETE
+        return markers + [Marker(header=header, ns=_WALLS, id=n, action=action) for n in gone]
 
 
 class PosePublisher(DrawingPublisher):
@@ -234,7 +223,7 @@ class PosePublisher(DrawingPublisher):
         """Publish the pose of the first soliton, if its position is known."""
         if not chain.walls or not self._wanted(chain.states):
             return
-        position, deviation, *_ = chain.walls[0]
+        position, deviation = chain.walls[0].position, chain.walls[0].position_deviation
         if math.isfinite(position) and math.isfinite(deviation):
             header = Header(stamp=chain.state_stamp, frame_id=chain.frame)
             self._publish(pose_to_msg(header, position, deviation))

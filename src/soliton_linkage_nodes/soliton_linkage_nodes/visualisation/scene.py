@@ -65,11 +65,8 @@ class ChainScene:
         middle, length = float(chain.pivots[-1]) / 2, float(chain.pivots[-1]) + chain.spacing
         self.lettering = length / _LETTERS
         """Height of letters [m]."""
-        self.above = (
-            middle,
-            0.0,
-            _WALL_HEIGHT * float(chain.rotor_lengths.max()) + 2 * self.lettering,
-        )
+        self._wall_height = _WALL_HEIGHT * float(chain.rotor_lengths.max())
+        self.above = (middle, 0.0, self._wall_height + 2 * self.lettering)
         """Position of the text [m]."""
         self._size = _LONGEST * max(chain.rotor_length, chain.spacing)
         self._largest = 0.0
@@ -96,9 +93,8 @@ class ChainScene:
 
     def boxes(self, walls: Sequence[tuple[float, float]]) -> list[WallBox]:
         """Return the boxes of walls, given by position and standard deviation [m], without NaN."""
-        height = _WALL_HEIGHT * float(self.chain.rotor_lengths.max())
         return [
-            WallBox(position, max(4 * deviation, self.width), height)
+            WallBox(position, max(4 * deviation, self.width), self._wall_height)
             for position, deviation in walls
             if math.isfinite(position) and math.isfinite(deviation)
         ]

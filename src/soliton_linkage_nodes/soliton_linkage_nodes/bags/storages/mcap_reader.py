@@ -6,7 +6,7 @@ from __future__ import annotations
 import heapq
 import struct
 from collections import Counter
-from collections.abc import Collection, Generator, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
@@ -20,6 +20,7 @@ from soliton_linkage_nodes.bags.storages.storage import (
     LAST_STAMP,
     LimitedReader,
     Message,
+    Messages,
     connection,
     summary_of,
 )
@@ -103,11 +104,8 @@ class IndexedMcap(LimitedReader):
         self._data = b''
 
     def messages(
-        self,
-        connections: Collection[Connection],
-        start: int | None = None,
-        stop: int | None = None,
-    ) -> Generator[tuple[Connection, int, bytes], None, None]:
+        self, connections: Iterable[Connection], start: int | None = None, stop: int | None = None
+    ) -> Messages:
         """Yield topic, receive time [ns] and bytes of messages of some topics in [start, stop)."""
         wanted = {each.id: each for each in connections}
         first = 0 if start is None else start
@@ -121,13 +119,8 @@ class IndexedMcap(LimitedReader):
         return set(counts) <= self._channels.keys() and schemas <= self._schemas.keys()
 
     def _take_record(self, opcode: int, body: Bytes) -> None:
-        if opcode == Opcode.SCHEMA:
-            schema = mcap.parse_schema(body)
-            self._schemas[schema.id] = schema
-        elif opcode == Opcode.CHANNEL:
-            channel = mcap.parse_channel(body)
-            self._channels[channel.id] = channel
-        elif opcode == Opcode.CHUNK_INDEX:
+        mcap.define(opcode, body, self._schemas, self._channels)
+        if opcode == Opcode.CHUNK_INDEX:
             fields = mcap.Fields(body)
             part = _Stretch(*_CHUNK_INDEX.unpack(fields.take(_CHUNK_INDEX.size)))
             fields.sized()

@@ -103,19 +103,10 @@ def channel_record(channel: Channel) -> bytes:
 def topic_of(channel: Channel, schemas: Mapping[int, Schema]) -> StoredTopic:
     """Return the topic of a channel; without the schema of the channel, its type is unknown."""
     schema = schemas.get(channel.schema) or Schema(0, '', 'ros2msg' if channel.schema else '', b'')
-    texts = dict(channel.metadata)
-    digest, profiles = texts.pop(_DIGEST, ''), texts.pop(_PROFILES, '')
-    return StoredTopic(
-        channel.id,
-        channel.topic,
-        schema.name,
-        schema.data.decode(errors='surrogateescape'),
-        schema.encoding,
-        digest,
-        profiles,
-        channel.encoding,
-        tuple(texts.items()),
-    )
+    texts, definition = dict(channel.metadata), schema.data.decode(errors='surrogateescape')
+    own = schema.encoding, texts.pop(_DIGEST, ''), texts.pop(_PROFILES, ''), channel.encoding
+    about = tuple(texts.items())
+    return StoredTopic(channel.id, channel.topic, schema.name, definition, *own, about)
 
 
 def channel_of(topic: StoredTopic, schema: int) -> Channel:
@@ -237,9 +228,20 @@ def parse_schema(body: Bytes) -> Schema:
 def parse_channel(body: Bytes) -> Channel:
     """Return the channel in a record; ValueError if it is invalid."""
     fields = Fields(body)
-    return Channel(
-        fields.number(2), fields.number(2), fields.text(), fields.text(), fields.text_map()
-    )
+    number, schema = fields.number(2), fields.number(2)
+    return Channel(number, schema, fields.text(), fields.text(), fields.text_map())
+
+
+def define(
+    opcode: int, body: Bytes, schemas: dict[int, Schema], channels: dict[int, Channel]
+) -> None:
+    """Add the schema or channel in a record, if it has one; ValueError if it is invalid."""
+    if opcode == Opcode.SCHEMA:
+        schema = parse_schema(body)
+        schemas[schema.id] = schema
+    elif opcode == Opcode.CHANNEL:
+        channel = parse_channel(body)
+        channels[channel.id] = channel
 
 
 def parse_message(body: Bytes) -> Message:

@@ -15,13 +15,7 @@ from zlib import crc32
 from soliton_linkage_nodes.bags.guards import map_file, release_pages
 from soliton_linkage_nodes.bags.metadata import custom_data_of
 from soliton_linkage_nodes.bags.storages import mcap_records as mcap
-from soliton_linkage_nodes.bags.storages.mcap_records import (
-    Bytes,
-    Channel,
-    ChunkHead,
-    Opcode,
-    Schema,
-)
+from soliton_linkage_nodes.bags.storages.mcap_records import Bytes, ChunkHead, Opcode
 from soliton_linkage_nodes.bags.storages.storage import LAST_STAMP, Message, RecoveredFile
 from soliton_linkage_nodes.bags.stored_topic import completed
 
@@ -54,22 +48,19 @@ class RecoveredMcap(RecoveredFile):
 
     def _scan(self, path: Path) -> None:
         self._found: list[_Chunk | _Run] = []
-        self._schemas: dict[int, Schema] = {}
-        self._channels: dict[int, Channel] = {}
-        self._unverified_schemas: dict[int, Schema] = {}
-        self._unverified_channels: dict[int, Channel] = {}
+        self._schemas: dict[int, mcap.Schema] = {}
+        self._channels: dict[int, mcap.Channel] = {}
+        self._unverified_schemas: dict[int, mcap.Schema] = {}
+        self._unverified_channels: dict[int, mcap.Channel] = {}
         self._footer = False
         self._after_damage = False
         self._sizes: dict[int, int] = {}
         self._data = map_file(path)
         self._budget = self._limits.for_file(len(self._data))
         self._scan_records()
-        channels = {**self._unverified_channels, **self._channels}
-        self._schemas = {**self._unverified_schemas, **self._schemas}
-        self.topics = {
-            number: completed(mcap.topic_of(channel, self._schemas))
-            for number, channel in channels.items()
-        }
+        schemas = self._unverified_schemas | self._schemas
+        channels = (self._unverified_channels | self._channels).items()
+        self.topics = {n: completed(mcap.topic_of(channel, schemas)) for n, channel in channels}
 
     def _messages(self) -> Iterator[Message]:
         chunked = any(isinstance(part, _Chunk) for part in self._found)
@@ -102,11 +93,8 @@ class RecoveredMcap(RecoveredFile):
         if not whole and not chunk.cut:
             messages = mcap.messages_in(records, strict=False)
             count = 0 if self._doubtful else sum(1 for _ in messages)
-            self.report_damage(
-                f'the chunk at byte {chunk.offset} has a wrong checksum: '
-                f'{count} messages left out',
-                count,
-            )
+            where = f'the chunk at byte {chunk.offset} has a wrong checksum'
+            self.report_damage(f'{where}: {count} messages left out', count)
 
     def _counted(self, records: Bytes) -> Iterator[Message]:
         for message in mcap.messages_in(records, strict=False):
@@ -153,7 +141,7 @@ class RecoveredMcap(RecoveredFile):
             # If the length of this record is wrong, the records after it would be skipped.
             if mcap.extra_bytes(opcode, body) and not _may_follow(self._data, end):
                 return None
-            self._define(opcode, body, self._unverified_schemas, self._unverified_channels)
+            mcap.define(opcode, body, self._unverified_schemas, self._unverified_channels)
             self._take_file_record(offset, opcode, body)
         except ValueError:
             return None
@@ -209,7 +197,7 @@ class RecoveredMcap(RecoveredFile):
         self._after_damage = False
         for _, opcode, body in mcap.records_in(records):
             with suppress(ValueError):
-                self._define(opcode, body, self._schemas, self._channels)
+                mcap.define(opcode, body, self._schemas, self._channels)
 
     def _packed(self, chunk: _Chunk) -> Bytes:
         begin = chunk.begin + chunk.head.begin
@@ -246,16 +234,6 @@ class RecoveredMcap(RecoveredFile):
                 known = {**self._unverified_channels, **self._channels}
                 return message.topic in known and message.stamp <= LAST_STAMP
         return False
-
-    def _define(
-        self, opcode: int, body: Bytes, schemas: dict[int, Schema], channels: dict[int, Channel]
-    ) -> None:
-        if opcode == Opcode.SCHEMA:
-            schema = mcap.parse_schema(body)
-            schemas[schema.id] = schema
-        elif opcode == Opcode.CHANNEL:
-            channel = mcap.parse_channel(body)
-            channels[channel.id] = channel
 
     def _take_file_record(self, offset: int, opcode: int, body: Bytes) -> None:
         if opcode == Opcode.METADATA:

@@ -72,17 +72,12 @@ class McapWriter:
         self._define(mcap.channel_record(channel))
 
     def write(
-        self,
-        number: int,
-        stamp: int,
-        serialized: bytes,
-        published: int | None = None,
-        sequence: int = 0,
+        self, number: int, stamp: int, data: bytes, published: int | None = None, sequence: int = 0
     ) -> None:
         """Add a message of a topic with its receive time `stamp` and its publish time [ns]."""
         self._entries[number] += (stamp, self._chunk.tell())
-        self._chunk.write(mcap.message_head(number, stamp, len(serialized), published, sequence))
-        self._chunk.write(serialized)
+        self._chunk.write(mcap.message_head(number, stamp, len(data), published, sequence))
+        self._chunk.write(data)
         self.counts[number] += 1
         if self._chunk.tell() > _LARGEST_CHUNK:
             self.flush()
@@ -194,15 +189,9 @@ class McapWriter:
 
     def _statistics(self) -> bytes:
         counts = b''.join(struct.pack('<HQ', number, n) for number, n in self.counts.items())
-        head = struct.pack(
-            '<QHIIII',
-            sum(self.counts.values()),
-            len(self._schemas),
-            len(self._channels),
-            len(self._attachments),
-            len(self._metadata),
-            len(self._chunk_indexes),
-        )
+        held = (self._schemas, self._channels, self._attachments, self._metadata)
+        numbers = map(len, (*held, self._chunk_indexes))
+        head = struct.pack('<QHIIII', sum(self.counts.values()), *numbers)
         span = struct.pack('<QQ', *(self.span or (0, 0)))
         return mcap.record(Opcode.STATISTICS, head, span, mcap.sized(counts))
 

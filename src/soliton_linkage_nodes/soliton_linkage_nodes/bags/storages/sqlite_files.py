@@ -6,8 +6,9 @@ from __future__ import annotations
 import shutil
 import sqlite3
 import time
-from collections.abc import Collection, Generator, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -19,6 +20,7 @@ from soliton_linkage_nodes.bags.metadata import custom_data_of
 from soliton_linkage_nodes.bags.storages.storage import (
     LimitedReader,
     Message,
+    Messages,
     RecoveredFile,
     connection,
     summary_of,
@@ -121,7 +123,7 @@ class Tables:
         return found[0], found[1]
 
     def topics(self) -> Iterator[tuple[Any, ...]]:
-        """Yield number, name, type, serialization, QoS, hash and definition of each topic."""
+        """Yield the fields of a `StoredTopic` for each topic, without checks of their types."""
         definitions: dict[Any, tuple[Any, Any]] = {}
         if self.columns('message_definitions'):
             columns = ('topic_type', 'encoding', 'encoded_message_definition')
@@ -129,8 +131,11 @@ class Tables:
                 definitions.setdefault(name, (encoding, text))
         held = self.columns('topics')
         later = [n for n in ('offered_qos_profiles', 'type_description_hash') if n in held]
-        for row in self.rows('topics', (*_TOPIC, *later), 'ORDER BY id'):
-            yield *(*row, '', '')[:6], *definitions.get(row[2], ('', ''))
+        rows = self.rows('topics', (*_TOPIC, *later), 'ORDER BY id')
+        for number, name, kind, serialization, *more in rows:
+            profiles, digest = (*more, '', '')[:2]
+            encoding, text = definitions.get(kind, ('', ''))
+            yield number, name, kind, text, encoding, digest, profiles, serialization
 
     def _check(self, table: str, columns: Sequence[str]) -> None:
         """Raise sqlite3.Error unless a table has given columns; restart the time limit."""
@@ -175,24 +180,19 @@ class StoredSqlite(LimitedReader):
         self._folder.cleanup()
 
     def messages(
-        self,
-        connections: Collection[Connection],
-        start: int | None = None,
-        stop: int | None = None,
-    ) -> Generator[tuple[Connection, int, bytes], None, None]:
+        self, connections: Iterable[Connection], start: int | None = None, stop: int | None = None
+    ) -> Messages:
         """Yield topic, receive time [ns] and bytes of messages of some topics in [start, stop)."""
         if self._tables is None:
             raise sqlite3.ProgrammingError('the file is not open')
         wanted = {each.id: each for each in connections}
         numbers = list(wanted) if len(wanted) <= _MOST_SELECTED else []
-        clauses = [f'topic_id IN ({", ".join("?" for _ in numbers)})'] if numbers else []
-        values: list[Any] = [*numbers]
-        for clause, bound in (('timestamp >= ?', start), ('timestamp < ?', stop)):
-            if bound is not None:
-                clauses.append(clause)
-                values.append(bound)
-        where = f'WHERE {" AND ".join(clauses)}' if clauses else ''
-        rows = self._tables.rows('messages', _MESSAGE, f'{where} ORDER BY timestamp', values)
+        bounds = {'timestamp >= ?': start, 'timestamp < ?': stop}
+        given = {clause: bound for clause, bound in bounds.items() if bound is not None}
+        chosen = [f'topic_id IN ({", ".join("?" for _ in numbers)})'] if numbers else []
+        where = f'WHERE {" AND ".join([*chosen, *given])}' if chosen or given else ''
+        order, values = f'{where} ORDER BY timestamp', [*numbers, *given.values()]
+        rows = self._tables.rows('messages', _MESSAGE, order, values)
         for number, stamp, data in rows:
             if not (isinstance(stamp, int) and isinstance(data, bytes)):
                 raise ValueError(
@@ -204,14 +204,10 @@ class StoredSqlite(LimitedReader):
 
     def _read_topics_and_times(self, tables: Tables) -> None:
         counts = tables.counts('messages', 'topic_id')
-        for row in tables.topics():
-            number, *texts = row
+        for number, *texts in tables.topics():
             if not isinstance(number, int) or not all(isinstance(each, str) for each in texts):
                 raise ValueError('its table of topics is damaged')
-            name, type_name, serialization, profiles, digest, encoding, text = texts
-            topic = StoredTopic(
-                number, name, type_name, text, encoding, digest, profiles, serialization
-            )
+            topic = StoredTopic(number, *texts)
             self.connections.append(connection(self, topic, counts.get(number, 0)))
         span = tables.extremes('messages', 'timestamp') if counts else None
         for stamp in span or ():
@@ -277,21 +273,9 @@ class RecoveredSqlite(RecoveredFile):
                 self.custom_data.update(custom_data_of(_text(text)))
         for number, *fields in tables.topics():
             if isinstance(number, int):
-                name, type_name, serialization, profiles, digest, encoding, text = map(
-                    _text, fields
-                )
-                self.topics[number] = completed(
-                    StoredTopic(
-                        number,
-                        name,
-                        type_name,
-                        text,
-                        encoding or 'ros2msg',
-                        digest,
-                        profiles,
-                        serialization,
-                    )
-                )
+                topic = StoredTopic(number, *map(_text, fields))
+                encoding = topic.definition_format or 'ros2msg'
+                self.topics[number] = completed(replace(topic, definition_format=encoding))
 
 
 def _with_journal(path: Path, folder: Path, excess: int = 0) -> Path:

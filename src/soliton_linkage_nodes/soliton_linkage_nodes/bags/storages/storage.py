@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -42,6 +42,10 @@ class Message(NamedTuple):
     data: bytes
 
 
+Messages = Generator[tuple[Connection, int, bytes], None, None]
+"""Topic, receive time [ns] and bytes of each message."""
+
+
 class LimitedReader:
     """Base class of readers with the interface of rosbags. Set `limits` before `open`."""
 
@@ -57,16 +61,8 @@ def connection(owner: ReaderProtocol, topic: StoredTopic, count: int) -> Connect
     known = kind is not MessageDefinitionFormat.NONE
     definition = MessageDefinition(kind, topic.definition if known else '')
     extension = ConnectionExtRosbag2(topic.serialization, parse_profiles(topic.profiles))
-    return Connection(
-        topic.number,
-        topic.name,
-        topic.type_name,
-        definition,
-        topic.digest,
-        count,
-        extension,
-        owner,
-    )
+    names = topic.number, topic.name, topic.type_name
+    return Connection(*names, definition, topic.digest, count, extension, owner)
 
 
 def parse_profiles(profiles: str | Sequence[Any]) -> list[Qos]:
@@ -86,17 +82,11 @@ def summary_of(
     custom: dict[str, str] | None = None,
 ) -> ReaderMetadata:
     """Return the metadata of a bag with the first and last receive time [ns] in `span`."""
-    start, end = span or (LAST_STAMP, LAST_STAMP)
-    count = sum(each.msgcount for each in connections)
-    return ReaderMetadata(
-        end - start + 1 if span else 0,
-        start,
-        end + 1 if span else 0,
-        count if span else 0,
-        *compression,
-        distribution,
-        custom,
-    )
+    times = 0, LAST_STAMP, 0, 0
+    if span:
+        start, end = span
+        times = end - start + 1, start, end + 1, sum(each.msgcount for each in connections)
+    return ReaderMetadata(*times, *compression, distribution, custom)
 
 
 class RecoveredFile(ABC):
@@ -139,9 +129,8 @@ class RecoveredFile(ABC):
         if nameless:
             self.report_damage(f'{nameless} messages have topics whose names are lost', nameless)
         if timeless:
-            self.report_damage(
-                f'{timeless} messages have stamps before 1970 or after 2262, unlike MCAP', timeless
-            )
+            why = 'messages have stamps before 1970 or after 2262, unlike MCAP'
+            self.report_damage(f'{timeless} {why}', timeless)
         self._conclude()
 
     def report_damage(self, damage: str, lost: int = 0) -> None:

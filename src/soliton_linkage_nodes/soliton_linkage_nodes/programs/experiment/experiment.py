@@ -39,14 +39,9 @@ _PAGE = 'live_view'
 _ALL_FRAMES = ['-p', 'longest_lag:=0.0']
 """Argument with which the live and the replayed analyser process every frame."""
 _UNUSED = (
-    interfaces.IDENTIFIED_CHAIN,
-    interfaces.JOINT_STATE_DEVIATIONS,
-    interfaces.EDGE_COMMAND,
-    interfaces.JOINT_COMMANDS,
-    interfaces.EFFORT_COMMANDS,
-    interfaces.JOINT_TRAJECTORY,
-    interfaces.TILT,
-    interfaces.DIAGNOSTICS,
+    *(interfaces.IDENTIFIED_CHAIN, interfaces.JOINT_STATE_DEVIATIONS, interfaces.DIAGNOSTICS),
+    *(interfaces.EDGE_COMMAND, interfaces.JOINT_COMMANDS, interfaces.EFFORT_COMMANDS),
+    *(interfaces.JOINT_TRAJECTORY, interfaces.TILT),
 )
 _RECORDED_TOPICS = {f'/{topic.name}' for topic in interfaces.SUITE_TOPICS if topic not in _UNUSED}
 _REPORT_LIMIT = 6.2
@@ -154,28 +149,22 @@ class Experiment:
         )
 
     def _unready(self) -> str:
-        reports = [
-            f'{node}: {self._observer.reports[node].message}'
-            if node in self._observer.reports
-            else f'{node}: no report'
-            for node in _NODES
-        ]
-        return f'the nodes were not ready after {START_LIMIT:g} s: ' + '; '.join(reports)
+        known = {node: report.message for node, report in self._observer.reports.items()}
+        reports = '; '.join(f'{node}: {known.get(node, "no report")}' for node in _NODES)
+        return f'the nodes were not ready after {START_LIMIT:g} s: {reports}'
 
     def _drive(self) -> None:
         settings = self._settings
         speed, cycles = settings.nudge, settings.burst_cycles
         if cycles:
-            _print(
-                f'Driving rotor 0 with {cycles:g} periods at {settings.burst_frequency:g} rad/s.'
-            )
+            frequency = settings.burst_frequency
+            _print(f'Driving rotor 0 with {cycles:g} periods at {frequency:g} rad/s.')
             self._observer.send_burst()
-            return
-        if not speed:
+        elif speed:
+            _print(f'Nudging the edge: a kick of {speed:g} rad/s along the zero mode.')
+            self._observer.nudge_publisher.publish(Float64(data=speed))
+        else:
             _print('The soliton starts by itself.')
-            return
-        _print(f'Nudging the edge: a kick of {speed:g} rad/s along the zero mode.')
-        self._observer.nudge_publisher.publish(Float64(data=speed))
 
     def _watch(self) -> None:
         """Show the soliton until it has returned, or until the time limit has passed."""
@@ -220,16 +209,9 @@ class Experiment:
         self._start('soliton_analyser', _ALL_FRAMES)
         topics_played = (interfaces.CHAIN, interfaces.DELIVERED_IMPULSES, interfaces.JOINT_STATES)
         topics = [topic.name for topic in topics_played]
-        self._start(
-            'bag_player',
-            [
-                *('-p', f'bag:={self.bag}'),
-                *('-p', f'topics:=[{",".join(topics)}]'),
-                *('-p', f'subscriber_timeout:={START_LIMIT}'),
-                *('-p', 'lockstep:=true'),
-                *('-p', 'start_paused:=true'),
-            ],
-        )
+        given = [f'bag:={self.bag}', f'topics:=[{",".join(topics)}]', 'lockstep:=true']
+        given += [f'subscriber_timeout:={START_LIMIT}', 'start_paused:=true']
+        self._start('bag_player', [word for each in given for word in ('-p', each)])
 
     def _draw(self) -> Any:
         with interruptible(self._stopping):
@@ -239,10 +221,8 @@ class Experiment:
 
     def _replay(self) -> dict[int, tuple[float, ...]]:
         """Play the bag into the second analyser, and return the soliton sites of each stamp."""
-        service = service_type('Resume')
-        resuming = self._observer.create_client(
-            service, 'bag_player/resume', qos_profile=SERVICE_QOS
-        )
+        service, name = service_type('Resume'), 'bag_player/resume'
+        resuming = self._observer.create_client(service, name, qos_profile=SERVICE_QOS)
         self._wait_until(
             lambda: self._replay_connected() and resuming.service_is_ready(),
             START_LIMIT,

@@ -149,9 +149,7 @@ class FilmedExperiment:
 
     def _errors(self, bag: Path, identified: NamedChain) -> PositionErrors:
         with open_bag(bag) as reader:
-            deviations = np.array(
-                [message.position for _, message in read_topic(reader, _DEVIATIONS)]
-            )
+            deviations = np.array([each.position for _, each in read_topic(reader, _DEVIATIONS)])
             frames = list(analyse_frames(reader, identified))
         found = np.array([_position(analysis) for _, analysis in frames])
         angles = np.array([joints.position for joints, _ in frames])
@@ -204,13 +202,9 @@ def describe_errors(errors: PositionErrors, spread: float) -> str:
 
 
 def _positions(chain: Chain, times: Array, angles: Array) -> Array:
-    analyser = Analyser(chain)
-    return np.array(
-        [
-            _position(analyser.analyse(round(time * SECOND), of_frame))
-            for time, of_frame in zip(times, angles, strict=True)
-        ]
-    )
+    analyser, frames = Analyser(chain), zip(times, angles, strict=True)
+    analyses = [analyser.analyse(round(time * SECOND), of_frame) for time, of_frame in frames]
+    return np.array([_position(each) for each in analyses])
 
 
 def _position(analysis: Analysis | None) -> tuple[float, float]:
@@ -265,15 +259,11 @@ _FIGURES = (
 
 def write_film_page(folder: Path, text: str) -> None:
     """Write index.html into the folder that contains the films and pictures."""
-    figures = ''.join(_figure(name, caption) for name, caption in _FIGURES)
+    video, image = '<video src="{}" controls muted loop></video>', '<img src="{}" alt="">'
+    figures = ''.join(
+        f'<figure>{(video if name.endswith(".mp4") else image).format(name)}'
+        f'<figcaption>{html.escape(caption)}</figcaption></figure>'
+        for name, caption in _FIGURES
+    )
     page = _PAGE.format(text=html.escape(text), figures=figures)
     (folder / 'index.html').write_text(page, encoding='utf-8')
-
-
-def _figure(name: str, caption: str) -> str:
-    shown = (
-        f'<video src="{name}" controls muted loop></video>'
-        if name.endswith('.mp4')
-        else f'<img src="{name}" alt="">'
-    )
-    return f'<figure>{shown}<figcaption>{html.escape(caption)}</figcaption></figure>'

@@ -29,11 +29,7 @@ class ExperimentParameters:
     scenario: str = quantity('flipper', 'name of the experiment and of its bag')
     nudge: float = quantity(10.0, 'speed of the kick that is published on nudge', 'rad/s')
     burst_cycles: float = quantity(
-        0.0,
-        'number of periods of a burst of torque on rotor 0 instead of the nudge; 0 for none',
-        '',
-        0.0,
-        1e6,
+        0.0, 'periods of a torque burst on rotor 0 in place of a nudge; 0: none', '', 0.0, 1e6
     )
     burst_frequency: float = quantity(0.0, 'angular frequency of the burst', 'rad/s', 0.0, 1e6)
     burst_torque: float = quantity(0.0, 'amplitude of the burst', 'N m', 0.0, 1e6)
@@ -148,11 +144,8 @@ class RoundTrip:
     def missing(self) -> str:
         """Return the error message for a soliton that did not return within the time limit."""
         rotor, settings = self._observer.rotor, self._observer.settings
-        where = (
-            'no soliton is visible now'
-            if math.isnan(rotor)
-            else f'the soliton is at rotor {rotor:.1f} now'
-        )
+        at = f'the soliton is at rotor {rotor:.1f} now'
+        where = 'no soliton is visible now' if math.isnan(rotor) else at
         return (
             f'no soliton crossed the chain and came back within {settings.time_limit:g} s after a '
             f'nudge of {settings.nudge:g} rad/s; {where}; raise the parameter nudge or time_limit'

@@ -78,12 +78,8 @@ def _run(options: argparse.Namespace, stopping: threading.Event) -> None:
                 experiment = Experiment(configuration, folder, Observer(), stopping, options.page)
                 bag = experiment.bag
                 summary = experiment.run()
-            print(
-                conclusion(summary, folder, bag),
-                *_suggestions(configuration),
-                sep='\n',
-                flush=True,
-            )
+            lines = [conclusion(summary, folder, bag), *_suggestions(configuration)]
+            print(*lines, sep='\n', flush=True)
     finally:
         rclpy.try_shutdown()
 
@@ -151,13 +147,14 @@ def conclusion(summary: dict[str, Any], folder: Path, bag: Path) -> str:
     """Return a text about a finished experiment with the paths of its results."""
     speed, lost = summary['speed_rotors_per_s'], summary['lost_messages']
     of_chain = f'the chain of {summary["rotors"]} rotors ({summary["motion"]})'
-    moved = (
-        f'A soliton crossed {of_chain} {summary["crossings"]} times'
-        + (f' at {speed:.2f} rotors/s.' if speed else '.')
-        if summary['crossings']
-        else f'The walls of {of_chain} were first at rotors {_listed(summary["first_sites"])}, '
-        f'and last at {_listed(summary["last_sites"])}.'
+    first, last = (
+        ', '.join(f'{site:.1f}' for site in summary[key]) or 'none'
+        for key in ('first_sites', 'last_sites')
     )
+    moved = f'The walls of {of_chain} were first at rotors {first}, and last at {last}.'
+    if summary['crossings']:
+        rate = f' at {speed:.2f} rotors/s' if speed else ''
+        moved = f'A soliton crossed {of_chain} {summary["crossings"]} times{rate}.'
     return f"""
 {moved}
 {summary['recorded_messages']} messages were recorded, {lost or 'none'} lost.
@@ -171,10 +168,6 @@ def conclusion(summary: dict[str, Any], folder: Path, bag: Path) -> str:
 """
 
 
-def _listed(sites: list[float]) -> str:
-    return ', '.join(f'{site:.1f}' for site in sites) or 'none'
-
-
 def _agreement(summary: dict[str, Any]) -> str:
     frames, missing = summary['replayed_messages'], summary['frames_missing_in_replay']
     if missing:
@@ -186,19 +179,14 @@ def _agreement(summary: dict[str, Any]) -> str:
 
 
 def _suggestions(configuration: Path) -> list[str]:
-    made = 'MAKELEVEL' in os.environ
-    others = [
-        f'make demo SCENARIO={path.stem}' if made else f'experiment {path}'
-        for path in other_scenarios(configuration)
-    ]
-    by_hand = (
-        'make shell, to drive a chain from topics'
-        if made
-        else 'nudge --help, to drive a chain from topics'
-    )
-    if made:
-        others.insert(0, 'make live, to push a chain with the mouse')
-    return ['Try next:', *(f'  {command}' for command in [*others, by_hand])]
+    others = other_scenarios(configuration)
+    commands = [f'experiment {path}' for path in others]
+    by_hand = 'nudge --help, to drive a chain from topics'
+    if 'MAKELEVEL' in os.environ:
+        made = [f'make demo SCENARIO={path.stem}' for path in others]
+        commands = ['make live, to push a chain with the mouse', *made]
+        by_hand = 'make shell, to drive a chain from topics'
+    return ['Try next:', *(f'  {command}' for command in [*commands, by_hand])]
 
 
 def other_scenarios(configuration: Path) -> list[Path]:

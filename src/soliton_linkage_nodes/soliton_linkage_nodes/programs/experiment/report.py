@@ -127,9 +127,8 @@ def summarise(run: RecordedRun) -> dict[str, Any]:
 
 def _events(reader: Reader) -> tuple[str, ...]:
     name = interfaces.SOLITON_EVENTS.name
-    if not any(each.topic.rpartition('/')[2] == name for each in reader.connections):
-        return ()
-    return tuple(event.kind_name for _, event in read_topic(reader, name))
+    recorded = any(each.topic.rpartition('/')[2] == name for each in reader.connections)
+    return tuple(event.kind_name for _, event in read_topic(reader, name)) if recorded else ()
 
 
 def _rate(received: list[int]) -> float:
