@@ -88,13 +88,9 @@ class BagFiles(LimitedReader):
         if filled:
             last = max(each.end_time for each in filled) - 1
             span = min(each.start_time for each in filled), last
-        self.metadata = summary_of(
-            self.connections,
-            span,
-            ('zstd', self._mode) if self._mode in ('file', 'message') else (None, None),
-            str(information.get('ros_distro') or ''),
-            custom_data_in(information) or None,
-        )
+        packed = ('zstd', self._mode) if self._mode in ('file', 'message') else (None, None)
+        about = str(information.get('ros_distro') or ''), custom_data_in(information) or None
+        self.metadata = summary_of(self.connections, span, packed, *about)
 
     def close(self) -> None:
         """Close the files."""

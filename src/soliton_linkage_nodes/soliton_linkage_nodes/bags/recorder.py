@@ -219,14 +219,9 @@ def _create_writer(settings: BagRecorderParameters) -> BagWriter:
     now = time.strftime('%Y_%m_%d-%H_%M_%S')
     name = Path(settings.output or f'recording_{now}')
     unfinished = unfinished_bag(name) if settings.append else None
-    return BagWriter(
-        name,
-        settings.compression,
-        settings.max_bag_size,
-        settings.max_bag_duration,
-        sync_interval=settings.sync_interval,
-        begun=take_over(unfinished) if unfinished else None,
-    )
+    begun = take_over(unfinished) if unfinished else None
+    sync, limits = settings.sync_interval, (settings.max_bag_size, settings.max_bag_duration)
+    return BagWriter(name, settings.compression, *limits, sync_interval=sync, begun=begun)
 
 
 def main() -> None:

@@ -66,13 +66,8 @@ def service_type(name: str) -> Any:
 
 
 def _filled(response: Any, success: bool, line: str, figures: Mapping[str, Any]) -> Any:
-    values = {
-        'success': success,
-        'message': line,
-        'return_code': 0 if success else 1,
-        'error_string': '' if success else line,
-        **figures,
-    }
+    values = {'success': success, 'message': line, 'return_code': int(not success)}
+    values |= {'error_string': '' if success else line, **figures}
     for name, value in values.items():
         if hasattr(response, name):
             setattr(response, name, value)

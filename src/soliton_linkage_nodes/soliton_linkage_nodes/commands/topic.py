@@ -49,13 +49,9 @@ def main(arguments: list[str]) -> int:
         '-1', '--once', action='store_true', help='wait for a subscriber and publish once'
     )
     times.add_argument('-t', '--times', type=int, default=0, help='number of messages [unlimited]')
-    publish.add_argument(
-        '-w',
-        '--wait-matching-subscriptions',
-        dest='subscribers',
-        type=int,
-        help='subscribers to wait for [1 with --once or --times, else 0]',
-    )
+    options = ('-w', '--wait-matching-subscriptions')
+    waiting = 'subscribers to wait for [1 with --once or --times, else 0]'
+    publish.add_argument(*options, dest='subscribers', type=int, help=waiting)
     return verbs.run(arguments)
 
 

@@ -164,12 +164,9 @@ class Verbs:
             name, help=summary, description=f'{summary[0].upper()}{summary[1:]}.'
         )
         parser.set_defaults(verb=verb)
+        text, limit = 'longest wait for names, services and subscribers [%(default)g]', 'SECONDS'
         parser.add_argument(
-            '--timeout',
-            type=float,
-            default=_FOUND_WITHIN,
-            metavar='SECONDS',
-            help='longest wait for names, services and subscribers [%(default)g]',
+            '--timeout', type=float, default=_FOUND_WITHIN, metavar=limit, help=text
         )
         return parser
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -115,11 +116,8 @@ def state_numbers(message: msg.SolitonState) -> Numbers:
 
 def soliton_values(message: msg.SolitonState) -> list[float]:
     """Return site [rotor spacings], standard deviation [m] and charge of each soliton."""
-    return [
-        value
-        for soliton in message.solitons
-        for value in (soliton.rotor, soliton.position_deviation, float(soliton.charge))
-    ]
+    found = ((s.rotor, s.position_deviation, float(s.charge)) for s in message.solitons)
+    return list(chain.from_iterable(found))
 
 
 def reports_from_msg(message: DiagnosticArray) -> list[NodeReport]:

@@ -354,12 +354,8 @@ def _parser() -> PlainParser:
     parser.add_argument('--missing-joints', action='store_true', help=missing)
     add_limits(parser)
     where = parser.add_mutually_exclusive_group()
-    where.add_argument(
-        '--workers',
-        type=process_count,
-        default=os.cpu_count() or 1,
-        help='number of parallel processes for several bags (one for each core)',
-    )
+    count = 'number of parallel processes for several bags (one for each core)'
+    where.add_argument('--workers', type=process_count, default=os.cpu_count() or 1, help=count)
     where.add_argument('--scheduler', help='address of a Dask cluster that shares the files')
     return parser
 

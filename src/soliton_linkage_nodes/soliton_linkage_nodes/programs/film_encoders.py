@@ -204,35 +204,18 @@ def _parser() -> PlainParser:
     parser = PlainParser(prog='film_encoders', description=__doc__)
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument('film', type=Path, nargs='?', help='file of a film, such as film.mp4')
-    source.add_argument(
-        '--camera',
-        type=int,
-        metavar='NUMBER',
-        help='number of a camera; the program measures until Ctrl-C',
-    )
-    parser.add_argument(
-        '--chain',
-        type=Path,
-        required=True,
-        metavar='FILE',
-        help='parameter file with chain.* and markers.*, such as config/flipper.yaml',
-    )
-    parser.add_argument(
-        '--markers',
-        type=Path,
-        metavar='FILE',
-        help='parameter file for which the markers were printed, if --chain is another file, '
-        'such as one of identify_chain',
-    )
-    parser.add_argument(
-        '--overlay',
-        type=Path,
-        metavar='FILM',
-        help='also write a film with the detected markers, such as out/overlay.mp4',
-    )
-    parser.add_argument(
-        '--camera-info', type=Path, metavar='FILE', help='calibration by calibrate_camera'
-    )
+    camera = 'number of a camera; the program measures until Ctrl-C'
+    source.add_argument('--camera', type=int, metavar='NUMBER', help=camera)
+    files = {
+        '--chain': 'parameter file with chain.* and markers.*, such as config/flipper.yaml',
+        '--markers': 'parameter file for which the markers were printed, if --chain is another '
+        'file, such as one of identify_chain',
+        '--overlay': 'also write a film with the detected markers, such as out/overlay.mp4',
+        '--camera-info': 'calibration by calibrate_camera',
+    }
+    for name, text in files.items():
+        needed = name == '--chain'
+        parser.add_argument(name, type=Path, required=needed, metavar='FILE', help=text)
     add_output(parser, 'out/film', 'path of the bag; _0 is appended')
     quantities = described_fields(CameraParameters)
     for option, name in (('--row-time', 'row_time'), ('--exposure', 'exposure')):

@@ -58,15 +58,10 @@ def main() -> None:
         ),
     )
     # Do not use `choices`, because argparse would print a rejected choice as a list.
-    parser.add_argument(
-        'nodes',
-        nargs='*',
-        metavar='NODE',
-        help=f'{", ".join(NODES)}; default: all nodes of one chain',
-    )
-    names = parse_own_arguments(parser, _known_to_ros(sys.argv[1:])).nodes or of_one_chain(
-        sys.argv
-    )
+    known = f'{", ".join(NODES)}; default: all nodes of one chain'
+    parser.add_argument('nodes', nargs='*', metavar='NODE', help=known)
+    named = parse_own_arguments(parser, _known_to_ros(sys.argv[1:])).nodes
+    names = named or of_one_chain(sys.argv)
     for name in names:
         if _kind(name) not in NODES:
             parser.error(f'unknown node {name!r}; choose from {", ".join(NODES)}')

@@ -141,6 +141,9 @@ class DrawingPublisher:
         self._subscribers = 0
         self._drawn = -1
 
+    def set_chain(self, named: NamedChain) -> None:
+        """Set the chain that is drawn, and clear the drawing."""
+
     def count_since(self) -> int:
         """Return the number of messages published since the previous call."""
         fresh = self._published - self._counted
@@ -215,9 +218,6 @@ class PosePublisher(DrawingPublisher):
     """Publisher of the position of the first soliton."""
 
     name = 'soliton_pose'
-
-    def set_chain(self, named: NamedChain) -> None:
-        """Do nothing, because the pose does not depend on the chain."""
 
     def draw(self, chain: ObservedChain) -> None:
         """Publish the pose of the first soliton, if its position is known."""

@@ -7,7 +7,7 @@ import os
 import struct
 import time
 from collections import Counter, defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sized
 from io import BytesIO
 from pathlib import Path
 from zlib import crc32
@@ -189,8 +189,8 @@ class McapWriter:
 
     def _statistics(self) -> bytes:
         counts = b''.join(struct.pack('<HQ', number, n) for number, n in self.counts.items())
-        held = (self._schemas, self._channels, self._attachments, self._metadata)
-        numbers = map(len, (*held, self._chunk_indexes))
+        held: list[Sized] = [self._schemas, self._channels, self._attachments, self._metadata]
+        numbers = map(len, [*held, self._chunk_indexes])
         head = struct.pack('<QHIIII', sum(self.counts.values()), *numbers)
         span = struct.pack('<QQ', *(self.span or (0, 0)))
         return mcap.record(Opcode.STATISTICS, head, span, mcap.sized(counts))

@@ -273,7 +273,8 @@ class RecoveredSqlite(RecoveredFile):
                 self.custom_data.update(custom_data_of(_text(text)))
         for number, *fields in tables.topics():
             if isinstance(number, int):
-                topic = StoredTopic(number, *map(_text, fields))
+                texts: list[Any] = [_text(each) for each in fields]
+                topic = StoredTopic(number, *texts)
                 encoding = topic.definition_format or 'ros2msg'
                 self.topics[number] = completed(replace(topic, definition_format=encoding))
 

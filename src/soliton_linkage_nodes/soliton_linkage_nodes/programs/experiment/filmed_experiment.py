@@ -164,9 +164,8 @@ class FilmedExperiment:
         inside = np.isfinite(true) & np.isfinite(found[:, 0]) & np.isfinite(informed)
         inside &= (true > _FROM_EDGES) & (true < last - _FROM_EDGES)
         if not inside.any():
-            raise ValueError(
-                'no soliton was tracked in the film; raise the parameter kick or duration'
-            )
+            remedy = 'raise the parameter kick or duration'
+            raise ValueError(f'no soliton was tracked in the film; {remedy}')
         errors = angles - exact
         noise = float(np.nanstd(errors - np.nanmean(errors, axis=0)))
         orbit = orbit_of(self._bench.chain)
