@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
@@ -87,9 +87,6 @@ class BagPlayer(ManagedNode):
         BagLimits: '',
         ManagedParameters: '',
     }
-
-    def __init__(self, **kwargs: Any) -> None:
-        super().__init__('bag_player', **kwargs)
 
     def configure(self) -> None:
         """Open the bag and create the publishers."""

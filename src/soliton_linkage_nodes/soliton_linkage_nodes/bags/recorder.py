@@ -7,7 +7,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.bags.record.bag_writer import COMPRESSIONS, BagWriter
@@ -61,9 +61,6 @@ class BagRecorder(ManagedNode):
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {BagRecorderParameters: '', ManagedParameters: ''}
-
-    def __init__(self, **kwargs: Any) -> None:
-        super().__init__('bag_recorder', **kwargs)
 
     def configure(self) -> None:
         """Create the bag and subscribe. Recording begins when the node is activated."""

@@ -58,9 +58,6 @@ class EdgeActuator(ManagedNode):
 
     PARAMETERS = PARAMETERS
 
-    def __init__(self, **kwargs: Any) -> None:
-        super().__init__('edge_actuator', **kwargs)
-
     def declare_parameters_of_node(self) -> None:
         """Declare the common parameters, the torque limits and the parameters of the actuator."""
         settings = declare(self, EdgeActuatorParameters)

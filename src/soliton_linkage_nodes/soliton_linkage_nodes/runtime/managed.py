@@ -13,6 +13,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.node import Node
 
 from soliton_linkage.linkage.quantities import quantity
+from soliton_linkage_nodes.runtime.command_line import executable_name
 from soliton_linkage_nodes.runtime.diagnostics import Report
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
@@ -42,8 +43,9 @@ class ManagedNode(GuardedNode, LifecycleNode):
 
     PARAMETERS: ClassVar[dict[type, str]] = {}
 
-    def __init__(self, name: str, **kwargs: Any) -> None:
-        super().__init__(name, **kwargs)
+    def __init__(self, name: str = '', **kwargs: Any) -> None:
+        """Start the node, by default with the name of its executable."""
+        super().__init__(name or executable_name(type(self)), **kwargs)
         self.active = False
         self.configured = False
         self._leaving = False

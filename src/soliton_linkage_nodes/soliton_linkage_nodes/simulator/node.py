@@ -57,9 +57,6 @@ class Simulator(ManagedNode):
 
     PARAMETERS = PARAMETERS
 
-    def __init__(self, **kwargs: Any) -> None:
-        super().__init__('simulator', **kwargs)
-
     def configure(self) -> None:
         """Create the chain, the simulation, the topics and the services."""
         settings = self.settings = current(self, SimulatorParameters)

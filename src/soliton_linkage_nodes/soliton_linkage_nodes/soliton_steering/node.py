@@ -159,9 +159,6 @@ class SolitonSteering(ManagedNode):
 
     PARAMETERS = PARAMETERS
 
-    def __init__(self, **kwargs: Any) -> None:
-        super().__init__('soliton_steering', **kwargs)
-
     def configure(self) -> None:
         """Create the topics, the action and the service."""
         self.settings = current(self, SolitonSteeringParameters)
