@@ -162,8 +162,9 @@ def run_together(constructors: Sequence[Callable[[], Node]], arguments: list[str
             stack.callback(executor.shutdown)
             _spin(executor, nodes, stopping)
     except (ValueError, OSError, MemoryError) as error:
-        memory = f'out of memory ({error}); see ulimit -a'
-        get_logger('soliton_linkage').fatal(memory if type(error) is MemoryError else str(error))
+        out = isinstance(error, MemoryError)
+        text = f'out of memory ({error}); see ulimit -a' if out else str(error)
+        get_logger('soliton_linkage').fatal(text)
         code = 1
     finally:
         rclpy.try_shutdown()
