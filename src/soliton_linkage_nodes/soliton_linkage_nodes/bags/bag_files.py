@@ -88,9 +88,9 @@ class BagFiles(LimitedReader):
         if filled:
             last = max(each.end_time for each in filled) - 1
             span = min(each.start_time for each in filled), last
-        packed = ('zstd', self._mode) if self._mode in ('file', 'message') else (None, None)
+        zstd = ('zstd', self._mode) if self._mode in ('file', 'message') else (None, None)
         about = str(information.get('ros_distro') or ''), custom_data_in(information) or None
-        self.metadata = summary_of(self.connections, span, packed, *about)
+        self.metadata = summary_of(self.connections, span, zstd, *about)
 
     def close(self) -> None:
         """Close the files."""
