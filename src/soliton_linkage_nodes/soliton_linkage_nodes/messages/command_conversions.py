@@ -100,7 +100,8 @@ def edge_command_from_msg(message: msg.EdgeCommand) -> EdgeCommand:
     if kind is CommandKind.WAVEFORM:
         given = {name: getattr(message, name) for name in _WAVE_FIELDS}
         waveform = Waveform(**chosen, **given, samples=tuple(message.samples))
-    return EdgeCommand(edge, kind, *(getattr(message, name) for name in _FIELDS), waveform)
+    numbers = {name: getattr(message, name) for name in _FIELDS}
+    return EdgeCommand(edge, kind, **numbers, waveform=waveform)
 
 
 def edge_command_to_msg(command: EdgeCommand) -> msg.EdgeCommand:
@@ -179,8 +180,10 @@ def delivery_to_msg(delivered: DeliveryTotals) -> msg.Delivery:
 
 def delivery_from_msg(message: msg.Delivery) -> DeliveryTotals:
     """Return the total impulse and work delivered to the chain."""
-    stamp, totals = time_from_msg(message.header.stamp), (getattr(message, n) for n in _DELIVERY)
-    return DeliveryTotals(stamp, *totals, np.asarray(message.impulse_of_torques, np.float64))
+    impulse = np.asarray(message.impulse_of_torques, dtype=np.float64)
+    totals = {name: getattr(message, name) for name in _DELIVERY}
+    stamp = time_from_msg(message.header.stamp)
+    return DeliveryTotals(stamp, **totals, impulse_of_torques=impulse)
 
 
 def last_kick_to_msg(named: NamedChain, kick: KickReport) -> msg.LastKick:

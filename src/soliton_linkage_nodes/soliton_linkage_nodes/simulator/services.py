@@ -152,8 +152,8 @@ class StandardServices:
         """Continue, pause or stop the simulation. To stop means to pause and reset it."""
         known, wanted = self._messages.SimulationState, request.state.state
         if wanted not in (known.STATE_PLAYING, known.STATE_PAUSED, known.STATE_STOPPED):
-            complaint = f'state = {wanted} must be playing, paused or stopped'
-            return self._unsupported(response, complaint)
+            reason = f'state = {wanted} must be playing, paused or stopped'
+            return self._unsupported(response, reason)
         if wanted == self._state():
             codes = self._types.SetSimulationState.Response
             response.result.result = codes.ALREADY_IN_TARGET_STATE
@@ -174,11 +174,11 @@ class StandardServices:
         """Put the chain into its initial state. A request to reset the time is rejected."""
         scopes = self._types.ResetSimulation.Request
         if request.scope not in (scopes.SCOPE_STATE, scopes.SCOPE_STATE | scopes.SCOPE_SPAWNED):
-            complaint = (
+            reason = (
                 f'scope = {request.scope} must include the state and exclude the time, which '
                 f'never decreases; request SCOPE_STATE = {scopes.SCOPE_STATE}'
             )
-            return self._unsupported(response, complaint)
+            return self._unsupported(response, reason)
         complaint = self._services.reset(Reset.Request(state=Reset.Request.INITIAL))
         return self._answered(response, complaint)
 

@@ -30,9 +30,10 @@ class MoveServer(ActionServer):
         cancel: Callable[[ServerGoalHandle], CancelResponse],
     ) -> None:
         """Create the server; it calls `take` with accepted and `cancel` with cancelled goals."""
-        action = MoveSoliton, interfaces.MOVE_SOLITON, lambda _: None
-        calls = {'handle_accepted_callback': self._take, 'cancel_callback': cancel}
-        super().__init__(node, *action, **calls, **ACTION_QOS)
+        name, calls = interfaces.MOVE_SOLITON, {'handle_accepted_callback': self._take}
+        super().__init__(
+            node, MoveSoliton, name, lambda _: None, cancel_callback=cancel, **calls, **ACTION_QOS
+        )
         self._on_goal = take
         self.goal: ServerGoalHandle | None = None
         """Active goal, or None."""
