@@ -10,14 +10,12 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
 
-from soliton_linkage.estimation.estimates import AnalysedSoliton
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.messages.conversions import FRAME, NamedChain
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
-from soliton_linkage_nodes.messages.marker_conversions import kick_from_msg
+from soliton_linkage_nodes.messages.marker_conversions import Wall, kick_from_msg, walls_from_msg
 from soliton_linkage_nodes.messages.newest_frame import NewestFrame
-from soliton_linkage_nodes.messages.state_conversions import solitons_from_msg
 from soliton_linkage_nodes.messages.view_conversions import (
     NodeReport,
     Numbers,
@@ -67,7 +65,7 @@ class ObservedChain:
         self._diagnostics = AdaptiveSubscription(inbox, interfaces.DIAGNOSTICS)
         self._reports: dict[str, tuple[float, NodeReport]] = {}
         self._reader: FrameReader | None = None
-        self._walls: tuple[AnalysedSoliton, ...] = ()
+        self._walls: list[Wall] = []
         self._kick: msg.LastKick | None = None
         self._taken_at = -math.inf
 
@@ -82,10 +80,10 @@ class ObservedChain:
         return time_from_msg(self.stamp) / SECOND
 
     @property
-    def walls(self) -> tuple[AnalysedSoliton, ...]:
+    def walls(self) -> list[Wall]:
         """Solitons of the latest state, none if its stamp differs by 1 s from the angles."""
         apart = self.seconds - time_from_msg(self.state_stamp) / SECOND
-        return self._walls if abs(apart) < _FRESH else ()
+        return self._walls if abs(apart) < _FRESH else []
 
     def set_chain(self, named: NamedChain) -> None:
         """Set the chain to which later messages belong."""
@@ -101,7 +99,7 @@ class ObservedChain:
         """
         state = self._states.newest()
         if state is not None:
-            self._walls, self.state_stamp = solitons_from_msg(state), state.header.stamp
+            self._walls, self.state_stamp = walls_from_msg(state), state.header.stamp
             self.numbers = state_numbers(state)
             self.states += 1
         for _ in range(_MOST_REPORTS):

@@ -223,7 +223,7 @@ class PosePublisher(DrawingPublisher):
         """Publish the pose of the first soliton, if its position is known."""
         if not chain.walls or not self._wanted(chain.states):
             return
-        position, deviation = chain.walls[0].position, chain.walls[0].position_deviation
+        position, deviation, _ = chain.walls[0]
         if math.isfinite(position) and math.isfinite(deviation):
             header = Header(stamp=chain.state_stamp, frame_id=chain.frame)
             self._publish(pose_to_msg(header, position, deviation))
