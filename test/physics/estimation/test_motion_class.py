@@ -10,9 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from soliton_linkage.dynamics.elastic import simulate
+from soliton_linkage.dynamics.initial_states import with_soliton
+from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.estimation.motion_class import NO_EVIDENCE, MotionEvidence, MotionObserver
 from soliton_linkage.linear.rigidity import mode_towards_last
-from soliton_linkage.linkage.chain import Array, Motion
+from soliton_linkage.linkage.chain import Array, Chain, Motion
+from soliton_linkage.solitons.anti_kink import continuum_anti_kink
 from soliton_linkage.solitons.static_wall import site_arc, static_wall
 
 ROTORS = 50
@@ -222,3 +225,22 @@ def test_an_invalid_noise_is_rejected():
 def test_angles_of_several_frames_are_rejected():
     with pytest.raises(ValueError, match=r'angles have the shape \(2, 20\); give one row'):
         motion_evidence(np.zeros((2, 20)))
+
+
+def test_motors_that_deform_a_kink_do_not_make_a_flipper_wobble():
+    """Without the deformation by the motors, the tails would be those of a wobbling flipper."""
+    rotors, inertia = 60, 0.02 * 0.05**2
+    chain = Chain(rotors, 0.1, 0.05, 0.97, damping=4 * inertia, non_reciprocity=48 * inertia)
+    start = with_soliton(chain, 24.0, 0.0)
+    recording = simulate(chain, start.angles, start.rates, 1.6, 0.004)
+    analyser = Analyser(chain)
+    for time, angles in zip(recording.times, recording.angles, strict=True):
+        found = analyser.analyse(round(1e9 * time), angles)
+        assert found.measured_motion.motion is not Motion.WOBBLING_FLIPPER
+
+
+def test_the_tails_of_an_anti_kink_do_not_make_a_flipper_wobble():
+    chain = Chain(60, 0.1, 0.058, 0.97, damping=20 * 0.02 * 0.058**2)
+    start = continuum_anti_kink(chain, 30.0)
+    angles = simulate(chain, start, 0 * start, 2.0, 0.1).angles[-1]
+    assert MotionObserver().observe(angles).motion is not Motion.WOBBLING_FLIPPER

@@ -186,10 +186,12 @@ def test_the_stated_change_of_the_rate_within_a_site_is_that_of_a_wall_on_spring
 
 
 @pytest.mark.parametrize('chain', [FLIPPER_CHAIN, WOBBLER_CHAIN, SPINNER_CHAIN])
-def test_damping_acts_on_the_momentum(chain):
+def test_momentum_is_the_integral_of_its_derivative(chain):
     compliance = ComplianceCorrection(orbit_of(chain))
     for rate in (-9.0, 0.5, 6.0):
         step = 1e-4 * rate
         slope = (compliance.rate_after_impulse(rate, step) - rate) / step
         momentum = -brentq(lambda p, w=rate: compliance.rate_after_impulse(w, p), -1e3, 1e3)
-        assert compliance.damped(rate) == pytest.approx(momentum * slope, rel=1e-3)
+        gamma, inertia = compliance.contraction(rate)
+        assert gamma == pytest.approx(momentum / rate, rel=1e-6)
+        assert inertia == pytest.approx(1 / slope, rel=1e-3)

@@ -31,7 +31,7 @@ from soliton_linkage.estimation.frames import (
 )
 from soliton_linkage.estimation.motion_class import MotionObserver
 from soliton_linkage.estimation.noise import RateNoise
-from soliton_linkage.estimation.orbit_filter import OrbitFilter
+from soliton_linkage.estimation.orbit_filter import OrbitFilter, largest_deformation
 from soliton_linkage.estimation.settings import DEFAULTS, EstimationSettings
 from soliton_linkage.estimation.shape_model import ShapeMeasurementModel
 from soliton_linkage.estimation.state_report import (
@@ -94,7 +94,8 @@ class Analyser:
             self._filter = OrbitFilter(self._orbit, noise, settings)
         except (ValueError, ArithmeticError) as error:
             self._orbit, self.limitation = None, str(error)
-        self._observer = MotionObserver(settings.motion)
+        deformation = 0.0 if self._orbit is None else largest_deformation(self._orbit)
+        self._observer = MotionObserver(settings.motion, deformation)
         self._reporter = StateReporter(chain)
         self._line = LatticeCoordinates(chain)
         arc, swing = 1.0, 2 * self._line.width

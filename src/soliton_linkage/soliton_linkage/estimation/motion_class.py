@@ -12,7 +12,9 @@ d = 1, and d the lean ratio. Then
     e' = F(e) + lambda e + ...,    lambda = (1 - d) / (1 + d),
 
 and the chain wobbles if lambda < 0. Extended springs change the curvature of F, for which the
-model has a term in e^2. Extended springs do not change the sign of lambda.
+model has a term in e^2. Extended springs do not change the sign of lambda in a kink. The springs
+of an anti-kink are so long that its tails are not used. Motors and other forces deform a wall,
+which adds an error of e' and therefore of lambda.
 """
 
 from __future__ import annotations
@@ -213,8 +215,9 @@ def evidence(
     if not (lefts * rights < 0 and min(abs(lefts), abs(rights)) > _LEANING):
         return _NO_EVIDENCE
     inner = bond - 1
-    tail_products(angles, inner, 0, left, noise, tails)
-    tail_products(angles, bond, rotors - 1, right, noise, tails)
+    if lefts > 0:
+        tail_products(angles, inner, 0, left, noise, tails)
+        tail_products(angles, bond, rotors - 1, right, noise, tails)
     rises = abs(math.asin(math.cos(left.mean))) + abs(math.asin(math.cos(right.mean)))
     lean = math.pi / 2 - rises / 2
     crossing = inner + (before / (before - beyond) if before * beyond < 0 else 0.5)
@@ -224,23 +227,28 @@ def evidence(
     return crossing, flipping, lean
 
 
-@compiled(const_f8_2d, f8)
-def tail_ratio(tails: Array, rest_angle: float) -> tuple[float, float]:
-    """Return the tail ratio lambda and its standard deviation [1]; NaN and inf if unknown."""
+@compiled(const_f8_2d, f8, f8)
+def tail_ratio(tails: Array, rest_angle: float, deformation: float) -> tuple[float, float]:
+    """Return the tail ratio lambda and its standard deviation [1]; NaN and inf if unknown.
+
+    `deformation` is the standard deviation of a rotor due to forces [rad].
+    """
     if tails[0, 0] <= 0:
         return math.nan, math.inf
     first, both = tails[0, 0] + 1, tails[0, 1]
     second = tails[1, 1] + (rest_angle / _BEND) ** 2
     determinant = first * second - both * both
     ratio = (second * tails[0, 2] - both * tails[1, 2]) / determinant
-    return ratio, math.sqrt(second / determinant + _NEGLECTED**2)
+    by_forces = deformation**2 * tails[0, 0] / tails[1, 1]
+    return ratio, math.sqrt(second / determinant + _NEGLECTED**2 + by_forces)
 
 
-@compiled(_NUMBERS, const_f8_1d, f8, f8, f8, f8_2d)
+@compiled(_NUMBERS, const_f8_1d, f8, f8, f8, f8, f8_2d)
 def observe(
     settings: Records,
     angles: Array,
     noise: float,
+    deformation: float,
     flipping: float,
     rest_angle: float,
     tails: Array,
@@ -263,7 +271,7 @@ def observe(
         rest_angle += added / (known + added) * (lean - rest_angle)
     elif math.isfinite(lean):
         rest_angle = lean
-    return (site, flipping, rest_angle), tail_ratio(tails, rest_angle)
+    return (site, flipping, rest_angle), tail_ratio(tails, rest_angle, deformation)
 
 
 class MotionClass(NamedTuple):
@@ -320,8 +328,11 @@ NO_EVIDENCE = MotionEvidence(math.nan, 0.0, math.nan, np.zeros((3, 3)), math.nan
 class MotionObserver:
     """Observer of all frames, except those in which a wall is near an edge."""
 
-    def __init__(self, settings: MotionSettings = DEFAULTS.motion) -> None:
-        self._settings = settings
+    def __init__(
+        self, settings: MotionSettings = DEFAULTS.motion, deformation: float = 0.0
+    ) -> None:
+        """Start with the standard deviation of a rotor near the wall due to forces [rad]."""
+        self._settings, self._deformation = settings, deformation
         self.restart()
 
     def restart(self) -> None:
@@ -343,7 +354,13 @@ class MotionObserver:
             raise ValueError(f'noise = {noise} rad must be a finite number of 0 or more')
         before, tails = self.evidence, self.evidence.tails.copy()
         found, ratio = observe(
-            self._settings.record, angles, noise, before.flipping, before.rest_angle, tails
+            self._settings.record,
+            angles,
+            noise,
+            self._deformation,
+            before.flipping,
+            before.rest_angle,
+            tails,
         )
         self.evidence = MotionEvidence(*found, tails, *ratio)
         return self.evidence.verdict(self._settings)

@@ -35,7 +35,7 @@ from soliton_linkage.estimation.noise import ResidualVariance, StampJitter
 from soliton_linkage.estimation.orbit_model import ComplianceCorrection, OrbitMeasurementModel
 from soliton_linkage.estimation.relocalisation import Candidate, Relocaliser, ScanBudget
 from soliton_linkage.estimation.settings import DEFAULTS, EstimationSettings
-from soliton_linkage.linear.bands import penetration_depth
+from soliton_linkage.linear.bands import gap, penetration_depth
 from soliton_linkage.linkage.chain import Array, check_shape
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.orbit.orbit import Orbit
@@ -48,6 +48,19 @@ _FIELD_SHARE = 0.08
 Sensitivity: at 0, errors near waves exceed the stated standard deviations by 2 %."""
 _LEAST_PROBABILITY = 0.9
 """Least probability of the candidate positions of a frame for an acquisition of the chain [1]."""
+
+
+def largest_deformation(orbit: Orbit) -> float:
+    """Return an upper bound of the deformation of a resting wall by the force terms [rad].
+
+    It is the largest torque on a rotor divided by I w^2, with the inertia I and the frequency w of
+    the slowest phonon, the softest deformation.
+    """
+    chain, angles = orbit.chain, orbit.configuration(orbit.arc_at(orbit.middle, 0))
+    torques = feedback_torques(chain, angles, 0 * angles)
+    torques_of(angles, 0 * angles, *term_table(of_chain(chain), len(angles)), torques)
+    largest = float(np.abs(torques).max())
+    return largest / (chain.moment_of_inertia * gap(chain) ** 2) if largest else 0.0
 
 
 class OrbitFilter:
@@ -79,11 +92,14 @@ class OrbitFilter:
         """Bandwidth of the estimated disturbance [rad/s]."""
         self._given_noise = noise
         self._settings, self._tracking = settings, settings.tracking
-        swing = rotor_swing(chain)
+        swing, rotors = rotor_swing(chain), chain.number_of_rotors
         self._relocaliser = Relocaliser(orbit, settings.likelihood)
         self._budget = ScanBudget(settings.tracking)
         self._compliance = ComplianceCorrection(orbit)
-        self._forces = term_table(of_chain(chain), chain.number_of_rotors)
+        self._forces = [
+            term_table([each for each in of_chain(chain) if each.active is active], rotors)
+            for active in (False, True)
+        ]
         self._edge = _EDGE_ROTORS + penetration_depth(chain) / chain.spacing
         self._deviates = chain.deviations != NO_DEVIATIONS
         self._likelihood = FrameLikelihood(swing, settings.likelihood)
@@ -93,7 +109,7 @@ class OrbitFilter:
         self._model = OrbitMeasurementModel(
             orbit, self._likelihood, self._variance.elastic, settings
         )
-        self._gate = InnovationGate(chain.number_of_rotors, self._likelihood, settings)
+        self._gate = InnovationGate(rotors, self._likelihood, settings)
         self._lose(math.nan)
 
     @property
@@ -328,19 +344,23 @@ class OrbitFilter:
     def _acceleration(self, arc: float, rate: float, elapsed: float) -> float:
         """Return the acceleration sum(tau t) / sum(I t^2) along the orbit [rad/s^2].
 
-        tau are all torques except those of the springs, t is the tangent, and I the inertia.
+        tau are all torques except those of the springs, t is the tangent, and I the inertia. A
+        contracted wall has larger rates and larger differences between neighbours, but a potential
+        does the same work per rotor spacing.
         """
-        chain, forces = self.orbit.chain, self._forces
-        if not (len(forces.kinds) or chain.feedback.acts):
+        chain, (passive, active) = self.orbit.chain, self._forces
+        if not (len(passive.kinds) or len(active.kinds) or chain.feedback.acts):
             return 0.0
-        tangent = self.orbit.tangent(arc)
+        gamma, inertia = self._compliance.contraction(rate)
+        tangent, angles = self.orbit.tangent(arc), self.orbit.configuration(arc)
         torques, rates = np.zeros(len(tangent)), rate * tangent
-        torques_of(self.orbit.configuration(arc), rates, *forces, torques)
+        torques_of(angles, rates, *active, torques)
         if chain.feedback.acts:
             measured = arc - (chain.feedback.delay + 0.5) * rate * elapsed
             torques += feedback_torques(chain, self.orbit.configuration(measured), rates)
-        along = float(tangent @ torques / (chain.moments_of_inertia @ tangent**2))
-        return along * self._compliance.damped(rate) / rate if rate else along
+        torques *= gamma
+        torques_of(angles, gamma * rates, *passive, torques)
+        return float(tangent @ torques / (chain.moments_of_inertia @ tangent**2)) / inertia
 
     def _at_edge(self) -> bool:
         last = self.orbit.chain.number_of_rotors - 1

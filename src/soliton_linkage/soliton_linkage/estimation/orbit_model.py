@@ -271,13 +271,14 @@ class ComplianceCorrection:
         """
         return rate_after_impulse(rate, momentum, self._mean)
 
-    def damped(self, rate: float) -> float:
-        """Return the deceleration divided by the decay rate of the momentum p [rad/s].
+    def contraction(self, rate: float) -> tuple[float, float]:
+        """Return p / (I w) and (dp / dw) / I for a rate w and the momentum p [1].
 
-        For the inertia I and the rate w, the momentum is p = I (w + 2 mu w^3).
+        The momentum is p = I (w + 2 mu w^3), with the inertia I. The first number is also the
+        factor by which the motion contracts a wall.
         """
         square = 2 * self._mean * rate * rate
-        return rate * (1 + square) / (1 + 3 * square)
+        return 1 + square, 1 + 3 * square
 
     def rate_ratio(self, arc: float, rate: float, before: float) -> float:
         """Return the factor by which springs change the rate of a wall [1]; 1 for fast walls."""
