@@ -135,6 +135,7 @@ def test_the_clock_shows_the_recorded_time_where_it_is_asked_for(graph, named, t
         ({'bag': 'NUDGES', 'lockstep': True}, "has no topic 'joint_states', it contains /nudge"),
         ({'bag': 'RUN', 'wait_for': ['joints']}, "has no topic 'joints', it contains /chain, "),
         ({'bag': 'RUN', 'start_offset': 5.0}, 'start_offset of bag_player = 5 s must lie before'),
+        ({'bag': 'RUN', 'start_offset': 6e307}, 'start_offset of bag_player = 6e+307 must lie in'),
         ({'bag': 'FILE'}, 'has no .mcap or .db3 file'),
         ({'bag': 'RUN', 'rate': 0.0}, 'rate of bag_player = 0.0 must lie in the range'),
         ({'bag': 'RUN', 'speed': 2.0}, "parameter 'speed' of bag_player is unknown"),

@@ -26,12 +26,16 @@ from soliton_linkage_nodes.bags.play.replay_publishers import (
     ReplayPublishers,
 )
 from soliton_linkage_nodes.bags.reading import find_topic, latched, open_bag, types_of_topic
+from soliton_linkage_nodes.bags.storages.storage import LAST_STAMP
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
-from soliton_linkage_nodes.runtime.stamps import time_to_msg
+from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
+
+_LAST = LAST_STAMP / SECOND
+"""Latest time that a stamp can hold [s]."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +45,10 @@ class BagPlayerParameters:
     bag: str = quantity('', 'path of the bag to play')
     rate: float = quantity(1.0, 'playback rate relative to the recording', '', *RATES)
     topics: tuple[str, ...] = quantity((), 'topics to play; empty: all in the bag')
-    start_offset: float = quantity(0.0, 'start time in the bag', 's', 0.0)
-    playback_until: float = quantity(0.0, 'end time in the bag, 0: end of the bag', 's', 0.0)
+    start_offset: float = quantity(0.0, 'start time in the bag', 's', 0.0, _LAST)
+    playback_until: float = quantity(
+        0.0, 'end time in the bag, 0: end of the bag', 's', 0.0, _LAST
+    )
     loop: bool = quantity(False, 'restart at the end of the bag')
     stay: bool = quantity(False, 'keep running at the end of the bag, for ~/play')
     start_paused: bool = quantity(False, 'begin paused, until ~/resume is called')
@@ -56,7 +62,7 @@ class BagPlayerParameters:
         False, 'publish the receive times on /clock; a recorded /clock is then not played'
     )
     longest_gap: float = quantity(
-        3600.0, 'gap between messages above which the player skips it; 0: never', 's', 0.0
+        3600.0, 'gap between messages above which the player skips it; 0: never', 's', 0.0, _LAST
     )
     lockstep: bool = quantity(
         False, 'play as fast as the analyser answers each frame with a soliton_state'
