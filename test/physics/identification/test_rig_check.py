@@ -15,6 +15,7 @@ from soliton_linkage.identification.rig_check import (
     Turn,
     WatchedFrames,
     check_rig,
+    is_at_edge,
 )
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Chain, staggered
@@ -53,8 +54,11 @@ def changed(change) -> RigFindings:
     """Check the chain whose readings are changed in all frames."""
     watched = replace(at_rest(), angles=change(at_rest().angles))
     hands = [
-        Turn(rotor, change(rest[None])[0], replace(each, angles=change(each.angles)))
-        for rotor, rest, each in turns()
+        hand._replace(
+            rest=change(hand.rest[None])[0],
+            frames=replace(hand.frames, angles=change(hand.frames.angles)),
+        )
+        for hand in turns()
     ]
     return check_rig(watched, hands, NAMES, CHAIN)
 
@@ -101,7 +105,7 @@ def test_nothing_is_wrong_with_a_right_rig():
         (
             lambda angles: np.where(np.arange(12) == 5, np.nan, angles),
             'rotors',
-            'rotor_5 never arrive',
+            'no angle of rotor_5 arrives',
         ),
         (
             lambda angles: np.where(
@@ -139,6 +143,36 @@ def test_a_hand_that_turns_no_encoder_is_reported():
     found = not_right(check_rig(at_rest(), [still, turns()[1]], NAMES, CHAIN))
     assert list(found) == ['order']
     assert 'no rotor turned by 0.15 rad when you had to turn rotor_0' in found['order']
+
+
+def test_an_edge_rotor_without_readings_has_no_order() -> None:
+    def change(angles: np.ndarray) -> np.ndarray:
+        return np.where(np.arange(12) == 0, np.nan, angles)
+
+    assert list(not_right(changed(change))) == ['rotors']
+
+
+@pytest.mark.parametrize('unit', [np.asarray, np.rad2deg])
+def test_a_soliton_at_an_edge_is_found_despite_a_wrong_sign(unit) -> None:
+    for lean in (-1, 1):
+        angles = CHAIN.uniform_state(lean)
+        angles[5] *= -1
+        assert is_at_edge(unit(angles), first=True) == (lean < 0)
+        assert is_at_edge(unit(angles), first=False) == (lean > 0)
+
+
+def test_a_soliton_that_a_hand_moves_before_the_request_shows_the_passage() -> None:
+    rest, motion = CHAIN.uniform_state(1), turned(0)
+    hand = Turn(11, rest, frames(np.tile(rest, (100, 1)), 4), frames(motion, 9))
+    found = check_rig(at_rest(), [hand], NAMES, CHAIN)
+    assert next(each for each in found.findings if each.subject == 'passage').verdict == RIGHT
+    assert 'no rotor turned' in not_right(found)['order']
+
+
+def test_one_cause_of_an_error_of_half_a_turn_is_named() -> None:
+    found = not_right(changed(lambda angles: angles + np.pi * np.eye(12)[5]))
+    assert 'too large' not in found['chain']
+    assert 'rest length' not in found['chain']
 
 
 @pytest.mark.parametrize('rotor', [3, 6])
@@ -182,6 +216,20 @@ def test_dropped_frames_are_counted():
     }
 
 
+def test_late_frames_are_not_missing() -> None:
+    late = at_rest().stamps + 0.9 * PERIOD * (np.arange(1000) % 7 == 3)
+    found = check_rig(replace(at_rest(), stamps=late), [], NAMES, CHAIN)
+    assert found.findings[0] == (RIGHT, 'rate', '100 frames per second')
+
+
+def test_the_rate_of_frames_in_bursts_is_their_mean_rate() -> None:
+    bursts = 1000 + 0.1 * (np.arange(1000) // 10) + 1e-4 * (np.arange(1000) % 10)
+    found = check_rig(replace(at_rest(), stamps=bursts), [], NAMES, CHAIN)
+    verdict, _, text = found.findings[0]
+    assert verdict == DOUBTFUL
+    assert '100.1 frames per second, at irregular times' in text
+
+
 @pytest.mark.parametrize('jitter', [0.5e-3, 2e-3])
 def test_jitter_of_stamps_is_estimated(jitter):
     random = np.random.default_rng(4)
@@ -199,7 +247,7 @@ def test_jitter_of_stamps_is_estimated(jitter):
 @pytest.mark.parametrize(
     ('change', 'subject', 'text'),
     [
-        (lambda stamps: 0 * stamps, 'stamps', 'no stamps'),
+        (lambda stamps: np.nan * stamps, 'stamps', 'no stamps'),
         (lambda stamps: np.repeat(stamps[::2], 2), 'stamps', '500 of 1000 stamps are repeated'),
         (
             lambda stamps: stamps[[*range(500), 501, 500, *range(502, 1000)]],
@@ -227,7 +275,13 @@ def test_a_soliton_that_passes_shows_a_wrong_sign_that_the_rest_hides():
     assert 'rotor_7 is mounted backwards' in text
 
 
-def test_too_few_frames_are_an_error():
+def test_a_slow_driver_is_no_wrong_clock() -> None:
+    late = stamped(lambda stamps: stamps, lambda arrivals: arrivals + (np.arange(1000) % 9 > 0))
+    assert list(late) == ['clock']
+    assert 'too slow' in late['clock']
+
+
+def test_too_few_frames_are_an_error() -> None:
     few = WatchedFrames(np.arange(2.0), np.arange(2.0), np.zeros((2, 12)))
     with pytest.raises(ValueError, match='2 frames are too few'):
         check_rig(few, [], NAMES, CHAIN)

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from passages import FLIPPER, WOBBLER, unequal
 
-from soliton_linkage.identification.free_motion import FreeMotion, unknown_slices
+from soliton_linkage.identification.free_motion import FreeMotion, states_at, unknown_slices
 from soliton_linkage.identification.lengths import Tolerances, chain_lengths
 from soliton_linkage.identification.motion_equations import (
     Record,
     StampErrors,
-    window_equations,
     window_gradient,
+    window_matrix,
 )
 from soliton_linkage.identification.motion_fit import inflated_covariance
 from soliton_linkage.identification.windows import (
@@ -63,7 +63,7 @@ def test_windows_do_not_extend_over_gaps():
 
 
 @pytest.mark.parametrize('variance', [0.0, 1e-4])
-def test_the_gradient_by_backward_integration_agrees_with_sensitivities(variance):
+def test_gradient_and_matrix_agree_with_finite_differences(variance: float) -> None:
     random, lengths = np.random.default_rng(1), chain_lengths(unequal(WOBBLER, 3))
     angles = 0.5 + random.random(10)
     drag = {'damping': 1e-3, 'friction': 5e-3, 'gravity': 5.0, 'tilt': 0.2}
@@ -75,9 +75,21 @@ def test_the_gradient_by_backward_integration_agrees_with_sensitivities(variance
     stamps = StampErrors(variance, 0.001 * random.standard_normal(40))
     record = Record(3 * TIMES[:40], readings, 1 + random.random(readings.shape), stamps)
     window = FreeWindow(slice(5, 40), motion)
-    expected = window_equations(window, record).vector
-    found = window_gradient(window, record)
-    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+    _, pulls, errors = record.weighted(window)
+    residuals = record.whitened(window.frames, pulls, errors)
+
+    def column(unknown: np.ndarray) -> np.ndarray:
+        ends = (motion.changed(change * unknown) for change in (1e-6, -1e-6))
+        after, before = (record.weighted(window._replace(motion=end))[2] for end in ends)
+        return stamps.whitened(pulls, (before - after) / 2e-6).ravel()
+
+    slopes = np.array([column(unknown) for unknown in np.eye(motion.size)])
+    expected, matrix = slopes @ residuals.ravel(), slopes @ slopes.T
+    states = states_at(motion, record.times[window.frames])
+    found = window_gradient(window, record, states)
+    np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
+    found = window_matrix(window, record, 1)
+    np.testing.assert_allclose(found, matrix, atol=1e-6 * np.abs(matrix).max())
 
 
 AT = unknown_slices(10)

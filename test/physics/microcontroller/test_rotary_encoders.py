@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.microcontroller.frames import SEQUENCES, FrameKind, SerialFrame
 from soliton_linkage.microcontroller.rotary_encoders import (
     AngleReader,
@@ -140,3 +141,13 @@ def test_only_a_controller_that_continued_has_lost_frames_at_a_reconnection():
 def test_commands_are_rejected_as_readings():
     with pytest.raises(ValueError, match='torques are commands to a controller'):
         stream().take(SerialFrame(FrameKind.TORQUES, 0, 0, np.zeros(1)), 0)
+
+
+def test_angles_in_degrees_are_rejected() -> None:
+    angles = Chain(number_of_rotors=6).uniform_state(-1)
+    reader = AngleReader(RotaryEncoders(), 6)
+    read = reader.read(SerialFrame(FrameKind.RADIANS, 0, 0, angles))
+    np.testing.assert_allclose(np.sin(read), np.sin(angles))
+    degrees = SerialFrame(FrameKind.RADIANS, 1, 10_000, np.rad2deg(angles))
+    with pytest.raises(ValueError, match='look like degrees; send radians'):
+        reader.read(degrees)

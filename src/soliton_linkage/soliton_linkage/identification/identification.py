@@ -66,7 +66,7 @@ _RIGID = (
 _ADJUSTMENTS = 6
 """Largest number of adjustments [1]; each may reveal outliers that larger outliers have hidden."""
 _MOST_FITTED = 3000
-"""Largest number of frames in the fit of a motion; 40 rotors then take one or two minutes."""
+"""Largest number of frames in the fit of a motion; 40 rotors then take 20 s or more."""
 
 
 def identify(

@@ -34,14 +34,6 @@ _SIGNIFICANT_STAMPS = 6.0
 smaller variance is not significant."""
 
 
-class WindowEquations(NamedTuple):
-    """Normal equations of a window for readings of unit variance, and squared residuals."""
-
-    matrix: Array
-    vector: Array
-    squares: float
-
-
 class Eliminated(NamedTuple):
     """Matrices A_qq - A_qs A_ss^-1 A_sq, A_ss^-1 A_sq and A_ss^-1 of a window."""
 
@@ -155,28 +147,28 @@ class Record(NamedTuple):
         return self.stamps.whitened(pulls, errors)
 
 
-def window_equations(window: FreeWindow, record: Record, every: int = 1) -> WindowEquations:
-    """Return the normal equations of a window, computed from each `every`-th frame."""
+def window_matrix(window: FreeWindow, record: Record, every: int) -> Array:
+    """Return the matrix of the normal equations of a window, for readings of unit variance.
+
+    It is computed from each `every`-th frame.
+    """
     motion, rotors = window.motion, np.arange(record.readings.shape[1])
-    matrix, vector = np.zeros((motion.size, motion.size)), np.zeros(motion.size)
-    squares, frames = 0.0, np.arange(window.frames.start, window.frames.stop, every)
+    matrix = np.zeros((motion.size, motion.size))
+    frames = np.arange(window.frames.start, window.frames.stop, every)
+    factor = (window.frames.stop - window.frames.start) / len(frames)
     for states, slopes in states_with_sensitivities(motion, record.times[frames]):
         some, frames = np.split(frames, [len(states)])
         slopes[UNKNOWNS_PER_ROTOR * rotors + 1, :, rotors] += 1
-        weights, pulls, errors = record.weighted(window, some, states)
+        weights, pulls, _ = record.weighted(window, some, states)
         slopes *= weights
         rows = record.stamps.whitened(pulls, slopes).reshape(motion.size, -1)
-        errors = record.whitened(some, pulls, errors).ravel()
         matrix += rows @ rows.T
-        vector += rows @ errors
-        squares += float(errors @ errors)
-    return WindowEquations(every * matrix, every * vector, every * squares)
+    return factor * matrix
 
 
-def window_gradient(window: FreeWindow, record: Record) -> Array:
-    """Return the right side of the normal equations, (Q,), without computing their matrix."""
+def window_gradient(window: FreeWindow, record: Record, states: Array) -> Array:
+    """Return the right side of the normal equations, (Q,), given states at frames, (B, 2, N)."""
     times = record.times[window.frames]
-    states = states_at(window.motion, times)
     weights, pulls, errors = record.weighted(window, None, states)
     errors = record.stamps.whitened(pulls, record.whitened(window.frames, pulls, errors))
     gradient = gradient_of(window.motion, times, states, errors * weights)

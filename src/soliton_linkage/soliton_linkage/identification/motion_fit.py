@@ -16,19 +16,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from soliton_linkage.identification.bundle import covariance_in
-from soliton_linkage.identification.free_motion import FreeMotion, UnknownSlices
+from soliton_linkage.identification.free_motion import FreeMotion, UnknownSlices, states_at
 from soliton_linkage.identification.lengths import Tolerances
 from soliton_linkage.identification.motion_equations import (
     Eliminated,
     Record,
     StampErrors,
-    WindowEquations,
     eliminated,
     estimated_stamps,
     quasi_newton_step,
     solver,
-    window_equations,
     window_gradient,
+    window_matrix,
 )
 from soliton_linkage.identification.readings import repeat_counts
 from soliton_linkage.identification.stages import Stages
@@ -55,6 +54,9 @@ _CONVERGED = 0.1
 _COARSE = 0.1
 """Expected decrease of -2 log likelihood, per unknown, at which the fit of shorter windows ends
 [1]."""
+_SAMPLED = 1.0
+"""Expected decrease of -2 log likelihood at which the fit of a sample ends [1]; a sample then has
+an error below one standard deviation in one of its many directions."""
 _STIFFNESS_FACTORS = (1, 1 / 5, 5)
 """Initial stiffnesses that are tried, relative to the given stiffness [1]."""
 _TOLERANCE_CHANGE = 0.05
@@ -77,7 +79,7 @@ _NOISE_SCATTER = 2.3
 """Relative standard deviation of the squared noise, estimated from n readings, times sqrt(n)
 [1]."""
 _MATRIX_FRAMES = 1000
-"""Number of frames from which the matrices of a step are computed; gradients use all frames."""
+"""Number of frames from which matrices are computed; gradients and squares use all frames."""
 _DAMPINGS = 12
 """Number of damping factors that are tried for one step [1]; the last factor is 100."""
 _FASTEST = 100.0
@@ -89,7 +91,7 @@ _FAR = 5.0
 """Expected decrease per unknown above which each step computes the matrices again [1]."""
 _SLOW = 0.5
 """Ratio of successive expected decreases above which a step computes the matrices again [1]."""
-_SHARES = 0.2, 0.5, 0.7, 0.95
+_SHARES = 0.2, 0.5, 0.7, 0.99
 """Fractions of the work that are done after the stages stiffness, merging, tolerances and samples
 [1]."""
 _DAMPED = 1e-3
@@ -142,7 +144,7 @@ class MotionFitter:
         deviations = relative_deviations * np.sqrt(self._repeats)
         exact = StampErrors(0.0, np.zeros_like(times))
         self._record = Record(times, readings, deviations, exact)
-        self._found: list[WindowEquations] = []
+        self._found: list[Array] = []
         self._interval = float(np.median(np.diff(times)))
         self._noise, self._tolerance = noise, tolerance
         self._windows, self._stages = tuple(windows), stages or Stages()
@@ -171,7 +173,7 @@ class MotionFitter:
                 self._correct_stamps()
         self._prior = replace(self._prior, mass_deviation=INITIAL_MASS_DEVIATION)
         most = UNEXPLAINED * self._noise
-        equations: list[WindowEquations] | None = None
+        equations: list[Array] | None = None
         for number in range(_ROUNDS):
             ends = (estimated - (estimated - merged) / 2**each for each in (number, number + 1))
             show.enter(*ends)
@@ -206,7 +208,7 @@ class MotionFitter:
         covariance = inflated_covariance(found.covariance, samples, found.motion.slices)
         return replace(found, covariance=covariance)
 
-    def _samples(self, equations: list[WindowEquations]) -> Array:
+    def _samples(self, equations: list[Array]) -> Array:
         """Return samples by randomized maximum likelihood (Oliver, He and Reynolds, 1996)."""
         found, record, prior = self._windows, self._record, self._prior
         random, values = np.random.default_rng(0), prior.evaluate(self._motion)[1]
@@ -218,7 +220,7 @@ class MotionFitter:
             noise = self._noise * record.deviations * random.standard_normal(record.readings.shape)
             self._record = record._replace(readings=record.readings + noise)
             self._prior = prior.sampled(found[0].motion, random)
-            self._improve(_SAMPLED_STEPS, _CONVERGED, equations)
+            self._improve(_SAMPLED_STEPS, _SAMPLED, equations)
             samples.append(prior.evaluate(self._motion)[1] - values)
             self._windows, self._record, self._prior = found, record, prior
         return np.array(samples)
@@ -240,7 +242,7 @@ class MotionFitter:
             if bar_noise**2 > self._squared_noise() * (1 + _SIGNIFICANT * self._scatter()):
                 self._windows = merge_windows(self._windows, self._fits)
                 self._improve(_STEPS, _COARSE * self._unknowns)
-                found.append((self._cost(self._windows), self._windows))
+                found.append((self._cost(self._windows)[0], self._windows))
                 count = sum(float(self._counts(window).sum()) for window in self._windows)
                 spread = self._scatter() + _NOISE_SCATTER / math.sqrt(count)
                 if self._squared_noise() < self._noise**2 * (1 + _SIGNIFICANT * spread):
@@ -249,9 +251,12 @@ class MotionFitter:
             self._windows = min(found, key=lambda each: each[0])[1]
         return bool(found)
 
+    def _squares(self) -> float:
+        return sum(float(np.sum(self._whitened(window) ** 2)) for window in self._windows)
+
     def _squared_noise(self) -> float:
-        squares = sum(float(np.sum(self._whitened(window) ** 2)) for window in self._windows)
-        return float(squares / max(self._freedom() - self._motion.slices.forces.stop, 1.0))
+        freedom = self._freedom() - self._motion.slices.forces.stop
+        return self._squares() / max(freedom, 1.0)
 
     def _freedom(self) -> float:
         counts = (self._counts(window).sum(axis=0) for window in self._windows)
@@ -287,29 +292,34 @@ class MotionFitter:
         errors = errors * self._record.deviations[frames]
         return bool(np.sum(errors**2) < _FITTING**2 * len(errors))
 
-    def _cost(self, windows: Sequence[FreeWindow]) -> float:
+    def _cost(self, windows: Sequence[FreeWindow]) -> tuple[float, list[Array]]:
+        """Return -2 log likelihood, and the states of each window at its frames, (B, 2, N)."""
         if not windows[0].motion.fastest * self._interval < _FASTEST:
-            return math.inf
+            return math.inf, []
         information, values = self._prior.evaluate(windows[0].motion)
-        cost = float(values @ information @ values)
-        for window in windows:
-            cost += float(np.sum(self._whitened(window) ** 2)) / self._noise**2
-        return cost if math.isfinite(cost) else math.inf
+        cost, record = float(values @ information @ values), self._record
+        states = [states_at(each.motion, record.times[each.frames]) for each in windows]
+        for window, own in zip(windows, states, strict=True):
+            _, pulls, errors = record.weighted(window, None, own)
+            whitened = record.whitened(window.frames, pulls, errors)
+            cost += float(np.sum(whitened**2)) / self._noise**2
+        return (cost if math.isfinite(cost) else math.inf), states
 
     def _seen(self, window: FreeWindow) -> Array:
         return np.isfinite(self._record.readings[window.frames])
 
-    def _equations(self, every: int = 1) -> list[WindowEquations]:
-        return [window_equations(window, self._record, every) for window in self._windows]
-
-    def _improve(
-        self, steps: int, converged: float, equations: list[WindowEquations] | None = None
-    ) -> None:
+    def _equations(self) -> list[Array]:
         every = max(1, len(self._stamps) // _MATRIX_FRAMES)
-        equations = equations or self._equations(every)
-        right, at = self._right(), self._motion.slices
+        return [window_matrix(window, self._record, every) for window in self._windows]
+
+    def _improve(self, steps: int, converged: float, equations: list[Array] | None = None) -> None:
+        equations = equations or self._equations()
+        before, states = self._cost(self._windows)
+        if not states:
+            return
+        right, at = self._right(states), self._motion.slices
         pairs: list[tuple[Array, Array]] = []
-        damping, before, last, rejected = 0.0, self._cost(self._windows), math.inf, 0
+        damping, last, rejected = 0.0, math.inf, 0
         solve, fresh = self._solver(equations, damping), True
         first = 0.0
         while rejected < _DAMPINGS:
@@ -320,10 +330,11 @@ class MotionFitter:
             step *= min(1.0, _LONGEST_STEP / float(np.abs(step[: at.masses.stop]).max()))
             changed = self._changed(step)
             with np.errstate(all='ignore'):
-                after = self._cost(changed)
+                after, reached = self._cost(changed)
             accepted = after < before
             if accepted:
-                self._windows, before, steps, rejected = changed, after, steps - 1, 0
+                self._windows, before, states = changed, after, reached
+                steps, rejected = steps - 1, 0
                 if not steps or (expected < converged and damping < _DAMPED):
                     return
                 damping /= 8
@@ -335,31 +346,28 @@ class MotionFitter:
             far = expected > _FAR * self._unknowns
             fresh = far or slow or not accepted or damping > _DAMPED
             last = expected
-            previous, right = right, self._right()
+            previous, right = right, self._right(states)
             if fresh:
-                equations, pairs = self._equations(every), []
+                equations, pairs = self._equations(), []
                 solve = self._solver(equations, damping)
             elif step @ (previous - right) > 0:
                 pairs.append((step, previous - right))
 
-    def _right(self) -> Array:
+    def _right(self, states: Sequence[Array]) -> Array:
         information, values = self._prior.evaluate(self._motion)
-        vectors = np.array([window_gradient(each, self._record) for each in self._windows])
+        pairs = zip(self._windows, states, strict=True)
+        vectors = np.array([window_gradient(each, self._record, own) for each, own in pairs])
         vectors, size = vectors / self._noise**2, len(values)
         chain = vectors[:, :size].sum(axis=0) - information @ values
         return np.concatenate([chain, vectors[:, size:].ravel()])
 
-    def _solver(
-        self, equations: Sequence[WindowEquations], damping: float
-    ) -> Callable[[Array], Array]:
+    def _solver(self, equations: Sequence[Array], damping: float) -> Callable[[Array], Array]:
         information, _ = self._prior.evaluate(self._motion)
         return solver(self._eliminated(equations, damping), information, self._basis, damping)
 
-    def _eliminated(
-        self, equations: Sequence[WindowEquations], damping: float
-    ) -> list[Eliminated]:
+    def _eliminated(self, equations: Sequence[Array], damping: float) -> list[Eliminated]:
         size = len(self._basis)
-        return [eliminated(each.matrix, size, self._noise, damping) for each in equations]
+        return [eliminated(each, size, self._noise, damping) for each in equations]
 
     def _changed(self, step: Array) -> tuple[FreeWindow, ...]:
         chain, states = np.split(step, [len(self._basis)])
@@ -369,15 +377,14 @@ class MotionFitter:
             for window, own in zip(self._windows, changes, strict=True)
         )
 
-    def _reestimate(self, equations: Sequence[WindowEquations]) -> tuple[Array, Array]:
+    def _reestimate(self, equations: Sequence[Array]) -> tuple[Array, Array]:
         motion = self._motion
         parts = self._eliminated(equations, 0.0)
         information = np.sum([each.matrix for each in parts], axis=0)
         whole = information + self._prior.evaluate(motion)[0]
         covariance = covariance_in(self._basis, whole)
         parameters = float(np.sum(covariance * information))
-        squares = sum(each.squares for each in equations)
-        self._noise = math.sqrt(squares / max(self._freedom() - parameters, 1.0))
+        self._noise = math.sqrt(self._squares() / max(self._freedom() - parameters, 1.0))
         self._prior = self._prior.reestimated(motion, covariance, self._tolerance)
         return covariance, information
 

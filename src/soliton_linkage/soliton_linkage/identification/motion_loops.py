@@ -154,9 +154,8 @@ def advance_sensitivities(
         if source == UNMOVED:
             continue
         for n in range(rotors):
-            x_at[n + 1], x_sum[n] = x[n], x[n]
-        for n in range(rotors):
-            v_at[n], v_sum[n] = v[n], v[n]
+            x_at[n + 1], v_at[n] = x[n], v[n]
+            x_sum[n] = v_sum[n] = 0.0
         for stage in range(4):
             work = works[stage]
             for n in range(rotors):
@@ -176,13 +175,12 @@ def advance_sensitivities(
             ahead = step if stage == 2 else step / 2
             for n in range(rotors):
                 x_sum[n] += weight * v_at[n]
-            for n in range(rotors):
                 v_sum[n] += weight * acceleration[n + 1]
-            for n in range(rotors):
                 x_at[n + 1] = x[n] + ahead * v_at[n]
-            for n in range(rotors):
                 v_at[n] = v[n] + ahead * acceleration[n + 1]
-        x[:], v[:] = x_sum[:rotors], v_sum[:rotors]
+        for n in range(rotors):
+            x[n] += x_sum[n]
+            v[n] += v_sum[n]
 
 
 @compiled(const_f8_2d, const_f8_1d, i8_1d, const_f8_1d, f8_2d, f8_3d, f8_3d, f8_3d)

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from soliton_linkage.estimation.noise import robust_deviation
-from soliton_linkage.identification.mounting import check_unit
+from soliton_linkage.identification.mounting import check_unit, in_degrees
 from soliton_linkage.identification.readings import interpolated
 from soliton_linkage.identification.screening import check_motion, leaning_over, noise_of
 from soliton_linkage.linkage.chain import Array, Chain, staggered, wrapped
@@ -30,7 +30,9 @@ less."""
 _LARGEST_SLOWNESS = 0.1
 """Largest acceptable relative difference between the speeds of the stamps and of the clock [1]."""
 _LATE = 1.5
-"""Ratio of an interval to the median interval above which frames count as missing [1]."""
+"""Ratio of an interval to the median interval above which a frame is late or missing [1]."""
+_COUNTED_FRAMES = 10
+"""Number of successive frames whose duration shows how many are missing, even if one is late."""
 _LARGEST_NOISE = 0.05
 """Largest acceptable noise of a reading [rad]."""
 _NOISY = 3.0
@@ -42,12 +44,18 @@ _LEAST_SEEN = 0.99
 """Smallest acceptable fraction of the frames in which a rotor has a reading [1]."""
 _LARGEST_STRETCH = 0.02
 """Largest acceptable relative stretch of a bond [1]; a zero error of 0.05 rad causes more."""
+_LARGEST_OFFSET = 2.9
+"""Largest offset of an encoder that is tried [rad]; a larger one is half a turn."""
+_LARGEST_CHANGE = 0.3
+"""Largest relative error of a length that is tried [1]."""
 _EXPLAINED = 1 / 3
 """Largest root mean square stretch after a correction, relative to the stretch before, for which
 the correction counts as the cause [1]."""
 _EQUALLY_GOOD = 1.5
 """Largest ratio of the stretch after a correction to that after the best correction for which the
 correction is also reported [1]."""
+_MOST_AGAINST = 0.2
+"""Largest fraction of rotors that lean away from a soliton at an edge [1]; signs may be wrong."""
 _MOST_FRAMES = 200
 """Largest number of frames from which the stretches are computed [1]."""
 _MOST_NAMED = 4
@@ -59,7 +67,7 @@ class WatchedFrames:
     """Joint states in T frames of N rotors, in the order of their arrival."""
 
     stamps: Array
-    """Stamps [s], shape (T,); 0 if a frame has no stamp."""
+    """Stamps [s], shape (T,); NaN if a frame has no stamp."""
     arrivals: Array
     """Times of arrival [s], on the clock of the stamps, shape (T,)."""
     angles: Array
@@ -73,6 +81,13 @@ class Turn(NamedTuple):
     rest: Array
     """Readings just before the request [rad], (N,)."""
     frames: WatchedFrames
+    before: WatchedFrames | None = None
+    """Frames before the request, while a hand moved the soliton."""
+
+    @property
+    def everything(self) -> tuple[WatchedFrames, ...]:
+        """Frames before and after the request."""
+        return (self.frames,) if self.before is None else (self.before, self.frames)
 
 
 class RigFinding(NamedTuple):
@@ -128,7 +143,7 @@ def check_rig(
         bonds = _Bonds(chain, angles)
         stretches = bonds.stretches(bonds.angles)
         findings += _chain_findings(bonds, names)
-    everything = [watched, *(turn.frames for turn in turns)]
+    everything = [watched, *(each for turn in turns for each in turn.everything)]
     findings += _passage_findings(np.concatenate([each.angles for each in everything]), names)
     return RigFindings(tuple(findings), noise, stretches)
 
@@ -136,6 +151,16 @@ def check_rig(
 def is_resting(angles: Array) -> bool:
     """Return whether no rotor turns in some frames of readings [rad], shape (T, N)."""
     return not bool((np.ptp(interpolated(angles), axis=0) > SMALLEST_TURN / 2).any())
+
+
+def is_at_edge(angles: Array, first: bool) -> bool:
+    """Return whether a soliton is at the first or last edge, given readings of one frame, (N,).
+
+    Only then can a hand turn the edge rotor. All rotors lean towards a soliton at an edge.
+    """
+    leans = np.sin(np.deg2rad(angles) if in_degrees(angles) else angles)
+    against = int((leans > 0).sum() if first else (leans < 0).sum())
+    return against <= max(1, _MOST_AGAINST * len(angles))
 
 
 def first_turn(rest: Array, angles: Array) -> tuple[int, float] | None:
@@ -157,13 +182,20 @@ def _converted(
     def frames(given: WatchedFrames) -> WatchedFrames:
         return replace(given, angles=convert(given.angles))
 
-    return frames(watched), [Turn(n, convert(rest), frames(each)) for n, rest, each in turns]
+    return frames(watched), [
+        turn._replace(
+            rest=convert(turn.rest),
+            frames=frames(turn.frames),
+            before=turn.before and frames(turn.before),
+        )
+        for turn in turns
+    ]
 
 
 def _stamp_findings(frames: WatchedFrames) -> Iterator[RigFinding]:
     stamps, arrivals = frames.stamps, frames.arrivals
     elapsed = float(arrivals[-1] - arrivals[0])
-    if not stamps.all():
+    if np.isnan(stamps).any():
         yield RigFinding(WRONG, 'rate', f'{len(stamps) / elapsed:.3g} frames per second arrive')
         yield RigFinding(
             WRONG,
@@ -176,10 +208,12 @@ def _stamp_findings(frames: WatchedFrames) -> Iterator[RigFinding]:
     repeated, backward = int((intervals == 0).sum()), int((intervals < 0).sum())
     intervals = intervals[intervals > 0]
     period = float(np.median(intervals)) if len(intervals) else elapsed / len(stamps)
-    lost = intervals[intervals > _LATE * period]
-    missing = int(np.rint(lost / period - 1).sum())
+    missing = _missing_frames(stamps, period) if not (repeated or backward) else 0
     rate = f'{1 / period:.4g} frames per second'
-    if missing:
+    if missing > len(stamps):
+        rate = f'{len(stamps) / elapsed:.4g} frames per second, at irregular times; measure at '
+        rate += 'equal intervals'
+    elif missing:
         rate += f', of which {missing} of {len(stamps) + missing} are missing'
     yield RigFinding(DOUBTFUL if missing else RIGHT, 'rate', rate)
     if repeated or backward:
@@ -192,17 +226,25 @@ def _stamp_findings(frames: WatchedFrames) -> Iterator[RigFinding]:
     whole = intervals[intervals < _LATE * period]
     jitter = robust_deviation(np.abs(whole - period)) / np.sqrt(2)
     steady = jitter < _LARGEST_JITTER
-    remedy = '; stamp frames where they are measured, not where they arrive'
-    text = f'the stamps jitter by {1e3 * jitter:.2g} ms{"" if steady else remedy}'
+    remedy = '; measure at equal intervals, and stamp frames where they are measured'
+    text = f'the stamps jitter by {1e3 * jitter:.3g} ms{"" if steady else remedy}'
     yield RigFinding(RIGHT if steady else DOUBTFUL, 'jitter', text)
     speed = float(stamps[-1] - stamps[0]) / elapsed
-    age = float(np.median(arrivals - stamps))
+    ages = arrivals - stamps
+    age, least = float(np.median(ages)), float(ages.min())
     if abs(speed - 1) > _LARGEST_SLOWNESS:
         yield RigFinding(
             DOUBTFUL,
             'clock',
             f'the stamps advance by {speed:.3g} s in a second of the clock: they come from a '
             'simulation or a bag, or the clock of the stamps is wrong',
+        )
+    elif age > _LARGEST_AGE > least:
+        yield RigFinding(
+            DOUBTFUL,
+            'clock',
+            f'frames arrive {age:.3g} s after their stamps, the fastest one {least:.3g} s: the '
+            'driver or this machine is too slow; publish fewer frames',
         )
     elif not -_LARGEST_LEAD < age < _LARGEST_AGE:
         side = 'behind' if age > 0 else 'ahead of'
@@ -213,7 +255,15 @@ def _stamp_findings(frames: WatchedFrames) -> Iterator[RigFinding]:
             'clocks, for example by NTP, or set use_sim_time if the stamps are simulated',
         )
     else:
-        yield RigFinding(RIGHT, 'clock', f'frames arrive {1e3 * age:.2g} ms after their stamps')
+        yield RigFinding(RIGHT, 'clock', f'frames arrive {1e3 * age:.3g} ms after their stamps')
+
+
+def _missing_frames(stamps: Array, period: float) -> int:
+    ends = np.minimum(
+        np.arange(0, len(stamps) + _COUNTED_FRAMES, _COUNTED_FRAMES), len(stamps) - 1
+    )
+    total = np.rint(np.diff(stamps[ends]) / period) - np.diff(ends)
+    return max(int(total.sum()), 0)
 
 
 def _listed(names: Sequence[str], rotors: Sequence[int]) -> str:
@@ -225,7 +275,9 @@ def _missing_findings(seen: Array, names: Sequence[str]) -> Iterator[RigFinding]
     absent = np.flatnonzero(seen == 0).tolist()
     gaps = np.flatnonzero((seen > 0) & (seen < _LEAST_SEEN)).tolist()
     if absent:
-        text = f'{_listed(names, absent)} never arrive; publish all rotors, or set joint_names'
+        text = (
+            f'no angle of {_listed(names, absent)} arrives; publish all rotors, or set joint_names'
+        )
         yield RigFinding(WRONG, 'rotors', text)
     if gaps:
         least = float(seen[gaps].min())
@@ -257,12 +309,15 @@ def _turn_findings(turns: Sequence[Turn], names: Sequence[str]) -> Iterator[RigF
         text = f'{names[rotor]} was not turned by hand, so that its order and sign are unknown'
         yield RigFinding(DOUBTFUL, 'order', text)
     for turn in turns:
+        if np.isnan(turn.rest[turn.rotor]):
+            continue
         found = first_turn(turn.rest, turn.frames.angles)
         asked = names[turn.rotor]
         if found is None:
             text = (
                 f'no rotor turned by {SMALLEST_TURN:g} rad when you had to turn {asked}: turn it '
-                'further, or check the cable and the magnet of its encoder'
+                'further, or check the cable and the magnet of its encoder; if the soliton is at '
+                'the other edge, all signs are wrong: publish -phi'
             )
             yield RigFinding(WRONG, 'order', text)
             continue
@@ -315,16 +370,16 @@ class _Bonds:
             text = f'{names[n]} and {names[n + 1]} are exchanged'
             yield self.stretches(angles[:, order]), text
         for n, one in enumerate(ones):
-            found, value = _fitted(partial(self._shifted, one), np.pi)
+            found, value = _fitted(partial(self._shifted, one), _LARGEST_OFFSET)
             yield found, f'the reading of {names[n]} is too large by {value:.2g} rad'
-            found, value = _fitted(partial(self._lengthened, one), 0.3)
+            found, value = _fitted(partial(self._lengthened, one), _LARGEST_CHANGE)
             yield found, f'the length of {names[n]} differs by {value:+.1%}'
-        found, value = _fitted(partial(self._lengthened, 1.0), 0.3)
+        found, value = _fitted(partial(self._lengthened, 1.0), _LARGEST_CHANGE)
         yield found, f'all rotor lengths or rest lengths differ, rotors by {value:+.1%}'
         now = self.stretches(angles)
-        for n, stretch in enumerate(now):
+        for n in np.flatnonzero(~(np.abs(now) > _LARGEST_CHANGE)).tolist():
             text = f'the rest length of the bond {names[n]} to {names[n + 1]} differs by'
-            yield now * (1 - np.eye(len(now))[n]), f'{text} {stretch:+.1%}'
+            yield now * (1 - np.eye(len(now))[n]), f'{text} {now[n]:+.1%}'
 
 
 def _is_staggered(chain: Chain, angles: Array) -> bool:
@@ -341,7 +396,8 @@ def _size(stretches: Array) -> float:
 def _fitted(stretches: Callable[[float], Array], largest: float) -> tuple[Array, float]:
     grid = np.linspace(-largest, largest, 25)
     best = grid[np.argmin([_size(stretches(float(value))) for value in grid])]
-    near = best - grid[1] + grid[0], best + grid[1] - grid[0]
+    step = grid[1] - grid[0]
+    near = max(best - step, -largest), min(best + step, largest)
     found = minimize_scalar(lambda value: _size(stretches(value)), bounds=near, method='bounded')
     return stretches(float(found.x)), float(found.x)
 

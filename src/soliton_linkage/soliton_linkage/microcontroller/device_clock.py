@@ -204,7 +204,8 @@ class DeviceClock:
         if not self._confirmed():
             raise ValueError(
                 f'time = {time} us differs from its arrival by {abs(late):.3g} s; '
-                'check the wiring, and send a checksum with each line'
+                'measure at equal intervals, check the wiring, and end each line of text with a '
+                'checksum'
             )
         if abs(late) < _FROM_THE_FUTURE:
             self.jumps += 1

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from soliton_linkage.identification.mounting import in_degrees
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.quantities import LARGEST_ANGLE, check_quantities, quantity
 from soliton_linkage.microcontroller.device_clock import DeviceClock
@@ -99,12 +100,14 @@ class AngleReader:
         return np.asarray(angles)
 
     def check(self, frame: SerialFrame) -> None:
-        """Raise ValueError unless the frame has a reading for each rotor."""
+        """Raise ValueError unless the frame has a reading [rad] or [1] for each rotor."""
         if len(frame.values) != self.rotors:
             raise ValueError(
                 f'it has {len(frame.values)} readings for a chain of {self.rotors} rotors; send '
                 'one for each rotor, - or NaN if missing, or set chain.number_of_rotors'
             )
+        if frame.kind is FrameKind.RADIANS and in_degrees(frame.values):
+            raise ValueError('its angles look like degrees; send radians')
 
 
 class StampedAngles(NamedTuple):

@@ -9,9 +9,12 @@ file after --ros-args with -p chain_from:=parameters.
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import threading
 import time
+from bisect import bisect_right
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +31,10 @@ from soliton_linkage.identification.rig_check import (
     WatchedFrames,
     check_rig,
     first_turn,
+    is_at_edge,
     is_resting,
 )
+from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_msgs import msg
@@ -56,8 +61,12 @@ from soliton_linkage_studies.rig_page import rig_page
 
 _CHAIN_WAIT = 3.0
 """Longest wait for the topic chain after the first frame [s]."""
+_POLL = 0.1
+"""Time between two evaluations of a condition [s], which decode the latest messages."""
 _LATEST = 20
 """Number of messages that give the present angles [1]; single messages may lack rotors."""
+_AT_REST = 1.0
+"""Time without motion after which the chain is at rest [s]."""
 _AFTER_TURN = 2.0
 """Time for which frames are recorded after a rotor has turned [s]."""
 
@@ -105,24 +114,34 @@ class CheckRig(Node):
             return None
         if not self._received:
             raise ValueError('joint_states stopped before the check; keep its publisher running')
-        names = self.joint_names
-        watched = self._frames(0)
-        turns = []
-        for rotor in (0, len(names) - 1) if turn else ():
-            if not self._wait(lambda: is_resting(self._latest().angles), limit):
-                print('The chain does not come to rest; add friction or stop it by hand.')
-                break
-            turns.append(self._turn(rotor, limit))
+        names, watched = self.joint_names, self._frames(0)
+        edges = [(0, True), (len(names) - 1, False)]
+        if not is_at_edge(self._resting_angles(), first=True):
+            edges.reverse()
+        asked = [self._turn(*edge, limit) for edge in edges] if turn else []
         if self._stopping.is_set():
             return None
+        turns = [each for each in asked if each is not None]
         return check_rig(watched, turns, names, self.named.chain if self.named else None)
 
-    def _turn(self, rotor: int, limit: float) -> Turn:
-        begin, rest = len(self._received), interpolated(self._latest().angles)[-1]
+    def _turn(self, rotor: int, first: bool, limit: float) -> Turn | None:
+        """Ask for a turn; return its frames, or None if the chain does not come to rest."""
+        moved = len(self._received)
+        name = self.joint_names[rotor]
+        if not is_at_edge(self._resting_angles(), first):
+            print(
+                f'Move the soliton to {name}: turn the rotors at the soliton one after the other '
+                f'(within {limit:g} s) ...',
+                flush=True,
+            )
+        self._wait(lambda: is_at_edge(self._resting_angles(), first) and self._rests(), limit)
+        if not self._rests():
+            print('The chain does not come to rest; add friction or stop it by hand.')
+            return None
+        begin, rest = len(self._received), self._resting_angles()
         print(
-            f'Turn {self.joint_names[rotor]} by hand in the positive direction: clockwise, if you '
-            'see rotor 0 on the left and the last rotor on the right '
-            f'(within {limit:g} s) ...',
+            f'Turn {name} by hand in the positive direction: clockwise, if you see rotor 0 on the '
+            f'left and the last rotor on the right (within {limit:g} s) ...',
             flush=True,
         )
 
@@ -133,7 +152,7 @@ class CheckRig(Node):
         if self._wait(turned, limit):
             print('A rotor has turned. Release it.', flush=True)
             self._watch(_AFTER_TURN, 'recording the motion')
-        return Turn(rotor, rest, self._frames(begin))
+        return Turn(rotor, rest, self._frames(begin), self._frames(moved, begin))
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -147,7 +166,16 @@ class CheckRig(Node):
         self._received.append((nanoseconds_of(self.get_clock()), message))
 
     def _wait(self, condition: Any, seconds: float) -> bool:
-        return spin_until(self._executor, condition, seconds, self._stopping.is_set)
+        polled = 0.0
+
+        def poll() -> bool:
+            nonlocal polled
+            if time.monotonic() < polled + _POLL:
+                return False
+            polled = time.monotonic()
+            return bool(condition())
+
+        return spin_until(self._executor, poll, seconds, self._stopping.is_set)
 
     def _watch(self, seconds: float, title: str) -> None:
         progress, begin = ProgressLine(title, round(10 * seconds)), time.monotonic()
@@ -160,26 +188,35 @@ class CheckRig(Node):
         self._wait(over, 2 * seconds)
         progress.clear()
 
+    def _rests(self) -> bool:
+        before = nanoseconds_of(self.get_clock()) - round(_AT_REST * SECOND)
+        then = bisect_right(self._received, before, key=itemgetter(0))
+        frames = self._frames(max(then - _LATEST, 0), then), self._latest()
+        return then > 0 and is_resting(np.concatenate([each.angles for each in frames]))
+
+    def _resting_angles(self) -> Array:
+        return interpolated(self._latest().angles)[-1]
+
     def _latest(self) -> WatchedFrames:
         return self._frames(max(len(self._received) - _LATEST, 0))
 
-    def _frames(self, begin: int) -> WatchedFrames:
+    def _frames(self, begin: int, end: int | None = None) -> WatchedFrames:
         names = self.joint_names
         assembler = FrameAssembler(names)
         reader = FrameReader(names, self.named.encoder_offsets if self.named else ())
-        stamps, arrivals, angles = [], [], []
-        arrived = 0
-        for arrived, message in self._received[begin:]:
-            for frame in assembler.add(joint_states_from_msg(message)):
-                stamps.append(frame.stamp / SECOND)
-                arrivals.append(arrived / SECOND)
-                angles.append(reader.read(frame).angles)
-        for frame in assembler.flush():
-            stamps.append(frame.stamp / SECOND)
-            arrivals.append(arrived / SECOND)
-            angles.append(reader.read(frame).angles)
-        values = np.array(angles).reshape(-1, len(names))
-        return WatchedFrames(np.array(stamps), np.array(arrivals), values)
+        received, origin = self._received[begin:end], self._received[0][0]
+        frames = [
+            (arrived, frame)
+            for arrived, message in received
+            for frame in assembler.add(joint_states_from_msg(message))
+        ]
+        frames += [(received[-1][0], frame) for frame in assembler.flush()]
+        times = [(frame.stamp or math.nan, arrived) for arrived, frame in frames]
+        # Differences of nanoseconds, because seconds since 1970 would be rounded.
+        seconds = [(each - origin) / SECOND for pair in times for each in pair]
+        stamps, arrivals = np.array(seconds).reshape(-1, 2).T
+        angles = np.array([reader.read(frame).angles for _, frame in frames])
+        return WatchedFrames(stamps, arrivals, angles.reshape(-1, len(names)))
 
 
 def main() -> None:
