@@ -12,7 +12,7 @@ LINKAGE = (
 )
 """Description of a drawn chain."""
 MODE = 'green arrows are the velocities of the masses in this mode, all drawn to the same scale'
-"""Description of the zero-mode arrows, a clause."""
+"""Clause that describes the zero-mode arrows."""
 PROJECTIONS = (
     'Arrows below the pivots are the horizontal displacements u = r sin φ of the masses, in '
     'several rows if they would overlap. Arrows to the right are purple, arrows to the left are '

@@ -28,7 +28,7 @@ _LINE = 95
 """Largest number of characters in a line of a caption."""
 _FUNCTIONS = ('sin', 'cos', 'ln', 'min', 'max')
 _ROUNDING = 1e-11
-"""Smallest relative error in a table [1]; it is about that of a sum of 1000 terms."""
+"""Smallest relative error in a table [1], about the rounding error of a sum of 1000 terms."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class FigureReport:
 
     figure: Figure
     caption: str
-    """Description of the figure and of each symbol, line and colour without a legend entry."""
+    """Description of the figure, and of the symbols, lines and colours that the legend omits."""
     rows: list[tuple[str, str, float, float, str, str]] = field(default_factory=list)
     """Drawn points, as (panel, series, x, y, x_name, y_name)."""
     comparisons: list[Comparison] = field(default_factory=list)

@@ -52,9 +52,9 @@ def follow_wall(chain: Chain, edge: Edge = Edge.FIRST, legs: int = 2) -> tuple[L
     """Simulate a chain with rigid bars until the wall has crossed the chain `legs` times.
 
     The simulation starts in the left-leaning rest state if `edge` is the first edge, otherwise in
-    the right-leaning one. The wall of a flipper first moves to the nearest edge, which is not a
-    leg. The simulation ends early if the wall turns back, or if a leg is longer than 4 pi [rad]
-    per rotor.
+    the right-leaning one. The wall of a flipper first moves to the nearest edge; this motion is
+    not a leg. The simulation ends early if the wall turns back, or if the arc length of a leg
+    exceeds 4 pi N [rad] for N rotors.
 
     The wall position is the centre of the zero mode. The wall of a flipper reaches an edge when
     the edge rotor passes the straight line from its pivot to the neighbouring mass, because then

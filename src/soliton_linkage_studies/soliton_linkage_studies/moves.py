@@ -147,8 +147,8 @@ class MoveRun:
 def _started(task: MoveTask, orbit: UniformOrbit) -> tuple[Chain, Array]:
     """Return the chain of a task with damping and disorder, and its initial angles [rad].
 
-    Deviations are drawn again if they may stop the wall, or if the chain has no rest state with a
-    wall there.
+    Deviations are drawn again if they may stop the wall, or if no rest state has a wall at the
+    initial position.
     """
     damping = task.condition.decay * task.chain.moment_of_inertia
     chain = replace(task.chain, damping=damping)

@@ -72,7 +72,7 @@ MOTION_COLOURS = {motion: shades[0] for motion, shades in _SHADES.items()}
 
 
 def chain_colours(chains: Sequence[Chain]) -> list[str]:
-    """Return a colour per chain, a shade of its class; the largest lean ratio has the purest."""
+    """Return a shade of the class colour for each chain, purest for the largest lean ratio."""
     order = sorted(range(len(chains)), key=lambda number: -chains[number].lean_ratio)
     found: dict[int, str] = {}
     for number in order:

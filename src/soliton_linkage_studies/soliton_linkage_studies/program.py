@@ -134,9 +134,9 @@ def installed_settings(name: str) -> Path | None:
 
 
 def select_names(known: Sequence[str], asked: Sequence[str], option: str = '--only') -> list[str]:
-    """Return the names that an option selects, in full or up to the first _; by default all.
+    """Return the `known` names that `asked` selects, by default all.
 
-    Raises ValueError for an unknown name.
+    A name may be shortened to its part before the first _. Raises ValueError for an unknown name.
     """
     aliases = {name: {name, name.split('_')[0]} for name in known}
     for name in asked:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Self-contained report page of the check of a rig."""
+"""Self-contained page that reports the check of a rig."""
 
 from __future__ import annotations
 

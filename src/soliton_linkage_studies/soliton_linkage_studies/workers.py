@@ -30,7 +30,7 @@ _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 _CHUNK_DURATION = 1.0
 """Duration of the rows that a worker measures in one task [s]; a failure loses these rows."""
 _CHUNK_GROWTH = 4
-"""Largest ratio of successive chunk sizes [1], because the first rows may be unusually fast."""
+"""Largest ratio of a chunk size to the previous one [1]; the first rows may be unusually fast."""
 _CHUNKS_PER_WORKER = 2
 """Number of submitted chunks per worker [1]: one is measured while the next one waits."""
 

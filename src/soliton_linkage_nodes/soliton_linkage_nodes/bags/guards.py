@@ -22,8 +22,8 @@ from soliton_linkage.linkage.quantities import quantity
 _MEBIBYTE = 2**20
 """Size of 1 MiB [B]."""
 _LARGEST_RATIO = 25
-"""Largest ratio of the decompressed to the compressed size of a large file [1]; a chain at rest
-has a ratio of 10."""
+"""Largest ratio of the decompressed to the compressed size of a large file [1]; bags of a chain at
+rest have 10."""
 
 
 @dataclass(frozen=True)

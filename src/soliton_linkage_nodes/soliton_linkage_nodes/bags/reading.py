@@ -95,7 +95,8 @@ _RECORD = 'record it with bag_recorder'
 def find_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Connection:
     """Return the topic with the full name `name`, else with the same last part in any namespace.
 
-    Raises ValueError, ending with `remedy`, unless one topic with one type in CDR matches.
+    Raises ValueError, with `remedy` at the end of the text, unless exactly one topic with one type
+    in CDR matches.
     """
     found = types_of_topic(reader, name, remedy)
     bag = f'bag {str(reader.path)!r}'

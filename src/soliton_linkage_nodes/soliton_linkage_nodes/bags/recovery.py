@@ -43,7 +43,7 @@ _SHOW_EVERY = 1000
 """Messages between two calls of `show` [1]."""
 
 Show = Callable[[int, int], None]
-"""Function of the number of messages so far and the expected number, 0 if unknown."""
+"""Function that shows the progress: number of messages so far, expected number (0 if unknown)."""
 
 
 def recovered_file(path: Path, storage: str, doubtful: bool, limits: BagLimits) -> RecoveredFile:
@@ -288,7 +288,7 @@ def unfinished_bag(name: Path) -> Path | None:
 
 
 def take_over(bag: Path) -> UnfinishedBag | None:
-    """Move the intact messages of an MCAP bag into its first file for a writer; else None."""
+    """Recover an MCAP bag into its first file, so that a writer can continue; else None."""
     try:
         with TemporaryDirectory(prefix=f'.{bag.name}_', dir=bag.parent) as folder:
             report, whole = recover_bag(bag, Path(folder, 'whole'))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services as in the recorder and the player of rosbag2, with its types if installed."""
+"""Services as in the recorder and the player of rosbag2, with types of rosbag2 if installed."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def serve_value(
 
 
 def service_type(name: str) -> Any:
-    """Return a service type of rosbag2 or, if not installed, of the suite, else Trigger."""
+    """Return a service type from rosbag2 if installed, otherwise from the suite or Trigger."""
     try:
         return getattr(importlib.import_module('rosbag2_interfaces.srv'), name)
     except (ImportError, AttributeError):

@@ -71,7 +71,7 @@ class LatestFrames:
         return None if self._previous is None else self._decoder.stamp(self._previous)
 
     def period(self, stamp: int) -> float | None:
-        """Return the time from the previous frame to `stamp` [ns] in [s]; None without one."""
+        """Return the time [s] from the last earlier frame to `stamp` [ns]; None without one."""
         before = self.stamp_before
         return None if before is None or stamp <= before else (stamp - before) / SECOND
 
@@ -107,7 +107,7 @@ class ActuatorPublishers:
         return bool(self._node.count_publishers(interfaces.DELIVERY.name))
 
     def check_connected(self, at_once: bool) -> None:
-        """Raise ValueError if no node subscribes to `rotor_impulses`, else to `rotor_torques`."""
+        """Raise ValueError unless a node subscribes to impulses (`at_once`) or torques."""
         publisher = self._impulses if at_once else self._torques
         if not publisher.get_subscription_count():
             name = publisher.topic_name.rsplit('/', 1)[-1]

@@ -155,7 +155,7 @@ class IncomingTopic:
             raise ValueError(f'{type_name} cannot be published: {reason}') from error
 
     def publish(self, data: bytes) -> None:
-        """Publish the data of a client. Raises ValueError if it is no message of the type."""
+        """Publish the data of a client; ValueError if they are no message of the type."""
         if self._encoding == 'json':
             message: Any = built(self._type, load_json(data.decode(errors='replace')))
         else:

@@ -159,7 +159,7 @@ class ChainModel:
     def packed(self, index: int, first: int, last: int) -> bytes:
         """Return the rotors `first` to `last` as a frame.
 
-        `index` is that of the chain in the status.
+        `index` is the number of the chain in the status.
         """
         first = max(0, min(first, self.rotors - 1))
         last = max(first, min(last, self.rotors - 1))
@@ -263,7 +263,7 @@ class ChainModel:
 
 
 def overview(lean: Array) -> Floats:
-    """Return the leans; of more than 2048 rotors, the extrema of each of 1024 groups."""
+    """Return the leans; for more than 2048 rotors, the extrema in each of 1024 groups."""
     if len(lean) <= 2 * _GROUPS:
         return np.asarray(lean, dtype=np.float32)
     starts = np.linspace(0, len(lean), _GROUPS, endpoint=False).astype(np.intp)

@@ -106,7 +106,7 @@ class CameraTopic:
             self._error = ''
 
     def packed(self, index: int) -> bytes:
-        """Return the newest picture as a message; `index` is that of the chain in the status."""
+        """Return the newest picture as a message, with the `index` of the chain in the status."""
         age = time.monotonic() - self._received_at
         return pack_camera(index, self._stamp, age, self._jpeg)
 

@@ -379,7 +379,7 @@ class ChainCommands:
         raise ValueError(f'{node} has no parameter services; it may have ended')
 
     async def _result_of(self, send: Callable[[], Any]) -> Any:
-        """Return the result of the future that `send` creates on the executor's thread."""
+        """Call `send` on the executor's thread, and return the result of its future."""
         loop = asyncio.get_running_loop()
         result: asyncio.Future[Any] = loop.create_future()
 

@@ -113,7 +113,7 @@ def deviations_to_msg(named: NamedChain, seen: CameraReading) -> JointState:
 
 
 def describe_reading(measurement: CameraMeasurement, seen: CameraReading) -> str:
-    """Describe the visible rotors of a picture, earlier camera moves and missing pictures."""
+    """Describe which rotors are visible; count camera moves and missing pictures so far."""
     parts = [seen.frame.status or 'all rotors are visible']
     if measurement.moves:
         times = 'once' if measurement.moves == 1 else f'{measurement.moves} times'
@@ -132,7 +132,7 @@ def median_deviation(frame: AngleFrame) -> float:
 def walls_on_overlay(
     solitons: tuple[AnalysedSoliton, ...], spacing: float, since: float = 0.0
 ) -> list[WallMark]:
-    """Return the marks of the solitons after `since` [s]; `spacing` is that of the pivots [m]."""
+    """Return the marks of the solitons after `since` [s], for pivots at a `spacing` [m]."""
     return [
         WallMark(
             each.rotor + (each.velocity * since / spacing if math.isfinite(each.velocity) else 0),

@@ -110,7 +110,7 @@ def read_chain(reader: Reader, remedy: str = _RECORD_CHAIN) -> NamedChain:
 
 
 def read_recording(reader: Reader) -> tuple[NamedChain, Recording]:
-    """Return the chain of a bag and its joint states, with time 0 at the first frame."""
+    """Return the chain and the joint states of a bag, with time 0 at the first frame."""
     named = read_chain(reader)
     messages = [message for _, message in read_topic(reader, 'joint_states')]
     if not messages:

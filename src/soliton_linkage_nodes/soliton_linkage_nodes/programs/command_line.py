@@ -109,7 +109,7 @@ def ros_client(program: str) -> Iterator[threading.Event]:
 
 
 def message_progress(title: str) -> tuple[ProgressLine, Callable[[int, int], None]]:
-    """Return a progress line, and its update from processed and expected messages."""
+    """Return a progress line, and a function that shows processed and expected messages."""
     progress, begun = ProgressLine(title, 0), time.monotonic()
 
     def show(done: int, expected: int) -> None:

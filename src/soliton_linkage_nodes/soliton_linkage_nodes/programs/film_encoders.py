@@ -84,7 +84,7 @@ def film_to_bag(
     """Write the angles in a film to a bag, and the film with the detected markers to `overlay`.
 
     If the film is damaged or `stopping` is set, the bag contains the angles so far. Raises
-    ValueError if there are none.
+    ValueError if no angles were measured.
     """
     bag = _AngleBag(output, named)
     seen: list[tuple[float, float]] = []

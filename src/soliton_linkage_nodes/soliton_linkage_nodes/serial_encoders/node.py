@@ -90,10 +90,10 @@ class _LineCounts(NamedTuple):
 class SerialEncoders(ManagedNode):
     """Node that publishes the angles of a microcontroller and sends torques to its valves.
 
-    It publishes `joint_states` [rad] with the time of the measurement and NaN for missing rotors,
-    before them the impulses of the valves as `delivered_impulses` [N m s], `/diagnostics`, and
-    `chain` if parameters describe it. It subscribes to `rotor_torques` [N m], to which it adds the
-    feedback of the chain.
+    It publishes `joint_states` [rad] with the time of the measurement and NaN for missing rotors.
+    It also publishes the impulses of the valves on `delivered_impulses` [N m s] before each frame,
+    `/diagnostics`, and `chain` if parameters describe it. It subscribes to `rotor_torques` [N m],
+    to which it adds the feedback of the chain.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {

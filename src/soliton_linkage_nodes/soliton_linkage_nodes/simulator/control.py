@@ -52,9 +52,9 @@ class SimulationControl:
     """Simulation that publishes its frames one by one and applies commands between them.
 
     All waiting kicks, the latest torques and the latest gravity act at the time of the next
-    published frame, whose rates are those after the kicks. If the next frame cannot be computed,
-    the simulation is paused until a reset. The computation of a frame may take seconds. Of the
-    methods that other threads call, only `step` waits for the computation.
+    published frame. The rates of this frame are those after the kicks. If the next frame cannot be
+    computed, the simulation is paused until a reset. The computation of a frame may take seconds.
+    Of the methods that other threads call, only `step` waits for the computation.
     """
 
     def __init__(
@@ -70,10 +70,10 @@ class SimulationControl:
         """Create a simulation that starts in a state.
 
         `begin` creates a simulation from a state and the gravity. `command_timeout` is the
-        simulated time after which torques end [s], 0 for never. `publish` is called with the
-        number of each frame and the simulation, and before it `announce` with the number and the
-        sum of the impulses [N m s] that act at this frame. A reset is rejected if less than a
-        thousandth of its first frame is computed in `longest_trial` [s] of processor time.
+        simulated time after which torques end [s], 0 for never. For each frame, `announce` is
+        called with its number and the sum of the impulses [N m s] that act at it, and then
+        `publish` with its number and the simulation. A reset is rejected if less than a thousandth
+        of its first frame is computed in `longest_trial` [s] of processor time.
         """
         self._begin = begin
         self._gravity = gravity

@@ -185,7 +185,7 @@ class Simulator(ManagedNode):
         self.loop.rate = self._pace(self.get_parameter('real_time_factor').value)
 
     def _pace(self, real_time_factor: float) -> float:
-        """Return the number of frames per second of clock time [Hz], infinite for the factor 0."""
+        """Return the frames per second of clock time [Hz]; infinite at a real-time factor of 0."""
         if real_time_factor == 0:
             return math.inf
         return max(real_time_factor, _SLOWEST) * self.settings.publish_rate

@@ -25,7 +25,7 @@ _STANDARD_FEATURES = (
 class SimulationServices:
     """Services `~/pause`, `~/step` and `~/reset` of a simulation.
 
-    `step` and `reset` return the reason if the request is rejected without any effect, or None.
+    `step` and `reset` return None, or the reason of a rejection; a rejected request has no effect.
     """
 
     def __init__(
@@ -37,7 +37,7 @@ class SimulationServices:
         period: float,
         most_periods: int,
     ) -> None:
-        """Create the services for the frame period [s] and at most `most_periods` in a step."""
+        """Create the services for a frame `period` [s] and steps of up to `most_periods`."""
         self.control = control
         self._named = named
         self._world = world

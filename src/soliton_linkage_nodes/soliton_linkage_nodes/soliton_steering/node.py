@@ -245,7 +245,7 @@ class SolitonSteering(ManagedNode):
         self._joint_states.dispatch(self.holding)
 
     def _read(self, chain: SteeredChain, serialized: bytes) -> tuple[int, Frame]:
-        """Return stamp [ns] and frame of joint states. Raises ValueError if they do not fit."""
+        """Return stamp [ns] and frame of joint states; ValueError if they do not fit the chain."""
         joints = self._decoder.decode(serialized)
         return joints.stamp, frame_from_msg(chain.named, joints)
 

@@ -81,7 +81,7 @@ class ObservedChain:
 
     @property
     def walls(self) -> list[Wall]:
-        """Solitons of the latest state, none if its stamp differs by 1 s from the angles."""
+        """Solitons of the latest state, none if its stamp is 1 s from that of the angles."""
         apart = self.seconds - time_from_msg(self.state_stamp) / SECOND
         return self._walls if abs(apart) < _FRESH else []
 

@@ -31,7 +31,7 @@ from soliton_linkage_nodes.visualisation.scene import ChainScene
 Pixels = NDArray[np.uint8]
 
 _COLUMN_RATE = 30.0
-"""Picture columns per second [Hz]; this is the usual refresh rate of viewers."""
+"""Pixel columns per second of displayed time [Hz]; 30 Hz is the usual refresh rate of viewers."""
 _HEIGHT = 400
 """Smallest number of rows of a picture [1]; viewers would enlarge and blur smaller pictures."""
 _MOST_ROWS = 1000

@@ -23,12 +23,12 @@ _WALL_HEIGHT = 2.5
 """Height of the box around a wall, relative to the longest rotor [1]; above 2, it exceeds the
 rotors."""
 _LETTERS = 40
-"""Length of a chain, relative to the height of letters [1]; a line of text is half as long."""
+"""Ratio of the length of a chain to the height of letters [1]; a line of text is half as long as
+the chain."""
 _AT_REST = 1e-4
 """Relative extension at the end of the colour scale, unless a spring is extended more [1]."""
 _DECAY = 0.98
-"""Factor from picture to picture of the upper limit of the colour scale [1]; the limit falls in 1
-s at 30 Hz."""
+"""Factor by which the upper limit of the colour scale decreases from picture to picture [1]."""
 
 
 class Shape(NamedTuple):

@@ -40,8 +40,8 @@ _WIDEST = 3.0
 _LONGEST = 4.0
 """Largest ratio of the rotor length r to the rotor spacing a, as in the paper [1]."""
 _APART = 1.6
-"""Smallest number of rotors per wall in a cell with several walls, relative to a single wall
-[1]."""
+"""Smallest number of rotors per wall in a cell with several walls, relative to that in a cell with
+one wall [1]."""
 _SEVERAL = (1, 1, 1, 2, 4)
 """Numbers of walls from which a random cell draws with equal probability [1]."""
 
@@ -71,8 +71,8 @@ class AccuracyCell:
     wrong_reading: float = 0.0
     """Error of one random encoder in the last frame of a record [rad]; 0 means none."""
     disorder: float = 0.0
-    """Standard deviation of the relative deviations of the chain, which the analyser does not know
-    [1]."""
+    """Standard deviation of the relative deviations from `chain` [1]; the analyser ignores
+    them."""
     impulses: int = 0
     """Number of impulses on the wall, in all records together [1]."""
     impulses_known: bool = False

@@ -69,7 +69,7 @@ class Walls:
     chain: Chain
     kicks: tuple[float, ...]
     reference: Mapping[float, tuple[float, float]]
-    """Known speed [a sqrt(k_e / M)] and relative width [1] of each wall without noise, by kick."""
+    """Speed [a sqrt(k_e / M)] and relative width [1] of the wall, known without noise, by kick."""
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ over 2 %."""
 _LOST_WIDTHS = 2.0
 """Largest position error of a successful estimate [wall widths]."""
 _LOST_BOUNDS = 6.0
-"""Largest error of a successful estimate [Cramer-Rao bounds] beyond `_LOST_WIDTHS`."""
+"""Largest error of a successful estimate [Cramer-Rao bounds], if larger than `_LOST_WIDTHS`."""
 _QUANTILE = 0.975
 """Probability below the upper end of a 95 % interval [1]."""
 

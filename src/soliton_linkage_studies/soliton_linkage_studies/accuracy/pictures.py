@@ -159,7 +159,7 @@ def _dress(column: Sequence[Axes], noise: float, names: Sequence[str]) -> None:
 
 
 def _dashes(name: str) -> Literal['-', ':']:
-    """Return the line style: dotted for the search without a guess, which covers another line."""
+    """Return the line style; the search without a guess is dotted, as it covers another line."""
     return ':' if name == ORBIT_COLD else '-'
 
 

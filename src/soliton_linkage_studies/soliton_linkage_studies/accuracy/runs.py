@@ -33,12 +33,11 @@ from soliton_linkage_studies.settings import Section
 from soliton_linkage_studies.sweep.table import fingerprint
 
 _LOST_WIDTHS = 2.0
-"""Position error above which a wall counts as lost, beyond both other thresholds [wall widths]."""
+"""Threshold of the position error [wall widths]; a lost wall exceeds all three thresholds."""
 _LOST = 1.0
-"""Position error above which a wall counts as lost, beyond both other thresholds [rotor
-spacings]."""
+"""Threshold of the position error [rotor spacings]."""
 _LOST_DEVIATIONS = 6.0
-"""Position error above which a wall counts as lost, in stated standard deviations [1]."""
+"""Threshold of the position error [stated standard deviations]."""
 _LARGEST_DEVIATION = 0.25
 """Stated standard deviation above which a wall counts as false, relative to the chain length
 [1]."""
@@ -81,7 +80,7 @@ def record(
     frames: range,
     random: np.random.Generator,
 ) -> Scores:
-    """Analyse a record with a copy of `template`, an analyser without data; return its scores."""
+    """Analyse a record, and return its scores; `template` is an analyser without data."""
     analyser, scores = deepcopy(template), Scores()
     if scene.charges:
         sound = speed_of_sound(cell.chain) / cell.chain.spacing

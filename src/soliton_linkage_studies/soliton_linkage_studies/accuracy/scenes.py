@@ -69,7 +69,7 @@ _SLOWER = 0.7
 _JITTER = 0.05
 """Largest random shift of an initial wall position, relative to the distance between walls [1]."""
 _CORE = 3.0
-"""Largest distance from a wall of the rotors that show whether the wall is intact [rotor
+"""Largest distance between a wall and the rotors that show whether it is intact [rotor
 spacings]."""
 
 
@@ -143,7 +143,7 @@ def averages_and_slopes(
     An average contains `beside` values on either side, and a slope three times as many. No window
     extends across the indices `breaks`. Slopes are those of fitted lines or, if `cubic` is true,
     of fitted cubics. An acceleration x'' biases the average of 2 b + 1 values by x'' b (b + 1) /
-    6, which is subtracted if `forced` is true, with x'' of the cubic.
+    6. If `forced` is true, this bias is subtracted, with x'' of the cubic.
     """
     means, slopes = np.empty_like(values), np.empty_like(values)
     for begin, end in pairwise([0, *(breaks or []), len(values)]):
@@ -322,7 +322,7 @@ def _uniform_orbit(chain: Chain) -> Orbit:
 
 
 def _several_walls(cell: AccuracyCell, frames: int, random: np.random.Generator) -> WallScene:
-    """Simulate kinks and anti-kinks until two meet. Raises ArithmeticError if too early."""
+    """Simulate kinks and anti-kinks until two meet; ArithmeticError if they meet too early."""
     for draw in range(_DRAWS):
         begins = 1 if random.integers(2) else -1
         charges = tuple(begins * (-1) ** number for number in range(cell.walls))

@@ -69,7 +69,7 @@ class WallPath:
     rest_position: float
     """Wall position of least energy."""
     left: Array
-    """Angles of an even and of an odd rotor far to the left [rad], shape (2,)."""
+    """Angles of an even and an odd rotor far to the left of the wall [rad], shape (2,)."""
 
     @property
     def pinned(self) -> bool:
@@ -167,7 +167,7 @@ def nearest_arc(orbit: Orbit, angles: Array, arc: float) -> float:
 
 @cache
 def wall_path(chain: Chain, charge: int, leg: int = 0) -> WallPath:
-    """Return the path of a wall far from the edges, for kinks of spinners by leg."""
+    """Return the path of a wall far from the edges; `leg` selects the leg of a spinner's kink."""
     beside = extent(chain)
     window = replace(chain, number_of_rotors=2 * beside + 3, deviations=NO_DEVIATIONS)
     positions = np.linspace(beside, beside + 2, _SAMPLES)
@@ -219,7 +219,7 @@ class SteadyWall:
 
 
 def launch_speed(chain: Chain, share: float) -> float:
-    """Return the initial speed of a static wall that settles at `share` [rotor spacings/s]."""
+    """Return the initial speed [spacings/s] after which a static wall settles at `share` c."""
     sound = speed_of_sound(chain) / chain.spacing
     return sound * math.sqrt(2 * (1 / math.sqrt(1 - share**2) - 1))
 

@@ -255,10 +255,10 @@ def _draw_velocities(
 def _line_through_middle(
     run: ActiveRun, chain: Chain, charge: int, velocity: float
 ) -> tuple[Array, Array]:
-    """Return times [s] and sites of motion at a velocity [rotor spacings/s].
+    """Return times [s] and sites of a line with a given velocity [rotor spacings/s].
 
-    The line passes through the last site of the first wall of a charge. The line shows the second
-    half of the motion of this wall.
+    The line ends at the last site of the first wall with the given charge, and covers the second
+    half of its motion.
     """
     found: dict[float, float] = {}
     for time, angles in zip(run.recording.times, run.recording.angles, strict=True):

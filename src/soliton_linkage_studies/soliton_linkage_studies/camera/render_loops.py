@@ -78,7 +78,7 @@ def _shares_of_rotor(
     arm: float,
     spread: float,
 ) -> tuple[float, float, float, float]:
-    """Return sums over the exposure of the fractions of arm, label, dot and background."""
+    """Return the covered fractions (arm, label, dot, background), summed over the exposure."""
     of_arm = of_label = of_dot = of_rest = 0.0
     for k in range(len(across)):
         from_mass = math.hypot(x - across[k], z - up[k])

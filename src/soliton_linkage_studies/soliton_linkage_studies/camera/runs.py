@@ -45,8 +45,8 @@ _FILLED = 1.12
 _SWAPPED = 0.1
 """Error of an angle above which the angle counts as that of another rotor [rad]."""
 _SETTLING = 10
-"""Number of first pictures that are not evaluated, because plane and pivots are means over
-pictures."""
+"""Number of first pictures that are not evaluated; plane and pivots are means over pictures,
+inaccurate at the start."""
 _HAND_EVERY, _HAND_FOR = 10.0, 0.7
 """Time between two hands that cover part of the view, and duration of each hand [s]."""
 _TURN = 0.01
@@ -110,7 +110,8 @@ class FilmedRun:
     stated: Array
     """Stated standard deviations of the angles [rad], (F, N)."""
     bound: float
-    """Cramer-Rao bound of the standard deviation of an angle, from the pixels of a label [rad]."""
+    """Smallest standard deviation of an angle that the pixels of a label allow (Cramer-Rao)
+    [rad]."""
     busy: float
     """CPU time per picture [s]."""
 

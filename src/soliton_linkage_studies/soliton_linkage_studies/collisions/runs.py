@@ -282,7 +282,7 @@ def _outcome(task: Collision, path: WallPaths, state: State, drift: float) -> Co
 
 
 def _turns(ring: Chain, path: WallPaths, state: State) -> int:
-    """Return the turns of the rotor half way between the walls of a spinner, minus half a turn."""
+    """Return the turns, minus half a turn, of the rotor midway between the walls of a spinner."""
     if ring.motion is not Motion.SPINNER:
         return 0
     rotor = round((path.kinks[-1] + path.anti_kinks[-1]) / 2)

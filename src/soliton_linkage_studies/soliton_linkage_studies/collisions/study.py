@@ -51,8 +51,8 @@ class WindowEdge:
     def __call__(self) -> tuple[float, CollisionRun]:
         """Return the speed at the edge, and the simulated collision in the window nearest to it.
 
-        Raises ValueError if the walls do not escape after `collisions` overlaps at the speed
-        `inside`, or if they also do so at the speed `outside`.
+        Raises ValueError unless the walls escape after `collisions` overlaps at the speed
+        `inside`, but not at the speed `outside`.
         """
         inside, outside = self.inside, self.outside
         run = self._made(inside)
@@ -290,7 +290,7 @@ class BounceWindow:
     first: float
     last: float
     fastest: CollisionRun
-    """Collision in the window with the largest speed afterwards."""
+    """Collision in the window after which the walls are fastest."""
 
     @property
     def phase(self) -> float:

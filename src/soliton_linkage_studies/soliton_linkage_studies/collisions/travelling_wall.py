@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Travelling walls of the discrete chain whose shape changes as little as possible.
+"""Travelling walls that change their shape as little as possible in the discrete chain.
 
 A wall of velocity v that keeps its shape has the angles phi_n(t) = f_p(n a - v t) for the parity p
 (0 even, 1 odd), with

@@ -52,7 +52,7 @@ class CommandResponse:
 
 
 def stepped_response(actuator: PneumaticActuator, command: Profile) -> CommandResponse:
-    """Return the pressure response to a command, from its start until the actuator has vented."""
+    """Return the pressure response from the start of a command until the actuator has vented."""
     times = np.linspace(0.0, command.end + 6 * actuator.venting_time, 400)
     asked = np.array([float(command.after(time)) for time in times])
     closed = np.array([actuator.response(0.0, command, 0.0, time)[0] for time in times])
@@ -99,7 +99,7 @@ class DrivenChain:
 def driven_chain(
     chain: Chain, actuator: PneumaticActuator, order: EdgeCommand, period: float
 ) -> DrivenChain:
-    """Simulate a command at the first edge of a left-leaning chain; `period` of the frames [s]."""
+    """Simulate a command at the first edge of a left-leaning chain, with a frame `period` [s]."""
     start = chain.uniform_state(-1)
     simulation = ElasticSimulation(chain, start, period=period, tolerance=_TOLERANCE)
     drive = TorqueDrive(chain, actuator, timeout=0.0)

@@ -55,7 +55,7 @@ _ASIDE = 0.4
 
 @FIGURES.add('disorder_against_passage')
 def disorder_figure(section: Section, quick: bool) -> FigureReport:
-    """Draw the fraction of chains whose wall crosses and returns, against their disorder."""
+    """Draw the fraction of chains whose wall crosses and returns, against the disorder."""
     section.check_keys('chains', 'fractions', 'seeds')
     fractions = section.numbers('fractions', 0.0, 0.5)
     seeds = section.whole_number('seeds', 1, 10_000)

@@ -84,7 +84,7 @@ class WallAtSpeed:
 
 
 Inset = Callable[[FigureReport, Axes, Chain, WallAtSpeed], None]
-"""Function of the report, the axes, the chain and the slowest wall that draws another panel."""
+"""Function that draws another panel, called with report, axes, chain and slowest wall."""
 
 
 @FIGURES.add('figure_5')

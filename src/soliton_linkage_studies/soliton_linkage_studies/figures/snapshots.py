@@ -42,7 +42,8 @@ _WIDTH = 9.0
 _TITLE = 0.4
 """Height of a title above a panel, with margin [inches]."""
 _SAMPLES = 400
-"""Number of frames in a cycle of rigid bars [1]; a crossing has several dozen."""
+"""Number of frames in which a rigid chain runs once through its orbit [1]; a crossing has several
+dozen."""
 _LEGEND = 0.3
 """Height of the legend below the panels [inches]."""
 
@@ -124,7 +125,7 @@ def _compare(
 
 
 def _cycle(chain: Chain) -> tuple[float, float]:
-    """Return round trips of the wall and mean turns of a rotor, in one cycle of rigid bars."""
+    """Return round trips of the wall and turns of a rotor for one pass through the rigid orbit."""
     start = chain.uniform_state(-1)
     length = UniformOrbit(chain).length
     simulation = RigidSimulation(chain, start, zero_mode(chain, start), period=length / _SAMPLES)

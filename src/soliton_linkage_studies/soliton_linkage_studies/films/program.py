@@ -83,7 +83,7 @@ def scene_of(film: Film) -> Scene:
 _CODEC = 'libx264'
 _QUALITY = ('-crf', '20', '-preset', 'veryfast', '-movflags', '+faststart')
 SHRINKING = 2
-"""Factor by which width and height of a GIF are smaller [1], because it stays in memory."""
+"""Factor that reduces the width and height of a GIF [1], which stays in memory as a whole."""
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ class SweepStudy:
     name: str
     measure_name: str
     parameters: dict[str, Value]
-    """Parameters of all points, by name. An axis replaces the parameter of its name."""
+    """Parameters of all points, by name. An axis replaces the parameter of the same name."""
     axes: tuple[Axis, ...]
     seeds: tuple[int, ...]
 
@@ -135,7 +135,7 @@ class SweepStudy:
             return error
 
     def _cells(self, row: int, trial: Any, sent: Any) -> list[str]:
-        """Return the columns of a row; `trial` and `sent` may be errors."""
+        """Return the columns of a row; `trial` and `sent` may be exceptions instead of results."""
         values, seed = self.point(row)
         measured, failure = [''] * len(self.measure.columns), ''
         try:

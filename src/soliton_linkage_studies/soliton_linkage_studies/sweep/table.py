@@ -29,7 +29,7 @@ _CONFIGURATION = 'configuration.yaml'
 
 
 class Tabulated(Rows, Protocol):
-    """Study with a table of results, whose rows are independent measurements."""
+    """Study whose table of results has independent measurements as rows."""
 
     @property
     def name(self) -> str:

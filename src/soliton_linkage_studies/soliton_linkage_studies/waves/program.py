@@ -148,7 +148,7 @@ class WaveRun:
 
 
 def energy_per_rotor(chain: Chain, recording: Recording) -> Array:
-    """Return the energy of each rotor, with half of its springs', in each frame [J], (T, N)."""
+    """Return the energy of each rotor and half of that of its springs [J], shape (T, N)."""
     of_springs = 0.5 * chain.stiffnesses * chain.spring_extensions(recording.angles) ** 2
     kinetic = 0.5 * chain.moments_of_inertia * recording.rates**2
     return kinetic + chain.gathered(of_springs / 2, of_springs / 2)

@@ -216,7 +216,7 @@ class PlaybackThread:
             self._clock.start(before + skipped)
 
     def _publish_latched(self, reader: Reader, start: int) -> dict[str, int]:
-        """Publish latched messages before `start`, else the first one; return its time."""
+        """Publish the latched messages before `start`, or the first later one of each topic."""
         ahead = {}
         for connection in filter(latched, self._publishers.of(reader.connections)):
             kept = latched_before(reader, connection, start)

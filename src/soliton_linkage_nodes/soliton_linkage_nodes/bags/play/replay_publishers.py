@@ -135,7 +135,7 @@ class ReplayPublishers:
     def __init__(
         self, node: Node, connections: Sequence[Connection], stopping: threading.Event
     ) -> None:
-        """Create the publishers and log topics without one; ValueError if none is left."""
+        """Create the publishers and log omitted topics; ValueError if no topic can be played."""
         if len(connections) > _MOST_TOPICS:
             raise ValueError(
                 f'the bag has {len(connections)} topics, and at most {_MOST_TOPICS} are played; '

@@ -32,7 +32,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 
 COMPRESSIONS = ('none', 'zstd')
 _CUSTOM_DATA_INTERVAL = 1.0
-"""Shortest time between two writes of changed custom data [s], because each write makes the file
+"""Shortest time between two writes of changed custom data [s]; each write makes the file
 longer."""
 _RESERVE = 'space_for_the_index'
 _RESERVE_BYTES = 2**20

@@ -235,7 +235,7 @@ class RecordingBuffer:
         return [] if self._window else self._take_latched()
 
     def snapshot(self) -> list[ReceivedMessage]:
-        """Remove and return the snapshot's messages, and the last latched messages before it."""
+        """Remove and return the snapshot, and the last latched messages from before it."""
         # On a busy machine, messages of different topics may arrive here out of order.
         recent = [message for message in self._kept if not self._is_old(message)]
         self._keep_latched(filter(self._is_old, self._kept))

@@ -33,7 +33,7 @@ _MESSAGE_COST = 250
 _MOST_WAITING = 4
 """Memory limit for chunks that overlap in time, relative to `max_unpacked` [1]."""
 _LONGEST_RUN = 2**20
-"""Size of a run of messages outside chunks, which are read together [B]."""
+"""Size of a run of messages outside chunks [B]; the messages of a run are read together."""
 _CHUNK_INDEX = struct.Struct('<QQQQ')
 _stamp = attrgetter('stamp')
 

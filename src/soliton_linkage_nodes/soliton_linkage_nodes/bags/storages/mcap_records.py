@@ -101,7 +101,7 @@ def channel_record(channel: Channel) -> bytes:
 
 
 def topic_of(channel: Channel, schemas: Mapping[int, Schema]) -> StoredTopic:
-    """Return the topic of a channel; without the schema of the channel, its type is unknown."""
+    """Return the topic of a channel; without a schema, the type of the topic is unknown."""
     schema = schemas.get(channel.schema) or Schema(0, '', 'ros2msg' if channel.schema else '', b'')
     texts, definition = dict(channel.metadata), schema.data.decode(errors='surrogateescape')
     own = schema.encoding, texts.pop(_DIGEST, ''), texts.pop(_PROFILES, ''), channel.encoding
@@ -278,7 +278,7 @@ _LAYOUTS: dict[int, tuple[int, tuple[int, ...], int]] = {
 
 
 def extra_bytes(opcode: int, body: Bytes) -> int:
-    """Return the number of bytes after the known fields; ValueError if one is missing."""
+    """Return the number of bytes after the known fields; ValueError if a field is missing."""
     head, lengths, tail = _LAYOUTS[opcode]
     fields = Fields(body)
     fields.take(head)

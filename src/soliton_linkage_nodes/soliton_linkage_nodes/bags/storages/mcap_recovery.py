@@ -280,7 +280,7 @@ _WINDOW = 2**26
 
 
 def _may_follow(data: Bytes, offset: int) -> bool:
-    """Return whether a plausible record, the magic bytes or the end is at an offset."""
+    """Return whether, at an offset, the file ends or a record or the magic bytes may begin."""
     rest = data[offset : offset + mcap.RECORD_HEADER.size]
     if len(rest) < mcap.RECORD_HEADER.size:
         return not rest or bool(rest[0])

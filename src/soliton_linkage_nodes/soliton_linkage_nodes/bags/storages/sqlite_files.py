@@ -280,7 +280,10 @@ class RecoveredSqlite(RecoveredFile):
 
 
 def _with_journal(path: Path, folder: Path, excess: int = 0) -> Path:
-    """Return a file, or a copy without the last `excess` bytes or with its journal applied."""
+    """Return the path, or that of a copy if the file has a journal or `excess` bytes.
+
+    The copy lacks the last `excess` bytes, and contains the changes of the journal.
+    """
     journals = [Path(f'{path}{end}') for end in ('-journal', '-wal')]
     present = [each for each in journals if each.is_file() and each.stat().st_size]
     if not (present or excess):

@@ -112,7 +112,7 @@ def value_of(entry: ui.number) -> float:
 
 
 class ControlGroup:
-    """Controls under one heading; the reason `reason_of` of the status disables them."""
+    """Controls under one heading; the status names the reason `reason_of` to disable them."""
 
     def __init__(self, title: str, reason_of: str) -> None:
         self.reason_of = reason_of

@@ -34,7 +34,7 @@ _HINT = (
 
 
 class IdentifyControls(ChainControls):
-    """Buttons that identify the chain, save the result or forget all frames, and the result."""
+    """Result of the identification, and buttons that identify, save or forget all frames."""
 
     def __init__(self, view: View, page: Shown) -> None:
         super().__init__(view, page)

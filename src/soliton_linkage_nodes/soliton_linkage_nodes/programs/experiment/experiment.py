@@ -113,7 +113,7 @@ class Experiment:
         self._report = import_module(_REPORT)
 
     def _serve_page(self) -> bool:
-        """Print the address of the page; return whether it is available, else continue without."""
+        """Print the address of the page, or why there is no page; return whether there is one."""
         deadline = time.monotonic() + START_LIMIT
         try:
             while not self._processes.wait(_PAGE, _QUIET) and time.monotonic() < deadline:

@@ -55,7 +55,7 @@ def main() -> None:
 
 @contextmanager
 def _plain_end(left: Callable[[], str] = lambda: '') -> Iterator[None]:
-    """After Ctrl-C, print one line with `left()` about the results; exit with 130, else 1."""
+    """End the program with one line: with `left()` and 130 after Ctrl-C, 1 after an error."""
     try:
         yield
     except KeyboardInterrupt:
@@ -100,7 +100,7 @@ def _run_filmed(options: argparse.Namespace, given: dict[str, Any]) -> None:
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[Path]:
-    """Yield `folder`, or the first free folder with a suffix _1, _2, ..., without old results."""
+    """Yield `folder` without old results; if in use, a folder with the suffix _1, _2, ..."""
     candidates = (folder.with_name(f'{folder.name}_{n}') if n else folder for n in count())
     claims = ((each, _claim(each)) for each in candidates)
     chosen, claim = next((each, claim) for each, claim in claims if claim is not None)
@@ -132,7 +132,7 @@ def _remove_written(folder: Path) -> None:
 
 
 def _claim(folder: Path) -> int | None:
-    """Create, open and lock a folder; return its descriptor, None if another one has locked it."""
+    """Create and lock a folder; return its descriptor, None if another process has the lock."""
     folder.mkdir(parents=True, exist_ok=True)
     claim = os.open(folder, os.O_RDONLY)
     try:
@@ -190,7 +190,7 @@ def _suggestions(configuration: Path) -> list[str]:
 
 
 def other_scenarios(configuration: Path) -> list[Path]:
-    """Return the other parameter files in the folder whose name is that of their scenario."""
+    """Return the other parameter files in the folder that have the name of their scenario."""
     return [
         path
         for path in sorted(configuration.parent.glob('*.yaml'))
