@@ -19,7 +19,7 @@ from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 _QOS = QoSProfile(depth=1000)
 """Requested quality of service, lowered to best effort if a publisher offers no more."""
 _LINGER = 0.1
-"""Time from the last message, which is sent meanwhile, to the end of the publisher [s]."""
+"""Time for which the publisher exists after its last message [s], so that the message is sent."""
 
 
 def main(arguments: list[str]) -> int:

@@ -25,8 +25,8 @@ At 2x, frames are late for longer."""
 class FrameAssembler:
     """Assembler of joint states with equal stamps and disjoint joints into frames.
 
-    A frame is complete with all joints of the chain, or all joints of earlier assembled frames;
-    otherwise it ends with the next stamp. After a frame of one message, messages are returned as
+    A frame is complete if it has all joints of the chain, or of earlier assembled frames. An
+    incomplete frame ends at the next stamp. After a frame of one message, messages are returned as
     frames until two have the same stamp.
     """
 

@@ -215,7 +215,8 @@ def analyse(
     """Write the tables of states and events and two pictures; return the number of frames.
 
     With `html`, also write view.html; with `log_time`, receive times replace the stamps. Raises
-    ValueError without usable frames, or, without `missing_joints`, if a given joint has no angle.
+    ValueError without usable frames, or if a given joint has no angle and `missing_joints` is
+    false.
     """
     frames = late = unstamped = 0
     analysed = JointStateAnalysis(noise)

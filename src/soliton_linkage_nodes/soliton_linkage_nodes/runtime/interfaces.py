@@ -61,7 +61,7 @@ def stream_qos(message_size: int = 0) -> QoSProfile:
 
 
 def lossless_stream_qos() -> QoSProfile:
-    """Return a quality of service whose queue holds a whole recording, for both sides."""
+    """Return a quality of service for publishers and subscribers; the queue holds a recording."""
     return reliable_qos(_LONGEST_RECORD)
 
 

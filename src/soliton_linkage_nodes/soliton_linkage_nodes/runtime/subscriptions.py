@@ -40,7 +40,7 @@ def _ignore(_message: Any) -> None:
 
 
 def _with_info(take: Callable[[Any, Info], None]) -> Callable[..., None]:
-    """Return a callback for `take`; executors pass it a pair or two arguments."""
+    """Return a callback for `take`; executors call it with a pair or with two arguments."""
 
     @wraps(take)
     def take_both(*given: Any) -> None:

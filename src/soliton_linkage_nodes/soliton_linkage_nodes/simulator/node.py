@@ -262,7 +262,7 @@ class SimulationReport:
         return Report(message, {**figures, **world}, warning=bool(fault or late))
 
     def _message(self, status: SimulationStatus, late: int, slow: bool) -> tuple[str, str]:
-        """Return the message of the report and the fault to log, empty without a fault."""
+        """Return the message of the report, and the fault to log ('' without a fault)."""
         if status.failure:
             return (f'paused, {status.failure}',) * 2
         if slow:

@@ -91,8 +91,8 @@ class RecordStudy:
         """Simulate a run; return errors and stated deviations, shape (4, evaluated frame counts).
 
         The rows are the position error [rotor spacings], the relative velocity error [1], and the
-        stated standard deviations of both. The wall moves on a random leg of the orbit. The
-        distance of its path from both edges is as large as possible, up to eight rotors.
+        stated standard deviations of both. The wall moves on a random leg of the orbit. Its path
+        is eight or more rotors away from both edges, or else as far as possible.
         """
         # This import is slow, and the other parts of the command do not need it.
         from soliton_linkage.estimation.orbit_filter import OrbitFilter

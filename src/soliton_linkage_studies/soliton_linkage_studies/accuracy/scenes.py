@@ -89,7 +89,7 @@ class WallScene:
     """Velocities of the walls [rotor spacings / s], shape (T, K)."""
     charges: tuple[int, ...]
     legs: Array
-    """Number of the passage from edge to edge, shape (T,); -1 without a single wall."""
+    """Number of the passage from edge to edge, shape (T,); -1 unless there is exactly one wall."""
     scored: NDArray[np.bool_]
     """Whether a wall is scored, shape (T, K). Walls near an edge are not scored."""
     impulse_frames: tuple[int, ...] = ()

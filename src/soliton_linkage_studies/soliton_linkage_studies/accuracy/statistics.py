@@ -26,13 +26,14 @@ COLUMNS = (
     *('deviation_median', 'shift_max', *_FAILURES),
 )
 """Measured columns of a cell. `speed` is the speed of the fastest wall, relative to the speed of
-sound [1]. `position` and `rate` are errors divided by their stated standard deviations, with the
-root mean square (`rms`), its standard error (`rms_error`), the 99 % quantile (`99`) and the
-maximum (`max`) of the absolute value, the fractions beyond 4 (`beyond_4`) and within 1 and 2
-(`coverage`) [%], and the mean (`bias`). `instant` refers to the true position without an average
-over time. `error_rms` is the rms position error, and `deviation_median` the median of its stated
-standard deviation [rotor spacings]. `shift_max` is the largest shift of a wall by a wrong reading,
-in stated standard deviations. `lost` and `false` count walls, and `wrong_leg` counts frames."""
+sound [1]. `position` and `rate` are errors divided by their stated standard deviations. Their
+columns are the root mean square (`rms`), its standard error (`rms_error`), the 99 % quantile
+(`99`) and the maximum (`max`) of the absolute value, the fractions above 4 (`beyond_4`) and below
+1 and 2 (`coverage`) [%], and the mean (`bias`). `instant` refers to the true position without an
+average over time. `error_rms` is the rms position error, and `deviation_median` the median of the
+stated standard deviation of the position [rotor spacings]. `shift_max` is the largest shift of a
+wall by a wrong reading, in stated standard deviations. `lost` and `false` count walls, and
+`wrong_leg` counts frames."""
 
 WALL_VALUES = ('position', 'instant', 'rate', 'error', 'deviation', 'rate_error')
 """Values of each found wall. `position`, `instant` and `rate` are errors divided by their stated

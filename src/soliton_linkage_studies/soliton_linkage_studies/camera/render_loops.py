@@ -107,7 +107,7 @@ def paint_rotors(
     shape: Array,
     moments: Array,
 ) -> None:
-    """Paint every other rotor, from `parity`, with its arm and dots.
+    """Paint every second rotor, starting with rotor `parity`, with its arm and dots.
 
     `rotors` contains angles [rad], rates [rad/s] and accelerations [rad/s^2] at time 0, pivots and
     rotor lengths [m]. `shape` contains the radii of labels and dots, and the half width of arms

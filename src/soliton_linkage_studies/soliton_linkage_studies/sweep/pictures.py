@@ -41,7 +41,7 @@ CLASS_COLOURS = {
     BLOCKED: DARK,
     **OUTCOME_COLOURS,
 }
-"""Colour of each class into which a measure sorts walls, by class name."""
+"""Colour of each class of walls that a measure distinguishes, by class name."""
 _CLASS_LABELS = {
     BLOCKED: 'blocked: a bond may stop the wall',
     'returns': 'crosses and returns',

@@ -43,7 +43,7 @@ class PlaybackClock:
     ) -> None:
         """Create a clock.
 
-        Two times [s] limit `play_next` and `burst`, because these block services.
+        `longest_step` and `longest_burst` [s] limit `play_next` and `burst`, which block services.
         """
         self.stopping = threading.Event()
         self._longest_step = longest_step

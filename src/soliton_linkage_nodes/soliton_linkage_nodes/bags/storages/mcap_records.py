@@ -274,7 +274,8 @@ _LAYOUTS: dict[int, tuple[int, tuple[int, ...], int]] = {
     Opcode.SUMMARY_OFFSET: (17, (), 0),
     Opcode.DATA_END: (4, (), 0),
 }
-"""Sizes [B] for each opcode: first numbers, length fields of texts or data, last numbers."""
+"""Sizes [B] for each opcode: numbers at the start, length fields of texts or data, numbers at the
+end."""
 
 
 def extra_bytes(opcode: int, body: Bytes) -> int:

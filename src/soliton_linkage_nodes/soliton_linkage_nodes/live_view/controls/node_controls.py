@@ -87,7 +87,7 @@ class IdentifyControls(ChainControls):
 def describe(report: NodeReport, progress: str = '') -> list[str]:
     """Return the report of the chain identifier as lines.
 
-    `progress` is that of a running identification.
+    `progress` describes a running identification.
     """
     figures = report.figures
     found = 'noise [rad]' in figures
