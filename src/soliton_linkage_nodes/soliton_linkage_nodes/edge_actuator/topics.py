@@ -107,7 +107,10 @@ class ActuatorPublishers:
         return bool(self._node.count_publishers(interfaces.DELIVERY.name))
 
     def check_connected(self, at_once: bool) -> None:
-        """Raise ValueError unless a node subscribes to impulses (`at_once`) or torques."""
+        """Raise ValueError if the required topic has no subscriber.
+
+        It is `rotor_impulses` if `at_once`, otherwise `rotor_torques`.
+        """
         publisher = self._impulses if at_once else self._torques
         if not publisher.get_subscription_count():
             name = publisher.topic_name.rsplit('/', 1)[-1]

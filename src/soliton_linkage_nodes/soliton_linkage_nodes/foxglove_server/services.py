@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services of the ROS graph that the server offers to its clients."""
+"""Services of the ROS graph, offered to the clients of the server."""
 
 from __future__ import annotations
 

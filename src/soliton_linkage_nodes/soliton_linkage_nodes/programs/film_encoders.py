@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measure the angles of a chain in a film, and write them to a bag for analyse_bag.
 
-The bag has the topics chain, joint_states and joint_state_deviations, the standard deviations of
-the angles. The stamps are the times of the pictures. With --overlay, the program also writes the
-film with the detected markers and the walls.
+The bag has the topics chain, joint_states and joint_state_deviations (standard deviations of the
+angles). The stamps are the times of the pictures. With --overlay, the program also writes the film
+with the detected markers and the walls.
 """
 
 from __future__ import annotations

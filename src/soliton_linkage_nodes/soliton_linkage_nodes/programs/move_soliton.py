@@ -2,7 +2,8 @@
 """Move the soliton to a rotor and show its motion. This program replaces `ros2 action`.
 
 It sends a goal of the action move_soliton to soliton_steering, and ends when the soliton has
-arrived, or with exit code 1 if it cannot arrive. Ctrl-C brings the soliton to rest.
+arrived. If the soliton cannot arrive, the program ends with exit code 1. Ctrl-C brings the soliton
+to rest.
 """
 
 from __future__ import annotations

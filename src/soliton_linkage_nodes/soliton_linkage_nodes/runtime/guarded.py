@@ -47,7 +47,7 @@ class GuardedNode(Node):
         return (each for each in super().subscriptions if each not in self._undispatched)
 
     def dispatch(self, subscription: Subscription, dispatched: bool) -> None:
-        """Set whether executors take the messages of a subscription; other ways are faster."""
+        """Set whether executors, which are slow, take the messages of a subscription."""
         this = frozenset([subscription])
         self._undispatched = self._undispatched - this if dispatched else self._undispatched | this
         if self.executor is not None:

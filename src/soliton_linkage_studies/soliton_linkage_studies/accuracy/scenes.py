@@ -93,7 +93,7 @@ class WallScene:
     scored: NDArray[np.bool_]
     """Whether a wall is scored, shape (T, K). Walls near an edge are not scored."""
     impulse_frames: tuple[int, ...] = ()
-    """Number of the first frame of the scene after each impulse, from 0."""
+    """Number of the first frame after each impulse; the scene begins with frame 0."""
     impulses: tuple[Array, ...] = ()
     """Angular impulses on the rotors [N m s], shape (N,) for each impulse."""
 

@@ -68,7 +68,7 @@ def stepped_response(actuator: PneumaticActuator, command: Profile) -> CommandRe
 
 
 def draw_response(report: FigureReport, axes: Axes, response: CommandResponse) -> None:
-    """Draw the pressure of a command: commanded, in closed form, and by numerical integration."""
+    """Draw the pressure for a command: commanded, in closed form, and by numerical integration."""
     for name, times, pressures, style, colour in (
         ('commanded', response.times, response.commanded, '--', GREY),
         ('closed form', response.times, response.closed, '-', BLUE),

@@ -69,7 +69,7 @@ def button(
     primary: bool = False,
     long: bool = False,
 ) -> ui.button:
-    """Add a button that carries out an action by `attempt`; one per tab is `primary`."""
+    """Add a button that carries out an action by `attempt`; each tab has one `primary` button."""
 
     async def press() -> None:
         await attempt(text, action, long)
