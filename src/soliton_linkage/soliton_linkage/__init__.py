@@ -31,7 +31,8 @@ a moving wall. The *orbit* is the closed curve of all zero-energy configurations
 the chain moves once along the whole orbit.
 
 Angles are the angles phi [rad] unless a name contains `staggered`. The last axis of an array
-contains the rotors. The symbols of the equations are:
+contains the rotors. Docstrings of constants state sensitivities: 0.5x means half the value of the
+constant, and 2x twice its value. The symbols of the equations are:
 
 ========== ======================= ==========================================================
 symbol     name                    meaning

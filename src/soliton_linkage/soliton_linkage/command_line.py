@@ -42,14 +42,14 @@ class PlainParser(argparse.ArgumentParser):
 
 
 def words_before() -> list[str]:
-    """Return the words before the completed word, without the program; none if no shell asks."""
+    """Return the words between the program and the completed word; [] without a request."""
     if _ASKED not in os.environ:
         return []
     return os.environ['COMP_LINE'][: int(os.environ['COMP_POINT'])].split(' ')[1:-1]
 
 
 def skip_word() -> None:
-    """Treat the sub-command as part of the program, so that its own parser completes the line."""
+    """Skip the sub-command, so that the parser of the sub-command completes the line."""
     if _ASKED in os.environ:
         os.environ[_ASKED] = str(int(os.environ[_ASKED]) + 1)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compilation of loops by numba at the import of their module, so that no frame waits for it.
+"""Compilation of loops by numba at the import of their module; no frame waits for a compilation.
 
 With NUMBA_DISABLE_JIT=1, loops run as plain Python: slowly, with the same results up to rounding.
 """
@@ -60,7 +60,7 @@ def records(dtype: np.dtype[np.void], writable: bool = False) -> Any:
 
 
 def named_tuple(row: type[tuple[Any, ...]], *fields: Any) -> Any:
-    """Return the numba type of a named tuple; `fields` are one type for all or one per field."""
+    """Return the numba type of a named tuple; `fields` is one type, or one per field."""
     untyped = cast(Any, types)
     if len(fields) == 1:
         fields *= len(cast(Any, row)._fields)

@@ -81,7 +81,7 @@ class PneumaticActuator(CheckedQuantities):
     def response(
         self, pressure: float, command: Profile, start: float, end: float
     ) -> tuple[float, float]:
-        """Return the pressure at `end` [Pa], given `pressure` at `start`, and its integral."""
+        """Return the pressure [Pa] at `end` and its integral, given `pressure` at `start`."""
         integral = 0.0
         for line in command.segments(start, end):
             first, last = float(line.first), float(line.last)
@@ -107,7 +107,7 @@ class PneumaticActuator(CheckedQuantities):
         return np.clip(unlimited, -self.saturation_torque, self.saturation_torque)
 
     def is_saturated(self, pressure: float) -> bool:
-        """Return whether the torque at a pressure [Pa] is limited."""
+        """Return whether `saturation_torque` limits the torque at a pressure [Pa]."""
         return abs(self.torque_per_pressure * pressure) > self.saturation_torque
 
     def pulse_command(self, impulse: float, duration: float) -> float:
@@ -147,7 +147,7 @@ class Actuator(Protocol):
     def response(
         self, level: float, command: Profile, start: float, end: float
     ) -> tuple[float, float]:
-        """Return the level at `end` [s], given the level at `start`, and its integral."""
+        """Return the level at `end` [s] and its integral, given the level at `start`."""
 
     def torque(self, level: float) -> SupportsFloat:
         """Return the torque at a level [N m]."""

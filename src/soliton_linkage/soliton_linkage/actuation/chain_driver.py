@@ -28,10 +28,10 @@ class _PendingCommand:
 class ChainDriver:
     """Driver of all actuators of a chain: it converts commands into torques and records kicks.
 
-    A command starts at the next frame. The torques of a frame are the means of the commands over
-    an interval as long as the previous one. The last torques of a joint command are held for
-    `timeout` [s]. If an interval between frames exceeds `longest_gap` [s], the torques before it
-    are reported as cut short.
+    A command starts at the next frame. The torques of a frame are means of the commands over an
+    interval that is as long as the interval before the frame. The last torques of a joint command
+    are held for `timeout` [s]. If an interval between frames exceeds `longest_gap` [s], the
+    torques before this interval are reported as cut short.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class ChainDriver:
     def play(self, source: str, command: EdgeCommand, rotor: int, limit: float) -> None:
         """Start a waveform on a rotor with torques up to `limit` [N m]; replace the edge command.
 
-        Raises ValueError without a waveform, and the errors of `EdgeCommand.profile`.
+        Raises ValueError if the command has no waveform, and the errors of `EdgeCommand.profile`.
         """
         if command.waveform is None:
             raise ValueError(f'a {command.kind.value} is no waveform; call command')

@@ -44,7 +44,7 @@ class EdgeLimits:
 
 @dataclass(frozen=True)
 class EdgeCommand:
-    """Command to the actuator at an edge; raises ValueError for times that its kind forbids.
+    """Command to the actuator at an edge; raises ValueError for times that the kind forbids.
 
     The commanded quantity rises from 0 to `value` in `ramp_up` [s], is constant for `duration`
     [s], and falls to 0 in `ramp_down` [s]. A pressure with duration 0 acts until the next command.
@@ -97,7 +97,7 @@ class EdgeCommand:
 
     @property
     def held(self) -> bool:
-        """Whether the command, a pressure with duration 0, acts until the next command."""
+        """Whether the command is a pressure with duration 0, which acts until the next command."""
         return self.kind is CommandKind.PRESSURE and not self.duration
 
     @property

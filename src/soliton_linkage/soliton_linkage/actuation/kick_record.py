@@ -166,7 +166,7 @@ class KickRecord:
             self._frame = None
 
     def deliver(self, delivered: DeliveryTotals) -> None:
-        """Process new totals from the simulator; report the kicks that they complete."""
+        """Process new totals from the simulator; report the kicks whose totals are complete."""
         before = self.delivered
         self.delivered = delivered
         count = delivered.impulses - (before.impulses if before else 0)

@@ -66,11 +66,11 @@ class Profile:
         return bool(np.any(self.values[-1]))
 
     def after(self, time: float) -> Array:
-        """Return the limit of the value from the right at an instant [s], shape (...)."""
+        """Return the right-hand limit of the value at an instant [s], shape (...)."""
         return self._between(int(np.searchsorted(self.times, time, side='right')), time)
 
     def before(self, time: float) -> Array:
-        """Return the limit of the value from the left at an instant [s], shape (...)."""
+        """Return the left-hand limit of the value at an instant [s], shape (...)."""
         return self._between(int(np.searchsorted(self.times, time, side='left')), time)
 
     def segments(self, start: float, end: float) -> Iterator[Segment]:

@@ -19,9 +19,10 @@ from soliton_linkage.linkage.chain import Array, Chain
 
 _REST_LEVEL = 1e-6
 """Level, relative to the largest level since the command, below which an actuator counts as at
-rest [1]. An exponential decay falls below it in 14 time constants, but never reaches 0."""
+rest [1]. An exponential decay falls below this level in 14 time constants, but never reaches 0."""
 _SIGNS = {Edge.FIRST: 1.0, Edge.LAST: -1.0}
-"""Sign of the torque of each edge actuator along the mode towards the last rotor [1]."""
+"""Sign of the torque of each edge actuator along the zero mode that moves a wall to the last rotor
+[1]."""
 
 
 @dataclass(frozen=True)
@@ -242,7 +243,7 @@ class TorqueDrive:
         return self.edges.unfinished(time) or self._rotor.unfinished(time)
 
     def command(self, command: EdgeCommand, side: Edge, time: float) -> None:
-        """Start an edge command at `time` [s] in place of the previous one or of a waveform."""
+        """Start an edge command at `time` [s] in place of an earlier edge command or waveform."""
         self._rotor.drop()
         self.edges.command(command, side, time)
 

@@ -16,7 +16,7 @@ _POINTS_PER_PERIOD = 64
 """Number of profile points per period of the highest frequency [1]; the interpolation error is 0.1
 % of the amplitude. Sensitivity: at 0.5x, the error is four times as large."""
 _MOST_POINTS = 200_000
-"""Largest number of profile points [1]; a waveform starts in 1 ms per 4000 points."""
+"""Largest number of profile points [1]; the start of a waveform takes 1 ms per 4000 points."""
 
 
 class WaveShape(enum.Enum):
@@ -51,7 +51,7 @@ class DrivenQuantity(enum.Enum):
 
 @dataclass(frozen=True)
 class Waveform:
-    """Waveform of an `EdgeCommand`; raises ValueError for numbers that its shape forbids."""
+    """Waveform of an `EdgeCommand`; raises ValueError for numbers that the shape forbids."""
 
     shape: WaveShape = WaveShape.BURST
     quantity: DrivenQuantity = DrivenQuantity.TORQUE
@@ -59,7 +59,8 @@ class Waveform:
     """Name of the driven joint; empty for the rotor at the edge."""
     window: WaveWindow = WaveWindow.LINEAR
     frequency: float = 0.0
-    """Angular frequency of a burst, initial one of a chirp, or lowest one of noise [rad/s]."""
+    """Angular frequency of a burst, initial angular frequency of a chirp, or lowest angular
+    frequency of noise [rad/s]."""
     last_frequency: float = 0.0
     """Final angular frequency of a chirp, or highest angular frequency of noise [rad/s]."""
     cycles: float = 0.0
@@ -93,7 +94,7 @@ class Waveform:
             )
 
     def length(self, given: float) -> float:
-        """Return the total duration [s]: for a burst from `cycles`, otherwise the given one."""
+        """Return the total duration [s]: for a burst from `cycles`, otherwise `duration`."""
         if self.shape is WaveShape.BURST:
             return 2 * math.pi * self.cycles / self.frequency
         return given

@@ -32,7 +32,7 @@ class ElasticSettings(SimulationSettings):
     longest_step: float = 5.0
     """Longest step of scipy's solvers, times the fastest rate of the chain [1]. DOP853 is stable
     up to 6. Sensitivity of the computing time: at 0.5x, 1.6 times as long with a soliton and twice
-    as long at rest; at 2x, as long with a soliton and half as long at rest."""
+    as long at rest; at 2x, the same with a soliton and half as long at rest."""
     symplectic_fraction: float = 0.1
     """Ratio of the tolerance of `SymplecticNystrom` to that of the simulation [1]. For a kicked
     chain of 12 rotors, the error is then 7e-10 rad, as with DOP853. Sensitivity: with 1, the error
@@ -125,8 +125,8 @@ class ElasticSimulation(Simulation):
 def absolute_tolerances(motion: EquationOfMotion, tolerance: float) -> Array:
     """Return the absolute tolerance of each variable of a solver for a `tolerance` [rad]."""
     # The solver compares the mean error of all variables with the tolerance. In a long chain
-    # most rotors rest and have no error. Without the division by sqrt(N) they would reduce
-    # the mean so far that a large error of the rotors in the wall is accepted.
+    # most rotors rest and have no error. Without the division by sqrt(N) they would reduce the
+    # mean so much that a large error of the rotors in the wall is accepted.
     chain = motion.chain
     angles = np.full(motion.rotors, tolerance / math.sqrt(2 * motion.rotors))
     energy = [tolerance * chain.stiffness * chain.rest_length**2] * motion.damped

@@ -41,11 +41,11 @@ def leaning(chain: Chain, lean: int) -> State:
 def with_soliton(chain: Chain, site: float, velocity: float) -> State:
     """Return a wall of charge +1 at a site coordinate [rotor spacings] with a velocity [m/s].
 
-    The angles are those of `static_wall` on leg 0. For a velocity v, the rates are Lambda v / a
-    times the zero mode, with the arc length Lambda per rotor spacing a. This state is exact for
-    rigid bars. With springs the wall contracts and radiates, so that its speed decreases. The
-    decrease in the example chains is 0.4 to 4 % at 0.2 c and 3 to 42 % at 0.6 c. Raises ValueError
-    for a velocity that is not finite, and the errors of `static_wall`.
+    The angles are those of `static_wall` on leg 0 of the orbit. For a velocity v, the rates are
+    Lambda v / a times the zero mode, with the arc length Lambda per rotor spacing a. This state is
+    exact for rigid bars. With springs the wall contracts and radiates, so that its speed
+    decreases. The decrease in the example chains is 0.4 to 4 % at 0.2 c and 3 to 42 % at 0.6 c.
+    Raises ValueError for a velocity that is not finite, and the errors of `static_wall`.
     """
     from soliton_linkage.solitons.static_wall import site_arc, static_wall
 

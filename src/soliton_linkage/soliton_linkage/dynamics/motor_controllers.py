@@ -27,7 +27,7 @@ from soliton_linkage.linkage.chain import Array, Chain, wrapped
 
 
 class MotorControllers:
-    """Controllers of the motors of a chain, which know only the angles of received frames."""
+    """Controllers of the motors of a chain; they know only the angles of received frames."""
 
     def __init__(self, chain: Chain) -> None:
         self._chain = chain

@@ -38,8 +38,8 @@ class RigidSettings(SimulationSettings):
     max_bar_error: float = 1e-6
     """Largest relative error of the length of a bar in the initial state [1]."""
     jammed: float = 1e-5
-    """Smallest singular value of the rigidity matrix, in units of r, below which a failed step
-    reports jammed bars [1]."""
+    """Threshold of the smallest singular value of the rigidity matrix, in units of r [1]; below
+    it, a failed step reports jammed bars."""
     longest_step: float = 100.0
     """Longest solver step in frame periods [1]. Sensitivity: no effect on run time and energy
     drift at 0.5x or 2x."""
@@ -55,8 +55,8 @@ class RigidSimulation(Simulation):
     """Simulation of a chain in which rigid bars of the same rest length replace the springs.
 
     Rates and impulses are projected onto the zero mode; bar lengths and energy are exact after
-    each step. Raises ValueError for fixed rotors, periodic ends and initial angles that the bars
-    do not allow, and ArithmeticError if the bars jam.
+    each step. Raises ValueError for fixed rotors, for periodic ends, and for initial angles that
+    the bars do not allow. Raises ArithmeticError if the bars jam.
     """
 
     def __init__(

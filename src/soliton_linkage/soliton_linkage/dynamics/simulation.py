@@ -188,7 +188,7 @@ class Simulation(ABC):
 
     @property
     def progress(self) -> float:
-        """Fraction of the interval from the current to the next frame that is computed [1]."""
+        """Computed fraction of the interval from the current frame to the next [1]."""
         done = 0.0 if self._stale else self._solver.t / self.period
         return 1.0 if self.ready else done - (self.frame - self._first_frame)
 

@@ -69,7 +69,7 @@ class Term(ABC):
 
 
 class CompiledTerm(Term):
-    """Term with a compiled kernel of the rates if it is dissipative, otherwise of the angles."""
+    """Term with a compiled kernel: of the rates if the term is dissipative, else of the angles."""
 
     kind: int
     rows: Array
@@ -306,13 +306,13 @@ def _estimating(function: Callable[[float], float]) -> Callable[[float], float]:
 
 @_estimating
 def _inverse_root_estimate(w: float) -> float:
-    """Return an estimate of 1 / sqrt(w): one instruction in single precision, a Newton step."""
+    """Return an estimate of 1 / sqrt(w), in single precision, improved by a Newton step."""
     return float(np.float32(1) / np.sqrt(np.float32(w)))
 
 
 @inlined
 def tension(w: float) -> float:
-    """Return 1 - 1 / sqrt(w), the force of a spring of length l = lbar sqrt(w) over k l.
+    """Return 1 - 1 / sqrt(w): the force of a spring divided by k l, for l = lbar sqrt(w).
 
     With an estimate y of 1 / sqrt(w) and d = 1 - w y^2, the series y (1 + d / 2 + 3 d^2 / 8) is
     exact in double precision. A division and a square root would take as long as the rest of the

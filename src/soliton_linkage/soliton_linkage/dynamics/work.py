@@ -2,8 +2,8 @@
 """Work of impulses and torques on a chain.
 
 A kick with the impulses J does the work J . (phi_dot before + phi_dot after) / 2. Constant torques
-tau do the work tau . (phi(t_1) - phi(t_0)) between two frames at t_0 and t_1, whatever the motion
-in between.
+tau do the work tau . (phi(t_1) - phi(t_0)) between two frames at t_0 and t_1, for any motion in
+between.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class TorqueLedger:
         return self._totals
 
     def add(self, torques: Array, turned: Array, time: float) -> None:
-        """Add torques [N m] that acted for a time [s] while the rotors turned [rad], (N,) each."""
+        """Add torques [N m] that acted for a time [s] while the rotors turned by angles [rad]."""
         before = self._totals
         norm = float(np.linalg.norm(torques))
         self._totals = TorqueTotals(

@@ -99,7 +99,7 @@ class World:
 def joint_numbers(
     parameter: str, joints: Sequence[str], joint_names: Sequence[str]
 ) -> tuple[int, ...]:
-    """Return the sorted numbers of joints by name or number; ValueError for an unknown joint."""
+    """Return sorted numbers of joints given by name or number; ValueError if one is unknown."""
     numbers = {str(rotor): rotor for rotor in range(len(joint_names))}
     numbers |= {name: rotor for rotor, name in enumerate(joint_names)}
     for joint in joints:

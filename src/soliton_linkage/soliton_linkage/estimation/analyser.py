@@ -157,7 +157,7 @@ class Analyser:
 
     @property
     def rest_angle_error(self) -> float:
-        """Error of the rest angle that all rotors share [rad]; 0 if insignificant."""
+        """Common error of the rest angles of all rotors [rad]; 0 if insignificant."""
         return 0.0 if self._filter is None else self._filter.offsets.rest_angle_error
 
     @property

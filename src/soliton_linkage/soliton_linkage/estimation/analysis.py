@@ -119,7 +119,7 @@ class FrameAnalyser(Protocol):
 
     @property
     def rest_angle_error(self) -> float:
-        """Error of the rest angle that all rotors share [rad]; 0 if insignificant."""
+        """Common error of the rest angles of all rotors [rad]; 0 if insignificant."""
 
     @property
     def offsets(self) -> Array:

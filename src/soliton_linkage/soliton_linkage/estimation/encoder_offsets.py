@@ -29,12 +29,12 @@ state is below 5 % there."""
 _FEWEST_MEANS = 5
 """Least number of block means of a rotor before its offset is corrected [1]."""
 _FEWEST_ROTORS = 5
-"""Least number of block means for an estimate of the error that all rest angles share [1]."""
+"""Least number of block means for an estimate of the common error of all rest angles [1]."""
 _WAVE_TIME = 10.0
 """Assumed correlation time of waves [time units of the chain]."""
 _EVENNESS = 4e-3
-"""Standard deviation of the mean residuals of far rotors in a uniform chain [rad], which the
-motion of the wall causes."""
+"""Standard deviation of the mean residuals [rad] that the motion of the wall causes at far rotors
+of a uniform chain."""
 _LEAST_DISTANCE = 0.01
 """Residual [rad] above which a rotor counts as doubtful because of an unknown offset."""
 _LEAST_ERROR = 3e-4
@@ -46,8 +46,9 @@ _FROM_EDGE = 2.0
 """Least distance of a wall from the edges for a test of the rotors near the wall [rotor
 spacings]."""
 _STUCK, _MOST_STUCK = 1e-5, 0.2
-"""Largest change from block to block of a reading that counts as unchanged [rad]. Largest share of
-unchanged readings in a chain that counts as moving [1]."""
+"""Threshold of the change of a reading from block to block [rad]; a reading with a smaller change
+counts as unchanged. Threshold of the share of unchanged readings [1]; a chain with a smaller share
+counts as moving."""
 
 
 class EncoderOffsets:
@@ -108,7 +109,7 @@ class EncoderOffsets:
 
     @property
     def rest_angle_error(self) -> float:
-        """Error of the rest angle that all rotors share [rad], a median; 0 if not significant."""
+        """Common error of the rest angles of all rotors [rad], a median; 0 if not significant."""
         signs = np.where(np.arange(len(self.means)) % 2, -1.0, 1.0) * np.array([[1.0], [-1.0]])
         seen = self.weights > 0
         errors = (signs * self.sums)[seen] / self.weights[seen]
@@ -289,7 +290,7 @@ class FarFieldResiduals:
 
 
 def _trimmed_mean(squares: Array) -> float:
-    """Return the mean without the two largest squares, because encoder offsets may cause these."""
+    """Return the mean of squares without the two largest, which encoder offsets may cause."""
     count = len(squares) - 2
     if count <= 0:
         return 0.0

@@ -39,7 +39,7 @@ class OrbitEstimate(NamedTuple):
     site_deviation: standard deviation of the site [rotor spacings].
     site_rate_deviation: standard deviation of the rate of the site [rotor spacings / s].
     leg: number of the leg, a part of the orbit with one passage of the wall; -1 if lost.
-    leg_known: whether the frames exclude all other legs that have the wall at the same site.
+    leg_known: whether the frames exclude all other legs in which the wall has the same site.
     noise: standard deviation of the noise of an angle [rad], either given or estimated.
     misfit: root mean square residual of the rotors near the wall in recent frames [rad].
     frame_misfit: the same residual in this frame alone [rad]; NaN if the frame is empty.

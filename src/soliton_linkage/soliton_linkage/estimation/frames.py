@@ -93,8 +93,8 @@ class FrameClock:
 
 
 _NEAR = 3600 * 10**9
-"""Largest difference between two stamps of the same clock [ns]; the origins of two clocks differ
-by years."""
+"""Threshold of the difference between two stamps [ns]: a larger one means different clocks,
+because the origins of two clocks differ by years."""
 
 
 class FrameImpulse(NamedTuple):
@@ -174,7 +174,8 @@ class CompletedFrame(NamedTuple):
     """Whether the angles of filled rotors come from the orbit; otherwise from neighbouring
     rotors."""
     others: bool
-    """Whether two adjacent rotors differ from the orbit by half a swing, as near a second wall."""
+    """Whether two adjacent rotors differ from the orbit by half a swing, which shows a second
+    wall."""
 
     number_filled: int
     """Number of filled rotors."""
@@ -199,7 +200,8 @@ class OnOrbit(NamedTuple):
 def on_orbit(orbit: Orbit, estimate: OrbitEstimate, residuals: Array) -> OnOrbit:
     """Return angles and rates on the orbit.
 
-    `residuals` [rad], (N,), are relative to the orbit; upside down, their signs change.
+    `residuals` [rad], (N,), are relative to the orbit; in a chain that is upside down, their signs
+    change.
     """
     angles = orbit.configuration(estimate.arc)
     rates = orbit.tangent(estimate.arc) * estimate.rate
@@ -231,7 +233,7 @@ class Unwrapper:
 def complete(
     chain: Chain, angles: Array, rates: Array | None, expected: OnOrbit | None, last: Array
 ) -> CompletedFrame:
-    """Replace missing angles [rad] and rates [rad/s], shape (N,), by the orbit or neighbours.
+    """Replace missing angles [rad] and rates [rad/s], (N,), by those of the orbit or neighbours.
 
     The last angles, `last` [rad], determine the whole turns. A reading also counts as missing if
     it alone, without its neighbours, differs from the orbit by more than half a swing.
@@ -272,7 +274,7 @@ def whole_frame(
 ) -> CompletedFrame | None:
     """Return a frame with unchanged angles, or None if a residual is too large.
 
-    The `largest` residual [rad] may be half a swing; NaN counts as too large.
+    The limit of `largest`, the largest residual [rad], is half a swing; NaN counts as too large.
     """
     if not largest <= rotor_swing(chain) / 2:
         return None

@@ -83,7 +83,7 @@ class Hypotheses:
         self.all = kept
 
     def add_toggled(self) -> None:
-        """Add a hypothesis for each edge rotor of a flipper that may have toggled."""
+        """Add one hypothesis for each edge rotor that may have toggled; only flippers toggle."""
         orbit, leader = self._orbit, self.leader
         view = leader.view
         if orbit.number_of_legs < 4 or not view.outliers:

@@ -54,9 +54,9 @@ def compare(
 ) -> None:
     """Set the differences between the corrected angles and a wall on the orbit.
 
-    The differences [rad], from -pi to pi, have shape (N,). `about` are the angles on the orbit of
-    the rotors near the wall, from rotor `first` on. Other rotors have the angles `before` or
-    `beyond` of the uniform states.
+    The differences [rad], from -pi to pi, have shape (N,). `about` are the angles that the rotors
+    near the wall, from rotor `first` on, have on the orbit. Other rotors have the angles `before`
+    or `beyond` of the uniform states.
     """
     end = first + about.size
     for n in range(angles.size):

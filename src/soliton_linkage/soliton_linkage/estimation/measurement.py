@@ -24,7 +24,7 @@ spacing."""
 _MOST_STEPS = 20
 """Largest number of Gauss-Newton steps [1]."""
 _LONGEST_RUN = 2
-"""Most adjacent rotors that may have gross errors in an accepted frame [1]."""
+"""Largest number of adjacent rotors with gross errors in an accepted frame [1]."""
 
 
 class LinearisedMeasurement(NamedTuple):
@@ -47,8 +47,8 @@ class LinearisedMeasurement(NamedTuple):
     information: float
     """Information on the arc length for a noise of 1 rad [1]."""
     full_information: float
-    """Information without outliers: as `information`, but with weight 1 for all known rotors [1];
-    doubtful rotors are excluded."""
+    """Information that the frame would have without outliers: as `information`, but with weight 1
+    for all known rotors except doubtful ones [1]."""
     squares: float
     """Sum of the squares of the residuals in `inlying` [rad^2]."""
     degrees_of_freedom: int
@@ -68,7 +68,8 @@ class LinearisedMeasurement(NamedTuple):
     largest: float
     """Largest absolute residual [rad]; infinite if a rotor is unknown."""
     unseen_share: float = 1.0
-    """Share of the variance due to unseen rotors that remains after their correction [1]."""
+    """Variance due to unseen rotors after their correction, divided by the variance before it
+    [1]."""
 
     @property
     def mean_square(self) -> float:
@@ -92,11 +93,11 @@ def search_arc(arc: float, target: Callable[[float], float], close: float) -> fl
 
 
 CORE = 2.5
-"""Largest distance from a wall of the rotors that show whether the wall still exists [rotor
+"""Distance from a wall within which the rotors show whether the wall still exists [rotor
 spacings]."""
 _FAR, _FAR_NOISE, _FAR_SHARE = 0.75, 2.0, 0.3
-"""Criterion for a wall that no longer exists: more than `_FAR_SHARE` of the rotors near it have
-residuals above `_FAR` gross errors plus `_FAR_NOISE` standard deviations of the noise [1]."""
+"""Criterion for a wall that no longer exists: more than `_FAR_SHARE` of the rotors near its site
+have residuals above `_FAR` times the least gross error plus `_FAR_NOISE` times the noise [1]."""
 
 
 class FrameLikelihood:
@@ -216,7 +217,7 @@ class ReadingScales:
         self._squares: Array | None = None
 
     def set_deviations(self, deviations: Array | None) -> None:
-        """Set the standard deviations of a frame [rad], shape (N,); NaN or None if typical."""
+        """Set the standard deviations of a frame [rad], shape (N,); NaN or None: typical."""
         self._squares = None
         if deviations is None:
             return
@@ -235,7 +236,7 @@ class ReadingScales:
 
 
 class InnovationGate:
-    """Gate that rejects frames because of outliers in this frame and the preceding one."""
+    """Gate that rejects a frame because of outliers in it and in the preceding frame."""
 
     def __init__(
         self, rotors: int, likelihood: FrameLikelihood, settings: EstimationSettings

@@ -47,16 +47,18 @@ _LEAST_NOISE = 1e-6
 _LEANING = 3.0
 """Least lean of the rotors on both sides of a wall [standard deviations]."""
 _FLAT, _FLAT_IN_NOISE, _NOISIEST = 0.02, 2.0, 0.15
-"""Limits of a tail, the rotors whose deviations decay outwards: the tail ends at a deviation of
-`_FLAT` rest angles or `_FLAT_IN_NOISE` standard deviations of the noise. Tails are not used if the
-noise exceeds `_NOISIEST` rest angles [1]."""
+"""Limits of a tail: the rotors beside a wall whose deviations from the rest angle decay outwards.
+A tail ends at a deviation of `_FLAT` rest angles or of `_FLAT_IN_NOISE` standard deviations of the
+noise, at the larger of the two. Tails are not used if the noise exceeds `_NOISIEST` rest angles
+[1]."""
 _BEND, _NEGLECTED = 0.1, 0.01
-"""Prior standard deviation of the coefficient of e^2 times the rest angle [1], and error of the
-tail ratio lambda that extended springs cause [1]."""
+"""Prior standard deviation of the product of the rest angle and the coefficient of e^2 [1]. Error
+of the tail ratio lambda due to extended springs [1]."""
 _SPREAD = 1.2
 """Variance of e' - F(e), relative to the variance of the noise [1]."""
 _LEAST_LEVER = 1e-9
-"""Lever of a bar in line with its outer rotor [1], so that the slope stays finite."""
+"""Lever that replaces 0 if a bar is in line with its outer rotor [1], so that the slope is
+finite."""
 _LEAST_WEIGHT = 1e-300
 """Least weight of the rest angle of a frame [1/rad^2], so that the mean is always defined."""
 _NO_EVIDENCE = (math.nan, 0.0, math.nan)
@@ -164,7 +166,7 @@ def tail_of_side(deviations: Array, large: float, small: float) -> tuple[int, in
 def tail_products(
     angles: Array, nearest: int, edge: int, part: UniformPart, noise: float, sums: Array
 ) -> None:
-    """Add the products of (e, e^2, e' - F(e)) in a tail to `sums`, divided by the variance."""
+    """Add to `sums` the products of (e, e^2, e' - F(e)) in a tail, divided by the variance."""
     mean, handed = part.mean, 1.0 if (part.sine > 0) == (part.cosine > 0) else -1.0
     rest_angle = math.pi / 2 - abs(math.asin(math.cos(mean)))
     if noise > _NOISIEST * rest_angle:
@@ -306,7 +308,7 @@ class MotionEvidence(NamedTuple):
     tail_ratio_deviation: float
 
     def verdict(self, settings: MotionSettings = DEFAULTS.motion) -> MotionClass:
-        """Return the class of motion; None below `least_probability`."""
+        """Return the class of motion; None if no class reaches `least_probability`."""
         determined = math.isfinite(self.tail_ratio)
         scaled = self.tail_ratio / self.tail_ratio_deviation if determined else 0.0
         wobbling = math.erfc(scaled / math.sqrt(2)) / 2

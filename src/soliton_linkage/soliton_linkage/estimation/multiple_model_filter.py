@@ -195,7 +195,7 @@ class MultipleModelFilter:
         self._refresh()
 
     def add_rate_noise(self, variance: float, elapsed: float) -> None:
-        """Add process noise of the rate [rad^2/s^2] that has accumulated over a time [s]."""
+        """Add the process noise [rad^2/s^2] that the rate has accumulated over a time [s]."""
         covariances = self.filters['covariance']
         covariances[:, RATE, RATE] += variance
         covariances[:, ARC, ARC] += variance * elapsed**2 / 3

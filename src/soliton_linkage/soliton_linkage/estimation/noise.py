@@ -74,7 +74,7 @@ _NUMBERS = records(record_dtype(NoiseSettings))
 def products_in_time(
     oldest: Array, older: Array, latest: Array, tangent: Array, first: int, found: Array
 ) -> None:
-    """Set the sums over the rotors of p, t^2 p, f and f^2.
+    """Set the sums of p, t^2 p, f and f^2 over the rotors.
 
     p = x (4 x' - x'') / 3 and f = t^2 - t^4 for the tangent t of the orbit and the residuals x, x'
     and x'' of a rotor in the latest, the older and the oldest frame [rad], shape (N,).
@@ -189,7 +189,7 @@ class FrameNoise:
 
     @property
     def degrees_of_freedom(self) -> float:
-        """Degrees of freedom of the noise variance; infinite while the given one is used."""
+        """Degrees of freedom of the noise variance; infinite while the given noise is used."""
         return math.inf if self.variance == self._given else max(self._freedoms, 1.0)
 
     def update(self, view: LinearisedMeasurement) -> None:
@@ -332,7 +332,7 @@ class StampJitter:
 
 
 class ResidualVariance:
-    """Variance of the difference between a rotor and the orbit due to noise, waves and springs."""
+    """Variance of the difference between rotor and orbit that noise, waves and springs cause."""
 
     def __init__(self, swing: float, noise: float | None, settings: EstimationSettings) -> None:
         """Start with the swing of a rotor while a wall passes [rad].
@@ -344,7 +344,7 @@ class ResidualVariance:
         self.elastic = (given.elastic_share * swing) ** 2
         """Prior variance of a rotor due to the deformation of a wall by its springs [rad^2]."""
         self.largest_field = (given.field_share * swing) ** 2
-        """Upper limit of the variance of a rotor that is not due to noise [rad^2]."""
+        """Upper limit of the part of a rotor's variance that is not due to noise [rad^2]."""
         self.restart()
 
     def restart(self) -> None:

@@ -47,7 +47,8 @@ _FIELD_SHARE = 0.08
 """Assumed error of the arc length, relative to the persistent residuals near the wall [1].
 Sensitivity: at 0, errors near waves exceed the stated standard deviations by 2 %."""
 _LEAST_PROBABILITY = 0.9
-"""Least probability of the candidate positions of a frame for an acquisition of the chain [1]."""
+"""Least probability, for an acquisition, that the chain is at one of the candidate positions
+[1]."""
 
 
 def largest_deformation(orbit: Orbit) -> float:
@@ -302,9 +303,9 @@ class OrbitFilter:
         return variance
 
     def _relocated(self, time: float, seen: Array, fits: bool) -> bool:
-        """Restart at another position or lose the chain, if several frames require it.
+        """Restart at another position or lose the chain, if several frames require this.
 
-        The result is whether the filter has done so.
+        Return whether the filter has done so.
         """
         tracking, view = self._tracking, self._hypotheses.leader.view
         if self._unexplained == 0:

@@ -151,7 +151,7 @@ class OrbitMeasurementModel:
         noise: FrameNoise,
         upside_down: bool,
     ) -> bool:
-        """Update the encoder offsets; return whether the set of corrected ones has changed."""
+        """Update the encoder offsets; return whether other encoders are corrected now."""
         outlying = view.outlying if view.outliers else None
         residuals = view.residuals
         if self._likelihood.scales is not None:
@@ -181,7 +181,8 @@ class UnseenRotorCorrection:
         self._orbit = orbit
         lower, upper = (edge**2 for edge in band_edges(orbit.chain))
         self.remaining = (2 * lower / (lower + upper)) ** 2
-        """Share of the variance due to unseen rotors that remains after the correction [1]."""
+        """Variance due to unseen rotors after the correction, divided by the variance before it
+        [1]."""
 
     def shift(
         self, arc: float, rate: float, residuals: Array, field: float, noise: float
@@ -224,15 +225,15 @@ class UnseenRotorCorrection:
 _SAMPLES = 32
 """Samples of the compliance mu per rotor spacing [1]; the interpolation error is 2 %."""
 _LOWEST_ORDER = 0.2
-"""Largest share 3 mu w^2 of the spring energy at the rate w for which the lowest order in w^2 is
-used [1]."""
+"""Threshold of the share 3 mu w^2 of the spring energy [1]. At rates w with a smaller share, the
+lowest order in w^2 is used."""
 _PERIOD = 2
 """Period of the shape of a wall along the chain [rotor spacings]; even and odd rotors differ."""
 _SLOW = 0.25
 """Largest number of rotors that a slow wall passes per period of the slowest phonon [1]."""
 _SECOND_ORDER = 0.5
-"""Square root of the measured relative error of the predicted rate change of the fastest slow wall
-[1]."""
+"""Square root of the relative error of the rate change, `rate_ratio` minus 1, that is predicted
+for the fastest slow wall; measured [1]."""
 _LONGEST_RESOLVED = 4 / 3
 """Speed above which the spring forces average out, relative to the fastest slow wall [1]."""
 
@@ -288,7 +289,7 @@ class ComplianceCorrection:
         return math.sqrt((1 + square * self.mu(before)) / (1 + square * self.mu(arc)))
 
     def unpredicted_change(self, rate: float) -> float:
-        """Return the relative standard deviation of the rate that `rate_ratio` leaves [1].
+        """Return the relative standard deviation [1] of a rate that `rate_ratio` has corrected.
 
         For slow walls the deviation is of second order in the ratio of the site rate to the
         slowest phonon frequency. For fast walls it falls with the fourth power of the rate.

@@ -41,7 +41,7 @@ from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
 _CLOSE = 1e-5
 """Length of the last step in the search for a maximum of the likelihood along the orbit [rad]."""
 SCAN_DEVIATION, _SCAN_STEP = 0.1, 0.05
-"""Standard deviation of a rotor that a scan assumes, and step of the scan along the orbit,
+"""Assumed standard deviation of a rotor in a scan, and step of a scan along the orbit. Both are
 relative to the swing of a rotor [1]."""
 _NEAR = 0.5
 """Largest distance of a sample from a candidate for which the sample belongs to the candidate
@@ -123,7 +123,7 @@ class Relocaliser:
     ) -> None:
         """Sample the whole orbit if it has fewer angles than `most_angles`.
 
-        For a longer orbit, each search samples its plausible section.
+        For a longer orbit, each search samples only the plausible section of the orbit.
         """
         self._orbit, self._given = orbit, likelihood
         chain = orbit.chain
@@ -328,7 +328,7 @@ class NearestPoint:
 
 
 def fit_near(orbit: Orbit, angles: Array, arc: float) -> NearestPoint:
-    """Return the point of the orbit nearest to a frame, from a start at an arc length [rad].
+    """Return the point of the orbit nearest to a frame; search from an arc length [rad] on.
 
     Angles phi [rad] have shape (N,), NaN if unknown. The search takes Gauss-Newton steps t . (phi
     - Phi) / (t . t) with the tangent t of the orbit Phi, and may enter another cycle. Raises

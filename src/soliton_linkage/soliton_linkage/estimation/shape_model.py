@@ -50,7 +50,7 @@ class _ShapeFit(NamedTuple):
 
 
 class ShapeMeasurementModel:
-    """Model of the measurement of all walls of a frame by fits of their shapes."""
+    """Measurement model that fits the shapes of all walls in a frame."""
 
     def __init__(
         self, shapes: WallShapes, line: LatticeCoordinates, settings: EstimationSettings

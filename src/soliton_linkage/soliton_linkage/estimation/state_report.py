@@ -54,7 +54,8 @@ class Topology(NamedTuple):
 
     polarisations: mean polarisations before the first and beyond the last wall, +1 for rotors that
         lean right and -1 for rotors that lean left.
-    winding_numbers: winding numbers of the same two uniform states; they differ by the charge.
+    winding_numbers: winding numbers of the uniform states before the first and beyond the last
+    wall; their difference is the charge.
     charge: number of walls with charge +1 minus number of walls with charge -1.
     mode_centre: centre of the zero mode [rotor spacings].
     """
@@ -151,7 +152,7 @@ def energy_reach(chain: Chain) -> float:
     """Return the distance from a wall beyond which energy belongs to the wake [rotor spacings].
 
     The distance is 8 penetration depths, beyond which a wall has at most e^-16 of its energy, plus
-    3 for the core of a wall without depth.
+    3 rotor spacings, because the penetration depth of some walls is 0.
     """
     depth = penetration_depth(chain) / chain.spacing
     return 8 * depth + 3

@@ -121,7 +121,7 @@ def set_residuals(
 def scan_wall(
     theta: Array, first: int, table: WallTable, start: float, beside: float, bound: float
 ) -> tuple[float, float]:
-    """Return the least sum of squared residuals near `start` [rad^2], and the site of the wall.
+    """Return the least sum of squared residuals [rad^2] near `start`, and the site of the minimum.
 
     Each square counts at most as `bound` [rad^2].
     """
@@ -190,8 +190,8 @@ def fit_wall(
 ) -> tuple[float, float, float, float]:
     """Fit the site and, if `free`, the stretch of a wall by reweighted Gauss-Newton steps.
 
-    Residuals above `bound` standard deviations have less weight. Returns site, stretch,
-    information on the site and information on the stretch, each for a noise of 1 rad.
+    Residuals above `bound` standard deviations have less weight. Returns site and stretch, then
+    the information on the site and on the stretch for a noise of 1 rad.
     """
     site_information, of_stretch, last, share = 0.0, 0.0, 0.0, 1.0
     for _ in range(_STEPS):

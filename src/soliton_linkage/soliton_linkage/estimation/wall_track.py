@@ -146,8 +146,8 @@ class WallMeasurement(NamedTuple):
     elastic: float = 0.0
     """Prior variance of the site due to the deformation by springs [rotor spacings^2]."""
     pinning: float = 0.0
-    """Speed at which the kinetic energy of the wall equals its barrier between two sites [rotor
-    spacings / s]."""
+    """Speed at which the kinetic energy of the wall equals the energy barrier between two sites
+    [rotor spacings / s]."""
     estimate: OrbitEstimate | None = None
     """Estimate of the `OrbitFilter`, which replaces the filter of the wall; None for a fit."""
 
@@ -300,7 +300,7 @@ class Encounter:
 
     @property
     def ids_before(self) -> tuple[int, ...]:
-        """Identifiers of the walls before the encounter, from left to right, or one breather."""
+        """Identifiers of the walls before the encounter from left to right, or of the breather."""
         ids = self.left.id, self.right.id
         return (self.breather,) if self.breather else ids[::-1] if self.passed else ids
 

@@ -22,7 +22,7 @@ from soliton_linkage.estimation.wall_track import (
 )
 
 _LONGEST_DELAY = 2.0
-"""Longest delay of the event of a wall that enters from an edge [s]."""
+"""Longest delay with which the entry of a wall from an edge is reported [s]."""
 _FORBIDDEN = 1e9
 """Cost of a forbidden assignment [1], which exceeds the square of any gate."""
 
@@ -48,9 +48,9 @@ def assign(
 
     Return the index of the measured wall for each predicted wall.
 
-    The walls of a pair have equal charges and differ by less than `gate` standard deviations. The
-    number of pairs is maximal. Of such assignments, the smallest sum of squared differences
-    decides.
+    The walls of a pair have equal charges, and their sites differ by less than `gate` standard
+    deviations. The number of pairs is maximal. Of such assignments, the smallest sum of squared
+    differences decides.
     """
     if not predicted or not seen:
         return {}

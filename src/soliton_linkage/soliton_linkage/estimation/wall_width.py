@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lorentz contraction of a moving wall, whose width is w / gamma for the width w at rest.
 
-The angle of rotor n is phi_n = f(gamma (X - n)), with the shape f of the wall at rest, its site X
-and the contraction gamma. This profile is exact for gamma = 1, and in the continuum limit for any
-gamma.
+The angle of rotor n is phi_n = f(gamma (X - n)), with the shape f of the wall at rest, the site X
+of the wall and the contraction gamma. This profile is exact for gamma = 1, and in the continuum
+limit for any gamma.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.solitons.continuum import wall_theory
 
 _CLEAR = 2
-"""Least distance of a wall from an edge, relative to the wall width or the penetration depth,
-whichever is larger [1]."""
+"""Least distance of a wall from an edge, relative to the larger one of wall width and penetration
+depth [1]."""
 _CLOSE, _CLOSEST = 0.02, 1e-5
 """Largest size of the last step of ln(gamma), relative to the standard deviation of ln(gamma), and
 in absolute terms [1]."""

@@ -31,8 +31,9 @@ _BARS = records(BARS)
 _LEAST_NOISE = 1e-12
 """Lower limit of the noise [rad], the size of rounding errors."""
 _CALM, _LARGEST, _ABOVE_NOISE = 1e-3, 0.5, 4.0
-"""Limits of deviations: largest one of a calm rotor beside a wall at rest, largest one in a tail
-[rest angles each], and smallest one in a tail [standard deviations of the noise]."""
+"""Limits of deviations: largest deviation of a calm rotor beside a wall at rest [rest angles],
+largest deviation in a tail [rest angles], and smallest deviation in a tail [standard deviations of
+the noise]."""
 _BEND = 0.3
 """Assumed shift of a zero of the tail [rotor spacings] for a deviation of the size of the rest
 angle."""
@@ -81,7 +82,8 @@ def beside_wall(
 def overshooting(expected: Array, rest_angle: float, calm: float) -> int:
     """Return the index of the rotor with the largest lean.
 
-    If `calm` is above 0, return the index of the first rotor with a smaller lean [rad].
+    If `calm` [rad] is above 0, return the index of the first rotor that deviates by less than
+    `calm`.
     """
     at, most = 0, -math.inf
     for n in range(expected.size):
@@ -248,7 +250,7 @@ class Wobble(NamedTuple):
     """Wobble beside a wall, where rotors deviate from the uniform states; NaN if unknown.
 
     amplitude: overshoot |u| - ub [m] of the rotor with the largest lean at rest (d > 1), or of the
-        nearest rotor that is at rest (d <= 1), on the side where it is larger at rest.
+        nearest rotor that is at rest (d <= 1), on the side where the overshoot at rest is larger.
     amplitude_deviation: standard deviation of the amplitude [m].
     rest_amplitude: overshoot of the same rotor for a wall at rest [m].
     tail_ratio: deviation of a rotor in the tails, relative to its inner neighbour [1].

@@ -70,8 +70,8 @@ def adjust(
     """Estimate lengths and encoder offsets from readings [rad], (T, N), NaN if missing.
 
     `tolerance` is the prior standard deviation of a length [1]; None means that it is estimated.
-    All configurations are computed again after convergence, because where a bond is collinear with
-    a rotor, two configurations close all bonds.
+    After convergence, all configurations are computed again, because two configurations close all
+    bonds if a bond is collinear with a rotor.
     """
     for _ in range(_RESTARTS):
         found = _adjust_once(readings, start, tolerance, relative_deviations)
@@ -177,7 +177,7 @@ _CHANCE = 3.0
 """Distance of a bond from a limit [standard deviations] below which the bond is reported or
 corrected."""
 _MARGIN = 1e-3
-"""Distance from the limit of a corrected bond, relative to its spacing [1]."""
+"""Distance that a corrected bond keeps from its limit, relative to the spacing of the bond [1]."""
 _ROUNDS = 5
 """Largest number of corrections [1]; a correction may move a neighbouring bond beyond its
 limit."""

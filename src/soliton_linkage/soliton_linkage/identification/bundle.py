@@ -140,8 +140,8 @@ class Bundle:
     ) -> None:
         """Start with readings [rad], (T, N), NaN if missing.
 
-        `relative_deviations` are relative to a typical reading [1]. A run of n equal readings,
-        `repeat_counts`, has the weight of one.
+        `relative_deviations` are relative to a typical reading [1]. A run of n equal readings (see
+        `repeat_counts`) has the weight of one reading.
         """
         self._readings = np.ascontiguousarray(readings.T)
         self._seen = np.isfinite(self._readings)

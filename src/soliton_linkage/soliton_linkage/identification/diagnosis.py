@@ -16,19 +16,19 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.passage import find_obstacles
 
 _LARGEST_SPREADS = 0.2, 0.25
-"""Largest plausible relative standard deviation of the lengths, and that of the masses and
-stiffnesses [1]."""
+"""Largest plausible relative standard deviations: of lengths, and of masses and stiffnesses
+[1]."""
 _USUAL_OF_ROTOR, _USUAL_OF_FRAMES = 1.3, 0.3
 """Typical values: mean square residual of the worst rotor relative to all rotors, and share of the
-worst tenth of the frames in the squares [1]."""
+worst tenth of the frames in the sum of squared residuals [1]."""
 _FAR_SPACING = 1.5
 """Ratio of a spacing to the median spacing [1] above which the spacing is reported."""
 _SCALE_PARTS = {'rotor_length', 'spacing', 'rest_length'}
 _MOST_NAMED = 4
 """Largest number of weakly observable combinations that are named [1]."""
 _NOT_OBSERVABLE = 1e-4
-"""Information below which a combination counts as not observable [1]; its standard deviation is
-100."""
+"""Information below which a combination counts as not observable [1]; the limit means a standard
+deviation of 100."""
 _WEAK = 0.1
 """Standard deviation, from the readings alone, above which a combination is reported [1]."""
 

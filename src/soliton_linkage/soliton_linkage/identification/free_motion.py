@@ -68,7 +68,7 @@ def unknown_slices(rotors: int) -> UnknownSlices:
 
 @dataclass(frozen=True)
 class FreeMotion:
-    """Chain of springs and its initial state; stiffnesses, masses and drag per mean mass."""
+    """Chain of springs and its initial state; stiffnesses, masses and drag over the mean mass."""
 
     lengths: Lengths
     stiffnesses: Array
@@ -161,7 +161,7 @@ def states_at(motion: FreeMotion, times: Array) -> Array:
 
 
 def propagate(motion: FreeMotion, times: Array) -> tuple[Array, FreeMotion]:
-    """Return the angles at each time [rad], (T, N), and the motion from the last time on."""
+    """Return the angles [rad], (T, N), at each time, and the motion from the last time on."""
     states = states_at(motion, times)
     angles, rates = states[-1]
     return states[:, 0], replace(motion, angles=angles, rates=rates)

@@ -50,11 +50,12 @@ _MOST_KICKS = 3
 _KICK_FRAMES = 7
 """Number of successive frames whose residuals are averaged in the search for a kick."""
 _BEFORE_KICK = 0.06
-"""Time before an estimated kick without used frames [s]; 0.05 s after the kick are also unused."""
+"""Time before an estimated kick [s]; its frames, and those in 0.05 s after the kick, are not
+used."""
 _SUSPICIOUS = 1.05
 """Ratio of residual noise to reading noise above which a kick is searched [1]."""
 _KICKED = 5.5
-"""Mean residual of `_KICK_FRAMES` frames above which a kick acts [standard deviations]."""
+"""Mean residual of `_KICK_FRAMES` frames above which a kick is assumed [standard deviations]."""
 _KICK = (
     'a kick that was not recorded acts near {}; the frames near it were not used for masses, '
     'springs and drag'
@@ -209,7 +210,8 @@ def _fit_around_kicks(
         better = _fit_springs(without, *inputs)
         if isinstance(better, str):
             break
-        # By chance, an additional initial state reduces the squares by 2 N, with variance 4 N.
+        # By chance, an additional initial state reduces the sum of squares by 2 N, with variance 4
+        # N.
         gain = some.angles.size * (1 - (better[1].noise / found.noise) ** 2)
         states = 2 * some.angles.shape[1]
         if gain < states + _KICKED * math.sqrt(2 * states):

@@ -35,7 +35,7 @@ _AFTER = 25
 _MOST = 5
 """Largest number of fitted sequences of impulses [1]; each fit takes a second."""
 _LONGEST = 500
-"""Largest number of frames between two free motions for which the first one determines the
+"""Largest number of frames between two free motions for which the first motion determines the
 second."""
 
 

@@ -73,7 +73,7 @@ UNEXPLAINED = 1.5
 """Ratio of residual noise to reading noise above which the model does not match the readings
 [1]."""
 _SIGNIFICANT = 3.0
-"""Difference between the residuals of bars and springs above which the difference is significant
+"""Threshold of a significant difference between the residuals of bars and those of springs
 [standard deviations]."""
 _NOISE_SCATTER = 2.3
 """Relative standard deviation of the squared noise, estimated from n readings, times sqrt(n)

@@ -38,8 +38,8 @@ from soliton_linkage.linkage.springs import spring_between
 
 R, A, L, K, INERTIA = range(5)
 M = INERTIA
-"""Number of log m among the five unknowns of a rotor in `direct`; the first four unknowns are R to
-K."""
+"""Index of log m among the five unknowns of a rotor in `direct`; R to K are the other four
+indices."""
 ACCELERATION, BELOW, MAIN, ABOVE, DRAG, BY_DAMPING, BY_FRICTION, FALL = range(8)
 """Rows of `work`: acceleration and its derivatives; FALL is the acceleration by gravity."""
 DAMPING, FRICTION, SLIDING, ALONG, DOWN, LONGEST = range(6)

@@ -8,8 +8,8 @@ a, the rotor lengths r_1 and r_2, and the bond length l,
     K_0 = (a^2 + r_1^2 + r_2^2 - l^2) / (2 r_1 r_2),    K_1 = a / r_1,    K_2 = a / r_2.
 
 An error of half a turn of phi_2 changes the signs of K_0 and K_1. If the sign of a reading is
-reversed, or the rotors are not neighbours, no such curve fits, or the fitted bond is one that no
-wall can pass.
+reversed, or if the rotors are not neighbours, then either no such curve fits, or no wall can pass
+the fitted bond.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _BETTER = 0.8
 """Largest misfit with a reversed rotor, relative to the misfit without reversal, for which the
 rotor counts as reversed [1]."""
 _AS_GOOD = 1.25
-"""The same limit for a bond that no wall can pass as recorded [1]."""
+"""The same limit if no wall could pass the bond without the reversal [1]."""
 _IMPASSABLE = 0.95
 """Relative square of the bond length l below which no wall can pass a bond [1]; noise changes the
 square by 0.03."""
@@ -201,8 +201,8 @@ def _fitted(first: Array, second: Array, is_reversed: bool) -> _Curve:
 _CHECKED_FRAMES = 9
 """Number of frames in which the unit is checked [1]."""
 _SMALLEST_IN_DEGREES = 4.0
-"""Value that an angle in every frame in degrees exceeds, because one of two neighbours is at 90
-degrees or more."""
+"""Threshold that at least one angle of each frame in degrees exceeds, because one of two
+neighbours is at 90 degrees or more."""
 _LARGEST_STAGGER = 0.2
 """Threshold of the median of 1 + cos(phi_n + phi_{n+1}) [1]; angles in radians are below, angles
 in degrees are at 0.4 or more."""

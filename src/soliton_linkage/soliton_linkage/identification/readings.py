@@ -67,7 +67,7 @@ class Readings:
 
     @cached_property
     def filled(self) -> Array:
-        """Readings [rad] without jumps of 2 pi or gaps (interpolated); ValueError if too few."""
+        """Readings [rad] without jumps of 2 pi, with interpolated gaps; ValueError if too few."""
         names, rotors = self.joints, self.angles.shape[1]
         if rotors < _FEWEST_ROTORS:
             raise ValueError(
@@ -194,7 +194,7 @@ def rounding_noise(readings: Array) -> float:
 
 
 def repeat_counts(readings: Array) -> Array:
-    """Return the length of the run of equal readings that contains each reading.
+    """Return, for each reading, the length of the run of equal readings that contains it.
 
     The variance of the rounding error grows with this length.
     """

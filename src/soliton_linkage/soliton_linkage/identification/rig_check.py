@@ -49,11 +49,11 @@ _LARGEST_OFFSET = 2.9
 _LARGEST_CHANGE = 0.3
 """Largest relative error of a length that is tried [1]."""
 _EXPLAINED = 1 / 3
-"""Largest root mean square stretch after a correction, relative to the stretch before, for which
-the correction counts as the cause [1]."""
+"""Threshold of the root mean square stretch after a correction, relative to the stretch before it
+[1]. If the ratio is lower, the corrected error counts as the cause."""
 _EQUALLY_GOOD = 1.5
-"""Largest ratio of the stretch after a correction to that after the best correction for which the
-correction is also reported [1]."""
+"""Threshold of the stretch after a correction, relative to the stretch after the best correction
+[1]. If the ratio is lower, the correction is also reported."""
 _MOST_AGAINST = 0.2
 """Largest fraction of rotors that lean away from a soliton at an edge [1]; signs may be wrong."""
 _MOST_FRAMES = 200
@@ -118,7 +118,7 @@ class RigFindings:
 def check_rig(
     watched: WatchedFrames, turns: Sequence[Turn], names: Sequence[str], chain: Chain | None
 ) -> RigFindings:
-    """Check frames of a resting rig, and turns by hand; raise ValueError below four frames."""
+    """Check frames of a resting rig, and turns by hand; raise ValueError for under four frames."""
     if len(watched.stamps) < 4:
         raise ValueError(f'{len(watched.stamps)} frames are too few to check a rig; publish more')
     findings = [*_stamp_findings(watched)]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks of a recording before identification, and of the residuals after identification.
 
-The staggered angles of a rotor before and after a wall are symmetric about 0 or about pi, the same
-for all rotors, unless the zero of the encoder is wrong.
+The staggered angles of a rotor before and after a wall are symmetric about a centre. For encoders
+with a correct zero, all centres are 0 or all are pi.
 """
 
 from __future__ import annotations

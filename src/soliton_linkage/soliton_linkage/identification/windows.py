@@ -21,8 +21,8 @@ _INITIAL_FRAMES = 25
 _RATE_FRAMES = 8
 """Number of frames from which the initial rates of a window are estimated."""
 _FEWEST_FRAMES = 30
-"""Smallest number of frames between impulses that are used; in that time a wall passes some
-rotors."""
+"""Smallest number of frames between two impulses for which the frames are used; in that time a
+wall passes some rotors."""
 _ARRIVAL = 0.05
 """Largest delay between the command of an impulse and its effect [s]."""
 _MERGED = 4
@@ -41,7 +41,7 @@ class FreeWindow(NamedTuple):
 
 
 def free_intervals(times: Array, interruptions: Sequence[float]) -> list[slice]:
-    """Return the intervals between interruptions at given times [s] that have enough frames."""
+    """Return the intervals with enough frames between interruptions at given times [s]."""
     begins = [-math.inf, *(time + _ARRIVAL for time in sorted(interruptions))]
     ends = [*sorted(interruptions), math.inf]
     intervals = [

@@ -129,7 +129,7 @@ def penetration_depth(chain: Chain) -> float:
 def tail_ratio(chain: Chain) -> float:
     """Return the ratio of the tails of a wall at neighbouring rotors, (d - 1) / (d + 1) [1].
 
-    The tail is the small difference of phi from a uniform state. The numerator is that of the
+    The tail is the small difference of phi from a uniform state. The numerator belongs to the
     rotor farther from the wall.
     """
     plus, minus = couplings(chain)
@@ -175,7 +175,7 @@ def wobble_exponents(chain: Chain) -> tuple[complex, complex]:
 
 
 def continuum_tail(chain: Chain) -> Tail:
-    """Return the tail with the exponent of `wobble_exponents` that decays more slowly.
+    """Return the tail with the exponent, of the two `wobble_exponents`, that decays more slowly.
 
     For d > 1 / sqrt(2), the tail oscillates, with the decay length ub and a wave number up to
     sqrt(8) / a. The oscillation is an artefact of the expansion. The decay length agrees with

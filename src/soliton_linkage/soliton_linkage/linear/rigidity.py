@@ -118,7 +118,7 @@ def mode_towards_last(chain: Chain, angles: Array) -> Array:
     In a spinner, the mode then increases the sum of h_n = r sin(phi_n). In a left-leaning flipper
     with d < 1, all theta_n increase, and all levers A_n and B_n have the sign (-1)^(n+1). Upside
     down, this sign is opposite. When an edge rotor swings past the mass of its neighbour, A_0 or
-    B_{N-2} changes its sign, and therefore the sign of the result relative to `zero_mode`.
+    B_{N-2} changes its sign. Then the sign of the result relative to `zero_mode` also changes.
     """
     first, second = _levers_of_free_chain(chain, angles)
     mode = _zero_mode_of(first, second)

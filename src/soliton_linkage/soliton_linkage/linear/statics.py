@@ -81,7 +81,8 @@ def min_norm_change(chain: Chain, angles: Array, lengthening: Array) -> Array:
     """Return the smallest change of the angles [rad], (N,), that causes given extensions.
 
     The change is R^T (R R^T)^(-1) dl with the rigidity matrix R. The extensions dl, `lengthening`
-    [m], have the shape (springs,). Raises ValueError for a state of self-stress.
+    [m], have the shape (springs,). Raises ValueError if the configuration has a state of
+    self-stress.
     """
     try:
         if chain.periodic:

@@ -189,7 +189,7 @@ class Chain:
 
     @cached_property
     def signs(self) -> Array:
-        """Sign dq/dphi of the coordinate q of each rotor: theta in flippers, phi in spinners."""
+        """Sign dq/dphi for each rotor; the coordinate q is theta in flippers, phi in spinners."""
         signs = np.ones(self.number_of_rotors)
         if self.motion is not Motion.SPINNER:
             signs[1::2] = -1.0

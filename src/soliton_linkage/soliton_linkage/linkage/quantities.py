@@ -62,7 +62,10 @@ def quantity(
     choices: Collection[str] = (),
     adjustable: bool = False,
 ) -> Any:
-    """Return a dataclass field with a default value and a `Quantity` as its metadata."""
+    """Return a dataclass field with a default value and a `Quantity` as its metadata.
+
+    In docstrings, "Sensitivity: at 0.5x" means with half the value, and "at 2x" with twice it.
+    """
     described = Quantity(description, unit, minimum, maximum, choices, adjustable)
     return field(default=default, metadata={'quantity': described})
 

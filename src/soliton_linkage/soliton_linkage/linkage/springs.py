@@ -27,7 +27,7 @@ def spring_between(
     h_right - h_left, v_right - v_left) and l = hypot(dh, dv). The derivatives of l by the left and
     right angle are A = (h_left dv - v_left dh) / l and B = (v_right dh - h_right dv) / l. The
     derivatives are 0 if the masses coincide. Arguments are numbers or arrays;
-    `compile_loop(spring_between, inlined=True)` compiles it.
+    `compile_loop(spring_between, inlined=True)` compiles the function.
     """
     across, up = h_right - h_left, v_right - v_left
     products = h_left * h_right + v_left * v_right

@@ -6,9 +6,10 @@ receiver's clock, with
 
     y = a + b x + d,    d >= 0,
 
-the offset a with the smallest delay, the drift b, and the additional delay d. The line a + b x
-passes through the edge of the lower convex hull of all (x, y) at the mean of x (S. Moon, P. Skelly
-and D. Towsley, INFOCOM 1999, doi:10.1109/INFCOM.1999.749287). Each interval gives one point.
+where a is the sum of the clock offset and the smallest delay, b the drift, and d the additional
+delay. The line a + b x passes through the edge of the lower convex hull of all (x, y) at the mean
+of x (S. Moon, P. Skelly and D. Towsley, INFOCOM 1999, doi:10.1109/INFCOM.1999.749287). Each time
+interval gives one point (x, y).
 """
 
 from __future__ import annotations
@@ -42,11 +43,11 @@ _FROM_THE_PAST = 10.0
 _SMALLEST_JUMP = 1e-3
 """Smallest jump of a clock that is detected [s]; at 2x, undetected jumps bias the drift more."""
 _EARLY, _LATE = 3.0, 10.0
-"""Distances below and above the line beyond which a delay is implausible [medians of the
+"""Largest plausible distances of a delay below and above the fitted line [medians of the
 delay]."""
 _UNUSUAL = 8.0
-"""Difference from the median interval above which an interval is unusual [medians of this
-difference]."""
+"""Threshold of the difference from the median interval, relative to the median of this difference
+[1]; an interval with a larger difference is unusual."""
 _CLOCK_RESOLUTION = 1e-4
 """Smallest difference that makes an interval unusual [s]; it equals 25 ticks of micros() of an
 Arduino."""
@@ -55,7 +56,7 @@ _CONFIRMATIONS = 3
 
 
 class DelayEnvelope:
-    """Line below the delays of all messages, as a function of the sending time x."""
+    """Fitted line below the delays of all messages, as a function of the sending time x."""
 
     def __init__(self) -> None:
         self.drift = 0.0
@@ -80,7 +81,7 @@ class DelayEnvelope:
         self.offset = min(self.offset, y - self.drift * x)
 
     def at(self, x: float) -> float:
-        """Return the delay on the line at the sending time x [s]."""
+        """Return the delay [s] that the fitted line has at the sending time x [s]."""
         return self.offset + self.drift * x
 
     def _fit(self) -> None:
@@ -134,7 +135,7 @@ class DeviceClock:
 
     @property
     def drift(self) -> float:
-        """Drift [1]: in one second of the controller's clock, the host's advances by 1 + drift."""
+        """Drift [1]: in 1 s of the controller's clock, the host's clock advances by 1 + drift."""
         return self._envelope.drift
 
     @property

@@ -32,26 +32,27 @@ _DEPTHS_BESIDE = 15
 """Distance from a wall to the edges of the short chain [penetration depths]; the errors of the
 angles are 1e-6 rad."""
 _ROTORS_BESIDE = 6
-"""Number of rotors that are added to this distance [1], for penetration depths close to 0."""
+"""Number of rotors that are added to `_DEPTHS_BESIDE` [1], for penetration depths close to 0."""
 _TOLERANCE = 1e-9
 """Tolerance of a solver step, as a norm over all rotors [rad]; the orbit has errors below 1e-6
 rad."""
 _SAMPLES_A_STEP = 3
 """Spline points per solver step [1]; interpolation errors are below the solver errors."""
 _DEPTHS_OF_EDGE = 8.0
-"""Distance from an edge, in addition to two rotor spacings, beyond which site and arc length are
-proportional up to e^-16 [penetration depths]."""
+"""Range of the effect of an edge [penetration depths], without two more rotor spacings. Beyond it,
+site and arc length are proportional up to e^-16."""
 _SAMPLES_A_SITE = 16
-"""Samples near an edge per rotor spacing or penetration depth, whichever is larger [1]; the errors
-of sites are 1e-6."""
+"""Number of samples near an edge per unit of length [1]. The unit is the larger one of the rotor
+spacing and the penetration depth. The errors of sites are 1e-6."""
 _STEP = 1e-5
 """Step of the site for the numerical derivative of the angles of a wall [rotor spacings]."""
 _SHORT = 0.3
-"""Ratio of the last step to the step before below which the two steps are merged [1]."""
+"""Threshold of the ratio of the last step to the step before it [1]; if the ratio is lower, the
+two steps are merged."""
 _EXACT = 1e-12
 """Largest Newton step of a converged search for the arc length at a site [rad]."""
 _STEPS = 20
-"""Largest number of Newton steps in this search [1]; usually three are enough."""
+"""Largest number of Newton steps in the search for an arc length [1]; usually three are enough."""
 _DEGREE = 7
 """Degree of the spline [1]; it is one less than the order of the solver."""
 
@@ -364,10 +365,11 @@ def set_near_wall(
     """Set the angles and tangents of the rotors of a short chain for a wall in a long chain.
 
     `values` are the angles [rad], followed by the tangents [1]. `arc` [rad] is the arc length on
-    the orbit of the long chain, which has 2 * `repeats` rotors more. `legs` has three rows [rad]
-    with a column for each leg: the start of the leg on the orbit of the long chain, the start on
-    that of the short chain, and the distance from there to the middle of the leg. Return the index
-    of the first of these rotors in the long chain, and the range of rotors of the short chain.
+    the orbit of the long chain, which has 2 * `repeats` rotors more than the short one. `legs` has
+    three rows [rad] with a column for each leg: the start of the leg on the orbit of the long
+    chain, the start on that of the short chain, and the distance from there to the middle of the
+    leg. Return the index of the first set rotor in the long chain, and the range of the set rotors
+    in the short chain.
     """
     leg = legs.shape[1] - 1
     while leg > 0 and arc < legs[0, leg]:

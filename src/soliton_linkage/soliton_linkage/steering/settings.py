@@ -23,8 +23,8 @@ class SteeringSettings(CheckedQuantities):
     tolerance: float = quantity(
         0.1, 'distance from the goal below which a soliton has arrived', 'rotor spacings', 1e-6
     )
-    """Sensitivity: at 0.5x, arrivals are reported up to 4 s later; at 2x, up to 0.6 s earlier. The
-    holding accuracy does not change."""
+    """Sensitivity: with half the tolerance, arrivals are reported up to 4 s later; with twice the
+    tolerance, up to 0.6 s earlier. The holding accuracy does not change."""
 
     latency: int = quantity(1, 'delay from a frame until its torques act', 'frames', 0)
     """Sensitivity: an error of 2 frames has no effect. With an error of 5 frames, a wall may be
@@ -84,8 +84,8 @@ class SteeringSettings(CheckedQuantities):
         2.0, 'ratio of the available force to the force of the trajectory', '', 1.0
     )
     """The excess is a margin for noise and disturbances. Sensitivity: at 0.5x, the reported reach
-    of actuators at an edge is ln(2) penetration depths longer; at 2x, as much shorter. Accepted
-    moves do not change."""
+    of actuators at an edge is ln(2) penetration depths longer; at 2x, shorter by the same amount.
+    Accepted moves do not change."""
 
     settling_time: float = quantity(
         3.0,
@@ -124,7 +124,7 @@ class SteeringSettings(CheckedQuantities):
     max_gap: float = quantity(
         5.0, 'time without frames after which the soliton may have moved', 'frame periods', 1.0
     )
-    """Sensitivity: at 0.5x, the move also continues after an impulse while two frames were
+    """Sensitivity: at 0.5x, the move also continues after an impulse during which two frames are
     missing. At 2x, a wall that continues its motion is released after a gap of 8 frames."""
 
     detection_timeout: float = quantity(

@@ -2,7 +2,7 @@
 """Compiled loops of `nystrom_steps`; the docstring of that module contains the equations.
 
 A drift rotates a rotor by a small angle. Polynomials give the cosine and sine of this angle, so
-that the compiler can vectorise all loops. `work` has the rows of the module `terms` and those
+that the compiler can vectorise all loops. `work` has the rows of the module `terms` and the rows
 below.
 """
 
@@ -71,9 +71,10 @@ class Step(NamedTuple):
     kicks: Array
     """Durations for which the torques of the kicks act [s], shape (14,)."""
     decays: Array
-    """Coefficients of linear damping, shape (2, 2, 15, P), or (2, 2, 15, 0) without it. The first
-    index selects a half or a whole step. The second index selects the factor of the rate [1], or
-    the rotation divided by the initial rate [s]."""
+    """Coefficients of linear damping, shape (2, 2, 15, P), or (2, 2, 15, 0) without linear
+    damping. The first index selects a half or a whole step. Elements with the second index 0 are
+    the factors by which a drift multiplies the rates [1]. Elements with the second index 1 are the
+    rotations in a drift divided by the initial rates [s]."""
 
 
 PlainStep = tuple[Array, Array, Array]
@@ -114,7 +115,7 @@ def turned(c: float, s: float, x: float) -> tuple[float, float]:
 
 @inlined
 def turn(work: Array, rates: int, time: float) -> None:
-    """Rotate each rotor by `time` multiplied by its element in the row `rates` of `work`."""
+    """Rotate each rotor by `time` times the rotor's element in the row `rates` of `work`."""
     prefer_wide_vectors()
     for n in range(work.shape[1] - VECTOR):
         x = time * work[rates, n]
@@ -230,7 +231,7 @@ def scaled_difference(before: Array, whole: Array, halves: Array, checks: Checks
 
 @inlined
 def store(states: Array, row: int, work: Array, rotors: int, dissipated: float) -> None:
-    """Store the state after a step in a row of `states`."""
+    """Store in a row of `states` the state after a step."""
     for n in range(rotors):
         states[row, n] = work[ANGLES, n]
         states[row, rotors + n] = work[RATES, n]
@@ -246,9 +247,10 @@ def advance(
     plain_checks: PlainChecks,
     states: Array,
 ) -> tuple[int, float]:
-    """Fill states[1:] with the state after each step; return their number and the largest error.
+    """Fill states[1:] with the state after each step; return number of steps and largest error.
 
-    Stop before a step with a rotation above LARGEST_TURN in a drift or an error above 1.
+    Stop before a step whose error exceeds 1, or in which a drift rotates a rotor by more than
+    LARGEST_TURN.
     """
     forces, step, checks = Forces(*plain_forces), Step(*plain_step), Checks(*plain_checks)
     rotors = states.shape[1] // 2
@@ -328,7 +330,7 @@ def load(work: Array, state: Array, circular: Array) -> None:
 def put_knot(
     work: Array, forces: Forces, state: Array, unit: float, knots: Array, knot: int
 ) -> None:
-    """Set angles, dissipated energy and time derivatives in `unit` [s] at a knot of a step."""
+    """Set angles, dissipated energy, and time derivatives per `unit` [s], at a knot of a step."""
     never_inlined()
     rotors, first = state.size // 2, 3 * knot
     active_before = sum_terms(work, rotors, forces.kinds, forces.parameters)
@@ -379,7 +381,7 @@ def fit(knots: Array) -> None:
 
 @inlined
 def evaluate(knots: Array, rotors: int, x: float, unit: float, output: Array) -> None:
-    """Evaluate the polynomials at the time x from the middle of the step in `unit` [s]."""
+    """Evaluate the polynomials at x, the time from the middle of the step over `unit` [s]."""
     prefer_wide_vectors()
     for n in range(knots.shape[1]):
         value = slope = 0.0

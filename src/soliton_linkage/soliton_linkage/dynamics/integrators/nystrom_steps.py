@@ -160,8 +160,8 @@ class NystromSteps:
         """Take up to `count` steps of `length` [s]; return all states and the largest error.
 
         The error of a step is the difference from two half steps, divided by the tolerance. The
-        states, (steps taken + 1, len(state)), end before a step with a rotation above LARGEST_TURN
-        in a drift or an error above 1.
+        states, (steps taken + 1, len(state)), end before a step whose error exceeds 1, or in which
+        a drift rotates a rotor by more than LARGEST_TURN.
         """
         rotors = self._motion.rotors
         states = np.empty((count + 1, len(state)))
@@ -216,7 +216,7 @@ class NystromSteps:
 
 
 def zeros_in_line(rows: int, columns: int) -> Array:
-    """Return zeros of shape (rows, columns) in allocated pages, aligned with a cache line."""
+    """Return zeros, shape (rows, columns), in written memory from the start of a cache line on."""
     size, line = rows * columns, 64
     room = np.full(size + VECTOR, 0.0)
     first = -room.ctypes.data % line // room.itemsize

@@ -36,12 +36,12 @@ _LONGEST_DRIFT = float(np.abs(DRIFTS).max())
 class SymplecticNystrom(OdeSolver):
     """Symplectic Runge-Kutta-Nystrom method of order 6 for `EquationOfMotion`.
 
-    The solver chooses a step length with an error below atol + rtol abs(y), in the norm of scipy's
-    solvers, and keeps it as long as possible, because the energy error is bounded only while the
-    length is constant. The error is the difference between a step and two half steps. The solver
-    measures the error in the first, fourth and sixteenth step of each length, and then in every
-    32nd step. Steps with a too large error are repeated with a shorter length. If the error is far
-    below the tolerance, the length increases.
+    The solver chooses a step length whose error, in the norm of scipy's solvers, is below atol +
+    rtol abs(y). The solver keeps this length as long as possible, because the energy error is
+    bounded only while the length is constant. The error is the difference between a step and two
+    half steps. The solver measures the error in the first, fourth and sixteenth step of each
+    length, and then in every 32nd step. Steps with a too large error are repeated with a shorter
+    length. If the error is far below the tolerance, the length increases.
 
     `length` is the length of a method step [s], and `together` the largest number of method steps
     in one solver step. Raises TypeError for a right-hand side that is not an `EquationOfMotion`,
@@ -50,7 +50,7 @@ class SymplecticNystrom(OdeSolver):
 
     _tried = 4
     """Number of steps after which the first step length is accepted [1]; the error of the last of
-    them is measured."""
+    these steps is measured."""
 
     n: int
     t: float
