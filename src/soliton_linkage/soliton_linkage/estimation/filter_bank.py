@@ -22,8 +22,9 @@ LEAST_ODDS, _LEAST_ODDS_AT_EDGES = -9.0, -2.0
 """Lower limits of the log odds against the steady filter [1], for a wall inside the chain and for
 a wall at an edge, where springs exchange energy with the wall."""
 _LEAST_EVIDENCE = 0.5
-"""Threshold of the log odds of an impulse hypothesis [1]; a hypothesis below it has no weight.
-Sensitivity: without the threshold, the stated standard deviations of a steady wall grow by 3 %."""
+"""Threshold of the log odds of an impulse hypothesis [1]; a hypothesis with lower odds has no
+weight. Sensitivity: without the threshold, the stated standard deviations of a steady wall grow by
+3 %."""
 
 ARC, RATE, BIAS, DISTURBANCE = range(4)
 FILTER = np.dtype(
@@ -208,8 +209,8 @@ def update(
 ) -> tuple[float, float]:
     """Update all filters and their probabilities with a measured arc length; return two log odds.
 
-    The first one is the change of the log odds against the steady filter, the second one the
-    largest log odds of an impulse.
+    The first result is the change of the log odds against the steady filter. The second result is
+    the largest log odds of an impulse.
     """
     likely = _update_filters(filters, arc, variance, freedoms)
     probabilities, weights = np.empty(base - 1), np.empty(base)

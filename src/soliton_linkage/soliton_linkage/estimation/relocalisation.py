@@ -74,7 +74,7 @@ class Candidate(NamedTuple):
 
 
 class CandidateSet(NamedTuple):
-    """Candidates for the position of the chain in a frame; likelihood of all other positions."""
+    """Candidates for the position of the chain in a frame, and likelihood of other positions."""
 
     candidates: list[Candidate]
     elsewhere: float

@@ -69,8 +69,9 @@ _TABLE = named_tuple(WallTable, f8_2d, f8, f8)
 def find_domains(polarised: Array, cost: float, right: Flags) -> None:
     """Set whether each bond lies in a right-leaning domain, given its polarisation, shape (B,).
 
-    Dynamic programming finds the domains with the largest score. The score is the sum of the
-    polarisations, limited to -1 to 1 and times the sign of the domain, minus `cost` per wall.
+    Dynamic programming finds the domains with the largest score. Each polarisation is limited to
+    the range from -1 to 1 and multiplied by the sign of the domain. The score is the sum of these
+    products minus `cost` per wall.
     """
     count = polarised.size
     # Highest scores up to the current bond: for a left-leaning bond, and for a right-leaning bond.

@@ -318,7 +318,7 @@ class Encounter:
         self._turn = turn or self._turn
 
     def add_overlap(self, time: float, swing: float) -> None:
-        """Add a frame in which the walls overlap, with the `WallFrame.swing` between them."""
+        """Add a frame in which the walls overlap; `swing` is `WallFrame.swing` between them."""
         if not self.overlaps:
             if not self.collisions or self._peak > self._onset + self._line.width / 4:
                 self.collisions += 1

@@ -267,7 +267,7 @@ class Chain:
 
     @cached_property
     def spring_parameters(self) -> Array:
-        """Rotor lengths r [m], and a [m], c [m^2] and lbar [m] of the springs, else 0, (4, N)."""
+        """Rotor lengths r [m]; a [m], c [m^2] and lbar [m] of springs, padded with 0; (4, N)."""
         rows = np.zeros((4, self.number_of_rotors))
         rows[0] = self.rotor_lengths
         rows[1:, : self.number_of_springs] = self.spacings, self.offsets, self.rest_lengths

@@ -2,8 +2,8 @@
 """Text and binary frames on a serial line to a microcontroller (docs/serial.md).
 
 A binary frame consists of a header, values, and the CRC-32 of zlib. Consistent overhead byte
-stuffing removes its zero bytes (S. Cheshire and M. Baker, IEEE/ACM Transactions on Networking 7,
-159 (1999), doi:10.1109/90.769765). A zero byte ends the frame.
+stuffing removes the zero bytes of the frame (S. Cheshire and M. Baker, IEEE/ACM Transactions on
+Networking 7, 159 (1999), doi:10.1109/90.769765). A zero byte ends the frame.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _MISSING = '-'
 
 
 class FrameKind(Enum):
-    """Frame with counts [1] or angles [rad] of the encoders, or command."""
+    """Kind of a frame: counts [1] or angles [rad] of the encoders, or a command."""
 
     COUNTS = 'counts'
     RADIANS = 'radians'
@@ -71,7 +71,7 @@ _LAYOUTS: dict[bytes, tuple[FrameKind, np.dtype[Any]]] = {
 
 
 class Protocol(Enum):
-    """Encoding of frames on the line."""
+    """Encoding of frames on the serial line."""
 
     TEXT = 'text'
     BINARY = 'binary'
@@ -79,7 +79,7 @@ class Protocol(Enum):
 
 @dataclass(frozen=True, eq=False)
 class SerialFrame:
-    """One frame on the line."""
+    """One frame on the serial line."""
 
     kind: FrameKind
     sequence: int | None = None
@@ -110,7 +110,7 @@ def encode_text(frame: SerialFrame) -> bytes:
 
 
 def decode_text(line: bytes) -> tuple[SerialFrame, bool]:
-    """Return the frame of a line, and whether it has a checksum; ValueError if invalid."""
+    """Return the frame in a line, and whether the line has a checksum; ValueError if invalid."""
     content = line = line.removesuffix(b'\r')
     checksum = _TEXT_CHECKSUM.fullmatch(line, len(line) - 9) if len(line) > 9 else None
     if checksum:

@@ -77,7 +77,7 @@ class DeviatingOrbit(Orbit):
         return self._uniform.site(self._uniform_arc.at(arc % self.length)[0])
 
     def arc_at(self, site: float, leg: int) -> float:
-        """Return the arc length [rad] of a site in a leg; beyond it as on the uniform orbit."""
+        """Return the arc length [rad] of a site in a leg; beyond the leg, it is linear."""
         uniform_arc = self._uniform.arc_at(site, leg)
         begin, end = self._uniform.leg_arcs(leg)
         within = min(max(uniform_arc, begin), end)
@@ -136,7 +136,7 @@ class DeviatingOrbit(Orbit):
                 raise blocked_wall_error(self.chain, piece.seed)
 
     def _relaxed(self, leg: int) -> tuple[Array, Array]:
-        """Return the `background` of a leg, if ambiguous the one nearer to the uniform chain."""
+        """Return the `background` of a leg; of several, the one nearest to the uniform chain."""
         last = self.chain.number_of_rotors - 1
         left, right = self._uniform.background(self._uniform.leg_arcs(leg)[0])
         begin, end = self.leg_arcs(leg)
@@ -160,8 +160,8 @@ class DeviatingOrbit(Orbit):
     def _nearest(self, rotor: int, angle: float, turning: float) -> float:
         """Return the arc length [rad] at which an edge rotor is nearest to an angle [rad].
 
-        The search covers the pieces near the reflection at the arc length `turning` [rad] in which
-        the rotor is the seed.
+        The search covers those pieces in which the rotor is the seed, near the reflection at the
+        arc length `turning` [rad].
         """
         pieces, count = self._pieces, len(self._pieces)
         number = bisect_right(self._ends, (turning + self._origin) % self._ends[-1]) % count

@@ -14,7 +14,7 @@ from scipy.interpolate import PPoly
 from soliton_linkage.linkage.chain import Array, Chain
 
 _STEP = 1e-3
-"""Step of the numerical derivative of the tangent [rad]; its error is 1e-6."""
+"""Step of the numerical derivative of the tangent [rad]; the derivative has an error of 1e-6."""
 
 
 class OrbitSegment(NamedTuple):
@@ -52,12 +52,13 @@ class PiecewiseCubic:
 class Orbit(ABC):
     """Closed orbit of a chain: a curve of configurations, parametrised by its arc length.
 
-    The arc length `arc` [rad] is the integral of ds = sqrt(sum_n dphi_n^2), any real number. A leg
-    is the part of the orbit between two reflections of the wall. In even legs the wall moves
-    towards the last rotor, in odd legs towards the first. At arc length 0 the wall is reflected at
-    the first rotor, and leg 0 begins. In leg 0, no edge rotor of a flipper has toggled (swung from
-    one of its rest angles to the other). The right-leaning state has theta = theta_bar. A chain
-    that is assembled upside down has the angles pi - phi. Angles are defined up to whole turns.
+    The arc length `arc` [rad] is the integral of ds = sqrt(sum_n dphi_n^2), and may be any real
+    number. A leg is the part of the orbit between two reflections of the wall. In even legs the
+    wall moves towards the last rotor, in odd legs towards the first. At arc length 0 the wall is
+    reflected at the first rotor, and leg 0 begins. In leg 0, no edge rotor of a flipper has
+    toggled (swung from one of its rest angles to the other). The right-leaning state has theta =
+    theta_bar. A chain that is assembled upside down has the angles pi - phi. Angles are defined up
+    to whole turns.
     """
 
     chain: Chain

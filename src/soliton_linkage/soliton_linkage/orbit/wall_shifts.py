@@ -72,7 +72,7 @@ class WallShifts:
     def at(self, site: float, leg: int) -> Shifts:
         """Return the standard deviations for a wall at a site coordinate [rotor spacings].
 
-        The variance of the arc length is linear between the bonds beside the site.
+        The variance of the arc length is interpolated between the two bonds beside the site.
         """
         bonds = self._orbit.chain.number_of_rotors - 1
         before = min(max(site - 0.5, 0.0), bonds - 1)

@@ -72,7 +72,7 @@ class WallTheory(ABC):
         return 1 / math.sqrt((1 - ratio) * (1 + ratio))
 
     def width(self, velocity: float = 0.0) -> float:
-        """Return the width w of the profile tanh(x / w) [m]: the width at rest over gamma."""
+        """Return the width w of the profile tanh(x / w) [m]: width at rest divided by gamma."""
         return self.chain.wall_width / self.lorentz_factor(velocity)
 
     def kinetic_energy(self, velocity: float) -> float:

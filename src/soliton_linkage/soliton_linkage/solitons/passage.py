@@ -42,9 +42,9 @@ def blocked_bonds(chain: Chain) -> NDArray[np.bool_]:
 
     A wall passes if two conditions hold for the rotor lengths r, the spacings a and the rest
     lengths lbar. First, lbar_n > a_n + |r_n - r_{n+1}| on all bonds. Second, r_n + r_{n+1} - a_n -
-    lbar_n has the same sign on all bonds, that of most bonds. According to Grashof, a bond with a
-    negative sign is a triple rocker, as in flippers, and one with a positive sign a double crank.
-    The conditions are sufficient but not necessary.
+    lbar_n has on every bond the sign that it has on most bonds. According to Grashof, a bond with
+    a negative sign is a triple rocker, as in flippers, and one with a positive sign a double
+    crank. The conditions are sufficient but not necessary.
     """
     excess = length_excesses(chain) - chain.spacings
     other_class = ~(excess > 0) if _spinning(chain) else ~(excess < 0)

@@ -135,10 +135,10 @@ def neighbour_angle(
 ) -> float:
     """Return the angle of `rotor` [rad] that a bar to a neighbour of known angle [rad] allows.
 
-    `offset` [m] is the position of the neighbour's pivot minus that of the rotor's. The line from
-    the rotor's pivot to the neighbour's mass has the length D. The rotor is at the angle beta from
-    this line, with lbar^2 = D^2 + r^2 - 2 D r cos(beta) and the sign `branch`. Raises ValueError
-    if the bar is too short or too long.
+    `offset` [m] is the position of the neighbour's pivot minus that of the rotor's pivot. The line
+    from the rotor's pivot to the neighbour's mass has the length D. The rotor is at the angle beta
+    from this line, with lbar^2 = D^2 + r^2 - 2 D r cos(beta) and the sign `branch`. Raises
+    ValueError if the bar is too short or too long.
     """
     known = bar if rotor > bar else bar + 1
     r, length = float(chain.rotor_lengths[rotor]), float(chain.rest_lengths[bar])
@@ -168,7 +168,7 @@ def bar_branches(chain: Chain, leg: int, inverted: bool) -> tuple[Array, Array]:
 
 
 def toggled_edges(chain: Chain, leg: int) -> tuple[bool, bool]:
-    """Return whether the first and the last rotor have toggled, unlike in an infinite chain."""
+    """Return whether first and last rotor have toggled, compared with an infinite chain."""
     if chain.motion is Motion.SPINNER:
         return False, False
     return (leg in (2, 3)) == (chain.lean_ratio <= 1), leg in (1, 2)
@@ -292,7 +292,7 @@ class _SitePassage:
         self._solution = OdeSolution([0.0, *ends], list(pieces))
 
     def angle(self, beyond: float, other: int = 0) -> float:
-        """Return the angle [rad] of rotor `other`, counted from the passed one."""
+        """Return the angle [rad] of rotor `other`; rotor 0 is the one that the wall passes."""
         return float(self._solution((beyond + 0.5) * self.arc)[self._rotor + other])
 
 

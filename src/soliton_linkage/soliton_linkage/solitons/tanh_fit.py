@@ -296,7 +296,7 @@ def charge_of_field(displacements: ArrayLike, lean: float) -> float:
 
 
 def topological_charge(chain: Chain, angles: ArrayLike) -> int:
-    """Return the number of walls of charge +1 minus that of charge -1: 1, 0 or -1."""
+    """Return the number of kinks (charge +1) minus that of anti-kinks (-1): 1, 0 or -1."""
     if chain.periodic:
         chain.check_angles(angles)
         return 0

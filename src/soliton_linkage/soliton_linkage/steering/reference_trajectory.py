@@ -121,7 +121,7 @@ def adiabatic_rate(orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> float
 
 
 def bandwidth(orbit: Orbit, period: float, settings: SteeringSettings = DEFAULTS) -> float:
-    """Return the bandwidth of the feedback [rad/s] for a frame period [s], NaN if it is unknown.
+    """Return the bandwidth of the feedback [rad/s]; the frame period [s] is NaN if unknown.
 
     The bandwidth is far below the phonon gap and the frame rate, because of noise and late frames.
     """

@@ -194,7 +194,7 @@ class Steering:
         return self._check_arrival(self._trajectory, estimate)
 
     def move(self, site: float, speed: float = 0.0) -> MoveResult | None:
-        """Start to move the wall to a site [rotor spacings]; return the reason of a rejection.
+        """Start to move the wall to a site [rotor spacings]; return the reason if it is rejected.
 
         `speed` [rotor spacings / s] limits the speed, in addition to `adiabatic_speed`; 0 means no
         limit.
@@ -301,7 +301,7 @@ class Steering:
         rate: float,
         shortest: float,
     ) -> ReferenceTrajectory:
-        """Return a trajectory to a goal [rad] that the actuators can follow.
+        """Return a trajectory that the actuators can follow to a goal [rad].
 
         For a moving wall try increasing durations from `shortest` [s] on. If none is feasible,
         return the last one.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Torques of the actuators, of which each acts on one rotor, for a given force on a wall.
+"""Torques of actuators that exert a given force on a wall; each actuator acts on one rotor.
 
 A force F along the orbit, with the tangent t, needs torques tau with t . tau = F. The torques of
 least norm on a set S of rotors are tau_n = F t_n / q with the coupling q = sum of t_n^2 over S. If
@@ -34,7 +34,7 @@ _MIN_COUPLING = 1e-12
 
 @dataclass(frozen=True)
 class Effort:
-    """Torque that is necessary for a force on a wall, and the deflection that it causes.
+    """Torque that a force on a wall requires, and the deflection that this torque causes.
 
     torque: largest torque of an actuator [N m].
     strain: largest deflection of a rotor against the springs [rad]; 0 if all rotors are actuated.
@@ -121,7 +121,7 @@ class TorqueAllocation:
         return float((tangents[:, self._actuated] ** 2).sum(axis=1).min())
 
     def reach(self, arc: float, force: float) -> Reach:
-        """Return the sites on its leg that a wall at an arc length can reach with a force."""
+        """Return the sites, on one leg, to which a force can move a wall from an arc length."""
         orbit = self.orbit
         here, leg = orbit.site(arc), orbit.leg(arc)
         last = orbit.chain.number_of_rotors - 1

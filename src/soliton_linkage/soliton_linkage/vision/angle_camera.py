@@ -51,7 +51,7 @@ class AngleFrame:
     frame_dots: Array
     """Centres of the dots of the frame markers [pixels], (K, 2)."""
     status: str
-    """Reasons why rotors are hidden and errors of the print scale; otherwise empty."""
+    """Text that states why rotors are hidden and whether the print scale is wrong; else empty."""
 
     @property
     def seen(self) -> int:
@@ -92,7 +92,7 @@ class AngleCamera:
         self._known: ChainPlane | None = None
 
     def measure(self, time: float, picture: Picture) -> AngleFrame:
-        """Return the angles in a picture whose exposure starts at an increasing time [s].
+        """Return the angles in a picture; its exposure starts at a time [s] that must increase.
 
         Raises ValueError if the picture does not have the size that the camera parameters state.
         """

@@ -24,7 +24,8 @@ _HIDDEN_COST = 14.0
 """Cost of the state "hidden" [1]; a dot with an error of 3 standard deviations costs less, one
 with 4 costs more."""
 _MAX_ANGLE_COST = 30.0
-"""Limit of the cost of an unexpected angle [1], because kicks are not predicted."""
+"""Limit of the cost of an unexpected angle [1]; after a kick, the prediction of the angle is
+wrong."""
 _MAX_BOND_COST = 12.0
 """Limit of the cost of a bond [1], so that a wrong dot of one rotor does not hide its
 neighbour."""
@@ -110,7 +111,7 @@ def _bond_costs(points: Array, predicted: Prediction) -> Array:
 
 
 def _viterbi(costs: Array, bond_costs: Array) -> NDArray[np.intp]:
-    """Return the most likely candidate number of each rotor, (N,); the last one means hidden."""
+    """Return the likeliest candidate number of each rotor, (N,); the last number means hidden."""
     rotors, width = costs.shape
     own = np.column_stack([costs, np.full(rotors, _HIDDEN_COST)])
     steps = np.zeros((rotors - 1, width + 1, width + 1))

@@ -28,11 +28,11 @@ _MAX_PIXELS = 32_768
 _COEFFICIENTS = 8
 """Number of distortion coefficients of the model rational_polynomial."""
 _MAX_ITERATIONS, _TOLERANCE = 50, 1e-6
-"""Largest number of iterations [1] and last step [pixels] of the inverse of the lens model. After
-5 iterations, the error at wide angles is 0.8 pixels."""
+"""Largest number of iterations [1], and largest last step [pixels], in the inversion of the lens
+model. After 5 iterations, the error at wide angles is 0.8 pixels."""
 _MIN_PICTURES, _MAX_PICTURES = 3, 60
-"""Smallest and largest number of pictures for a calibration [1]; fewer do not separate focal
-lengths and distortion."""
+"""Smallest and largest number of pictures for a calibration [1]; fewer pictures do not separate
+focal lengths and distortion."""
 _MIN_MOVE = 0.02
 """Smallest mean displacement of the corners between two used pictures, relative to the picture
 width [1]."""

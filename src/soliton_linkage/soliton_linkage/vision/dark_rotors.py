@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measurement of angles without markers: separate dark rotors on a light background.
 
-Each rotor is a dark bar. The moments of its darkness give its middle and its length, and a fitted
-line gives its axis. The pivots are the ends of the bars that lie on one common line. The camera
-must face the chain with rotor 0 on the left, and bonds must be thinner than rotors. The errors of
-the angles are the errors due to pixel noise, multiplied by the factor that is observed for the
-lengths.
+Each rotor is a dark bar. The moments of the darkness of a bar give the middle and the length of
+the bar, and a fitted line gives the axis. The pivots are those ends of the bars that lie on one
+common line. The camera must face the chain with rotor 0 on the left, and bonds must be thinner
+than rotors. The errors of the angles are the errors due to pixel noise, multiplied by the factor
+that is observed for the lengths.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ less."""
 _RANK_TOLERANCE = 1e-3
 """Relative variation of the heights of the arms below which the arm length is not fitted [1]."""
 _MIN_NOISE = 0.3
-"""Smallest noise of a pixel, because grey levels are rounded [grey levels]."""
+"""Lower limit of the noise of a pixel, from the rounding of grey levels [grey levels]."""
 _MAX_MEASUREMENTS = 1000
 """Largest number of pictures in the mean length of a rotor."""
 _MIN_AREA = 12
@@ -113,7 +113,7 @@ class DarkRotors:
     ) -> float:
         """Return the ratio of the observed errors to those due to pixel noise [1].
 
-        The errors are observed as changes of the lengths.
+        The observed errors are changes of the measured lengths.
         """
         lengths = np.hypot(*bars.halves[which].T)
         known = self._counts[rotors] > 0

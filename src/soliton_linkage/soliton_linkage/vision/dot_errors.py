@@ -4,10 +4,10 @@
 A mass stays on a circle around its pivot. Changes of its distance from the pivot are therefore
 errors, and errors along the circle are assumed to be equally large. A codec repeats pixels exactly
 where changes are below a threshold. A dot with repeated pixels may therefore have moved (dead
-zone). In videos with a dead zone, the errors are estimated from the sixth divided differences of
-the angles of fast dots, which contain only errors. Let s^2 be the variance of resting dots, e^2
-that of moving dots, and t the typical number of repetitions. A dot that was repeated n times has
-the variance
+zone). In videos with a dead zone, the errors are estimated from fast dots: the sixth divided
+differences of their angles contain only errors. Let s^2 be the variance of resting dots, e^2 that
+of moving dots, and t the typical number of repetitions. A dot that was repeated n times has the
+variance
 
     s^2 + (e^2 - s^2) / (1 + n / t).
 """
@@ -31,8 +31,8 @@ _MAX_VALUE = 5.0
 """Limit of a value, relative to the root mean square [1]; larger ones probably belong to other
 dots."""
 _MOVING = 0.1
-"""Displacement between two pictures above which a dot counts as moving [pixels]; noise is a
-tenth."""
+"""Displacement between two pictures above which a dot counts as moving [pixels]; noise is a tenth
+of this."""
 _ORDER = 6
 """Order of the divided differences [1]; this order reduces slow waves to a thousandth."""
 _RECORDED_STEP = 0.4
@@ -153,7 +153,7 @@ class DeadZone:
 
     @property
     def present(self) -> bool:
-        """Whether the video has a dead zone: recently, some dots were repeated and others not."""
+        """Whether the video has a dead zone: recently, the codec has repeated only some dots."""
         return self._since < MEMORY
 
     def add_repeated(self, repeated: NDArray[np.bool_], seen: NDArray[np.bool_]) -> None:

@@ -24,11 +24,13 @@ DICTIONARY = 'DICT_4X4_50'
 MODULES = 6
 """Number of cells along the side of a frame marker, including the black border."""
 DOT_SHARE = 0.48
-"""Diameter of a dot, relative to that of its label [1]; blur requires the white ring."""
+"""Diameter of a dot, relative to that of its label [1]; because of blur, a dot needs a white
+ring."""
 COLOURS = ((0, 0, 0), (200, 30, 40), (0, 120, 60), (30, 60, 190))
 """Red, green and blue of the dots: first of pivots, then of masses [0 to 255]."""
 _LABEL_OF_SPACING, _LABEL_OF_ROTOR = 0.45, 0.9
-"""Largest diameter of a label, relative to the spacing and to the rotor length [1]."""
+"""Limits of the diameter of a label, relative to the spacing and relative to the rotor length
+[1]."""
 _MARKER_OF_SPACING = 0.9
 """Side of a frame marker, relative to the spacing [1]."""
 _MIN_DISTANCE = 1.05

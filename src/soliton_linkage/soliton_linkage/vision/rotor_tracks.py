@@ -127,8 +127,8 @@ class RotorTracks:
     def unwrap(self, times: Array, angles: Array) -> Array:
         """Return angles to which the whole turns have been added [rad], (N,).
 
-        A rotor of a spinner that was hidden for long receives the turns of its neighbours, because
-        a wall turns all rotors in one sense. Rotors of flippers make no whole turns.
+        In a spinner, a rotor that was hidden for long receives the turns of its neighbours,
+        because a wall turns all rotors in one sense. Rotors of flippers make no whole turns.
         """
         expected, deviations = self.predict_angles(times)
         known = np.isfinite(angles) & (deviations < _MAX_DEVIATION)

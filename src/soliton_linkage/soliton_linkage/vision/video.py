@@ -109,7 +109,7 @@ def read_video(path: Path) -> Video:
     created = container.metadata.get('creation_time', '')
     length = float(container.duration or 0) / av.time_base
     own = float(stream.duration * stream.time_base) if stream.duration else math.nan
-    # Without a duration of its own, the stated duration of a film may be that of the sound.
+    # If the pictures have no stated duration, the duration of the film may be that of the sound.
     slack = _SOUND if math.isnan(own) and container.streams.audio else 0.0
     film = _checked(path, pictures(), length if math.isnan(own) else own, slack)
     return Video(_start(path, created, length), int(stream.frames), film)

@@ -288,7 +288,7 @@ def interpolate(
     times: Array,
     output: Array,
 ) -> None:
-    """Fill `output` with the states at some times; see `NystromSteps.interpolated`.
+    """Fill `output` with the states at given times; see `NystromSteps.interpolated`.
 
     `circular` contains cosines and sines of the angles in `states`, shape (2, states, N).
     """
