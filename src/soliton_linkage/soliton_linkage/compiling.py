@@ -51,7 +51,7 @@ const_f4_2d = types.Array(types.float32, 2, 'C', readonly=True)
 
 
 unrolled = numba.literal_unroll
-"""Marker of a loop over field names of different types: each iteration is compiled separately."""
+"""Marker of a loop over names of fields with different types; each pass is compiled separately."""
 
 
 def records(dtype: np.dtype[np.void], writable: bool = False) -> Any:

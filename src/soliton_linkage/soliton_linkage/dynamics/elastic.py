@@ -48,7 +48,7 @@ DEFAULTS = ElasticSettings()
 
 
 class ElasticSimulation(Simulation):
-    """Simulation of a chain of springs, which integrates its `EquationOfMotion`.
+    """Simulation of a chain of springs by integration of an `EquationOfMotion`.
 
     Raises ValueError for an unknown `integrator`, and for `forces` that it does not support.
     """

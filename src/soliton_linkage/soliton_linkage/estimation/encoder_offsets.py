@@ -143,8 +143,8 @@ class FarFieldResiduals:
         self._read, self._means, self._residuals = np.full((3, rotors), np.nan)
         self._uneven, self._first = False, True
         self.disorder = 0.0
-        """Disorder: standard deviation of the angles [rad] that unmodelled deviations from the
-        uniform chain cause."""
+        """Disorder: standard deviation of the angles [rad] due to unmodelled deviations from the
+        uniform chain."""
         self.stuck = np.zeros(rotors, dtype=np.bool_)
         self.doubtful = np.zeros(rotors, dtype=np.bool_)
         self._outlying: Flags | None = None

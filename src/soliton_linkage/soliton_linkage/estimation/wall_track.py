@@ -125,7 +125,7 @@ rotors."""
 _FORCE = 0.6
 """Process noise of the rate of a fast anti-kink, divided by u^4 / v [1]. v is its speed, and u its
 speed at the energy barrier. The value is f^2 / 2 for f = pi / sqrt(8), the root mean square force
-of a sine at u = 1."""
+of a sinusoidal potential at u = 1."""
 
 
 class WallMeasurement(NamedTuple):

@@ -49,8 +49,8 @@ def assign(
     Return the index of the measured wall for each predicted wall.
 
     The walls of a pair have equal charges, and their sites differ by less than `gate` standard
-    deviations. The number of pairs is maximal. Of such assignments, the smallest sum of squared
-    differences decides.
+    deviations. The number of pairs is maximal. Of all assignments with this number, the one with
+    the least sum of squared differences is chosen.
     """
     if not predicted or not seen:
         return {}

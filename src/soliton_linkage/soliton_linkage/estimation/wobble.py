@@ -247,7 +247,7 @@ def wobble(
 
 
 class Wobble(NamedTuple):
-    """Wobble beside a wall, where rotors deviate from the uniform states; NaN if unknown.
+    """Wobble: deviations of rotors beside a wall from the uniform states; NaN if unknown.
 
     amplitude: overshoot |u| - ub [m] of the rotor with the largest lean at rest (d > 1), or of the
         nearest rotor that is at rest (d <= 1), on the side where the overshoot at rest is larger.

@@ -149,7 +149,7 @@ def by_bonds(
     moved: BarMotion | None,
     unused_frames: int,
 ) -> Identification:
-    """Return the result for bars; the bonds give lengths, and the motion masses and drag."""
+    """Return the result for bars: lengths from the bonds, masses and drag from the motion."""
     deviations = split_lengths(found.deviations)
     offsets = deviations.pop('offset')
     chain = found.lengths.scaled(given.spacing).chain(given)

@@ -33,7 +33,7 @@ moving rotor."""
 
 
 def orbit_of(chain: Chain) -> Orbit:
-    """Return the `UniformOrbit` or `DeviatingOrbit` of a chain, or raise its errors."""
+    """Return the `UniformOrbit` or `DeviatingOrbit` of a chain; raise the errors of this class."""
     return UniformOrbit(chain) if chain.deviations == NO_DEVIATIONS else DeviatingOrbit(chain)
 
 

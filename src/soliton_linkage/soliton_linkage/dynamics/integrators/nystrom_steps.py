@@ -122,8 +122,8 @@ _NONE: Numbers = np.empty(0, dtype=np.int64)
 def steps_to_measure(taken: int, count: int, every: int) -> Numbers:
     """Return the numbers of the next `count` steps whose error is measured; the next step is 1.
 
-    Of the steps of one length, these are the steps 1, 4 and 16, and every `every`-th step. `taken`
-    steps of this length are already taken.
+    The error is measured in the steps 1, 4 and 16 after a change of the length, and in every
+    `every`-th step. `taken` steps of the current length are already taken.
     """
     regular = np.arange(every - taken % every, count + 1, every)
     early = [step for step in (1, 4, 16) if taken < step <= taken + count]
