@@ -163,7 +163,7 @@ def window_matrix(window: FreeWindow, record: Record, every: int) -> Array:
         slopes *= weights
         rows = record.stamps.whitened(pulls, slopes).reshape(motion.size, -1)
         matrix += rows @ rows.T
-    return factor * matrix
+    return np.asarray(factor * matrix)
 
 
 def window_gradient(window: FreeWindow, record: Record, states: Array) -> Array:

@@ -256,7 +256,7 @@ class MotionFitter:
 
     def _squared_noise(self) -> float:
         freedom = self._freedom() - self._motion.slices.forces.stop
-        return self._squares() / max(freedom, 1.0)
+        return float(self._squares() / max(freedom, 1.0))
 
     def _freedom(self) -> float:
         counts = (self._counts(window).sum(axis=0) for window in self._windows)

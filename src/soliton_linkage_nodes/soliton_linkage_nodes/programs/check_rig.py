@@ -195,7 +195,7 @@ class CheckRig(Node):
         return then > 0 and is_resting(np.concatenate([each.angles for each in frames]))
 
     def _resting_angles(self) -> Array:
-        return interpolated(self._latest().angles)[-1]
+        return np.asarray(interpolated(self._latest().angles)[-1])
 
     def _latest(self) -> WatchedFrames:
         return self._frames(max(len(self._received) - _LATEST, 0))
