@@ -124,7 +124,7 @@ def _code_digest(function: Any) -> str:
 
 
 def _instructions(function: Any) -> list[Any]:
-    """Return the contents of the code objects of a function without docstring and line numbers."""
+    """Return the contents of a function's code objects, but no docstring and line numbers."""
     return [
         (
             code.co_code.hex(),

@@ -32,7 +32,7 @@ _ROTORS_TOGETHER = 160
 with 20 rotors. Sensitivity for chains of 20 rotors: at 0.5x, the time is 1.25 times as long; at 2x
 and 4x, it is the same."""
 _EQUAL = ('friction_rate', 'on_site_order', 'on_site_phase')
-"""Parameters of force terms that are equal in all chains of one simulation."""
+"""Parameters of force terms; their values are equal in all chains of one simulation."""
 _SWITCHES = {
     'damping': 'dampings',
     'dry_friction': 'dry_frictions',

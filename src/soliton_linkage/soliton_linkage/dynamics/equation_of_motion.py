@@ -39,9 +39,9 @@ class EquationOfMotion:
     terms dissipate.
 
     The dissipated energy W [J] is part of the state only if a term is dissipative or active. The
-    terms are springs, `torques`, gravity, those of `of_chain`, and `forces`. `Simulation` adds the
-    torques of `Chain.feedback`, which are constant between frames, to `torques`. Raises ValueError
-    for invalid torques and invalid fixed rotors.
+    terms are springs, `torques`, gravity, `forces`, and the terms that `of_chain` returns.
+    `Simulation` adds the torques of `Chain.feedback`, which are constant between frames, to
+    `torques`. Raises ValueError for invalid torques and invalid fixed rotors.
     """
 
     chain: Chain

@@ -171,7 +171,7 @@ class Bundle:
 
     @property
     def conditions(self) -> float:
-        """Number of independent conditions on the readings; one reading per frame adds none."""
+        """Number of independent conditions on the readings; a frame with one reading adds none."""
         return float(np.sum(self._weights.sum(axis=0) - self._weights.max(axis=0)))
 
     def normal_equations(self) -> NormalEquations:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from soliton_linkage.linkage.chain import Array
 
 _LARGEST_MISFIT = 0.04
-"""Misfit above which a curve does not match the readings [rad]."""
+"""Misfit of a fitted curve above which the curve does not match the readings [rad]."""
 _LEAST_SWING = 0.15
 """Range of sin(phi), relative to the median range, above which a wall has passed a rotor [1]."""
 _QUANTILES = 0.02, 0.98

@@ -30,8 +30,7 @@ _MOST_NAMED = 4
 _PAUSE = 1.0
 """Time between two recordings after they are joined [s]."""
 _LARGEST_RELATIVE_DEVIATION = 100.0
-"""Largest ratio of a standard deviation to the typical one [1]; the smallest ratio is its
-inverse."""
+"""Largest ratio of a standard deviation to the typical one [1]; the smallest ratio is 1 / 100."""
 
 
 class RecordedImpulse(NamedTuple):

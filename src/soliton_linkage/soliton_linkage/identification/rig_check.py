@@ -32,7 +32,8 @@ _LARGEST_SLOWNESS = 0.1
 _LATE = 1.5
 """Ratio of an interval to the median interval above which a frame is late or missing [1]."""
 _COUNTED_FRAMES = 10
-"""Number of successive frames whose duration shows how many are missing, even if one is late."""
+"""Number of successive frames whose duration shows how many are missing, even if a frame is
+late."""
 _LARGEST_NOISE = 0.05
 """Largest acceptable noise of a reading [rad]."""
 _NOISY = 3.0

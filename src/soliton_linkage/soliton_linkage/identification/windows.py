@@ -29,7 +29,8 @@ _MERGED = 4
 """Largest number of windows that are merged at a time [1]; at 2x, the predicted wall may be too
 far from the readings."""
 _DENSE_FRAMES = 0.05
-"""Quantile of the averaged frame intervals that counts as the interval of dense frames [1]."""
+"""Quantile of the averaged frame intervals [1]; its value is used as the interval of dense
+frames."""
 
 
 class FreeWindow(NamedTuple):
