@@ -50,7 +50,7 @@ class Formula:
 def chain_formula(
     text: str, value: float, chain: Chain, remark: str = '', **more: float
 ) -> Formula:
-    """Return a formula with those parameters of a chain that occur in `text`, and `more`."""
+    """Return a formula with those symbols of `chain` and `more` that occur in `text`."""
     plus, minus = couplings(chain)
     symbols = {
         'r': chain.rotor_length,
@@ -130,7 +130,7 @@ class FigureReport:
         form: str = '-',
         **style: Any,
     ) -> None:
-        """Plot points with `Axes.plot`, and add them to the data of `where`, panel and series."""
+        """Plot points with `Axes.plot`; add them to the data (`where`: panel and series)."""
         axes.plot(x, y, form, **style)
         self.add_points(*where, names, x, y)
 

@@ -119,7 +119,7 @@ class ChildProcesses:
 
 
 def page_address(output: str) -> str | None:
-    """Return the address of the page of live_view from its output, or None."""
+    """Return the address of the page from the output of live_view, or None."""
     found = re.search(r'open (http://\S+)', output)
     return found[1] if found else None
 

@@ -36,8 +36,7 @@ Relative error of the velocity. Blue lines are root mean squares over {runs} run
 are the standard deviations stated by the estimator. Dotted black lines are the Cramér-Rao bound.
 """
 _CLEAR = 8.0
-"""Distance between the path of a wall and the edges that a run keeps, if possible [rotor
-spacings]."""
+"""Distance that the path of a wall keeps from both edges, if possible [rotor spacings]."""
 _QUICK_RUNS = 4
 """Largest number of runs per chain in a quick study [1]."""
 _SHOWN = 60

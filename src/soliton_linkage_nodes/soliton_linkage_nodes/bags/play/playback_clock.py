@@ -16,7 +16,7 @@ _LONGEST_WAIT = 0.1
 
 
 class NextAction(Enum):
-    """Action of the player when it no longer waits for a message."""
+    """Action of the player at the end of its wait for a message."""
 
     PLAY = auto()
     SEEK = auto()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Publishers of a replay, in lockstep with an analyser or without recorded states."""
+"""Publishers of a replay, which can wait for an analyser and omit recorded states."""
 
 from __future__ import annotations
 
