@@ -183,7 +183,7 @@ class EquationOfMotion:
 
 
 def of_chain(chain: Chain) -> list[CompiledTerm]:
-    """Return the terms that the parameters of a chain specify besides its springs."""
+    """Return the terms, other than springs, that the parameters of a chain specify."""
     terms: list[CompiledTerm] = []
     if chain.on_site_torque:
         terms.append(OnSitePotential(chain))

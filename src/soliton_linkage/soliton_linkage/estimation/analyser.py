@@ -182,9 +182,9 @@ class Analyser:
         A frame is late if its stamp is not later than the last one. A stamp that is earlier by
         more than the clock limit of the settings starts a new record. Angles [rad], wrapped or
         unwrapped, and rates [rad/s] have shape (N,), NaN or infinite if unknown. `deviations` are
-        the standard deviations of the angles [rad], shape (N,), NaN if unknown; they weight the
-        angles of a single wall. Raises ValueError for another shape, and for standard deviations
-        that are infinite or not above 0.
+        the standard deviations of the angles [rad], shape (N,), NaN if unknown; fits of several
+        walls ignore them. Raises ValueError for another shape, and for standard deviations that
+        are infinite or not above 0.
         """
         rotors = self.chain.number_of_rotors
         angles = np.ascontiguousarray(angles, dtype=np.float64)

@@ -133,7 +133,7 @@ class SolitonEvent:
     rotor: site of the event [rotor spacings].
     ids_before: identifiers of the walls before the event, sorted by site; a breather has one
         identifier.
-    ids_after: identifiers of the walls after the event, in the same order.
+    ids_after: identifiers of the walls after the event, sorted by site like `ids_before`.
     charge_before: sum of the charges of these walls before the event.
     charge_after: sum of the charges of these walls after the event.
     energy_before: energy of the walls before the event, without the wake [J]; NaN if unknown.

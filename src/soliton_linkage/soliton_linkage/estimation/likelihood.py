@@ -99,7 +99,8 @@ def _weight(square: float, bound: float, floor: float) -> float:
 DENSITY = np.dtype(
     [(name, np.float64) for name in ('variance', 'spread', 'bound', 'floor', 'gross')]
 )
-"""Record with the parameters of the density of the difference between a rotor and the orbit.
+"""Record with the parameters of the density p(d); d is the angle of a rotor minus that of the
+orbit.
 
 variance: variance V of the difference [rad^2].
 spread: variance of the predicted arc length along the orbit [rad^2].

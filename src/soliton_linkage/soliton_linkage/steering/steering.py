@@ -321,7 +321,7 @@ class Steering:
         return self._trajectory.at(estimate.time)
 
     def _nearest_arc(self, site: float, arc: float) -> float:
-        """Return the arc length [rad] nearest to `arc` at which the wall is at the site."""
+        """Return, of all arc lengths [rad] of a wall at the site, the one nearest to `arc`."""
         legs = range(self.orbit.number_of_legs)
         distances = [self.orbit.arc_at(site, leg) - arc for leg in legs]
         return arc + min((math.remainder(each, self.orbit.length) for each in distances), key=abs)
