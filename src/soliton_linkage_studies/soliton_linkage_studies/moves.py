@@ -40,8 +40,8 @@ _OBSERVATION_TIME = 0.2
 _TIME_LIMIT = 120.0
 """Time limit of a move [s]; a longer move has the outcome NOT_HELD."""
 _SAMPLE_EVERY = 20
-"""Number of frames between two samples [1]; at 250 Hz, the 80 ms between samples are a pixel of
-the picture."""
+"""Number of frames between two samples [1]; at 250 Hz, the time between samples (80 ms) is a pixel
+of the picture."""
 DISORDERED = ('spacing', 'rotor_length', 'mass', 'stiffness', 'rest_length')
 _DRAWS = 100
 """Largest number of attempts to draw a disorder through which a wall can pass [1]."""

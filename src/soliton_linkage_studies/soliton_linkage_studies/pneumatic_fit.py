@@ -101,10 +101,10 @@ def fit_torque(pressures: Array, torques: Array) -> tuple[float, float]:
     """Estimate the torque per pressure [N m/Pa] and the saturation torque [N m].
 
     `pressures` and `torques` contain steady readings, shape (readings,). The model clip(k p,
-    -limit, limit) is fitted by least squares. The limit is infinite unless it at least halves the
-    sum of squared residuals of a straight line. An infinite limit means that torques should be
-    read at larger pressures. Raises ValueError for fewer than two readings or if all pressures are
-    0.
+    -limit, limit) is fitted by least squares. The limit is finite only if it reduces the sum of
+    squared residuals of a straight line by half or more. An infinite limit means that torques
+    should be read at larger pressures. Raises ValueError for fewer than two readings or if all
+    pressures are 0.
     """
     order = np.argsort(np.abs(pressures))
     pressed, twisted = np.abs(pressures[order]), np.sign(pressures[order]) * torques[order]

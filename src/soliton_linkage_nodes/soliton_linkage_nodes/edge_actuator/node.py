@@ -93,7 +93,7 @@ class EdgeActuator(ManagedNode):
         self.output.flush()
 
     def follow_parameters(self) -> None:
-        """Apply the parameters that can change while the node runs, which concern nudges."""
+        """Apply the parameters of nudges, which can change while the node runs."""
         self.commands.settings = current(self, EdgeActuatorParameters)
 
     def _create_subscriptions(self) -> None:

@@ -30,7 +30,7 @@ PLAYED = (
 )
 """Topics that a replay publishes. Command topics are omitted: they could drive other chains."""
 _MOST_BAGS = 200
-"""Largest number of listed bags [1]; of more bags, the newest ones are listed."""
+"""Largest number of listed bags [1]; older bags are not listed."""
 _TRACK_POINTS = 500
 """Approximate number of points of the trajectory on the time line [1], about one per pixel."""
 

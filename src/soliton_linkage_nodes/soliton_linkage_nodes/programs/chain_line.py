@@ -32,7 +32,7 @@ _FEWEST = 10
 
 
 class ChainLine:
-    """Drawing of a chain, rotor 0 left, from the topics `chain` and `joint_states`."""
+    """Drawing of a chain from the topics `chain` and `joint_states`, with rotor 0 on the left."""
 
     def __init__(self, node: Node, joint_names: tuple[str, ...] = ()) -> None:
         """Subscribe to the topics, even of best-effort publishers.

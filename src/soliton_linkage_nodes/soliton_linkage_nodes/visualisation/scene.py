@@ -26,7 +26,7 @@ _LETTERS = 40
 """Ratio of the length of a chain to the height of letters [1]; a line of text is half as long as
 the chain."""
 _AT_REST = 1e-4
-"""Relative extension at the end of the colour scale, unless a spring is extended more [1]."""
+"""Smallest relative extension at the end of the colour scale [1]."""
 _DECAY = 0.98
 """Factor by which the upper limit of the colour scale decreases from picture to picture [1]."""
 

@@ -30,8 +30,8 @@ ORBIT_NEAR = 'nearest point of the orbit'
 ORBIT_COLD = 'the same, without a guess'
 
 _FROM_EDGE = 2.0
-"""Smallest distance of a tested wall from an edge [wall widths]; closer edges change its shape by
-over 2 %."""
+"""Smallest distance of a tested wall from an edge [wall widths]; a closer edge changes the shape
+of the wall by over 2 %."""
 _LOST_WIDTHS = 2.0
 """Largest position error of a successful estimate [wall widths]."""
 _LOST_BOUNDS = 6.0

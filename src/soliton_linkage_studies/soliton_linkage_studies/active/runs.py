@@ -55,7 +55,7 @@ class WallDrive:
 def wall_drive(chain: Chain, charge: int) -> WallDrive:
     """Return the effect of the motors on a kink (charge +1) or an anti-kink (charge -1).
 
-    The wall is in the middle of a chain in which its tails have decayed at both ends. Raises
+    The wall is in the middle of a chain at whose ends the tails of the wall have decayed. Raises
     ArithmeticError for an anti-kink without a path of stable states.
     """
     begin = chain.number_of_rotors / 2 - 1

@@ -25,7 +25,7 @@ from soliton_linkage_studies.sweep.table import RESUMES, fill_table, fingerprint
 _QUICK_FRAMES = 120
 """Number of pictures per film in a quick study, which lasts two seconds."""
 _KICKS = 0.7, 1.3
-"""Range of a random factor on the kick of each clip [1]."""
+"""Range of a random factor that multiplies the kick of each clip [1]."""
 COLUMNS = (
     *('pictures', 'hidden', 'swapped', 'turns lost', 'bound of the pixels [mrad]'),
     *('noise [mrad]', 'stated [mrad]', 'noise over stated', 'bias over noise', 'a picture [ms]'),
