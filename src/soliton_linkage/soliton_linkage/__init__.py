@@ -55,7 +55,7 @@ q+, q-     couplings               derivatives of a spring length by its two ang
 ell        penetration_depth       decay length of the zero mode from its edge [m]
 t          zero mode               unit vector with R t = 0
 R          rigidity matrix         derivatives of the spring lengths by the angles [m/rad]
-N_0, N_ss  zero modes, self-stress of a configuration: N_0 - N_ss = N - springs
+N_0, N_ss  zero modes, self-stress number of each; N_0 - N_ss = N - number of springs
 omega, k   frequency, wave number  of a phonon [rad/s], [rad/m]; gap omega_0
 c          speed_of_sound          c in omega^2 = omega_0^2 + c^2 k^2 near the gap [m/s]
 Lambda     site_arc                arc length of the orbit per rotor spacing [rad]

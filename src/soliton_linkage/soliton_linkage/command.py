@@ -2,7 +2,7 @@
 """Command `soliton-linkage`, which runs the sub-commands of the studies and of other packages.
 
 A sub-command is an entry point in the group `soliton_linkage.commands`: a function of the
-arguments that returns the exit code, 0 after success, 1 after an error, 2 after Ctrl-C or for an
+arguments. It returns the exit code: 0 after success, 1 after an error, 2 after Ctrl-C or for an
 invalid command line. The help text of a sub-command is the first line of its module's docstring.
 """
 
@@ -31,7 +31,7 @@ _FAILURES = (ArithmeticError, LookupError, OSError, RuntimeError, ValueError)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the sub-command in the first argument, or list all of them; return the exit code."""
+    """Run the sub-command that the first argument names, or list all; return the exit code."""
     given = sys.argv[1:] if arguments is None else list(arguments)
     words = words_before() or given
     commands = {found.name: found for found in sorted(entry_points(group=_GROUP))}

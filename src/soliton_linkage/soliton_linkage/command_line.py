@@ -42,7 +42,7 @@ class PlainParser(argparse.ArgumentParser):
 
 
 def words_before() -> list[str]:
-    """Return the words between the program and the completed word; [] without a request."""
+    """Return the words between program and completed word; [] without a completion request."""
     if _ASKED not in os.environ:
         return []
     return os.environ['COMP_LINE'][: int(os.environ['COMP_POINT'])].split(' ')[1:-1]

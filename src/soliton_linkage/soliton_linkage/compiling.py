@@ -82,8 +82,8 @@ def compile_loop(
 ) -> Kernel:
     """Return a compiled function.
 
-    Without `arguments`, the types of the arguments, the function is compiled at the first call
-    with each new combination of types. An `inlined` function is compiled into its callers.
+    `arguments` are the types of the arguments. By default, the function is compiled at the first
+    call with each new combination of types. An `inlined` function is compiled into its callers.
     """
     options: dict[str, Any] = {
         'fastmath': set(fastmath),

@@ -57,7 +57,7 @@ class LoopCache(FunctionCache):  # type: ignore[misc]
 
 
 class _LoopFiles:
-    """Files of one loop: checksum of the other bytes, checksum of the key, data from numba."""
+    """Files of one loop; a file contains a checksum of its rest, one of the key, and data."""
 
     def __init__(self, folder: Path, name: str) -> None:
         self._folder = folder

@@ -55,15 +55,15 @@ class PneumaticActuator(CheckedQuantities):
     def follow(
         self, pressure: float, target: float, slope: float, time: float
     ) -> tuple[float, float]:
-        """Return the pressure [Pa] after `time` [s] and its integral [Pa s] over this time.
+        """Return the pressure [Pa] after `time` [s], and the integral of the pressure [Pa s].
 
         The command is u = target + slope t. With the time constant tau, the lag e = u - p obeys
         de/dt = slope - e / tau, so that
 
             e(t) = e(0) E + slope tau (1 - E),    E = exp(-t / tau),
 
-        until e changes its sign at t = tau ln(1 - e(0) / (slope tau)). The other time constant
-        then acts.
+        until e changes its sign at t = tau ln(1 - e(0) / (slope tau)). After this instant, the
+        other time constant acts.
         """
         lag = target - pressure
         if lag * slope < 0:
@@ -81,7 +81,7 @@ class PneumaticActuator(CheckedQuantities):
     def response(
         self, pressure: float, command: Profile, start: float, end: float
     ) -> tuple[float, float]:
-        """Return the pressure [Pa] at `end` and its integral, given `pressure` at `start`."""
+        """Return the pressure [Pa] at `end`, and the integral of the pressure since `start`."""
         integral = 0.0
         for line in command.segments(start, end):
             first, last = float(line.first), float(line.last)
@@ -147,7 +147,7 @@ class Actuator(Protocol):
     def response(
         self, level: float, command: Profile, start: float, end: float
     ) -> tuple[float, float]:
-        """Return the level at `end` [s] and its integral, given the level at `start`."""
+        """Return the level at `end` [s], and the integral of the level since `start`."""
 
     def torque(self, level: float) -> SupportsFloat:
         """Return the torque at a level [N m]."""
@@ -160,7 +160,7 @@ class Actuator(Protocol):
 
 
 ACTUATORS: dict[str, type[Actuator]] = {'pneumatic': PneumaticActuator}
-"""Actuator models by the value of the parameter `actuator`."""
+"""Actuator model for each value of the parameter `actuator`."""
 
 
 def actuator_type(name: str) -> type[Actuator]:

@@ -92,8 +92,9 @@ class ChainDriver:
     def frame(self, before: int, stamp: int, angles: Array) -> Array | None:
         """Return the torques to apply from a frame on [N m], shape (N,), or None if nothing acts.
 
-        `before` and `stamp` are the stamps of the previous and this frame [ns]. Raises ValueError
-        if the stamps do not increase. If the stamps decrease, the driver also drops all commands.
+        `before` and `stamp` are the stamps of the previous frame and of this frame [ns]. Raises
+        ValueError if the stamps do not increase. If the stamps decrease, the driver also drops all
+        commands.
         """
         if self._origin is None:
             self._origin = stamp

@@ -25,7 +25,7 @@ class CommandKind(enum.Enum):
     KICK = 'kick'
     """Instantaneous change of the speed along the unit zero mode [rad/s]."""
     PRESSURE = 'pressure'
-    """Pressure in the chamber [Pa], or the command of another actuator model in its own unit."""
+    """Pressure in the chamber [Pa]; another actuator model has another quantity and unit."""
     PULSE = 'pulse'
     """Torque along the unit zero mode [N m]; it bypasses the actuator model."""
     WAVEFORM = 'waveform'
@@ -58,7 +58,7 @@ class EdgeCommand:
     ramp_up: float = 0.0
     ramp_down: float = 0.0
     waveform: Waveform | None = None
-    """Waveform of the kind WAVEFORM, else None."""
+    """Waveform if the kind is WAVEFORM, else None."""
 
     def __post_init__(self) -> None:
         for name in ('duration', 'ramp_up', 'ramp_down'):
@@ -102,7 +102,7 @@ class EdgeCommand:
 
     @property
     def vents(self) -> bool:
-        """Whether the commanded pressure is 0, which both edges allow in any configuration."""
+        """Whether the commanded pressure is 0; both edges always allow this pressure."""
         return self.kind is CommandKind.PRESSURE and self.value == 0
 
     @property

@@ -52,7 +52,7 @@ class KickReport:
     work: float
     """Work on the chain [J]."""
     peak_torque: float
-    """Largest norm of the torques over the rotors [N m]."""
+    """Largest norm of the vector of all torques [N m]."""
     saturated: bool
     """Whether the torque of an actuator was reduced to its limit."""
     cut_short: bool
@@ -139,7 +139,7 @@ class KickRecord:
             self._episode.cut_short = True
 
     def end(self, stamp: int, cut_short: bool = False, superseded: bool = False) -> None:
-        """End the episode at a stamp [ns]; `superseded` means that other torques replace it."""
+        """End the episode at a stamp [ns]; `superseded` means that another episode follows."""
         if self._episode is not None:
             self._episode.ended, self._episode.superseded = stamp, superseded
             self._episode.cut_short |= cut_short
@@ -187,7 +187,7 @@ class KickRecord:
             self._close(None)
 
     def _settle(self, stamp: int) -> None:
-        """Report kicks for which the measurement is overdue, or for which none is expected."""
+        """Report kicks whose measurement is overdue or not expected."""
         late = [kick for kick in self._impulses if stamp - kick.stamp > _DELIVERY_TIMEOUT]
         if late:
             del self._impulses[: len(late)]

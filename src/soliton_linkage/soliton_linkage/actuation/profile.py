@@ -18,7 +18,7 @@ RESOLUTION = 1e-9
 
 @dataclass(frozen=True)
 class Segment:
-    """Linear segment of a profile from `start` to `end` [s], with the first and the last value."""
+    """Linear segment of a profile from `start` to `end` [s], with the values at both instants."""
 
     start: float
     end: float
@@ -35,8 +35,8 @@ class Segment:
 class Profile:
     """Piecewise linear function of time, 0 before the first point and constant after the last.
 
-    Two points at one instant define a jump. Raises ValueError for decreasing instants, numbers
-    that are not finite, and different numbers of instants and values.
+    Two points at one instant define a jump. Raises ValueError for decreasing instants, for
+    infinite or NaN entries, and if the arrays differ in length.
     """
 
     times: Array
@@ -94,7 +94,7 @@ class Profile:
         return np.asarray(np.sum(means, axis=0))
 
     def _between(self, following: int, time: float) -> Array:
-        """Return the value at an instant [s] before the point `following`."""
+        """Return the value at an instant [s] between point `following` and the previous point."""
         if following == 0:
             return np.zeros(self.values.shape[1:])
         if following == len(self.times):

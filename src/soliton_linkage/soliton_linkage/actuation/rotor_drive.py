@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Torque on a single rotor as a function of time, so that torque or angle follow a waveform."""
+"""Drive of a single rotor whose torque or angle follows a waveform."""
 
 from __future__ import annotations
 
@@ -63,7 +63,8 @@ class RotorDrive:
     def add_torque(self, torques: Array, angles: Array, start: float, end: float) -> bool:
         """Add the mean torque from `start` to `end` [s] to `torques` [N m], shape (N,).
 
-        `angles` [rad], shape (N,), are those at `start`. Return whether the torque was limited.
+        `angles` [rad], shape (N,), are the angles at `start`. Return whether the torque was
+        limited.
         """
         if not self.unfinished(start):
             self.drop()
@@ -89,8 +90,7 @@ class _AngleServo:
     def __init__(self, profile: Profile, inertia: float) -> None:
         from scipy.interpolate import CubicSpline  # few commands need scipy, which starts slowly
 
-        # The profile ends with a jump to 0, which its last two points represent. The servo omits
-        # the last point.
+        # The last two points of the profile are a jump to 0. The servo omits the last point.
         self._reference = CubicSpline(profile.times[:-1], profile.values[:-1])
         self._inertia = inertia
         self._start: float | None = None

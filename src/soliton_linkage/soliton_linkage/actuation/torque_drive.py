@@ -18,11 +18,10 @@ from soliton_linkage.linear.rigidity import Edge, mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain
 
 _REST_LEVEL = 1e-6
-"""Level, relative to the largest level since the command, below which an actuator counts as at
-rest [1]. An exponential decay falls below this level in 14 time constants, but never reaches 0."""
+"""Threshold of the level, relative to the largest level since the command [1]. An actuator below
+it counts as at rest, because an exponential decay never reaches 0."""
 _SIGNS = {Edge.FIRST: 1.0, Edge.LAST: -1.0}
-"""Sign of the torque of each edge actuator along the zero mode that moves a wall to the last rotor
-[1]."""
+"""Sign of the torque of each edge actuator [1]: +1 moves a wall towards the last rotor."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +37,8 @@ class MeanTorque:
 class EdgeDrive:
     """Torque of the actuators at both edges and of a torque pulse, as a function of time.
 
-    A command replaces the previous one, whose actuator returns to rest. Times [s] must not
-    decrease.
+    A command replaces the previous one. The actuator of the previous one returns to rest. Times
+    [s] must not decrease.
     """
 
     def __init__(self, actuator: Actuator) -> None:
@@ -152,7 +151,7 @@ class JointDrive:
     """Torques of the joint actuators as functions of time [s].
 
     A command replaces the torques of the rotors that it names. The last torques of a command are
-    held for `timeout` [s]; 0 means without a limit.
+    held for `timeout` [s]; a timeout of 0 means no limit.
     """
 
     def __init__(self, number_of_rotors: int, timeout: float) -> None:
@@ -174,7 +173,7 @@ class JointDrive:
 
         `times` [s] are relative to `time`. `torques` [N m] have the shape (points, named). If the
         first of `times` is positive, the torques change linearly from the current ones to the
-        first point. If it is negative, the trajectory begins in its middle.
+        first point. If the first time is negative, earlier points are omitted.
         """
         now = self._now(time)[rotors]
         if times[0] > 0:
@@ -224,7 +223,7 @@ class DriveTorques:
 class TorqueDrive:
     """Sum of the torques of the edge actuators, the joint actuators and a waveform.
 
-    The last torques of a joint command are held for `timeout` [s]; 0 means without a limit.
+    The last torques of a joint command are held for `timeout` [s]; a timeout of 0 means no limit.
     """
 
     def __init__(self, chain: Chain, actuator: Actuator, timeout: float) -> None:

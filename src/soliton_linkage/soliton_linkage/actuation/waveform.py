@@ -56,7 +56,7 @@ class Waveform:
     shape: WaveShape = WaveShape.BURST
     quantity: DrivenQuantity = DrivenQuantity.TORQUE
     joint: str = ''
-    """Name of the driven joint; empty for the rotor at the edge."""
+    """Name of the driven joint; an empty name means the rotor at the edge."""
     window: WaveWindow = WaveWindow.LINEAR
     frequency: float = 0.0
     """Angular frequency of a burst, initial angular frequency of a chirp, or lowest angular
@@ -94,7 +94,7 @@ class Waveform:
             )
 
     def length(self, given: float) -> float:
-        """Return the total duration [s]: for a burst from `cycles`, otherwise `duration`."""
+        """Return the total duration [s]: the time of a burst of `cycles`, otherwise `given`."""
         if self.shape is WaveShape.BURST:
             return 2 * math.pi * self.cycles / self.frequency
         return given

@@ -38,10 +38,10 @@ class ElasticSettings(SimulationSettings):
     chain of 12 rotors, the error is then 7e-10 rad, as with DOP853. Sensitivity: with 1, the error
     is 13 times as large and the steps are 1.4 times as long."""
     rotors_per_step: int = 400
-    """Number of rotors times number of method steps in one solver step [1]. A solver step takes
-    0.05 to 0.07 ms, and the node runs other callbacks between solver steps. Sensitivity: at 0.5x,
-    a frame of 40 rotors takes 20 to 60 % longer; at 2x, 10 to 30 % less, but one solver step takes
-    0.12 ms."""
+    """Number of method steps in one solver step, times the number of rotors [1]. A solver step
+    takes 0.05 to 0.07 ms, and the node runs other callbacks between solver steps. Sensitivity: at
+    0.5x, a frame of 40 rotors takes 20 to 60 % longer; at 2x, the frame takes 10 to 30 % less, but
+    one solver step takes 0.12 ms."""
 
 
 DEFAULTS = ElasticSettings()
@@ -50,7 +50,8 @@ DEFAULTS = ElasticSettings()
 class ElasticSimulation(Simulation):
     """Simulation of a chain of springs by integration of an `EquationOfMotion`.
 
-    Raises ValueError for an unknown `integrator`, and for `forces` that it does not support.
+    Raises ValueError for an unknown `integrator`, and for `forces` that the integrator does not
+    support.
     """
 
     def __init__(

@@ -40,8 +40,8 @@ _SWITCHES = {
     'non_reciprocity': 'non_reciprocities',
     'on_site_torque': 'on_site_torques',
 }
-"""Chain parameters whose value 0 switches off a force term, each with the names of its chain
-arrays."""
+"""Chain parameters whose value 0 switches off a force term. Each has the name of the array with
+its values for all rotors or springs."""
 _OF_SPRINGS = {'spacings': [0.0], 'offsets': [0.0], 'rest_lengths': [1e9], 'stiffnesses': [0.0]}
 """Chain arrays of springs, each with the value of an absent spring; the large rest length prevents
 a computed spring length of 0."""
@@ -99,7 +99,7 @@ def simulate_many(
 ) -> Iterator[Any]:
     """Simulate many chains for `duration` [s], and yield the result for each chain in order.
 
-    `chains` is one chain for all initial states in `starts`, or one chain for each. `reduce`
+    `chains` is one chain for all initial states in `starts`, or one chain for each state. `reduce`
     computes the result from a recording of the initial state and of `frames` instants at equal
     intervals. Chains are simulated while the caller consumes the results. By default, threads use
     all cores; `executor` is another pool, for example `client.get_executor()` of Dask. The error

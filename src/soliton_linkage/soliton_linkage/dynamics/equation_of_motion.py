@@ -88,7 +88,7 @@ class EquationOfMotion:
         return (SpringTorques(self.chain), *self.loads)
 
     def table(self, terms: Sequence[Term]) -> TermTable:
-        """Return the kinds and parameters of the compiled ones among the given terms."""
+        """Return the kinds and parameters of those given terms that are compiled."""
         return term_table([t for t in terms if isinstance(t, CompiledTerm)], self.rotors)
 
     @cached_property

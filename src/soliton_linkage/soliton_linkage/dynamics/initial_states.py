@@ -23,7 +23,7 @@ class State:
 
 
 def leaning(chain: Chain, lean: int) -> State:
-    """Return a state at rest with relaxed springs that leans right (`lean` = 1) or left (-1).
+    """Return a state that leans right (`lean` = 1) or left (-1), at rest with relaxed springs.
 
     If the deviations of the chain do not allow such a state, return an equilibrium of the spring
     torques. Raises ValueError if no equilibrium is found.
@@ -41,11 +41,11 @@ def leaning(chain: Chain, lean: int) -> State:
 def with_soliton(chain: Chain, site: float, velocity: float) -> State:
     """Return a wall of charge +1 at a site coordinate [rotor spacings] with a velocity [m/s].
 
-    The angles are those of `static_wall` on leg 0 of the orbit. For a velocity v, the rates are
-    Lambda v / a times the zero mode, with the arc length Lambda per rotor spacing a. This state is
-    exact for rigid bars. With springs the wall contracts and radiates, so that its speed
-    decreases. The decrease in the example chains is 0.4 to 4 % at 0.2 c and 3 to 42 % at 0.6 c.
-    Raises ValueError for a velocity that is not finite, and the errors of `static_wall`.
+    The angles are those of `static_wall` with `leg` 0. For a velocity v, the rates are Lambda v /
+    a times the zero mode, with the arc length Lambda per rotor spacing a. This state is exact for
+    rigid bars. With springs the wall contracts and radiates, so that its speed decreases. The
+    decrease in the example chains is 0.4 to 4 % at 0.2 c and 3 to 42 % at 0.6 c, with the speed of
+    sound c. Raises ValueError for a velocity that is not finite, and the errors of `static_wall`.
     """
     from soliton_linkage.solitons.static_wall import site_arc, static_wall
 
@@ -57,9 +57,10 @@ def with_soliton(chain: Chain, site: float, velocity: float) -> State:
 
 
 def with_pair(chain: Chain, kink: float, anti_kink: float) -> State:
-    """Return a kink and an anti-kink at rest at their site coordinates [rotor spacings].
+    """Return a kink and an anti-kink, both at rest, at given sites [rotor spacings].
 
-    The chain leans left outside if `kink` > `anti_kink`. Raises the errors of `static_wall`.
+    Outside the pair, the chain leans left if `kink` > `anti_kink`. Raises the errors of
+    `static_wall`.
     """
     from soliton_linkage.solitons.anti_kink import continuum_anti_kink
     from soliton_linkage.solitons.static_wall import static_wall

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Feedback law of motors: torques from measured angles, constant between two frames.
 
-Let q_n be the coordinates of `Chain.signs` in the frame `delay` frames ago. Let v_n be the
-difference between q_n and its value one frame earlier, divided by the time between the two frames.
-The torque on the coordinate of rotor n is
+Let q_n be the coordinate of rotor n (see `Chain.signs`) in the frame `delay` frames ago, and q_ref
+the `reference` of `Feedback`. Let v_n be the difference between q_n and its value one frame
+earlier, divided by the time between the two frames. The torque on the coordinate of rotor n is
 
-    -K (q_n - q_0) - D v_n + K_l (q_{n-1} - q_n) + K_r (q_{n+1} - q_n)
+    -K (q_n - q_ref) - D v_n + K_l (q_{n-1} - q_n) + K_r (q_{n+1} - q_n)
     + D_l (v_{n-1} - v_n) + D_r (v_{n+1} - v_n),
 
 with the gains of `Feedback`: K and D of the own rotor, K_l and D_l of the left neighbour, K_r and

@@ -52,7 +52,7 @@ DEFAULTS = RigidSettings()
 
 
 class RigidSimulation(Simulation):
-    """Simulation of a chain in which rigid bars of the same rest length replace the springs.
+    """Simulation of a chain in which each spring is a rigid bar of the same rest length.
 
     Rates and impulses are projected onto the zero mode; bar lengths and energy are exact after
     each step. Raises ValueError for fixed rotors, for periodic ends, and for initial angles that

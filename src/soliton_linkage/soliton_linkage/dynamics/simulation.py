@@ -21,7 +21,7 @@ from soliton_linkage.linkage.recording import Recording
 
 SMALLEST_RELATIVE_TOLERANCE = 100 * float(np.finfo(np.float64).eps)
 """Smallest relative tolerance that scipy's solvers accept [1]. With it, the absolute tolerance
-limits the error, also of rotors with large unwrapped angles."""
+limits the error even for large unwrapped angles."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class Simulation(ABC):
 
     @property
     def motion(self) -> EquationOfMotion:
-        """Equation of motion since the last change; its torques include those of the feedback."""
+        """Current equation of motion; its torques include the torques of the feedback."""
         if self._equation is None:
             torques = self.torques + self.feedback_torques
             self._equation = EquationOfMotion(
@@ -289,8 +289,8 @@ class Simulation(ABC):
     def _dissipated_at(self, angles: Array, dissipated: float) -> float:
         """Return the energy dissipated since the last restart of the solver [J].
 
-        `angles` [rad] are those of the current time. `dissipated` is the part of the energy that
-        the solver has integrated [J]. The other part is minus the work of the feedback.
+        `angles` [rad] are those of the current time. `dissipated` is the part that the solver has
+        integrated [J]. The other part is minus the work of the feedback.
         """
         return dissipated - work_of_torques(self.feedback_torques, angles - self._feedback_from)
 

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Terms of the equation of motion: each adds a torque on every rotor.
 
-A compiled term has rows of parameters and a compiled kernel, which all simulations call. To add
-one, write a subclass of `CompiledTerm`, its kernel, and a line in `sum_terms`. A Python function
+A compiled term has rows of parameters and a compiled kernel, which all simulations call. To add a
+term, write a subclass of `CompiledTerm`, its kernel, and a line in `sum_terms`. A Python function
 `f(time, angles, rates) -> torques` is a term for scipy's solvers only.
 
 A kernel reads angles, rates, cosines and sines from rows of `work`, shape (rows, P + VECTOR), and
 adds torques [N m] to its row TORQUES; the N rotors are padded with zeros to P, a multiple of
-VECTOR. A kernel uses indices, because numba counts the references to row views, which takes time.
+VECTOR. A kernel uses indices, because views of rows are slow: numba counts references to them.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ VECTOR = 8
 
 ANGLES, RATES, COSINES, SINES, TORQUES, TORQUES_ON_RIGHT, ACTIVE = range(7)
 """Rows of `work`. Element n + 1 of TORQUES_ON_RIGHT is the torque of spring n on its right rotor,
-n + 1. ACTIVE contains the torques of active terms, which TORQUES also includes."""
+n + 1. ACTIVE contains the torques of active terms; TORQUES also includes these torques."""
 
 SPRINGS, GRAVITY, CONSTANT, LINEAR_DAMPING, DRY_FRICTION = range(5)
 QUADRATIC_DAMPING, ON_SITE, NON_RECIPROCAL = range(5, 8)
@@ -69,7 +69,7 @@ class Term(ABC):
 
 
 class CompiledTerm(Term):
-    """Term with a compiled kernel: of the rates if the term is dissipative, else of the angles."""
+    """Term whose compiled kernel reads the rates if the term is dissipative, else the angles."""
 
     kind: int
     rows: Array

@@ -43,7 +43,7 @@ class TorqueTotals:
     work: float
     """Work on the chain [J]."""
     peak_torque: float
-    """Largest norm of the torques over the rotors [N m]."""
+    """Largest norm of the vector of all torques [N m]."""
     duration: float
     """Time during which a torque acted [s]."""
 

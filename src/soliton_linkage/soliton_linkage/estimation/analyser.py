@@ -105,7 +105,7 @@ class Analyser:
             begin, end = self._orbit.leg_arcs(0)
             swing = max((end - begin) / self._orbit.site_arc - (chain.number_of_rotors - 1), 0.0)
         self._tracker = WallTracker(self._line, 1 / chain.time_unit, arc, swing, settings)
-        # Compute the shapes here, because the computation takes as long as hundreds of frames.
+        # Compute the shapes before any frame: this takes as long as hundreds of frames.
         self._shape_model: ShapeMeasurementModel | None = None
         with suppress(ValueError, ArithmeticError):
             self._shape_model = ShapeMeasurementModel(self._shapes, self._line, settings)
@@ -125,7 +125,7 @@ class Analyser:
 
     @property
     def late_impulses(self) -> int:
-        """Number of impulses that arrived after the frame in which they must act."""
+        """Number of impulses that arrived after the frame in which they should have acted."""
         return self._impulses.late
 
     def apply_impulse(self, stamp: int | None, impulses: Array) -> None:
@@ -162,7 +162,7 @@ class Analyser:
 
     @property
     def late(self) -> int:
-        """Number of frames that were rejected because their stamp was not after the last one."""
+        """Number of frames that were rejected because their stamps did not increase."""
         return self._clock.late
 
     @property

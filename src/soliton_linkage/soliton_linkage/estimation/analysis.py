@@ -58,7 +58,7 @@ class Analysis(NamedTuple):
     topology: topology of the whole state.
     edge_rotors: states of the first and the last rotor.
     energies: energies of the whole state.
-    wobble: wobble beside the wall on the orbit.
+    wobble: wobble of the rotors beside the wall.
     unseen: number of rotors without a valid reading.
     """
 
@@ -103,11 +103,11 @@ class FrameAnalyser(Protocol):
 
     @property
     def late(self) -> int:
-        """Number of frames that were rejected because their stamp was not after the last one."""
+        """Number of frames that were rejected because their stamps did not increase."""
 
     @property
     def late_impulses(self) -> int:
-        """Number of impulses that arrived after the frame in which they must act."""
+        """Number of impulses that arrived after the frame in which they should have acted."""
 
     @property
     def starts(self) -> int:
@@ -161,7 +161,7 @@ class UnknownChainAnalyser:
 
     @property
     def late(self) -> int:
-        """Number of frames that were rejected because their stamp was not after the last one."""
+        """Number of frames that were rejected because their stamps did not increase."""
         return self._clock.late
 
     def analyse(

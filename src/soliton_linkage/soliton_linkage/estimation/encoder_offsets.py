@@ -36,7 +36,7 @@ _EVENNESS = 4e-3
 """Standard deviation of the mean residuals [rad] that the motion of the wall causes at far rotors
 of a uniform chain."""
 _LEAST_DISTANCE = 0.01
-"""Residual [rad] above which a rotor counts as doubtful because of an unknown offset."""
+"""Threshold of the residual [rad]; a rotor above it may have an unknown offset."""
 _LEAST_ERROR = 3e-4
 """Lower limit of the persistent error of a residual [rad], which covers rounding errors."""
 _CONTRADICTION = 0.3
@@ -61,7 +61,7 @@ class EncoderOffsets:
         """Number of block means of each rotor [1], shape (N,)."""
         self.weights, self.sums = np.zeros((2, rotors)), np.zeros((2, rotors))
         """Sums of the weights [1/rad^2] and of the weighted residuals [1/rad] of each rotor, shape
-        (2, N) each: while the rotor was before the wall, and while it was beyond."""
+        (2, N) each. Row 0 is for rotors before the wall, row 1 for rotors beyond it."""
         self.update(np.full(rotors, np.nan), np.zeros(rotors), 1.0)
 
     def update(
@@ -122,7 +122,7 @@ class EncoderOffsets:
     def retest(self, rotors: Flags, errors: Array) -> None:
         """Reduce the weight of earlier residuals of given rotors.
 
-        `errors` [rad] are the differences of the latest block from the expectation.
+        `errors` [rad] are the differences between the latest and the predicted residuals.
         """
         self.means[rotors] = np.minimum(self.means[rotors], _FEWEST_MEANS) - 1
         kept = 1 / np.maximum(self.weights[:, rotors] * errors[rotors] ** 2, 1.0)
@@ -134,7 +134,7 @@ class FarFieldResiduals:
     """Mean residuals of rotors far from the wall, over blocks of frames."""
 
     def __init__(self, offsets: EncoderOffsets, chain: Chain, strong: float) -> None:
-        """Start without frames; ignore blocks with a mean square above `strong` [rad^2]."""
+        """Start without frames; ignore blocks of mean square residual above `strong` [rad^2]."""
         self._offsets, self._settings = offsets, offsets.settings
         self._margin = 1 + _DEPTHS_BESIDE * penetration_depth(chain) / chain.spacing
         self._tail, self._time_unit, self._strong = tail_ratio(chain), chain.time_unit, strong
@@ -290,7 +290,7 @@ class FarFieldResiduals:
 
 
 def _trimmed_mean(squares: Array) -> float:
-    """Return the mean of squares without the two largest, which encoder offsets may cause."""
+    """Return the mean of all squares but the two largest; offsets may cause these two."""
     count = len(squares) - 2
     if count <= 0:
         return 0.0

@@ -42,7 +42,7 @@ class OrbitEstimate(NamedTuple):
     leg_known: whether the frames exclude all other legs in which the wall has the same site.
     noise: standard deviation of the noise of an angle [rad], either given or estimated.
     misfit: root mean square residual of the rotors near the wall in recent frames [rad].
-    frame_misfit: the same residual in this frame alone [rad]; NaN if the frame is empty.
+    frame_misfit: `misfit` of this frame alone [rad]; NaN if the frame is empty.
     upside_down: whether the chain is the mirror image phi -> pi - phi of the chain of the orbit.
     """
 
@@ -133,9 +133,9 @@ class SolitonEvent:
     rotor: site of the event [rotor spacings].
     ids_before: identifiers of the walls before the event, sorted by site; a breather has one
         identifier.
-    ids_after: identifiers of the walls after the event, sorted by site like `ids_before`.
-    charge_before: sum of the charges of these walls before the event.
-    charge_after: sum of the charges of these walls after the event.
+    ids_after: identifiers of the walls after the event, sorted by site.
+    charge_before: sum of the charges of the walls before the event.
+    charge_after: sum of the charges of the walls after the event.
     energy_before: energy of the walls before the event, without the wake [J]; NaN if unknown.
     energy_after: energy of the walls after the event, without the wake [J]; NaN if unknown.
     collisions: number of times that the two walls overlapped before this event.

@@ -65,7 +65,7 @@ STATUS = np.dtype(
 
 base: number of filters that assume no impulse [1].
 site_arc: arc length per rotor spacing [rad].
-least_impulse: lower limit of the variance of an impulse [rad^2/s^2].
+least_impulse: lower limit of the variance of the rate change by an impulse [rad^2/s^2].
 bias_decay: decay rate of the bias while the wall is at rest [1/s].
 variance: variance of the last measurement [rad^2].
 elapsed: time step of the last prediction [s].

@@ -112,7 +112,7 @@ class ImpulseQueue:
 
     def __init__(self) -> None:
         self.late = 0
-        """Number of impulses that arrived after the frame in which they must act."""
+        """Number of impulses that arrived after the frame in which they should have acted."""
         self._waiting: list[tuple[int | None, Array]] = []
         self._frame: int | None = None
 
@@ -174,7 +174,7 @@ class CompletedFrame(NamedTuple):
     """Whether the angles of filled rotors come from the orbit; otherwise from neighbouring
     rotors."""
     others: bool
-    """Whether two adjacent rotors differ from the orbit by half a swing, which shows a second
+    """Whether two adjacent rotors differ from the orbit by half a swing; this shows a second
     wall."""
 
     number_filled: int

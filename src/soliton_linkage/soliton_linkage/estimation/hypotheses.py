@@ -15,8 +15,8 @@ from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.orbit.orbit import Orbit
 
 _LEAD = 3.0
-"""Lead in log likelihood at which another hypothesis replaces the leading one [1]; this is a
-probability of 95 %."""
+"""Lead in log likelihood at which another hypothesis replaces the leading one [1]; its probability
+is then 95 %."""
 _STEP = 1e-3
 """Step of the site for the numerical derivative of the arc length per rotor spacing [rotor
 spacings]."""
@@ -63,7 +63,7 @@ class Hypotheses:
     def weigh(self, likelihoods: list[float]) -> None:
         """Add the log likelihood of a frame to each hypothesis.
 
-        Drop unlikely ones and duplicates.
+        Drop unlikely and duplicate hypotheses.
         """
         if len(self.all) == 1:
             return

@@ -191,7 +191,7 @@ def weigh_frame(
 def sum_likelihoods(
     angles: Array, states: Array, variance: float, bound: float, floor: float, sums: Array
 ) -> None:
-    """Set the log likelihoods of rotors 0 to n - 1 in S uniform states, shape (S, N + 1)."""
+    """Set the log likelihoods of the first 0 to N rotors in S uniform states, (S, N + 1)."""
     for row in range(states.shape[0]):
         sums[row, 0] = 0.0
         for n in range(angles.size):

@@ -17,7 +17,7 @@ from soliton_linkage.linkage.chain import Array
 NO_FLAGS: Flags = np.zeros(0, dtype=np.bool_)
 """Empty array of flags, which means that no rotor is doubtful."""
 LEAST_INFORMATION = 1e-6
-"""Least information on the arc length along the orbit for which a frame determines it [1]."""
+"""Least Fisher information with which a frame determines the arc length along the orbit [1]."""
 LONGEST_STEP = 0.5
 """Longest Gauss-Newton step along the orbit [rad], a displacement of about half a rotor
 spacing."""
@@ -45,7 +45,7 @@ class LinearisedMeasurement(NamedTuple):
     """Residuals of inliers near the wall divided by the scales [rad], 0 for other rotors, shape
     (N,)."""
     information: float
-    """Information on the arc length for a noise of 1 rad [1]."""
+    """Fisher information on the arc length for a noise of 1 rad [1]."""
     full_information: float
     """Information that the frame would have without outliers: as `information`, but with weight 1
     for all known rotors except doubtful ones [1]."""
@@ -107,7 +107,7 @@ class FrameLikelihood:
         """Compute the density, given the swing of a rotor while a wall passes [rad]."""
         self._settings = settings
         self.gross = settings.gross_share * swing
-        """Least size of a gross error [rad]; the deformation of springs is smaller."""
+        """Least size of a gross error [rad]; the deformation by springs is smaller."""
         self._density = np.zeros(1, DENSITY)
         bound, wrong = settings.bound, settings.wrong
         core = math.sqrt(2 * math.pi) * math.erf(bound / math.sqrt(2))
@@ -138,8 +138,8 @@ class FrameLikelihood:
     ) -> LinearisedMeasurement:
         """Return the measurement of a frame, linearised at an arc length along the orbit [rad].
 
-        Overwrites `differences` [rad], shape (N,). `variance` is the variance of the difference of
-        a rotor, and `spread` the variance of the arc length [rad^2].
+        Overwrites `differences` [rad], shape (N,). `variance` is the variance of the difference
+        between a rotor and the orbit, and `spread` the variance of the arc length [rad^2].
         """
         rows, floor = np.empty((2, len(differences))), self.floor(variance)
         self._density[0] = variance, spread, self._settings.bound, floor, self.gross
@@ -212,12 +212,12 @@ class ReadingScales:
     """Standard deviations of the readings of a frame, relative to a typical standard deviation."""
 
     def __init__(self, usual: float | None = None) -> None:
-        """Start with the typical standard deviation of a reading [rad], by default of frame 1."""
+        """Start with the typical standard deviation of a reading [rad]; None: that of frame 1."""
         self._usual = usual
         self._squares: Array | None = None
 
     def set_deviations(self, deviations: Array | None) -> None:
-        """Set the standard deviations of a frame [rad], shape (N,); NaN or None: typical."""
+        """Set the deviations of the readings [rad], (N,); NaN and None mean the typical one."""
         self._squares = None
         if deviations is None:
             return
@@ -236,7 +236,7 @@ class ReadingScales:
 
 
 class InnovationGate:
-    """Gate that rejects a frame because of outliers in it and in the preceding frame."""
+    """Gate that rejects a frame because of outliers in this and in the preceding frame."""
 
     def __init__(
         self, rotors: int, likelihood: FrameLikelihood, settings: EstimationSettings

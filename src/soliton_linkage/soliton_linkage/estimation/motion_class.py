@@ -11,10 +11,10 @@ d = 1, and d the lean ratio. Then
 
     e' = F(e) + lambda e + ...,    lambda = (1 - d) / (1 + d),
 
-and the chain wobbles if lambda < 0. Extended springs change the curvature of F, for which the
-model has a term in e^2. Extended springs do not change the sign of lambda in a kink. The springs
-of an anti-kink are so long that its tails are not used. Motors and other forces deform a wall,
-which adds an error of e' and therefore of lambda.
+and the chain wobbles if lambda < 0. Extended springs change the curvature of F, so that the model
+has a term in e^2. In a kink, they do not change the sign of lambda. The springs of an anti-kink
+are so long that its tails are not used. Motors and other forces deform a wall. This adds an error
+to e' and therefore to lambda.
 """
 
 from __future__ import annotations

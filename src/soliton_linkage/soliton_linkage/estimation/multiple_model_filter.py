@@ -187,7 +187,7 @@ class MultipleModelFilter:
     def apply_impulse(
         self, change: float, rate_variance: float = 0.0, arc_variance: float = 0.0
     ) -> None:
-        """Add the rate change of an impulse [rad/s] to all filters, with its variances."""
+        """Add the rate change by an impulse [rad/s] and its variances to all filters."""
         self.filters['state'][:, RATE] += change
         self.filters['covariance'][:, RATE, RATE] += rate_variance
         self.filters['covariance'][:, ARC, ARC] += arc_variance

@@ -76,9 +76,8 @@ class OrbitFilter:
     ) -> None:
         """Start with the standard deviation of the angles [rad].
 
-        None means that the filter estimates it.
-
-        Raises ValueError for a noise that is infinite or not above 0.
+        None means that the filter estimates this deviation. Raises ValueError for a noise that is
+        infinite or not above 0.
         """
         if noise is not None and not (math.isfinite(noise) and noise > 0):
             raise ValueError(
@@ -132,11 +131,9 @@ class OrbitFilter:
     ) -> OrbitEstimate:
         """Update the estimate with the angles [rad], shape (N,), at a time [s].
 
-        Unknown angles are NaN.
-
-        `deviations` are the standard deviations of the angles [rad], and `torques` the mean motor
-        torques since the last frame [N m], shape (N,) each. Raises ValueError for angles of
-        another shape.
+        Unknown angles are NaN. `deviations` are the standard deviations of the angles [rad], and
+        `torques` the mean motor torques since the last frame [N m], shape (N,) each. Raises
+        ValueError for angles of another shape.
         """
         check_shape(angles, self.orbit.chain.number_of_rotors)
         elapsed = time - self.estimate.time
@@ -168,10 +165,9 @@ class OrbitFilter:
         self._budget.restart()
 
     def _rate_change(self, impulses: Array, hypothesis: Hypothesis) -> float:
-        """Return the rate change t .
+        """Return the rate change that impulses or torques J cause in a chain with rigid bars.
 
-        J / sum(I t^2) that impulses or torques J cause in a chain with rigid bars; I is the moment
-        of inertia of a rotor.
+        The change is t . J / sum(I t^2) with the moment of inertia I of a rotor.
         """
         about = self.orbit.segment(hypothesis.motion.arc)
         within = slice(about.first, about.first + len(about.tangent))

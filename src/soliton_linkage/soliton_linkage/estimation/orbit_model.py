@@ -75,8 +75,8 @@ class OrbitMeasurementModel:
     ) -> LinearisedMeasurement:
         """Return the measurement of angles [rad], shape (N,), linearised at an arc length [rad].
 
-        `variance` is the variance of the difference of a rotor, and `spread` the variance of the
-        arc length [rad^2].
+        `variance` is the variance of the difference between a rotor and the orbit, and `spread`
+        the variance of the arc length [rad^2].
         """
         about = self._orbit.segment(arc)
         before, beyond = self._backgrounds[self._orbit.leg(arc)]
@@ -151,7 +151,7 @@ class OrbitMeasurementModel:
         noise: FrameNoise,
         upside_down: bool,
     ) -> bool:
-        """Update the encoder offsets; return whether other encoders are corrected now."""
+        """Update the encoder offsets; return whether their number of corrections has changed."""
         outlying = view.outlying if view.outliers else None
         residuals = view.residuals
         if self._likelihood.scales is not None:
@@ -232,8 +232,8 @@ _PERIOD = 2
 _SLOW = 0.25
 """Largest number of rotors that a slow wall passes per period of the slowest phonon [1]."""
 _SECOND_ORDER = 0.5
-"""Square root of the relative error of the rate change, `rate_ratio` minus 1, that is predicted
-for the fastest slow wall; measured [1]."""
+"""Square root of the measured relative error of the predicted rate change, `rate_ratio` minus 1,
+for the fastest slow wall [1]."""
 _LONGEST_RESOLVED = 4 / 3
 """Speed above which the spring forces average out, relative to the fastest slow wall [1]."""
 

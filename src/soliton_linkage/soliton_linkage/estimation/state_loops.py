@@ -114,8 +114,9 @@ def elastic(
     For noise sigma of the angles, the variance is sigma^2 |tau|^2 + sigma^4 |H|^2 / 2 with the
     torques tau and the stiffness matrix H = R^T k_e R. The mean contribution of noise is
     subtracted. `half` are half the stiffnesses [N/m]. `lefts` equal `half`, but are 0 where the
-    left rotor has no noise; `rights` do the same for right rotors. `walls` are the ascending sites
-    [rotor spacings] of W walls between two limits, shape (W + 2,). Spring n is at site n + 1/2.
+    left rotor has no noise. `rights` are the same for right rotors. `walls` are the ascending
+    sites [rotor spacings] of W walls between two limits, shape (W + 2,). Spring n is at site n +
+    1/2.
     """
     whole, squares, pulling, variance = 0.0, 0.0, 0.0, noise**2
     count = half.size

@@ -69,8 +69,8 @@ class Topology(NamedTuple):
 class EdgeRotors(NamedTuple):
     """States of the first and the last rotor.
 
-    toggled: whether each rotor has toggled, compared with the left-leaning state; None for
-        spinners.
+    toggled: whether each rotor has swung to its other rest angle, compared with the left-leaning
+        state; None for spinners.
     turns: numbers of turns, counted from a uniform state [1]; NaN for flippers.
     """
 

@@ -261,8 +261,8 @@ _POINTS = 16
 _DEPTHS = 14.0
 """Range of a table in penetration depths [1]; tails beyond it are below 1e-6 rad."""
 _ROTORS = 5.0
-"""Additional range of a table [rotor spacings], for the core of a wall without penetration
-depth."""
+"""Additional range of a table [rotor spacings], for the core of a wall whose penetration depth is
+0."""
 _DEGREE = 5
 """Degree of the splines through the samples [1]; the error of the slopes is 1e-5 rad."""
 
@@ -317,7 +317,7 @@ class WallShapes:
 
     @cached_property
     def pinning_speed(self) -> float:
-        """Speed at which an anti-kink can cross its barrier [rotor spacings / s]; 0 if pinned."""
+        """Least speed to cross an energy barrier [rotor spacings / s]; 0 for pinned anti-kinks."""
         try:
             sites, states = anti_kink_path(self._window, float(self._sites[0]))
         except ArithmeticError:

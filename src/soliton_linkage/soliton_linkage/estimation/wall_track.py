@@ -258,7 +258,7 @@ class WallTrack:
 
 
 class Encounter:
-    """Encounter of two neighbouring walls, from their approach until they separate."""
+    """Encounter of two neighbouring walls, from their approach to their separation."""
 
     def __init__(
         self,

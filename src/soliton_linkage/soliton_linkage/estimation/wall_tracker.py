@@ -48,9 +48,9 @@ def assign(
 
     Return the index of the measured wall for each predicted wall.
 
-    The walls of a pair have equal charges, and their sites differ by less than `gate` standard
-    deviations. The number of pairs is maximal. Of all assignments with this number, the one with
-    the least sum of squared differences is chosen.
+    Two assigned walls have equal charges, and their sites differ by less than `gate` standard
+    deviations. The assignment has as many pairs as possible, and then the least sum of squared
+    differences.
     """
     if not predicted or not seen:
         return {}

@@ -38,7 +38,7 @@ _SIGNIFICANCE = 2.5
 """Threshold of the scatter between passages [standard deviations]; a smaller scatter counts as
 0."""
 _WIDEST_LEAN_RATIO = 2.0
-"""Lean ratio d from which on only the walls of spinners have a tanh profile [1]."""
+"""Threshold of the lean ratio d [1]; above it, only the walls of spinners have a tanh profile."""
 
 
 class Contraction(NamedTuple):

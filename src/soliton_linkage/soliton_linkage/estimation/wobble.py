@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Wobble of rotors beside a wall; the shape at rest selects the rotors, without bias."""
+"""Wobble of rotors beside a wall; a wall at rest, without noise, selects these rotors."""
 
 from __future__ import annotations
 
@@ -201,9 +201,9 @@ def wobble(
 ) -> tuple[Overshoot, Lengths]:
     """Return overshoot and lengths of the wobble beside a wall, for `WobbleReporter.wobble`.
 
-    The overshoot [m] is evaluated on the side where it is larger at rest. The lengths are tail
-    ratio [1], decay length and wavelength [m], each followed by its standard deviation. Unknown
-    values are NaN.
+    The overshoot [m] is evaluated on the side where a wall at rest has the larger overshoot. The
+    lengths are tail ratio [1], decay length and wavelength [m], each followed by its standard
+    deviation. Unknown values are NaN.
     """
     bar, rotors = bars[0], angles.size
     rest_angle, length, spacing = bar['rest_angle'], bar['rotor_length'], bar['spacing']
@@ -250,7 +250,8 @@ class Wobble(NamedTuple):
     """Wobble: deviations of rotors beside a wall from the uniform states; NaN if unknown.
 
     amplitude: overshoot |u| - ub [m] of the rotor with the largest lean at rest (d > 1), or of the
-        nearest rotor that is at rest (d <= 1), on the side where the overshoot at rest is larger.
+        nearest rotor with its uniform angle (d <= 1), on the side where the overshoot at rest is
+        larger.
     amplitude_deviation: standard deviation of the amplitude [m].
     rest_amplitude: overshoot of the same rotor for a wall at rest [m].
     tail_ratio: deviation of a rotor in the tails, relative to its inner neighbour [1].

@@ -33,7 +33,7 @@ class Edge(enum.Enum):
     LAST = 'last'
 
     def resolved(self, chain: Chain, angles: Array) -> Edge:
-        """Return FIRST or LAST; replace NEAREST by the nearest edge in a configuration [rad]."""
+        """Return FIRST or LAST; NEAREST becomes the edge nearer to the mode at `angles` [rad]."""
         return self if self is not Edge.NEAREST else _nearest(zero_mode(chain, angles))
 
 

@@ -81,7 +81,7 @@ class Deviations:
                 )
 
     def joined(self, others: Deviations) -> Deviations:
-        """Return the union of two sets of deviations; ValueError if both contain a quantity."""
+        """Return the union of two sets of deviations; ValueError if a quantity is in both."""
         for name in _NAMES:
             if getattr(self, name) and getattr(others, name):
                 raise ValueError(
@@ -108,7 +108,7 @@ def _spread(of: str) -> Any:
 @document_fields
 @dataclass(frozen=True)
 class Disorder(CheckedQuantities):
-    """Relative standard deviations and a seed. Raises ValueError for values out of range."""
+    """Standard deviations and seed of random deviations; ValueError for values out of range."""
 
     spacing: float = _spread('distances between pivots')
     rotor_length: float = _spread('lengths of the rotors')

@@ -45,7 +45,7 @@ class Feedback(CheckedQuantities):
 
     @property
     def uses_rates(self) -> bool:
-        """Whether the gain of a rate differs from 0."""
+        """Whether the gain of any rate differs from 0."""
         return any((self.rate, self.left_rate, self.right_rate))
 
 

@@ -90,7 +90,7 @@ def check_quantities(instance: Any) -> None:
     """Raise ValueError if a field has an invalid value.
 
     A value must be in the range of its `Quantity`. If the default is a number, the value must be a
-    number, and a whole number if the default is one.
+    number, and a whole number if the default is a whole number.
     """
     for name, described in described_fields(instance).items():
         value = getattr(instance, name)

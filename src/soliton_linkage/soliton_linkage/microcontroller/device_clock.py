@@ -7,9 +7,9 @@ receiver's clock, with
     y = a + b x + d,    d >= 0,
 
 where a is the sum of the clock offset and the smallest delay, b the drift, and d the additional
-delay. The line a + b x passes through the edge of the lower convex hull of all (x, y) at the mean
-of x (S. Moon, P. Skelly and D. Towsley, INFOCOM 1999, doi:10.1109/INFCOM.1999.749287). Each time
-interval gives one point (x, y).
+delay. The line a + b x contains one edge of the lower convex hull of all (x, y): the edge at the
+mean of x (S. Moon, P. Skelly and D. Towsley, INFOCOM 1999, doi:10.1109/INFCOM.1999.749287). Each
+time interval gives one point (x, y).
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ _LONGEST_INTERVAL = 2.0
 LARGEST_DRIFT = 0.01
 """Largest accepted drift of a clock [1], twice that of the resonator of an Arduino Uno."""
 _FROM_THE_FUTURE = 0.25
-"""Largest time by which a measurement may be later than its arrival [s]; more means that the clock
-has restarted."""
+"""Largest time by which a measurement may be later than its arrival [s]; a larger one means that
+the clock has restarted."""
 _FROM_THE_PAST = 10.0
 """Largest accepted delay [s]; a larger one means that the clock has stopped."""
 _SMALLEST_JUMP = 1e-3
@@ -140,7 +140,7 @@ class DeviceClock:
 
     @property
     def scatter(self) -> float:
-        """Uncertainty of the stamps without that of the smallest delay [s]; NaN if unknown."""
+        """Uncertainty of the stamps [s], apart from the unknown smallest delay; NaN if unknown."""
         return self._envelope.scatter
 
     def reset(self) -> None:

@@ -135,12 +135,12 @@ class AngleStream:
         self._numbers.clear()
 
     def reconnect(self) -> None:
-        """Prepare for a controller that may have restarted; reset an unknown clock."""
+        """Prepare for a controller that may have restarted; reset a clock without an estimate."""
         if math.isnan(self.clock.scatter):
             self.reset()
 
     def take(self, frame: SerialFrame, arrival: int) -> StampedAngles | None:
-        """Return the angles of a frame that arrives at `arrival` [ns], or None for `hello`.
+        """Return the angles of a frame that arrives at `arrival` [ns]; None for a `hello` frame.
 
         Raises ValueError for a frame that has no readings, belongs to another chain, is repeated,
         or is implausible.

@@ -28,12 +28,12 @@ _SAMPLES_A_SITE = 4
 """Samples per rotor spacing in the search for the arc length with half of |t|^2 left of a bond
 [1]."""
 _SAME_MODE = 1 - 1e-6
-"""Smallest cosine between tangent and zero mode [1]; a smaller one means that the tangent misses a
-moving rotor."""
+"""Smallest cosine between tangent and zero mode [1]; a smaller cosine means that the tangent
+misses a moving rotor."""
 
 
 def orbit_of(chain: Chain) -> Orbit:
-    """Return the `UniformOrbit` or `DeviatingOrbit` of a chain; raise the errors of this class."""
+    """Return the `UniformOrbit` or `DeviatingOrbit` of a chain; raise the errors of the class."""
     return UniformOrbit(chain) if chain.deviations == NO_DEVIATIONS else DeviatingOrbit(chain)
 
 
@@ -69,7 +69,7 @@ class DeviatingOrbit(Orbit):
 
     @property
     def wall_extent(self) -> float:
-        """Arc length in which one rotor moves as a wall passes it [rad], see `Orbit`."""
+        """Arc length along which a rotor moves while a wall passes it [rad], see `Orbit`."""
         return self._uniform.wall_extent * self.site_arc / self._uniform.site_arc
 
     def site(self, arc: float) -> float:
@@ -77,7 +77,7 @@ class DeviatingOrbit(Orbit):
         return self._uniform.site(self._uniform_arc.at(arc % self.length)[0])
 
     def arc_at(self, site: float, leg: int) -> float:
-        """Return the arc length [rad] of a site in a leg; beyond the leg, it is linear."""
+        """Return the arc length [rad] of a site in a leg; extrapolate linearly beyond the leg."""
         uniform_arc = self._uniform.arc_at(site, leg)
         begin, end = self._uniform.leg_arcs(leg)
         within = min(max(uniform_arc, begin), end)
@@ -136,7 +136,7 @@ class DeviatingOrbit(Orbit):
                 raise blocked_wall_error(self.chain, piece.seed)
 
     def _relaxed(self, leg: int) -> tuple[Array, Array]:
-        """Return the `background` of a leg; of several, the one nearest to the uniform chain."""
+        """Return the `background` of a leg; if several exist, the nearest to the uniform chain."""
         last = self.chain.number_of_rotors - 1
         left, right = self._uniform.background(self._uniform.leg_arcs(leg)[0])
         begin, end = self.leg_arcs(leg)

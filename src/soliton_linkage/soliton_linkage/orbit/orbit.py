@@ -83,7 +83,7 @@ class Orbit(ABC):
     @property
     @abstractmethod
     def wall_extent(self) -> float:
-        """Largest arc length in which a rotor moves as a wall passes it or is reflected [rad]."""
+        """Largest arc length along which a rotor moves as a wall passes or is reflected [rad]."""
 
     def leg_arcs(self, leg: int) -> tuple[float, float]:
         """Return the arc lengths [rad] at which a leg begins and ends."""
@@ -112,7 +112,7 @@ class Orbit(ABC):
 
     @abstractmethod
     def background(self, arc: float) -> tuple[Array, Array]:
-        """Return the relaxed angles left and right of the wall in a leg [rad], shape (N,) each."""
+        """Return the relaxed angles left and right of the wall at an arc length [rad], (N,)."""
 
     def configuration(self, arc: float) -> Array:
         """Return the angles of the whole chain at an arc length [rad], shape (N,)."""

@@ -39,8 +39,8 @@ rad."""
 _SAMPLES_A_STEP = 3
 """Spline points per solver step [1]; interpolation errors are below the solver errors."""
 _DEPTHS_OF_EDGE = 8.0
-"""Range of the effect of an edge [penetration depths], without two more rotor spacings. Beyond it,
-site and arc length are proportional up to e^-16."""
+"""Range of the effect of an edge [penetration depths], to which two rotor spacings are added.
+Beyond it, site and arc length are proportional up to e^-16."""
 _SAMPLES_A_SITE = 16
 """Number of samples near an edge per unit of length [1]. The unit is the larger one of the rotor
 spacing and the penetration depth. The errors of sites are 1e-6."""
@@ -60,9 +60,9 @@ _DEGREE = 7
 class UniformOrbit(Orbit):
     """Orbit of a chain without deviations; deviations of the given chain are ignored.
 
-    Angles have errors below 1e-6 rad. Takes less than a second, except for a lean ratio d close to
-    the critical d_c and for walls wider than 1000 rotors. Raises ValueError for two rotors or
-    periodic ends, and the errors of `site_arc`.
+    Angles have errors below 1e-6 rad. The computation takes less than a second, except for a lean
+    ratio d close to the critical d_c and for walls wider than 1000 rotors. Raises ValueError for
+    two rotors or periodic ends, and the errors of `site_arc`.
     """
 
     def __init__(self, chain: Chain) -> None:
@@ -91,7 +91,7 @@ class UniformOrbit(Orbit):
 
     @property
     def wall_extent(self) -> float:
-        """Arc length in which one rotor moves as a wall passes it [rad], see `Orbit`."""
+        """Arc length along which a rotor moves while a wall passes it [rad], see `Orbit`."""
         swing = self._starts[1] - (self.chain.number_of_rotors - 1) * self.site_arc
         return self._short.number_of_rotors * self.site_arc + swing
 
@@ -101,7 +101,7 @@ class UniformOrbit(Orbit):
         return 0.0 if site < 0 else min(site, self._last)
 
     def arc_at(self, site: float, leg: int) -> float:
-        """Return the arc length [rad] of a site in a leg, linear beyond the ends of the chain."""
+        """Return the arc length [rad] of a site in a leg, extrapolated linearly off the chain."""
         way = 1 if leg % 2 == 0 else -1
         arc = self._halfway[leg] + way * (site - self.middle) * self.site_arc
         for _ in range(_STEPS):
@@ -158,8 +158,8 @@ class _HalfLegs(NamedTuple):
         """Return the mirror image of the samples, n -> N - 1 - n, phi -> -phi, in reversed order.
 
         In spinners of odd N, the order is not reversed. The mirror image of spinners of odd N and
-        of flippers of even N is assembled upside down. Therefore pi is added to their angles,
-        which exchanges the legs of a spinner.
+        of flippers of even N is assembled upside down. Therefore pi is added to the angles of
+        these images. In a spinner, this exchanges the legs.
         """
         spinner, odd = chain.motion is Motion.SPINNER, chain.number_of_rotors % 2 == 1
         angles, tangents = self.angles[:, ::-1], self.tangents[:, ::-1]

@@ -45,7 +45,7 @@ _SAMPLES = 4
 
 
 class Shifts(NamedTuple):
-    """Standard deviations of the errors of a wall, relative to a far rotor (`WallShifts`)."""
+    """Standard deviations of the errors of a wall, relative to the error of a far rotor."""
 
     arc: float
     """Standard deviation of the arc length of the wall, relative to the error of a far rotor
@@ -113,7 +113,7 @@ class WallShifts:
 
 
 class _BarsNearWall:
-    """Effects of the relative deviations of the 2 n - 1 lengths near a wall: rotors and spacings.
+    """Effects of relative deviations of n rotor lengths and n - 1 spacings near a wall.
 
     A bar of length l joins masses at (h, v) and (h', v') relative to their pivots, which are the
     spacing a apart. With c = h v' - v h', the levers A and B of the bar satisfy l A = c - a v and

@@ -39,8 +39,8 @@ def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
     """Return K sites [rotor spacings] and the angles [rad], (K, N), of an anti-kink.
 
     The sites cover two rotor spacings from `begin`, after which the path repeats. Sites are
-    proportional to the arc length of the path. The edges must be far. Raises ArithmeticError if
-    the anti-kink is pinned.
+    proportional to the arc length of the path. The anti-kink must be far from the edges. Raises
+    ArithmeticError if the anti-kink is pinned.
     """
     angles, multiplier = continuum_anti_kink(chain, begin), 0.0
     found = []
@@ -59,7 +59,8 @@ def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
 def resting_anti_kink(chain: Chain, near: float) -> tuple[float, Array]:
     """Return site [rotor spacings] and angles [rad], (N,), of an anti-kink in equilibrium.
 
-    The edge rotors are fixed. For a flipper, the result is the equilibrium of smaller energy.
+    The edge rotors are fixed. For a flipper, which has two equilibria, the result is the one of
+    smaller energy.
     """
     starts = (near,) if chain.motion is Motion.SPINNER else (near, near + 0.5)
     found = [_minimum(chain, continuum_anti_kink(chain, start)) for start in starts]

@@ -26,7 +26,7 @@ _DEPTHS_BESIDE = 19
 """Distance from a wall beyond which the squared zero mode is below rounding errors [penetration
 depths]."""
 _MOST_BESIDE = 49_000
-"""Largest number of rotors on each side of a wall [1]; the longest `Chain` limits it."""
+"""Largest number of rotors on each side of a wall [1]; it is limited by the longest `Chain`."""
 _MOST_STEPS = 100_000
 """Largest number of solver steps along an orbit [1]; a lean ratio d near d_c needs one or two
 thousand."""
@@ -50,9 +50,9 @@ def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False)
     In flippers, no edge rotor has toggled on `leg` 0 of the `Orbit`, the last one on leg 1, both
     on leg 2, the first one on leg 3. In spinners, legs 0 and 1 differ by the side on which rotors
     turn over. `inverted` means a chain that is assembled upside down, with pi - phi for phi.
-    Deviations do not change the rotor nearest to the wall. Raises ValueError for a chain of two
-    rotors or with periodic ends, a site outside 0 ... N - 1, an unknown leg, bars of impossible
-    length, and the errors of `site_arc`.
+    Deviations do not change the angle of the rotor nearest to the wall. Raises ValueError for a
+    chain of two rotors or with periodic ends, a site outside 0 ... N - 1, an unknown leg, bars of
+    impossible length, and the errors of `site_arc`.
 
         >>> import soliton_linkage as sl
         >>> chain = sl.Chain(number_of_rotors=20)

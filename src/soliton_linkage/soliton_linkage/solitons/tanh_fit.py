@@ -286,8 +286,8 @@ def charge_of_field(displacements: ArrayLike, lean: float) -> float:
     """Return the topological charge of a field u(x), Q = [u(-inf) - u(+inf)] / (2 ub) [1].
 
     `displacements` are the values of u along the chain [m], and `lean` is ub [m]. The paper (eq.
-    soliton_charge) has the opposite sign, so that here the wall with zero energy has the charge
-    +1.
+    soliton_charge) has the opposite sign. With the sign used here, a wall with zero energy has the
+    charge +1.
     """
     if not (math.isfinite(lean) and lean > 0):
         raise ValueError(f'lean = {lean} m must be a finite number above 0')

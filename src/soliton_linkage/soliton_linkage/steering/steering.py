@@ -92,7 +92,7 @@ class _Sent(NamedTuple):
 
 
 _NO_TORQUES = _Sent(None, 0.0)
-"""Entry for a frame after which no torques were sent [N m]."""
+"""Entry for a frame after which no torques were sent."""
 
 
 class Steering:
@@ -194,7 +194,7 @@ class Steering:
         return self._check_arrival(self._trajectory, estimate)
 
     def move(self, site: float, speed: float = 0.0) -> MoveResult | None:
-        """Start to move the wall to a site [rotor spacings]; return the reason if it is rejected.
+        """Start to move the wall to a site [rotor spacings]; return the reason of a rejection.
 
         `speed` [rotor spacings / s] limits the speed, in addition to `adiabatic_speed`; 0 means no
         limit.

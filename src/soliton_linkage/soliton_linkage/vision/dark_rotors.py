@@ -4,8 +4,8 @@
 Each rotor is a dark bar. The moments of the darkness of a bar give the middle and the length of
 the bar, and a fitted line gives the axis. The pivots are those ends of the bars that lie on one
 common line. The camera must face the chain with rotor 0 on the left, and bonds must be thinner
-than rotors. The errors of the angles are the errors due to pixel noise, multiplied by the factor
-that is observed for the lengths.
+than rotors. The stated errors of the angles are the errors due to pixel noise, multiplied by the
+ratio of observed to expected changes of the lengths.
 """
 
 from __future__ import annotations

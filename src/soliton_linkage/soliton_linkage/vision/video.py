@@ -20,15 +20,15 @@ _TICKS = 90_000
 _SILENT = 0
 """Log level at which OpenCV writes no messages."""
 _GAP = 1.6
-"""Ratio of an interval to the typical interval above which pictures count as missing [1]."""
+"""Ratio of an interval to the typical interval [1]; above it, pictures count as missing."""
 _MEMORY = 31
 """Number of recent intervals from which the typical interval is computed."""
 _PERCENTILE = 75
 """Percentile of recent intervals that is the typical interval [%]; it is high because frame rates
 of phones vary."""
 _CUT = 3.0
-"""Ratio of the missing length to the longest interval above which a film counts as incomplete
-[1]."""
+"""Threshold of the ratio of the missing length to the longest interval [1]; a film above it counts
+as incomplete."""
 _SOUND = 1.0
 """Largest time by which the sound may be longer than the pictures of a film [s]."""
 _SYNC, _PACKET = b'G', 188
@@ -198,8 +198,8 @@ def _opened_camera(number: int) -> Any:
 def _start(path: Path, created: str, length: float) -> float:
     """Return the time of the first picture, counted from the epoch [s].
 
-    The time is that of the creation of the file, or of its last change minus the length of the
-    film.
+    The time is that of the creation of the file, or the time of the file's last change minus the
+    length of the film.
     """
     try:
         return datetime.datetime.fromisoformat(created.replace('Z', '+00:00')).timestamp()

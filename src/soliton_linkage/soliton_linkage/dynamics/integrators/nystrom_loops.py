@@ -39,7 +39,8 @@ WORK_ROWS = SAVED + 4
 """Number of rows of `work`."""
 
 LARGEST_TURN = 0.5
-"""Largest rotation in a drift [rad]; the errors of the series in `turned` are rounding errors."""
+"""Largest rotation in a drift [rad]; up to it, the series in `turned` have only rounding
+errors."""
 
 
 class Forces(NamedTuple):
@@ -72,9 +73,9 @@ class Step(NamedTuple):
     """Durations for which the torques of the kicks act [s], shape (14,)."""
     decays: Array
     """Coefficients of linear damping, shape (2, 2, 15, P), or (2, 2, 15, 0) without linear
-    damping. The first index selects a half or a whole step. Elements with the second index 0 are
-    the factors by which a drift multiplies the rates [1]. Elements with the second index 1 are the
-    rotations in a drift divided by the initial rates [s]."""
+    damping. The first index selects a half or a whole step. With the second index 0, an element is
+    the rate after a drift divided by the rate before it [1]. With the second index 1, it is the
+    rotation in the drift divided by the rate before it [s]."""
 
 
 PlainStep = tuple[Array, Array, Array]
@@ -82,7 +83,7 @@ PlainStep = tuple[Array, Array, Array]
 
 
 class Checks(NamedTuple):
-    """Numbers of the steps whose error is measured, and the tolerances.
+    """Tolerances, and indices of the steps whose error is measured.
 
     The error of a step is the root mean square of the errors of all variables y, divided by
     absolute + relative abs(y), as in scipy's solvers.
@@ -93,7 +94,7 @@ class Checks(NamedTuple):
     relative: float
     """Relative tolerance [1]."""
     measured: Numbers
-    """Numbers of the steps whose error is measured, counted from 1."""
+    """Indices of the steps whose error is measured, counted from 1."""
 
 
 PlainChecks = tuple[Array, float, Numbers]
@@ -171,7 +172,7 @@ def damp(work: Array, rotors: int, forces: Forces, time: float) -> float:
 
 @compile_loop
 def take_step(work: Array, rotors: int, forces: Forces, step: Step, share: float) -> float:
-    """Take the `share` 0.5 or 1 of a step; return the energy that the terms dissipate [J]."""
+    """Take half a step (`share` 0.5) or a whole step (1); return the dissipated energy [J]."""
     never_inlined()
     dissipated = 0.0
     for stage in range(step.drifts.size):
@@ -330,7 +331,7 @@ def load(work: Array, state: Array, circular: Array) -> None:
 def put_knot(
     work: Array, forces: Forces, state: Array, unit: float, knots: Array, knot: int
 ) -> None:
-    """Set angles, dissipated energy, and time derivatives per `unit` [s], at a knot of a step."""
+    """Set angles and dissipated energy at a knot, and their derivatives by time / `unit` [s]."""
     never_inlined()
     rotors, first = state.size // 2, 3 * knot
     active_before = sum_terms(work, rotors, forces.kinds, forces.parameters)
@@ -381,7 +382,7 @@ def fit(knots: Array) -> None:
 
 @inlined
 def evaluate(knots: Array, rotors: int, x: float, unit: float, output: Array) -> None:
-    """Evaluate the polynomials at x, the time from the middle of the step over `unit` [s]."""
+    """Evaluate the polynomials at x, the time since the middle of the step over `unit` [s]."""
     prefer_wide_vectors()
     for n in range(knots.shape[1]):
         value = slope = 0.0

@@ -8,11 +8,11 @@ A step of length h is a symmetric sequence of drifts and kicks,
 A kick applies the torques that depend on the angles, and a drift those that depend on the rates.
 With linear damping c, gamma = c / (M r^2), a drift is the exact solution
 
-    phi_dot(t) = phi_dot e^(-gamma t),    phi(t) = phi + phi_dot (1 - e^(-gamma t)) / gamma,
+    phi_dot(t) = phi_dot e^(-gamma t),    phi(t) = phi + phi_dot (1 - e^(-gamma t)) / gamma.
 
-and with other damping a Runge-Kutta step of order 4. Without damping a step is symplectic and
-reversible. With linear damping it reduces volumes in phase space as the true motion does, so that
-energy plus dissipated energy has no drift.
+With other damping, a drift is a Runge-Kutta step of order 4. Without damping a step is symplectic
+and reversible. With linear damping it reduces volumes in phase space as the true motion does, so
+that the sum of energy and dissipated energy has no trend.
 
 The coefficients are those of the method SRKN_14^a of order 6, for a quadratic kinetic energy: S.
 Blanes and P. C. Moan, J. Comput. Appl. Math. 142 (2002) 313.
@@ -84,8 +84,8 @@ class SolverSettings:
     """Tuning of `SymplecticNystrom`."""
 
     rotors_per_call: int = 16_000
-    """Number of rotors times number of steps in one call of the compiled loops [1]. Sensitivity:
-    at 0.5x or 2x, the solver is 10 % slower."""
+    """Number of steps in one call of the compiled loops, times the number of rotors [1].
+    Sensitivity: at 0.5x or 2x, the solver is 10 % slower."""
     safety: float = 0.8
     """Largest rotation of the fastest rotor in one drift, as a fraction of LARGEST_TURN [1].
     Sensitivity: at 0.5x, 60 % more force evaluations if a rotor spins fast; with 1, a rotor that
@@ -97,8 +97,8 @@ class SolverSettings:
     """Smallest factor by which the step length increases [1]. Sensitivity: with 1.13 or 1.5, the
     number of force evaluations changes by 6 %."""
     max_shrinkage: float = 0.95
-    """Factor below which the first step length decreases [1]. Sensitivity: no effect from 0.9 to
-    0.975."""
+    """Threshold of the ratio of the suggested to the first step length [1]; a smaller ratio
+    shortens the step. Sensitivity: no effect from 0.9 to 0.975."""
     measured_every: int = 32
     """Number of steps between two error measurements [1]. Sensitivity: at 0.5x, 6 % more force
     evaluations; at 2x, 3 % fewer."""
@@ -106,8 +106,7 @@ class SolverSettings:
     """Number of steps between two exact computations of the cosines and sines [1]; rounding errors
     accumulate in between."""
     shortest: float = 1e-6
-    """Shortest step, as a fraction of the longest stable step, below which the solver fails
-    [1]."""
+    """Shortest step, as a fraction of the longest stable step [1]; the solver fails below it."""
     trials: int = 60
     """Number of step lengths tried before the solver fails [1]; usually one to three are
     enough."""
@@ -116,11 +115,11 @@ class SolverSettings:
 DEFAULTS = SolverSettings()
 
 _NONE: Numbers = np.empty(0, dtype=np.int64)
-"""Empty list of step numbers: no error is measured."""
+"""Empty list of step indices: no error is measured."""
 
 
 def steps_to_measure(taken: int, count: int, every: int) -> Numbers:
-    """Return the numbers of the next `count` steps whose error is measured; the next step is 1.
+    """Return the indices of the steps, from 1 to `count`, whose error is measured.
 
     The error is measured in the steps 1, 4 and 16 after a change of the length, and in every
     `every`-th step. `taken` steps of the current length are already taken.
@@ -216,7 +215,7 @@ class NystromSteps:
 
 
 def zeros_in_line(rows: int, columns: int) -> Array:
-    """Return zeros, shape (rows, columns), in written memory from the start of a cache line on."""
+    """Return zeros, shape (rows, columns), in memory that starts with a cache line."""
     size, line = rows * columns, 64
     room = np.full(size + VECTOR, 0.0)
     first = -room.ctypes.data % line // room.itemsize
