@@ -209,7 +209,7 @@ def _checked_metadata(path: Path) -> tuple[Mapping[str, Any], list[str], str]:
 
 
 def topics_in(information: Mapping[str, Any]) -> dict[tuple[str, str], Mapping[str, Any]]:
-    """Return the metadata of each topic by name and type from metadata.yaml."""
+    """Return the metadata of each topic in metadata.yaml; keys are name and type."""
     entries = information.get('topics_with_message_count')
     topics: dict[tuple[str, str], Mapping[str, Any]] = {}
     for entry in entries if isinstance(entries, list) else []:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Limits that protect against too large files, compressed data and texts from other sources."""
+"""Size limits for files, compressed data and texts from untrusted sources."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MEBIBYTE = 2**20
 """Size of 1 MiB [B]."""
 _LARGEST_RATIO = 25
 """Largest ratio of the decompressed to the compressed size of a large file [1]; bags of a chain at
-rest have 10."""
+rest have a ratio of 10."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ PACKED = '.zstd'
 def decompress_file(packed: BinaryIO, plain: Path, limits: BagLimits) -> str | None:
     """Decompress a zstd file up to the first damage or limit.
 
-    Return a description of the damage, if any.
+    Return a description of the damage, or None.
     """
     size = packed.seek(0, 2)
     most = limits.for_file(size)
@@ -76,7 +76,7 @@ def decompress_file(packed: BinaryIO, plain: Path, limits: BagLimits) -> str | N
 
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 _BLOCK_IN = 4096
-"""Input of one call of a decompressor [B]; damage loses the output of one call."""
+"""Input bytes per call of a decompressor [B]; after damage, the output of that call is lost."""
 _BLOCK_OUT = 2**20
 """Largest output of one call of a decompressor [B]."""
 
@@ -196,12 +196,12 @@ _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 _OPENING = (yaml.SequenceStartEvent, yaml.MappingStartEvent)
 _CLOSING = (yaml.SequenceEndEvent, yaml.MappingEndEvent)
 _LONG_NUMBER = re.compile(r'[-+]?\d[\d_:.]{99,}')
-"""Number with at least 100 characters; its conversion may take too long."""
+"""Pattern of numbers with at least 100 characters, whose conversion may take too long."""
 _JSON_TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[\[{]|[\]}]', re.DOTALL)
 
 
 def load_yaml(text: str) -> Any:
-    """Return the value of a YAML text without aliases; ValueError if invalid or too large."""
+    """Return the value of a YAML text; ValueError if it has aliases, is invalid or too large."""
     _check_size(text)
     try:
         depth = 0

@@ -33,7 +33,7 @@ METADATA_FILE: Final = 'metadata.yaml'
 _KEY: Final = 'rosbag2_bagfile_information'
 _TOPICS: Final = 'topics_with_message_count'
 GAPS: Final = 'gaps'
-"""Key of the custom data with the start and end [ns] of each interval without recording."""
+"""Key in the custom data; its value lists start and end [ns] of intervals without recording."""
 _DUMPER: Any = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
 
 
@@ -48,7 +48,7 @@ class StoredFile:
 
 
 def storage_of(path: Path) -> str | None:
-    """Return the storage of a file, perhaps compressed, or None for an unknown suffix."""
+    """Return the storage of a file, which may be compressed; None if the suffix is unknown."""
     plain = Path(path.stem) if path.suffix == PACKED else path
     return next((name for name, suffix in SUFFIXES.items() if suffix == plain.suffix), None)
 
@@ -157,14 +157,14 @@ def custom_data_of(metadata: str) -> dict[str, str]:
 
 
 def custom_data_in(information: object) -> dict[str, str]:
-    """Return the custom texts and numbers in metadata."""
+    """Return the custom data in metadata, with numbers as texts."""
     custom = information.get('custom_data') if isinstance(information, dict) else None
     items = custom.items() if isinstance(custom, dict) else ()
     return {str(key): str(value) for key, value in items if isinstance(value, (str, int, float))}
 
 
 def gaps_in(custom_data: Mapping[str, str]) -> list[tuple[int, int]]:
-    """Return start and end of each interval without recording [ns]; [] if invalid."""
+    """Return start and end [ns] of each interval without recording; [] if invalid."""
     try:
         gaps = load_json(custom_data.get(GAPS, '[]'))
         return [(parse_count(start), parse_count(end)) for start, end in gaps]
@@ -179,7 +179,7 @@ def time_in_gaps(gaps: Sequence[tuple[int, int]], start: int, end: int) -> int:
 
 
 def _pieces(information: Mapping[str, Any], margin: str) -> Iterator[str]:
-    """Yield metadata in YAML block style; the YAML library is slow for many topics."""
+    """Yield metadata in YAML block style, because the YAML library is slow for many topics."""
     for key, value in information.items():
         if key == _TOPICS:
             yield f'{margin}{key}:\n' if value else f'{margin}{key}: []\n'

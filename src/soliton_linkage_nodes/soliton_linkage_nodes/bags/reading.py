@@ -64,7 +64,7 @@ def read_messages(
     start: int | None = None,
     stop: int | None = None,
 ) -> Iterator[tuple[Connection, int, bytes]]:
-    """Yield topic, receive time [ns] and bytes in [start, stop); ValueError if damaged."""
+    """Yield topic, time [ns] and bytes of messages in [start, stop); ValueError if damaged."""
     # If the list is empty, rosbags would read all topics.
     if not connections:
         return
@@ -79,7 +79,7 @@ def read_messages(
 
 
 def gaps_of(reader: Reader) -> list[tuple[int, int]]:
-    """Return start and end of each interval without recording [ns], such as a pause."""
+    """Return start and end [ns] of each interval without recording, such as a pause."""
     return gaps_in(cast('BagFiles', reader.storage).metadata.custom or {})
 
 
@@ -93,10 +93,10 @@ _RECORD = 'record it with bag_recorder'
 
 
 def find_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Connection:
-    """Return the topic with the full name `name`, else with the same last part in any namespace.
+    """Return the topic `name`, or else a topic with the same last name part in any namespace.
 
-    Raises ValueError, with `remedy` at the end of the text, unless exactly one topic with one type
-    in CDR matches.
+    Raises ValueError, whose text ends with `remedy`, unless exactly one topic matches and has one
+    type, in CDR.
     """
     found = types_of_topic(reader, name, remedy)
     bag = f'bag {str(reader.path)!r}'
@@ -197,7 +197,7 @@ def message_class(type_name: str) -> Any:
 
 
 def _has_types(package: str, kind: str) -> bool:
-    """Return whether a package defines types, without importing it.
+    """Return whether a package defines types, without an import of the package.
 
     A bag may name any package.
     """
@@ -234,10 +234,10 @@ def _one_line(error: Exception) -> str:
 
 
 _LONGER, _MARGIN = 4, 4096
-"""Limits of the length of a definition: factor to the installed definition [1], and margin
-[characters]."""
+"""A recorded definition may have `_LONGER` [1] times the length of the installed one, plus
+`_MARGIN` [characters]."""
 _LONGEST_REASON = 200
-"""Length above which the error of a parser is cut [characters], because it may quote the input."""
+"""Length above which a parser's error text is cut [characters]; the text may quote the input."""
 
 
 def is_older(connection: Connection) -> bool:

@@ -63,7 +63,7 @@ class BagRecorder(ManagedNode):
     PARAMETERS: ClassVar[dict[type, str]] = {BagRecorderParameters: '', ManagedParameters: ''}
 
     def configure(self) -> None:
-        """Create the bag and subscribe. Recording begins when the node is activated."""
+        """Create the bag and subscribe."""
         self._settings = settings = current(self, BagRecorderParameters)
         self._paused = settings.start_paused
         self._connected = False

@@ -57,8 +57,8 @@ class BagReport:
     """Content and damage of a bag.
 
     `counts` contains the number of messages of each topic. `start` and `end` are receive times
-    [ns]. `notes` are harmless irregularities. `lost` is the number of messages that cannot be
-    read, and `unverified` that of messages without a checksum.
+    [ns]. `notes` are harmless irregularities. `lost` counts messages that cannot be read, and
+    `unverified` messages without a checksum.
     """
 
     path: Path
@@ -118,7 +118,7 @@ def recover_bag(
 
 
 class _BagScan:
-    """Scan of a whole bag, which creates the new bag with its first topic or record."""
+    """Scan of a whole bag. The first topic or record creates the new bag."""
 
     def __init__(
         self, path: Path, output: Path | None, doubtful: bool, show: Show, limits: BagLimits
@@ -225,7 +225,7 @@ def _compare(report: BagReport, information: Mapping[str, Any] | None) -> None:
 
 
 def _deleted_older(report: BagReport, information: Mapping[str, Any]) -> bool:
-    """Return whether circular recording deleted old files but still counts their messages."""
+    """Return whether circular recording deleted files whose messages are still counted."""
     entries = information.get('files')
     described = [each for each in entries if isinstance(each, dict)] if entries else []
     counts = sum(parse_count(each.get('message_count')) for each in described)
@@ -288,7 +288,7 @@ def unfinished_bag(name: Path) -> Path | None:
 
 
 def take_over(bag: Path) -> UnfinishedBag | None:
-    """Recover an MCAP bag into its first file, so that a writer can continue; else None."""
+    """Recover an MCAP bag into its first file, which a writer can continue; None on failure."""
     try:
         with TemporaryDirectory(prefix=f'.{bag.name}_', dir=bag.parent) as folder:
             report, whole = recover_bag(bag, Path(folder, 'whole'))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services as in the recorder and the player of rosbag2, with types of rosbag2 if installed."""
+"""Services of recorder and player as in rosbag2, with rosbag2's types if installed."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def serve_value(
 
 
 def service_type(name: str) -> Any:
-    """Return a service type from rosbag2 if installed, otherwise from the suite or Trigger."""
+    """Return a service type of rosbag2 if installed, otherwise of the suite, otherwise Trigger."""
     try:
         return getattr(importlib.import_module('rosbag2_interfaces.srv'), name)
     except (ImportError, AttributeError):

@@ -38,9 +38,9 @@ _SERVICE_SEPARATOR = re.compile(r'^---[ \t]*$', re.MULTILINE)
 class StoredTopic:
     """Topic of a bag, with '' for each unknown text.
 
-    `number` counts from 1. `definition` is the message type in `definition_format`, such as
-    'ros2msg' ('' for an MCAP channel without a schema), with surrogates for bytes that are not
-    UTF-8. `digest` is its RIHS01 hash, `profiles` the offered QoS as YAML, `about` other metadata
+    `number` counts from 1. `definition` is the message definition in `definition_format`, such as
+    'ros2msg' ('' for an MCAP channel without a schema). Surrogates replace bytes that are not
+    UTF-8. `digest` is the RIHS01 hash, `profiles` the offered QoS as YAML, `about` other metadata
     of an MCAP channel.
     """
 

@@ -85,10 +85,11 @@ class CameraEncodersParameters:
 class CameraEncoders(ManagedNode):
     """Node that measures the angles of the rotors in camera pictures.
 
-    It reads a camera of this machine, `image` or `image/compressed`, and subscribes to
-    `camera_info` and `soliton_state`. It publishes `joint_states` [rad] with the time of the
-    exposure and NaN for hidden rotors, `joint_state_deviations` [rad], `/diagnostics`, while
-    subscribed `camera_overlay`, and `chain` if parameters describe it.
+    It takes pictures from a camera of this machine or from `image` or `image/compressed`. It
+    subscribes to `camera_info` and `soliton_state`. It publishes `joint_states` [rad], with the
+    exposure time as stamp and NaN for hidden rotors. It also publishes `joint_state_deviations`
+    [rad], `/diagnostics`, `camera_overlay` while a node subscribes, and `chain` if parameters
+    describe the chain.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {

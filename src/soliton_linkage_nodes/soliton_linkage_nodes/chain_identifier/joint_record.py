@@ -29,7 +29,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 _MOST_IMPULSES = 10_000
 """Largest number of stored impulses, and of stored tilts [1]."""
 _MOST_UNMATCHED = 100
-"""Largest number of stored messages of `joint_state_deviations` without a stored frame [1]."""
+"""Largest number of stored messages of `joint_state_deviations` that have no stored frame [1]."""
 _Impulses = deque[tuple[int, Array | None]]
 """Stamp [ns] and angular impulses [N m s], shape (N,); None means that only the time is known."""
 
@@ -44,7 +44,7 @@ class JointRecord:
     def __init__(self, joint_names: Sequence[str], most: int) -> None:
         """Create a record of at most `most` frames.
 
-        Without names, the first message names the joints.
+        Without `joint_names`, the first message names the joints.
         """
         self.joint_names = tuple(joint_names)
         self.frames = 0
@@ -63,7 +63,7 @@ class JointRecord:
         return len(self._angles)
 
     def add(self, joints: JointStates) -> None:
-        """Store the frames that a message completes, unless late; ValueError if invalid."""
+        """Store the frames that a message completes, but no late frame; ValueError if invalid."""
         for frame in self._assembler.add(joints):
             self._keep(frame)
 
@@ -118,7 +118,7 @@ class JointRecord:
         self._tilts.append((received, tilt))
 
     def readings(self, gravity: Gravity = NO_GRAVITY) -> Readings:
-        """Return the record for an identification, with `gravity` until the first tilt."""
+        """Return the record for an identification; `gravity` acts until the first tilt."""
         begin = next(iter(self._angles), 0)
         unknown = np.full(len(self.joint_names), np.nan)
         deviations = [self._deviations.get(stamp, unknown) for stamp in self._angles]

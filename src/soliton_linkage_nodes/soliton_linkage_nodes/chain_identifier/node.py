@@ -88,11 +88,11 @@ class ChainIdentifierParameters:
 class ChainIdentifier(ManagedNode):
     """Node that estimates every length of a chain from the angles of its joints.
 
-    It subscribes to `joint_states`, `joint_state_deviations` and the inputs of the chain:
-    `delivered_impulses`, `delivery`, `tilt`, and without these impulses `rotor_impulses` and
-    `rotor_torques`. It publishes `identified_chain` and `/diagnostics`. `~/identify` starts an
-    identification, `~/save` writes the last result to the file `output`, `~/forget` drops all
-    frames.
+    It subscribes to `joint_states`, `joint_state_deviations` and `tilt`, and to the impulses on
+    `delivered_impulses` and `delivery`. Without such impulses, it uses the commands on
+    `rotor_impulses` and `rotor_torques`. It publishes `identified_chain` and `/diagnostics`.
+    `~/identify` starts an identification, `~/save` writes the last result to the file `output`,
+    `~/forget` drops all frames.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {ChainIdentifierParameters: '', ManagedParameters: ''}

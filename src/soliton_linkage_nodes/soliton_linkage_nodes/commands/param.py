@@ -70,7 +70,7 @@ def _set(visitor: Visitor, options: argparse.Namespace) -> None:
 
 
 def _range_error(visitor: Visitor, options: argparse.Namespace) -> str:
-    """Return the error of a value outside the range of its parameter, otherwise ''."""
+    """Return an error message if a value is outside its parameter's range, otherwise ''."""
     node, names = options.node, [options.name]
     descriptors = visitor.call_node(node, DescribeParameters, names=names).descriptors
     ranged = [each for each in descriptors if each.floating_point_range or each.integer_range]

@@ -19,8 +19,8 @@ from soliton_linkage.command_line import PlainParser, complete
 from soliton_linkage_nodes.runtime.guarded import SERVICE_QOS
 
 _FOUND_WITHIN = 10.0
-"""Default of the longest time in which a name must be discovered [s]. It usually takes less than 1
-s, sometimes 3 s, and longer on a busy machine."""
+"""Default of the longest wait for a name [s]. A discovery usually takes less than 1 s, sometimes 3
+s, and longer on a busy machine."""
 _ALL_ANNOUNCED = 3.2
 """Shortest wait for a list of names [s]. Each process announces itself every 3 s."""
 _SETTLED = 1.0
@@ -102,7 +102,7 @@ class Visitor:
         return found[full][0]
 
     def call(self, service_type: Any, name: str, request: Any) -> Any:
-        """Call a service and return its response. Raises RuntimeError if there is none."""
+        """Call a service and return its response. Raises RuntimeError if either is missing."""
         client = self.node.create_client(service_type, name, qos_profile=SERVICE_QOS)
         if not self.until(client.service_is_ready):
             name = service_type.__name__
@@ -128,7 +128,7 @@ class Visitor:
 
 
 def full_name(node: str) -> str:
-    """Return the name of a node with its namespace, by default `/`."""
+    """Return the name of a node with its namespace; the default namespace is `/`."""
     return node if node.startswith('/') else f'/{node}'
 
 
@@ -152,7 +152,7 @@ Verb = Callable[[Visitor, argparse.Namespace], int | None]
 
 
 class Verbs:
-    """Verbs of a command. Each verb has its own arguments."""
+    """Verbs of a command."""
 
     def __init__(self, command: str, description: str | None) -> None:
         self._parser = PlainParser(prog=f'soliton-linkage {command}', description=description)

@@ -66,7 +66,7 @@ class Commands:
     def nudge(self, source: str, message: Float64) -> None:
         """Apply a kick at `nudge_edge`.
 
-        `nudge_as` can replace it by a pressure of equal impulse.
+        The parameter `nudge_as` can replace the kick by a pressure of equal impulse.
         """
         kick = EdgeCommand(Edge(self.settings.nudge_edge), CommandKind.KICK, message.data)
         if self.settings.nudge_as == CommandKind.KICK.value:
@@ -105,8 +105,8 @@ class Commands:
     def trajectory(self, source: str, message: JointTrajectory) -> None:
         """Apply torques that are interpolated linearly between the points of a trajectory.
 
-        A trajectory without points ends the torques of its joints. If it names no joints, it ends
-        all torques.
+        A trajectory without points ends the torques of its joints. If the trajectory also names no
+        joints, it ends all torques.
         """
         chain = self._ready()
         if not message.points:

@@ -53,7 +53,7 @@ class EdgeActuator(ManagedNode):
     `rotor_impulses` [N m s], `rotor_torques` [N m], `last_kick` (latched) and `/diagnostics`.
 
     Each joint that the parameter `joints` names has a parameter `torque_limits.<joint>` [N m]. The
-    parameter `actuator` selects the type of actuator. Each type has its own parameters.
+    parameter `actuator` selects the type of actuator.
     """
 
     PARAMETERS = PARAMETERS

@@ -19,7 +19,7 @@ from soliton_linkage_nodes.runtime.parameters import declare
 
 @dataclass(frozen=True)
 class EdgeActuatorParameters:
-    """Parameters of the node, without those of its chain and of its actuators."""
+    """Parameters of the node, without the parameters of chain and actuators."""
 
     actuator: str = quantity('pneumatic', 'kind of the actuators at the edges')
     nudge_edge: str = quantity(
@@ -69,11 +69,11 @@ PARAMETERS: dict[type, str] = {
     ChainSourceParameters: '',
     **CHAIN_PARAMETERS,
 }
-"""Dataclasses that describe the parameters of the node, with the prefix of their names."""
+"""Dataclasses of the node's parameters, each with the prefix of its parameters' names."""
 
 
 def declare_torque_limits(node: Node, settings: EdgeActuatorParameters) -> Mapping[str, float]:
-    """Declare a parameter `torque_limits.<joint>` for each joint in `joints`; return them [N m].
+    """Declare a parameter `torque_limits.<joint>` for each of `joints`; return the limits [N m].
 
     Raises ValueError for an invalid or duplicate name.
     """

@@ -71,13 +71,13 @@ class LatestFrames:
         return None if self._previous is None else self._decoder.stamp(self._previous)
 
     def period(self, stamp: int) -> float | None:
-        """Return the time [s] from the last earlier frame to `stamp` [ns]; None without one."""
+        """Return the time [s] from the previous frame to `stamp` [ns]; None without that frame."""
         before = self.stamp_before
         return None if before is None or stamp <= before else (stamp - before) / SECOND
 
 
 class ActuatorPublishers:
-    """Publishers of `rotor_impulses`, `rotor_torques` and `last_kick`, with stamps of the node."""
+    """Publishers of `rotor_impulses`, `rotor_torques` and `last_kick`; stamps are node times."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -109,7 +109,7 @@ class ActuatorPublishers:
     def check_connected(self, at_once: bool) -> None:
         """Raise ValueError if the required topic has no subscriber.
 
-        It is `rotor_impulses` if `at_once`, otherwise `rotor_torques`.
+        This topic is `rotor_impulses` if `at_once`, otherwise `rotor_torques`.
         """
         publisher = self._impulses if at_once else self._torques
         if not publisher.get_subscription_count():

@@ -104,10 +104,10 @@ class OfferedService:
 
 
 class OfferedServices:
-    """All services of the ROS graph, except those of this node and of actions."""
+    """All services of the ROS graph, except services of this node and of actions."""
 
     def __init__(self, node: Node, server: WebSocketServer, queue: Queue, reject: Reject) -> None:
-        """Offer services to the clients of a server; call `reject` for those without a type."""
+        """Offer services to a server's clients; call `reject` for services of unknown type."""
         self.services: dict[str, OfferedService] = {}
         self._node, self._server, self._queue, self._reject = node, server, queue, reject
         self._rejected: dict[str, Sequence[str]] = {}

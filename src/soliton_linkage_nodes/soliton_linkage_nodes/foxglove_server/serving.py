@@ -88,7 +88,7 @@ class OutgoingTopics:
     """Channels of all topics of the ROS graph."""
 
     def __init__(self, node: Node, context: Context, reject: Callable[[str, str], None]) -> None:
-        """Offer the topics in a context of the SDK; call `reject` for those without a type."""
+        """Offer the topics in a context of the SDK; call `reject` for topics of unknown type."""
         self.topics: dict[str, OutgoingTopic] = {}
         self._sent_by_withdrawn = 0
         self._node, self._context, self._reject = node, context, reject
@@ -155,7 +155,7 @@ class IncomingTopic:
             raise ValueError(f'{type_name} cannot be published: {reason}') from error
 
     def publish(self, data: bytes) -> None:
-        """Publish the data of a client; ValueError if they are no message of the type."""
+        """Publish the data of a client; ValueError unless they are a message of the type."""
         if self._encoding == 'json':
             message: Any = built(self._type, load_json(data.decode(errors='replace')))
         else:

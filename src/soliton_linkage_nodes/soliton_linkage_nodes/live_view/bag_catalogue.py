@@ -46,7 +46,7 @@ class CataloguedBag:
     end: int
     """Time of the last message [ns]."""
     gaps: tuple[tuple[int, int], ...]
-    """Start and end of each pause of the recorder [ns]."""
+    """Start and end [ns] of each pause of the recorder."""
     topics: dict[str, int]
     lost: int
 
@@ -56,7 +56,7 @@ class CataloguedBag:
         return self.time_of(self.end)
 
     def time_of(self, stamp: int) -> float:
-        """Return the recorded time from the start to a stamp [ns], without the pauses [s]."""
+        """Return the recorded time [s] from the start to a stamp [ns], without the pauses."""
         return (stamp - self.start - time_in_gaps(self.gaps, self.start, stamp)) / SECOND
 
     def stamp_of(self, time: float) -> int:

@@ -28,7 +28,7 @@ _PLAYER = 'bag_player'
 _POLL_INTERVAL = 0.05
 """Poll interval for the reports of a recorder and for states [s]."""
 _LONGEST_ANALYSIS = 5.0
-"""Longest wait for soliton_state of the last frame before Stop [s]."""
+"""Longest wait for the last frame's soliton_state when a recording stops [s]."""
 _RESULTS = {
     'pause': 'paused',
     'resume': 'resumed',
@@ -132,7 +132,7 @@ class BagRecording(_BagProgram):
         return f'recording to {name}_0'
 
     def begin(self, namespace: str, snapshot: float = 0.0) -> str:
-        """Start a recorder and return its name; `snapshot` > 0 keeps only the last seconds [s]."""
+        """Start a recorder and return its name; if `snapshot` > 0, it keeps only this time [s]."""
         if self._folder is None or self.rejection:
             raise ValueError(self.rejection)
         if self.running:

@@ -125,7 +125,7 @@ class ChainModel:
         self._update_derived()
 
     def extend_history(self, joints: JointStates, numbers: Mapping[str, float]) -> None:
-        """Add joint states that are not shown to the history, at most one per history period."""
+        """Add to the history joint states that are not shown, at most one per history period."""
         stamp = joints.stamp / SECOND
         if self._reader is None or not stamp >= self._column_stamp + _HISTORY_PERIOD:
             return
@@ -136,7 +136,7 @@ class ChainModel:
         self._add_column(stamp, numbers, overview(self._lean(angles)))
 
     def update_state(self, numbers: dict[str, float], solitons: list[float]) -> None:
-        """Store a state; `solitons` has site [rotor spacings], deviation [m], charge of each."""
+        """Store a state. `solitons` has the form of `Moment.solitons`."""
         self.numbers, self._solitons = numbers, solitons
         self._state_received_at = self._clock()
 
@@ -263,7 +263,7 @@ class ChainModel:
 
 
 def overview(lean: Array) -> Floats:
-    """Return the leans; for more than 2048 rotors, the extrema in each of 1024 groups."""
+    """Return each rotor's lean or, above 2048 rotors, the extrema in 1024 groups of rotors."""
     if len(lean) <= 2 * _GROUPS:
         return np.asarray(lean, dtype=np.float32)
     starts = np.linspace(0, len(lean), _GROUPS, endpoint=False).astype(np.intp)

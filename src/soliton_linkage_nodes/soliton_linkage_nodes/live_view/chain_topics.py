@@ -237,7 +237,7 @@ class ChainFinder:
     def __init__(self, node: Node, expected: str) -> None:
         self.chains: dict[str, ChainTopics] = {expected: ChainTopics(node, expected)}
         self.reports: dict[str, tuple[float, NodeReport]] = {}
-        """Time of reception [s, monotonic clock] and last report of each node, by its full
+        """Time of reception [s, monotonic clock] and last report of each node, by the node's full
         name."""
         self.nodes: list[str] = []
         self._node = node

@@ -39,7 +39,7 @@ _POLL_INTERVAL = 0.02
 _TILT_RESOLUTION = 1e-5
 """Resolution of the reported tilt [rad]."""
 _CARRIED_OUT = 'commands carried out'
-"""Value in the reports of edge_actuator that counts its commands."""
+"""Name of the value that counts the executed commands in edge_actuator's reports."""
 READ_ONLY = 'this page is read-only; start live_view with read_only:=false to send commands'
 _PUBLISHED = (
     *(interfaces.NUDGE, interfaces.EDGE_COMMAND, interfaces.TILT),
@@ -160,7 +160,7 @@ class ChainCommands:
         raise ValueError(f'edge_actuator has no torque limit for {joint}')
 
     async def tilt(self, angle: float) -> str:
-        """Tilt the chain to `angle` [rad]; return '' if a newer tilt replaces it."""
+        """Tilt the chain to `angle` [rad]; return '' if a newer tilt replaces this one."""
         message = views.number_to_msg(angle)
         before = self._report('simulator')
         self._publish('tilt', message, 'simulator')
@@ -282,7 +282,7 @@ class ChainCommands:
         )
 
     async def parameters(self, node: str) -> list[AdjustableParameter]:
-        """Return the adjustable parameters of the node with a full name."""
+        """Return the adjustable parameters of a node, given by its full name."""
         listed = await self._call_parameters(node, ListParameters, ListParameters.Request())
         request = DescribeParameters.Request(names=sorted(listed.result.names))
         answer = await self._call_parameters(node, DescribeParameters, request)
@@ -379,7 +379,7 @@ class ChainCommands:
         raise ValueError(f'{node} has no parameter services; it may have ended')
 
     async def _result_of(self, send: Callable[[], Any]) -> Any:
-        """Call `send` on the executor's thread, and return the result of its future."""
+        """Call `send` on the executor's thread; return the result of the future from `send`."""
         loop = asyncio.get_running_loop()
         result: asyncio.Future[Any] = loop.create_future()
 
@@ -410,7 +410,7 @@ class ChainCommands:
 
 
 def _new_rejection(before: NodeReport | None, report: NodeReport | None, topic: str) -> str:
-    """Return why a node rejected a message on `topic` since the report `before`, or ''."""
+    """Return why a node rejected a message on `topic` after the report `before`, or ''."""
     if report is None:
         return ''
     rejected = views.figure(report.figures, 'rejected')

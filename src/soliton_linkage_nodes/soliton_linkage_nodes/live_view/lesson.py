@@ -31,7 +31,7 @@ _TIMEOUT = 60.0
 """Longest wait in each step of an experiment [s], for example for a passage of the soliton."""
 _NODES = ('simulator', 'edge_actuator', 'soliton_analyser')
 _TURN = 1.0
-"""Change of angle over two passages above which a rotor spins [rad]."""
+"""Change of angle over two passages above which a rotor counts as spinning [rad]."""
 
 
 class Sample(NamedTuple):

@@ -21,7 +21,7 @@ class Move:
     """Last move of the soliton, requested by this page or another client."""
 
     state: str = ''
-    """Name of the outcome; UNDER_WAY during the move, '' before it."""
+    """Name of the outcome; UNDER_WAY during the move, '' before the move."""
     goal: float = math.nan
     """Site coordinate of the goal [rotor spacings]."""
     start: float = math.nan
@@ -29,7 +29,7 @@ class Move:
     message: str = ''
     foreign: bool = False
     ended_at: float = math.inf
-    """Time of the outcome on the monotonic clock [s], infinite before it."""
+    """Time of the outcome on the monotonic clock [s], infinite before the outcome."""
     handle: Any = field(default=None, repr=False)
 
     @property

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Live page with controls and plots. A script in the browser draws the plots."""
+"""Live page with controls and plots."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ _DOCUMENTS = Path(__file__).with_name('docs')
 
 
 def add(served: FastAPI, view: View, lesson: bool) -> None:
-    """Add the page to an application; with `lesson` it begins with the guided experiments."""
+    """Add the page to an application; with `lesson` the page begins with guided experiments."""
     plots = _PLOTS.read_text(encoding='utf-8')
 
     @ui.page('/', response_timeout=_BUILD_TIMEOUT)

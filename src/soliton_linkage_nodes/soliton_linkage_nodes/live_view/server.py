@@ -160,7 +160,7 @@ class PageServer:
 
 
 def tick_period(wanted: float, spent: float, share: float) -> float:
-    """Return the time to the next tick [s], which limits the load to a `share` of a core."""
+    """Return the time to the next tick [s], so that the load is at most a `share` of a core."""
     return max(wanted, min(spent / share, _LONGEST_PERIOD))
 
 

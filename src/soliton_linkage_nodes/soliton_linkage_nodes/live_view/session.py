@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run the nodes of a simulated chain and the live page until Ctrl-C.
-
-The page starts a recorder when you press Record.
-"""
+"""Run the nodes of a simulated chain and the live page until Ctrl-C."""
 
 from __future__ import annotations
 

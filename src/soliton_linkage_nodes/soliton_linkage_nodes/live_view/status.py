@@ -25,7 +25,7 @@ _ENDING = ('bag_player', 'bag_recorder')
 _FRAMES_BEHIND = 2
 """Delay of soliton_state [frames] above which the page warns; one frame is always in transit."""
 _LATE = re.compile('deadlines missed in the last second')
-"""Warning that the page replaces by the share of late frames."""
+"""Pattern of the warning that the page replaces by the share of late frames."""
 _ACTUATOR = 'start edge_actuator'
 _SIMULATOR = 'only a simulator can do this; no simulator of this chain is running'
 _STEERING = 'no node serves {}; start soliton_steering'

@@ -64,7 +64,7 @@ async def carry_out(view: View, name: str, arguments: Mapping[str, Any]) -> str:
 
 
 class BrowserStream:
-    """Connection to one browser; when the browser has drawn a frame, the newest one follows."""
+    """Connection to one browser; when the browser has drawn a frame, the newest frame is sent."""
 
     def __init__(self, socket: WebSocket, source: View) -> None:
         self.watched = next(iter(source.chains), '')

@@ -132,7 +132,7 @@ def median_deviation(frame: AngleFrame) -> float:
 def walls_on_overlay(
     solitons: tuple[AnalysedSoliton, ...], spacing: float, since: float = 0.0
 ) -> list[WallMark]:
-    """Return the marks of the solitons after `since` [s], for pivots at a `spacing` [m]."""
+    """Return marks of solitons, moved on by `since` [s]; pivots have the `spacing` [m]."""
     return [
         WallMark(
             each.rotor + (each.velocity * since / spacing if math.isfinite(each.velocity) else 0),

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fast CDR decoding and encoding of messages with a stamp, joint names and arrays of doubles.
 
-The joint names take most of the time. While their bytes stay the same, only the stamp and the
-arrays are decoded. An encoded message is overwritten in place.
+Decoding the joint names takes most of the time. While their bytes stay the same, only the stamp
+and the arrays are decoded. An encoded message is overwritten in place.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ class Layout:
     """Byte layout of messages with a given frame id and given joint names.
 
     CDR encodes a string as its length, its bytes and a zero byte. A sequence is encoded as its
-    count and its elements. Counted from the encapsulation header, lengths are aligned to 4 bytes
-    and doubles to 8 bytes.
+    count and its elements. Counted from the end of the encapsulation header, lengths are aligned
+    to 4 bytes and doubles to 8 bytes.
     """
 
     def __init__(self, frame_id: str, name: tuple[str, ...]) -> None:
@@ -235,7 +235,7 @@ class TorqueBuffer(_MessageBuffer):
 
 
 def read_stamp(serialized: bytes) -> int:
-    """Return the stamp [ns] of a message with a header, 0 if it is big-endian."""
+    """Return the stamp [ns] of a message with a header, 0 if the message is big-endian."""
     if not serialized.startswith(_LITTLE_ENDIAN):
         return 0
     seconds, nanoseconds = _STAMP.unpack_from(serialized)

@@ -180,7 +180,7 @@ _LONGEST_VALUE = 40
 
 
 class ParameterFile:
-    """Parameter values of a file by name, from the sections of all nodes."""
+    """Parameter values by name, from all nodes' sections in a file."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -192,7 +192,7 @@ class ParameterFile:
         self.values = {name: value for held in sections for name, value in held.items()}
 
     def read(self, kind: type[Group], prefix: str) -> Group:
-        """Return a dataclass with the values whose names begin with a prefix, or its defaults."""
+        """Return a dataclass from the values with a name prefix; missing fields have defaults."""
         given = {name: self.values.get(prefix + name) for name in described_fields(kind)}
         values = {name: value for name, value in given.items() if value is not None}
         return kind(**{n: tuple(v) if isinstance(v, list) else v for n, v in values.items()})

@@ -206,7 +206,7 @@ def last_kick_to_msg(named: NamedChain, kick: KickReport) -> msg.LastKick:
 
 @dataclass(frozen=True)
 class StampRule:
-    """Largest age of a command (0 means `longest`) and time until its end [s]; stamp 0 is now."""
+    """Limits [s] of a command's age (0 means `longest`) and time to its end. Stamp 0 is now."""
 
     oldest: float
     longest: float
@@ -227,7 +227,7 @@ class StampRule:
             )
 
     def delay(self, source: str, stamp: int, now: int, duration: float) -> float:
-        """Return the time to the start of a command [s]; ValueError if ended or too long."""
+        """Return the time to a command's start [s]; ValueError if it has ended or is too long."""
         delay = -self._age(stamp, now)
         if delay + duration < 0:
             raise ValueError(
@@ -238,7 +238,7 @@ class StampRule:
         return delay
 
     def check_length(self, source: str, ends: float) -> None:
-        """Raise ValueError if a command ends later than `longest` from now, in `ends` [s]."""
+        """Raise ValueError if the time `ends` until a command's end [s] exceeds `longest`."""
         if ends > self.longest:
             raise ValueError(
                 f'{source} ends {ends:.3g} s from now, the limit is {self.longest:g} s; send '

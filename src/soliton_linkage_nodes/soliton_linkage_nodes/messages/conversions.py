@@ -27,7 +27,8 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 FRAME = 'linkage'
 """Name of the coordinate frame whose x axis runs along the pivots."""
 _LARGEST_ANGLE = 1e6
-"""Largest angle of a reset [rad]. For larger ones, rounding errors exceed the change in a step."""
+"""Largest angle of a reset [rad]. For larger angles, rounding errors exceed the change in a time
+step."""
 _LARGEST_RATE = 1e6
 """Largest rate of a reset [rad/s]."""
 _CHAIN_FIELDS = tuple(
@@ -62,7 +63,7 @@ class NamedChain:
 
 @dataclass(frozen=True)
 class Frame:
-    """Angles [rad] and rates [rad/s] of all rotors at one time, rotor 0 first; None if unknown."""
+    """Angles [rad] and rates [rad/s] of all rotors at one time, rotor 0 first; rates or None."""
 
     angles: Array
     rates: Array | None
@@ -142,7 +143,7 @@ def joint_state(named: NamedChain, stamp: Time, **arrays: Array) -> JointState:
 
 
 def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Frame:
-    """Return all angles and rates without encoder offsets; ValueError if any is missing."""
+    """Return all angles and rates without encoder offsets; ValueError if an angle is missing."""
     order = _order(named.joint_names, message.name)
     angles = np.asarray(message.position, dtype=np.float64)
     rates = np.asarray(message.velocity, dtype=np.float64)

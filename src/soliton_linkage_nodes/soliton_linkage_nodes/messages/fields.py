@@ -71,7 +71,7 @@ def read(message_type: Any, text: str) -> Any:
 
 
 def built(message_type: Any, values: Any) -> Any:
-    """Return a message with the values of a mapping, or else defaults; ValueError if invalid."""
+    """Return a message from a mapping; missing fields have defaults. ValueError if invalid."""
     types = message_type.get_fields_and_field_types()
     name = _name(message_type)
     if not isinstance(values, Mapping):

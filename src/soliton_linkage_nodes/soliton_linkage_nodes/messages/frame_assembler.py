@@ -23,11 +23,11 @@ At 2x, frames are late for longer."""
 
 
 class FrameAssembler:
-    """Assembler of joint states with equal stamps and disjoint joints into frames.
+    """Assembler that merges joint states with equal stamps and disjoint joints into frames.
 
     A frame is complete if it has all joints of the chain, or of earlier assembled frames. An
-    incomplete frame ends at the next stamp. After a frame of one message, messages are returned as
-    frames until two have the same stamp.
+    incomplete frame ends at the next stamp. After a complete frame of one message, each message is
+    a frame until two messages have the same stamp.
     """
 
     def __init__(self, joint_names: Sequence[str] = ()) -> None:

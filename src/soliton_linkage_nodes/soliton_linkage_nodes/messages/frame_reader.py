@@ -73,7 +73,7 @@ class FrameReader:
 
 
 _LONGEST_LATENESS = SECOND
-"""Decrease of the stamp up to which a frame counts as late [ns]; a larger one means a reset
+"""Decrease of the stamp up to which a frame counts as late [ns]; a larger decrease means a reset
 clock."""
 _UNIT_CHECK_INTERVAL = 100
 """Frames between two checks of the angle unit [1], because a check takes 80 us."""
@@ -89,7 +89,7 @@ class EncoderMonitor:
         self._frames = 0
 
     def check(self, stamp: int, angles: Array | None = None) -> None:
-        """Check the stamp of a frame [ns] and the unit of the angles, NaN where missing."""
+        """Check the stamp of a frame [ns] and the unit of the angles; missing angles are NaN."""
         if stamp == 0:
             self._warn_once(
                 'joint_states have no stamps; stamp each frame with the time of its measurement, '

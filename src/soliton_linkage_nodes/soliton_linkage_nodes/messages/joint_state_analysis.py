@@ -25,7 +25,7 @@ class JointStateAnalysis:
     """Analysis of the joint states of a known or unknown chain."""
 
     def __init__(self, noise: float | None = None) -> None:
-        """Wait for `set_chain` or `set_joints`; `noise` is the noise of the angles [rad]."""
+        """Create an analysis without a chain; `noise` is the noise of the angles [rad]."""
         self._noise = noise
         self._named: NamedChain | None = None
         self._reader: FrameReader | None = None

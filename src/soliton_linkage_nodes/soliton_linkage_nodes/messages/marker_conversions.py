@@ -82,7 +82,7 @@ def text_to_msg(
     colour: Sequence[float],
     text: str,
 ) -> Marker:
-    """Return a marker for a text at this position with this letter height [m]."""
+    """Return a marker for a text at `position` with letters of height `size` [m]."""
     marker = box_to_msg(header, name, 0, position, (0.0, 0.0, size), colour)
     marker.type, marker.text = Marker.TEXT_VIEW_FACING, text
     return marker

@@ -15,7 +15,7 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.subscriptions import subscribe_newest
 
 _DEPTH = 200
-"""Queue depth for frames that arrive in several messages: 0.1 s at 1000 messages per second."""
+"""Queue depth for frames that arrive in several messages: 0.2 s at 1000 messages per second."""
 _LONGEST_ASSEMBLY = 0.3
 """Time without messages after which an incomplete frame is returned [s]."""
 

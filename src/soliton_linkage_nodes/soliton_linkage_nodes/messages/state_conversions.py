@@ -35,7 +35,7 @@ _STATUSES = {status: getattr(msg.SolitonState, status.name) for status in Tracki
 class NumberFields:
     """Mapping from attributes of an object to message fields.
 
-    `paths` lists those with other names.
+    `paths` lists attributes whose names differ from their fields.
     """
 
     def __init__(

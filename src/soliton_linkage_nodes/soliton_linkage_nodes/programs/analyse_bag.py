@@ -173,7 +173,7 @@ _MOST_DRAWN = 4000
 
 
 class PictureFrames:
-    """Frames for the pictures; they have equal intervals to limit the memory use."""
+    """Frames for the pictures, stored only at equal intervals to limit the memory use."""
 
     def __init__(self, named: NamedChain) -> None:
         self._reader = FrameReader(named.joint_names, named.encoder_offsets)
@@ -273,7 +273,7 @@ def _report_absent(bag: Path, analysed: JointStateAnalysis, fatal: bool) -> None
 def check_override(
     bag: Path, given: NamedChain, override: bool, limits: BagLimits = DEFAULT_LIMITS
 ) -> None:
-    """Report that the chain `given` replaces a different one; ValueError without `override`."""
+    """Report if `given` replaces a different recorded chain; ValueError without `override`."""
     with open_bag(bag, limits) as reader:
         try:
             own = read_chain(reader)

@@ -43,7 +43,7 @@ def analyse_frames(
     analysis: JointStateAnalysis | None = None,
     log_time: bool = False,
 ) -> Iterator[tuple[JointStates, Analysis | None]]:
-    """Yield each frame of a bag with its analysis, None if late; ValueError without frames."""
+    """Yield each frame of a bag and its analysis (None if late); ValueError without frames."""
     analysis = analysis or JointStateAnalysis()
     joints = find_topic(reader, interfaces.JOINT_STATES.name)
     connections = [joints]

@@ -62,7 +62,7 @@ from soliton_linkage_studies.rig_page import rig_page
 _CHAIN_WAIT = 3.0
 """Longest wait for the topic chain after the first frame [s]."""
 _POLL = 0.1
-"""Time between two evaluations of a condition [s], which decode the latest messages."""
+"""Time between two evaluations of a condition [s]; each one decodes the latest messages."""
 _LATEST = 20
 """Number of messages that give the present angles [1]; single messages may lack rotors."""
 _AT_REST = 1.0
@@ -156,7 +156,7 @@ class CheckRig(Node):
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Joint names of the chain, otherwise those of `joint_names` or of the first message."""
+        """Joint names of the chain, or else from parameter `joint_names` or the first message."""
         if self.named is not None:
             return self.named.joint_names
         return self._joints or tuple(self._received[0][1].name)
@@ -212,7 +212,7 @@ class CheckRig(Node):
         ]
         frames += [(received[-1][0], frame) for frame in assembler.flush()]
         times = [(frame.stamp or math.nan, arrived) for arrived, frame in frames]
-        # Differences of nanoseconds, because seconds since 1970 would be rounded.
+        # Subtract nanoseconds, because seconds since 1970 would be rounded.
         seconds = [(each - origin) / SECOND for pair in times for each in pair]
         stamps, arrivals = np.array(seconds).reshape(-1, 2).T
         angles = np.array([reader.read(frame).angles for _, frame in frames])

@@ -46,7 +46,7 @@ _RATE = 250.0
 _SECONDS = 6.0
 """Duration of a recording [s]."""
 _WAY = 0.8
-"""Ratio of the recording time to that of the study [1]; the wall does not reach the far edge."""
+"""Ratio of recording time to study time [1], such that the wall does not reach the far edge."""
 _POLL_INTERVAL = 0.1
 """Poll interval for the end of the nudge [s]."""
 _UNLIMITED = 1e6

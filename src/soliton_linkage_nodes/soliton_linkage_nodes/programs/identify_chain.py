@@ -214,7 +214,7 @@ _FEWEST_FRAMES = 50
 """Smallest number of frames for an identification [1]; in this time, a wall passes one or two
 rotors."""
 _MOST_FRAMES = 8000
-"""Largest number of frames in a fit [1]; 40 rotors with rigid bars take about 10 s."""
+"""Largest number of frames in a fit [1]; a fit of 40 rotors with rigid bars takes about 10 s."""
 
 
 def read_joints(
@@ -280,7 +280,7 @@ def _name(connection: Connection) -> str:
 
 
 _WORST = 3
-"""Number of bonds with the largest noise that the summary lists [1]."""
+"""Number of bonds that the summary lists [1]; they have the largest noise."""
 
 
 def write_lengths(found: Identification, path: Path) -> None:

@@ -92,7 +92,7 @@ class RealTimeChain:
         terminal: PseudoTerminal,
         rate: float,
     ) -> None:
-        """Start with the chain at rest and without feedback; `rate` is that of the frames [Hz]."""
+        """Start with the chain at rest and without feedback; `rate` is the frame rate [Hz]."""
         chain = replace(named.chain, feedback=NO_FEEDBACK)
         world = World(chain, named.joint_names, WorldParameters(tolerance=_TOLERANCE), 1 / rate)
         self._simulation = world.begin(world.initial_state(), NO_GRAVITY)

@@ -2,9 +2,9 @@
 """Run several nodes of the suite in one process to reduce memory and processor time.
 
 Each node keeps its name, topics, services, parameters and diagnostics. Ctrl-C stops all nodes and
-closes the bag. With -p port:=/dev/ttyACM0, serial_encoders replaces the simulator. List the nodes
-to run if another program publishes joint_states, and with their namespaces for several chains, for
-example left/soliton_analyser.
+closes the bag. With -p port:=/dev/ttyACM0, serial_encoders replaces the simulator. If another
+program publishes joint_states, list the nodes to run. For several chains, list nodes with
+namespaces, for example left/soliton_analyser.
 """
 
 from __future__ import annotations

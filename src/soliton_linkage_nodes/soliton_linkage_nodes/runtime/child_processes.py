@@ -29,7 +29,7 @@ _PARENT_DEATH_SIGNAL = 1
 _STOP_LIMIT = 10.0
 """Longest time from SIGTERM to SIGKILL [s]; a recorder may write to a slow disk."""
 _LOG_TAIL = 5
-"""Log lines in the error message about a node that has ended [1]."""
+"""Number of log lines in the error about a node that has ended [1]."""
 _DOMAINS = 100
 """Largest identifier of a private ROS domain [1]."""
 _C_LIBRARY = ctypes.CDLL(None)
@@ -133,7 +133,7 @@ def has_display() -> bool:
 def private_domain() -> Iterator[None]:
     """Put this process and its children into a free, random ROS domain of this machine.
 
-    The block must not raise OSError: the coordinator would try another domain.
+    The block must not raise OSError, because the coordinator would then try another domain.
     """
     with domain_coordinator.domain_id(lambda: random.randint(1, _DOMAINS)) as domain:
         os.environ['ROS_DOMAIN_ID'] = str(domain)

@@ -25,7 +25,7 @@ _NUMBERS = re.compile(r'[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b|\bnan\b)')
 
 
 class LogThrottle:
-    """Filter that logs a kind of message at most once per period; numbers do not matter."""
+    """Filter that logs messages that are equal except for numbers at most once per period."""
 
     def __init__(self, log: Callable[[str], object], period: float) -> None:
         self._log = log
@@ -64,7 +64,7 @@ class LogThrottle:
 
 @dataclass(frozen=True)
 class Report:
-    """State of a node: one sentence, further values by name, and whether it is a warning."""
+    """State of a node: one sentence, values by name, and whether the report is a warning."""
 
     message: str
     values: Mapping[str, Any] = field(default_factory=dict)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _LOWEST_PRIORITY = 1
-"""Lowest priority of SCHED_FIFO [1]; it exceeds that of all ordinary threads."""
+"""Lowest priority of SCHED_FIFO [1]; it exceeds the priority of any ordinary thread."""
 _INTERVAL = 0.05
 """Interval between two measurements of the processor share [s]; the kernel stops real-time threads
 after 0.95 s."""
@@ -42,7 +42,7 @@ def yield_core() -> None:
 
 
 class IdlePriority:
-    """Real-time priority of threads; an overloaded process loses it."""
+    """Real-time priority of threads, removed while the process is overloaded."""
 
     def __init__(self, real_time: bool, threads: Sequence[int] | None = None) -> None:
         self._real_time = real_time

@@ -26,7 +26,7 @@ class Notice(NamedTuple):
 
 
 def resolve_path(argument: str, value: str, known: Mapping[str, Path]) -> Path:
-    """Return the path of a launch argument, a path or a name in `known`; ValueError if missing."""
+    """Return the path of a launch argument: a path or name in `known`; ValueError if missing."""
     path = known.get(value, Path(value))
     if not path.exists():
         raise ValueError(
@@ -127,7 +127,7 @@ def _values_of(arguments: Sequence[str], option: str) -> list[str]:
 
 
 def _number(value: Any) -> Any:
-    """Convert a value to a number if possible; YAML 1.1 would read 1e-3 as a text."""
+    """Convert a value to a number if possible, because YAML 1.1 reads 1e-3 as a text."""
     try:
         read = yaml.safe_load(value) if isinstance(value, str) else value
         return float(read) if isinstance(read, (str, int, float)) else read

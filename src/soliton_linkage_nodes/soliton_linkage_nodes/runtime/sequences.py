@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Detection of lost messages, several publishers and lag by sequence numbers and source times."""
+"""Detection of message loss, lag and multiple publishers by sequence numbers and source times."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class SequenceGaps:
     """Counter of the messages of a topic that were published and never received.
 
     Each publisher numbers its messages 1, 2, 3, ... Message n belongs to the publisher whose last
-    number is n - 1, otherwise to a new publisher. If all publishers are known, it belongs to the
-    one with the largest last number below n. If no such publisher exists, it replaces the one that
-    was silent for longest.
+    number is n - 1, otherwise to a new publisher. If all publishers are known, message n belongs
+    to the one with the largest last number below n. If there is none, the new publisher replaces
+    the one silent for longest.
     """
 
     def __init__(self) -> None:
@@ -275,7 +275,7 @@ class StreamArbitration:
 
 
 class Lag:
-    """Monitor of the lag behind the publisher, relative to the least delay in 10 to 20 s."""
+    """Monitor of the lag behind the publisher: delay minus least delay in the last 10 to 20 s."""
 
     def __init__(self, longest: float) -> None:
         self._longest = longest or math.inf

@@ -92,8 +92,8 @@ class SerialEncoders(ManagedNode):
 
     It publishes `joint_states` [rad] with the time of the measurement and NaN for missing rotors.
     It also publishes the impulses of the valves on `delivered_impulses` [N m s] before each frame,
-    `/diagnostics`, and `chain` if parameters describe it. It subscribes to `rotor_torques` [N m],
-    to which it adds the feedback of the chain.
+    `/diagnostics`, and `chain` if parameters describe the chain. It subscribes to `rotor_torques`
+    [N m], to which it adds the feedback of the chain.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {

@@ -74,7 +74,7 @@ class ValveParameters:
 
 
 class Valves:
-    """Torques for the valves; repeated commands transmit them until they time out."""
+    """Torques for the valves; repeated commands transmit these torques until they time out."""
 
     def __init__(self, parameters: ValveParameters, rotors: int) -> None:
         parameters.check_fit(rotors)
@@ -118,7 +118,7 @@ class Valves:
         self._acting.append((now, now + self._parameters.hold, self._sent))
 
     def delivered(self, until: float) -> Array:
-        """Return the impulses [N m s], (N,), from the last call to `until`, without feedback."""
+        """Return impulses [N m s], (N,), from the last call to `until` [s], without feedback."""
         impulses = np.zeros_like(self._torques)
         while self._acting and self._acting[0][0] < until:
             begin, end, torques = self._acting.popleft()

@@ -24,7 +24,7 @@ from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
 
 
 class SensedJoints:
-    """Serialized joint states without missing joints, as simulated encoders measure them.
+    """Serialized joint states from simulated encoders; missing joints are omitted.
 
     The angles contain the known offsets and the encoder errors. The rates contain the encoder
     errors. The torques are exact.
@@ -33,7 +33,7 @@ class SensedJoints:
     def __init__(
         self, named: NamedChain, period: float, errors: EncoderErrors, missing: Collection[int]
     ) -> None:
-        """Create the message for the frame period [s], without the `missing` joint numbers."""
+        """Create the message for a frame `period` [s]; omit joints with numbers in `missing`."""
         shown = [rotor for rotor in range(named.rotors) if rotor not in missing]
         names = tuple(named.joint_names[rotor] for rotor in shown)
         self._shown = np.array(shown, dtype=np.intp) if missing else None
@@ -75,8 +75,8 @@ class DeliveryPublisher:
     """Publisher of `delivery`, the total impulses and work that have acted on the chain.
 
     A message is published at each frame before which impulses or torques acted. Torques are
-    constant over a frame period, so that torque times angle is their exact work. A reset keeps the
-    totals.
+    constant over a frame period, so that torque times change of angle is the exact work. A reset
+    keeps the totals.
     """
 
     def __init__(self, node: Node, number_of_rotors: int, stamp: int) -> None:

@@ -108,7 +108,7 @@ class Simulator(ManagedNode):
 
     @property
     def frame_rate(self) -> float:
-        """Rate at which frames are due [Hz], infinite without a pace."""
+        """Rate at which frames are due [Hz], infinite at a real-time factor of 0."""
         return self.loop.rate if self.configured else math.inf
 
     @property
@@ -216,7 +216,7 @@ One frame at each end of the interval and one late frame are normal."""
 
 
 class SimulationReport:
-    """Report of a simulation, with rates since the previous report."""
+    """Report of a simulation; rates are averages since the previous report."""
 
     def __init__(
         self,

@@ -60,4 +60,4 @@ PARAMETERS: dict[type, str] = {
     EncoderErrors: 'sensors.',
     **CHAIN_PARAMETERS,
 }
-"""Dataclasses that describe the parameters of the node, with the prefix of their names."""
+"""Dataclasses of the node's parameters, each with the prefix of its parameters' names."""

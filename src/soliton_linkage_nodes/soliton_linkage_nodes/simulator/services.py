@@ -149,7 +149,7 @@ class StandardServices:
         return self._answered(response, None)
 
     def set_simulation_state(self, request: Any, response: Any) -> Any:
-        """Continue, pause or stop the simulation. To stop means to pause and reset it."""
+        """Continue, pause or stop the simulation."""
         known, wanted = self._messages.SimulationState, request.state.state
         if wanted not in (known.STATE_PLAYING, known.STATE_PAUSED, known.STATE_STOPPED):
             reason = f'state = {wanted} must be playing, paused or stopped'

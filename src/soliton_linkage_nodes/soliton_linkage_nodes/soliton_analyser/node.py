@@ -268,7 +268,7 @@ def main() -> None:
 
 
 _MISFIT_OVER_NOISE = 3.0
-"""Ratio of the misfit to the noise of the angles up to which the node does not warn [1]."""
+"""Ratio of the misfit to the noise of the angles above which the node may warn [1]."""
 _CONTRADICTION_CONFIDENCE = 0.999
 """Confidence above which the node warns if the motion class contradicts the parameters [1]."""
 

@@ -36,7 +36,6 @@ class MoveServer(ActionServer):
         )
         self._on_goal = take
         self.goal: ServerGoalHandle | None = None
-        """Active goal, or None."""
         self.begun = 0
         """Number of started goals."""
         self.start = math.nan

@@ -67,7 +67,7 @@ PARAMETERS: dict[type, str] = {
     ChainSourceParameters: '',
     **CHAIN_PARAMETERS,
 }
-"""Dataclasses that describe the parameters of the node, with the prefix of their names."""
+"""Dataclasses of the node's parameters, each with the prefix of its parameters' names."""
 
 
 class SteeredChain:

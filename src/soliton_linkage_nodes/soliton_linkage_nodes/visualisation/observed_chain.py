@@ -49,9 +49,7 @@ class ObservedChain:
         self.frame = FRAME
         """Coordinate frame of the message with the angles."""
         self.frames = 0
-        """Number of received frames."""
         self.states = 0
-        """Number of received soliton states."""
         self.state_stamp = Time()
         """Stamp of the solitons."""
         self.numbers: Numbers = {}
@@ -81,7 +79,7 @@ class ObservedChain:
 
     @property
     def walls(self) -> list[Wall]:
-        """Solitons of the latest state, none if its stamp is 1 s from that of the angles."""
+        """Solitons of the latest state; none if stamps of state and angles differ by over 1 s."""
         apart = self.seconds - time_from_msg(self.state_stamp) / SECOND
         return self._walls if abs(apart) < _FRESH else []
 

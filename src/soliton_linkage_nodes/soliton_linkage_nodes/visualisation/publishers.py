@@ -35,8 +35,8 @@ _COLUMN_RATE = 30.0
 _HEIGHT = 400
 """Smallest number of rows of a picture [1]; viewers would enlarge and blur smaller pictures."""
 _MOST_ROWS = 1000
-"""Largest number of rotors in a picture [1], about the rows of a screen. In longer chains, only
-every second rotor is displayed, or every third one, and so on."""
+"""Largest number of rotors in a picture [1], about the number of rows of a screen. In longer
+chains, only every second rotor is displayed, or every third one, and so on."""
 _LEVELS = 2048
 """Number of colours [1]; it is large, because the colour varies strongly near the rest state."""
 _BLANK, _TRACK, _BORDER = 217, 0, 255
@@ -45,7 +45,7 @@ other levels."""
 _HALF_BORDER, _HALF_TRACK = 2, 1
 """Half widths of the border and of the track [rows]."""
 _JUMP = 0.25
-"""Step of a wall between two columns above which it counts as a reset [chain lengths]."""
+"""Step of a wall between two columns above which the step counts as a reset [chain lengths]."""
 
 
 class Kymograph:

@@ -26,7 +26,7 @@ _LETTERS = 40
 """Ratio of the length of a chain to the height of letters [1]; a line of text is half as long as
 the chain."""
 _AT_REST = 1e-4
-"""Smallest relative extension at the end of the colour scale [1]."""
+"""Lower limit for the relative extension at which the colour scale ends [1]."""
 _DECAY = 0.98
 """Factor by which the upper limit of the colour scale decreases from picture to picture [1]."""
 
@@ -77,7 +77,7 @@ class ChainScene:
         return np.array([self.chain.pivots + horizontal, np.zeros_like(vertical), vertical]).T
 
     def shapes(self, angles: Array) -> list[Shape]:
-        """Return the shapes of the chain at angles [rad], shape (N,), without NaN rotors."""
+        """Return the shapes of the chain at angles [rad], shape (N,); NaN rotors are omitted."""
         masses = self.masses(angles)
         known = np.isfinite(angles)
         return [
@@ -92,7 +92,7 @@ class ChainScene:
         return self._arrows('last_kick', self.masses(angles), angles, impulses, PURPLE)
 
     def boxes(self, walls: Sequence[tuple[float, float]]) -> list[WallBox]:
-        """Return the boxes of walls, given by position and standard deviation [m], without NaN."""
+        """Return boxes of walls, given by position and standard deviation [m]; omit NaN walls."""
         return [
             WallBox(position, max(4 * deviation, self.width), self._wall_height)
             for position, deviation in walls

@@ -31,7 +31,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 
 @dataclass(frozen=True)
 class PlaybackRange:
-    """Time range [ns] from `start` to `end` in a bag from `origin` to `last`."""
+    """Time range from `start` to `end` [ns] in a bag that lasts from `origin` to `last` [ns]."""
 
     start: int
     end: int
@@ -44,10 +44,10 @@ class PlaybackRange:
         return (self.last - self.origin) / SECOND
 
     def part(self, offset: int, duration: int, until: int) -> PlaybackRange:
-        """Return the range from `offset` after the start to the end; ValueError if empty.
+        """Return the range that begins `offset` [ns] after the origin; ValueError if empty.
 
-        As in rosbag2, the end is the later of `duration` and `until` [ns]. Values of 0 or less are
-        ignored.
+        As in rosbag2, the range ends after `duration` [ns] or at `until` [ns], whichever is later.
+        Values of 0 or less are ignored.
         """
         start = self.origin + max(offset, 0)
         ends = [start + duration + 1] if duration > 0 else []
@@ -62,7 +62,7 @@ class PlaybackRange:
 
 
 def playback_range(reader: Reader, start_offset: float, playback_until: float) -> PlaybackRange:
-    """Return the range between two times from the start [s], 0 for the end, or ValueError."""
+    """Return the range between two times since the start [s]; the second may be 0 (end of bag)."""
     empty = not reader.message_count
     origin, last = (0, 0) if empty else (reader.start_time, reader.end_time)
     start = origin + round(start_offset * SECOND)
@@ -216,7 +216,7 @@ class PlaybackThread:
             self._clock.start(before + skipped)
 
     def _publish_latched(self, reader: Reader, start: int) -> dict[str, int]:
-        """Publish the latched messages before `start`, or the first later one of each topic."""
+        """Publish each topic's latched messages before `start`, or else its first later one."""
         ahead = {}
         for connection in filter(latched, self._publishers.of(reader.connections)):
             kept = latched_before(reader, connection, start)

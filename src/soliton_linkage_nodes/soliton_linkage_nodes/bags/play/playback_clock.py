@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clock of the playback, which other threads can pause, step, seek and stop."""
+"""Playback clock that other threads can pause, step, seek and stop."""
 
 from __future__ import annotations
 
@@ -43,7 +43,8 @@ class PlaybackClock:
     ) -> None:
         """Create a clock.
 
-        `longest_step` and `longest_burst` [s] limit `play_next` and `burst`, which block services.
+        `longest_step` and `longest_burst` [s] limit the durations of `play_next` and `burst`,
+        because these methods block services.
         """
         self.stopping = threading.Event()
         self._longest_step = longest_step
@@ -130,7 +131,7 @@ class PlaybackClock:
             self._changed.notify_all()
 
     def take_sought(self) -> int:
-        """Return the time of a requested seek [ns], once; ValueError without a seek."""
+        """Return and clear the time of a requested seek [ns]; ValueError if none is requested."""
         with self._changed:
             sought, self._sought = self._sought, None
         if sought is None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Publishers of a replay, which can wait for an analyser and omit recorded states."""
+"""Publishers of a replay. They can wait for an analyser and omit recorded states."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Lockstep:
     """
 
     def __init__(self, node: Node, frames: str, window: int, limit: float) -> None:
-        """Allow `window` unanswered frames; after `limit` [s], `given_up` counts them."""
+        """Allow `window` unanswered frames; `given_up` counts any unanswered after `limit` [s]."""
         self.given_up = 0
         self.frames = frames
         self.states = f'{frames.rpartition("/")[0]}/{interfaces.SOLITON_STATE.name}'
@@ -128,8 +128,8 @@ _REJECTED = (ValueError, NameValidationException, rclpy_implementation.RCLError)
 class ReplayPublishers:
     """Publishers of the messages of a bag; waits end when `stopping` is set.
 
-    Messages with a changed definition are converted. Each topic is published with the first
-    installed type.
+    Messages with a changed definition are converted. If a topic has several types, it is published
+    with the first installed type.
     """
 
     def __init__(

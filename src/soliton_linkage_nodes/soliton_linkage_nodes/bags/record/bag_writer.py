@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writer of bags in the layout of rosbag2, readable even if the writer is killed."""
+"""Writer of bags in the layout of rosbag2. Bags stay readable if the writer is killed."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ class BagWriter:
             self._file.copy_record(opcode, body)
 
     def flush_if_due(self) -> None:
-        """Flush, synchronise or write custom data, each if its interval has elapsed."""
+        """Flush, synchronise and write custom data, each only if its interval has elapsed."""
         now = time.monotonic()
         with self._naming_the_bag():
             if now - self._flushed_at >= self._flush_interval:
@@ -215,7 +215,7 @@ class BagWriter:
             (self.path / _RESERVE).unlink()
 
     def finish_after_error(self) -> None:
-        """Finish a bag after a failed write; it keeps all earlier messages."""
+        """Finish the bag after a failed write; the bag keeps all earlier messages."""
         try:
             (self.path / _RESERVE).unlink(missing_ok=True)
             if self._is_open:

@@ -33,7 +33,7 @@ _CHAIN_TYPE = type_name(interfaces.CHAIN.type)
 
 
 class RecordingMetadata:
-    """Custom data of the bag: numbers of lost messages, chains, version and command line."""
+    """Custom data of the bag: chains, version, command line and numbers of lost messages."""
 
     def __init__(self) -> None:
         self._chains: dict[str, dict[str, Any]] = {}
@@ -69,7 +69,7 @@ def _parameters_of(serialized: bytes) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class DiscoveryTimes:
-    """Times of the discovery of publishers [s]; each process announces itself every 3 s."""
+    """Time limits for discovering publishers [s]; each process announces itself every 3 s."""
 
     announcement: float = 3.2
     """Shortest duration of the discovery, in which every process announces itself [s]."""
@@ -132,7 +132,7 @@ class ReceivingThread:
         real_time: bool = False,
         discovery: DiscoveryTimes = DiscoveryTimes(),
     ) -> None:
-        """Start the thread, which calls `announce` with unmatched topics after the discovery."""
+        """Start the thread. After the discovery, it calls `announce` with unmatched topics."""
         self.failure: Exception | None = None
         self._finder = finder
         self._buffer = buffer

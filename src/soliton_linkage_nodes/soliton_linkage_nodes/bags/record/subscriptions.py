@@ -23,7 +23,7 @@ from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, In
 _DEPTH = 5000
 """Queue depth of a subscription [messages]: five seconds at 1000 messages per second."""
 _STREAM_PERIOD = SECOND
-"""Largest time between two messages of a stream [ns]. Slower topics send no next message soon."""
+"""Longest message period of a stream [ns]. On a slower topic, no next message may come."""
 
 
 class RecordedSubscription:
@@ -45,7 +45,7 @@ class RecordedSubscription:
         self._sent = self._sent_before = 0
 
     def drain(self) -> list[ReceivedMessage]:
-        """Take the waiting messages; of older latched messages, take only the last one."""
+        """Take waiting messages; of latched ones sent before the match, only the last."""
         taken: list[ReceivedMessage] = []
         is_history = False
         for serialized, info in self._subscription.waiting():
@@ -69,7 +69,7 @@ class RecordedSubscription:
             self.starts.add(number, sent, info['received_timestamp'] - self._wanted_since)
 
     def may_lack(self, until: int) -> bool:
-        """Return whether messages of a stream that were sent before `until` [ns] may arrive."""
+        """Return whether messages of a stream sent before `until` [ns] may still arrive."""
         return self._sent < until < self._sent_before + _STREAM_PERIOD
 
     @property
@@ -80,7 +80,7 @@ class RecordedSubscription:
     def adapt(self, query: bool) -> list[ReceivedMessage]:
         """Subscribe again if publishers offer a lower QoS; return the messages that were waiting.
 
-        The ROS graph is queried after changes and with `query`.
+        The ROS graph is queried if it has changed or `query` is set.
         """
         unsettled = not self._subscription.as_requested or self.connected != self.publishers
         if not (self._subscription.changed or unsettled or query):
@@ -94,7 +94,7 @@ class RecordedSubscription:
 
 
 class TopicFinder:
-    """Finder of the topics to record, which subscribes as soon as a type is known."""
+    """Finder of topics to record. It subscribes to each topic as soon as the type is known."""
 
     def __init__(self, node: GuardedNode, names: Sequence[str], regex: str, exclude: str) -> None:
         self._node = node
@@ -125,7 +125,7 @@ class TopicFinder:
 
     @property
     def appeared(self) -> bool:
-        """Whether an awaited topic has a publisher, or topics have changed since `find`."""
+        """Whether an awaited topic has a publisher, or topics have changed since `find` ran."""
         new = self._regex is not None and self._names() != self._searched
         return new or any(map(self._node.count_publishers, self.awaited))
 
@@ -230,12 +230,12 @@ class RecordingBuffer:
         return []
 
     def resume(self) -> list[ReceivedMessage]:
-        """End a pause; return its last latched messages, which must be recorded now."""
+        """End a pause; return the last latched messages of the pause, to be recorded now."""
         self.paused = False
         return [] if self._window else self._take_latched()
 
     def snapshot(self) -> list[ReceivedMessage]:
-        """Remove and return the snapshot, and the last latched messages from before it."""
+        """Remove and return the snapshot and the last latched messages before the snapshot."""
         # On a busy machine, messages of different topics may arrive here out of order.
         recent = [message for message in self._kept if not self._is_old(message)]
         self._keep_latched(filter(self._is_old, self._kept))

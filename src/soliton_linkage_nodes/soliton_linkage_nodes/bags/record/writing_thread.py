@@ -126,7 +126,7 @@ class WritingThread:
         self._post(keep)
 
     def close(self, custom_data: Mapping[str, str]) -> None:
-        """Write all queued messages and finish the bag; `failure` contains an error."""
+        """Write all queued messages and finish the bag; an error is stored in `failure`."""
         with self._changed:
             self._final = custom_data
             self._ending = True

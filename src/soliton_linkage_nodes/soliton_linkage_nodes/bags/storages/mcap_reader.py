@@ -33,7 +33,7 @@ _MESSAGE_COST = 250
 _MOST_WAITING = 4
 """Memory limit for chunks that overlap in time, relative to `max_unpacked` [1]."""
 _LONGEST_RUN = 2**20
-"""Size of a run of messages outside chunks [B]; the messages of a run are read together."""
+"""Largest size of a run of messages outside chunks [B]; a run is read at once."""
 _CHUNK_INDEX = struct.Struct('<QQQQ')
 _stamp = attrgetter('stamp')
 
@@ -106,7 +106,7 @@ class IndexedMcap(LimitedReader):
     def messages(
         self, connections: Iterable[Connection], start: int | None = None, stop: int | None = None
     ) -> Messages:
-        """Yield topic, receive time [ns] and bytes of messages of some topics in [start, stop)."""
+        """Yield topic, receive time [ns] and bytes of the topics' messages in [start, stop)."""
         wanted = {each.id: each for each in connections}
         first = 0 if start is None else start
         last = LAST_STAMP if stop is None else stop - 1

@@ -110,7 +110,7 @@ def topic_of(channel: Channel, schemas: Mapping[int, Schema]) -> StoredTopic:
 
 
 def channel_of(topic: StoredTopic, schema: int) -> Channel:
-    """Return the channel of a topic. rosbag2 requires QoS and hash entries for CDR."""
+    """Return the channel of a topic. For CDR, rosbag2 requires entries for QoS and type hash."""
     own = {_PROFILES: topic.profiles, _DIGEST: topic.digest}
     if topic.serialization != CDR:
         own = {key: value for key, value in own.items() if value}
@@ -235,7 +235,7 @@ def parse_channel(body: Bytes) -> Channel:
 def define(
     opcode: int, body: Bytes, schemas: dict[int, Schema], channels: dict[int, Channel]
 ) -> None:
-    """Add the schema or channel in a record, if it has one; ValueError if it is invalid."""
+    """If a record contains a schema or channel, add it; ValueError if the record is invalid."""
     if opcode == Opcode.SCHEMA:
         schema = parse_schema(body)
         schemas[schema.id] = schema
@@ -344,7 +344,7 @@ def records_in(data: Bytes) -> Iterator[tuple[int, int, Bytes]]:
 
 
 def messages_in(records: Bytes, strict: bool = True) -> Iterator[Message]:
-    """Yield the messages in some records. Without `strict`, invalid ones are skipped."""
+    """Yield the messages in some records. Without `strict`, invalid messages are skipped."""
     for _, opcode, body in records_in(records):
         if opcode == Opcode.MESSAGE and (strict or len(body) >= MESSAGE_HEADER.size):
             yield parse_message(body)

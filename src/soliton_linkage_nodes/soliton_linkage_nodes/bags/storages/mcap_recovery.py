@@ -21,7 +21,7 @@ from soliton_linkage_nodes.bags.stored_topic import completed
 
 
 class _Chunk(NamedTuple):
-    """Chunk record at `offset` with its body at `begin` [B]; `rejected` is a reason or ''."""
+    """Chunk record at `offset` with its body at `begin` [B]; `rejected` is an error text or ''."""
 
     offset: int
     begin: int
@@ -280,7 +280,7 @@ _WINDOW = 2**26
 
 
 def _may_follow(data: Bytes, offset: int) -> bool:
-    """Return whether, at an offset, the file ends or a record or the magic bytes may begin."""
+    """Return whether a record or the magic bytes may begin at an offset, or the file ends."""
     rest = data[offset : offset + mcap.RECORD_HEADER.size]
     if len(rest) < mcap.RECORD_HEADER.size:
         return not rest or bool(rest[0])

@@ -34,8 +34,8 @@ _PATIENCE = 4.0
 _SLOWEST_DISK = 20e6
 """Assumed read rate of the slowest disk [B/s]."""
 _CHECK_EVERY = 20_000
-"""Steps of the SQLite machine between two checks of the time limit [1]; they take less than 1
-ms."""
+"""Steps of the SQLite machine between two checks of the time limit [1]; these steps take less than
+1 ms."""
 _LONGEST_SQL = 20_000
 """Longest accepted definition of a table [characters]; definitions in bags have 200."""
 
@@ -138,7 +138,7 @@ class Tables:
             yield number, name, kind, text, encoding, digest, profiles, serialization
 
     def _check(self, table: str, columns: Sequence[str]) -> None:
-        """Raise sqlite3.Error unless a table has given columns; restart the time limit."""
+        """Raise sqlite3.Error unless a table has the given columns; restart the time limit."""
         held = self.columns(table)
         if missing := [name for name in columns if name not in held]:
             raise sqlite3.DatabaseError(f'{table} is not a table with {", ".join(missing)}')
@@ -155,7 +155,7 @@ _MESSAGE = ('topic_id', 'timestamp', 'data')
 
 
 class StoredSqlite(LimitedReader):
-    """Reader of a sqlite3 file, sorted by receive time; ValueError or sqlite3.Error if damaged."""
+    """Reader of a sqlite3 file in receive-time order; ValueError or sqlite3.Error if damaged."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()
@@ -219,7 +219,7 @@ class StoredSqlite(LimitedReader):
 class RecoveredSqlite(RecoveredFile):
     """Recovery of the messages of a sqlite3 file, row by row up to an error.
 
-    No checksums exist.
+    The file has no checksums.
     """
 
     def _scan(self, path: Path) -> None:
@@ -280,7 +280,7 @@ class RecoveredSqlite(RecoveredFile):
 
 
 def _with_journal(path: Path, folder: Path, excess: int = 0) -> Path:
-    """Return the path, or that of a copy if the file has a journal or `excess` bytes.
+    """Return the path, or the path of a copy if the file has a journal or `excess` bytes.
 
     The copy lacks the last `excess` bytes, and contains the changes of the journal.
     """

@@ -81,7 +81,7 @@ def summary_of(
     distribution: str | None = None,
     custom: dict[str, str] | None = None,
 ) -> ReaderMetadata:
-    """Return the metadata of a bag with the first and last receive time [ns] in `span`."""
+    """Return the metadata of a bag; `span` contains the first and last receive time [ns]."""
     times = 0, LAST_STAMP, 0, 0
     if span:
         start, end = span
@@ -93,9 +93,9 @@ class RecoveredFile(ABC):
     """Recovery of all intact messages of a bag file, which may be damaged.
 
     `topics` maps the numbers in the file to topics. `damage` has one line for each damaged part.
-    `lost` is the number of messages that cannot be read, `unverified` that of messages without a
-    checksum, and `stated` that in the statistics of the file, or 0. `records` contains opcodes and
-    contents of records to copy.
+    `lost` counts messages that cannot be read, and `unverified` messages without a checksum.
+    `stated` is the number of messages in the file's statistics, or 0. `records` contains opcodes
+    and contents of records to copy.
     """
 
     def __init__(

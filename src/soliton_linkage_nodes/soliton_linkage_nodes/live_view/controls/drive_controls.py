@@ -18,7 +18,7 @@ from soliton_linkage_nodes.messages.view_conversions import STATES
 
 _KINDS = {'kick': 'kick [rad/s]', 'pulse': 'pulse [N m]', 'pressure': 'pressure [Pa]'}
 _DEFAULT_VALUES = {'kick': 10.0, 'pulse': 0.002, 'pressure': 20_000.0}
-"""Default value of each kind of edge command [rad/s, N m, Pa]; it starts a soliton."""
+"""Default value of each kind of edge command [rad/s, N m, Pa]; each value starts a soliton."""
 _DEFAULT_NUDGE = 10.0
 """Default angular speed of a nudge [rad/s], the same as in the guided experiments."""
 _FASTEST_NUDGE = 50.0
@@ -112,7 +112,7 @@ def value_of(entry: ui.number) -> float:
 
 
 class ControlGroup:
-    """Controls under one heading; the status names the reason `reason_of` to disable them."""
+    """Controls under one heading; `reason_of` is the key of the reason to disable them."""
 
     def __init__(self, title: str, reason_of: str) -> None:
         self.reason_of = reason_of

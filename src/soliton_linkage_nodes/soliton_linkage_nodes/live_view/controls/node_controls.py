@@ -34,7 +34,7 @@ _HINT = (
 
 
 class IdentifyControls(ChainControls):
-    """Result of the identification, and buttons that identify, save or forget all frames."""
+    """Result of the identification, and buttons to identify, to save, and to forget all frames."""
 
     def __init__(self, view: View, page: Shown) -> None:
         super().__init__(view, page)

@@ -24,7 +24,7 @@ from soliton_linkage_nodes.live_view.view import View
 
 _UNITS = {'torque': 'N m', 'angle': 'rad'}
 _AMPLITUDES = {'torque': 0.002, 'angle': 0.1}
-"""Default amplitude of each quantity [N m, rad]; it moves a kink."""
+"""Default amplitude of each quantity [N m, rad]; each value moves a kink."""
 
 
 _LARGEST_COUPLING = 1e-3

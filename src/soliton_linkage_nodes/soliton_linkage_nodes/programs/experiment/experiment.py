@@ -37,7 +37,7 @@ _REPORT = 'soliton_linkage_nodes.programs.experiment.report'
 _NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
 _PAGE = 'live_view'
 _ALL_FRAMES = ['-p', 'longest_lag:=0.0']
-"""Argument with which the live and the replayed analyser process every frame."""
+"""Argument with which an analyser processes every frame, live and in the replay."""
 _UNUSED = (
     *(interfaces.IDENTIFIED_CHAIN, interfaces.JOINT_STATE_DEVIATIONS, interfaces.DIAGNOSTICS),
     *(interfaces.EDGE_COMMAND, interfaces.JOINT_COMMANDS, interfaces.EFFORT_COMMANDS),

@@ -28,7 +28,7 @@ from soliton_linkage_nodes.runtime.stamps import time_from_msg
 from soliton_linkage_studies.pictures import save_run
 
 _BEFORE_NUDGE = 0.5
-"""Duration of the motion before the nudge in the pictures [s]."""
+"""Time before the nudge that the pictures show [s]."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def read_run(bag: Path) -> RecordedRun:
 def largest_difference(
     live: Mapping[int, tuple[float, ...]], replayed: Mapping[int, tuple[float, ...]]
 ) -> float:
-    """Return the largest difference of sites [rotor spacings]; infinite for different numbers."""
+    """Return the largest difference of sites [rotor spacings]; infinite for unequal numbers."""
     largest = 0.0
     for stamp in live.keys() & replayed.keys():
         if len(live[stamp]) != len(replayed[stamp]):
