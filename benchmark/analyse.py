@@ -3,8 +3,9 @@
 
 Both receive the same serialised joint states, with velocities, a noise of 0.01 rad and a wall in
 the middle of a flipper chain, and publish a SolitonState per frame. The states are counted, and
-their positions are compared with the true ones. Then the analyser runs in a separate process at
-1000 Hz. Finally, the time per frame is measured for recordings that are easy or hard to analyse.
+their positions are compared with the true positions. Then the analyser runs in a separate process
+at 1000 Hz. Finally, the time per frame is measured for recordings that are easy or hard to
+analyse.
 """
 
 from __future__ import annotations
@@ -150,7 +151,7 @@ class StateQueue:
         return taken
 
     def wait_for(self, count: int) -> list[bytes]:
-        """Return the expected number of messages, or fewer if no more arrive."""
+        """Return `count` messages, or fewer if no more messages arrive."""
         taken, deadline = self.drain(), time.monotonic() + PATIENCE
         while len(taken) < count and time.monotonic() < deadline:
             time.sleep(POLL)
@@ -189,7 +190,7 @@ def parse_arguments() -> argparse.Namespace:
 
 
 def compared(node: Node, rotors: int, arguments: argparse.Namespace) -> dict[str, list[Run]]:
-    """Return the rounds of both estimators for a chain, without the first round."""
+    """Return the rounds of both estimators for a chain, except the first round."""
     size = min(max(ROTORS_A_ROUND // rotors, LEAST_A_ROUND), MOST_A_ROUND)
     size = LEAST_A_ROUND if arguments.quick else size
     frames = Frames(rotors, size * (arguments.rounds + 1))
@@ -278,7 +279,7 @@ def send(
 def part(
     runs: dict[int, dict[str, list[Run]]], used: dict[str, float], times: dict[str, list[float]]
 ) -> Part:
-    """Return frame rates, times, position errors, load of the node, and times of records."""
+    """Return the comparisons and the figures of this part."""
     comparisons = []
     for rotors, sides in runs.items():
         rates = {name: [r.frames / r.wall for r in side] for name, side in sides.items()}

@@ -26,7 +26,7 @@ SPEED = 0.02
 """Speed of the walls [rotor spacings / frame]."""
 NOISE = 0.01
 KICK = 3.0
-"""Kick of an edge whose wall is destroyed [rad sqrt(k / M)]."""
+"""Kick of an edge that destroys the wall [rad sqrt(k / M)]."""
 PERIOD = 4_000_000
 """Frame period [ns]."""
 WARM = 50
@@ -35,7 +35,7 @@ WARM = 50
 
 @dataclass(frozen=True)
 class Record:
-    """Angles of a chain [rad], shape (frames, N), and the number of walls in it."""
+    """Angles of a chain [rad], shape (frames, N), and the number of its walls."""
 
     name: str
     chain: Chain
@@ -60,7 +60,7 @@ def records(lengths: Iterable[int], frames: int) -> list[Record]:
 
 
 def times_of(record: Record) -> list[float]:
-    """Return the processor time of each frame [s] without the first frames."""
+    """Return the processor time of each frame [s], except the first frames."""
     analyser, times = Analyser(record.chain), []
     progress = ProgressLine(record.name, len(record.angles))
     rates = np.gradient(record.angles, 1e-9 * PERIOD, axis=0)

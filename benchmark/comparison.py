@@ -39,7 +39,7 @@ _PREFIXES = ((1.0, ''), (1e-3, 'm'), (1e-6, 'µ'), (1e-9, 'n'))
 
 @dataclass(frozen=True)
 class Comparison:
-    """Same work done by a peer and by our program, with one number per round for each.
+    """Same work done by a peer and by our program; each has one number per round.
 
     The ratio is above 1 if our program is better: theirs / ours for costs, ours / theirs for
     quantities that should be large.
@@ -66,7 +66,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Figure:
-    """Quantity without a peer but with a goal, one number per round."""
+    """Quantity that is compared with a goal instead of a peer; it has one number per round."""
 
     what: str
     unit: str

@@ -71,7 +71,7 @@ def spent(process: int) -> Spent:
 
 @contextmanager
 def node_process(which: str) -> Iterator[int]:
-    """Start a node that subscribes to the chain; yield its process number."""
+    """Start a node that subscribes to the chain; yield the number of its process."""
     with tempfile.TemporaryDirectory() as folder:
         settings: Mapping[str, Any] = {
             'bag_recorder': {'output': Path(folder, 'bag')},
@@ -85,7 +85,7 @@ def node_process(which: str) -> Iterator[int]:
 
 
 def of_node(which: str, named: NamedChain, moved: Recording, arguments: Any) -> tuple[Spent, int]:
-    """Return the cost of a number of frames for a node."""
+    """Publish frames to a node; return its cost and the number of frames."""
     node = rclpy.create_node('cost')
     chains = Chains(node, named, moved, round(SECOND / arguments.rate), 1)
     with node_process(which) as process:
@@ -99,7 +99,7 @@ def of_node(which: str, named: NamedChain, moved: Recording, arguments: Any) -> 
 
 
 def of_simulator(listeners: int, arguments: Any) -> tuple[Spent, int]:
-    """Return the cost of a number of frames for a simulator with a number of subscribers."""
+    """Return the cost of a simulator with `listeners` subscribers, and the number of frames."""
     settings = {
         'chain.number_of_rotors': arguments.rotors,
         'publish_rate': float(arguments.rate),

@@ -3,9 +3,9 @@
 
 Kicked flippers (r/a = 0.5, theta_bar = 0.97, edge kick of 0.1) with random lengths and distances
 move for 200 units of time. Each method has the coarsest tolerance at which no angle of the first
-chains differs by more than 1e-5 rad from our solver at a tolerance of 1e-11. Processor time counts
-all threads, so that ratios within a round are ratios of the throughputs per core. Compilation is
-not included.
+chains differs by more than 1e-5 rad from the result of our solver at a tolerance of 1e-11.
+Processor time counts all threads, so that ratios within a round are ratios of the throughputs per
+core. Compilation is not included.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ TOLERANCES = tuple(10.0**-n for n in range(2, 11))
 
 Chains = list[tuple[Chain, State]]
 Method = Callable[[Chains, float], Array]
-"""Function from chains and a tolerance to the last angles, shape (chains, N)."""
+"""Function that returns the last angles, (chains, N), for chains and a tolerance."""
 
 
 def ours(chains: Chains, tolerance: float) -> Array:

@@ -72,7 +72,7 @@ def measured(sizes: Sequence[int], rounds: int, seconds: float) -> Times:
 
 
 def time_of(work: Work, seconds: float) -> float:
-    """Return the processor time of a unit of work [s], averaged over calls of a total duration."""
+    """Return the mean processor time of a unit of work [s] in calls of `seconds` in total."""
     spent, calls, units = 0.0, 0, 0
     while not units or (spent < seconds and calls < MOST_CALLS):
         work.prepare()

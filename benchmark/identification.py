@@ -4,8 +4,8 @@
 Chains have 40 rotors with 5 % deviation in every length. Each is identified from one passage of a
 wall through rigid bars, at 250 Hz, with a noise of 0.01 rad and offsets of 0.05 rad. Identified
 chains are stored in files, so that an interrupted run continues. The first-order error of each
-chain is known; the mean of such errors is 0 and their variance is the bound. Means and variances
-are corrected by them (control variate), so that few chains are enough.
+chain is known. Its expected value is 0, and its variance is the bound. It serves as a control
+variate for means and variances, so that few chains are enough.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from soliton_linkage.progress import ProgressLine
 KINDS = ('rotor_length', 'offset', 'spacing', 'rest_length')
 """Names of the unknowns, in their order."""
 DRAWS = 20
-"""Number of chains of each class [1], about a minute of processor time."""
+"""Number of chains of each class [1]; they need about a minute of processor time."""
 QUICK = 2
 """Number of chains of each class with --quick [1]."""
 
 
 def figures_of_lengths(name: str, draws: list[Draw]) -> list[Figure]:
-    """Return errors relative to bound and stated deviation, and biases; print them by kind."""
+    """Return and print, by kind, biases and errors relative to bound and stated deviation."""
     errors, linear, stated, alone = (
         np.array([getattr(draw, part) / draw.bound for draw in draws])
         for part in ('errors', 'linear', 'stated', 'alone')

@@ -33,7 +33,7 @@ CHAINS = {
 RATE = 250.0
 """Frame rate [Hz]."""
 NOISE = 0.01
-"""Noise of a reading [rad]."""
+"""Standard deviation of the noise of a reading [rad]."""
 OFFSET = 0.05
 """Standard deviation of the encoder offsets [rad]."""
 SPREAD = 0.05
@@ -51,8 +51,8 @@ class Draw:
     errors: Array
     """Errors of the logarithms of lengths [1] and of offsets [rad]."""
     linear: Array
-    """First-order errors: one least-squares step from the true values with known tolerances. They
-    have mean 0, and the bound is their variance."""
+    """First-order errors: one least-squares step from the true values with known tolerances. Their
+    mean is 0, and their variance is the bound."""
     bound: Array
     """Cramer-Rao bound with known tolerances, as standard deviations."""
     alone: Array

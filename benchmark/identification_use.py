@@ -46,7 +46,7 @@ SEEN = 50
 HELD = 250
 """Number of frames after a move [1]."""
 LONGEST = 15_000
-"""Largest number of frames of a move [1], a minute."""
+"""Largest number of frames of a move [1]: one minute."""
 
 
 def figures_of_springs(name: str, count: int) -> list[Figure]:

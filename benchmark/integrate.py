@@ -8,7 +8,8 @@ of an angle at the end, compared with heyoka at a tolerance of 1e-16. Times at e
 computed within a round. Set-up and compilation are listed separately.
 
 Times of MuJoCo, which has a constant step, are extrapolated from a part of long runs. In chains of
-more than 150 rotors, the errors of 150 rotors are shown, because the wall does not move further.
+more than 150 rotors, the errors of MuJoCo are measured with 150 rotors, because the wall does not
+move further.
 """
 
 from __future__ import annotations

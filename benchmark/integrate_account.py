@@ -24,14 +24,14 @@ from soliton_linkage.linkage.chain import Array
 
 REPEATS = 7
 BUDGET = 2e6
-"""Number of rotors times forces in a timed call, which takes a few milliseconds."""
+"""Number of rotors times number of forces in a timed call [1]; a call takes a few milliseconds."""
 
 WHOLE = 'integrating'
 STEP = 0.1
 
 
 def account(sizes: list[int]) -> dict[str, dict[str, list[float]]]:
-    """Return the time per rotor and force [ns] in long runs, and of single loops."""
+    """Return the time per rotor and force [ns], in long runs and in single loops."""
     return {str(size): {WHOLE: symplectic(size), **loops(size)} for size in sizes}
 
 

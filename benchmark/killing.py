@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Losses of a recorder that is killed at random instants after its log line `recording to`.
+"""Losses of recorders that are killed at random times after their log line `recording to`.
 
 This process publishes joint states at 1000 Hz beside a number of busy processes, kills the
 recorder with SIGKILL, recovers the bag, and compares the messages. The busy processes pause while

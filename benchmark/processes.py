@@ -69,7 +69,7 @@ def until(
 ) -> Result:
     """Poll until a condition returns a result, and return the result.
 
-    Raises TimeoutError if it returns none or if the process ends.
+    Raises TimeoutError if the condition returns no result or if the process ends.
     """
     deadline = time.monotonic() + LONGEST_WAIT
     while not (found := condition()):

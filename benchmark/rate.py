@@ -94,13 +94,13 @@ class Bench:
         self.runs: dict[str, list[Run]] = {}
 
     def most_rotors(self, name: str, command: Command) -> list[float]:
-        """Return the largest number of rotors in real time; empty if there is none."""
+        """Return the largest number of rotors in real time; empty if no run is in real time."""
         return self._largest(
             name, command, lambda value: (round(value), RATE), FEWEST_ROTORS, MOST_ROTORS
         )
 
     def highest_rate(self, name: str, command: Command) -> list[float]:
-        """Return the highest rate in real time [Hz]; empty if there is none."""
+        """Return the highest rate in real time [Hz]; empty if no run is in real time."""
         return self._largest(name, command, lambda value: (ROTORS, round(value)), 10, MOST_RATE)
 
     def run(self, name: str, command: Command, rotors: int, rate: float, seconds: float) -> Run:
@@ -235,7 +235,7 @@ def drain(
 
 
 def run_of(rotors: int, rate: float, frames: Array, slept: Array, share: float) -> Run:
-    """Return the missed deadlines of frames at a rate [Hz] and of a sleeping loop [ns]."""
+    """Evaluate a run at a rate [Hz]: times of `frames`, and of the sleeping loop, in [ns]."""
     if len(frames) < 2:
         return Run(rotors, rate, 0.0, len(frames), 0, 0, (math.inf,) * 3, share)
     numbers, instants = frames.T

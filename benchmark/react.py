@@ -4,8 +4,8 @@
 A simulator of 40 rotors at 1000 Hz, an edge actuator and an analyser run in separate processes.
 This process nudges in alternating directions at random instants. Rates hardly change between
 frames except by a nudge, which changes them by its speed (norm over the rotors). The first frame
-with a change of more than half of this speed shows the nudge, and so does the soliton_state of its
-stamp.
+with a change of more than half of this speed shows the nudge, and so does the soliton_state with
+the same stamp.
 
 The arrival time of a message is the time that the middleware records. This process has a higher
 priority than the nodes, and sleeps after each nudge until all messages have arrived.

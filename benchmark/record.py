@@ -3,7 +3,7 @@
 
 Our recorder and plain recorders run in turn, at 1000 Hz to measure their processor time, and then
 at increasing rates. A recorder sustains a rate if no message at this rate or a lower rate is
-missing. The rate includes the time until the recorder is idle again. Offline, our reader and
+missing. The time until the recorder is idle again counts for the rate. Offline, our reader and
 `AnyReader` of rosbags read the same bags.
 """
 
@@ -90,7 +90,7 @@ class Trial:
 
     @property
     def taken(self) -> float:
-        """Highest rate without losses up to this rate [1/s]; 0 if there is none."""
+        """Highest rate up to which no message is lost [1/s], or 0."""
         whole = itertools.takewhile(lambda n: not self.lost(n), range(len(self.bursts)))
         return max((self.bursts[n].sent / self.bursts[n].working for n in whole), default=0.0)
 

@@ -3,10 +3,10 @@
 
 A chain of 100 rotors runs at 1000 Hz with all nodes in separate processes, and the live page in a
 browser if one is installed. Every minute one node is killed with SIGKILL and restarted, some nodes
-only in the first half of the test, the others only in the second half. Recorded files are read and
-removed. Each event is written to OUTPUT/ledger.jsonl; the page OUTPUT/soak.html is drawn every few
-minutes. An interrupted test continues with the same command and --resume. The exit code is 0 if
-kills explain all losses and if no memory has grown.
+only in the first half of the test, the other nodes only in the second half. Recorded files are
+read and removed. Each event is written to OUTPUT/ledger.jsonl; the page OUTPUT/soak.html is drawn
+every few minutes. An interrupted test continues with the same command and --resume. The exit code
+is 0 if kills explain all losses and if no memory has grown.
 """
 
 from __future__ import annotations

@@ -104,7 +104,7 @@ def nodes_of(ledger: Ledger) -> list[str]:
 
 
 def verdicts(ledger: Ledger) -> list[tuple[str, bool]]:
-    """Return sentences with the results, each with a flag whether the result is as expected."""
+    """Return each result as a sentence, and whether the result is as expected."""
     kills, bags = ledger.of('kill'), ledger.of('bag')
     died = ledger.of('died')
     drift = max((abs(e.get('energy drift', 0.0)) for e in ledger.of('report')), default=0.0)
@@ -156,7 +156,7 @@ def ledger_length(ledger: Ledger) -> float:
 
 
 def tail_of(bag: Entry, kills: Sequence[Entry]) -> float:
-    """Return the time from the last frame of a recorder to its kill [s], 0 without frames."""
+    """Return the time [s] from the last frame of a recorder to its kill; 0 without frames."""
     at = next(k['time'] for k in kills if k['life'] == bag['life'])
     away = any(
         k['node'] == 'simulator' and k['time'] - MOST_LOST < bag['last'] < k['time'] + MEETING

@@ -10,7 +10,6 @@ LINKAGE = (
     'Where rotors overlap their neighbours, every other rotor is grey. r is the rotor length, a '
     'the rotor spacing, θ̄ the rest angle, and d = 2 r sin θ̄ / a.'
 )
-"""Description of a drawn chain."""
 MODE = 'green arrows are the velocities of the masses in this mode, all drawn to the same scale'
 """Clause that describes the zero-mode arrows."""
 PROJECTIONS = (
@@ -18,7 +17,6 @@ PROJECTIONS = (
     'several rows if they would overlap. Arrows to the right are purple, arrows to the left are '
     'orange, and short arrows are paler.'
 )
-"""Description of the displacement arrows."""
 
 
 def parameters(chain: Chain) -> str:

@@ -41,11 +41,9 @@ _OUTSIDE = matplotlib.__version_info__ >= (3, 7)
 LEGEND_ABOVE: Literal['outside upper center', 'upper center'] = (
     'outside upper center' if _OUTSIDE else 'upper center'
 )
-"""Location of a figure legend above the panels."""
 LEGEND_BELOW: Literal['outside lower center', 'lower center'] = (
     'outside lower center' if _OUTSIDE else 'lower center'
 )
-"""Location of a figure legend below the panels."""
 PIXELS: Any = {
     'cmap': LEAN_COLOURS,
     'origin': 'lower',
@@ -58,7 +56,7 @@ _MARGIN = 0.35
 _ROW = 0.3
 """Height of a row of displacement arrows [rotor spacings]."""
 _ARROW = 1.2
-"""Length of the arrow of a mode component of 1, relative to the larger of a and r [1]."""
+"""Length of an arrow for a mode component of 1, relative to the larger of a and r [1]."""
 
 
 def pivot_points(chain: Chain) -> Array:
@@ -323,7 +321,7 @@ def _thickness(chain: Chain) -> float:
 
 
 def _rows(chain: Chain) -> Array:
-    """Return heights of the displacement arrows [m], shape (N,), below all masses."""
+    """Return the heights of the displacement arrows [m], shape (N,); they are below all masses."""
     rows = math.ceil(chain.rotor_length / chain.spacing)
     row = np.arange(chain.number_of_rotors) % rows
     reach = float(chain.rotor_lengths.max()) + _MARGIN * chain.spacing

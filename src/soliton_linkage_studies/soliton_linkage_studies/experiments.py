@@ -29,7 +29,8 @@ _FRAMES = 600
 _SLACK = 1.1
 """Recording time, relative to the theoretical crossing time of a slow wall [1]."""
 _TRANSIENT = 1.5
-"""Recording time of the fastest walls, relative to the time of sound from edge to edge [1]."""
+"""Recording time of the fastest walls, relative to the time in which sound crosses the chain
+[1]."""
 
 
 def kick_rates(
@@ -46,7 +47,7 @@ def kick_rates(
 
 
 def record_kick(chain: Chain, kick: float, duration: float, frames: int) -> Recording:
-    """Record a right-leaning chain after a kick at its last rotor for a time [time units]."""
+    """Kick a right-leaning chain at its last rotor; record it for `duration` [time units]."""
     rest = chain.uniform_state(1)
     rates = kick_rates(chain, rest, kick)
     whole = duration * chain.time_unit
@@ -54,7 +55,7 @@ def record_kick(chain: Chain, kick: float, duration: float, frames: int) -> Reco
 
 
 def record_moving_wall(chain: Chain, kick: float) -> tuple[Recording, float]:
-    """Record a kicked chain until the wall has crossed it; return also the speed [spacings/s]."""
+    """Record a chain from its kick until the wall has crossed; return also the wall speed."""
     recording = record_kick(chain, kick, crossing_duration(chain, kick), _FRAMES)
     return recording, snapshots(chain, recording, 2).speed
 
@@ -68,8 +69,8 @@ def crossing_duration(chain: Chain, kick: float) -> float:
 def slow_crossing_time(chain: Chain, kick: float) -> float:
     """Return the crossing time of a wall in a chain of rigid bars [time units].
 
-    The time is (N - 1) Lambda / v0 for a kick v0. Lambda is the norm of the displacements of all
-    masses while the wall moves by one rotor spacing, divided by the spacing.
+    The time is (N - 1) Lambda / v0 for a kick v0. Lambda is the norm of all mass displacements per
+    displacement of the wall.
     """
     way = site_arc(chain) * chain.rotor_length / chain.spacing
     return (chain.number_of_rotors - 1) * way / kick
@@ -111,7 +112,7 @@ def snapshots(chain: Chain, recording: Recording, count: int) -> Snapshots:
 
 
 def first_passage(chain: Chain, positions: Array) -> slice:
-    """Return the frames of a wall's first passage through mid-chain, by positions (T,)."""
+    """Return the frames of the first passage through mid-chain, for wall positions (T,)."""
     middle = (chain.number_of_rotors - 1) / 2
     inside = np.abs(positions - middle) < _MIDDLE * middle
     entered = int(np.argmax(np.append(inside, True)))
@@ -131,7 +132,7 @@ def static_profile(chain: Chain, middle: float) -> tuple[Array, Array]:
 
 
 def wall_positions(chain: Chain, recording: Recording) -> Array:
-    """Return the wall position of each frame [rotor spacings], shape (T,), or NaN."""
+    """Return the wall position in each frame [rotor spacings], shape (T,); NaN without a wall."""
     fields, _ = order_field(chain, recording.angles)
     return np.array([zero_crossing(field) for field in fields])
 

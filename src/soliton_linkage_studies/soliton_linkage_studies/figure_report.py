@@ -168,7 +168,7 @@ def save_page(report: FigureReport, folder: Path, name: str, table: str = 'table
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure in the format of the path's suffix, without a date."""
+    """Write a figure in the format of the path's suffix. The file contains no date."""
     metadata = {'CreationDate': None} if path.suffix == '.pdf' else None
     figure.savefig(path, dpi=_RESOLUTION, metadata=metadata)
 
@@ -185,7 +185,7 @@ def save_caption(caption: str, path: Path) -> None:
 def write_table(
     drawn: Mapping[str, Sequence[Comparison]], path: Path, order: Sequence[str]
 ) -> None:
-    """Write comparisons as Markdown, sorted by figure, and keep the other rows of the file."""
+    """Write comparisons as Markdown, sorted by figure; keep rows of other figures in the file."""
     rows = _rows_by_figure(path)
     for name, comparisons in drawn.items():
         rows[name] = [_row(name, comparison) for comparison in comparisons]

@@ -27,11 +27,11 @@ from soliton_linkage_studies.experiments import kick_rates
 _TOLERANCE = 1e-8
 """Largest integration error of an angle in one step [rad]."""
 _FRAMES_A_SPACING = 4.0
-"""Number of frames in which a wall moves by the smaller of spacing and wall width [1]."""
+"""Number of frames while a wall moves by a spacing or by its width, if that is smaller [1]."""
 _FRAMES_A_SWING = 40.0
 """Number of frames while an edge rotor swings by the smaller of 1 rad and a / r [1]."""
 _DEPARTED = 1.5
-"""Distance of a spinner's wall from an edge that it has left [rotor spacings]."""
+"""Distance from an edge at which a spinner's wall counts as departed [rotor spacings]."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def follow_wall(chain: Chain, edge: Edge = Edge.FIRST, legs: int = 2) -> tuple[L
 
 
 def check_passable(chain: Chain) -> None:
-    """Raise ValueError if a wall cannot cross the chain and return, or the chain is periodic."""
+    """Raise ValueError if the chain is periodic, or if a wall cannot cross it and return."""
     _check_ends(chain)
     obstacles = find_obstacles(chain)
     if not obstacles:
@@ -140,11 +140,11 @@ class _Walker:
 
 
 def _frame_arc(chain: Chain) -> float:
-    """Return the arc length between two frames, equal to the period at 1 rad/s [rad].
+    """Return the arc length between two frames [rad], which is also the period [s] at 1 rad/s.
 
     The rotors of a flipper turn by 2 theta_bar while the wall moves by its own width. The lower
-    limit resolves the swing of an edge rotor at a reflection. This swing is about a / r, but at
-    most 1 rad.
+    limit resolves the swing of an edge rotor at a reflection. The amplitude of this swing is the
+    smaller of a / r and 1 rad.
     """
     spacings = 1 + chain.wall_width / chain.spacing
     of_wall = chain.rest_angle / (_FRAMES_A_SPACING * math.sqrt(spacings))
@@ -233,7 +233,8 @@ def measure_speed(
     """Measure the outcome, the speed and the phonon energy of a wall kicked off the right edge.
 
     `speed` [a sqrt(k_e / M)] is measured between the outer fifths of the chain. `speed` and
-    `phonons` (`phonon_share`) are NaN without a crossing. `sent` is a known result of `send_wall`.
+    `phonons` (`phonon_share`) are NaN without a crossing. `sent` is the result of `send_wall`, if
+    it is known.
     """
     recording, track, crossings = sent or send_wall(chain, trial)
     speed = phonons = math.nan
@@ -258,7 +259,7 @@ def measure_survival(
 
 
 def send_wall(chain: Chain, trial: SweepTrial) -> SentWall:
-    """Send a wall through one chain; see `send_walls`. Raises its errors."""
+    """Send a wall through one chain; raise the errors that `send_walls` returns."""
     (sent,) = send_walls([(chain, trial)])
     if isinstance(sent, Exception):
         raise sent
@@ -331,7 +332,7 @@ def _continued(chain: Chain, sent: Any, piece: Any) -> SentWall | ArithmeticErro
 
 
 def phonon_share(chain: Chain, recording: Recording, track: Track, crossing: Crossing) -> float:
-    """Return the fraction of the energy outside the wall in the middle of a crossing [1].
+    """Return the fraction of the energy that is outside the wall at mid-crossing [1].
 
     Outside means beyond four wall widths and four penetration depths. The result is NaN if fewer
     than half of the rotors are outside.
@@ -359,7 +360,7 @@ def _unbroken(track: Track, crossing: Crossing) -> bool:
 
 
 def _joined(first: object, second: object, names: tuple[str, ...]) -> list[Array]:
-    """Concatenate arrays of two recordings or tracks; both contain the frame between them."""
+    """Concatenate arrays; the last frame of `first` is also the first frame of `second`."""
     return [np.concatenate([getattr(first, name), getattr(second, name)[1:]]) for name in names]
 
 

@@ -56,7 +56,7 @@ class Condition:
     decay: float
     """Rate at which damping reduces the speed of a rotor without springs [1/s]."""
     disorder: float
-    """Relative standard deviation of the lengths, masses and stiffnesses from their means [1]."""
+    """Relative standard deviation of the lengths, of the masses and of the stiffnesses [1]."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,8 @@ class MoveRun:
     phonon_energies: Array
     """Energy of the phonons [J], shape (T,)."""
     error: float
-    """Largest distance from the goal after the arrival [rotor spacings]; NaN if not reached."""
+    """Largest distance from the goal after the arrival [rotor spacings]; NaN without an
+    arrival."""
     energy_left: float
     """Energy of the phonons at the end [J]."""
     peak_energy: float

@@ -43,13 +43,10 @@ MEASURED, PAPER, THEORY = BLUE, RED, BLACK
 COLOURS = (BLUE, RED, GREEN, PURPLE, BLACK)
 """Colours of series without a fixed colour."""
 MARKERS = 'os^Dv'
-"""Markers of series of points."""
 CURVE_COLOURS = (BLUE, PURPLE)
 """Colours of the components of a configuration space."""
 MECHANICS_COLOURS = {'elastic': BLUE, 'rigid': RED}
-"""Colours of chains with springs and with rigid bars."""
 OUTCOME_COLOURS = {'returns': GREEN, 'crosses': SKY, 'lost': DARK}
-"""Colours of the outcomes of a wall."""
 
 LEAN_COLOURS = 'PuOr'
 """Colour map of the displacement u: orange if a rotor leans left, purple if it leans right."""
@@ -72,7 +69,7 @@ MOTION_COLOURS = {motion: shades[0] for motion, shades in _SHADES.items()}
 
 
 def chain_colours(chains: Sequence[Chain]) -> list[str]:
-    """Return a shade of the class colour for each chain, purest for the largest lean ratio."""
+    """Return a shade of the class colour for each chain, the purest for the largest lean ratio."""
     order = sorted(range(len(chains)), key=lambda number: -chains[number].lean_ratio)
     found: dict[int, str] = {}
     for number in order:

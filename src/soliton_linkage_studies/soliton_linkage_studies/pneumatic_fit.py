@@ -14,7 +14,7 @@ from soliton_linkage.linkage.chain import Array
 _FEWEST_READINGS = 4
 """Smallest number of readings [1]; it is one more than the number of unknowns."""
 _SHORTEST_STEP = 0.05
-"""Smallest |command - pressure| that the initial guess uses, relative to the largest [1]."""
+"""Smallest |command - pressure| in the initial guess, divided by the largest one [1]."""
 
 
 @dataclass(frozen=True)

@@ -104,7 +104,7 @@ def run_study(
     """Run a study, print the text that it returns, and return the exit status.
 
     The status is 0 on success, 1 on failure, and 130 after Ctrl-C or SIGTERM. After an
-    interruption the program prints `left`, which describes the files that remain on disk.
+    interruption the program prints `left`, a description of the files that remain on disk.
     """
     complete(parser)
     options = parser.parse_args(arguments)

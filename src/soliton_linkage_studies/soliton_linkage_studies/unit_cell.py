@@ -33,7 +33,7 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 Integers = NDArray[np.int64]
 
 _ARC_TOLERANCE = 1e-12
-"""Tolerance of the integration along a curve [rad]; it is near the rounding error close to d_c."""
+"""Tolerance of the integration along a curve [rad]; close to d_c, rounding errors are as large."""
 _CLOSED = 1e-6
 """Largest distance between both ends of a closed curve [turns]."""
 

@@ -28,7 +28,7 @@ _MAXIMUM_COUNT = 1000
 """Largest number of processes [1]. A larger number is rejected as a typing error."""
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 _CHUNK_DURATION = 1.0
-"""Duration of the rows that a worker measures in one task [s]; a failure loses these rows."""
+"""Time for which a worker measures rows in one task [s]; a failure loses these rows."""
 _CHUNK_GROWTH = 4
 """Largest ratio of a chunk size to the previous one [1]; the first rows may be unusually fast."""
 _CHUNKS_PER_WORKER = 2
@@ -246,7 +246,7 @@ def measure_rows(pool: Pool, table: Rows, rows: Sequence[int]) -> Iterator[list[
 
 
 def measure_chunk(table: Rows, rows: list[int]) -> Chunk:
-    """Measure rows for about a second, at least one row or one call.
+    """Measure rows for about a second; always complete one row or one call of `cells_of`.
 
     Returns the cells of the measured rows, the rows that were not measured, and the duration [s].
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of estimators and of the analyser, compared with the Cramer-Rao bound or the truth.
 
-To add an estimator of single frames, add an entry to `estimators.ESTIMATORS` and a test.
+To add an estimator that uses one frame, register it in `estimators.ESTIMATORS` and write a test.
 """

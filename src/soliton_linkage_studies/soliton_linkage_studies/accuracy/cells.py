@@ -24,7 +24,7 @@ _NOISES = (0.001, 0.1)
 _SPEEDS = (0.02, 0.9)
 """Range of the wall speed relative to the speed of sound [1]."""
 _PERIODS = (0.05, 0.5)
-"""Range of the frame period [time units]; for 0.02 kg and 50 N/m, 1000 Hz to 100 Hz."""
+"""Range of the frame period [time units]; 1000 to 100 Hz for 0.02 kg and 50 N/m."""
 _RUNS = (50, 400)
 """Range of the number of frames in a record [1]."""
 _PHONONS = (0.001, 0.03)
@@ -40,8 +40,8 @@ _WIDEST = 3.0
 _LONGEST = 4.0
 """Largest ratio of the rotor length r to the rotor spacing a, as in the paper [1]."""
 _APART = 1.6
-"""Smallest number of rotors per wall in a cell with several walls, relative to that in a cell with
-one wall [1]."""
+"""Smallest number of rotors per wall in a cell with several walls, divided by the smallest number
+in a cell with one wall [1]."""
 _SEVERAL = (1, 1, 1, 2, 4)
 """Numbers of walls from which a random cell draws with equal probability [1]."""
 
@@ -69,19 +69,19 @@ class AccuracyCell:
     outliers: float = 0.0
     """Fraction of readings that are replaced by uniformly random angles [1]."""
     wrong_reading: float = 0.0
-    """Error of one random encoder in the last frame of a record [rad]; 0 means none."""
+    """Error of one random encoder in the last frame of a record [rad]; 0 means no error."""
     disorder: float = 0.0
     """Standard deviation of the relative deviations from `chain` [1]; the analyser ignores
     them."""
     impulses: int = 0
-    """Number of impulses on the wall, in all records together [1]."""
+    """Total number of impulses on the wall in all records [1]."""
     impulses_known: bool = False
     """Whether each impulse is reported to the analyser."""
     unseen: str = ''
-    """Rotors without encoder: none (''), 'edges', or all except one or three random rotors ('all
-    but one', 'all but three')."""
+    """Rotors without encoder: none (''), both edge rotors ('edges'), or all rotors except one or
+    three random ones ('all but one', 'all but three')."""
     kick: float = 0.0
-    """Rotor rate of a kick after which no wall exists [rad / time unit]; 0 means none."""
+    """Rotor rate of a kick that destroys the wall [rad / time unit]; 0 means no kick."""
     noise_only: bool = False
     """Whether all angles are uniformly random, so that no wall exists."""
     degrees: bool = False
@@ -123,7 +123,7 @@ class AccuracyCell:
 
 
 def random_cells(seed: int, count: int) -> list[AccuracyCell]:
-    """Draw random cells from the ranges of this module, with the motion classes in turn."""
+    """Draw random cells from the ranges of this module; the motion classes alternate."""
     return [_drawn(number, np.random.default_rng([seed, number])) for number in range(count)]
 
 
@@ -173,7 +173,7 @@ def _between(ends: tuple[float, float], random: np.random.Generator) -> float:
 _LEANS = {'flipper': (33, 0.9, 0.7), 'wobbler': (33, 0.8, 1.6), 'spinner': (33, 1.1, 3.4)}
 """Number of rotors, rest angle [rad] and lean ratio d of one chain per motion class."""
 _OTHER = 1.3
-"""Lean ratio of the wrong configured chain, relative to the true chain [1]."""
+"""Lean ratio of the wrong configured chain, divided by the true lean ratio [1]."""
 _FORCED_SPEED = 0.15
 """Initial wall speed in the cells with force terms, relative to the speed of sound [1]."""
 _DISORDERS = (0.01, 0.03, 0.05, 0.1)
@@ -234,7 +234,7 @@ def _of_model(chains: dict[str, Chain]) -> list[AccuracyCell]:
 
 
 def _with_forces(chain: Chain) -> dict[str, Chain]:
-    """Return the chain with each force term by name.
+    """Return one chain for each force term, by the name of the term.
 
     During a record, each term changes the speed of a wall by up to a half.
     """

@@ -39,12 +39,11 @@ SIMULATED, RECORDED = 'contraction_simulated', 'contraction_recorded'
 """File names of results for simulated walls and for walls recorded by the nodes."""
 _SOURCES = {SIMULATED: 'simulated frames', RECORDED: 'bags that the nodes recorded'}
 _QUICK_EVERY = 4
-"""Interval between the kicks of a quick study [1]; 4 means that every fourth kick is used."""
+"""Quick studies use only every fourth kick [1]."""
 _QUICK_FRAMES = 400
 """Largest number of frames per wall in a quick study [1]."""
 _FEWEST_FRAMES = 10
-"""Smallest number of frames with the wall in the middle from which a mean width is computed
-[1]."""
+"""Smallest number of frames with the wall in the middle that suffices for a mean width [1]."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,7 @@ class Walls:
     chain: Chain
     kicks: tuple[float, ...]
     reference: Mapping[float, tuple[float, float]]
-    """Speed [a sqrt(k_e / M)] and relative width [1] of the wall, known without noise, by kick."""
+    """Noiseless speed [a sqrt(k_e / M)] and noiseless relative width [1] of the wall, by kick."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +91,7 @@ class ContractionStudy:
         return [*passages, *(partial(rest_width, walls.chain) for walls in self.walls)]
 
     def write(self, results: Sequence[Any], folder: Path, name: str = SIMULATED) -> None:
-        """Write the table and the picture under a file name, from the results of the tasks."""
+        """Write the results of the tasks as a table and a picture with the file name `name`."""
         figure = Figure(figsize=(6 * len(self.walls), 5), layout='constrained')
         caption = _CAPTION.format(source=_SOURCES[name], noise=self.noise)
         report = FigureReport(figure, caption)
@@ -171,7 +170,7 @@ def passage_of(
 
 
 def rest_width(chain: Chain) -> float:
-    """Return the mean relative width of static walls over two spacings, from tanh fits [1]."""
+    """Return the relative width [1] by tanh fits to static walls, averaged over two spacings."""
     middle = chain.number_of_rotors // 2 - 1
     walls = (static_wall(chain, middle + position) for position in np.arange(0, 2, 0.1))
     found = [find_solitons(chain, wall) for wall in walls]

@@ -35,7 +35,8 @@ of the wall by over 2 %."""
 _LOST_WIDTHS = 2.0
 """Largest position error of a successful estimate [wall widths]."""
 _LOST_BOUNDS = 6.0
-"""Largest error of a successful estimate [Cramer-Rao bounds], if larger than `_LOST_WIDTHS`."""
+"""Largest error of a successful estimate [Cramer-Rao bounds]; the larger of both limits
+applies."""
 _QUANTILE = 0.975
 """Probability below the upper end of a 95 % interval [1]."""
 
@@ -76,7 +77,7 @@ def bound(chain: Chain, noise: float) -> float:
 
 
 def inner_positions(chain: Chain) -> tuple[float, float]:
-    """Return the lowest and the highest position two wall widths from both edges [spacings]."""
+    """Return the lowest and highest tested position [spacings], two wall widths from the edges."""
     low = _FROM_EDGE * chain.wall_width / chain.spacing
     return low, chain.number_of_rotors - 1 - low
 
@@ -119,11 +120,11 @@ def errors(
 
 
 def bias_by_position(chain: Chain, points: int) -> tuple[Array, dict[str, Array]]:
-    """Return the bias of each estimator without noise, over one period of the chain.
+    """Return the noiseless errors of each estimator over one period of the chain.
 
-    Returns wall positions relative to an even rotor, and the errors of each estimator, all of
-    shape (points,) [rotor spacings]. The walls are computed by `static_wall`, independently of the
-    orbit.
+    Returns wall positions relative to an even rotor, then the errors by estimator. All arrays have
+    shape (points,) and the unit [rotor spacings]. The walls are computed by `static_wall`,
+    independently of the orbit.
     """
     orbit = orbit_of(chain)
     rotor = 2 * (chain.number_of_rotors // 4)
@@ -154,7 +155,7 @@ def _tanh_fit(orbit: UniformOrbit, angles: Array, _guess: float) -> Estimate:
 
 
 def _orbit_estimate(orbit: UniformOrbit, fit: NearestPoint) -> Estimate:
-    """Return the estimate from a fit to the orbit, with Student's t distribution."""
+    """Return the estimate from a fit to the orbit, with a margin by Student's t distribution."""
     freedom = len(orbit.segment(fit.arc).angles) - 1
     deviation = fit.misfit / math.sqrt(fit.information) / orbit.site_arc
     margin = float(stdtrit(freedom, _QUANTILE)) * deviation
@@ -170,4 +171,4 @@ ESTIMATORS: dict[str, Estimator] = {
     ORBIT_NEAR: lambda orbit, *given: _orbit_estimate(orbit, fit_near(orbit, *given)),
     ORBIT_COLD: lambda orbit, angles, _: _orbit_estimate(orbit, fit_anywhere(orbit, angles)),
 }
-"""Estimators by name; the zero crossings are those of the paper, Figs. 5 and 6."""
+"""Estimators by name. The paper uses the zero crossings (Figs. 5 and 6)."""

@@ -27,8 +27,8 @@ from soliton_linkage_studies.accuracy.statistics import Line, accuracy_of, write
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CHUNK = 250
-"""Number of frames per task [1]; a task takes about one second. Another number changes the random
-frames of a seed."""
+"""Number of frames per task [1]; a task takes about one second. The random frames depend on this
+number."""
 _QUICK_FRAMES = 400
 """Largest number of frames per chain and noise in a quick study [1]."""
 _POINTS = 81

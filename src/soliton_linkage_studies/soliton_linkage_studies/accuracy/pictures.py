@@ -56,7 +56,6 @@ an estimator is regarded as unbiased. Values below {{rounding:g}} are drawn at t
 {_ESTIMATORS}
 """
 _STYLES = dict(zip(ESTIMATORS, cycle(zip(COLOURS, MARKERS, strict=True)), strict=False))
-"""Colour and marker of each estimator."""
 _SIZE = 6
 """Marker size [points]."""
 _OFFSET = 0.15
@@ -65,16 +64,16 @@ _SIGNIFICANT = 3.0
 """Smallest bias that counts as different from 0 [standard errors]; 0.3 % of the cases without bias
 exceed it."""
 _UNBIASED = 0.002
-"""Absolute bias of an unbiased estimator [rotor spacings]; it is far below the bounds."""
+"""Absolute bias below which an estimator counts as unbiased [rotor spacings]."""
 _LEAST_BIAS = 1e-5
 """Lower limit of the bias axis [rotor spacings]."""
 _ROUNDING = 1e-12
-"""Smallest bias that is drawn for an estimator without noise [rotor spacings]."""
+"""Lower limit of the axis of noiseless biases [rotor spacings]."""
 _BEYOND = 'position beyond an even rotor [rotor spacings]'
 
 
 def draw_accuracy(lines: Sequence[Line]) -> FigureReport:
-    """Draw standard deviation over bound, bias and coverage, with one column per noise."""
+    """Draw the ratio of deviation to bound, the bias and the coverage, one column per noise."""
     noises = sorted({line.noise for line in lines})
     chains = list(dict.fromkeys(line.chain for line in lines))
     width = 1.5 + 0.6 * (len(chains) + 1) * len(noises)
@@ -159,7 +158,7 @@ def _dress(column: Sequence[Axes], noise: float, names: Sequence[str]) -> None:
 
 
 def _dashes(name: str) -> Literal['-', ':']:
-    """Return the line style; the search without a guess is dotted, as it covers another line."""
+    """Return the line style. The search without a guess is dotted, because lines overlap."""
     return ':' if name == ORBIT_COLD else '-'
 
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measure the errors of estimators, and check the standard deviations that the analyser states.
+"""Measure errors of estimators, and check the standard deviations that the analyser states.
 
-The errors of estimators are compared with the Cramer-Rao bound, the contraction of walls with
-theory, and the stated standard deviations with the errors of the analyser in test cells. The
-errors of a million steps of rigid bars are measured. The results depend only on the settings and
-the seed of the cells, not on the number of processes or on interruptions.
+The study compares the errors of estimators with the Cramer-Rao bound, and the contraction of walls
+with theory. In test cells, it compares the errors of the analyser with the stated standard
+deviations. It measures the errors after a million steps of rigid bars. The results depend only on
+the settings and the seed of the cells, not on the number of processes or on interruptions.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Errors of the recursive estimator for a wall at constant velocity, against the frame number.
+"""Errors of the recursive estimator as a function of the number of frames, at constant velocity.
 
 The bounds are those of a line fitted to the positions in n frames of period dt. A position has the
 variance s^2 = (sigma / Lambda)^2, for the angle noise sigma and the arc length Lambda per rotor
 spacing. The variance of the position in the last frame is at least 2 (2 n - 1) / (n (n + 1)) s^2,
-that of the velocity 12 / (n (n^2 - 1) dt^2) s^2.
+and the variance of the velocity at least 12 / (n (n^2 - 1) dt^2) s^2.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _CLEAR = 8.0
 _QUICK_RUNS = 4
 """Largest number of runs per chain in a quick study [1]."""
 _SHOWN = 60
-"""Number of frame counts at which errors are evaluated [1], before equal ones are merged."""
+"""Number of frame counts at which errors are evaluated [1], before equal counts are merged."""
 _FEWEST = 3
 """Smallest frame count at which errors are evaluated [1]; a line through two frames has no
 residuals."""
@@ -122,7 +122,7 @@ class RecordStudy:
         return orbit.arc_at(ahead if leg % 2 == 0 else last - ahead, leg)
 
     def bounds(self, chain: Chain) -> tuple[Array, Array]:
-        """Return the bounds of position [rotor spacings] and relative velocity [1]."""
+        """Return lower bounds of the errors: position [rotor spacings], relative velocity [1]."""
         n = self.shown.astype(np.float64)
         single = bound(chain, self.noise)
         of_position = single * np.sqrt(2 * (2 * n - 1) / (n * (n + 1)))

@@ -33,25 +33,25 @@ from soliton_linkage_studies.settings import Section
 from soliton_linkage_studies.sweep.table import fingerprint
 
 _LOST_WIDTHS = 2.0
-"""Threshold of the position error [wall widths]; a lost wall exceeds all three thresholds."""
+"""Threshold [wall widths]: a wall counts as lost if its position error exceeds all three
+thresholds."""
 _LOST = 1.0
-"""Threshold of the position error [rotor spacings]."""
+"""Threshold of the position error of a lost wall [rotor spacings]."""
 _LOST_DEVIATIONS = 6.0
-"""Threshold of the position error [stated standard deviations]."""
+"""Threshold of the position error of a lost wall [stated standard deviations]."""
 _LARGEST_DEVIATION = 0.25
-"""Stated standard deviation above which a wall counts as false, relative to the chain length
-[1]."""
+"""Threshold [chain lengths]: a wall counts as false if its stated standard deviation is larger."""
 _FALSE_MISFIT = 0.5
-"""Root mean square misfit of the rotors near a reported wall above which the wall counts as false
-[rad]."""
+"""Threshold [rad]: a reported wall counts as false if the root mean square misfit of the rotors
+near it is larger."""
 _CORE = 2.5
-"""Largest distance of these rotors from the wall [rotor spacings]."""
+"""Largest distance of rotors that count as near a wall [rotor spacings]."""
 _SCENES = 8
 """Largest number of scenes per cell [1]. Each record is a random section of a scene."""
 _LONGER = 2
-"""Ratio of the number of frames of a scene to that of a record [1]."""
+"""Number of frames of a scene, divided by the number of frames of a record [1]."""
 _NEAR = 3.0
-"""Largest distance of the wrong reading from the wall, in half of the records [rotor spacings]."""
+"""In half of the records, largest distance of the wrong reading from the wall [rotor spacings]."""
 
 
 def records(cell: AccuracyCell, frames: int, random: np.random.Generator) -> Iterator[Scores]:
@@ -224,7 +224,7 @@ _QUICK_CELLS = 15
 
 @dataclass(frozen=True)
 class CellStudy:
-    """Study of random and difficult cells, or only of those that `only` names."""
+    """Study of random and difficult cells, or only of the cells that `only` names."""
 
     seed: int
     count: int
@@ -250,14 +250,11 @@ class CellStudy:
         return len(self.all)
 
     def cells(self, row: int) -> list[str]:
-        """Measure the cell of a row, and return its columns as text.
-
-        The last one is for an error.
-        """
+        """Measure the cell of a row; return its columns as text, with an error message last."""
         cell = self.all[row]
         line: dict[str, float] = {}
         failure = ''
-        # The seed depends on the name of the cell, so that selected cells have the same results.
+        # The seed depends only on the cell's name, so that `only` does not change the results.
         name = int.from_bytes(cell.name.encode(), 'big')
         random = np.random.default_rng([self.seed, name])
         try:

@@ -2,10 +2,11 @@
 """Noiseless frames of elastic chains, and the true positions of the walls in them.
 
 The static wall nearest to a frame gives the position of the wall. The position is averaged over
-one period of the slowest phonon, or over the passage of a rotor if that is shorter. The rate is
-the slope of a line fitted to the positions over three times this duration. For slow walls, whose
-speed varies between rotors, and for damped and driven rotors, a cubic replaces the line. Under
-force terms, the curvature of the cubic corrects the average. No average extends across an impulse.
+the shorter of two times: one period of the slowest phonon, and the time in which the wall passes a
+rotor. The rate is the slope of a line that is fitted to the positions in three times the averaging
+time. For slow walls, whose speed varies between rotors, and for damped and driven rotors, a cubic
+replaces the line. Under force terms, the curvature of the cubic corrects the average. No average
+extends across an impulse.
 """
 
 from __future__ import annotations
@@ -41,8 +42,8 @@ from soliton_linkage_studies.accuracy.walls import (
 )
 
 _SLOW = 0.25
-"""Displacement during a period of the slowest phonon below which a wall counts as slow [rotor
-spacings]."""
+"""Threshold [rotor spacings]: a wall counts as slow if it moves less in a period of the slowest
+phonon."""
 _SETTLED = (20, 400)
 """Range of the number of frames between a kick and the start of a scene [1]."""
 # Scenes with one wall:
@@ -51,8 +52,7 @@ _FROM_EDGE = 1.0
 _BEGIN = 2.0
 """Smallest distance between a wall and an edge at the start of a scene [rotor spacings]."""
 _SAMPLES = 200
-"""Number of samples of the orbit near the first edge [1]; the search for the rest state uses
-them."""
+"""Number of orbit samples near the first edge [1], in which the rest state is searched."""
 _LEGS = 2.0
 """Longest path of a kicked wall before the scene starts [passages from edge to edge]."""
 _CHAINS = 200
@@ -65,12 +65,11 @@ _FEWEST = 20
 _DRAWS = 20
 """Largest number of scenes that are drawn until the walls of a scene stay intact and apart [1]."""
 _SLOWER = 0.7
-"""Factor by which each further draw reduces the initial speed of anti-kinks [1]."""
+"""Factor that multiplies the initial speed of anti-kinks in each further draw [1]."""
 _JITTER = 0.05
-"""Largest random shift of an initial wall position, relative to the distance between walls [1]."""
+"""Largest random shift of an initial wall position [distances between walls]."""
 _CORE = 3.0
-"""Largest distance between a wall and the rotors that show whether it is intact [rotor
-spacings]."""
+"""Largest distance of a rotor that is used to check whether a wall is intact [rotor spacings]."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +100,7 @@ class WallScene:
 def scene_of(
     cell: AccuracyCell, frames: int, random: np.random.Generator, impulse_count: int = 0
 ) -> WallScene:
-    """Simulate `frames` frames, or fewer if walls meet, with impulses on a single wall."""
+    """Simulate `frames` frames, or fewer if walls meet. Only a single wall receives impulses."""
     chain = cell.chain
     if cell.noise_only:
         angles = random.uniform(-math.pi, math.pi, (frames, chain.number_of_rotors))
@@ -126,7 +125,7 @@ def _without_walls(angles: Array, kinetic: Array) -> WallScene:
 
 
 def frames_beside(speed: float, cell: AccuracyCell) -> int:
-    """Return the number of averaged frames on either side, for a wall speed [rotor spacings/s]."""
+    """Return the number of averaged frames on each side, for a wall speed [rotor spacings/s]."""
     time = 1 / max(abs(speed), gap(cell.chain) / (2 * math.pi))
     return max(round(time / (cell.period * cell.chain.time_unit) / 2), 1)
 
@@ -140,10 +139,10 @@ def averages_and_slopes(
 ) -> tuple[Array, Array]:
     """Return a moving average and a slope for each value.
 
-    An average contains `beside` values on either side, and a slope three times as many. No window
+    An average uses `beside` values on each side. A slope uses three times as many. No window
     extends across the indices `breaks`. Slopes are those of fitted lines or, if `cubic` is true,
     of fitted cubics. An acceleration x'' biases the average of 2 b + 1 values by x'' b (b + 1) /
-    6. If `forced` is true, this bias is subtracted, with x'' of the cubic.
+    6. If `forced` is true, the bias for the x'' of the cubic is subtracted.
     """
     means, slopes = np.empty_like(values), np.empty_like(values)
     for begin, end in pairwise([0, *(breaks or []), len(values)]):
@@ -162,7 +161,7 @@ def averages_and_slopes(
 
 
 def _convolved(values: Array, weights: Array) -> Array:
-    """Convolve values with weights; odd reflection continues the values beyond both ends."""
+    """Convolve values with weights; beyond both ends, values are continued by odd reflection."""
     beside = len(weights) // 2
     if not beside:
         return np.asarray(weights[0] * values)
@@ -289,7 +288,7 @@ def _nudged(cell: AccuracyCell, orbit: Orbit, random: np.random.Generator) -> _S
 def _apply_impulse(
     start: _Start, arc: float, largest: float, random: np.random.Generator
 ) -> Array:
-    """Change the speed by up to the fraction `largest` [1]; return angular impulses [N m s]."""
+    """Change the wall speed by at most the fraction `largest`; return angular impulses [N m s]."""
     orbit = start.orbit
     near = np.abs(np.arange(orbit.chain.number_of_rotors) - orbit.site(arc)) < _IMPULSE_REACH
     change = start.speed * random.uniform(-largest, largest)
@@ -299,7 +298,7 @@ def _apply_impulse(
 
 
 def _orbit(cell: AccuracyCell, random: np.random.Generator) -> Orbit:
-    """Return the orbit of the true chain. Raises ArithmeticError if disorder always blocks it."""
+    """Return the orbit of a true chain; raise ArithmeticError if all drawn chains block walls."""
     if not cell.disorder:
         return _uniform_orbit(cell.chain)
     for _ in range(_CHAINS):
@@ -322,7 +321,7 @@ def _uniform_orbit(chain: Chain) -> Orbit:
 
 
 def _several_walls(cell: AccuracyCell, frames: int, random: np.random.Generator) -> WallScene:
-    """Simulate kinks and anti-kinks until two meet; ArithmeticError if they meet too early."""
+    """Simulate walls until two of them meet; raise ArithmeticError if they meet too early."""
     for draw in range(_DRAWS):
         begins = 1 if random.integers(2) else -1
         charges = tuple(begins * (-1) ** number for number in range(cell.walls))

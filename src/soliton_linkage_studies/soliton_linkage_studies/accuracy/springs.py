@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Integrator of elastic chains that is independent of the simulator.
 
-The two integrators share only the geometry of a spring. The integrator is Suzuki's symplectic
-composition of five leapfrog steps, of fourth order. With angles x, rates v, torques F, moments of
+The two integrators share only the geometry of a spring. This integrator is Suzuki's symplectic
+composition of five leapfrog steps; its order is 4. With angles x, rates v, torques F, moments of
 inertia I and the step h,
 
     x += w h v / 2,  v += w h F(x) / I,  x += w h v / 2  for w = p, p, 1 - 4 p, p, p,
@@ -56,7 +56,7 @@ class Springs:
         _advance(self.angles, self.rates, *given, _WEIGHTS * step, self._steps)
 
     def record(self, frames: int) -> Recording:
-        """Record `frames` frames; the first one is the current state."""
+        """Record `frames` frames, of which the first is the current state."""
         angles = np.empty((frames, len(self.angles)))
         rates = np.empty_like(angles)
         for frame in range(frames):

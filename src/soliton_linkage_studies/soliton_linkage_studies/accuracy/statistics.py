@@ -49,7 +49,8 @@ _CONSISTENT = (0.95, 1.05)
 """Range of the root mean square normalised error in which stated deviations count as consistent
 [1]."""
 _SIGNIFICANT = 3.0
-"""Smallest significant difference [standard errors]; 1 of 400 equal pairs exceeds it."""
+"""Smallest significant difference [standard errors]; by chance, 1 of 400 equal pairs differs
+more."""
 _SINGLE_RECORD = 0.3
 """Assumed relative standard error of a root mean square from a single record [1]."""
 _LARGER = 1.1
@@ -57,8 +58,8 @@ _LARGER = 1.1
 _USEFUL = 2.0
 """Root mean square normalised error below which stated positions count as useful [1]."""
 _FEWER = 0.01
-"""Decrease of the number of lost walls [1] above which errors are not compared; they are then
-errors of different walls."""
+"""Decrease of the number of lost walls [1] above which errors are not compared, because the errors
+belong to different walls."""
 _ERRORS = ('position_rms', 'position_rms_error', 'rate_rms', 'rate_rms_error', 'error_rms')
 _COMPARED = (*_ERRORS, *_FAILURES, 'frames', 'failure', 'position_beyond_4', 'walls_looked_for')
 
@@ -79,7 +80,7 @@ class Scores:
     kinetic: list[float] = field(default_factory=list)
     """Errors of the kinetic energy, divided by their stated standard deviations [1]."""
     shifts: list[float] = field(default_factory=list)
-    """Shifts of the position by a wrong reading, in stated standard deviations [1]."""
+    """Position shifts by a wrong reading, divided by the stated standard deviation [1]."""
     speed: float = 0.0
     """Speed of the fastest wall of the scene, relative to the speed of sound [1]."""
     frames: int = 0
@@ -304,7 +305,7 @@ def _large_errors(row: Row) -> float:
 
 
 def _inconsistency(rms: float) -> float:
-    """Return how far a root mean square is outside `_CONSISTENT`, as a logarithm [1]."""
+    """Return the logarithm of the factor by which a root mean square is outside `_CONSISTENT`."""
     if not rms > 0:
         return 0.0
     low, high = _CONSISTENT

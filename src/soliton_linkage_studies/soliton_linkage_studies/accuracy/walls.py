@@ -39,9 +39,9 @@ _CLOSE = 1e-6
 
 
 def reach(chain: Chain) -> float:
-    """Return the half width of a wall.
+    """Return the half width of a wall [rotor spacings].
 
-    Beyond it, angles change by less than 1 % [rotor spacings].
+    At larger distances angles change by less than 1 %.
     """
     return 2.5 * max(chain.wall_width, penetration_depth(chain)) / chain.spacing + 3
 
@@ -53,7 +53,7 @@ def extent(chain: Chain) -> int:
 
 @dataclass(frozen=True)
 class WallPath:
-    """Static walls of one charge in an infinite chain, at all allowed positions.
+    """Static walls with the same charge in an infinite chain, at all allowed positions.
 
     A wall is stored as the angles of a window, M successive rotors around the wall. Positions are
     relative to the first rotor of the window [rotor spacings].
@@ -143,7 +143,7 @@ class WallPath:
         return math.sqrt(float(residual @ residual) / max(len(residual), 1))
 
     def _near(self, angles: Array, position: float, within: float) -> tuple[Array, Array]:
-        """Return the differences from a static wall near it, and its derivatives there."""
+        """Return angle differences from a static wall and its derivatives, both near this wall."""
         first, wall, slope = self.window(position)
         low, high = max(first, 0), min(first + len(wall), len(angles))
         near = np.abs(np.arange(low, high) - position) < within
@@ -152,7 +152,7 @@ class WallPath:
 
 
 def nearest_arc(orbit: Orbit, angles: Array, arc: float) -> float:
-    """Return the arc length along the orbit nearest to the angles [rad], from the guess `arc`."""
+    """Return the arc length [rad] of the orbit point nearest to the angles, from a guess `arc`."""
     for _ in range(_GAUSS_STEPS):
         segment = orbit.segment(arc)
         end = segment.first + len(segment.angles)
@@ -193,7 +193,7 @@ _SETTLING = (60.0, 400.0)
 _ABSORPTION = 0.5
 """Damping that absorbs phonons at the rotors outside a settling wall [1 / time unit]."""
 _BROKEN = 0.15
-"""Misfit beyond which a wall counts as destroyed, relative to the swing of a rotor [1]."""
+"""Threshold [swings of a rotor]: a wall counts as destroyed if its misfit is larger."""
 _STEP = 0.5
 """Interval between position measurements of a settling wall [time units]."""
 _SLOWER = 0.8
@@ -219,7 +219,7 @@ class SteadyWall:
 
 
 def launch_speed(chain: Chain, share: float) -> float:
-    """Return the initial speed [spacings/s] after which a static wall settles at `share` c."""
+    """Return the initial speed [spacings/s] of a wall that will settle at the speed `share` c."""
     sound = speed_of_sound(chain) / chain.spacing
     return sound * math.sqrt(2 * (1 / math.sqrt(1 - share**2) - 1))
 
@@ -228,8 +228,8 @@ def launch_speed(chain: Chain, share: float) -> float:
 def steady_wall(chain: Chain, leg: int, share: float) -> SteadyWall:
     """Return a wall without phonons that moves at the speed `share` [speed of sound].
 
-    If such a wall is unstable, its speed is the largest stable one. Raises ArithmeticError if the
-    wall is destroyed at every speed that is tried.
+    If such a wall is unstable, the returned wall has the largest stable speed. Raises
+    ArithmeticError if the wall is destroyed at every speed that is tried.
     """
     speed = launch_speed(chain, share)
     for _ in range(_TRIES):
@@ -283,9 +283,9 @@ def _positions(
 
 
 def add_motion(wall: SteadyWall, shift: int, angles: Array, rates: Array, sense: int) -> None:
-    """Add the motion of a wall, shifted by some rotors, to a static wall.
+    """Shift a moving wall by `shift` rotors, and add its offsets and rates to a static wall.
 
-    `sense` is 1 to the right.
+    `sense` is 1 if the wall moves to the right.
     """
     numbers = np.arange(len(wall.offsets)) + wall.first + shift
     inside = (numbers >= 0) & (numbers < len(angles))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Move walls by motors that break reciprocity; compare them with the theory on one page."""
+"""Move walls by motors that break reciprocity; compare the motion with theory on one page."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ _FROM_END = 8
 _STARTUP = 4.0
 """Initial time in which the velocity of a wall is not measured, in decay times M r^2 / c [1]."""
 _PIECES = 8
-"""Number of pieces into which a track is divided [1]; their slopes give the standard error of the
+"""Number of pieces of a track [1]; the slopes of the pieces give the standard error of the
 velocity."""
 _TOLERANCE = 1e-11
 """Integration error of an angle per step [rad]; the energy balance is then closed to 1e-6."""
@@ -55,8 +55,8 @@ class WallDrive:
 def wall_drive(chain: Chain, charge: int) -> WallDrive:
     """Return the effect of the motors on a kink (charge +1) or an anti-kink (charge -1).
 
-    The wall is in the middle of a chain at whose ends the tails of the wall have decayed. Raises
-    ArithmeticError for an anti-kink without a path of stable states.
+    The wall is in the middle of the chain; its tails have decayed at both ends of the chain.
+    Raises ArithmeticError for an anti-kink without a path of stable states.
     """
     begin = chain.number_of_rotors / 2 - 1
     if charge > 0:
@@ -120,7 +120,8 @@ class ActiveRun:
     walls: int
     """Number of walls in the last frame."""
     imbalance: float
-    """Error of the energy balance with motors and damping, divided by the largest energy [1]."""
+    """Error of the energy balance, which includes motors and damping, over the largest energy
+    [1]."""
 
 
 @dataclass(frozen=True)
@@ -206,7 +207,7 @@ def terminal_velocity(task: ActiveTask, run: ActiveRun) -> tuple[float, float]:
 def moving(chain: Chain, site: float, charge: int, velocity: float) -> tuple[Array, Array]:
     """Return the angles [rad] and angular velocities [rad/s] of a chain with a moving wall.
 
-    Angles and velocities have shape (N,). The velocity of the wall is in [rotor spacings/s].
+    Angles and velocities have shape (N,). `velocity` is the wall velocity [rotor spacings/s].
     """
     build = static_wall if charge > 0 else continuum_anti_kink
     here = build(chain, site)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Film of a simulated handmade chain, with known manufacturing deviations."""
+"""Film of a simulated handmade chain whose manufacturing deviations are known."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class BenchParameters:
 
 @dataclass(frozen=True)
 class FilmedBench:
-    """Chain with manufacturing deviations, with markers for the nominal chain `plan`."""
+    """Chain with manufacturing deviations; its markers are made for the nominal chain `plan`."""
 
     plan: Chain
     markers: MarkerSettings

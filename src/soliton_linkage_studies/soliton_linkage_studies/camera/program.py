@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measure angles in films of simulated chains, and compare their errors with the Cramer-Rao bound.
+"""Measure angles in rendered films, and compare the angle errors with the Cramer-Rao bound.
 
 Write a table as Markdown. After an interruption, the same command continues with the next clip.
 """
@@ -23,7 +23,7 @@ from soliton_linkage_studies.settings import Section, chain_from, load_settings
 from soliton_linkage_studies.sweep.table import RESUMES, fill_table, fingerprint, markdown_table
 
 _QUICK_FRAMES = 120
-"""Number of pictures per film in a quick study, which lasts two seconds."""
+"""Number of pictures per film in a quick study [1]; such a film lasts two seconds."""
 _KICKS = 0.7, 1.3
 """Range of a random factor that multiplies the kick of each clip [1]."""
 COLUMNS = (

@@ -32,7 +32,7 @@ Boxes = NDArray[np.int64]
 
 
 class Pixels(NamedTuple):
-    """Point of the rotor plane that each pixel shows, and blur [m], (height, width)."""
+    """Point of the rotor plane that a pixel shows, and blur of the pixel [m], (height, width)."""
 
     x: Array
     z: Array
@@ -43,7 +43,7 @@ _PIXELS = named_tuple(Pixels, f8_2d, f8_2d, f8_2d)
 
 
 def _covered(distance: float, spread: float) -> float:
-    """Return the covered fraction of a pixel at a signed distance from an edge [m]."""
+    """Return the covered fraction of a pixel whose signed distance from an edge is given [m]."""
     share = distance / spread
     if share > 4.0:
         return 0.0
@@ -155,7 +155,7 @@ def paint_bonds(
     width: float,
     moments: Array,
 ) -> None:
-    """Paint the bonds of half width `width` [m]; other arguments as in `paint_rotors`."""
+    """Paint bonds with the half width `width` [m]; other arguments as in `paint_rotors`."""
     samples = moments.shape[1]
     masses = np.empty((samples, 4))
     for bond in range(len(boxes) - 1):

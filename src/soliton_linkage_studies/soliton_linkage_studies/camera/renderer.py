@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rendered films of a chain, with known angles, a rolling shutter and an exposure."""
+"""Rendered films of a chain with known angles; pictures have a rolling shutter and an exposure."""
 
 from __future__ import annotations
 
@@ -207,7 +207,8 @@ class Renderer:
             on = np.all((cells >= 0) & (cells < MODULES), axis=-1)
             inside = np.clip(cells, 0, MODULES - 1)
             cell = on & (bits[inside[..., 1], inside[..., 0]] == 0)
-            # The coverage of each sample by a dot is a ramp, because steps would displace dots.
+            # The edge of a dot is a ramp between black and white, because a step would displace
+            # dots.
             sharpness = fine * self._plane.pixels_per_metre(centre[None])[0]
             dot = np.clip(0.5 + sharpness * (layout.dot_radius - from_dot), 0, 1)
             black = np.maximum(cell, dot)

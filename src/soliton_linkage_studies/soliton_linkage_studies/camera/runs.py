@@ -45,8 +45,8 @@ _FILLED = 1.12
 _SWAPPED = 0.1
 """Error of an angle above which the angle counts as that of another rotor [rad]."""
 _SETTLING = 10
-"""Number of first pictures that are not evaluated; plane and pivots are means over pictures,
-inaccurate at the start."""
+"""Number of first pictures that are not evaluated [1], because means over few pictures give an
+inaccurate plane and inaccurate pivots."""
 _HAND_EVERY, _HAND_FOR = 10.0, 0.7
 """Time between two hands that cover part of the view, and duration of each hand [s]."""
 _TURN = 0.01

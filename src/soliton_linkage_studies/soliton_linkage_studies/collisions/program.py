@@ -93,7 +93,7 @@ def draw_speeds(rows: Sequence[Row]) -> FigureReport:
 def _panels(
     caption: str, count: int, most: int, size: tuple[float, float, float], label: str
 ) -> tuple[FigureReport, Any]:
-    """Return a report and its `count` panels, `most` or fewer in a row with the same `label`.
+    """Return a report and `count` panels, at most `most` in a row; `label` is the vertical axis.
 
     `size` [inches] is the width and the height of a panel, and the height of the legend.
     """

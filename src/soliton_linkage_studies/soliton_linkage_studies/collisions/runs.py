@@ -37,12 +37,11 @@ _NEAR = 7.0
 _LEAVING = 5.0
 """Smallest distance at which the speed after a collision is measured [reaches]."""
 _FRAMES = 10
-"""Number of frames in which sound crosses a reach [1]; each overlap lasts for ten frames or
-more."""
+"""Number of frames in which sound crosses a reach [1]; an overlap lasts at least as long."""
 _CORE = 4.0
 """Half width of a wall [reaches]; it contains all but e^(-16) of the energy."""
 _LUMP = 8.0
-"""Half width of a captured pair [reaches]; it is twice the amplitude of the walls."""
+"""Half width of a captured pair [reaches], twice the oscillation amplitude of its walls."""
 _FEWEST = 5
 """Smallest number of frames for a speed estimate [1]; escaped walls have 30 frames or more."""
 _TOLERANCE = 1e-10
@@ -64,7 +63,7 @@ class Collision:
     shift: float = 0.0
     """Shift of both walls along the ring [rotor spacings]."""
     patience: float = 120.0
-    """Time limit for an escape [reach / speed of sound], in addition to the path at half speed."""
+    """Time limit for an escape [reach / c], added to the time of the path at half speed."""
 
     def __call__(self) -> CollisionRun:
         """Simulate the collision until the walls escape or the time limit is reached."""
@@ -87,8 +86,8 @@ class Collision:
     def reach(self) -> float:
         """Reach of a wall [rotor spacings]: twice the penetration depth l.
 
-        The tails are e^(-x / l). For lean ratios d << 1, the reach is the width w of a flipper's
-        wall, and 2 w for a spinner.
+        The tails are e^(-x / l). For lean ratios d << 1 and walls of width w, the reach is w in
+        flippers and 2 w in spinners.
         """
         return 2 * penetration_depth(self.ring) / self.ring.spacing
 
@@ -162,7 +161,7 @@ class WallPaths:
         return WallPaths(*(np.append(*pair) for pair in pairs))
 
     def speeds(self) -> Array:
-        """Return the fitted speeds of both walls [rotor spacings / s], shape (2,), or NaN."""
+        """Return the fitted speeds of both walls [rotor spacings / s], NaN for few frames."""
         if len(self.times) < _FEWEST:
             return np.full(2, np.nan)
         both = np.stack([self.kinks, self.anti_kinks], axis=1)

@@ -38,7 +38,7 @@ _FASTEST = 2.0
 
 @dataclass(frozen=True)
 class WindowEdge:
-    """Search for the edge of a speed window: inside, walls escape after `collisions` overlaps."""
+    """Search for the edge of a speed window in which walls escape after `collisions` overlaps."""
 
     collision: Collision
     collisions: int
@@ -49,7 +49,7 @@ class WindowEdge:
     halvings: int
 
     def __call__(self) -> tuple[float, CollisionRun]:
-        """Return the speed at the edge, and the simulated collision in the window nearest to it.
+        """Return the speed at the edge, and the collision in the window nearest to the edge.
 
         Raises ValueError unless the walls escape after `collisions` overlaps at the speed
         `inside`, but not at the speed `outside`.
@@ -84,9 +84,9 @@ class Entry:
     """Task whose result is one row of the table."""
 
     part: str
-    """Part of the study, a key of the settings."""
+    """Name of the part of the study, which is a key of the settings."""
     series: str
-    """Series of rows, a name from the settings."""
+    """Name of the series of rows in the settings."""
     task: Collision | WindowEdge
     name: str = ''
     """Name of the window edge, or an empty text for a collision."""
@@ -144,7 +144,7 @@ class Row:
     series: str
     name: str
     speed: float
-    """Speed of each wall, or at the window edge, relative to the speed of sound [1]."""
+    """Speed of each wall or of the window edge, relative to the speed of sound [1]."""
     run: CollisionRun | None
     """Outcome of the collision, or None if the simulation failed."""
     failure: str
@@ -180,7 +180,7 @@ def read_collision_study(settings: Section, quick: bool) -> CollisionStudy:
 
 
 def _named(settings: Section, key: str) -> dict[str, Section]:
-    """Return the sections below a key by name. Raises ValueError if there are none."""
+    """Return the sections below a key by name; raise ValueError if the key has no sections."""
     found = settings.section(key).sections()
     if not found:
         raise settings.error(key, 'is empty; give one or more named sections')
@@ -290,7 +290,7 @@ class BounceWindow:
     first: float
     last: float
     fastest: CollisionRun
-    """Collision in the window after which the walls are fastest."""
+    """Collision of the window with the largest final speed of the walls."""
 
     @property
     def phase(self) -> float:

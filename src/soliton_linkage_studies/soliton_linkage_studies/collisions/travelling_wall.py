@@ -35,14 +35,15 @@ _QUIET_FROM = 4.0
 """Distance from the wall at which the penalty on moving tails starts, in units of 2 l [1]. The
 penalty increases to its final value at 1.5 times this distance."""
 _QUIETNESS = 0.05
-"""Strength of the penalty on moving tails, in units of I gap^2 [1], with the moment of inertia I
-and the lowest phonon frequency. Sensitivity: at 0.01 or 0.2, the speed after a collision changes
-by 1e-4."""
+"""Strength of the penalty on moving tails, in units of I gap^2 [1]. I is the moment of inertia,
+and gap the lowest phonon frequency. Sensitivity: at 0.01 or 0.2, the speed after a collision
+changes by 1e-4."""
 _POINTS_A_WIDTH = 12
 """Number of grid points per wall width [1]. Sensitivity: at 2x, the speed after a collision
 changes by less than 1e-5."""
 _ITERATIONS = 20
-"""Largest number of Gauss-Newton iterations [1]; a search converges within ten or not at all."""
+"""Largest number of Gauss-Newton iterations [1]; a search converges within ten iterations or
+never."""
 _LONGEST_STEP = 0.3
 """Largest change of an angle in one iteration [rad]; searches with longer steps diverge."""
 _CONVERGED = 1e-8

@@ -193,7 +193,7 @@ def draw_work(report: FigureReport, axes: Axes, runs: Mapping[str, DrivenChain])
 
 @dataclass(frozen=True)
 class Finding:
-    """Measured number and its allowed range, with both bounds."""
+    """Measured number and its allowed range, which includes both bounds."""
 
     panel: str
     quantity: str

@@ -39,7 +39,7 @@ _KEYS = ('step', 'work', 'energy_balance', 'stiffness', 'tilt', 'moves')
 _WORK_PERIOD = 0.002
 """Frame period of a chain with an actuator [s]; it is a small fraction of the filling time."""
 _SHORT = 1.0
-"""Duration of the energy balance with the option `--quick` [s]: three periods of the events."""
+"""Duration of the energy balance with `--quick` [s], about three spans of `_EVENT_FRAMES`."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class DrivingStudy:
 
     @property
     def tasks(self) -> dict[tuple[Any, ...], Callable[[], Any]]:
-        """All tasks, each with a unique key, the longest ones first."""
+        """All tasks, each with a unique key; the longest tasks come first."""
         stiffest_first = reversed(list(enumerate(self.stiffnesses)))
         return {
             **{('moves', *key): task for key, task in numbered_tasks(self.moves).items()},
@@ -86,7 +86,7 @@ class DrivingStudy:
 
 @dataclass(frozen=True)
 class Results:
-    """Results of a study, with the keys and the order of the tasks."""
+    """Results of a study; keys and order are those of the tasks."""
 
     works: dict[str, DrivenChain]
     balances: dict[str, BalancedRun]
@@ -173,9 +173,9 @@ _EVENT_FRAMES = 30
 """Number of frames of a span with a kick and a change of gravity [1]; every second span has
 torques."""
 _KICK_FRAME = 10
-"""Index of the frame with the kick in a span [1], far from other events."""
+"""Index of the frame in a span at which a kick occurs [1], far from other events."""
 _TURN_FRAME = 20
-"""Index of the frame with the change of gravity in a span [1], far from kicks."""
+"""Index of the frame in a span at which gravity changes [1], far from kicks."""
 _CROSSING_FRAMES = 200
 """Number of frames of a crossing [1]; a wall moves by less than a rotor spacing per frame."""
 

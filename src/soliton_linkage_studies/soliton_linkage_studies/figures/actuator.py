@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figure of the soft actuator: step response, fit of its parameters, and work on a chain."""
+"""Figure of the soft actuator: step response, fitted parameters, and work on a chain."""
 
 from __future__ import annotations
 
@@ -27,14 +27,13 @@ from soliton_linkage_studies.settings import Section, chain_from
 _TOLERANCE = 1e-12
 """Integration error per time unit [rad]; work and energy then agree to 1e-9."""
 TIME = 'time [s]'
-"""Label of the time axes."""
 _STEPPED = slice(None, None, 20)
-"""Every twentieth instant, at which the numerical solution is evaluated."""
+"""The numerical solution is evaluated at every twentieth instant."""
 
 
 @dataclass(frozen=True)
 class CommandResponse:
-    """Pressure response of an actuator at T instants, in closed form and integrated."""
+    """Pressure response of an actuator, in closed form and by numerical integration."""
 
     times: Array
     """Instants of the response [s], shape (T,)."""
@@ -132,7 +131,7 @@ _FRAMES_A_SECOND = 500
 
 @FIGURES.add('soft_actuator')
 def actuator_figure(section: Section, quick: bool) -> FigureReport:
-    """Draw the pressure response, the fit of its parameters, and work compared with energy."""
+    """Draw the pressure response, the fitted parameters, and work compared with energy."""
     section.check_keys('chain', 'pressure', 'duration', 'ramp', 'noise', 'rate')
     actuator = PneumaticActuator()
     order = read_command(section)

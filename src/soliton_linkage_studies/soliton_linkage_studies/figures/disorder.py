@@ -50,7 +50,7 @@ _QUICK_SEEDS = 3
 _NORMAL = 1.959964
 """Half width of the central 95 % of a normal distribution [standard deviations]."""
 _ASIDE = 0.4
-"""Offset between the points of different chains [%]; it separates the error bars."""
+"""Offset between the points of different chains [%], so that error bars do not overlap."""
 
 
 @FIGURES.add('disorder_against_passage')
@@ -105,7 +105,7 @@ def _deviating(chain: Chain, fraction: float, seed: int) -> Chain:
 
 
 def _compare_passage(report: FigureReport, fractions: Array, free: Array, passed: Array) -> None:
-    """Compare the survival rates of all rigid chains and of chains without blocked bonds.
+    """Report the survival rates of all rigid chains, and of rigid chains without blocked bonds.
 
     `free` (no blocked bond) and `passed` have shape (F, K), for F disorders and K chains.
     """

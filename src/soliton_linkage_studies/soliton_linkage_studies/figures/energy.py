@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Energy of walls: anti-kinks at rest, and kinks against their speed (paper, Movie S1)."""
+"""Energy of anti-kinks at rest, and of kinks as a function of speed (paper, Movie S1)."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ equilibrium with one kink and one anti-kink. Dashed line: continuum theory, the 
 
 @FIGURES.add('anti_kink_cost')
 def anti_kink_figure(section: Section, quick: bool) -> FigureReport:
-    """Draw the energy of an anti-kink at rest, relative to the continuum, against d."""
+    """Draw the energy of an anti-kink at rest, divided by that of continuum theory, against d."""
     section.check_keys('rotor_length_ratio', 'lean_ratios')
     ratio = section.number('rotor_length_ratio', 1e-3, 1e3)
     wanted = section.numbers('lean_ratios', 1e-3, 1.0)
@@ -161,9 +161,9 @@ def _draw_theory(panels: Sequence[Axes], theory: WallTheory) -> None:
 def _energies(chain: Chain, kick: float) -> tuple[float, float, float, float, float]:
     """Return relative speed [1], kinetic, elastic and wake energy [J], and a flag for echoes.
 
-    Energies are means over the first passage of the wall. The flag is 1 if the fastest phonon of
-    the kick, reflected by the first rotor, can be behind the wall in one of these frames,
-    otherwise 0.
+    Energies are means over the first passage of the wall. The fastest phonon of the kick is
+    reflected by the first rotor. The flag is 1 if this phonon can be behind the wall in one of
+    these frames, otherwise 0.
     """
     recording, speed = record_moving_wall(chain, kick)
     positions = wall_positions(chain, recording)

@@ -78,13 +78,13 @@ class WallAtSpeed:
     snapshots: Snapshots
     relative_speed: float
     width: float
-    """Width from the slope of arctanh, relative to the continuum width at rest [1]."""
+    """Width from the slope of arctanh, divided by the continuum width at rest [1]."""
     fitted_width: float
-    """Mean width from tanh fits to the snapshots, relative to the continuum width at rest [1]."""
+    """Mean width from tanh fits to the snapshots, divided by the continuum width at rest [1]."""
 
 
 Inset = Callable[[FigureReport, Axes, Chain, WallAtSpeed], None]
-"""Function that draws another panel, called with report, axes, chain and slowest wall."""
+"""Function that draws another panel. Arguments: report, axes, chain and slowest wall."""
 
 
 @FIGURES.add('figure_5')

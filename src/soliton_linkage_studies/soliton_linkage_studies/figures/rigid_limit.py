@@ -22,7 +22,7 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 
 def convergence_order(stiffnesses: ArrayLike, distances: ArrayLike) -> float:
-    """Return the order in 1 / k_e with which springs converge to rigid bars [1].
+    """Return the order of convergence to rigid bars in 1 / k_e [1].
 
     The order is fitted to the three largest stiffnesses.
     """
@@ -31,7 +31,7 @@ def convergence_order(stiffnesses: ArrayLike, distances: ArrayLike) -> float:
 
 
 def draw_convergence(axes: Axes, stiffnesses: ArrayLike, distances: ArrayLike, label: str) -> None:
-    """Draw angle deviations [rad] against the stiffness, each (K,), and a line of order 1."""
+    """Draw angle deviations [rad], (K,), against stiffnesses, (K,), and a line of order 1."""
     across, up = np.asarray(stiffnesses), np.asarray(distances)
     first_order = up[-1] * across[-1] / across
     axes.loglog(across, up, 'o', color=MEASURED, label=label)

@@ -127,7 +127,7 @@ def _draw_decays(
     positions: Array,
     from_rest: Array,
 ) -> None:
-    """Draw fits of a decaying oscillation, with the exact decay length and the paper's.
+    """Draw fits of a decaying oscillation with two decay lengths: exact, and from the paper.
 
     A fit is u = ub + e^(-x / depth) (A cos(pi x / a) + B sin(pi x / a)) at the distance x from the
     wall. A and B are fitted beyond 1.5 spacings with weights e^(x / depth).

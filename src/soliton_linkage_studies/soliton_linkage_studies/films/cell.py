@@ -24,7 +24,7 @@ _SMOOTH = 800
 
 @dataclass(frozen=True)
 class Cell:
-    """Settings of a unit cell that moves along its configuration space."""
+    """Settings of a unit cell in motion."""
 
     chain: Chain
     kick: float

@@ -61,7 +61,7 @@ class KickedWall:
 
     chain: Chain
     kick: float
-    """Norm r |phi_dot| of the mass velocities along the zero mode, in units of a sqrt(k_e / M)."""
+    """Norm r |phi_dot| of the mass velocities of the zero mode [a sqrt(k_e / M)]."""
     duration: float
     """Duration of the motion [s]."""
 

@@ -32,7 +32,7 @@ class Insulation:
     swing: float
     """Largest amplitude of a rotor in the zero mode, and amplitude of the driven rotor [rad]."""
     drives: tuple[float, ...]
-    """Angular frequencies of both drives, relative to the gap [1]."""
+    """Angular frequencies of both drives, relative to the gap frequency [1]."""
     duration: float
     """Duration of the motion [s]."""
 
@@ -51,7 +51,7 @@ class Insulation:
 
 @film_kind('insulator', Insulation.read)
 class InsulatorScene(Scene):
-    """Scene of three right-leaning chains: zero mode, drive in the gap and drive above the gap."""
+    """Scene of three right-leaning chains: zero mode, drive in the gap, drive above the gap."""
 
     caption = f"""
     {LINKAGE} Dashed red lines are springs; {MODE}.

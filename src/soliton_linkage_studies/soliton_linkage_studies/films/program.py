@@ -83,7 +83,7 @@ def scene_of(film: Film) -> Scene:
 _CODEC = 'libx264'
 _QUALITY = ('-crf', '20', '-preset', 'veryfast', '-movflags', '+faststart')
 SHRINKING = 2
-"""Factor that reduces the width and height of a GIF [1], which stays in memory as a whole."""
+"""Factor by which the width and height of a GIF are divided [1], because it must fit in memory."""
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,6 @@ SPACE_TIME = (
     'column for each rotor. A colour darker than at rest marks a rotor that overshoots its rest '
     'angle.'
 )
-"""Caption of the space-time diagram."""
 _GAP = 0.06
 """Vertical gap between axes [figure heights]."""
 
@@ -108,7 +107,7 @@ class Scene(ABC):
         self._move(frame)
 
     def paint(self, frame: int) -> memoryview:
-        """Return the RGBA pixels of a frame, top row first. Still artists are drawn only once."""
+        """Return the RGBA pixels of a frame, top row first. Artists at rest are drawn once."""
         self.show(frame)
         if self._still is None:
             for artist in self._moving:
@@ -179,7 +178,7 @@ class ProfilePanel:
         self.moving = [*self.theory, *self.rotors]
 
     def show(self, angles: Array) -> None:
-        """Show a configuration [rad], shape (N,), and the theory of its wall if it has one."""
+        """Show a configuration [rad], shape (N,), and the theory of its wall, if a wall exists."""
         lean = displacement(self._chain, angles)
         for parity, markers in enumerate(self.rotors):
             markers.set_data(self._positions[parity::2], 100 * lean[parity::2])
@@ -195,9 +194,9 @@ def static_profile(
 ) -> Array:
     """Return the displacement u [m] of a wall at rest in the continuum theory, at positions x [m].
 
-    For flippers u = -r sin(theta_bar) tanh((x - X) / w) with the wall position X [m]. The
-    staggered angles of spinners that start in the right-leaning state are theta_bar +- s
-    arccos(-tanh((x - X) / w)), + for even rotors (parity 0), - for odd rotors. The sign s is
+    For flippers u = -r sin(theta_bar) tanh((x - X) / w) with the wall position X [m]. For spinners
+    that start in the right-leaning state, the staggered angles are theta_bar +- s arccos(-tanh((x
+    - X) / w)). The sign +- is + for even rotors (parity 0) and - for odd rotors. The sign s is
     determined from `angles` [rad], shape (N,).
     """
     if chain.motion is not Motion.SPINNER:
@@ -209,7 +208,7 @@ def static_profile(
 
 
 def stacked(figure: Figure, chain: Chain, shares: tuple[float, ...]) -> list[Axes]:
-    """Return axes with the same x range: a picture of the chain to scale, then `shares` below."""
+    """Return axes with equal x range: the chain to scale, below it panels of heights `shares`."""
     left, right, bottom, top = limits(chain, projections=True)
     wide, high = (float(length) for length in figure.get_size_inches())
     height = (top - bottom) / (right - left) * WIDTH * wide / high
@@ -231,7 +230,7 @@ AnyScene = TypeVar('AnyScene', bound=type[Scene])
 
 FILM_KINDS: Registry[tuple[Callable[[Section], Any], Callable[[str, Any, Format], Scene]]]
 FILM_KINDS = Registry()
-"""Reader of the settings, and constructor of the scene from title, settings and format."""
+"""For each kind of film: reader of its settings, and constructor of its scene."""
 
 
 def film_kind(name: str, read: Callable[[Section], Any]) -> Callable[[AnyScene], AnyScene]:

@@ -40,7 +40,7 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 @dataclass(frozen=True)
 class Tilting:
-    """Settings of rigid bars under gravity, with a tilt that is piecewise linear in time."""
+    """Settings of rigid bars under gravity; the tilt is piecewise linear in time."""
 
     chain: Chain
     times: tuple[float, ...]
@@ -110,7 +110,7 @@ class TiltScene(Scene):
 
 
 def _fallen(motion: Tilting, tilts: Array, period: float) -> Array:
-    """Return the angles in each frame [rad], shape (frames, N), with constant tilt between."""
+    """Return the angles in each frame [rad], (frames, N); the tilt is constant between frames."""
     chain = motion.chain
     start = chain.uniform_state(-1)
     field = Gravity(motion.acceleration, float(tilts[0]))

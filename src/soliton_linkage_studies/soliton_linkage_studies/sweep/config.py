@@ -160,7 +160,7 @@ class SweepStudy:
 
 
 def trial_of(parameters: Mapping[str, Value], seed: int) -> tuple[Chain, SweepTrial]:
-    """Return a chain with random deviations from the uniform chain, and its `SweepTrial`.
+    """Return the chain and the `SweepTrial`; `seed` selects the random deviations of the chain.
 
     Parameters are fields of `Chain` and `SweepTrial`. `rotor_length_ratio` (r / a) may replace
     `rotor_length`. `deviations.<field>` is the relative standard deviation of a field of

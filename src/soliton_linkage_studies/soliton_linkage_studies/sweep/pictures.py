@@ -35,7 +35,7 @@ from soliton_linkage_studies.sweep.config import Axis, SweepStudy
 from soliton_linkage_studies.unit_cell import flipper_limit, spinner_limit
 
 _MOST_CURVES = 5
-"""Largest number of curves in a picture [1]; more axis values are drawn as a map."""
+"""Largest number of curves in a picture [1]; a map is drawn for more axis values."""
 CLASS_COLOURS = {
     **{motion.value: colour for motion, colour in MOTION_COLOURS.items()},
     BLOCKED: DARK,
@@ -48,7 +48,6 @@ _CLASS_LABELS = {
     'crosses': 'crosses, does not return',
     'lost': 'does not cross',
 }
-"""Labels of the classes whose names need an explanation."""
 _ASIDE = 0.16
 """Offset between the error bars of curves [smallest distance between two points]."""
 _NAMES = {
@@ -92,20 +91,20 @@ def draw_sweep(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) ->
 
 
 def shares(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Array:
-    """Return the fraction of seeds without failure in each class, shape (*axes, classes)."""
+    """Return the fraction of all seeds in each class, shape (*axes, classes)."""
     shown = np.array([row[study.measure.shown] for row in rows])
     each = np.stack([shown == name for name in study.measure.classes], axis=-1)
     return np.asarray(each.reshape(*_shape(study), -1).mean(axis=-2))
 
 
 def numbers(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Array:
-    """Return the measured number of each point and seed, shape (*axes, seeds), or NaN."""
+    """Return the measured number of each point and seed, (*axes, seeds); NaN if not measured."""
     shown = [float(row[study.measure.shown] or 'nan') for row in rows]
     return np.array(shown).reshape(_shape(study))
 
 
 def is_map(axes: Sequence[Axis]) -> bool:
-    """Return whether exactly two axes of a sweep have enough values for a map."""
+    """Return whether exactly two axes of a sweep have more values than `_MOST_CURVES`."""
     return sum(len(axis.values) > _MOST_CURVES for axis in axes) == 2
 
 
@@ -245,7 +244,7 @@ def _label_classes(axes: Axes, classes: Sequence[str], seeds: int) -> None:
 
 
 def _scale_axes(axes: Axes, across: Axis, up: Axis | None) -> None:
-    """Label both axes; a logarithmic one at 1, 2 and 5 of each decade, without powers of ten."""
+    """Label both axes. Logarithmic axes have plain labels at 1, 2 and 5 of each decade."""
     for axis, set_scale, parameter in (
         (axes.xaxis, axes.set_xscale, across),
         (axes.yaxis, axes.set_yscale, up),

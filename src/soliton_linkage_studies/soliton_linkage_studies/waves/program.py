@@ -29,8 +29,7 @@ from soliton_linkage_studies.program import run_parallel, run_study, study_parse
 from soliton_linkage_studies.settings import Section, chain_from, load_settings
 
 _FIRST = 3
-"""First rotor for the velocity of a packet [1]; it is outside the near field of the driven
-rotor."""
+"""First rotor at which a packet is timed [1]; it is outside the near field of the driven rotor."""
 _TOLERANCE = 1e-8
 """Integration error of an angle per step [rad]; it is far smaller than the amplitudes of
 bursts."""
@@ -136,7 +135,7 @@ class WaveRun:
 
     @property
     def displacement_error(self) -> float:
-        """Standard deviation of the site over the same frames [rotor spacings].
+        """Standard deviation of the site in the last fifth of the frames [rotor spacings].
 
         The deviation is large if the kink still moves.
         """
@@ -148,7 +147,7 @@ class WaveRun:
 
 
 def energy_per_rotor(chain: Chain, recording: Recording) -> Array:
-    """Return the energy of each rotor and half of that of its springs [J], shape (T, N)."""
+    """Return the energy of each rotor plus half of the energy of its springs [J], shape (T, N)."""
     of_springs = 0.5 * chain.stiffnesses * chain.spring_extensions(recording.angles) ** 2
     kinetic = 0.5 * chain.moments_of_inertia * recording.rates**2
     return kinetic + chain.gathered(of_springs / 2, of_springs / 2)
@@ -238,7 +237,7 @@ _MOVED = 'displacement of the kink [rotor spacings]'
 _SITE = 'site [rotor spacings]'
 _TIME = 'time [s]'
 _FEW = 10.0
-"""Number of rotors below which a vibration counts as localised [1]; waves have far more."""
+"""Threshold [1]: a vibration counts as localised if fewer rotors take part in it."""
 _PACKET = (10.0, 0.01)
 """Number of cycles [1] and amplitude [rad] of the linear packet whose velocity is measured."""
 _SITES = 33
@@ -253,7 +252,7 @@ class WaveStudy:
     site: float
     """Initial site of the kink, which is at rest [rotor spacings]."""
     burst: Burst
-    """Burst of the kymograph in panel a."""
+    """Burst that the kymograph in panel a shows."""
     duration: float
     """Duration of each simulation [s]."""
     frequencies: tuple[float, ...]
