@@ -26,8 +26,8 @@ identification estimation of the parameters of a chain from recorded angles
 steering       controlled motion of a soliton
 ============== ==============================================================================
 
-A *wall* is a domain wall: the rotors on its two sides lean in opposite directions. A *soliton* is
-a moving wall. The *orbit* is the closed curve of all zero-energy configurations. In one *cycle*
+A *wall* is a domain wall: rotors on opposite sides of it lean in opposite directions. A *soliton*
+is a moving wall. The *orbit* is the closed curve of all zero-energy configurations. In one *cycle*
 the chain moves once along the whole orbit.
 
 Angles are the angles phi [rad] unless a name contains `staggered`. The last axis of an array

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Command `soliton-linkage`, which runs the sub-commands of the studies and of other packages.
+"""Command `soliton-linkage`; its sub-commands come from the studies and from other packages.
 
 A sub-command is an entry point in the group `soliton_linkage.commands`: a function of the
 arguments. It returns the exit code: 0 after success, 1 after an error, 2 after Ctrl-C or for an

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compilation of loops by numba at the import of their module; no frame waits for a compilation.
+"""Compilation of loops by numba when their module is imported, so that frames never wait.
 
 With NUMBA_DISABLE_JIT=1, loops run as plain Python: slowly, with the same results up to rounding.
 """

@@ -28,10 +28,10 @@ class _PendingCommand:
 class ChainDriver:
     """Driver of all actuators of a chain: it converts commands into torques and records kicks.
 
-    A command starts at the next frame. The torques of a frame are means of the commands over an
-    interval that is as long as the interval before the frame. The last torques of a joint command
-    are held for `timeout` [s]. If an interval between frames exceeds `longest_gap` [s], the
-    torques before this interval are reported as cut short.
+    A command starts at the next frame. The torques of a frame are means of the commands over the
+    next interval, which is assumed to be as long as the last one. The last torques of a joint
+    command are held for `timeout` [s]. If an interval between frames exceeds `longest_gap` [s],
+    the torques before this interval are reported as cut short.
     """
 
     def __init__(

@@ -97,7 +97,7 @@ class EdgeCommand:
 
     @property
     def held(self) -> bool:
-        """Whether the command is a pressure with duration 0, which acts until the next command."""
+        """Whether the command is a pressure with duration 0; it acts until the next command."""
         return self.kind is CommandKind.PRESSURE and not self.duration
 
     @property

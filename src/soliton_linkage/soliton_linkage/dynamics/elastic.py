@@ -31,12 +31,12 @@ class ElasticSettings(SimulationSettings):
 
     longest_step: float = 5.0
     """Longest step of scipy's solvers, times the fastest rate of the chain [1]. DOP853 is stable
-    up to 6. Sensitivity of the computing time: at 0.5x, 1.6 times as long with a soliton and twice
-    as long at rest; at 2x, the same with a soliton and half as long at rest."""
+    up to 6. Sensitivity: at 0.5x, the computation takes 1.6 times as long with a soliton and twice
+    as long at rest; at 2x, equally long with a soliton and half as long at rest."""
     symplectic_fraction: float = 0.1
-    """Ratio of the tolerance of `SymplecticNystrom` to that of the simulation [1]. For a kicked
-    chain of 12 rotors, the error is then 7e-10 rad, as with DOP853. Sensitivity: with 1, the error
-    is 13 times as large and the steps are 1.4 times as long."""
+    """Tolerance of `SymplecticNystrom`, relative to the tolerance of the simulation [1]. For a
+    kicked chain of 12 rotors, the error is then 7e-10 rad, as with DOP853. Sensitivity: with 1,
+    the error is 13 times as large and the steps are 1.4 times as long."""
     rotors_per_step: int = 400
     """Number of method steps in one solver step, times the number of rotors [1]. A solver step
     takes 0.05 to 0.07 ms, and the node runs other callbacks between solver steps. Sensitivity: at

@@ -25,7 +25,7 @@ from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.linkage.recording import Recording
 
 Reduction = Callable[[Chain, Recording], Any]
-"""Function that computes the result for a chain from its recording."""
+"""Function that computes the result for a chain from a recording of the chain."""
 
 _ROTORS_TOGETHER = 160
 """Number of rotors in one call of the compiled loops [1]; the time per rotor is half as long as
@@ -50,7 +50,7 @@ a computed spring length of 0."""
 def joined(chains: Sequence[Chain]) -> Chain:
     """Return one chain that contains the rotors of several chains with free ends.
 
-    Springs with stiffness 0 connect the chains, which have the same force terms.
+    Springs with stiffness 0 connect the chains. All chains must have the same force terms.
     """
     first = chains[0]
     if len(chains) == 1:

@@ -2,8 +2,8 @@
 """Feedback law of motors: torques from measured angles, constant between two frames.
 
 Let q_n be the coordinate of rotor n (see `Chain.signs`) in the frame `delay` frames ago, and q_ref
-the `reference` of `Feedback`. Let v_n be the difference between q_n and its value one frame
-earlier, divided by the time between the two frames. The torque on the coordinate of rotor n is
+the `reference` of `Feedback`. Let v_n be the change of q_n since the frame before, divided by the
+time between these two frames. The torque on the coordinate of rotor n is
 
     -K (q_n - q_ref) - D v_n + K_l (q_{n-1} - q_n) + K_r (q_{n+1} - q_n)
     + D_l (v_{n-1} - v_n) + D_r (v_{n+1} - v_n),
@@ -49,7 +49,7 @@ class MotorControllers:
 
 
 def feedback_torques(chain: Chain, angles: Array, rates: Array) -> Array:
-    """Return the torques of the law without its delay [N m], shape (N,).
+    """Return the torques of the law for a delay of 0 [N m], shape (N,).
 
     `angles` [rad] and `rates` [rad/s] have the shape (N,).
     """

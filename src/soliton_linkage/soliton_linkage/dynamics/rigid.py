@@ -165,8 +165,8 @@ class RigidSimulation(Simulation):
     def _corrected(self, state: Array) -> tuple[Array, float, float]:
         """Return exact angles, the speed, and the dissipated energy of a solver state.
 
-        The energy is corrected along its gradient (-t . torques, s), even at turning points, where
-        the speed s is 0.
+        Angles and speed change along the gradient of the energy, (-t . torques, s). This also
+        works at turning points, where the speed s is 0.
         """
         chain = self.chain
         angles, speed, dissipated = state[:-2].copy(), float(state[-2]), float(state[-1])

@@ -261,11 +261,11 @@ class Simulation(ABC):
 
     @abstractmethod
     def _solver_from(self, state: Array) -> tuple[OdeSolver, float]:
-        """Return a solver that starts at a state, and its longest allowed step [s]."""
+        """Return a solver that starts at a state, and the longest step of the solver [s]."""
 
     @abstractmethod
     def _after_step(self) -> None:
-        """Adjust the solver or its state after a step."""
+        """Adjust the solver, or the state of the solver, after a step."""
 
     def _finite_energy(self) -> float:
         with np.errstate(over='ignore', invalid='ignore'):

@@ -2,11 +2,11 @@
 """Terms of the equation of motion: each adds a torque on every rotor.
 
 A compiled term has rows of parameters and a compiled kernel, which all simulations call. To add a
-term, write a subclass of `CompiledTerm`, its kernel, and a line in `sum_terms`. A Python function
+term, write a subclass of `CompiledTerm`, a kernel, and a line in `sum_terms`. A Python function
 `f(time, angles, rates) -> torques` is a term for scipy's solvers only.
 
 A kernel reads angles, rates, cosines and sines from rows of `work`, shape (rows, P + VECTOR), and
-adds torques [N m] to its row TORQUES; the N rotors are padded with zeros to P, a multiple of
+adds torques [N m] to the row TORQUES; the N rotors are padded with zeros to P, a multiple of
 VECTOR. A kernel uses indices, because views of rows are slow: numba counts references to them.
 """
 

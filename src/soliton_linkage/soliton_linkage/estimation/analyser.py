@@ -65,7 +65,7 @@ _UNKNOWN_WIDTH = math.nan, math.nan
 
 
 class Analyser:
-    """Analyser of a chain with known parameters, which receives frames in the order of their time.
+    """Analyser of a chain with known parameters; it receives frames in the order of their time.
 
     If the chain has no orbit, `limitation` gives the reason, and the analyser fits wall shapes.
     """

@@ -38,7 +38,7 @@ of a uniform chain."""
 _LEAST_DISTANCE = 0.01
 """Threshold of the residual [rad]; a rotor above it may have an unknown offset."""
 _LEAST_ERROR = 3e-4
-"""Lower limit of the persistent error of a residual [rad], which covers rounding errors."""
+"""Lower limit of the persistent error of a residual [rad]; it covers rounding errors."""
 _CONTRADICTION = 0.3
 """Threshold of the residual of a rotor near the wall, relative to the corrected offset [1]. A
 larger residual of opposite sign contradicts the offset."""
@@ -101,7 +101,7 @@ class EncoderOffsets:
     def predict(self, sides: Array) -> tuple[Array, Array]:
         """Return predicted mean [rad] and variance [rad^2] of each residual.
 
-        `sides` are those of `update`.
+        `sides` are defined as in `update`.
         """
         of_offset, mixed, of_rest = self._covariance
         expected = self.values + sides * self.rest_angles
@@ -109,7 +109,7 @@ class EncoderOffsets:
 
     @property
     def rest_angle_error(self) -> float:
-        """Common error of the rest angles of all rotors [rad], a median; 0 if not significant."""
+        """Median error of the rest angles of all rotors [rad]; 0 if not significant."""
         signs = np.where(np.arange(len(self.means)) % 2, -1.0, 1.0) * np.array([[1.0], [-1.0]])
         seen = self.weights > 0
         errors = (signs * self.sums)[seen] / self.weights[seen]

@@ -117,7 +117,7 @@ class EventKind(enum.Enum):
     BOUNCE = 'bounce'
     """A kink and an anti-kink collided, and each returned to the side from which it had come."""
     PASSING = 'passing'
-    """A kink and an anti-kink passed through each other and exchanged their charges."""
+    """A kink and an anti-kink passed through each other and exchanged charges."""
     BREATHER_FORMED = 'breather formed'
     """A kink and an anti-kink formed a bound, oscillating pair."""
     BREATHER_DECAYED = 'breather decayed'

@@ -233,10 +233,11 @@ class Unwrapper:
 def complete(
     chain: Chain, angles: Array, rates: Array | None, expected: OnOrbit | None, last: Array
 ) -> CompletedFrame:
-    """Replace missing angles [rad] and rates [rad/s], (N,), by those of the orbit or neighbours.
+    """Fill in missing angles [rad] and rates [rad/s], (N,), from the orbit or the neighbours.
 
     The last angles, `last` [rad], determine the whole turns. A reading also counts as missing if
-    it alone, without its neighbours, differs from the orbit by more than half a swing.
+    it differs from the orbit by more than half a swing while the readings of both neighbours do
+    not.
     """
     unseen = ~np.isfinite(angles)
     if expected is None:
@@ -274,7 +275,7 @@ def whole_frame(
 ) -> CompletedFrame | None:
     """Return a frame with unchanged angles, or None if a residual is too large.
 
-    The limit of `largest`, the largest residual [rad], is half a swing; NaN counts as too large.
+    `largest` is the largest residual [rad], which must not exceed half a swing or be NaN.
     """
     if not largest <= rotor_swing(chain) / 2:
         return None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hypotheses about the position of a chain on its orbit, weighted by their likelihood."""
+"""Hypotheses about the position of a chain on its orbit; their weights are likelihoods."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.orbit.orbit import Orbit
 
 _LEAD = 3.0
-"""Lead in log likelihood at which another hypothesis replaces the leading one [1]; its probability
-is then 95 %."""
+"""Lead in log likelihood at which another hypothesis replaces the leading one [1]; the new leader
+has a probability of 95 %."""
 _STEP = 1e-3
 """Step of the site for the numerical derivative of the arc length per rotor spacing [rotor
 spacings]."""
@@ -49,7 +49,7 @@ class MixtureMoments(NamedTuple):
 
 
 class Hypotheses:
-    """Competing hypotheses about the position; the estimate reports the first, leading one."""
+    """Competing hypotheses about the position; the estimate reports the first one, the leader."""
 
     def __init__(self, orbit: Orbit, settings: EstimationSettings) -> None:
         self._orbit, self._settings = orbit, settings

@@ -52,7 +52,7 @@ def compare(
     first: int,
     differences: Array,
 ) -> None:
-    """Set the differences between the corrected angles and a wall on the orbit.
+    """Set the differences between corrected angles and the angles of a wall on the orbit.
 
     The differences [rad], from -pi to pi, have shape (N,). `about` are the angles that the rotors
     near the wall, from rotor `first` on, have on the orbit. Other rotors have the angles `before`
@@ -74,7 +74,7 @@ def _core(square: float, inner: float) -> float:
 
 @compiled(f8, f8, f8)
 def _log_likelihood(square: float, bound: float, floor: float) -> float:
-    """Return the log density of a difference, relative to its peak; `square` is r^2 [1]."""
+    """Return the log density of a difference, relative to the peak; `square` is r^2 [1]."""
     core = _core(square, bound * bound)
     if square <= bound * bound:
         return core
@@ -99,7 +99,7 @@ def _weight(square: float, bound: float, floor: float) -> float:
 DENSITY = np.dtype(
     [(name, np.float64) for name in ('variance', 'spread', 'bound', 'floor', 'gross')]
 )
-"""Record with the parameters of the density p(d); d is the angle of a rotor minus that of the
+"""Record with the parameters of the density p(d); d is the angle of a rotor minus its angle on the
 orbit.
 
 variance: variance V of the difference [rad^2].
@@ -191,7 +191,7 @@ def weigh_frame(
 def sum_likelihoods(
     angles: Array, states: Array, variance: float, bound: float, floor: float, sums: Array
 ) -> None:
-    """Set the log likelihoods of the first 0 to N rotors in S uniform states, (S, N + 1)."""
+    """Set the log likelihoods of the first n rotors in S uniform states; shape (S, N + 1)."""
     for row in range(states.shape[0]):
         sums[row, 0] = 0.0
         for n in range(angles.size):
@@ -227,7 +227,7 @@ class SampledWalls(NamedTuple):
     begins: Counts
     """Index in `angles` at which each wall begins, and the number of angles, shape (S + 1,)."""
     angles: Array
-    """Angles of the rotors near the walls [rad], for one wall after the other."""
+    """Angles of the rotors near the walls [rad], first those of the first wall, and so on."""
 
 
 _WALLS = named_tuple(SampledWalls, i8_1d, i8_1d, i8_1d, f8_1d)
@@ -242,7 +242,7 @@ def scan(
     table: Array,
     likelihoods: Array,
 ) -> None:
-    """Set the log likelihoods of samples, shape (S,).
+    """Set the log likelihoods of the sampled walls, shape (S,).
 
     Rotors near a wall use `table` of `tabulate`; other rotors use the sums of `sum_likelihoods`.
     """

@@ -15,7 +15,7 @@ from soliton_linkage.estimation.settings import EstimationSettings, LikelihoodSe
 from soliton_linkage.linkage.chain import Array
 
 NO_FLAGS: Flags = np.zeros(0, dtype=np.bool_)
-"""Empty array of flags, which means that no rotor is doubtful."""
+"""Empty array of flags; it means that no rotor is doubtful."""
 LEAST_INFORMATION = 1e-6
 """Least Fisher information with which a frame determines the arc length along the orbit [1]."""
 LONGEST_STEP = 0.5
@@ -52,7 +52,7 @@ class LinearisedMeasurement(NamedTuple):
     squares: float
     """Sum of the squares of the residuals in `inlying` [rad^2]."""
     degrees_of_freedom: int
-    """Number of inliers near the wall minus one, at least 1."""
+    """Number of inliers near the wall, minus 1; at least 1."""
     likelihood: float
     """Log likelihood of the frame [1]."""
     known: int
@@ -68,7 +68,7 @@ class LinearisedMeasurement(NamedTuple):
     largest: float
     """Largest absolute residual [rad]; infinite if a rotor is unknown."""
     unseen_share: float = 1.0
-    """Variance due to unseen rotors after their correction, divided by the variance before it
+    """Ratio of the variances due to unseen rotors after and before the correction for these rotors
     [1]."""
 
     @property
@@ -251,7 +251,7 @@ class InnovationGate:
         self._outliers, self._strained = self._no_outliers, 0 * self._no_outliers
 
     def is_informative(self, view: LinearisedMeasurement) -> bool:
-        """Return whether a frame keeps most of its information without its outliers."""
+        """Return whether a frame keeps most of its information if outliers are removed."""
         return view.information >= self._settings.informative_share * view.full_information
 
     def is_strained(self, view: LinearisedMeasurement) -> bool:

@@ -57,7 +57,7 @@ of the tail ratio lambda due to extended springs [1]."""
 _SPREAD = 1.2
 """Variance of e' - F(e), relative to the variance of the noise [1]."""
 _LEAST_LEVER = 1e-9
-"""Lever that replaces 0 if a bar is in line with its outer rotor [1], so that the slope is
+"""Lever that replaces 0 if a bar and the outer rotor are in line [1], so that the slope is
 finite."""
 _LEAST_WEIGHT = 1e-300
 """Least weight of the rest angle of a frame [1/rad^2], so that the mean is always defined."""

@@ -14,9 +14,9 @@ deviation of the bias.
 
 Filters with different e and m are weighted by the likelihood of recent measurements. The steady
 filter has e = m = 0 and uses the whole record. If the measurements contradict the steady filter,
-it restarts with a low weight from the mean of the other filters. At edges, e is larger, because
-springs exchange energy with the wall. In strong waves and at edges, the weight of the steady
-filter is limited.
+this filter restarts with a low weight from the mean of the other filters. At edges, e is larger,
+because springs exchange energy with the wall. In strong waves and at edges, the weight of the
+steady filter is limited.
 
 Several filters assume an impulse about 1, 2, 4, 8, ... frames ago, after which the rate is almost
 unknown. The weight of such a filter is the prior probability of an impulse times the likelihood
@@ -56,7 +56,7 @@ from soliton_linkage.estimation.settings import DEFAULTS, FilterSettings
 
 _Summary = tuple[float, float, float, float, float]
 _FIRST_ODDS = 5.5
-"""Prior log odds of the steady filter without unmodelled damping [1]."""
+"""Prior log odds of the steady filter that includes no unmodelled damping [1]."""
 _LEAST_IMPULSE = 0.1
 """Least standard deviation of the change of the rate by an impulse, relative to the typical rate
 [1]."""

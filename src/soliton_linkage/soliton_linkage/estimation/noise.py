@@ -20,7 +20,7 @@ from soliton_linkage.linear.bands import band_edges
 from soliton_linkage.linkage.chain import Array, Chain
 
 DEVIATION_PER_MEDIAN = 1.4826
-"""Ratio of the standard deviation of normal noise to the median of its absolute values [1]."""
+"""Ratio of the standard deviation of normal noise to the median of the absolute values [1]."""
 FREEDOMS_OF_MEDIAN = 0.368
 """Efficiency of the median of absolute values as an estimator of a standard deviation [1]."""
 
@@ -60,9 +60,9 @@ NOISE = np.dtype([(name, np.float64) for name in (*_SQUARES, *PAIRS)])
 """Record of sums over all frames; older frames have less weight.
 
 squares, freedoms: squared residuals [rad^2] and their degrees of freedom [1].
-recent_squares, recent_freedoms: the same sums over the recent frames only.
+recent_squares, recent_freedoms: these two sums over the recent frames only.
 products, pairs: products of residuals in successive frames [rad^2] and their number [1].
-wall: the same products, each weighted by the squared tangent t^2 [rad^2].
+wall: products of residuals, weighted by the squared tangent t^2 [rad^2].
 wall_weights, wall_squared_weights: sums of the weights in `wall` and of their squares [1].
 """
 _SUMS = records(NOISE, writable=True)
@@ -320,7 +320,7 @@ class StampJitter:
         unit, square = by2 + by3, rate * rate
         expected = (by2 * v2 + by3 * v3) / unit
         changes = (z3 - (1 + one) * z2 + one * z1) * (z4 - by3 * z3 + other * z2)
-        # Limit the effect of large changes, which impulses and wrong readings may have caused.
+        # Limit the effect of large changes; impulses or wrong readings may be their cause.
         largest = _LARGEST_CHANGE * (expected + square * self.variance)
         found = min(max(-changes / unit, -largest), largest)
         self._excess = self._fade * self._excess + square * (found - expected)

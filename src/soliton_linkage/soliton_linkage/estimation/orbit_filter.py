@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recursive estimator of the arc length of a chain along its orbit, and of the rate.
+"""Recursive estimator of the arc length of a chain along its orbit, and of its rate of change.
 
 The orbit Phi(s) gives the angles of all rotors at the arc length s. With the predicted arc length
 s_0 and the tangent t = dPhi/ds there, angles phi with noise of standard deviation sigma give the
@@ -151,7 +151,7 @@ class OrbitFilter:
         return self.estimate
 
     def apply_impulse(self, impulse: FrameImpulse) -> None:
-        """Apply an impulse that takes effect in the latest frame, and add its uncertainty."""
+        """Apply an impulse that takes effect in the latest frame, with the uncertainty it adds."""
         for each in self._hypotheses.all:
             rigid, rate = self._rate_change(impulse.impulses, each), each.motion.rate
             change = self._compliance.rate_after_impulse(rate, rigid) - rate
@@ -341,7 +341,7 @@ class OrbitFilter:
     def _acceleration(self, arc: float, rate: float, elapsed: float) -> float:
         """Return the acceleration sum(tau t) / sum(I t^2) along the orbit [rad/s^2].
 
-        tau are all torques except those of the springs, t is the tangent, and I the inertia. A
+        tau are all torques except the spring torques, t is the tangent, and I the inertia. A
         contracted wall has larger rates and larger differences between neighbours, but a potential
         does the same work per rotor spacing.
         """

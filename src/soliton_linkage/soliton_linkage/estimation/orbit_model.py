@@ -181,8 +181,7 @@ class UnseenRotorCorrection:
         self._orbit = orbit
         lower, upper = (edge**2 for edge in band_edges(orbit.chain))
         self.remaining = (2 * lower / (lower + upper)) ** 2
-        """Variance due to unseen rotors after the correction, divided by the variance before it
-        [1]."""
+        """Ratio of the variances due to unseen rotors after and before the correction [1]."""
 
     def shift(
         self, arc: float, rate: float, residuals: Array, field: float, noise: float
@@ -239,7 +238,7 @@ _LONGEST_RESOLVED = 4 / 3
 
 
 class ComplianceCorrection:
-    """Correction of the rate of a wall for the compliance of the chain at the site of the wall."""
+    """Correction of the rate of a wall: the compliance of the chain changes this rate."""
 
     def __init__(self, orbit: Orbit) -> None:
         """Sample the compliance for walls in the middle of a chain without deviations."""

@@ -44,8 +44,8 @@ SCAN_DEVIATION, _SCAN_STEP = 0.1, 0.05
 """Assumed standard deviation of a rotor in a scan, and step of a scan along the orbit. Both are
 relative to the swing of a rotor [1]."""
 _NEAR = 0.5
-"""Largest distance of a sample from a candidate for which the sample belongs to the candidate
-[rotor spacings]."""
+"""Largest distance from a candidate at which a sample belongs to the candidate [rotor
+spacings]."""
 _EXACT = 1e-8
 """Length of the last step in the search for the nearest point of the orbit [rad]."""
 _SAME_ARC = 0.01

@@ -185,7 +185,7 @@ class MotionSettings(_Part):
 
 @dataclass(frozen=True)
 class WidthSettings(_Part):
-    """Settings for the fit of the contraction of a moving wall, and for its mean."""
+    """Settings for the fit and for the mean of the contraction of a moving wall."""
 
     span: float = quantity(
         6,

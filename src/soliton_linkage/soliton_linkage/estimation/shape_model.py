@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measurement model of several walls: a fit of each wall after subtraction of the others."""
+"""Measurement model of several walls: before the fit of a wall, all others are subtracted."""
 
 from __future__ import annotations
 

@@ -109,7 +109,7 @@ def elastic(
     walls: Array,
     reach: float,
 ) -> Energy:
-    """Return the elastic energy, its part in the wake, and its standard deviation [J each].
+    """Return elastic energy, elastic energy of the wake, standard deviation of the first [J each].
 
     For noise sigma of the angles, the variance is sigma^2 |tau|^2 + sigma^4 |H|^2 / 2 with the
     torques tau and the stiffness matrix H = R^T k_e R. The mean contribution of noise is
@@ -143,7 +143,7 @@ def elastic(
 def kinetic(
     half: Array, noisy: Array, rates: Array, noise: float, walls: Array, reach: float
 ) -> Energy:
-    """Return the kinetic energy, its part in the wake, and its standard deviation [J each].
+    """Return kinetic energy, kinetic energy of the wake, standard deviation of the first [J each].
 
     For noise sigma of the rate omega of a rotor with the moment of inertia I, the variance is I^2
     sigma^2 (omega^2 + sigma^2 / 2). The mean contribution of noise is subtracted. `half` are half
@@ -199,7 +199,7 @@ def topology(rows: Array, before: int, beyond: int, domain: float) -> Sides:
 SCOPE = np.dtype(
     [(name, np.float64) for name in ('noise', 'rate_noise', 'reach', 'before', 'beyond', 'domain')]
 )
-"""Record of the noise of a state and of the bonds beside its walls.
+"""Record of the noise of a state, and of the bonds beside the walls.
 
 noise: standard deviation of the angles [rad].
 rate_noise: standard deviation of the rates [rad/s].

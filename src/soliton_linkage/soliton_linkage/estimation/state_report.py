@@ -108,7 +108,7 @@ class FrameErrors(NamedTuple):
 
 
 class ArcRate(NamedTuple):
-    """Rate of the arc length divided by `Orbit.free_rate`, and its standard deviation [rad/s]."""
+    """Rate of the arc length and its standard deviation, both over `Orbit.free_rate` [rad/s]."""
 
     rate: float
     deviation: float = 0.0

@@ -236,7 +236,7 @@ def fit_about(
 def persistence(
     residuals: Array, previous: Array, first: int, table: WallTable, site: float, stretch: float
 ) -> tuple[float, float]:
-    """Return the mean product of residuals [rad^2] in two frames, and its variance [sigma^4].
+    """Return the mean product of residuals in two frames [rad^2], and the variance [sigma^4].
 
     The weights are the squared slopes; sigma is the noise of an angle.
     """

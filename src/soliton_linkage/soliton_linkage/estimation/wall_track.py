@@ -149,7 +149,7 @@ class WallMeasurement(NamedTuple):
     """Speed at which the kinetic energy of the wall equals the energy barrier between two sites
     [rotor spacings / s]."""
     estimate: OrbitEstimate | None = None
-    """Estimate of the `OrbitFilter`, which replaces the filter of the wall; None for a fit."""
+    """Estimate of the `OrbitFilter`; it replaces the filter of the wall. None for a fit."""
 
 
 class WallTrack:
@@ -280,7 +280,7 @@ class Encounter:
         self.breather = 0
         """Identifier of the breather; 0 if the walls have not formed a breather."""
         self.overlaps = False
-        """Whether the two walls overlap, so that the last frame has shown neither of them."""
+        """Whether the two walls overlap, so that the last frame has shown neither wall."""
         self.when = self._moved = time
         """Time of the first overlap [s]; before that, time of the smallest distance so far."""
         self.site = line.midpoint(left.rotor, right.rotor)
@@ -300,7 +300,7 @@ class Encounter:
 
     @property
     def ids_before(self) -> tuple[int, ...]:
-        """Identifiers of the walls before the encounter from left to right, or of the breather."""
+        """Identifiers of the walls before the encounter, left to right, or of the breather."""
         ids = self.left.id, self.right.id
         return (self.breather,) if self.breather else ids[::-1] if self.passed else ids
 

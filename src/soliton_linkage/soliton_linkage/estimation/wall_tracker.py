@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tracker of all walls of a chain, which identifies walls and detects events."""
+"""Tracker that identifies all walls of a chain and detects events."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from soliton_linkage.estimation.wall_track import (
 _LONGEST_DELAY = 2.0
 """Longest delay with which the entry of a wall from an edge is reported [s]."""
 _FORBIDDEN = 1e9
-"""Cost of a forbidden assignment [1], which exceeds the square of any gate."""
+"""Cost of a forbidden assignment [1]; it exceeds the square of any gate."""
 
 
 class PredictedWall(NamedTuple):

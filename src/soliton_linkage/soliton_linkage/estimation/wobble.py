@@ -260,7 +260,7 @@ class Wobble(NamedTuple):
     decay_length_deviation: standard deviation of the decay length [m].
     wavelength: twice the mean distance between zeros of the tails [m].
     wavelength_deviation: standard deviation of the wavelength [m].
-    exact_decay_length: decay length by theory, which is the penetration depth ell [m].
+    exact_decay_length: penetration depth ell, the decay length by theory [m].
     exact_wavelength: wavelength by theory [m]: 2 a for d > 1, else infinite.
     """
 

@@ -41,7 +41,7 @@ def bloch_matrix(chain: Chain, wave_numbers: ArrayLike, lean: int = 1) -> Comple
 
     R(k) = -[[q+, q-], [q- e^(2 i k a), q+]] maps the staggered angles of a cell to its extensions.
     Wave numbers [rad/m] are finite and may be complex. In the paper (section 1), the phase factor
-    is in the lower right corner, which exchanges the winding numbers of the two leans.
+    is in the lower right corner. This exchanges the winding numbers of the two leans.
     """
     plus, minus = couplings(chain, lean)
     phases = _phases(chain, np.asarray(wave_numbers, dtype=np.complex128))

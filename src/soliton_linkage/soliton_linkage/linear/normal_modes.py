@@ -21,8 +21,8 @@ from soliton_linkage.linear.statics import unstretched
 from soliton_linkage.linkage.chain import Array, Chain
 
 _MOST_STRETCH = 1e-6
-"""Largest relative extension of a spring that counts as relaxed [1]; it is the relative error of
-the frequencies."""
+"""Largest relative extension of a spring that counts as relaxed [1]; the relative error of the
+frequencies is equally large."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def mode_energies(modes: NormalModes, displacements: ArrayLike, rates: ArrayLike
     """Return the energy of each mode [J], E_j = (eta_j_dot^2 + omega_j^2 eta_j^2) / 2, (..., N).
 
     The mode coordinates are eta = shapes^T diag(I) dphi with `displacements` dphi [rad] and
-    `rates` [rad/s] of the shape (..., N). Raises ValueError for another N.
+    `rates` [rad/s] of the shape (..., N). Raises ValueError for another number of rotors.
     """
     coordinates = _coordinates(modes, displacements, 'displacements')
     speeds = _coordinates(modes, rates, 'rates')
@@ -123,7 +123,7 @@ def phonon_energy(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> float:
 
     With the rigidity matrix R, the zero mode t, the kinetic energy T and the displacement dphi
     from `unstretched`, E = sum_n (k_e / 2) (R dphi)_n^2 + T(phi_dot - t (t . I phi_dot) / (t . I
-    t)). E is the sum of `phonon_energies` without the first one. For example, the energy E
+    t)). E is the sum of `phonon_energies` without the first energy. For example, the energy E
     includes the elastic energy of a moving wall. Of several walls, only the common motion is
     excluded; with periodic ends, E is the total energy. Raises the errors of `phonon_energies`.
     """

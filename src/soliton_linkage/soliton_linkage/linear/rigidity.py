@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rigidity matrix of any configuration, its zero modes, and the zero mode at an edge."""
+"""Rigidity matrix and zero modes of any configuration, and the zero mode at an edge."""
 
 from __future__ import annotations
 
@@ -70,8 +70,8 @@ def zero_modes(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
     """Return the orthonormal zero modes t [1], the solutions of R t = 0, shape (N, N_0).
 
     The numbers of zero modes and of states of self-stress satisfy N_0 - N_ss = N - springs (paper,
-    section 1). A singular value counts as 0 below `tolerance` times the largest one. Takes a time
-    O(N^3).
+    section 1). Singular values below `tolerance` times the largest singular value count as 0.
+    Takes a time O(N^3).
     """
     return _null_space(rigidity_matrix(chain, angles).toarray(), tolerance)
 
@@ -94,8 +94,8 @@ def zero_mode(chain: Chain, angles: Array) -> Array:
     """Return the zero mode at a configuration: the unit vector t [1] with R t = 0, shape (N,).
 
     With the levers A and B of `rigidity_bands`, t_{n+1} = -(A_n / B_n) t_n has no cancellation and
-    takes a time O(N). The sign of t is that of the maximal minors of R, (-1)^n A_0 ... A_{n-1} B_n
-    ... B_{N-2}, so that t is continuous along a motion. Raises ValueError for periodic ends.
+    takes a time O(N). The sign of t is the sign of the maximal minors of R, (-1)^n A_0 ... A_{n-1}
+    B_n ... B_{N-2}, so that t is continuous along a motion. Raises ValueError for periodic ends.
 
     >>> chain = Chain(number_of_rotors=10)
     >>> leaning_left = chain.uniform_state(-1)

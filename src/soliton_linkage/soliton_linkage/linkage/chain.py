@@ -202,7 +202,7 @@ class Chain:
         return staggered(np.full(self.number_of_rotors, lean * self.rest_angle))
 
     def check_angles(self, angles: ArrayLike, what: str = 'angle') -> Array:
-        """Return one finite value per rotor, shape (N,), or raise ValueError that names `what`."""
+        """Return the angles as an array, (N,); the ValueError for invalid angles names `what`."""
         checked = np.asarray(angles, dtype=np.float64)
         check_shape(checked, self.number_of_rotors, what)
         if not math.isfinite(np.add.reduce(checked)) and not np.isfinite(checked).all():

@@ -134,8 +134,8 @@ def drawn_deviations(
 ) -> Deviations:
     """Return random deviations: independent normal numbers of given standard deviations.
 
-    `fractions` are the relative standard deviations by quantity. The deviations of one quantity
-    depend only on the seed. Raises ValueError for invalid arguments and results.
+    `fractions` contains the relative standard deviation of each quantity. The deviations of one
+    quantity depend only on the seed. Raises ValueError for invalid arguments and results.
     """
     _check_whole('number_of_rotors', number_of_rotors, 2)
     _check_whole('seed', seed, 0)

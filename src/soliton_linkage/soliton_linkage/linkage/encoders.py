@@ -60,7 +60,7 @@ class KnownEncoders:
 
 
 class Encoders:
-    """Simulated encoders, which convert the angles of a chain to readings frame by frame.
+    """Simulated encoders that convert the angles of a chain to readings, frame by frame.
 
         reading = q round((phi + offset + noise n) / q),    rate = (reading - previous) / period,
 

@@ -20,7 +20,7 @@ BASE = 'linkage'
 _THICKNESS = 1 / 12
 """Diameter of a rod, relative to the smaller of rotor length and spacing [1]."""
 _POINT = 1e-6
-"""Moment of inertia of a mass about its own centre, relative to that about the pivot [1]. The
+"""Moment of inertia of a mass about its centre, divided by the moment about the pivot [1]. The
 value is not 0, because many programs reject a moment of inertia of 0."""
 
 

@@ -34,7 +34,7 @@ _FIRST_INTERVAL = 1 / 16
 _LONGEST_INTERVAL = 2.0
 """Duration of later intervals [s]; at 0.5x, the line follows a warming clock faster."""
 LARGEST_DRIFT = 0.01
-"""Largest accepted drift of a clock [1], twice that of the resonator of an Arduino Uno."""
+"""Largest accepted drift of a clock [1]; the resonator of an Arduino Uno has half this drift."""
 _FROM_THE_FUTURE = 0.25
 """Largest time by which a measurement may be later than its arrival [s]; a larger one means that
 the clock has restarted."""
@@ -128,7 +128,7 @@ class DeviceClock:
         self.jumps = 0
         """Number of jumps of the controller's clock by less than 0.25 s."""
         self.delay = 0.0
-        """Delay of the last measurement, beyond the smallest delay of any measurement [s]."""
+        """Delay of the last measurement minus the smallest delay of all measurements [s]."""
         self._last: int | None = None
         self._stamp = -1
         self.reset()

@@ -2,9 +2,9 @@
 """Orbit of a chain with known deviations of its rotors and springs.
 
 Each configuration of the orbit corresponds to one of the uniform chain. Two configurations
-correspond if half of |t|^2 of the zero mode t is on the left of the same bond. The ends of the
-legs correspond, too. Between such points, a monotonic cubic relates the arc lengths. The wall has
-the site coordinate of the corresponding uniform configuration.
+correspond if half of |t|^2 of the zero mode t is on the left of the same bond. Ends of legs also
+correspond to ends of legs. Between corresponding points, a monotonic cubic relates the arc
+lengths. The wall has the site coordinate of the corresponding uniform configuration.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ class DeviatingOrbit(Orbit):
         return OrbitSegment(piece.first, values[: piece.rotors], values[piece.rotors :])
 
     def background(self, arc: float) -> tuple[Array, Array]:
-        """Return the angles far from the wall, on its left and right [rad], shape (N,) each."""
+        """Return the angles far from the wall, on the left and right [rad], shape (N,) each."""
         left, right = self._backgrounds[self.leg(arc)]
         return left.copy(), right.copy()
 
@@ -126,7 +126,7 @@ class DeviatingOrbit(Orbit):
         return found
 
     def _check(self) -> None:
-        """Raise ValueError if a rotor far from the wall moves; the wall then cannot pass it."""
+        """Raise ValueError if a rotor far from the wall moves: the wall cannot pass this rotor."""
         for piece, end in zip(self._pieces, self._ends, strict=True):
             arc = end - piece.length / 2 - self._origin
             mode = zero_mode(self.chain, self.configuration(arc))
@@ -199,7 +199,7 @@ def _reversal(piece: OrbitPiece, rotor: int | None) -> float:
 
 
 class _ArcMap:
-    """Smooth, increasing map from the arc length of an orbit to that of the uniform orbit."""
+    """Smooth, increasing map from the arc length of an orbit to the uniform orbit's arc length."""
 
     def __init__(self, orbit: Orbit, uniform: UniformOrbit) -> None:
         arcs: list[float] = []

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Orbit of a chain with deviations of rotors and springs, as pieces with Chebyshev series.
 
-The angle of one rotor in the wall, the seed, determines the angles of its neighbours, and these
-determine the next ones. Errors decay outwards as the zero mode does. The tangent t follows from
-t_{n+1} = -(A_n / B_n) t_n with the levers A and B of the bars, and from |t| = 1. The arc length
-follows from ds = dphi_seed / t_seed. A piece has one seed. All pieces are computed together.
+The angle of one rotor in the wall, the seed, determines the angles of its neighbours, and so on
+outwards. Errors decay outwards as the zero mode does. The tangent t follows from t_{n+1} = -(A_n /
+B_n) t_n with the levers A and B of the bars, and from |t| = 1. The arc length follows from ds =
+dphi_seed / t_seed. A piece has one seed. All pieces are computed together.
 """
 
 from __future__ import annotations

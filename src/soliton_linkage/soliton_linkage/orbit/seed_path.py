@@ -130,7 +130,7 @@ class _Seed:
         return left.tobytes(), right.tobytes()
 
     def lead(self, towards: int, angle: float) -> tuple[float, int]:
-        """Return the largest lead, log |t_n / t_seed|, of a rotor n on one side, and its n.
+        """Return the largest lead, log |t_n / t_seed|, of the rotors n on one side, and this n.
 
         The lead is -inf if no rotor is on this side.
         """

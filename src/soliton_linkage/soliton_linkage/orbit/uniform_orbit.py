@@ -4,7 +4,7 @@
 In a longer chain, the motion of the wall past the two middle rotors of the short chain repeats,
 shifted by an even number of rotors. The orbit of the short chain is integrated from the middle of
 one leg, through the reflection at the last rotor, to the middle of the next leg. The reflection at
-the first rotor is the mirror image. The site coordinate is that of `static_wall`.
+the first rotor is the mirror image. `static_wall` defines the site coordinate.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ class UniformOrbit(Orbit):
         return OrbitSegment(first, values[low:high], values[rotors + low : rotors + high])
 
     def background(self, arc: float) -> tuple[Array, Array]:
-        """Return the angles far from the wall, on its left and right [rad], shape (N,) each."""
+        """Return the angles far from the wall, on the left and right [rad], shape (N,) each."""
         left, right = self.chain.uniform_state(1), self.chain.uniform_state(-1)
         if self.chain.motion is Motion.SPINNER:
             right = self.chain.uniform_state(1) + math.pi

@@ -139,13 +139,13 @@ class _BarsNearWall:
         return self._angle_effect(weights)
 
     def arc_element_effect(self, curvature: Array) -> Array:
-        """Return the effects on arc element and inertia [1] for a curvature Phi'' [1/rad]."""
+        """Return the effects of lengths on arc element and inertia [1], given Phi'' [1/rad]."""
         effects = -self._angle_effect(curvature)
         effects[::2] += self._tangent**2
         return effects
 
     def arc_effect(self, bond: int) -> Array:
-        """Return the effects on the arc length at which a wall is at a bond [rad]."""
+        """Return the effects of lengths on the arc length [rad] at which a wall is at a bond."""
         left = np.cumsum(self._tangent**2)[:-1]
         right = np.cumsum(self._tangent[::-1] ** 2)[-2::-1]
         weights = np.minimum(left / left[bond], right / right[bond])

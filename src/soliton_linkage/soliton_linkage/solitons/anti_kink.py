@@ -59,7 +59,7 @@ def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
 def resting_anti_kink(chain: Chain, near: float) -> tuple[float, Array]:
     """Return site [rotor spacings] and angles [rad], (N,), of an anti-kink in equilibrium.
 
-    The edge rotors are fixed. For a flipper, which has two equilibria, the result is the one of
+    The edge rotors are fixed. A flipper has two equilibria; the result is the equilibrium of
     smaller energy.
     """
     starts = (near,) if chain.motion is Motion.SPINNER else (near, near + 0.5)
@@ -81,7 +81,7 @@ def continuum_anti_kink(chain: Chain, site: float) -> Array:
 
 
 def constraint_field(chain: Chain, angles: Array) -> tuple[Array, Array, Array]:
-    """Return the field F_n of each rotor and its first two derivatives by the angle, (N,) each.
+    """Return the fields F_n and their first and second derivatives by the angles, (N,) each.
 
     F_n is (3 m - m^3) / 2 for flippers with the `order_field` m, and cos(theta - theta_bar) for
     spinners. Both fields are stationary far from the anti-kink.

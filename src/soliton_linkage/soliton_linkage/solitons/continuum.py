@@ -128,7 +128,7 @@ class WallTheory(ABC):
         return (gamma * self._ratio(velocity)) ** 2 / (gamma + 1)
 
     def _misfit(self, velocity: float, charge: int) -> float:
-        """Return Q gamma - 1 [1], the relative difference from the slope of a kink at rest."""
+        """Return Q gamma - 1 [1], the relative slope difference of a wall and a kink at rest."""
         excess = self._excess(velocity)
         return excess if _checked_sign('charge', charge) > 0 else -2 - excess
 
@@ -248,9 +248,9 @@ class SpinnerTheory(WallTheory):
         L = (1 / a) integral dx {(I / 2) psi_t^2 - (K / 2) [psi_x - sin(psi) / ub]^2}.
 
     The paper (supporting information) has another factor a in the last term. In the family +1,
-    rotors turn from theta_bar to pi + theta_bar. In the family -1, which is assembled in another
-    way, they turn from -theta_bar - pi to -theta_bar. There psi - pi replaces psi, and -theta_bar
-    replaces theta_bar.
+    rotors turn from theta_bar to pi + theta_bar. In the family -1, whose assembly differs, they
+    turn from -theta_bar - pi to -theta_bar. There psi - pi replaces psi, and -theta_bar replaces
+    theta_bar.
     """
 
     family: int = 1
@@ -367,7 +367,7 @@ class SpinnerTheory(WallTheory):
 
     @property
     def _lever(self) -> float:
-        """Ratio of the extension to the slope difference, r^2 a sin(2 theta_bar) / lbar [m^2]."""
+        """Ratio of an extension to psi' - sin(psi) / ub, r^2 a sin(2 theta_bar) / lbar [m^2]."""
         chain = self.chain
         across = chain.rotor_length**2 * math.sin(2 * chain.rest_angle)
         return across * chain.spacing / chain.rest_length

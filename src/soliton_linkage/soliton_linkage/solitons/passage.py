@@ -2,7 +2,7 @@
 """Bonds that stop a wall in a chain with deviations of rotors and springs.
 
 Each bond is a four-bar linkage of two rotors, the line between their pivots, and their spring. If
-the linkage of one bond is of another class than the others, the rotors of this bond reach a limit
+the linkage of one bond differs in class from all others, the rotors of this bond reach a limit
 before the wall has passed.
 """
 

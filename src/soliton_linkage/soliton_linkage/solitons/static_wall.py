@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Walls at rest, and the arc length of the orbit per displacement of the wall by a rotor spacing.
+"""Walls at rest, and the arc length of the orbit per rotor spacing.
 
 For a given angle of the neighbour, a bar allows two angles of a rotor (branches). The sign of a
 lever of the bar selects one branch: the lever B_n to the right of the wall, A_n to the left.
@@ -260,7 +260,7 @@ def _without_deviations(chain: Chain) -> Chain:
 
 
 def _rotors_beside(chain: Chain) -> int:
-    """Return the number of rotors on each side of a wall that contribute to its zero mode."""
+    """Return how many rotors on each side of a wall contribute to the zero mode."""
     check_transition(chain)
     beside = math.ceil(_DEPTHS_BESIDE * penetration_depth(chain) / chain.spacing) + 10
     if beside > _MOST_BESIDE:

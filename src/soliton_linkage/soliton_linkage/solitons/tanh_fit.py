@@ -61,9 +61,9 @@ class Soliton:
 def polarisation(chain: Chain, angles: Array) -> Array:
     """Return the polarisation of each bond [1], shape (..., springs).
 
-    With the levers A and B, the polarisation is (A^2 - B^2) / (A^2 + B^2), divided by its value in
-    the right-leaning state. Therefore the polarisation is +1 in the right-leaning and -1 in the
-    left-leaning state.
+    With the levers A and B, the polarisation is (A^2 - B^2) / (A^2 + B^2), divided by the value of
+    this ratio in the right-leaning state. Therefore the polarisation is +1 in the right-leaning
+    and -1 in the left-leaning state.
     """
     first, second = rigidity_bands(chain, angles)
     plus, minus = couplings(chain)
@@ -296,7 +296,7 @@ def charge_of_field(displacements: ArrayLike, lean: float) -> float:
 
 
 def topological_charge(chain: Chain, angles: ArrayLike) -> int:
-    """Return the number of kinks (charge +1) minus that of anti-kinks (-1): 1, 0 or -1."""
+    """Return the number of kinks (charge +1) minus the number of anti-kinks: 1, 0 or -1."""
     if chain.periodic:
         chain.check_angles(angles)
         return 0

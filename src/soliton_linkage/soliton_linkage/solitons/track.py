@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Trajectory of a soliton, its site as a function of time, and its crossings of the chain."""
+"""Trajectory of a soliton (site as a function of time), and crossings of the chain."""
 
 from __future__ import annotations
 

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimate of the phonon energy from the rates, valid in chains with unmodelled deviations.
 
-The rates orthogonal to the tangent t of the orbit are those of phonons and noise. The energy of
-phonons is twice their mean kinetic energy, so that
+The rates orthogonal to the tangent t of the orbit are due to phonons and noise. The energy of
+phonons is twice the mean kinetic energy of the phonons, so that
 
     E = < I |phi_dot - t (t . phi_dot)|^2 > - I (N - 1) sigma^2
 
 for rates phi_dot and moments of inertia I. The noise sigma of a rate follows from third
-differences between frames, whose variance is 20 sigma^2.
+differences of rates between frames; their variance is 20 sigma^2.
 """
 
 from __future__ import annotations

@@ -27,8 +27,8 @@ _MAX_ANGLE_COST = 30.0
 """Limit of the cost of an unexpected angle [1]; after a kick, the prediction of the angle is
 wrong."""
 _MAX_BOND_COST = 12.0
-"""Limit of the cost of a bond [1], so that a wrong dot of one rotor does not hide its
-neighbour."""
+"""Limit of the cost of a bond [1], so that a wrong dot of one rotor does not hide the next
+rotor."""
 _PIVOT_COST = 8.0
 """Additional cost of a dot at a pivot [1]; one such dot in fifty is a mass."""
 _MAX_LENGTH_ERROR = 4.0

@@ -33,11 +33,12 @@ _ITERATIONS = 3
 """Number of iterations in the search for a direction [1]; each reduces the error to a tenth or
 less."""
 _RANK_TOLERANCE = 1e-3
-"""Relative variation of the heights of the arms below which the arm length is not fitted [1]."""
+"""Threshold of the relative variation of arm heights [1]; below it, the arm length is not
+fitted."""
 _MIN_NOISE = 0.3
 """Lower limit of the noise of a pixel, from the rounding of grey levels [grey levels]."""
 _MAX_MEASUREMENTS = 1000
-"""Largest number of pictures in the mean length of a rotor."""
+"""Largest number of pictures over which the length of a rotor is averaged."""
 _MIN_AREA = 12
 """Smallest accepted area of a rotor [pixels]."""
 

@@ -28,7 +28,7 @@ MEMORY = 300
 _PRIOR_WEIGHT = 30.0
 """Weight of the expected mean square, as an equivalent number of values [1]."""
 _MAX_VALUE = 5.0
-"""Limit of a value, relative to the root mean square [1]; larger ones probably belong to other
+"""Limit of a value, relative to the root mean square [1]; larger values probably belong to other
 dots."""
 _MOVING = 0.1
 """Displacement between two pictures above which a dot counts as moving [pixels]; noise is a tenth
@@ -75,7 +75,7 @@ class RepeatDetector:
         self._before: Picture | None = None
 
     def compare(self, grey: Picture, centres: Array, radius: float) -> NDArray[np.bool_]:
-        """Return which dots within a radius [pixels] have the same pixels as before, (N,)."""
+        """Return for each dot, (N,), whether pixels within `radius` [pixels] are unchanged."""
         before, self._before = self._before, grey.copy()
         repeated = np.zeros(len(centres), dtype=bool)
         if before is None:

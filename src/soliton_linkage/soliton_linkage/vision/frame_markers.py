@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plane of the chain from the markers on its frame, and detection of camera motions.
+"""Plane of the chain from the markers on the frame, and detection of camera motions.
 
 ArUco markers are detected in the first picture and after each motion of the camera. The dots of
 the markers are fitted in every picture, and averaged while the camera is at rest.
@@ -54,9 +54,9 @@ class PlacingErrors:
 
 
 _MAX_PICTURES = 1000
-"""Largest number of pictures in a mean; the mean then follows slow motions of the frame."""
+"""Largest number of averaged pictures, so that the mean follows slow motions of the frame."""
 _FIT_PERIOD = 30
-"""Period of the fits of the plane [pictures], after a fit in each of the first pictures."""
+"""Period of the fits of the plane [pictures]; the plane is also fitted to each early picture."""
 FEWEST_DOTS = 6
 """Smallest number of dots that defines a plane and its residual."""
 _MOTION_THRESHOLD = 6.0
@@ -67,8 +67,8 @@ less."""
 _MIN_OUTLIER = 0.5
 """Difference from the common shift above which a dot counts as hidden [pixels]."""
 _MAX_RESIDUAL = 0.12
-"""Largest residual of a visible dot, relative to its contrast [1]; partly hidden dots have larger
-ones."""
+"""Largest residual of a visible dot, relative to its contrast [1]; partly hidden dots exceed
+it."""
 _MAX_SCALE_ERROR = 0.02
 """Relative difference between print size and distances above which the difference is reported
 [1]."""

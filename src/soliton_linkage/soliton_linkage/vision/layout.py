@@ -24,10 +24,10 @@ DICTIONARY = 'DICT_4X4_50'
 MODULES = 6
 """Number of cells along the side of a frame marker, including the black border."""
 DOT_SHARE = 0.48
-"""Diameter of a dot, relative to that of its label [1]; because of blur, a dot needs a white
-ring."""
+"""Diameter of a dot, relative to the diameter of the label [1]; because of blur, a dot needs a
+white ring."""
 COLOURS = ((0, 0, 0), (200, 30, 40), (0, 120, 60), (30, 60, 190))
-"""Red, green and blue of the dots: first of pivots, then of masses [0 to 255]."""
+"""Red, green and blue [0 to 255] of the dots: the first row is for pivots, the rest for masses."""
 _LABEL_OF_SPACING, _LABEL_OF_ROTOR = 0.45, 0.9
 """Limits of the diameter of a label, relative to the spacing and relative to the rotor length
 [1]."""

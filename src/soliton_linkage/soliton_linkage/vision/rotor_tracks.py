@@ -39,7 +39,7 @@ _SPACING_TOLERANCE = 0.4
 _MIN_VISIBLE = 0.8
 """Fraction of the pivots that must be visible before pivots are numbered [1]."""
 _MAX_PIVOT_PICTURES = 1000
-"""Largest number of pictures in a mean position; the mean then follows slow motions."""
+"""Largest number of pictures in a mean position, so that the mean follows slow motions."""
 _MAX_BLACK_COST = 4.0
 """Largest colour cost of a black dot [1]; it equals two standard deviations."""
 
@@ -52,10 +52,10 @@ class RotorTracks:
         rotors = chain.number_of_rotors
         self.lengths = chain.rotor_lengths.copy()
         """Mean measured length of each rotor [m], (N,); before a measurement, the configured
-        one."""
+        value."""
         self.bonds = chain.rest_lengths[: rotors - 1].copy()
         """Mean measured distance of neighbouring masses [m], (N - 1,); before a measurement, the
-        configured one."""
+        configured value."""
         self._colours = layout.colours
         self._length_counts, self._bond_counts = np.zeros(rotors), np.zeros(rotors - 1)
         self._times = np.full((_MEMORY, rotors), -np.inf)
@@ -177,7 +177,7 @@ class Pivots:
         """Whether the position of each pivot is known, (N,)."""
         self.positions = np.column_stack([chain.pivots, np.zeros(chain.number_of_rotors)])
         """Measured or interpolated positions [m], (N, 2); before a measurement, the configured
-        ones."""
+        values."""
         self.candidates = 0
         """Number of dots that may be pivots."""
         self._layout = layout

@@ -198,7 +198,7 @@ def _opened_camera(number: int) -> Any:
 def _start(path: Path, created: str, length: float) -> float:
     """Return the time of the first picture, counted from the epoch [s].
 
-    The time is that of the creation of the file, or the time of the file's last change minus the
+    The time is the creation time of the file, or the time of the file's last change minus the
     length of the film.
     """
     try:
