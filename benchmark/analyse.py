@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cost of analysing frames: the analyser node compared with a tanh fit by scipy's curve_fit.
 
-Both receive the same serialised joint states, with velocities, a noise of 0.01 rad and a wall in
-the middle of a flipper chain, and publish a SolitonState per frame. The states are counted, and
-their positions are compared with the true positions. Then the analyser runs in a separate process
-at 1000 Hz. Finally, the time per frame is measured for recordings that are easy or hard to
-analyse.
+Both receive the same serialised joint states and publish a SolitonState per frame. The joint
+states have velocities and a noise of 0.01 rad; they show a wall in mid-chain of a flipper. The
+states are counted, and their positions are compared with the true positions. Then the analyser
+runs in a separate process at 1000 Hz. Finally, the time per frame is measured for recordings that
+are easy or hard to analyse.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.progress import ProgressLine
 
 WALLS = (2, 4, 8)
-"""Numbers of walls on a ring, which are even."""
+"""Numbers of walls on a ring [1], which are always even."""
 RING, FLIPPER = 200, 40
 """Number of rotors of rings, and of the flipper chains in hard records."""
 SPEED = 0.02

@@ -2,8 +2,8 @@
 """Processor time of each node per frame of joint states.
 
 This process publishes the frames of a kicked chain to one node after the other. The simulator
-publishes to a number of subscribers. The table contains the processor time per frame of the
-process and of the thread that runs the callbacks, and the number of waits per frame.
+publishes to a number of subscribers. The table contains, per frame, the processor time of the
+process, the processor time of the thread that runs the callbacks, and the number of waits.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 """Processor time to move many disordered chains, for `simulate_many` and for other tools.
 
 Kicked flippers (r/a = 0.5, theta_bar = 0.97, edge kick of 0.1) with random lengths and distances
-move for 200 units of time. Each method has the coarsest tolerance at which no angle of the first
-chains differs by more than 1e-5 rad from the result of our solver at a tolerance of 1e-11.
+move for 200 units of time. The tolerance of a method is the coarsest one at which the angles of
+the first chains differ by at most 1e-5 rad from the angles of our solver at a tolerance of 1e-11.
 Processor time counts all threads, so that ratios within a round are ratios of the throughputs per
 core. Compilation is not included.
 """

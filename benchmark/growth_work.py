@@ -58,7 +58,7 @@ def right_hand_side(rotors: int) -> Iterator[Work]:
 
 @contextmanager
 def compiled_force(rotors: int) -> Iterator[Work]:
-    """Yield one force evaluation of the compiled integrator, including its part of a step."""
+    """Yield steps of the compiled integrator, with the force evaluation as the unit of work."""
     motion = EquationOfMotion(Chain(number_of_rotors=rotors))
     state = motion.state(*wall_state(rotors))
     solver = SymplecticNystrom(motion, 0.0, state, 1e9, first_step=0.01, atol=1e-3, rtol=0.0)
@@ -102,7 +102,7 @@ def analysis(rotors: int) -> Iterator[Work]:
 
 @contextmanager
 def published(rotors: int) -> Iterator[Work]:
-    """Yield the publication of joint states, with a subscriber in another process."""
+    """Yield the publication of joint states to a subscriber in another process."""
     buffer, still = JointStateBuffer(named_chain(rotors)), np.zeros(rotors)
     topic = f'growing_{rotors}'
     node = rclpy.create_node('speaker')

@@ -32,7 +32,7 @@ QUICK = 2
 
 
 def figures_of_lengths(name: str, draws: list[Draw]) -> list[Figure]:
-    """Return and print, by kind, biases and errors relative to bound and stated deviation."""
+    """Return and print biases, and errors divided by the bound and by the stated deviation."""
     errors, linear, stated, alone = (
         np.array([getattr(draw, part) / draw.bound for draw in draws])
         for part in ('errors', 'linear', 'stated', 'alone')
@@ -118,7 +118,7 @@ def _rms(values: Array) -> float:
 
 
 def _root(square: float) -> float:
-    """Return the signed root of an absolute value, because differences may be negative."""
+    """Return the root of `|square|` with the sign of `square`, a difference of squares."""
     return math.copysign(math.sqrt(abs(square)), square)
 
 

@@ -127,7 +127,7 @@ def made(name: str, number: int) -> Draw:
 
 
 def position_error(true: Orbit, used: Orbit, offsets: Array, random: np.random.Generator) -> float:
-    """Return the rms position error on an identified chain, divided by its bound [1].
+    """Return the rms position error on an identified chain, divided by the bound [1].
 
     `offsets` are the remaining encoder offsets [rad], shape (N,).
     """

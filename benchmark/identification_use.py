@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Masses and stiffnesses of spring chains, and analyser and steering on identified chains."""
+"""Errors of identified masses and stiffnesses, and of walls analysed or steered on such chains."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ LONGEST = 15_000
 
 
 def figures_of_springs(name: str, count: int) -> list[Figure]:
-    """Return the errors of chains that were identified from the motion of kicked springs."""
+    """Return the errors of chains that were identified from the motion after a kick."""
     errors: dict[str, list[Array]] = {part: [] for part in PLURALS}
     stated: dict[str, list[Array]] = {part: [] for part in PLURALS}
     for number in range(count):
@@ -116,7 +116,7 @@ def _position_error(used: Chain, orbit: Orbit, readings: Array) -> float:
 
 
 def _move_error(used: Orbit, orbit: Orbit, left: Array, random: np.random.Generator) -> float:
-    """Return the final distance from the goal of a wall steered by an orbit [spacings].
+    """Steer a wall by an orbit; return the final distance of the wall from the goal [spacings].
 
     `left` are the remaining encoder offsets [rad], shape (N,).
     """

@@ -8,8 +8,8 @@ of an angle at the end, compared with heyoka at a tolerance of 1e-16. Times at e
 computed within a round. Set-up and compilation are listed separately.
 
 Times of MuJoCo, which has a constant step, are extrapolated from a part of long runs. In chains of
-more than 150 rotors, the errors of MuJoCo are measured with 150 rotors, because the wall does not
-move further.
+more than 150 rotors, the errors of MuJoCo are measured with 150 rotors, because no wall moves
+beyond rotor 150.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ def flipper(rotors: int) -> Problem:
 
 
 def measure(problem: Problem, rounds: int) -> dict[str, Any]:
-    """Return work-precision curves of all methods and comparisons at equal error."""
+    """Return the work-precision curves of all methods, and the comparisons at equal error."""
     progress = ProgressLine(name_of(problem), len(PEERS) + 1 + rounds)
     reference = heyoka_taylor(problem, 1e-16)()()
     curves = {}
@@ -200,7 +200,7 @@ def around(curve: list[Setting], target: float) -> Settings:
 
 
 def times_at(pair: Settings, target: float) -> list[float]:
-    """Return the time at an error in each round [s]; empty if the error was not reached."""
+    """Return the time [s] to reach an error in each round; empty if the error was not reached."""
     if len(pair) < 2:
         return [t for setting in pair for t in setting.times]
     coarse, fine = pair

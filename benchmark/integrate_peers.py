@@ -115,7 +115,7 @@ def plain_scipy(problem: Problem, tolerance: float) -> Ready:
 
 
 def heyoka_taylor(problem: Problem, tolerance: float) -> Ready:
-    """Prepare heyoka, in compact mode except for short chains, to limit compilation time."""
+    """Prepare heyoka; long chains use the compact mode to limit compilation time."""
     number, chain = problem.rotors, problem.chain
     a, r, rest_length = chain.spacing, chain.rotor_length, chain.rest_length
     angles = [heyoka.make_vars(f'angle_{n}') for n in range(number)]

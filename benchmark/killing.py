@@ -51,9 +51,9 @@ class Kill:
     after: float
     """Time from the line `recording to` to the kill."""
     lost: float
-    """Duration before the kill without recovered messages."""
+    """Duration without recovered messages before the kill."""
     begun: float
-    """Duration after the line `recording to` without recovered messages."""
+    """Duration without recovered messages after the line `recording to`."""
     received: float
     """Transport time of the last recovered message."""
     empty: bool

@@ -3,8 +3,8 @@
 
 Simulator, other nodes and live_view run as processes, and headless Chromium shows the page. The
 delay of a nudge is the time from the click on its button to the first picture in which a rotor has
-moved. Many browsers are simulated by clients of the stream, as if they ran on other machines, or
-with --pages by pages of Chromium. A socket that is never read simulates a stalled browser.
+moved. Clients of the stream simulate many browsers on other machines; with --pages, pages of
+Chromium do. A socket that is never read simulates a stalled browser.
 """
 
 from __future__ import annotations
@@ -238,8 +238,8 @@ def delay(browser: Any, nudges: int) -> list[Figure]:
 def crowd(browsers: int, seconds: float, rounds: int, drawing: Any) -> list[Figure]:
     """Return the effect of many browsers on a simulator at 1000 Hz and its recorder.
 
-    The browsers are pages of the browser `drawing`, or only streams if it is None. Runs with and
-    without browsers alternate, because the load of the machine changes.
+    The browsers are pages of the browser `drawing`, or only streams if `drawing` is None. Runs
+    with and without browsers alternate, because the load of the machine changes.
     """
     crowds = (0, browsers)
     missed: dict[int, list[float]] = {visitors: [] for visitors in crowds}
@@ -281,7 +281,7 @@ def crowd(browsers: int, seconds: float, rounds: int, drawing: Any) -> list[Figu
 
 @contextmanager
 def watching(visitors: int, drawing: Any) -> Iterator[None]:
-    """Open a number of pages of a browser, or only their streams if it is None."""
+    """Open a number of pages of a browser, or only streams if `drawing` is None."""
     if drawing is None:
         watchers = Path(__file__).with_name('live_watchers.py')
         with running(program_command(watchers, PORT, visitors)):

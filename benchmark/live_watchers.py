@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated browsers on other machines: they acknowledge pictures of the live page undecoded."""
+"""Simulated browsers, which acknowledge pictures of the live page without decoding them."""
 
 from __future__ import annotations
 

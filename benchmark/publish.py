@@ -3,7 +3,7 @@
 
 The simulator overwrites the stamp and the arrays of a serialised message and publishes the bytes.
 The usual way fills a JointState from lists. The lower limit is to publish constant bytes. All
-three use the same publisher, without and with a subscriber in another process, in random order.
+three use the same publisher in random order, with and without a subscriber in another process.
 Each turn publishes a few messages and waits for their arrival; the time of a round is the median.
 """
 

@@ -8,7 +8,7 @@ sleeps misses n deadlines at the same time.
 
 The largest number of rotors at 1000 Hz and the highest rate of 40 rotors are searched in runs of a
 few seconds. In these runs three missed deadlines are allowed, and a failed run is repeated once. A
-long run confirms the result. If it fails, smaller values are tried.
+long run confirms the result. If this run fails, smaller values are tried.
 """
 
 from __future__ import annotations
@@ -235,7 +235,7 @@ def drain(
 
 
 def run_of(rotors: int, rate: float, frames: Array, slept: Array, share: float) -> Run:
-    """Evaluate a run at a rate [Hz]: times of `frames`, and of the sleeping loop, in [ns]."""
+    """Return the run at a rate [Hz]; `frames` and `slept` contain times [ns]."""
     if len(frames) < 2:
         return Run(rotors, rate, 0.0, len(frames), 0, 0, (math.inf,) * 3, share)
     numbers, instants = frames.T

@@ -2,8 +2,8 @@
 """Time from a nudge on the topic to the first messages that show its effect.
 
 A simulator of 40 rotors at 1000 Hz, an edge actuator and an analyser run in separate processes.
-This process nudges in alternating directions at random instants. Rates hardly change between
-frames except by a nudge, which changes them by its speed (norm over the rotors). The first frame
+This process nudges in alternating directions at random instants. A nudge changes the rates by its
+speed (norm over the rotors). Without a nudge, rates hardly change between frames. The first frame
 with a change of more than half of this speed shows the nudge, and so does the soliton_state with
 the same stamp.
 

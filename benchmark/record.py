@@ -169,7 +169,7 @@ def trial(kind: str, rotors: int, folder: Path, quick: bool) -> Trial:
 
 
 class Sender:
-    """Publisher of joint states; the seconds of a stamp are the number of the burst."""
+    """Publisher of joint states; each stamp contains the number of the burst as its seconds."""
 
     def __init__(self, rotors: int) -> None:
         topic = interfaces.JOINT_STATES

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simple recorder: a node whose callback writes each message to a file.
 
-Its subscription is raw, or typed with `serialize_message` in its callback, as in the tutorials of
-ROS 2. A deep queue, no compression and one commit per second make it fast.
+The subscription is raw, or the callback uses `serialize_message`, as in the tutorials of ROS 2. A
+deep queue, no compression and one commit per second make it fast.
 """
 
 from __future__ import annotations

@@ -2,11 +2,11 @@
 """Soak test: the whole suite runs for an hour, with nudges, moves, splits and a kill every minute.
 
 A chain of 100 rotors runs at 1000 Hz with all nodes in separate processes, and the live page in a
-browser if one is installed. Every minute one node is killed with SIGKILL and restarted, some nodes
-only in the first half of the test, the other nodes only in the second half. Recorded files are
-read and removed. Each event is written to OUTPUT/ledger.jsonl; the page OUTPUT/soak.html is drawn
-every few minutes. An interrupted test continues with the same command and --resume. The exit code
-is 0 if kills explain all losses and if no memory has grown.
+browser if a browser is installed. Every minute one node is killed with SIGKILL and restarted, some
+nodes only in the first half of the test, the other nodes only in the second half. Recorded files
+are read and removed. Each event is written to OUTPUT/ledger.jsonl; the page OUTPUT/soak.html is
+drawn every few minutes. An interrupted test continues with the same command and --resume. The exit
+code is 0 if kills explain all losses and if no memory has grown.
 """
 
 from __future__ import annotations

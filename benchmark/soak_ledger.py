@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ledger of the soak test: JSON lines that are written immediately.
 
-Every entry has the `time` since the start of the test, without interruptions [s], its `kind`, and
-values that depend on the kind.
+Every entry has a `time` [s] since the start of the test, in which interruptions do not count. It
+also has a `kind`, and values that depend on the kind.
 """
 
 from __future__ import annotations

@@ -67,7 +67,7 @@ def pivot_points(chain: Chain) -> Array:
 def show_leans(
     axes: Axes, chain: Chain, leans: Array, extent: tuple[float, float, float, float]
 ) -> AxesImage:
-    """Draw displacements u [m], shape (rows, columns), as an image and return it."""
+    """Draw displacements u [m], shape (rows, columns), as an image; return the image."""
     return axes.imshow(leans, norm=lean_norm(chain), extent=extent, **PIXELS)
 
 
@@ -106,7 +106,7 @@ def lean_norm(chain: Chain) -> FuncNorm:
 
 
 class ChainPicture:
-    """Matplotlib artists of one chain, which `update` moves. The axis limits fit the chain.
+    """Matplotlib artists of one chain; `update` moves them. The axis limits fit the chain.
 
     Pivots are crosses, rotors black bars and masses blue dots. Springs are dashed red lines, rigid
     bars solid red lines. If rotors overlap their neighbours, every other rotor is grey.
@@ -335,7 +335,7 @@ def _turned(tilt: float) -> Array:
 
 
 def _between(positions: Array, values: Array, wanted: ArrayLike) -> Array:
-    """Interpolate linearly, and extrapolate, values at the positions `wanted`."""
+    """Return values at the positions `wanted` by linear interpolation and extrapolation."""
     at = np.asarray(np.ma.filled(wanted, np.nan), dtype=np.float64)
     slopes = np.diff(values)[[0, -1]] / np.diff(positions)[[0, -1]]
     below, above = np.minimum(at - positions[0], 0), np.maximum(at - positions[-1], 0)

@@ -23,13 +23,13 @@ DISTANCE_LABEL = 'n - X [rotor spacings]'
 _ARCTANH_REACH = 0.9
 """Largest |m| of a fitted rotor [1]; for larger values, arctanh(m) would amplify errors."""
 _MIDDLE = 0.3
-"""Fraction of a chain in which a wall is measured, around the middle [1]."""
+"""Fraction of a chain, around its middle, in which a wall is measured [1]."""
 _FRAMES = 600
 """Number of frames in a recording of a crossing."""
 _SLACK = 1.1
 """Recording time, relative to the theoretical crossing time of a slow wall [1]."""
 _TRANSIENT = 1.5
-"""Recording time of the fastest walls, relative to the time in which sound crosses the chain
+"""Recording time of the fastest walls, divided by the time in which sound crosses the chain
 [1]."""
 
 
@@ -138,7 +138,7 @@ def wall_positions(chain: Chain, recording: Recording) -> Array:
 
 
 def zero_crossing(field: Array) -> float:
-    """Return the position of the first zero of an order field of shape (N,), or NaN.
+    """Return the position of the first zero of an order field, shape (N,); NaN without a zero.
 
     Edge rotors are excluded, because the order field differs at their second rest angle.
     """

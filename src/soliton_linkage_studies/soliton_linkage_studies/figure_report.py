@@ -33,7 +33,7 @@ _ROUNDING = 1e-11
 
 @dataclass(frozen=True)
 class Formula:
-    """Formula for a table, with the value of the formula and the values of its symbols."""
+    """Formula for a table, its value, and the values of its symbols."""
 
     text: str
     value: float
@@ -50,7 +50,7 @@ class Formula:
 def chain_formula(
     text: str, value: float, chain: Chain, remark: str = '', **more: float
 ) -> Formula:
-    """Return a formula with those symbols of `chain` and `more` that occur in `text`."""
+    """Return a formula with the symbols of `chain` and `more` that occur in `text`."""
     plus, minus = couplings(chain)
     symbols = {
         'r': chain.rotor_length,

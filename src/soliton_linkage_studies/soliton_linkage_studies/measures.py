@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measurements that a sweep makes on each chain. Each returns the values of one table row."""
+"""Measurements that a sweep makes on each chain. One measurement returns one table row."""
 
 from __future__ import annotations
 
@@ -166,7 +166,7 @@ OUTCOMES = ('returns', 'crosses', 'lost')
 _PIECE = 20
 """Interval between two checks for the return of the wall [time units]."""
 _WALL_REACH = 4
-"""Half width of a wall with 98 % of its energy, relative to the larger of wall width and
+"""Half width that contains 98 % of a wall's energy, divided by the larger of wall width and
 penetration depth [1]."""
 _JUMP = 5
 """Smallest displacement per frame that means a change of the track to another wall [rotor
@@ -196,7 +196,7 @@ class SweepTrial(CheckedQuantities):
 
 
 class SentWall(NamedTuple):
-    """Motion of a chain with a wall, track of the wall, and its crossings of the chain."""
+    """Motion of a chain with a wall; track and crossings of this wall."""
 
     recording: Recording
     track: Track
@@ -267,7 +267,7 @@ def send_wall(chain: Chain, trial: SweepTrial) -> SentWall:
 
 
 def send_walls(trials: Sequence[tuple[Chain, SweepTrial]]) -> list[SentWall | Exception]:
-    """Kick the wall of each elastic chain off the right edge, and simulate until it returns.
+    """Kick the wall of each elastic chain off the right edge, and simulate until the wall returns.
 
     Chains that have the same time unit and tolerance are simulated together. The frame period is
     one time unit. A crossing with a jump by five spacings or more is discarded. The result of a

@@ -116,7 +116,7 @@ def component_of(chain: Chain, configurations: ArrayLike) -> Integers:
 
 
 def motion_of(ratios: ArrayLike, rest_angles: ArrayLike) -> Integers:
-    """Return the motion class for ratios r / a and rest angles [rad], as index in `Motion`."""
+    """Return the index in `Motion` of the motion class, for ratios r / a and rest angles [rad]."""
     sine = np.sin(np.asarray(rest_angles))
     lean_ratio = 2 * np.asarray(ratios) * sine
     return np.asarray((lean_ratio > 1).astype(np.int64) + (lean_ratio > 2 / sine))

@@ -32,7 +32,7 @@ _CHUNK_DURATION = 1.0
 _CHUNK_GROWTH = 4
 """Largest ratio of a chunk size to the previous one [1]; the first rows may be unusually fast."""
 _CHUNKS_PER_WORKER = 2
-"""Number of submitted chunks per worker [1]: one is measured while the next one waits."""
+"""Number of submitted chunks per worker [1]: one chunk is measured while the next one waits."""
 
 Chunk = tuple[list[list[str]], list[int], float]
 
@@ -163,7 +163,7 @@ def local_processes(count: int) -> Iterator[Processes]:
     """Start single-threaded processes for the duration of a `with` block.
 
     At the end of the block the processes finish all tasks and end. If the block raises or the
-    parent is killed, they end at once. Only the parent receives Ctrl-C.
+    parent is killed, the processes end at once. Only the parent receives Ctrl-C.
     """
     processes = Processes()
     try:
@@ -226,7 +226,7 @@ Pool = Processes | _Cluster
 
 
 def measure_rows(pool: Pool, table: Rows, rows: Sequence[int]) -> Iterator[list[list[str]]]:
-    """Measure rows in parallel and yield the cells of each chunk when it is completed."""
+    """Measure rows in parallel; yield the cells of each completed chunk."""
     waiting = deque(rows)
     finished = pool.finished()
     running, size = 0, 1

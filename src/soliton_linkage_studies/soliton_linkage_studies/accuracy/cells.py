@@ -22,7 +22,7 @@ _ROTORS = (10, 200)
 _NOISES = (0.001, 0.1)
 """Range of the standard deviation of the angle noise [rad]."""
 _SPEEDS = (0.02, 0.9)
-"""Range of the wall speed relative to the speed of sound [1]."""
+"""Range of the wall speed [speed of sound]."""
 _PERIODS = (0.05, 0.5)
 """Range of the frame period [time units]; 1000 to 100 Hz for 0.02 kg and 50 N/m."""
 _RUNS = (50, 400)
@@ -32,11 +32,11 @@ _PHONONS = (0.001, 0.03)
 _REST_ANGLES = (0.3, 1.3)
 """Range of the rest angle [rad]."""
 _NEAREST = 0.02
-"""Smallest difference between the lean ratio d and its critical value d_c, relative to d_c [1]."""
+"""Smallest |d - d_c| / d_c of the lean ratio d and the critical value d_c [1]."""
 _FLIPPERS = (0.1, 1.0)
 """Range of the lean ratio d of flippers [1]."""
 _WIDEST = 3.0
-"""Largest lean ratio d of spinners, relative to its critical value d_c [1]."""
+"""Largest lean ratio d of spinners, divided by the critical value d_c [1]."""
 _LONGEST = 4.0
 """Largest ratio of the rotor length r to the rotor spacing a, as in the paper [1]."""
 _APART = 1.6
@@ -48,7 +48,7 @@ _SEVERAL = (1, 1, 1, 2, 4)
 
 @dataclass(frozen=True)
 class AccuracyCell:
-    """Test cell, one row of the table: a chain, its walls and the errors of its encoders."""
+    """Test cell (one row of the table): a chain, its walls and the errors of its encoders."""
 
     name: str
     chain: Chain
@@ -56,7 +56,7 @@ class AccuracyCell:
     noise: float
     """Standard deviation of the noise of each angle [rad]."""
     speed: float
-    """Nominal wall speed relative to the speed of sound [1]."""
+    """Nominal wall speed [speed of sound]."""
     period: float
     """Frame period [time units]."""
     run: int
@@ -89,7 +89,7 @@ class AccuracyCell:
     start: float = math.nan
     """Position of a wall at rest [rotor spacings]; NaN means a moving wall."""
     jitter: float = 0.0
-    """Standard deviation of the errors of time stamps, relative to the frame period [1]."""
+    """Standard deviation of the errors of time stamps [frame periods]."""
     offsets: float = 0.0
     """Offset of the encoder of every tenth rotor [rad]."""
     damping: float = 0.0
@@ -99,7 +99,7 @@ class AccuracyCell:
     length_error: float = 0.0
     """Relative error of the configured rotor length [1]."""
     largest_impulse: float = 0.5
-    """Largest change of the wall speed by one impulse, relative to the speed [1]."""
+    """Largest relative change of the wall speed by one impulse [1]."""
     configured_chain: Chain | None = None
     """Wrong chain with which the analyser is configured; None means the true chain."""
 
@@ -175,7 +175,7 @@ _LEANS = {'flipper': (33, 0.9, 0.7), 'wobbler': (33, 0.8, 1.6), 'spinner': (33, 
 _OTHER = 1.3
 """Lean ratio of the wrong configured chain, divided by the true lean ratio [1]."""
 _FORCED_SPEED = 0.15
-"""Initial wall speed in the cells with force terms, relative to the speed of sound [1]."""
+"""Initial wall speed in the cells with force terms [speed of sound]."""
 _DISORDERS = (0.01, 0.03, 0.05, 0.1)
 """Relative standard deviations in the cells with disorder [1]."""
 

@@ -51,7 +51,7 @@ class ContractedWall:
     """Measured speed and width of one wall."""
 
     speed: float
-    """Speed relative to the speed of sound [1]."""
+    """Speed [speed of sound]."""
     speed_deviation: float
     """Standard deviation of the speed [1]."""
     width: float
@@ -140,11 +140,11 @@ def passage_of(
     """Measure speed and width of a wall on its first passage through the middle of the chain.
 
     `times` [s] has shape (T,). Frames with several walls or without walls are not used. The speed
-    is the slope of a line fitted to the positions. The standard deviation of the slope follows
-    from those of the first and the last position, because an error that is common to all positions
-    does not change the slope. The width is the mean of all widths. The standard deviation of the
-    mean is the smallest stated one, because successive widths are correlated. Raises ValueError
-    for fewer than ten frames.
+    is the slope of a line fitted to the positions. The standard deviations of the first and the
+    last position determine that of the slope, because an error that all positions share does not
+    change the slope. The width is the mean of all widths. The standard deviation of the mean is
+    the smallest stated one, because successive widths are correlated. Raises ValueError for fewer
+    than ten frames.
     """
     both = zip(times, frames, strict=True)
     alone = [(time, walls[0]) for time, walls in both if len(walls) == 1]

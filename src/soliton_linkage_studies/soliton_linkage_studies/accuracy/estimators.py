@@ -35,8 +35,8 @@ of the wall by over 2 %."""
 _LOST_WIDTHS = 2.0
 """Largest position error of a successful estimate [wall widths]."""
 _LOST_BOUNDS = 6.0
-"""Largest error of a successful estimate [Cramer-Rao bounds]; the larger of both limits
-applies."""
+"""Largest error of a successful estimate [Cramer-Rao bounds]; `_LOST_WIDTHS` applies if it is
+larger."""
 _QUANTILE = 0.975
 """Probability below the upper end of a 95 % interval [1]."""
 
@@ -63,7 +63,7 @@ class EstimatorTrial:
     coarse_start: float
     """Largest error of the initial guess for a fit [rotor spacings]."""
     cold_every: int
-    """Interval between the frames on which the slow search without a guess is tested [frames]."""
+    """Number of frames per test of the slow search without a guess [1]."""
 
 
 Estimator = Callable[[UniformOrbit, Array, float], Estimate]

@@ -59,7 +59,7 @@ _STYLES = dict(zip(ESTIMATORS, cycle(zip(COLOURS, MARKERS, strict=True)), strict
 _SIZE = 6
 """Marker size [points]."""
 _OFFSET = 0.15
-"""Horizontal offset between the estimators of a chain, relative to the distance of chains [1]."""
+"""Horizontal offset between the estimators of a chain [distances between chains]."""
 _SIGNIFICANT = 3.0
 """Smallest bias that counts as different from 0 [standard errors]; 0.3 % of the cases without bias
 exceed it."""

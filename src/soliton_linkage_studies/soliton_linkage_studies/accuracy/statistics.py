@@ -82,7 +82,7 @@ class Scores:
     shifts: list[float] = field(default_factory=list)
     """Position shifts by a wrong reading, divided by the stated standard deviation [1]."""
     speed: float = 0.0
-    """Speed of the fastest wall of the scene, relative to the speed of sound [1]."""
+    """Speed of the fastest wall of the scene [speed of sound]."""
     frames: int = 0
     walls_looked_for: int = 0
     """Number of true walls in the scored frames [1]."""
@@ -109,7 +109,7 @@ def line_of(scores: Sequence[Scores]) -> dict[str, float]:
 
 
 def _normalised(name: str, errors: list[Array]) -> dict[str, float]:
-    """Return the columns of normalised errors, one array per record.
+    """Return the columns of normalised errors; `errors` has one array per record.
 
     The standard error of the root mean square is computed by a jackknife over records, because the
     frames of a record are correlated.

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """True positions of walls in noiseless frames, from the static wall nearest to each frame.
 
-The path of a kink, which has zero energy at every position, consists of static walls
-(`static_wall`). The path of an anti-kink consists of the states of least energy
-(`anti_kink_path`). A pinned anti-kink has only one equilibrium in two spacings
-(`resting_anti_kink`).
+A kink has zero energy at every position; its path consists of static walls (`static_wall`). The
+path of an anti-kink consists of the states of least energy (`anti_kink_path`). A pinned anti-kink
+has only one equilibrium in two spacings (`resting_anti_kink`).
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ _SAMPLES = 65
 _LONGEST = 0.3
 """Largest Gauss-Newton step towards the nearest point, as a change of the angles [rad]."""
 _GAUSS_STEPS = 6
-"""Largest number of Gauss-Newton steps [1]; from the point of the previous frame, two suffice."""
+"""Largest number of Gauss-Newton steps [1]; two suffice from the point of the previous frame."""
 _CLOSE = 1e-6
 """Gauss-Newton step below which the search ends [rad]."""
 
@@ -197,14 +196,14 @@ _BROKEN = 0.15
 _STEP = 0.5
 """Interval between position measurements of a settling wall [time units]."""
 _SLOWER = 0.8
-"""Factor by which the initial speed is reduced if the wall is destroyed [1]."""
+"""Factor that multiplies the initial speed after a wall was destroyed [1]."""
 _TRIES = 25
 """Largest number of initial speeds that are tried [1]; the last one is 1 / 200 of the first."""
 
 
 @dataclass(frozen=True)
 class SteadyWall:
-    """Wall that moves without phonons, stored as its difference from a static wall."""
+    """Wall that moves without phonons; its difference from a static wall is stored."""
 
     position: float
     """Wall position in the long chain of the simulation [rotor spacings]."""

@@ -121,7 +121,7 @@ class ActiveStudy:
 
     @property
     def drives(self) -> dict[tuple[str, int], WallDrive]:
-        """Effect of the motors by chain and charge of the wall, for walls that have a path."""
+        """Effect of the motors on each wall that has a path, by chain and charge of the wall."""
         found = {}
         for name, chain in self.chains.items():
             for charge in (1, -1):
@@ -257,8 +257,8 @@ def _line_through_middle(
 ) -> tuple[Array, Array]:
     """Return times [s] and sites of a line with a given velocity [rotor spacings/s].
 
-    The line ends at the last site of the first wall with the given charge, and covers the second
-    half of its motion.
+    The line covers the second half of the motion of the first wall with the given charge, and ends
+    at the last site of this wall.
     """
     found: dict[float, float] = {}
     for time, angles in zip(run.recording.times, run.recording.angles, strict=True):

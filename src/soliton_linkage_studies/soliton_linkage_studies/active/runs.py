@@ -10,7 +10,7 @@ their power equals the power that the linear damping c dissipates:
 The sum of the squares is the same at all sites. Therefore the terminal velocity is v = (kappa / c)
 <g> / sum_n t_n^2 with the mean <g> over two rotor spacings. For wide walls <g> / sum_n t_n^2 tends
 to 2, with the same sign for kinks and anti-kinks. The elastic energy V(x) of an anti-kink depends
-on its site. The anti-kink is pinned if kappa g < dV/dx at any site.
+on its site. The anti-kink is pinned if kappa g < dV/dx at one site or more.
 """
 
 from __future__ import annotations
@@ -120,8 +120,7 @@ class ActiveRun:
     walls: int
     """Number of walls in the last frame."""
     imbalance: float
-    """Error of the energy balance, which includes motors and damping, over the largest energy
-    [1]."""
+    """Error of the energy balance with motors and damping, divided by the largest energy [1]."""
 
 
 @dataclass(frozen=True)
@@ -169,8 +168,8 @@ class ActiveTask:
 def follow_charge(found: Sequence[Sequence[tuple[float, int]]], charge: int) -> Array:
     """Track the first wall of a charge; return its site in each frame [rotor spacings].
 
-    The nearest wall of this charge within two rotor spacings is the same wall. After the wall has
-    vanished, its site is NaN.
+    In the next frame, the nearest wall of this charge within two rotor spacings counts as this
+    wall. After the wall has vanished, its site is NaN.
     """
     sites, last = np.full(len(found), math.nan), math.nan
     for frame, walls in enumerate(found):

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Accuracy of camera angle measurements in rendered films, and the Cramer-Rao bound."""
+"""Errors of angles that are measured in rendered films, compared with the Cramer-Rao bound."""

@@ -107,11 +107,11 @@ def paint_rotors(
     shape: Array,
     moments: Array,
 ) -> None:
-    """Paint every second rotor, starting with rotor `parity`, with its arm and dots.
+    """Paint the arms and dots of every second rotor, starting with rotor `parity`.
 
     `rotors` contains angles [rad], rates [rad/s] and accelerations [rad/s^2] at time 0, pivots and
     rotor lengths [m]. `shape` contains the radii of labels and dots, and the half width of arms
-    [m]. `moments` contains the times of the samples of each row of the picture [s].
+    [m]. `moments` contains the sample times of each picture row [s].
     """
     label, dot, arm = shape[0], shape[1], shape[2]
     samples = moments.shape[1]

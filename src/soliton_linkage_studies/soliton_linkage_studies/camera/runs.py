@@ -41,9 +41,9 @@ SIMULATED = 0.002
 _TILTS = (0.06, -0.09, 0.01)
 """Pan, pitch and roll of the chain plane relative to the camera [rad]."""
 _FILLED = 1.12
-"""Width of the picture, relative to the width of the chain with its frame markers [1]."""
+"""Width of the picture, divided by the width of the chain with its frame markers [1]."""
 _SWAPPED = 0.1
-"""Error of an angle above which the angle counts as that of another rotor [rad]."""
+"""Threshold [rad]: an angle with a larger error counts as the angle of another rotor."""
 _SETTLING = 10
 """Number of first pictures that are not evaluated [1], because means over few pictures give an
 inaccurate plane and inaccurate pivots."""

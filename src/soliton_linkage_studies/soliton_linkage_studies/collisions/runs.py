@@ -27,7 +27,7 @@ from soliton_linkage.solitons.continuum import wall_theory
 from soliton_linkage_studies.collisions.travelling_wall import travelling_wall
 
 INITIAL_DISTANCE = 12.0
-"""Initial distance between the walls [reaches]; their attraction is then e^(-24) of the wall
+"""Initial distance between the walls [reaches]; the attraction is then e^(-24) of the wall
 mass."""
 ESCAPED = 8.0
 """Distance at which walls count as escaped [reaches]; only walls slower than 0.001 c can
@@ -54,7 +54,7 @@ class Collision:
 
     ring: Chain
     speed: float
-    """Speed of each wall in units of the speed of sound [1]."""
+    """Speed of each wall [speed of sound]."""
     onwards: bool = False
     """Whether the second wall of a spinner turns the rotors onwards instead of back."""
     step: float = 1.0
@@ -127,7 +127,7 @@ class CollisionRun:
     radiated: float
     """Fraction of the final energy outside the walls or the captured pair [1]."""
     drift: float
-    """Range of the energy during the simulation, relative to its initial value [1]."""
+    """Range of the energy during the simulation, divided by the initial energy [1]."""
 
     @property
     def speed_after(self) -> float:
@@ -137,7 +137,7 @@ class CollisionRun:
 
 @dataclass(frozen=True)
 class WallPaths:
-    """Paths of both walls: outermost sign changes of the order field, NaN without walls."""
+    """Paths of both walls: outermost sign changes of the order field; NaN if there are none."""
 
     times: Array
     """Times of the frames [s], shape (T,)."""
@@ -148,7 +148,7 @@ class WallPaths:
 
     @property
     def distances(self) -> Array:
-        """Distances between the walls [rotor spacings], shape (T,); NaN while they overlap."""
+        """Distances between the walls [rotor spacings], shape (T,); NaN during an overlap."""
         return np.asarray(self.anti_kinks - self.kinks)
 
     def part(self, which: slice) -> WallPaths:
@@ -214,7 +214,7 @@ def initial_state(task: Collision) -> State:
 
 
 def ring_order_field(ring: Chain, angles: Array) -> Array:
-    """Return the order field, shape (..., N), of a ring in the family +1 of uniform states."""
+    """Return the order field of a ring, shape (..., N), for the family +1 of uniform states."""
     theta = staggered(angles)
     if ring.motion is Motion.SPINNER:
         return np.asarray(np.cos(theta - ring.rest_angle))
@@ -281,7 +281,7 @@ def _outcome(task: Collision, path: WallPaths, state: State, drift: float) -> Co
 
 
 def _turns(ring: Chain, path: WallPaths, state: State) -> int:
-    """Return the turns, minus half a turn, of the rotor midway between the walls of a spinner."""
+    """Return the turns minus 1/2 of the rotor midway between the walls; 0 unless a spinner."""
     if ring.motion is not Motion.SPINNER:
         return 0
     rotor = round((path.kinks[-1] + path.anti_kinks[-1]) / 2)

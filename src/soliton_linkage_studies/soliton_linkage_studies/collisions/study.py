@@ -33,7 +33,7 @@ _QUICK_HALVINGS = 2
 _HALVINGS = 13
 """Number of bisections in a full study [1]; they reduce a range of speeds from 0.6 c to 1e-4 c."""
 _FASTEST = 2.0
-"""Largest speed, relative to the speed of sound [1]; flippers with d near 1 can be supersonic."""
+"""Largest speed [speed of sound]; flippers with d near 1 can be supersonic."""
 
 
 @dataclass(frozen=True)
@@ -43,9 +43,9 @@ class WindowEdge:
     collision: Collision
     collisions: int
     inside: float
-    """Speed inside the window, relative to the speed of sound [1]."""
+    """Speed inside the window [speed of sound]."""
     outside: float
-    """Speed outside the window, relative to the speed of sound [1]."""
+    """Speed outside the window [speed of sound]."""
     halvings: int
 
     def __call__(self) -> tuple[float, CollisionRun]:
@@ -144,7 +144,7 @@ class Row:
     series: str
     name: str
     speed: float
-    """Speed of each wall or of the window edge, relative to the speed of sound [1]."""
+    """Speed of each wall or of the window edge [speed of sound]."""
     run: CollisionRun | None
     """Outcome of the collision, or None if the simulation failed."""
     failure: str
@@ -305,7 +305,7 @@ def escaped_after(row: Row) -> int | None:
 
 
 def windows(rows: Sequence[Row]) -> list[BounceWindow]:
-    """Return the windows of a sweep in which walls collide twice or more, slowest first."""
+    """Return the windows with two or more collisions in a sweep; the slowest is first."""
     found: list[BounceWindow] = []
     group: list[Row] = []
     for row in [*rows, None]:

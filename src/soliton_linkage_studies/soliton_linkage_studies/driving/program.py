@@ -40,7 +40,7 @@ from soliton_linkage_studies.settings import load_settings
 from soliton_linkage_studies.sweep.table import markdown_table
 
 IMBALANCE_LIMIT = 1e-9
-"""Largest allowed energy imbalance, relative to the largest energy [1]; it follows from the
+"""Largest allowed energy imbalance, divided by the largest energy [1]; the limit follows from the
 integration tolerance."""
 
 _CAPTION = """

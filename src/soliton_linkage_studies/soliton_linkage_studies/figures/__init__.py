@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of the paper and additional figures, each compared with theory.
 
-To add a figure, write a module here that registers its function in `FIGURES`, a section of the
-same name in the settings, and a test.
+To add a figure, write a module here that registers a function in `FIGURES`. Then add a section of
+the same name to the settings, and write a test.
 """
 
 from __future__ import annotations
@@ -14,6 +14,6 @@ from soliton_linkage_studies.program import Registry
 from soliton_linkage_studies.settings import Section
 
 DrawFigure = Callable[[Section, bool], FigureReport]
-"""Function that draws a figure, given its settings and `quick`, which means fewer points."""
+"""Function that draws a figure from its settings; the flag `quick` means fewer points."""
 
 FIGURES: Registry[DrawFigure] = Registry()

@@ -67,7 +67,7 @@ def stepped_response(actuator: PneumaticActuator, command: Profile) -> CommandRe
 
 
 def draw_response(report: FigureReport, axes: Axes, response: CommandResponse) -> None:
-    """Draw the pressure for a command: commanded, in closed form, and by numerical integration."""
+    """Draw three pressures: commanded, in closed form, and by numerical integration."""
     for name, times, pressures, style, colour in (
         ('commanded', response.times, response.commanded, '--', GREY),
         ('closed form', response.times, response.closed, '-', BLUE),
@@ -85,7 +85,7 @@ def draw_response(report: FigureReport, axes: Axes, response: CommandResponse) -
 
 @dataclass(frozen=True)
 class DrivenChain:
-    """Energy and work of a chain of springs that an actuator drives, in T frames."""
+    """Energy of a chain and work of the actuator that drives it, in T frames."""
 
     times: Array
     """Instants of the frames [s], shape (T,)."""
@@ -147,7 +147,7 @@ def actuator_figure(section: Section, quick: bool) -> FigureReport:
 
 
 def read_command(section: Section) -> EdgeCommand:
-    """Read a command of a pressure [Pa], with its duration and ramp [s], at the first edge."""
+    """Read a pressure command [Pa] for the first edge, with duration and ramp [s]."""
     pressure = section.number('pressure', 1.0, PneumaticActuator().highest_pressure)
     duration = section.number('duration', 0.01, 10.0)
     ramp = section.number('ramp', 0.0, 10.0)

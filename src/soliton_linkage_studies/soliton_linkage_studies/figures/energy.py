@@ -90,7 +90,8 @@ wall. Hollow markers are upper bounds, because reflected phonons of the kick may
 wake.
 """
 _REACH = 8
-"""Smallest distance between the wall and its wake [penetration depths]; the tail there is e^-8."""
+"""Smallest distance between the wall and its wake [penetration depths]; the wall's tail is e^-8
+there."""
 _CONTINUUM = 0.3
 """Largest lean ratio d for a comparison with continuum theory [1]; the error of this theory is of
 order d^2."""

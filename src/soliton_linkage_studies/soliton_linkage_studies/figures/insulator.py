@@ -42,8 +42,8 @@ _TITLES = (
     'c  a wall at rest,   d  the horizontal projections of its rotors',
 )
 _LONG = 400
-"""Number of rotors of a chain whose lowest modes agree with those of the infinite chain to 1e-4
-[1]."""
+"""Number of rotors [1] that suffices for the lowest modes to agree with the infinite chain to
+1e-4."""
 
 
 @FIGURES.add('figure_1')

@@ -35,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def draw(figure: DrawFigure, section: Section, output: Path, quick: bool) -> list[Comparison]:
-    """Draw a figure, save it under the name of its section, and return its table rows."""
+    """Draw a figure, save it under the section's name, and return the table rows of the figure."""
     report = figure(section, quick)
     report.save(output, section.name)
     return report.comparisons

@@ -208,7 +208,8 @@ def layered(chain: Chain, angles: Array, layer: float) -> Array:
     """Return both end points of each rotor, axle, pin and bar [m], in this order.
 
     The result has shape (3 N + number of springs, 2, 3). Rotor n lies in the plane y = 2 n layer
-    [m], each bar halfway between two rotors, so that bodies that are not joined cannot collide.
+    [m]. Each bar lies halfway between two rotors, so that bodies that are not joined cannot
+    collide.
     """
     pivots, masses = pivot_points(chain), mass_points(chain, angles)
     planes: Array = np.linspace(0.0, 2 * layer * chain.number_of_springs, len(pivots))
@@ -227,7 +228,7 @@ def layered(chain: Chain, angles: Array, layer: float) -> Array:
 
 
 def from_behind(bodies: Array, azimuth: float, elevation: float) -> list[int]:
-    """Return the indices of bodies, pairs of end points [m], from back to front.
+    """Return the indices of bodies, given by both end points [m], from back to front.
 
     The direction of the camera is given by its azimuth and elevation [rad].
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Films of three small motions: the zero mode, a drive in the band gap and a drive above it."""
+"""Films of three small motions: the zero mode, a drive in the band gap and one above the gap."""
 
 from __future__ import annotations
 
@@ -121,9 +121,9 @@ class InsulatorScene(Scene):
 def driven(chain: Chain, frequency: float) -> Array:
     """Return the steady response of the right-leaning chain to a torque on rotor 0, shape (N,).
 
-    The complex amplitudes, relative to rotor 0 [1], solve (K - omega^2 I + i omega damping) x =
-    torque at the angular frequency omega [rad/s], with the stiffness matrix K and the moments of
-    inertia I.
+    The complex amplitudes x, relative to rotor 0 [1], solve (K - omega^2 I + i omega damping) x =
+    torque. omega is the angular frequency [rad/s], K the stiffness matrix, I the moments of
+    inertia.
     """
     stiffness = stiffness_matrix(chain, chain.uniform_state(1)).toarray()
     inertia = np.diag(-(frequency**2) * chain.moments_of_inertia + 1j * frequency * chain.dampings)

@@ -150,7 +150,7 @@ class SweepStudy:
         return [str(row), *map(_text, values.values()), str(seed), *measured, failure]
 
     def described(self) -> dict[str, Any]:
-        """Return all data that determine the rows, in the types of YAML."""
+        """Return all data that determine the rows, as types that YAML can store."""
         return {
             'measure': self.measure_name,
             'parameters': dict(sorted(self.parameters.items())),

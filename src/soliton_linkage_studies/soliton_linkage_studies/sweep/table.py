@@ -133,7 +133,7 @@ class Table:
 def fill_table(
     study: Tabulated, folder: Path, workers: int, scheduler: str = ''
 ) -> tuple[Path, list[dict[str, str]]]:
-    """Measure the missing rows of a table; return the path of the table and its rows.
+    """Measure the missing rows of a table; return the path and the rows of the table.
 
     The rows are measured by local processes, or on a Dask cluster if `scheduler` is given. Raises
     ChildProcessError if a worker ends early; finished rows are kept.

@@ -62,7 +62,7 @@ class Burst:
     def torque(self, inertia: float, time: float) -> float:
         """Return the torque [N m] on a rotor.
 
-        `inertia` is its moment of inertia [kg m^2], `time` the time since the start of the burst
+        `inertia` is the moment of inertia [kg m^2], `time` the time since the start of the burst
         [s].
         """
         if not 0 < time < self.duration:
