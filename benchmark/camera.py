@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Processor time in which one core measures the angles of a picture of 1280 x 720 pixels.
+"""Processor time of one core to measure the angles in a picture of 1280 x 720 pixels.
 
 The time depends on the number of dots and on the area of a dot, because every pixel of a dot is
 fitted. Few rotors fill the picture with larger dots, and thus need as much time as many rotors.

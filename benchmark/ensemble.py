@@ -189,7 +189,7 @@ def disordered(rotors: int, count: int) -> Chains:
 
 
 def fresh(chains: Iterable[tuple[Chain, State]]) -> Chains:
-    """Return copies without the cached arrays of earlier runs."""
+    """Return copies of the chains without the cached arrays of earlier runs."""
     return [(replace(chain), start) for chain, start in chains]
 
 

@@ -57,7 +57,7 @@ def main() -> None:
 
 
 def measured(sizes: Sequence[int], rounds: int, seconds: float) -> Times:
-    """Return the processor time per call of each task [s], by size, with one number per round."""
+    """Return the processor times of each task at each size [s], one number per round."""
     times: Times = {name: {size: [] for size in sizes} for name in WORKS}
     progress = ProgressLine('growing', len(sizes))
     with own_domain():

@@ -77,7 +77,7 @@ def draw_of(name: str, number: int, folder: Path) -> Draw:
 
 
 def chain_of(nominal: Chain, number: int) -> Chain:
-    """Return a chain with random lengths that walls can pass."""
+    """Return a chain with random lengths, through which a wall can pass."""
     for seed in range(_SEEDS * number, _SEEDS * (number + 1)):
         spreads = dict.fromkeys(('spacing', 'rotor_length', 'rest_length'), SPREAD)
         drawn = drawn_deviations(nominal.number_of_rotors, seed, **spreads)

@@ -7,9 +7,9 @@ of an angle at the end, compared with heyoka at a tolerance of 1e-16. Times at e
 1e-8 are interpolated, in double logarithmic scale, between the two nearest settings. Ratios are
 computed within a round. Set-up and compilation are listed separately.
 
-Times of MuJoCo, which has a constant step, are extrapolated from a part of long runs. In chains of
-more than 150 rotors, the errors of MuJoCo are measured with 150 rotors, because no wall moves
-beyond rotor 150.
+Times of MuJoCo, which has a constant step, are extrapolated from the first part of long runs. In
+chains of more than 150 rotors, the errors of MuJoCo are measured with 150 rotors, because no wall
+moves beyond rotor 150.
 """
 
 from __future__ import annotations

@@ -140,7 +140,7 @@ class Bench:
         least: float,
         most: float,
     ) -> list[float]:
-        """Bisect between values with and without real time, and confirm by long runs."""
+        """Bisect between a value in real time and one not in real time; confirm by long runs."""
 
         def run(value: float, seconds: float) -> Run:
             return self.run(name, command, *sizes(value), seconds)

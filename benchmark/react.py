@@ -121,7 +121,7 @@ class Reactions:
         return bool(self._impulses.messages())
 
     def measure(self, nudges: int, turn: int, rounds: int) -> dict[str, list[float]]:
-        """Return the times from each of a number of nudges to its effects [s]."""
+        """Return the times from each nudge to its effects [s], for a number of nudges."""
         chance = random.Random(turn)
         progress = ProgressLine(f'round {turn + 1} of {rounds}, nudges', nudges)
         seconds: dict[str, list[float]] = {}

@@ -17,7 +17,7 @@ FRAMES = '/joint_states'
 
 
 class BagAudit:
-    """Counter of recorded messages that removes each file after reading it.
+    """Counter of recorded messages; it removes each file after reading.
 
     A frame is missing if two stamps differ by more than a period. Times are times of receipt,
     because the stamps of a simulator that is slower than real time fall behind the clock.

@@ -32,7 +32,7 @@ _PHONONS = (0.001, 0.03)
 _REST_ANGLES = (0.3, 1.3)
 """Range of the rest angle [rad]."""
 _NEAREST = 0.02
-"""Smallest |d - d_c| / d_c of the lean ratio d and the critical value d_c [1]."""
+"""Smallest |d - d_c| / d_c [1], with the lean ratio d and its critical value d_c."""
 _FLIPPERS = (0.1, 1.0)
 """Range of the lean ratio d of flippers [1]."""
 _WIDEST = 3.0

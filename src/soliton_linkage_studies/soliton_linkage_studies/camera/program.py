@@ -34,7 +34,7 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class FilmStudy:
-    """Study of films of several clips, each of which starts with a kick."""
+    """Study of films. A film has several clips, and each clip starts with a kick."""
 
     films: Mapping[str, FilmedTask]
     clips: int

@@ -169,7 +169,8 @@ def _hands(duration: float) -> tuple[Hand, ...]:
 
 
 def _pixel_bound(task: FilmedTask, layout: MarkerLayout, plane: ChainPlane) -> float:
-    """Return the Cramer-Rao bound [rad], the median of sigma / sqrt(sum (dI / dphi)^2).
+    """Return the Cramer-Rao bound [rad], the median over rotors of sigma / sqrt(sum (dI /
+    dphi)^2).
 
     sigma is the noise of the grey levels I.
     """

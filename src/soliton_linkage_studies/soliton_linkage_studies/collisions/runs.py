@@ -30,7 +30,7 @@ INITIAL_DISTANCE = 12.0
 """Initial distance between the walls [reaches]; the attraction is then e^(-24) of the wall
 mass."""
 ESCAPED = 8.0
-"""Distance at which walls count as escaped [reaches]; only walls slower than 0.001 c can
+"""Distance at which walls count as escaped [reaches]; only walls slower than 0.001 c can still
 return."""
 _NEAR = 7.0
 """Smallest distance at which the speed before a collision is measured [reaches]."""

@@ -92,7 +92,8 @@ class DrivenChain:
     energies: Array
     """Energy that the chain has gained since the first frame [J], shape (T,)."""
     works: Array
-    """Work of the actuator since the first frame [J], shape (T,), from torques and angles."""
+    """Work of the actuator since the first frame [J], shape (T,), computed from torques and
+    angles."""
 
 
 def driven_chain(

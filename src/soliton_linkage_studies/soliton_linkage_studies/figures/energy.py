@@ -31,7 +31,7 @@ equilibrium with one kink and one anti-kink. Dashed line: continuum theory, the 
 
 @FIGURES.add('anti_kink_cost')
 def anti_kink_figure(section: Section, quick: bool) -> FigureReport:
-    """Draw the energy of an anti-kink at rest, divided by that of continuum theory, against d."""
+    """Draw the energy of an anti-kink at rest, divided by its continuum value, against d."""
     section.check_keys('rotor_length_ratio', 'lean_ratios')
     ratio = section.number('rotor_length_ratio', 1e-3, 1e3)
     wanted = section.numbers('lean_ratios', 1e-3, 1.0)

@@ -79,7 +79,7 @@ def figure_s1(section: Section, quick: bool) -> FigureReport:
 
 @FIGURES.add('figure_s2')
 def figure_s2(section: Section, quick: bool) -> FigureReport:
-    """Draw oscillations next to walls, and their decay according to theory (paper, Fig. S2)."""
+    """Draw oscillations next to walls, and the theory of their decay (paper, Fig. S2)."""
     section.check_keys('chains')
     chains = [chain_from(each) for each in section.section('chains').sections().values()]
     count = _QUICK_SNAPSHOTS if quick else SNAPSHOTS

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Table of a sweep, which survives interruptions.
 
-Each finished row is appended to a part file beside a copy of the configuration. When all rows are
-finished, they are sorted and written to the table file.
+Each finished row is appended to a part file; a copy of the configuration is stored beside it. When
+all rows are finished, they are sorted and written to the table file.
 """
 
 from __future__ import annotations
