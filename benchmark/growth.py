@@ -106,7 +106,7 @@ def figures_of(times: Times) -> list[Figure]:
 
 
 def memory(rotors: int, frames: Sequence[int], folder: Path) -> list[Figure]:
-    """Return the peak memory of a large simulator and of the analysis of some bags."""
+    """Return the peak memory of a large simulator, and of `analyse_bag` for each bag."""
     goal = 'under 500 MB' if rotors == max(ROTORS) else ''
     with own_domain():
         resident = simulator_memory(rotors) / MEGABYTE

@@ -306,7 +306,7 @@ COUNTED = (('simulator', 'missed deadlines'), ('bag_recorder', 'lost messages'))
 
 
 def silent_reader(seconds: float) -> list[Figure]:
-    """Return the memory growth of the server while a browser does not read."""
+    """Return the memory growth of the server while a browser reads nothing."""
     with scene(nodes=()) as stage:
         time.sleep(SETTLING)
         with socket.create_connection(('127.0.0.1', PORT)) as reader:

@@ -53,7 +53,7 @@ def running(command: Sequence[str | Path]) -> Iterator[subprocess.Popen[bytes]]:
 
 
 def node_command(name: str, settings: Mapping[str, Any]) -> list[str | Path]:
-    """Return the command of a node of the suite with parameters."""
+    """Return the command that starts a node of the suite with parameters."""
     package = 'soliton_linkage_nodes'
     arguments = [part for pair in settings.items() for part in ('-p', '{}:={}'.format(*pair))]
     return [Path(get_package_prefix(package), 'lib', package, name), '--ros-args', *arguments]

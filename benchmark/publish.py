@@ -94,7 +94,7 @@ def measured(
 
 
 def round_of(ways: Ways, publisher: Publisher, turns: int) -> dict[str, float]:
-    """Return the median time of each way to publish a message [s] over a number of turns."""
+    """Return the median time [s] of each way to publish a message, over `turns` turns."""
     times: dict[str, list[float]] = {way: [] for way in ways}
     chance = random.Random(turns)
     for _ in range(turns):

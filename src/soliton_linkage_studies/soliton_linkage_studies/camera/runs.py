@@ -169,10 +169,9 @@ def _hands(duration: float) -> tuple[Hand, ...]:
 
 
 def _pixel_bound(task: FilmedTask, layout: MarkerLayout, plane: ChainPlane) -> float:
-    """Return the Cramer-Rao bound [rad], the median over rotors of sigma / sqrt(sum (dI /
-    dphi)^2).
+    """Return the Cramer-Rao bound of an angle [rad], as a median over rotors.
 
-    sigma is the noise of the grey levels I.
+    For one rotor it is sigma / sqrt(sum (dI / dphi)^2) for grey levels I with the noise sigma.
     """
     cv2 = opencv()
     rest, still = task.chain.uniform_state(1), np.zeros((1, task.chain.number_of_rotors))

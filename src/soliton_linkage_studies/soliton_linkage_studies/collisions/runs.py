@@ -281,7 +281,7 @@ def _outcome(task: Collision, path: WallPaths, state: State, drift: float) -> Co
 
 
 def _turns(ring: Chain, path: WallPaths, state: State) -> int:
-    """Return the turns minus 1/2 of the rotor midway between the walls; 0 unless a spinner."""
+    """Return the turns of a spinner's rotor midway between the walls, minus 1/2; otherwise 0."""
     if ring.motion is not Motion.SPINNER:
         return 0
     rotor = round((path.kinks[-1] + path.anti_kinks[-1]) / 2)

@@ -62,14 +62,14 @@ class DrivingStudy:
     step: Profile
     """Commanded pressure [Pa] over time [s]."""
     works: dict[str, WorkTask]
-    """Tasks by the name of the actuator."""
+    """Tasks by actuator name."""
     balances: dict[str, BalanceTask]
     """Tasks by the mechanics, 'elastic' or 'rigid'."""
     stiffnesses: list[StiffnessTask]
     tilts: dict[str, TiltTask]
     """Tasks by the mechanics, 'elastic' or 'rigid'."""
     moves: dict[MoveKey, list[MoveTask]]
-    """Tasks by the names of a chain and of a condition."""
+    """Tasks by chain name and condition name."""
 
     @property
     def tasks(self) -> dict[tuple[Any, ...], Callable[[], Any]]:
