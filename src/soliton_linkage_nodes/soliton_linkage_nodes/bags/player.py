@@ -80,9 +80,9 @@ class BagPlayer(ManagedNode):
 
     It first publishes the last latched messages from before the start, then waits for subscribers
     of `wait_for`. In lockstep, an analyser answers each frame. Recorded states are omitted in
-    lockstep. While an analyser runs, they are omitted unless `topics` names them. Pauses of the
-    recorder are skipped. The node ends at the end of the bag, unless it is paused or `stay` is
-    set.
+    lockstep. While an analyser runs, recorded states that `topics` does not name are omitted.
+    Pauses of the recorder are skipped. The node ends at the end of the bag, unless it is paused or
+    `stay` is set.
 
     Publishes the topics of the bag, `/diagnostics` and, with `publish_clock`, `/clock`. Serves
     `~/pause`, `~/resume`, `~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/burst`, `~/seek`,

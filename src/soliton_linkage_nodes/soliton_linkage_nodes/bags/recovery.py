@@ -278,7 +278,7 @@ def _opened(file: Path, doubtful: bool, limits: BagLimits) -> Iterator[Recovered
 
 
 def unfinished_bag(name: Path) -> Path | None:
-    """Return the last of the bags `<name>_0`, `<name>_1`, ... if it is unfinished."""
+    """Return the last bag of `<name>_0`, `<name>_1` and so on if this bag is unfinished."""
     number = 0
     while (name.parent / f'{name.name}_{number}').exists():
         number += 1

@@ -89,7 +89,7 @@ class ChainIdentifier(ManagedNode):
     """Node that estimates every length of a chain from the angles of its joints.
 
     It subscribes to `joint_states`, `joint_state_deviations` and `tilt`, and to the impulses on
-    `delivered_impulses` and `delivery`. Without such impulses, it uses the commands on
+    `delivered_impulses` and `delivery`. If no impulses arrive there, the node uses the commands on
     `rotor_impulses` and `rotor_torques`. It publishes `identified_chain` and `/diagnostics`.
     `~/identify` starts an identification, `~/save` writes the last result to the file `output`,
     `~/forget` drops all frames.
@@ -167,7 +167,6 @@ class ChainIdentifier(ManagedNode):
             self._record.add_tilt(message.data, self.get_clock().now().nanoseconds)
 
     def _start_identification(self) -> None:
-        """Start an identification in a thread if it is idle and has new frames."""
         record = self._record
         idle = self.active and not self._working and record.frames
         if not idle or record.frames == self._identified_frames:

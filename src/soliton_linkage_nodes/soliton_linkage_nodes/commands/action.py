@@ -23,7 +23,7 @@ _STATUS = {
 
 
 def main(arguments: list[str]) -> int:
-    """Run the verb that the arguments specify, and return its exit code."""
+    """Run the specified verb and return its exit code."""
     verbs = Verbs('action', __doc__)
     listing = verbs.add('list', _list, 'print the names of all actions')
     listing.add_argument('-t', '--show-types', action='store_true', help='also print the types')

@@ -16,7 +16,7 @@ from soliton_linkage_nodes.messages.view_conversions import adjustable_parameter
 
 
 def main(arguments: list[str]) -> int:
-    """Run the verb that the arguments specify, and return its exit code."""
+    """Run the specified verb and return its exit code."""
     verbs = Verbs('param', __doc__)
     for name, verb, summary in (
         ('list', _list, 'print the names of the parameters of a node'),

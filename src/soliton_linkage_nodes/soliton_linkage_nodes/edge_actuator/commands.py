@@ -32,7 +32,7 @@ from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 _MOST_KICKS_WAITING = 50
-"""Largest number of kicks that wait for the simulator [1]. This is half the queue depth of
+"""Largest number of kicks that wait for the simulator [1]. The limit is half the queue depth of
 `rotor_impulses`, so that no accepted kick is lost."""
 
 

@@ -181,7 +181,7 @@ class EdgeActuator(ManagedNode):
             raise
 
     def _dispatch_while_busy(self) -> None:
-        """Receive each frame at once while the chain is driven and until it is idle again."""
+        """Receive each frame immediately until the driven chain is idle again."""
         now, chain = time.monotonic(), self.commands.chain
         if chain is not None and chain.driver.busy:
             self._busy_until = now

@@ -33,7 +33,6 @@ class LatestFrames:
         """
         self.freshness = Freshness(longest)
         self.taken = 0
-        """Number of received frames."""
         self._longest = longest
         self._watch = watch
         self._watched = 0
@@ -48,7 +47,7 @@ class LatestFrames:
         self.freshness.renew()
 
     def check_fresh(self) -> bytes:
-        """Return the latest joint states as CDR bytes. Raises ValueError if they are too old."""
+        """Return the latest joint states as CDR bytes; ValueError if these bytes are too old."""
         if self._latest is None or self.freshness.stale:
             raise ValueError(
                 f'no fresh joint_states: {self.freshness}, the limit is {self._longest:g} s; '
@@ -57,7 +56,7 @@ class LatestFrames:
         return self._latest
 
     def read(self, named: NamedChain) -> tuple[Frame, int]:
-        """Return the latest frame and its stamp [ns]. Raises ValueError if it is too old."""
+        """Return the latest frame and its stamp [ns]; ValueError if the frame is too old."""
         joints = self._decoder.decode(self.check_fresh())
         frame = frame_from_msg(named, joints)
         if self._watched != self.taken:
@@ -109,7 +108,7 @@ class ActuatorPublishers:
     def check_connected(self, at_once: bool) -> None:
         """Raise ValueError if the required topic has no subscriber.
 
-        This topic is `rotor_impulses` if `at_once`, otherwise `rotor_torques`.
+        The required topic is `rotor_impulses` if `at_once`, otherwise `rotor_torques`.
         """
         publisher = self._impulses if at_once else self._torques
         if not publisher.get_subscription_count():

@@ -36,10 +36,9 @@ class OutgoingTopic:
     """Channel that sends the messages of a topic and their definition to clients."""
 
     def __init__(self, node: Node, name: str, type_: str, context: Context) -> None:
-        """Offer the topic to clients. Raises ValueError if its type is not installed."""
+        """Offer the topic to clients; ValueError if the topic's type is not installed."""
         self.name, self.type = name, type_
         self.sent = 0
-        """Number of messages sent to clients."""
         self._topic = Topic(name, message_class(type_), QoSProfile(depth=_DEPTH))
         definition, _ = type_definition(type_)
         schema = Schema(name=type_, encoding='ros2msg', data=definition.encode())
@@ -176,9 +175,8 @@ class Serving:
     def __init__(
         self, node: Node, address: tuple[str, int], read_only: bool, queue: Queue, reject: Reject
     ) -> None:
-        """Start the server at a host and a port. Raises OSError if it cannot be started."""
+        """Start the server at a host and a port; OSError if the server cannot start."""
         self.published = 0
-        """Number of messages published by clients."""
         self._node, self._reject = node, reject
         self._incoming: dict[Key, IncomingTopic] = {}
         self._new_clients: set[str] = set()

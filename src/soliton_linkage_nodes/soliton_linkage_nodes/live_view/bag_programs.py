@@ -38,7 +38,7 @@ _RESULTS = {
 
 
 class _BagProgram:
-    """Node that runs as a child process of the page. The page controls it by services."""
+    """Node that runs as a child process of the page, which controls the node by services."""
 
     def __init__(self, node: str, finder: ChainFinder, read_only: bool) -> None:
         self.running = False
@@ -257,7 +257,7 @@ class BagReplay(_BagProgram):
         return f'playing at {rate:g} × the recorded speed'
 
     async def set_loop(self, loop: bool) -> str:
-        """Set whether the replay repeats the bag. This restarts a player that is running."""
+        """Set whether the replay repeats the bag. A running player is restarted."""
         self._check_writable()
         async with self._changing:
             self.loop = loop

@@ -39,7 +39,7 @@ _MOST_REPORTS = 200
 _PAIRED = 200
 """Largest number of unpaired frames, and of unpaired states [1]."""
 _SILENCE = 0.5
-"""Longest wait of a frame for its state [s]; afterwards, frames are shown alone."""
+"""Longest wait of a frame for its state [s]; afterwards, frames are shown without states."""
 _LONGEST_WAIT = 2.0
 """Longest wait for a frame and a state with equal stamps [s]; analysers may replace stamps."""
 _LATE_SPAN = 10.0
@@ -183,7 +183,7 @@ class ChainTopics:
         return silent or self._newest_state >= stamp
 
     def _show_frame(self, fresh: bool) -> None:
-        """Show the newest pair of frame and state, or, after a long wait, the newest of each."""
+        """Show the newest frame and state with equal stamps or, after a long wait, any stamps."""
         now = time.monotonic()
         if fresh and self._shown_at == -math.inf:
             self._shown_at = now

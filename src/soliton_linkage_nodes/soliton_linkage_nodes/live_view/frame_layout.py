@@ -86,9 +86,9 @@ def unpack(frame: bytes) -> tuple[dict[str, float], dict[str, Floats]]:
 def pack_history(chain: int, columns: Iterable[Column]) -> bytes:
     """Return the history of the chain with index `chain` as bytes.
 
-    The doubles are the kind, the index, the number of columns, the numbers of lean values and of
-    other values per column, and the other values. The lean values follow as float32. Columns with
-    another number of lean values than the latest column are omitted.
+    The doubles are the kind, the index, the number of columns, two sizes of a column (lean values,
+    other values), and the other values. The lean values follow as float32. Columns with another
+    number of lean values than the latest column are omitted.
     """
     kept = list(columns)
     height = kept[-1].overview.size if kept else 0

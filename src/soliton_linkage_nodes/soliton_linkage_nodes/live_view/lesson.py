@@ -110,7 +110,7 @@ class Laboratory:
         )
 
     async def disorder(self) -> str:
-        """Compare the soliton speed with that in a chain whose lengths deviate at random."""
+        """Compare the soliton speeds in this chain and in a chain with random length errors."""
         named = self._view.chains[self._namespace].model.named
         if named is None:
             raise ValueError('the chain is unknown: no node publishes the topic chain')

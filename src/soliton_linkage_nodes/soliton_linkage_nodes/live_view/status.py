@@ -18,10 +18,10 @@ REPLAY = '/replay/'
 _DROP_AGE = 30.0
 """Age above which a report is ignored [s]."""
 _LONGEST_DELAY = 0.2
-"""Delay of soliton_state [s] above which the page warns, provided that it also exceeds
+"""Delay of soliton_state [s] above which the page warns, provided that the delay also exceeds
 `_FRAMES_BEHIND`."""
 _ENDING = ('bag_player', 'bag_recorder')
-"""Nodes that end regularly. Their missing reports are no warning."""
+"""Nodes that end regularly, so that the page does not warn if their reports are missing."""
 _FRAMES_BEHIND = 2
 """Delay of soliton_state [frames] above which the page warns; one frame is always in transit."""
 _LATE = re.compile('deadlines missed in the last second')

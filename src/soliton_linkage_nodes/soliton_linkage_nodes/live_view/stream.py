@@ -38,7 +38,7 @@ _MOST_TILE_ANGLES = 200
 
 
 async def carry_out(view: View, name: str, arguments: Mapping[str, Any]) -> str:
-    """Carry out an action of a canvas and return its answer; ValueError if it is rejected."""
+    """Carry out a canvas action and return the answer; ValueError if the action is rejected."""
     if view.read_only:
         raise ValueError(READ_ONLY)
     namespace = str(arguments.get('chain', ''))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fast CDR decoding and encoding of messages with a stamp, joint names and arrays of doubles.
 
-Decoding the joint names takes most of the time. While their bytes stay the same, only the stamp
-and the arrays are decoded. An encoded message is overwritten in place.
+Decoding the joint names takes most of the time. While the bytes of the names stay the same, only
+the stamp and the arrays are decoded. An encoded message is overwritten in place.
 """
 
 from __future__ import annotations
@@ -250,7 +250,7 @@ def stamped(serialized: bytes, stamp: int) -> bytes:
 
 
 def publish_buffer(publisher: Publisher, serialized: bytearray) -> None:
-    """Publish a serialized message without the copy of `Publisher.publish`."""
+    """Publish a serialized message without the copy that `Publisher.publish` makes."""
     handle = publisher.handle
     with handle:
         handle.publish_raw(serialized)

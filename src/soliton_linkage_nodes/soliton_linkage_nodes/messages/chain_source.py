@@ -71,7 +71,7 @@ CHAIN_PARAMETERS: dict[type, str] = {
 
 
 def declare_chain(node: Node) -> NamedChain:
-    """Declare the parameters `chain.*` and return the chain; ValueError if one is invalid."""
+    """Declare the parameters `chain.*` and return the chain; ValueError for an invalid chain."""
     return chain_of(lambda kind: declare(node, kind, CHAIN_PARAMETERS[kind]))
 
 
@@ -131,7 +131,7 @@ class ChainSource:
 
     @property
     def description(self) -> str:
-        """Description of the chain or, while it is unknown, of its source."""
+        """Description of the chain or, while the chain is unknown, of its source."""
         if self.named is not None:
             return describe_chain(self.named.chain)
         known = self.parameters.chain_from == 'topic'
@@ -219,7 +219,7 @@ def chain_of_file(path: Path) -> NamedChain:
 
 
 def markers_of_file(path: Path) -> MarkerSettings:
-    """Return the marker settings of a parameter file; ValueError if one is unknown."""
+    """Return the marker settings of a parameter file; ValueError if a setting is unknown."""
     file = ParameterFile(path)
     file.check('markers.', {MarkerSettings: 'markers.'})
     settings = file.read(MarkerSettings, 'markers.')

@@ -63,7 +63,7 @@ class NamedChain:
 
 @dataclass(frozen=True)
 class Frame:
-    """Angles [rad] and rates [rad/s] of all rotors at one time, rotor 0 first; rates or None."""
+    """Angles [rad] and rates [rad/s] (or None) of all rotors at one time, rotor 0 first."""
 
     angles: Array
     rates: Array | None
@@ -172,7 +172,7 @@ def impulses_to_msg(named: NamedChain, impulses: Array, stamp: Time) -> msg.Roto
 def impulses_from_msg(
     rotors: Mapping[str, int], message: msg.RotorImpulses, largest: float
 ) -> Array:
-    """Return the impulse on each rotor [N m s], 0 if not named; ValueError if one is rejected."""
+    """Return the impulse on each rotor [N m s], 0 for unnamed rotors; ValueError if invalid."""
     return _by_rotor(rotors, 'rotor_impulses.impulse', message.name, message.impulse, largest)
 
 
@@ -199,7 +199,7 @@ def torques_to_msg(named: NamedChain, torques: Array, stamp: Time) -> JointState
 
 
 def torques_from_msg(rotors: Mapping[str, int], message: JointState, largest: float) -> Array:
-    """Return the torque on each rotor [N m], 0 if not named; ValueError if one is rejected."""
+    """Return the torque on each rotor [N m], 0 for unnamed rotors; ValueError if invalid."""
     return _by_rotor(rotors, 'rotor_torques.effort', message.name, message.effort, largest)
 
 

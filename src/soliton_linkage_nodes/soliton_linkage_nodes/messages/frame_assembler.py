@@ -19,7 +19,7 @@ from soliton_linkage_nodes.runtime.serialization import serialize
 _SHORT_FRAMES = 10
 """Number of consecutive incomplete frames after which the assembler no longer waits for missing
 joints [1]. Sensitivity: at 0.5x, one more frame is incomplete after a pause of an encoder board.
-At 2x, frames are late for longer."""
+At 2x, frames stay late for longer."""
 
 
 class FrameAssembler:

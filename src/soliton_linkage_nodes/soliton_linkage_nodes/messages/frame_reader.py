@@ -76,7 +76,7 @@ _LONGEST_LATENESS = SECOND
 """Decrease of the stamp up to which a frame counts as late [ns]; a larger decrease means a reset
 clock."""
 _UNIT_CHECK_INTERVAL = 100
-"""Frames between two checks of the angle unit [1], because a check takes 80 us."""
+"""Number of frames between two checks of the angle unit [1], because a check takes 80 us."""
 
 
 class EncoderMonitor:

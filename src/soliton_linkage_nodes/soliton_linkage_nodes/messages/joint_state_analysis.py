@@ -55,7 +55,7 @@ class JointStateAnalysis:
         return math.nan if self._named is None else self._named.chain.spacing
 
     def set_chain(self, named: NamedChain) -> None:
-        """Analyse frames of this chain from now on. For the same chain, the estimates are kept."""
+        """Analyse frames of this chain from now on. An unchanged chain keeps its estimates."""
         if named == self._named:
             return
         if self._named is None or named.chain != self._named.chain:
@@ -91,7 +91,7 @@ class JointStateAnalysis:
             del self._deviations[next(iter(self._deviations))]
 
     def analyse(self, joints: JointStates) -> Analysis | None:
-        """Analyse a frame; return None if it is late. ValueError if it is invalid."""
+        """Analyse a frame. Return None for a late frame; ValueError for an invalid frame."""
         if self.analyser is None or self._reader is None:
             raise ValueError(
                 'joint_states arrived before the chain; set the chain or the joints first'

@@ -112,7 +112,7 @@ def picture_to_msg(header: Header, pixels: NDArray[np.uint8]) -> Image:
 
 
 def kick_from_msg(named: NamedChain, message: msg.LastKick) -> Array:
-    """Return the impulse of a kick on each rotor [N m s], shape (N,), 0 for the others."""
+    """Return the impulse of a kick on each rotor [N m s], shape (N,), 0 without an impulse."""
     impulses = np.zeros(named.rotors)
     for name, impulse in zip(message.name, message.impulse, strict=False):
         if name in named.numbers:

@@ -155,7 +155,7 @@ def _column(message: str, field: str) -> str:
 
 
 def row(analysis: Analysis, joints: JointStates) -> tuple[Any, ...]:
-    """Return a state as a row of the table; without a soliton, its cells are NaN."""
+    """Return a state as a row of the table; without a soliton, the soliton's cells are NaN."""
     message, solitons = state_to_msg(analysis, joints), analysis.solitons
     cells: list[Any] = [joints.stamp]
     for name in list(_STATE)[1:]:

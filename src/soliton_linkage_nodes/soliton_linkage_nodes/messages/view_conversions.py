@@ -74,7 +74,7 @@ class NodeReport:
     """Latest report of a node on /diagnostics."""
 
     node: str
-    """Full name of the node, or, without a hardware_id, the name of the report up to the colon."""
+    """Full name of the node; without a hardware_id, the report's name up to the colon."""
     level: int
     """Level of the report: 0 OK, 1 warning, 2 error, 3 stale."""
     message: str
@@ -255,7 +255,7 @@ def adjustable_parameters(
 
 
 def parameter_value(parameter: AdjustableParameter, value: Any) -> ParameterValue:
-    """Return the message with a new value of a parameter; ValueError if it is out of range."""
+    """Return the message with a new value of a parameter; ValueError for a wrong value."""
     code, kind, field = next(
         (code, kind, field)
         for code, (kind, field) in _TYPES.items()

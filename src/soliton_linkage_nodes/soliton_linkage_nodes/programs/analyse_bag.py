@@ -128,7 +128,7 @@ def summary(states: Iterable[dict[str, str]]) -> list[str]:
 
 
 def named_bags(paths: Sequence[Path]) -> tuple[tuple[str, Path], ...]:
-    """Return a unique name and the path of each bag; ValueError if one is given twice."""
+    """Return a unique name and the path of each bag; ValueError if a bag is given twice."""
     bags = [path.resolve() for path in paths]
     twice = [str(bag) for bag, count in Counter(bags).items() if count > 1]
     if twice:
@@ -190,7 +190,7 @@ class PictureFrames:
         self._count += 1
 
     def draw(self, chain: Chain, folder: Path, title: str | None) -> None:
-        """Write kymograph.png and track.png with captions, and view.html if it has a `title`."""
+        """Write kymograph.png and track.png with captions and, if `title` is set, view.html."""
         stamps, angles, walls = zip(*self._kept, strict=True)
         times = (np.array(stamps) - stamps[0]) * 1e-9
         track = measured_track(chain, times, walls)

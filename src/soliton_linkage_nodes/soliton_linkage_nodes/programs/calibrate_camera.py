@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Calibrate a camera with pictures or a film of a chessboard, such as that of print_markers.
+"""Calibrate a camera with pictures or a film of a chessboard, such as the one of print_markers.
 
 Take a dozen pictures of the whole board, and tilt and move the board between them. The output file
 has the format of ROS's camera_calibration.

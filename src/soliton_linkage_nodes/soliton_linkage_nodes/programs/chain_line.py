@@ -105,7 +105,7 @@ class ChainLine:
             self._line.note(f'rejected chain: {error}')
 
     def use(self, named: NamedChain) -> None:
-        """Set the chain that is drawn; ValueError if the joint names do not fit it."""
+        """Set the chain that is drawn; ValueError if the joint names do not fit."""
         named = with_joints(named, self._joint_names)
         self._chain = (named, FrameReader(named.joint_names, named.encoder_offsets))
         self._frames.set_joints(named.joint_names)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Report the content of a bag, whether it is complete, and the messages lost during recording.
 
-The first lines have the layout of `ros2 bag info`, with numbers computed from the messages.
+The first lines have the layout of `ros2 bag info`. All numbers are computed from the messages.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _LABEL_WIDTH = 19
 _EVENTS = 'soliton_linkage_msgs/msg/SolitonEvent'
 _SERVICE_EVENT, _SERVICE_SUFFIX = '_Event', '/_service_event'
 _TopicRow = tuple[tuple[str, str, str], int, int]
-"""Name, type and encoding of a topic, with its number of messages and of lost messages."""
+"""Name, type and encoding of a topic, with its numbers of all and of lost messages."""
 
 
 def main() -> None:

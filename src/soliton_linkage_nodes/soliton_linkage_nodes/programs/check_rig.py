@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Check the joint states of a rig, and write a report page.
 
-The program receives joint_states for ten seconds while nobody touches the rig. Then it asks you to
-turn rotor 0 and the last rotor by hand. The chain comes from the topic chain, or from a parameter
-file after --ros-args with -p chain_from:=parameters.
+The program receives joint_states for ten seconds while nobody touches the rig. Then the program
+asks you to turn rotor 0 and the last rotor by hand. The chain comes from the topic chain, or from
+a parameter file after --ros-args with -p chain_from:=parameters.
 """
 
 from __future__ import annotations

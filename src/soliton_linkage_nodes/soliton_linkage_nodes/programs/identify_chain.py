@@ -280,7 +280,7 @@ def _name(connection: Connection) -> str:
 
 
 _WORST = 3
-"""Number of bonds that the summary lists [1]; they have the largest noise."""
+"""Number of bonds that the summary lists [1]; these bonds have the largest noise."""
 
 
 def write_lengths(found: Identification, path: Path) -> None:

@@ -33,7 +33,7 @@ from soliton_linkage_nodes.runtime.process import WaitingNode
 
 _ROTOR = Quantity('destination, counted from rotor 0', 'rotor spacings')
 _SPEED = Quantity('largest speed of the move, 0 for automatic', 'rotor spacings/s', minimum=0.0)
-"""Largest speed of the move; 0: soliton_steering selects it."""
+"""Largest speed of the move; 0: soliton_steering selects the speed."""
 _WAIT = Quantity('longest wait for soliton_steering to be ready', 's', 0.0, 3600.0)
 """Longest wait for the steering node; the largest value is one hour."""
 _LONGEST_WAIT = 5.0

@@ -56,8 +56,8 @@ class NudgeClient(WaitingNode):
     def nudge(self, speed: float, subscribers: int, timeout: float) -> LastKick | None:
         """Nudge with `speed` [rad/s]; return the answer of the actuator, or None if interrupted.
 
-        Raises ValueError if no actuator is ready within `timeout` [s], or if it rejects the nudge
-        or does not answer.
+        Raises ValueError if no actuator is ready within `timeout` [s], or if the actuator rejects
+        the nudge or does not answer.
         """
         deadline = time.monotonic() + timeout
         self.wait(self._actuators, timeout)

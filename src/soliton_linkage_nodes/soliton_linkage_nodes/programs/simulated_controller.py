@@ -2,7 +2,8 @@
 """Simulate a microcontroller with the encoders and valves of a chain, for serial_encoders.
 
 The program opens a pseudo-terminal, prints its path, and exchanges the frames of the serial
-protocol until Ctrl-C. The chain starts at rest and leans left. Commands to the valves drive it.
+protocol until Ctrl-C. The chain starts at rest, leans left, and is driven by commands to the
+valves.
 """
 
 from __future__ import annotations
@@ -70,7 +71,7 @@ class PseudoTerminal:
             return b''
 
     def write(self, data: bytes) -> None:
-        """Send bytes; if no client reads them and the buffer is full, they are lost."""
+        """Send bytes; the bytes are lost if no client reads and the buffer is full."""
         with contextlib.suppress(BlockingIOError):
             os.write(self._here, data)
 

@@ -87,7 +87,7 @@ class ChildProcesses:
                 raise RuntimeError(self._ended(node, process.returncode))
 
     def wait(self, node: str, seconds: float) -> bool:
-        """Wait up to `seconds`; return whether a process has ended. RuntimeError if it failed."""
+        """Return whether a process ends within `seconds`; RuntimeError if the process fails."""
         try:
             code = self._running[node].wait(seconds)
         except subprocess.TimeoutExpired:

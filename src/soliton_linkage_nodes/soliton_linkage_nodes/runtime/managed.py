@@ -105,7 +105,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
         return lambda: report() if self.active else Report('not active')
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Configure the node. If `configure` raises an error, destroy all that it has created."""
+        """Configure the node. If `configure` raises an error, destroy what was created."""
         self._permanent = {each for kind in _DESTROYERS for each in getattr(self, kind)}
         self.configured = self._run(self.configure)
         if not self.configured:

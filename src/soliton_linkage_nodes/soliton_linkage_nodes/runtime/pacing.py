@@ -97,9 +97,9 @@ class PacedLoop:
     """Thread that calls a function at the times t0 + k / rate, k = 0, 1, ...
 
     A call that is more than 0.1 s late postpones all later deadlines, so that the missed calls do
-    not follow in a burst. A change of the rate restarts t0. At an infinite rate, calls follow
-    without pauses, except for 5 ms after a call that returns False. With `real_time`, the thread
-    has priority while it is less than 10 ms late.
+    not follow in a burst. A change of the rate sets t0 to the current time. At an infinite rate,
+    calls follow without pauses, except for 5 ms after a call that returns False. With `real_time`,
+    the thread has priority while it is less than 10 ms late.
     """
 
     def __init__(self, rate: float, act: Callable[[], object], real_time: bool = False) -> None:

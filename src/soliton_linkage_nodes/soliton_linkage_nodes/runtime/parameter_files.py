@@ -65,7 +65,7 @@ def matches(pattern: str, node: str) -> bool:
 
 
 def notices(node: Node, arguments: Sequence[str], others: Sequence[Node] = ()) -> Iterator[Notice]:
-    """Yield notices: a file has no parameters for the nodes, or a file and `-p` differ."""
+    """Yield a notice if a file has no parameters for the nodes, or if a file and `-p` differ."""
     name = node.get_fully_qualified_name()
     started = [name, *(other.get_fully_qualified_name() for other in others)]
     typed = dict(_rules(arguments, node.get_name()))

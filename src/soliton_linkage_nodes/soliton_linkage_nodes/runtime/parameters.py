@@ -146,7 +146,7 @@ def _convert_change(node: Node, change: Parameter) -> Parameter:
 
 
 def _convert(kind: Parameter.Type, value: Any) -> Any:
-    """Convert integers to floats, and empty lists, whose type in ROS may be wrong."""
+    """Convert integers to floats; convert empty lists, because their type may be wrong."""
     if kind in _LISTS and isinstance(value, (NoneType, list, tuple, array)):
         elements = list(value or ())
         whole = all(type(element) is int for element in elements)

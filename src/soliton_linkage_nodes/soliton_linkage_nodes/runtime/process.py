@@ -32,7 +32,7 @@ _SPIN = 0.02
 """Longest time between two checks of a condition while no message arrives [s]."""
 _SHARE_OF_PERIOD = 0.1
 """Switch interval of the Python interpreter, relative to the frame period [1]. Sensitivity: at
-0.5x, twice as many wake-ups; at 2x, frames are later by 0.1 periods."""
+0.5x, threads wake up twice as often; at 2x, frames are later by 0.1 periods."""
 _SHORTEST_INTERVAL = 1e-4
 """Shortest switch interval of the interpreter [s]. One switch takes a few microseconds."""
 _MIXED = 'Sequence should be of same type'
@@ -122,9 +122,9 @@ def initialise(arguments: list[str] | None = None) -> None:
 def run(create_node: Callable[[], Node]) -> None:
     """Create a node, spin it until it finishes or SIGINT or SIGTERM arrives, and end the process.
 
-    A node may have the attributes `finished` and `failure`, the error that stopped it; a callback
-    must not raise this error, because executors print a traceback. Exit codes: 0, 1 after a
-    failure, 2 for an unknown argument.
+    A node may have the attributes `finished` and `failure`. A callback must store an error in
+    `failure` and not raise this error, because executors print a traceback. Exit codes: 0, 1 after
+    a failure, 2 for an unknown argument.
     """
     check_arguments(create_node, sys.argv[1:])
     run_together([create_node], sys.argv)

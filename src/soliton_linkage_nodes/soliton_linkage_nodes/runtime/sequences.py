@@ -11,15 +11,15 @@ from dataclasses import dataclass
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _SILENCE = 0.5
-"""Silence of a publisher after which another one is selected [s]; the ROS graph lists a killed one
-for 20 s."""
+"""Silence of a publisher after which another one is selected [s]; the ROS graph lists a killed
+publisher for 20 s."""
 _SILENT_PERIODS = 5
 """Number of message periods after which a slow, silent publisher is replaced [1]."""
 _MEMORY = 20
 """Number of messages over which the period of a publisher is averaged [1]."""
 _GAP_RATIO = 3.0
-"""Ratio of the actual to the predicted time above which a message probably has another publisher
-[1]."""
+"""Ratio of the actual to the predicted time above which a message is probably from another
+publisher [1]."""
 _NANOSECOND = 1e-9
 """One nanosecond [s]."""
 _OFFSET_WINDOW = 10.0
@@ -32,8 +32,8 @@ class SequenceGaps:
 
     Each publisher numbers its messages 1, 2, 3, ... Message n belongs to the publisher whose last
     number is n - 1, otherwise to a new publisher. If all publishers are known, message n belongs
-    to the one with the largest last number below n. If there is none, the new publisher replaces
-    the one silent for longest.
+    to the publisher with the largest last number below n. If no last number is below n, a new
+    publisher replaces the one silent for longest.
     """
 
     def __init__(self) -> None:
@@ -67,7 +67,7 @@ class _Newcomer:
 
 
 class MissedStarts:
-    """Counter of the messages that new publishers sent before the first received one."""
+    """Counter of the messages that new publishers sent before their first received message."""
 
     def __init__(self) -> None:
         self._newcomers: list[_Newcomer] = []
@@ -129,17 +129,17 @@ class _Publisher:
 class PublisherArbitration:
     """Filter that keeps only the messages of one selected publisher of a topic.
 
-    The first message selects its publisher. When this publisher becomes silent, another one
-    replaces it. Message n belongs to the publisher whose last number is n - 1, otherwise to the
-    one whose predicted time is closest.
+    The first message selects its publisher. When the selected publisher becomes silent, another
+    publisher replaces it. Message n belongs to the publisher whose last number is n - 1, otherwise
+    to the one whose predicted time is closest.
     """
 
     def __init__(self) -> None:
         self.lost = 0
         self.foreign = 0
-        """Number of messages of other publishers."""
+        """Number of messages from publishers that were not selected."""
         self.successions = 0
-        """Number of times that another publisher replaced the selected one, which was silent."""
+        """Number of times that the selected publisher was silent and was replaced."""
         self._selected: _Publisher | None = None
         self._others: list[_Publisher] = []
         self._others_since: float | None = None
@@ -228,7 +228,7 @@ class StreamArbitration:
 
     @property
     def successions(self) -> int:
-        """Number of times that another publisher replaced the selected one, which was silent."""
+        """Number of times that the selected publisher was silent and was replaced."""
         return self._counts[2] + sum(each.arbitration.successions for each in self._shares)
 
     def take(

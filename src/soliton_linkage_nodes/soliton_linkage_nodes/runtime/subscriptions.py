@@ -99,14 +99,14 @@ class AdaptiveSubscription:
                 yield taken
 
     def newest(self) -> Any:
-        """Return the next waiting message, or None; with queue depth 1, it is the newest."""
+        """Return the next waiting message, which is the newest for queue depth 1, or None."""
         message, info = next(self.waiting(), (None, None))
         if info is not None:
             self.sequence = info['publication_sequence_number']
         return message
 
     def adapt(self, before: Callable[[], object] = lambda: None) -> bool:
-        """Call `before` and subscribe again if publishers require it; return whether they do."""
+        """If publishers require a new subscription, call `before`, subscribe and return True."""
         self.publishers = self._query_publishers()
         qos = self._qos_for_all() if self.publishers else self.qos
         if _same_offer(qos, self.qos):
@@ -190,9 +190,9 @@ def subscribe_newest(
 class StreamSubscription:
     """Subscription of a node to a stream of messages from one publisher at a time.
 
-    Of several publishers of the same parts of the stream, such as joints, the first one is used
-    until it becomes silent. Diagnostics report several publishers and lost messages. After a lag
-    above `longest_lag` [s], all waiting messages but the newest are skipped.
+    If several publishers send the same parts of the stream, such as joints, the first publisher is
+    used until it becomes silent. Diagnostics report several publishers and lost messages. After a
+    lag above `longest_lag` [s], all waiting messages but the newest are skipped.
     """
 
     def __init__(

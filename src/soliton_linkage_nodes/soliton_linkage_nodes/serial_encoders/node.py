@@ -46,7 +46,8 @@ from soliton_linkage_nodes.serial_encoders.valves import ValveParameters, Valves
 _CLOCK_READINGS = 3
 """Largest number of attempts to read two clocks at the same time [1]."""
 _CLOCK_READING_LIMIT = 20_000
-"""Longest duration of an uninterrupted reading of two clocks [ns], ten times the usual one."""
+"""Longest duration of an uninterrupted reading of two clocks [ns], ten times the usual
+duration."""
 _WARNING_PERIOD = 1.0
 """Shortest time between warnings about restarts of the controller [s]."""
 _LONGEST_DELAY = 0.5

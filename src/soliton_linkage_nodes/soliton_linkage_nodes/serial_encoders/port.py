@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Serial port that a thread reads and reopens after it was lost."""
+"""Serial port that a thread reads, and reopens after a loss of the connection."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def describe_ports() -> str:
 
 
 class ReopenedPort:
-    """Serial port that a thread reads and reopens after a loss of the connection."""
+    """Serial port that a thread reads and reopens after a loss."""
 
     def __init__(
         self,
@@ -164,7 +164,7 @@ def _remedy(error: Exception, path: str) -> str:
 
 
 def _reason(error: Exception) -> str:
-    """Return the error of the operating system, or else that of pyserial, in one line."""
+    """Return the error of the operating system, or else the error of pyserial, in one line."""
     for each in (error.__context__, error):
         if isinstance(each, OSError) and each.strerror:
             return str(each.strerror)

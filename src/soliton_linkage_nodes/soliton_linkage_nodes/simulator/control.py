@@ -52,7 +52,7 @@ class SimulationControl:
     """Simulation that publishes its frames one by one and applies commands between them.
 
     All waiting kicks, the latest torques and the latest gravity act at the time of the next
-    published frame. The rates of this frame are those after the kicks. If the next frame cannot be
+    published frame. A frame contains the rates after its kicks. If the next frame cannot be
     computed, the simulation is paused until a reset. The computation of a frame may take seconds.
     Of the methods that other threads call, only `step` waits for the computation.
     """
@@ -71,9 +71,9 @@ class SimulationControl:
 
         `begin` creates a simulation from a state and the gravity. `command_timeout` is the
         simulated time after which torques end [s], 0 for never. For each frame, `announce` is
-        called with its number and the sum of the impulses [N m s] that act at it, and then
-        `publish` with its number and the simulation. A reset is rejected if less than a thousandth
-        of its first frame is computed in `longest_trial` [s] of processor time.
+        called with the frame number and the sum of the impulses [N m s] at the frame, then
+        `publish` with the frame number and the simulation. A reset is rejected if less than a
+        thousandth of its first frame is computed in `longest_trial` [s] of processor time.
         """
         self._begin = begin
         self._gravity = gravity
@@ -105,7 +105,7 @@ class SimulationControl:
 
     @property
     def simulation(self) -> Simulation:
-        """Simulation that runs since the last reset. Read it only while it is paused."""
+        """Simulation since the last reset. Read the simulation only while it is paused."""
         return self._simulation
 
     @property
@@ -180,8 +180,8 @@ class SimulationControl:
     def reset(self, state: State) -> None:
         """Drop all waiting commands and put the chain into a state. The time is not reset.
 
-        If the mechanics do not allow the state or no frame can be computed from it, ValueError is
-        raised and nothing changes.
+        If the mechanics do not allow the state or no frame can be computed from the state,
+        ValueError is raised and nothing changes.
         """
         simulation = self._begin(state, self._gravity)
         simulation.set_non_reciprocity(self._non_reciprocity)

@@ -55,7 +55,7 @@ class SensedJoints:
         self._encoders.errors = errors
 
     def fill(self, stamp: int, frame: int, simulation: Simulation) -> bytearray:
-        """Return the message of the simulation's current frame with its `stamp` [ns] and number.
+        """Return the message of the simulation's current frame with a `stamp` [ns].
 
         The next call overwrites the message. A reset restarts the encoders' rate estimates.
         """
@@ -90,7 +90,7 @@ class DeliveryPublisher:
         self._publisher.publish(delivery_to_msg(self._delivered))
 
     def add(self, stamp: int, simulation: Simulation) -> None:
-        """Add the effects in the frame period before `stamp` [ns], without impulses at its end."""
+        """Add the effects in the frame period before `stamp` [ns], but no impulses at `stamp`."""
         if simulation is not self._simulation:
             self._simulation = simulation
             self._angles, self._torques = simulation.angles, 0 * self._torques
@@ -118,7 +118,7 @@ class FramePublisher:
         self, node: Node, named: NamedChain, joints: SensedJoints, settings: SimulatorParameters
     ) -> None:
         self.epoch: int | None = None
-        """Stamp of the first frame [ns]. None before the first frame."""
+        """Stamp of the first frame [ns], None before this frame."""
         self.stamp = 0
         """Stamp of the last frame [ns]."""
         self._node = node
@@ -167,7 +167,7 @@ class FramePublisher:
         publish_buffer(self._impulses, buffer)
 
     def publish(self, frame: int, simulation: Simulation) -> None:
-        """Publish the current frame of a simulation. `frame` is its number."""
+        """Publish the current frame of a simulation, which has the number `frame`."""
         stamp = self.stamp = self._stamp_of(frame)
         if self._clock is not None:
             self._clock.publish(interfaces.CLOCK.type(clock=time_to_msg(stamp)))

@@ -36,7 +36,7 @@ from soliton_linkage_nodes.simulator.parameters import PARAMETERS, SimulatorPara
 from soliton_linkage_nodes.simulator.services import SimulationServices, serve_standard
 
 _SLOWEST = 1e-6
-"""Smallest real-time factor [1]; at 300 Hz, it makes one frame per hour."""
+"""Smallest real-time factor [1]; at a frame rate of 300 Hz, it gives one frame per hour."""
 _NON_RECIPROCITY = 'chain.non_reciprocity'
 _POLL_INTERVAL = 0.02
 """Poll interval while waiting for subscribers [s]."""
@@ -46,13 +46,13 @@ class Simulator(ManagedNode):
     """Node that publishes the angles of a simulated chain at a fixed rate.
 
     The node publishes `joint_states` [rad, rad/s, N m], `chain` (latched), `delivery` (latched)
-    and `/diagnostics`. If `publish_clock` is true, it also publishes `/clock`. If impulses act at
-    a frame, the node publishes them on `delivered_impulses` [N m s] before the frame.
+    and `/diagnostics`. If `publish_clock` is true, the node also publishes `/clock`. If impulses
+    act at a frame, the node publishes them on `delivered_impulses` [N m s] before the frame.
 
     The node subscribes to `rotor_impulses` [N m s], `rotor_torques` [N m] and `tilt` [rad]. A
     message on `tilt` sets the parameter `gravity.tilt`. The node serves `~/pause`, `~/step` and
-    `~/reset`. If the package simulation_interfaces is installed, it also serves the services of
-    this package. A changed parameter takes effect at the next frame.
+    `~/reset`. If the package simulation_interfaces is installed, the node also serves the services
+    of this package. A changed parameter takes effect at the next frame.
     """
 
     PARAMETERS = PARAMETERS
@@ -117,7 +117,6 @@ class Simulator(ManagedNode):
         return self.loop.failure if self.configured else None
 
     def _begin(self) -> None:
-        """Start the simulation loop if there are enough subscribers."""
         if self.frames.subscribers >= self.settings.subscribers:
             self._start_timer.cancel()
             self.frames.begin()
@@ -211,8 +210,8 @@ def main() -> None:
 
 
 _FRAMES_OVERDUE = 3
-"""Number of due frames since the last report above which a report without new frames warns [1].
-One frame at each end of the interval and one late frame are normal."""
+"""A report without new frames warns if more than this number of frames were due since the last
+report [1]. Normally, up to 3 are due: one at each end of the interval and a late one."""
 
 
 class SimulationReport:
@@ -235,7 +234,7 @@ class SimulationReport:
         self._before = (time.monotonic(), 0, 0)
 
     def __call__(self, world: Mapping[str, Any]) -> Report:
-        """Return the current report. The values of `world` are added to it."""
+        """Return the current report, with the additional values `world`."""
         status, punctuality = self._control.status, self._loop.punctuality
         now = time.monotonic()
         before, frames_before, missed_before = self._before

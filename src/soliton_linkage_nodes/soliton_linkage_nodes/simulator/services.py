@@ -126,8 +126,8 @@ def serve_standard(node: Node, services: SimulationServices) -> StandardServices
 class StandardServices:
     """Services of simulation_interfaces, which pause, step and reset the simulation.
 
-    A request to stop pauses and resets the simulation. Its state is "stopped" until the next
-    frame.
+    A stop request pauses and resets the simulation. Afterwards, the state is "stopped" until the
+    next frame.
     """
 
     def __init__(self, services: SimulationServices, messages: Any, types: Any) -> None:

@@ -203,7 +203,6 @@ class SolitonAnalyser(ManagedNode):
         self._busy += time.perf_counter() - begin
 
     def _publish(self, joints: JointStates) -> None:
-        """Analyse a frame and publish the result. Raises ValueError if the frame is invalid."""
         analysis = self._analysis.analyse(joints)
         if self._analysis.frame is not None:
             self._encoders.check(joints.stamp, self._analysis.frame.angles)
@@ -313,7 +312,7 @@ def _likely_error(analyser: FrameAnalyser) -> str:
     """Describe the likeliest cause of a misfit.
 
     Rotors far from the wall have the rest angle and reveal an error of the rest angle. Errors of
-    the other parameters change only the shape of the wall.
+    parameters other than the rest angle change only the shape of the wall.
     """
     error = analyser.rest_angle_error
     if error:

@@ -37,7 +37,6 @@ class MoveServer(ActionServer):
         self._on_goal = take
         self.goal: ServerGoalHandle | None = None
         self.begun = 0
-        """Number of started goals."""
         self.start = math.nan
         """Position of the soliton at the start of the last goal [rotor spacings]."""
         self.ended: MoveResult | None = None

@@ -127,7 +127,6 @@ class SteeredChain:
 
 
 def _rotors(named: NamedChain, joints: tuple[str, ...]) -> tuple[int, ...]:
-    """Return the rotor numbers of joints. Raises ValueError for an unknown joint name."""
     for joint in joints:
         if joint not in named.numbers:
             raise ValueError(
@@ -141,8 +140,8 @@ _POLL_INTERVAL = 0.02
 """Interval between checks of the age of the joint states [s]; short compared with
 `state_timeout`."""
 _OBSERVER_FRAMES = 200
-"""Number of frames before a move that initialise the observer [1]; at 1000 Hz, they cover its
-memory."""
+"""Number of frames before a move that initialise the observer [1]; at 1000 Hz, they cover the
+observer's memory."""
 _REPORT_FRAMES = 8
 """Number of frames for the report on a free wall [1]: one for the position, four for the phonon
 energy."""
@@ -223,7 +222,7 @@ class SolitonSteering(ManagedNode):
 
     @property
     def holding(self) -> bool:
-        """Whether the node moves or holds a soliton; it then needs each frame immediately."""
+        """Whether the node moves or holds a soliton, which requires each frame immediately."""
         return self.chain is not None and self.chain.steering.holding
 
     def _on_joint_states(self, serialized: bytes) -> None:
@@ -272,7 +271,6 @@ class SolitonSteering(ManagedNode):
         chain.observe(*self._read(chain, serialized))
 
     def _on_goal(self, handle: ServerGoalHandle) -> None:
-        """Start the move of a goal, in place of the active move."""
         handle.execute()
         self._observe_recent(_OBSERVER_FRAMES)
         rejection = self._start_move(handle.request)

@@ -67,7 +67,7 @@ class Kymograph:
     def add(self, stamp: float, angles: Array, walls: Sequence[float]) -> None:
         """Add angles [rad], shape (N,), and walls [rotor spacings] at `stamp` [s].
 
-        If the stamp is earlier than the previous one, the buffer is emptied first.
+        If the stamp is earlier than the previous stamp, the buffer is emptied first.
         """
         if self._stamps and stamp < self._stamps[-1]:
             for kept in (self._stamps, self._leans, self._walls):
@@ -151,7 +151,7 @@ class DrawingPublisher:
         return fresh
 
     def _wanted(self, number: int) -> bool:
-        """Return whether a drawing is new to a subscriber of the topic."""
+        """Return whether a subscriber of the topic has not received a drawing yet."""
         subscribers = self.publisher.get_subscription_count()
         more, self._subscribers = subscribers > self._subscribers, subscribers
         if not subscribers or (number == self._drawn and not more):

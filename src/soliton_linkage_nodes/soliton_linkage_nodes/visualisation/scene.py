@@ -20,8 +20,8 @@ _SHORTEST_ARROW = 0.02
 _HEAD = (0.3, 0.15)
 """Length and half width of an arrow head, relative to the length of the arrow [1]."""
 _WALL_HEIGHT = 2.5
-"""Height of the box around a wall, relative to the longest rotor [1]; above 2, it exceeds the
-rotors."""
+"""Height of the box around a wall, relative to the longest rotor [1]; above 2, the box is higher
+than the rotors."""
 _LETTERS = 40
 """Ratio of the length of a chain to the height of letters [1]; a line of text is half as long as
 the chain."""

@@ -108,7 +108,7 @@ class PlaybackThread:
         longest_gap: float = 0.0,
         limits: BagLimits = DEFAULT_LIMITS,
     ) -> None:
-        """Prepare the playback. Gaps longer than `longest_gap` [s] are skipped, unless it is 0."""
+        """Prepare the playback. If `longest_gap` [s] is above 0, longer gaps are skipped."""
         self.failure: Exception | None = None
         self.finished = False
         self.playing = False
@@ -125,7 +125,7 @@ class PlaybackThread:
         self._thread: threading.Thread | None = None
 
     def play(self, part: PlaybackRange) -> None:
-        """Start to play a range of the bag; ValueError if it is already being played."""
+        """Start to play a range of the bag; ValueError if a range is being played already."""
         if self.playing:
             raise ValueError('the bag is already playing; call ~/stop first, or ~/seek')
         self.stop()
@@ -216,7 +216,7 @@ class PlaybackThread:
             self._clock.start(before + skipped)
 
     def _publish_latched(self, reader: Reader, start: int) -> dict[str, int]:
-        """Publish each topic's latched messages before `start`, or else its first later one."""
+        """Publish each topic's latched messages before `start`, or else the first later one."""
         ahead = {}
         for connection in filter(latched, self._publishers.of(reader.connections)):
             kept = latched_before(reader, connection, start)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Publishers of a replay. They can wait for an analyser and omit recorded states."""
+"""Publishers that replay a bag, can wait for an analyser and can omit recorded states."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Lockstep:
                 )
 
     def wait_for_turn(self, topic: str, message: bytes, stopped: Callable[[], bool]) -> None:
-        """Wait until a frame may be published; other messages wait for all answers."""
+        """Wait until a frame may be published; before other messages, wait for all answers."""
         if topic != self.frames:
             self.settle(stopped)
             return
@@ -117,7 +117,7 @@ def _stamp(message: bytes) -> bytes:
 _POLL_INTERVAL = Duration(seconds=0.02)
 """Poll interval of the stop request during a wait for acknowledgements."""
 _MOST_REASONS = 3
-"""Largest number of rejected topics in an error [1]."""
+"""Largest number of rejected topics that an error lists [1]."""
 _MOST_TOPICS = 1000
 """Largest number of topics that are played [1]; each publisher takes 100 kB and 1 ms."""
 _LONGEST_DELIVERY = 10.0
@@ -206,7 +206,7 @@ class ReplayPublishers:
         return left_out
 
     def publish(self, connection: Connection, serialized: bytes) -> None:
-        """Publish a message. In lockstep, first wait until it may be published."""
+        """Publish a message. In lockstep, first wait until the message may be published."""
         topic = connection.topic
         if topic in self._decoders:
             serialized = serialize(self._decoders[topic](serialized))

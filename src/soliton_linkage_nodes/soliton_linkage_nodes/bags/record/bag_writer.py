@@ -54,7 +54,7 @@ class BagWriter:
     """Writer of a bag in a directory named `<name>_<first free number>`; not thread-safe.
 
     Every `flush_interval` [s], pending messages are passed to the operating system, so that they
-    survive a killed process. Every `sync_interval` [s], unless 0, they are synchronised to the
+    survive a killed process. Every `sync_interval` [s] (0: never), the file is synchronised to the
     disk. A reserved file guarantees space for the index on a full disk. Methods raise OSError if
     the bag cannot be written.
     """
@@ -130,7 +130,7 @@ class BagWriter:
         return added
 
     def add_stored_topic(self, topic: StoredTopic) -> StoredTopic:
-        """Add a topic that has all fields; return it with its number in this bag."""
+        """Add a topic that has all fields; return the topic with its number in this bag."""
         stored = replace(topic, number=len(self.topics) + 1)
         self._remember(stored)
         with self._naming_the_bag():

@@ -132,7 +132,7 @@ class ReceivingThread:
         real_time: bool = False,
         discovery: DiscoveryTimes = DiscoveryTimes(),
     ) -> None:
-        """Start the thread. After the discovery, it calls `announce` with unmatched topics."""
+        """Start; after the discovery, the thread calls `announce` with the unmatched topics."""
         self.failure: Exception | None = None
         self._finder = finder
         self._buffer = buffer
@@ -165,7 +165,7 @@ class ReceivingThread:
 
     @property
     def missed(self) -> dict[str, int]:
-        """Number of messages of each topic that were sent before the publisher was matched."""
+        """Number of messages of each topic that were sent before their publisher was matched."""
         missed = {each.source.name: each.starts.missed for each in self._subscriptions}
         return {name: number for name, number in missed.items() if number}
 

@@ -23,7 +23,7 @@ from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, In
 _DEPTH = 5000
 """Queue depth of a subscription [messages]: five seconds at 1000 messages per second."""
 _STREAM_PERIOD = SECOND
-"""Longest message period of a stream [ns]. On a slower topic, no next message may come."""
+"""Longest message period of a stream [ns]. On a slower topic, the next message may take long."""
 
 
 class RecordedSubscription:
@@ -45,7 +45,7 @@ class RecordedSubscription:
         self._sent = self._sent_before = 0
 
     def drain(self) -> list[ReceivedMessage]:
-        """Take waiting messages; of latched ones sent before the match, only the last."""
+        """Take waiting messages; of latched ones sent before the match, take only the last."""
         taken: list[ReceivedMessage] = []
         is_history = False
         for serialized, info in self._subscription.waiting():
@@ -94,7 +94,7 @@ class RecordedSubscription:
 
 
 class TopicFinder:
-    """Finder of topics to record. It subscribes to each topic as soon as the type is known."""
+    """Finder that subscribes to each topic to record, as soon as the topic's type is known."""
 
     def __init__(self, node: GuardedNode, names: Sequence[str], regex: str, exclude: str) -> None:
         self._node = node

@@ -321,7 +321,7 @@ def parse_chunk_head(body: Bytes) -> ChunkHead:
 
 
 def unpack(head: ChunkHead, packed: Bytes, most: int) -> tuple[Bytes, bool]:
-    """Return the records of a chunk of at most `most` [B], and whether the chunk is intact."""
+    """Unpack a chunk of at most `most` [B]; return the records and whether they are intact."""
     if head.uncompressed > most:
         return b'', False
     records = packed

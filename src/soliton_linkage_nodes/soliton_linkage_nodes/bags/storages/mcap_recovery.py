@@ -41,9 +41,10 @@ class _Run(NamedTuple):
 class RecoveredMcap(RecoveredFile):
     """Recovery of the intact messages and the topics of an MCAP file.
 
-    After damage, the next plausible record head is searched. A truncated chunk yields its complete
-    messages. Messages in a chunk with a wrong checksum are doubtful, and so are messages directly
-    after damage in a file with chunks. Doubtful messages are recovered only if `doubtful` is set.
+    After damage, the scan continues at the next plausible record head. A truncated chunk yields
+    its complete messages. Messages in a chunk with a wrong checksum are doubtful, and so are
+    messages directly after damage in a file with chunks. Doubtful messages are recovered only if
+    `doubtful` is set.
     """
 
     def _scan(self, path: Path) -> None:
@@ -119,7 +120,7 @@ class RecoveredMcap(RecoveredFile):
             self.report_damage('it does not end like an MCAP file')
 
     def _take(self, offset: int) -> int | None:
-        """Process a record; return the next offset [B], or None if it is invalid."""
+        """Process a record; return the next offset [B], or None if the record is invalid."""
         if len(self._data) - offset < mcap.RECORD_HEADER.size:
             return None
         opcode, size = mcap.RECORD_HEADER.unpack_from(self._data, offset)
@@ -304,7 +305,7 @@ def next_record(data: memoryview, begin: int) -> int:
 
 
 def _is_record(data: Bytes, offset: int) -> bool:
-    """Return whether a chunk, or another valid record with a successor, is at an offset."""
+    """Return whether a chunk begins at an offset, or another valid record that has a successor."""
     opcode, size = mcap.RECORD_HEADER.unpack_from(data, offset)
     begin = offset + mcap.RECORD_HEADER.size
     end = begin + size

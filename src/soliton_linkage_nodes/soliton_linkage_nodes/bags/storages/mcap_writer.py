@@ -27,8 +27,9 @@ class McapWriter:
 
     Definitions of topics are repeated, so that messages stay readable if another part of the file
     is lost. Every chunk contains a message, because MCAP C++ before 2.0.1 ignores the index if the
-    first chunk has none. A failed write truncates the file to its last complete chunk. `counts`
-    contains the number of messages by topic number, `span` the first and last receive time [ns].
+    first chunk has no message. A failed write truncates the file to its last complete chunk.
+    `counts` contains the number of messages by topic number, `span` the first and last receive
+    time [ns].
     """
 
     def __init__(self, path: Path, codec: str = '', definitions_interval: float = 10.0) -> None:

@@ -51,7 +51,7 @@ _QUIET = 0.5
 
 
 class Experiment:
-    """All steps of the experiment. Each step displays its progress."""
+    """All steps of the experiment."""
 
     def __init__(
         self,
@@ -220,7 +220,7 @@ class Experiment:
         return recorded
 
     def _replay(self) -> dict[int, tuple[float, ...]]:
-        """Play the bag into the second analyser, and return the soliton sites of each stamp."""
+        """Play the bag into the second analyser, and return the soliton sites at each stamp."""
         service, name = service_type('Resume'), 'bag_player/resume'
         resuming = self._observer.create_client(service, name, qos_profile=SERVICE_QOS)
         self._wait_until(

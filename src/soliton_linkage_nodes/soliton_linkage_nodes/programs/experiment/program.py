@@ -3,8 +3,8 @@
 
 The program starts simulator, actuator, analyser and recorder in a private domain of this machine,
 and writes a bag, two pictures, a page and a summary. If the parameter file has a section
-filmed_experiment, it renders a film of a chain with unknown lengths, identifies the chain from the
-film and tracks its soliton; the page then contains the film and the results.
+filmed_experiment, the program renders a film of a chain with unknown lengths, identifies the chain
+from the film and tracks its soliton; the page then contains the film and the results.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def main() -> None:
 
 @contextmanager
 def _plain_end(left: Callable[[], str] = lambda: '') -> Iterator[None]:
-    """End the program with one line: with `left()` and 130 after Ctrl-C, 1 after an error."""
+    """Print one line and exit: with `left()` and code 130 after Ctrl-C, code 1 after an error."""
     try:
         yield
     except KeyboardInterrupt:
