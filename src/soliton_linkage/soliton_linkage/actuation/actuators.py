@@ -62,8 +62,8 @@ class PneumaticActuator(CheckedQuantities):
 
             e(t) = e(0) E + slope tau (1 - E),    E = exp(-t / tau),
 
-        until e changes its sign at t = tau ln(1 - e(0) / (slope tau)). After this instant, the
-        other time constant acts.
+        until e changes its sign at t = tau ln(1 - e(0) / (slope tau)). Then the other time
+        constant acts.
         """
         lag = target - pressure
         if lag * slope < 0:

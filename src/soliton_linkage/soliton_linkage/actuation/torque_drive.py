@@ -37,8 +37,8 @@ class MeanTorque:
 class EdgeDrive:
     """Torque of the actuators at both edges and of a torque pulse, as a function of time.
 
-    A command replaces the previous one. The actuator of the previous one returns to rest. Times
-    [s] must not decrease.
+    A command replaces the previous one, and the previous actuator returns to rest. Times [s] must
+    not decrease.
     """
 
     def __init__(self, actuator: Actuator) -> None:
@@ -223,7 +223,7 @@ class DriveTorques:
 class TorqueDrive:
     """Sum of the torques of the edge actuators, the joint actuators and a waveform.
 
-    The last torques of a joint command are held for `timeout` [s]; a timeout of 0 means no limit.
+    `timeout` [s] is the timeout of `JointDrive`.
     """
 
     def __init__(self, chain: Chain, actuator: Actuator, timeout: float) -> None:

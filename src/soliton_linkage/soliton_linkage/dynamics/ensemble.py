@@ -72,7 +72,7 @@ class ThisThread(Executor):
     """Executor that runs each task at once in the thread of the caller."""
 
     def submit(self, function: Any, /, *arguments: Any, **named: Any) -> Future[Any]:
-        """Run a task and return the future of its result."""
+        """Run a task at once; return a finished future with the result."""
         future: Future[Any] = Future()
         try:
             future.set_result(function(*arguments, **named))

@@ -10,8 +10,8 @@ time between these two frames. The torque on the coordinate of rotor n is
 
 with the gains of `Feedback`: K and D of the own rotor, K_l and D_l of the left neighbour, K_r and
 D_r of the right neighbour. Differences of coordinates are wrapped to the interval from -pi to pi.
-At a free end the terms of the missing neighbour are 0. All gains of a motor are multiplied by one
-plus its relative deviation. The torque is limited to `Feedback.limit`.
+At a free end the terms of the missing neighbour are 0. All gains of a motor are multiplied by 1
+plus the relative deviation of the motor. The torque is limited to `Feedback.limit`.
 
 `Simulation` and the node `serial_encoders` compute the same law, so that a chain with motors can
 be simulated and built with the same parameters.

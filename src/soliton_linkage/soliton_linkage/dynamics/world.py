@@ -23,7 +23,7 @@ _SOLITON, _PAIR = 'soliton', 'pair'
 
 @dataclass(frozen=True)
 class WorldParameters:
-    """Parameters of the simulation without those of the chain and of gravity."""
+    """Parameters of the simulation, except those of chain and gravity."""
 
     mechanics: str = quantity(
         'elastic', 'whether rotors are joined by springs or by rigid bars', choices=_MECHANICS

@@ -125,7 +125,7 @@ class Analyser:
 
     @property
     def late_impulses(self) -> int:
-        """Number of impulses that arrived after the frame in which they should have acted."""
+        """Number of impulses that arrived too late for their frame."""
         return self._impulses.late
 
     def apply_impulse(self, stamp: int | None, impulses: Array) -> None:
@@ -162,12 +162,12 @@ class Analyser:
 
     @property
     def late(self) -> int:
-        """Number of frames that were rejected because their stamps did not increase."""
+        """Number of frames rejected because their stamps did not increase."""
         return self._clock.late
 
     @property
     def starts(self) -> int:
-        """Number of times that a search has located the chain on its orbit."""
+        """Number of successful searches for the chain on its orbit."""
         return 0 if self._filter is None else self._filter.starts
 
     def analyse(

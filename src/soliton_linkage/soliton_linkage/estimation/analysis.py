@@ -103,15 +103,15 @@ class FrameAnalyser(Protocol):
 
     @property
     def late(self) -> int:
-        """Number of frames that were rejected because their stamps did not increase."""
+        """Number of frames rejected because their stamps did not increase."""
 
     @property
     def late_impulses(self) -> int:
-        """Number of impulses that arrived after the frame in which they should have acted."""
+        """Number of impulses that arrived too late for their frame."""
 
     @property
     def starts(self) -> int:
-        """Number of times that a search has located the chain on its orbit."""
+        """Number of successful searches for the chain on its orbit."""
 
     @property
     def stamp_error(self) -> float:
@@ -161,7 +161,7 @@ class UnknownChainAnalyser:
 
     @property
     def late(self) -> int:
-        """Number of frames that were rejected because their stamps did not increase."""
+        """Number of frames rejected because their stamps did not increase."""
         return self._clock.late
 
     def analyse(

@@ -28,7 +28,7 @@ class OrbitEstimate(NamedTuple):
     """Estimated state of a chain on its orbit; unknown quantities are NaN.
 
     time: time of the estimate [s].
-    status: status that shows which frames the estimate is based on.
+    status: frames on which the estimate is based.
     arc: arc length along the orbit [rad]; it increases by the length of the orbit in each cycle.
     rate: rate of change of the arc length [rad/s].
     arc_deviation: standard deviation of the arc length [rad].

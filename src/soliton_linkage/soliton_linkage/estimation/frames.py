@@ -112,7 +112,7 @@ class ImpulseQueue:
 
     def __init__(self) -> None:
         self.late = 0
-        """Number of impulses that arrived after the frame in which they should have acted."""
+        """Number of impulses that arrived too late for their frame."""
         self._waiting: list[tuple[int | None, Array]] = []
         self._frame: int | None = None
 

@@ -227,7 +227,7 @@ class SampledWalls(NamedTuple):
     begins: Counts
     """Index in `angles` at which each wall begins, and the number of angles, shape (S + 1,)."""
     angles: Array
-    """Angles of the rotors near the walls [rad], first those of the first wall, and so on."""
+    """Angles of the rotors near the walls [rad], wall by wall."""
 
 
 _WALLS = named_tuple(SampledWalls, i8_1d, i8_1d, i8_1d, f8_1d)

@@ -255,7 +255,7 @@ class InnovationGate:
         return view.information >= self._settings.informative_share * view.full_information
 
     def is_strained(self, view: LinearisedMeasurement) -> bool:
-        """Return whether outliers that are adjacent or repeated contradict the prediction."""
+        """Return whether adjacent or repeated outliers contradict the prediction."""
         if (
             self.is_informative(view)
             or not view.full_information > self._settings.informative_share

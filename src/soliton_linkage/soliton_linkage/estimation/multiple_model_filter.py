@@ -229,10 +229,7 @@ class MultipleModelFilter:
 
     @property
     def summary(self) -> _Summary:
-        """Mean arc length [rad] and rate [rad/s], and their variances and covariance.
-
-        The order is arc length s, rate w, var(s), cov(s, w), var(w), all of the mixture.
-        """
+        """Mixture moments: arc length s [rad], rate w [rad/s], var(s), cov(s, w), var(w)."""
         if self._known is None:
             self._known = mixture(self.filters, len(self.filters))
         return self._known

@@ -87,7 +87,7 @@ class OrbitFilter:
         chain = orbit.chain
         self.orbit = orbit
         self.rejected = self.starts = 0
-        """Number of rejected frames, and number of times that a search has located the chain."""
+        """Number of rejected frames, and number of successful searches for the chain."""
         self.bandwidth = 0.0
         """Bandwidth of the estimated disturbance [rad/s]."""
         self._given_noise = noise

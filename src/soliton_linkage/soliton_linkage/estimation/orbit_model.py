@@ -170,7 +170,7 @@ _NEGLIGIBLE = 0.01
 """Threshold of the variance that unseen rotors cause, relative to the noise [1]; a smaller one is
 neglected."""
 _LEAST_SEEN = 1e-6
-"""Least sum of the squared tangent t^2 over the seen rotors for which they determine the arc
+"""Least sum of the squared tangent over seen rotors with which these rotors determine the arc
 length [1]."""
 
 

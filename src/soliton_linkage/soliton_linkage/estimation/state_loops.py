@@ -35,8 +35,7 @@ Shape = tuple[float, float, float, float]
 Sides = tuple[float, float, int, int, float]
 
 _LARGE = 1e150
-"""Ratio between two levels of a scaled large number [1]; the square of the ratio does not
-overflow."""
+"""Base of the levels of scaled numbers [1]; the square of this base does not overflow."""
 
 
 spring = compile_loop(spring_between, inlined=True)

@@ -107,10 +107,10 @@ def mode_energies(modes: NormalModes, displacements: ArrayLike, rates: ArrayLike
 def phonon_energies(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> tuple[Array, Array]:
     """Return frequencies [rad/s] and energies [J] of the normal modes of a state, (N,) each.
 
-    The modes are those about the result of `unstretched`. The sum of the energies is the total
-    energy up to third order in the displacements. With free ends, the first energy belongs to the
-    zero mode: the kinetic energy of a wall in a chain of rigid bars. Raises ValueError for invalid
-    angles [rad] or rates [rad/s], and if no relaxed configuration is near.
+    The modes are vibrations about the result of `unstretched`. The sum of the energies is the
+    total energy up to third order in the displacements. With free ends, the first energy belongs
+    to the zero mode: the kinetic energy of a wall in a chain of rigid bars. Raises ValueError for
+    invalid angles [rad] or rates [rad/s], and if no relaxed configuration is near.
     """
     relaxed, displacement = _departure(chain, angles)
     modes = normal_modes(chain, relaxed)

@@ -13,8 +13,8 @@ LARGEST_SEED = 10**9
 """Largest allowed random seed; it fits into an integer node parameter of 64 bits."""
 
 LARGEST_ANGLE = 1e9
-"""Largest unwrapped angle [rad]. Doubles of this size have a resolution of 1e-7 rad, finer than
-that of encoders."""
+"""Largest unwrapped angle [rad]. Doubles of this size have a resolution of 1e-7 rad; encoders have
+a coarser one."""
 
 Described = TypeVar('Described')
 
@@ -62,10 +62,7 @@ def quantity(
     choices: Collection[str] = (),
     adjustable: bool = False,
 ) -> Any:
-    """Return a dataclass field with a default value and a `Quantity` as its metadata.
-
-    In docstrings, "Sensitivity: at 0.5x" means with half the value, and "at 2x" with twice it.
-    """
+    """Return a dataclass field with a default value and a `Quantity` as its metadata."""
     described = Quantity(description, unit, minimum, maximum, choices, adjustable)
     return field(default=default, metadata={'quantity': described})
 

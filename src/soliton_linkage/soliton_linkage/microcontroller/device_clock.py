@@ -182,7 +182,7 @@ class DeviceClock:
         return self._stamp
 
     def _advance(self, time: int, arrival: int) -> None:
-        """Advance to a time of the controller, or restart; ValueError if it is implausible."""
+        """Advance to a time of the controller, or restart; ValueError for implausible times."""
         assert self._last is not None
         passed = (time - self._last) % CLOCK_RANGE
         if not passed:

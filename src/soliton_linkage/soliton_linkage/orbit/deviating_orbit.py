@@ -234,7 +234,7 @@ class _ArcMap:
 
 
 def _arcs_at_bonds(orbit: Orbit, leg: int) -> Array:
-    """Return the arc lengths [rad] in a leg with half of |t|^2 left of each bond, or NaN."""
+    """Return for each bond the arc length [rad] in a leg with half of |t|^2 on its left."""
     rotors = orbit.chain.number_of_rotors
     arcs = np.linspace(*orbit.leg_arcs(leg), _SAMPLES_A_SITE * rotors)
     if leg % 2 == 1:

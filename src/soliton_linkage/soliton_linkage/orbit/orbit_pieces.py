@@ -4,7 +4,7 @@
 The angle of one rotor in the wall, the seed, determines the angles of its neighbours, and so on
 outwards. Errors decay outwards as the zero mode does. The tangent t follows from t_{n+1} = -(A_n /
 B_n) t_n with the levers A and B of the bars, and from |t| = 1. The arc length follows from ds =
-dphi_seed / t_seed. A piece has one seed. All pieces are computed together.
+dphi_seed / t_seed. A piece has one seed.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _DEPTHS_BESIDE = 25
 _ROTORS_BESIDE = 6
 """Number of additional rotors on each side of a seed [1], for penetration depths close to 0."""
 _NEWTON_STEPS = 30
-"""Largest number of Newton steps [1]; far fewer are usual."""
+"""Largest number of Newton steps [1]."""
 _BATCH = 2_000_000
 """Number of values that are computed together [1]; they need 16 MB. Larger batches are not
 faster."""

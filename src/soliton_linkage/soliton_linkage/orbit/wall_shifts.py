@@ -48,10 +48,10 @@ class Shifts(NamedTuple):
     """Standard deviations of the errors of a wall, relative to the error of a far rotor."""
 
     arc: float
-    """Standard deviation of the arc length of the wall, relative to the error of a far rotor
+    """Standard deviation of the arc length of the wall, divided by the error of a far rotor
     [1]."""
     rate: float
-    """Standard deviation of the relative error of the rate, relative to the error of a far rotor
+    """Standard deviation of the relative error of the rate, divided by the error of a far rotor
     [1/rad]."""
 
 

@@ -62,8 +62,8 @@ def polarisation(chain: Chain, angles: Array) -> Array:
     """Return the polarisation of each bond [1], shape (..., springs).
 
     With the levers A and B, the polarisation is (A^2 - B^2) / (A^2 + B^2), divided by the value of
-    this ratio in the right-leaning state. Therefore the polarisation is +1 in the right-leaning
-    and -1 in the left-leaning state.
+    this ratio in the right-leaning state. The result is +1 in the right-leaning and -1 in the
+    left-leaning state.
     """
     first, second = rigidity_bands(chain, angles)
     plus, minus = couplings(chain)

@@ -93,9 +93,9 @@ class SteeringSettings(CheckedQuantities):
         '',
         0.0,
     )
-    """In this time, errors decay to (1 + 3) e^-3 = 0.2. Sensitivity: at 0.5x, arrivals are
-    reported 1.5 / b earlier, with up to six times the error; at 2x, 3 / b later, with the same
-    error."""
+    """In this time, errors decay to the fraction (1 + 3) e^-3 = 0.2. Sensitivity: at 0.5x,
+    arrivals are reported 1.5 / b earlier, with up to six times the error; at 2x, 3 / b later, with
+    the same error."""
 
     settling_timeout: float = quantity(
         30.0, 'longest time to settle after the trajectory, times the bandwidth', '', 0.0

@@ -27,7 +27,7 @@ from soliton_linkage.vision.plane import ChainPlane
 from soliton_linkage.vision.rotor_tracks import Pivots, RotorTracks
 
 _DOT_DEVIATION = 0.7
-"""Standard deviation of the position of a dot that the assignment assumes [pixels]."""
+"""Assumed standard deviation of the position of a dot in the assignment [pixels]."""
 _SEARCHED = 5.0
 """Largest error of a predicted angle for which the dot is found [standard deviations]."""
 _MIN_RADIUS = 1.5
@@ -94,7 +94,7 @@ class AngleCamera:
     def measure(self, time: float, picture: Picture) -> AngleFrame:
         """Return the angles in a picture; its exposure starts at a time [s] that must increase.
 
-        Raises ValueError if the picture does not have the size that the camera parameters state.
+        Raises ValueError if the size of the picture differs from the camera parameters.
         """
         check_picture(self._camera, picture)
         cv2 = opencv()

@@ -67,7 +67,7 @@ class DarkRotors:
     def measure(self, time: float, picture: Picture) -> AngleFrame:
         """Return the angles in a picture whose exposure starts at a time [s].
 
-        Raises ValueError if the picture does not have the size that the camera parameters state.
+        Raises ValueError if the size of the picture differs from the camera parameters.
         """
         check_picture(self._camera, picture)
         cv2 = opencv()

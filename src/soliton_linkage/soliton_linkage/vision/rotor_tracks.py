@@ -90,8 +90,8 @@ class RotorTracks:
     def length_errors(self, lengths: Array) -> Array:
         """Return errors of measured lengths [m], (N,); NaN after few measurements.
 
-        An error is the difference from the mean of n lengths, divided by sqrt(1 + 1 / n) because
-        the mean has an error, too.
+        An error is the difference from the mean of n lengths, divided by sqrt(1 + 1 / n), because
+        this mean also has an error.
         """
         counts = np.maximum(self._length_counts, 1.0)
         errors = (lengths - self.lengths) / np.sqrt(1 + 1 / counts)
