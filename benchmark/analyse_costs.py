@@ -108,7 +108,7 @@ def _several_walls(count: int, frames: int) -> Record:
 
 
 def _ring_with_walls(chain: Chain, count: int, shift: float) -> Array:
-    """Return the angles of a ring with a number of walls at equal distances [rad]."""
+    """Return the angles [rad] of a ring with `count` walls at equal distances."""
     rotors = np.arange(chain.number_of_rotors)
     width, apart = chain.wall_width / chain.spacing, chain.number_of_rotors / count
     order = np.ones(len(rotors))
@@ -122,7 +122,7 @@ def _ring_with_walls(chain: Chain, count: int, shift: float) -> Array:
 
 
 def _break_up(chain: Chain, frames: int) -> Array:
-    """Return the motion after a kick that destroys the soliton [rad], shape (frames, N)."""
+    """Return the angles [rad] after a kick that destroys the soliton, shape (frames, N)."""
     angles, period = chain.uniform_state(-1), 1e-9 * PERIOD
     rates = KICK / chain.time_unit * mode_towards_last(chain, angles)
     duration = (frames + WARM - 1) * period

@@ -89,7 +89,7 @@ class Comparison:
 
     @property
     def error(self) -> str:
-        """Relative difference of the measured value from theory [%] as text.
+        """Text with the relative difference between measured value and theory [%].
 
         If the theoretical value is 0, the text contains the measured value instead. Without a
         theoretical value, the text is empty.

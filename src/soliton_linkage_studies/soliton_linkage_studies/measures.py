@@ -140,7 +140,7 @@ class _Walker:
 
 
 def _frame_arc(chain: Chain) -> float:
-    """Return the arc length between two frames [rad], which is also the period [s] at 1 rad/s.
+    """Return the arc length between two frames [rad]. At 1 rad/s it equals the period [s].
 
     The rotors of a flipper turn by 2 theta_bar while the wall moves by its own width. The lower
     limit resolves the swing of an edge rotor at a reflection. The amplitude of this swing is the

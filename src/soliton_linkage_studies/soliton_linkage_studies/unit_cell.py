@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Unit cell of two rotors and the bar between them, a four-bar linkage with one degree of freedom.
+"""Unit cell: two rotors and the bar between them form a four-bar linkage of one degree of freedom.
 
 In staggered angles the bar has its rest length if
 

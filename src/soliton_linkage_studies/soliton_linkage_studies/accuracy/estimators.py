@@ -67,7 +67,7 @@ class EstimatorTrial:
 
 
 Estimator = Callable[[UniformOrbit, Array, float], Estimate]
-"""Estimator: function of the orbit, angles [rad] of shape (N,) and a guess of the arc length
+"""Estimator: function of the orbit, the angles [rad], shape (N,), and an arc length guess
 [rad]."""
 
 

@@ -109,9 +109,9 @@ def paint_rotors(
 ) -> None:
     """Paint the arms and dots of every second rotor, starting with rotor `parity`.
 
-    `rotors` contains angles [rad], rates [rad/s] and accelerations [rad/s^2] at time 0, pivots and
-    rotor lengths [m]. `shape` contains the radii of labels and dots, and the half width of arms
-    [m]. `moments` contains the sample times of each picture row [s].
+    The rows of `rotors` are the angles [rad], rates [rad/s] and accelerations [rad/s^2] at time 0,
+    then the pivots and the rotor lengths [m]. `shape` contains the radii of labels and dots, and
+    the half width of arms [m]. `moments` contains the sample times of each picture row [s].
     """
     label, dot, arm = shape[0], shape[1], shape[2]
     samples = moments.shape[1]
