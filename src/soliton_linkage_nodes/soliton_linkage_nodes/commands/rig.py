@@ -8,7 +8,7 @@ from soliton_linkage_nodes.commands import run
 
 
 def main(arguments: list[str]) -> int:
-    """Run the verb `check` by the program check_rig, and return its exit code."""
+    """Run the program check_rig for the verb `check`, and return its exit code."""
     parser = PlainParser(prog='soliton-linkage rig', description=__doc__)
     verbs = parser.add_subparsers(dest='verb', metavar='VERB', required=True)
     verbs.add_parser('check', help='check joint_states, by check_rig', add_help=False)

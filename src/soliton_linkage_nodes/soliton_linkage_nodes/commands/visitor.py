@@ -76,7 +76,7 @@ class Visitor:
             self.spin(min(left, _SPIN))
 
     def settled(self, there: Callable[[], Found]) -> Found:
-        """Call `there` repeatedly, and return its list when this list no longer changes."""
+        """Call `there` until the returned list no longer changes, and return the list."""
         begun = self._clock()
         found, end = there(), begun + _ALL_ANNOUNCED
         while self._clock() < min(end, begun + self.limit):

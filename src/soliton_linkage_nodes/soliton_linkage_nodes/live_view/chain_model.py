@@ -146,7 +146,7 @@ class ChainModel:
         self._state_received_at = -math.inf
 
     def update_rate(self, sequence: int | None) -> None:
-        """Update the rate of joint_states from a sequence number, None if unknown."""
+        """Update the rate of joint_states from a sequence number, which is None if unknown."""
         now = self._clock()
         if sequence is None:
             return

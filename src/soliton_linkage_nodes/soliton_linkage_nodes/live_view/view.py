@@ -63,7 +63,7 @@ class View:
 
     @property
     def versions(self) -> list[int]:
-        """Version numbers; a change of `descriptions` changes one of them."""
+        """Version numbers; a change of `descriptions` changes one of these numbers."""
         return [self.replay.played, *(c.model.version for c in self.chains.values())]
 
     def descriptions(self) -> dict[str, Any]:

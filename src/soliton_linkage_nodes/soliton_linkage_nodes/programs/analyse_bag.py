@@ -273,7 +273,7 @@ def _report_absent(bag: Path, analysed: JointStateAnalysis, fatal: bool) -> None
 def check_override(
     bag: Path, given: NamedChain, override: bool, limits: BagLimits = DEFAULT_LIMITS
 ) -> None:
-    """Report if `given` replaces a different recorded chain; ValueError without `override`."""
+    """Print how the chain `given` differs from the recorded one; ValueError unless `override`."""
     with open_bag(bag, limits) as reader:
         try:
             own = read_chain(reader)

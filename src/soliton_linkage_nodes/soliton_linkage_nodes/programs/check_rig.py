@@ -62,7 +62,7 @@ from soliton_linkage_studies.rig_page import rig_page
 _CHAIN_WAIT = 3.0
 """Longest wait for the topic chain after the first frame [s]."""
 _POLL = 0.1
-"""Time between two evaluations of a condition [s]; each one decodes the latest messages."""
+"""Time between two evaluations of a condition [s]; each evaluation decodes the latest messages."""
 _LATEST = 20
 """Number of messages that give the present angles [1]; single messages may lack rotors."""
 _AT_REST = 1.0

@@ -64,7 +64,7 @@ class FilmSummary(NamedTuple):
     pictures: int
     """Number of pictures with visible rotors."""
     shares: float
-    """Mean fraction of visible rotors in these pictures [1]."""
+    """Mean fraction of visible rotors in the counted pictures [1]."""
     deviation: float
     """Median of the stated standard deviations of the angles [rad]."""
     last: str

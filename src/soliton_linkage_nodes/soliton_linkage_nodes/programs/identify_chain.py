@@ -223,7 +223,7 @@ def read_joints(
     span: tuple[float, float],
     most_frames: int = _MOST_FRAMES,
 ) -> JointRecord:
-    """Read angles, deviations, impulses and tilts from a bag, with the joint names of `known`.
+    """Read angles, their deviations, impulses and tilts from a bag; `known` names the joints.
 
     `span` contains the first and last used time, counted from the first frame [s]. `most_frames`
     limits the number of frames.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Move the soliton to a rotor and show its motion. This program replaces `ros2 action`.
+"""Move the soliton to a rotor and show the motion, in place of `ros2 action`.
 
 It sends a goal of the action move_soliton to soliton_steering, and ends when the soliton has
 arrived. If the soliton cannot arrive, the program ends with exit code 1. Ctrl-C brings the soliton

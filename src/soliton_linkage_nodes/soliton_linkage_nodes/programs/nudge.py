@@ -30,7 +30,7 @@ _SPEED = Quantity('speed of the kick along the zero mode, positive away from the
 _TIMEOUT = Quantity(
     'longest wait for the actuator, and afterwards for its answer', 's', 0.0, 3600.0
 )
-"""Longest wait for the actuator, and then for its answer; the largest value is one hour each."""
+"""Longest wait for the actuator, and then again for its answer; the largest value is one hour."""
 _SUBSCRIBERS = Quantity('subscribers to wait for, 2 with actuator and recorder', minimum=1)
 """Number of subscribers of the topic nudge, including the edge actuator."""
 _LONGEST_WAIT = 5.0

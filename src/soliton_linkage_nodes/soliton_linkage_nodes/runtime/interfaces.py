@@ -39,7 +39,7 @@ _LONGEST_RECORD = 100_000
 """Queue depth for a recording of 100 s at 1000 messages per second; unused entries take no
 memory."""
 ACKNOWLEDGEMENT_LIMIT = 0.5
-"""Longest wait for acknowledgements when a node ends [s]; enough on a busy machine."""
+"""Longest wait for acknowledgements when a node ends [s]; it suffices on a busy machine."""
 _POLL_INTERVAL = 0.02
 """Poll interval while waiting for subscribers [s]."""
 _DISCOVERY_TIME = 1.0

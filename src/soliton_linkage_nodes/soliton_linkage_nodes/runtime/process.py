@@ -109,7 +109,7 @@ def interruptible(stopping: threading.Event) -> Iterator[None]:
 
 
 def initialise(arguments: list[str] | None = None) -> None:
-    """Initialise ROS from arguments, by default the command line; ValueError if wrong."""
+    """Initialise ROS from arguments, by default the command line; ValueError for wrong ones."""
     check_files(sys.argv if arguments is None else arguments)
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)

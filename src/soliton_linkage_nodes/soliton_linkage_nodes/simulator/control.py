@@ -178,7 +178,7 @@ class SimulationControl:
             return self._failure
 
     def reset(self, state: State) -> None:
-        """Drop all waiting commands and put the chain into a state. The time is not reset.
+        """Drop all waiting commands and put the chain into a state. The time continues.
 
         If the mechanics do not allow the state or no frame can be computed from the state,
         ValueError is raised and nothing changes.
@@ -211,7 +211,7 @@ class SimulationControl:
         return self._simulation
 
     def _finish_frame(self, simulation: Simulation) -> None:
-        """Advance to the next frame. Other threads can use the lock during the computation."""
+        """Advance to the next frame; the lock is free meanwhile."""
         failure: Exception | None = None
         self._abandoned = simulation
         try:

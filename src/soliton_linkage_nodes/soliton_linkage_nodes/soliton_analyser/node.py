@@ -215,7 +215,7 @@ class SolitonAnalyser(ManagedNode):
         self._frames += 1
 
     def _end_assembly(self) -> None:
-        """Analyse an incomplete frame that has waited enough; warn of joints without angles."""
+        """Analyse an incomplete frame after its longest wait; warn of joints without angles."""
         if not self.active:
             return
         assembler, before = self._analysis.assembler, self._waiting_since

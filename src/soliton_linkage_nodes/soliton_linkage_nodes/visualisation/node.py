@@ -108,7 +108,7 @@ class Visualisation(GuardedNode):
             drawing.set_chain(named)
 
     def _draw(self) -> None:
-        """Draw the newest messages. Do nothing in the pause after a slow picture."""
+        """Draw the newest messages, except in the pause after a slow picture."""
         begin = time.monotonic()
         if begin < self._rest_until:
             return

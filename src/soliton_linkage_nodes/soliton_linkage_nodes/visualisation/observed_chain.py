@@ -51,7 +51,6 @@ class ObservedChain:
         self.frames = 0
         self.states = 0
         self.state_stamp = Time()
-        """Stamp of the solitons."""
         self.numbers: Numbers = {}
         """Quantities of the latest soliton state."""
         joints = owner.resolve_topic_name(interfaces.JOINT_STATES.name)

@@ -102,7 +102,7 @@ class PlaybackClock:
             self._changed.notify_all()
 
     def play_next(self) -> bool:
-        """Play one message of a paused playback; return whether it was played in time."""
+        """Play one message in a pause; return whether it was played within `longest_step`."""
         with self._changed:
             return bool(self._step(1, self._longest_step))
 

@@ -132,7 +132,7 @@ class ReceivingThread:
         real_time: bool = False,
         discovery: DiscoveryTimes = DiscoveryTimes(),
     ) -> None:
-        """Start; after the discovery, the thread calls `announce` with the unmatched topics."""
+        """Start a thread that calls `announce` with the unmatched topics after the discovery."""
         self.failure: Exception | None = None
         self._finder = finder
         self._buffer = buffer

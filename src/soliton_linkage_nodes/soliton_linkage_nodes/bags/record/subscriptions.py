@@ -32,7 +32,7 @@ class RecordedSubscription:
     def __init__(
         self, node: GuardedNode, source: RecordedTopic, message_type: Any, wanted_since: int
     ) -> None:
-        """Subscribe; messages sent from `wanted_since` [ns] until the match count as missed."""
+        """Subscribe. Count messages sent from `wanted_since` [ns] until the match as missed."""
         self.source = source
         self.gaps = SequenceGaps()
         self.starts = MissedStarts()

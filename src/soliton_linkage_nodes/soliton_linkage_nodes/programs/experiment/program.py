@@ -100,7 +100,7 @@ def _run_filmed(options: argparse.Namespace, given: dict[str, Any]) -> None:
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[Path]:
-    """Yield `folder` after deleting old results; if in use, a folder with the suffix _1, ..."""
+    """Delete old results and yield `folder`, or `folder`_1, _2, ... if `folder` is in use."""
     candidates = (folder.with_name(f'{folder.name}_{n}') if n else folder for n in count())
     claims = ((each, _claim(each)) for each in candidates)
     chosen, claim = next((each, claim) for each, claim in claims if claim is not None)
