@@ -41,7 +41,7 @@ ACTIVE = {
 
 @pytest.mark.parametrize('parameters', [{}, ACTIVE])
 def test_chains_of_any_length_move_together_as_alone(parameters):
-    chains = [chain(n, rotors, **parameters) for n, rotors in enumerate((9, 2, 30, 9, 150, 9))]
+    chains = [chain(n, rotors, **parameters) for n, rotors in enumerate((9, 2, 30, 9, 600, 9))]
     recordings = simulate_many(
         chains, map(start, chains), DURATION, frames=5, reduce=lambda _, recording: recording
     )
@@ -77,9 +77,9 @@ def test_an_endless_stream_of_chains_is_read_as_results_are_consumed():
         nonlocal read
         while True:
             read += 1
-            yield chain(read, 40)
+            yield chain(read, 160)
 
-    one, pool = chain(1, 40), Counting()
+    one, pool = chain(1, 160), Counting()
     results = simulate_many(endless(), iter(lambda: start(one), None), 0.01, executor=pool)
     for _ in range(3):
         next(results)
