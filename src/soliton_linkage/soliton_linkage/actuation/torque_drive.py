@@ -165,15 +165,15 @@ class JointDrive:
         return bool(self._commands)
 
     def hold(self, rotors: Rotors, torques: Array, time: float) -> None:
-        """Apply constant torques [N m], shape (named,), to some rotors from `time` [s] on."""
+        """Apply constant torques [N m], shape (len(rotors),), to rotors from `time` [s] on."""
         self._command(rotors, np.zeros(1), torques[None, :], time)
 
     def follow(self, rotors: Rotors, times: Array, torques: Array, time: float) -> None:
         """Apply a torque trajectory, linear between its points, from the instant `time` [s] on.
 
-        `times` [s] are relative to `time`. `torques` [N m] have the shape (points, named). If the
-        first of `times` is positive, the torques change linearly from the current ones to the
-        first point. If the first time is negative, earlier points are omitted.
+        `times` [s] are relative to `time`. `torques` [N m] have the shape (points, len(rotors)).
+        If the first of `times` is positive, the torques change linearly from the current ones to
+        the first point. If the first time is negative, earlier points are omitted.
         """
         now = self._now(time)[rotors]
         if times[0] > 0:

@@ -40,8 +40,8 @@ _SWITCHES = {
     'non_reciprocity': 'non_reciprocities',
     'on_site_torque': 'on_site_torques',
 }
-"""Chain parameters whose value 0 switches off a force term. Each has the name of the array with
-its values for all rotors or springs."""
+"""Chain parameters whose value 0 switches off a force term, and names of the arrays that contain
+the values of all rotors or springs."""
 _OF_SPRINGS = {'spacings': [0.0], 'offsets': [0.0], 'rest_lengths': [1e9], 'stiffnesses': [0.0]}
 """Chain arrays of springs, each with the value of an absent spring; the large rest length prevents
 a computed spring length of 0."""

@@ -289,7 +289,7 @@ class Simulation(ABC):
     def _dissipated_at(self, angles: Array, dissipated: float) -> float:
         """Return the energy dissipated since the last restart of the solver [J].
 
-        `angles` [rad] are those of the current time. `dissipated` is the part that the solver has
+        `angles` [rad] are the current angles. `dissipated` is the part that the solver has
         integrated [J]. The other part is minus the work of the feedback.
         """
         return dissipated - work_of_torques(self.feedback_torques, angles - self._feedback_from)

@@ -55,7 +55,7 @@ def largest_deformation(orbit: Orbit) -> float:
     """Return an upper bound of the deformation of a resting wall by the force terms [rad].
 
     It is the largest torque on a rotor divided by I w^2, with the inertia I and the frequency w of
-    the slowest phonon, the softest deformation.
+    the slowest phonon, because this phonon is the softest deformation.
     """
     chain, angles = orbit.chain, orbit.configuration(orbit.arc_at(orbit.middle, 0))
     torques = feedback_torques(chain, angles, 0 * angles)

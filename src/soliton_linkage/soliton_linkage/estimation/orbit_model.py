@@ -231,8 +231,8 @@ _PERIOD = 2
 _SLOW = 0.25
 """Largest number of rotors that a slow wall passes per period of the slowest phonon [1]."""
 _SECOND_ORDER = 0.5
-"""Square root of the measured relative error of the predicted rate change, `rate_ratio` minus 1,
-for the fastest slow wall [1]."""
+"""Square root of a measured relative error [1]: the error of the predicted rate change,
+`rate_ratio` minus 1, of the fastest slow wall."""
 _LONGEST_RESOLVED = 4 / 3
 """Speed above which the spring forces average out, relative to the fastest slow wall [1]."""
 

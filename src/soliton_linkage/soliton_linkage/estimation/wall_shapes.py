@@ -39,7 +39,7 @@ from soliton_linkage.solitons.tanh_fit import find_solitons
 _SCAN_STEP = 0.125
 """Step of the scan over the site of a wall [rotor spacings], smaller than any wall."""
 _STEPS = 12
-"""Largest number of Gauss-Newton steps [1]; most fits converge after half of them."""
+"""Largest number of Gauss-Newton steps [1]."""
 _LONGEST_STEP = 0.3
 """Longest step of a fit in the site [rotor spacings] and in the stretch [1]."""
 _SHORTER = 0.6

@@ -170,8 +170,8 @@ class WallTrack:
         """Identifier of the wall, 1 or more; 0 until the wall is confirmed."""
         self.rotor = self.rate = self.deviation = self.rate_deviation = math.nan
         self.frames = self.missed = 0
-        """Number of frames that have shown this wall, and number of frames since the last of
-        them."""
+        """Number of frames that have shown this wall, and number of frames since the last
+        one of these."""
         self.last_seen = math.nan
         """Time of the last frame that has shown this wall [s]."""
         self.width = math.nan, math.nan
@@ -189,7 +189,7 @@ class WallTrack:
 
     @property
     def status(self) -> TrackingStatus:
-        """Status that shows which frames the state of the track is based on."""
+        """Frames on which the state of the track is based."""
         if not self.is_seen:
             return TrackingStatus.COASTING
         return TrackingStatus.TRACKING if self.frames > 1 else TrackingStatus.ACQUIRED
@@ -213,7 +213,7 @@ class WallTrack:
         return self._line.wrap(site), variance / self._arc**2 + self._variance
 
     def update(self, measured: WallMeasurement, time: float) -> None:
-        """Update the state with a measurement at a time [s], after `predict` unless it is new."""
+        """Update a new state, or a predicted one, with a measurement at a time [s]."""
         self.frames += 1
         self.missed, self.last_seen, self.width = 0, time, measured.width
         self._pinning = measured.pinning

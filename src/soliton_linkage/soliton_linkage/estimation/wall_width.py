@@ -173,7 +173,7 @@ class ContractionMean:
 
 
 def passage_scatter(values: Array, variances: Array) -> float:
-    """Return the variance of ln(gamma) between passages beyond noise; 0 if insignificant."""
+    """Return variance of ln(gamma) between passages minus that of noise; 0 if insignificant."""
     apart, freedoms = values - np.average(values, weights=1 / variances), len(values) - 1
     by_chance = freedoms + _SIGNIFICANCE * math.sqrt(2 * freedoms)
     if np.sum(apart**2 / variances) < by_chance:

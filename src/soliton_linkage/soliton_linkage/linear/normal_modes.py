@@ -41,7 +41,7 @@ class NormalModes:
 
 
 def normal_modes(chain: Chain, angles: ArrayLike) -> NormalModes:
-    """Return the normal modes about relaxed springs, with the zero mode of free ends first.
+    """Return the normal modes about relaxed springs; with free ends, the zero mode is first.
 
     Takes a time O(N^3) and a memory O(N^2). Raises ValueError if a spring is stretched.
     """
@@ -56,9 +56,9 @@ def normal_modes(chain: Chain, angles: ArrayLike) -> NormalModes:
 def mode_frequencies(chain: Chain, angles: ArrayLike) -> Array:
     """Return the angular frequencies of `normal_modes` in ascending order [rad/s], shape (N,).
 
-    With free ends the frequencies are the non-negative eigenvalues of [[0, B^T], [B, 0]],
-    tridiagonal with rotors and springs in alternating order: the time is O(N^2). Raises ValueError
-    if a spring is stretched.
+    With free ends the frequencies are the non-negative eigenvalues of [[0, B^T], [B, 0]]. This
+    matrix is tridiagonal if rotors and springs alternate, so that the time is O(N^2). Raises
+    ValueError if a spring is stretched.
     """
     relaxed = _relaxed(chain, angles)
     if chain.periodic:

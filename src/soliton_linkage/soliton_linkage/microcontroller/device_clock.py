@@ -117,9 +117,9 @@ def _slope_under(xs: Array, ys: Array) -> float:
 class DeviceClock:
     """Conversion of times of the controller's clock to increasing stamps of the host's clock.
 
-    The estimate uses that no message arrives before it is sent. Three successive implausible times
-    that are consistent with each other restart the estimate of offset and drift; other implausible
-    times are rejected.
+    The estimate uses the fact that no message arrives before it is sent. Three successive
+    implausible times that are consistent with each other restart the estimate of offset and drift;
+    other implausible times are rejected.
     """
 
     def __init__(self) -> None:

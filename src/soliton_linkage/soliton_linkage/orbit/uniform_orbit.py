@@ -52,7 +52,7 @@ two steps are merged."""
 _EXACT = 1e-12
 """Largest Newton step of a converged search for the arc length at a site [rad]."""
 _STEPS = 20
-"""Largest number of Newton steps in the search for an arc length [1]; usually three are enough."""
+"""Largest number of Newton steps in the search for an arc length [1]."""
 _DEGREE = 7
 """Degree of the spline [1]; it is one less than the order of the solver."""
 

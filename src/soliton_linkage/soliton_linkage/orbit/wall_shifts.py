@@ -70,7 +70,7 @@ class WallShifts:
         self._far = 0.0
 
     def at(self, site: float, leg: int) -> Shifts:
-        """Return the standard deviations for a wall at a site coordinate [rotor spacings].
+        """Return the standard deviations of the errors of a wall at a site [rotor spacings].
 
         The variance of the arc length is interpolated between the two bonds beside the site.
         """

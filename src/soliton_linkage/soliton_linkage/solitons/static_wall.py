@@ -238,10 +238,10 @@ def _seed_angle(chain: Chain, seed: int, beyond: float, leg: int, inverted: bool
 def _symmetric_wall(chain: Chain, rotor: int, leg: int) -> Array:
     """Return the angles of a wall in the middle between `rotor` and the next rotor [rad], (N,).
 
-    By symmetry (n -> 2 rotor + 1 - n with phi -> phi + pi for flippers, -phi for spinners), r
-    sin(phi) of `rotor` is r^2 sin(theta_bar)^2 / a for flippers. For spinners r sin(phi)
-    alternates from rotor to rotor: (a + lbar) / 2 where the two masses have crossed and (a - lbar)
-    / 2 elsewhere.
+    The reflection n -> 2 rotor + 1 - n changes phi to phi + pi in flippers and to -phi in
+    spinners. Therefore r sin(phi) of `rotor` is r^2 sin(theta_bar)^2 / a for flippers. For
+    spinners r sin(phi) alternates from rotor to rotor: (a + lbar) / 2 where the two masses have
+    crossed and (a - lbar) / 2 elsewhere.
     """
     spinner, crossed = chain.motion is Motion.SPINNER, False
     if spinner:

@@ -26,7 +26,7 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 DOMAIN = 0.5
 """Least absolute polarisation of a bond in a domain [1]; in a uniform state it is 1."""
 _FIT_ITERATIONS = 12
-"""Number of Newton steps of a fit [1]; usually half of them suffice."""
+"""Number of Newton steps of a fit [1]."""
 _FIT_REACH = 4.0
 """Largest distance of a fitted rotor from the wall [wall widths]; beyond it, 1 - |tanh| is below
 7e-4."""

@@ -304,7 +304,7 @@ class Steering:
         """Return a trajectory that the actuators can follow to a goal [rad].
 
         For a moving wall try increasing durations from `shortest` [s] on. If none is feasible,
-        return the last one.
+        return the last trajectory.
         """
         for _ in range(_MAX_EXTENSIONS):
             trajectory = trajectory_to(goal, estimate.time, point, rate, shortest)

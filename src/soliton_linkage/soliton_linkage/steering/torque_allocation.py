@@ -58,8 +58,8 @@ class Reach:
 class TorqueAllocation:
     """Allocation of torques to actuators on the given rotors, or on every rotor if none are given.
 
-    Limits are the torque of each actuator [N m] and the deflection of a rotor against the springs
-    [rad]. Raises ValueError for a rotor that is not in the chain.
+    The limits apply to the torque of each actuator [N m] and to the deflection of a rotor against
+    the springs [rad]. Raises ValueError for a rotor that is not in the chain.
     """
 
     def __init__(

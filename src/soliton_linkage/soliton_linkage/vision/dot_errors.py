@@ -36,8 +36,8 @@ of this."""
 _ORDER = 6
 """Order of the divided differences [1]; this order reduces slow waves to a thousandth."""
 _RECORDED_STEP = 0.4
-"""Displacement between two pictures [pixels] that every usable video records; smaller ones may be
-lost in the dead zone."""
+"""Displacement between two pictures [pixels] that every usable video records; smaller
+displacements may be lost in the dead zone."""
 
 
 def _faded(total: float) -> float:
@@ -110,7 +110,7 @@ class DotMeasurements:
 
 
 class ErrorScale:
-    """Ratios of the errors of dots to the errors due to pixel noise, from all earlier pictures."""
+    """Ratios of errors of dots to errors due to pixel noise, estimated from earlier pictures."""
 
     def __init__(self, rotors: int) -> None:
         self._resting, self._moving, self._jumps = (FadingMeanSquare() for _ in range(3))

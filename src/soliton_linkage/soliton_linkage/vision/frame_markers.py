@@ -70,8 +70,8 @@ _MAX_RESIDUAL = 0.12
 """Largest residual of a visible dot, relative to its contrast [1]; partly hidden dots exceed
 it."""
 _MAX_SCALE_ERROR = 0.02
-"""Relative difference between print size and distances above which the difference is reported
-[1]."""
+"""Threshold of the relative difference between print size and distances [1]; larger ones are
+reported."""
 _SEARCH_PERIOD = 60
 """Period of the search for missing markers [pictures]; a search takes as long as one picture
 period."""

@@ -21,8 +21,8 @@ _INITIAL_RATE = 10.0
 _MIN_DEVIATION = 0.03
 """Standard deviation of a predicted angle at the time of its last measurement [rad]."""
 _MAX_DEVIATION = 1.5
-"""Standard deviation of a prediction below which the prediction determines the whole turns of a
-rotor [rad]."""
+"""Largest standard deviation of a predicted angle that determines the whole turns of a rotor
+[rad]."""
 _UNMEASURED = 0.07
 """Relative standard deviation of configured lengths [1]; typical for handmade parts."""
 _MEASURED_ROTOR, _MEASURED_BOND = 0.02, 0.03

@@ -108,8 +108,7 @@ class SolverSettings:
     shortest: float = 1e-6
     """Shortest step, as a fraction of the longest stable step [1]; the solver fails below it."""
     trials: int = 60
-    """Number of step lengths that the solver tries before it fails [1]; usually it needs one to
-    three."""
+    """Number of step lengths that the solver tries before it fails [1]; one to three are usual."""
 
 
 DEFAULTS = SolverSettings()
