@@ -320,7 +320,7 @@ def soliton_states(graph: Graph, bag: Path, **given: Any) -> list[bytes]:
     subscription = graph.user.create_subscription(
         topic.type, topic.name, heard.append, topic.qos, raw=True
     )
-    analyser = graph.start(SolitonAnalyser)
+    analyser = graph.start(SolitonAnalyser, {'longest_lag': 0.0})
     player = graph.start(BagPlayer, {'bag': str(bag), 'lockstep': True, **PATIENT, **given})
     graph.until(lambda: player.finished, 'the end')
     if player.failure is not None:
