@@ -3,25 +3,22 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from soliton_linkage.identification.adjustment import Adjustment, adjust
 from soliton_linkage.identification.bar_motion import BarMotion, bar_motion
 from soliton_linkage.identification.diagnosis import check_explained, length_warnings
 from soliton_linkage.identification.free_motion import FreeMotion
+from soliton_linkage.identification.kicks import fit_around_kicks
 from soliton_linkage.identification.lengths import initial_lengths
 from soliton_linkage.identification.mass_scale import mass_scale
 from soliton_linkage.identification.motion_fit import MotionFit, MotionFitter
 from soliton_linkage.identification.mounting import absent_joints, check_unit
 from soliton_linkage.identification.readings import (
     Readings,
-    RecordedImpulse,
     informative_frames,
     join_recordings,
 )
@@ -45,17 +42,6 @@ _NOT_CLOSED = (
 )
 _ADJUSTED = 0.05
 """Share of the work that is done when the lengths that close all bonds are known [1]."""
-_MOST_KICKS = 3
-"""Largest number of unrecorded kicks that are searched [1]; each search requires another fit."""
-_KICK_FRAMES = 7
-"""Number of successive frames whose residuals are averaged in the search for a kick."""
-_BEFORE_KICK = 0.06
-"""Time before an estimated kick [s]; its frames, and those in 0.05 s after the kick, are not
-used."""
-_SUSPICIOUS = 1.05
-"""Ratio of residual noise to reading noise above which a kick is searched [1]."""
-_KICKED = 5.5
-"""Mean residual of `_KICK_FRAMES` frames above which a kick is assumed [standard deviations]."""
 _KICK = (
     'a kick that was not recorded acts near {}; the frames near it were not used for masses, '
     'springs and drag'
@@ -126,7 +112,9 @@ def _by_model(
     unused = len(readings.times) - len(frames)
     some = replace(readings, angles=readings.unwrapped).select(frames)
     inputs = found.residuals[frames], found, given, noise, tolerance, spacing_known, stages
-    fitted, kicks = _fit_around_kicks(some, inputs, noise)
+    fitted, kicks = fit_around_kicks(
+        some, lambda part: _fit_springs(part, *inputs), noise, max(found.noise, LEAST_NOISE)
+    )
     if not isinstance(fitted, str):
         fitter, fit = fitted
         check_slips(some, fit.residuals, fit.noise)
@@ -192,39 +180,6 @@ def _check_passage(recordings: Sequence[Readings]) -> None:
 def _scaled(given: Chain, readings: Readings, gravity: float) -> Chain:
     acceleration = readings.gravity.acceleration
     return replace(given, spacing=acceleration / gravity) if acceleration else given
-
-
-def _fit_around_kicks(
-    some: Readings, inputs: tuple[Any, ...], noise: float
-) -> tuple[tuple[MotionFitter, MotionFit] | str, list[float]]:
-    kicks: list[float] = []
-    fitted = _fit_springs(some, *inputs)
-    while not isinstance(fitted, str) and len(kicks) < _MOST_KICKS:
-        found = fitted[1]
-        frame, excess = _worst_frames(found)
-        if excess < 1 and found.noise < _SUSPICIOUS * noise:
-            break
-        time = float(some.times[frame])
-        around = [RecordedImpulse(time - _BEFORE_KICK), RecordedImpulse(time)]
-        without = replace(some, impulses=[*some.impulses, *around])
-        better = _fit_springs(without, *inputs)
-        if isinstance(better, str):
-            break
-        # By chance, an additional initial state reduces the sum of squares by 2 N, with variance 4
-        # N.
-        gain = some.angles.size * (1 - (better[1].noise / found.noise) ** 2)
-        states = 2 * some.angles.shape[1]
-        if gain < states + _KICKED * math.sqrt(2 * states):
-            break
-        some, fitted = without, better
-        kicks.append(time)
-    return fitted, kicks
-
-
-def _worst_frames(fitted: MotionFit) -> tuple[int, float]:
-    means = np.abs(uniform_filter1d(fitted.residuals, _KICK_FRAMES, axis=0))
-    frame = int(np.argmax(means.max(axis=1)))
-    return frame, float(means[frame].max() * math.sqrt(_KICK_FRAMES) / (_KICKED * fitted.noise))
 
 
 def _fit_springs(

@@ -23,7 +23,7 @@ _RATE_FRAMES = 8
 _FEWEST_FRAMES = 30
 """Smallest number of frames between two impulses for which the frames are used; in that time a
 wall passes some rotors."""
-_ARRIVAL = 0.05
+ARRIVAL = 0.05
 """Largest delay between the command of an impulse and its effect [s]."""
 _MERGED = 4
 """Largest number of windows that are merged at a time [1]; at 2x, the predicted wall may be too
@@ -43,7 +43,7 @@ class FreeWindow(NamedTuple):
 
 def free_intervals(times: Array, interruptions: Sequence[float]) -> list[slice]:
     """Return the intervals with enough frames between interruptions at given times [s]."""
-    begins = [-math.inf, *(time + _ARRIVAL for time in sorted(interruptions))]
+    begins = [-math.inf, *(time + ARRIVAL for time in sorted(interruptions))]
     ends = [*sorted(interruptions), math.inf]
     intervals = [
         slice(int(np.searchsorted(times, begin, 'right')), int(np.searchsorted(times, end)))

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A kick that was not recorded is found, and the motions before and after it are used."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from passages import FLIPPER, read, unequal
+
+from soliton_linkage.dynamics.elastic import simulate
+from soliton_linkage.dynamics.initial_states import leaning
+from soliton_linkage.identification.identification import identify
+from soliton_linkage.identification.kicks import largest_step
+from soliton_linkage.identification.readings import Readings, RecordedImpulse
+from soliton_linkage.linear.rigidity import Edge, edge_mode, zero_mode
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.linkage.deviations import drawn_deviations
+
+PERIOD = 1 / 150
+BEFORE, AFTER = 1.08, 1.33
+NEAR = 0.05
+"""Largest error of the time of a kick [s]."""
+
+PARTS = (
+    ('rotor_length', 'rotor_lengths', 'spacings'),
+    ('spacing', 'spacings', 'spacings'),
+    ('rest_length', 'rest_lengths', 'spacings'),
+    ('stiffness', 'stiffnesses', 'masses'),
+    ('mass', 'masses', 'masses'),
+)
+"""Deviation, values, and the values whose mean is given, of each kind of unknown."""
+
+
+def kicked(seed: int, size: float) -> tuple[Chain, Readings]:
+    """Flipper and its readings; a kick changes the speed by the factor 1 + `size`."""
+    chain = unequal(replace(FLIPPER, number_of_rotors=12), seed)
+    drawn = drawn_deviations(12, seed, mass=0.05, stiffness=0.05)
+    chain = replace(chain, deviations=chain.deviations.joined(drawn))
+    start = leaning(chain, -1).angles
+    first = simulate(chain, start, 10.0 * edge_mode(chain, start, Edge.FIRST), BEFORE, PERIOD)
+    angles, rates = first.angles[-1], first.rates[-1]
+    mode = zero_mode(chain, angles)
+    momenta = chain.moments_of_inertia * mode
+    change = size * (momenta @ rates) / (momenta @ mode) * mode
+    second = simulate(chain, angles, rates + change, AFTER, PERIOD)
+    whole = np.concatenate([first.angles, second.angles[1:]])
+    return chain, Readings(PERIOD * np.arange(len(whole)), read(whole, seed)[0])
+
+
+@pytest.mark.parametrize('size', [-0.18, 0.25])
+@pytest.mark.parametrize('seed', [0, 1, 2])
+def test_a_kick_is_named_and_errors_agree_with_the_stated_deviations(seed, size):
+    chain, readings = kicked(seed, size)
+    found = identify(readings, Chain())
+    (warning,) = (each for each in found.warnings if 'kick that was not recorded' in each)
+    assert float(warning.split(' near ')[1].split()[0]) == pytest.approx(BEFORE, abs=NEAR)
+    for name, values, unit in PARTS:
+        shown, true = (getattr(each, values) for each in (found.chain, chain))
+        scale = getattr(chain, unit).mean() / getattr(found.chain, unit).mean()
+        errors = np.log(shown / true * scale) / found.deviations[name]
+        assert np.sqrt(np.mean(errors**2)) < 2.0, name
+
+
+@pytest.mark.parametrize('seed', [0, 1, 2])
+def test_no_kick_is_named_in_a_free_motion(seed):
+    found = identify(kicked(seed, 0.0)[1], Chain())
+    assert not found.rigid
+    assert not [each for each in found.warnings if 'kick' in each]
+
+
+def test_the_largest_step_of_the_speed_is_the_kick_unless_the_kick_is_known():
+    readings = kicked(0, 0.3)[1]
+    time, step = largest_step(readings, 0.01)
+    assert time == pytest.approx(BEFORE, abs=NEAR)
+    assert step == pytest.approx(0.3, abs=0.08)
+    known = replace(readings, impulses=[RecordedImpulse(BEFORE)])
+    time, _ = largest_step(known, 0.01)
+    assert abs(time - BEFORE) > NEAR
+    assert largest_step(readings.select(np.arange(10)), 0.01)[1] == 0.0
