@@ -66,6 +66,24 @@ def test_a_closed_pipe_ends_a_program_without_a_traceback():
     assert (ended.returncode, ended.stderr) == (programs.CLOSED_PIPE, b'')
 
 
+def test_linear_algebra_has_one_thread_unless_the_user_sets_another_number():
+    call = (
+        'import os, sys; from soliton_linkage_nodes.start import robot_description;'
+        'assert "numpy" not in sys.modules; robot_description();'
+        'print(os.environ["OPENBLAS_NUM_THREADS"])'
+    )
+    config = Path(__file__).parents[2] / 'config/flipper.yaml'
+    others = {name: value for name, value in os.environ.items() if 'NUM_THREADS' not in name}
+    for given, threads in [({}, b'1'), ({'OPENBLAS_NUM_THREADS': '2'}, b'2')]:
+        found = subprocess.run(
+            [sys.executable, '-c', call, str(config)],
+            env={**others, **given},
+            capture_output=True,
+            check=True,
+        )
+        assert found.stdout.split()[-1] == threads
+
+
 def file_of(program: str) -> str:
     """Return the end of the path of the module that a program runs."""
     return f'/{getattr(programs, program).args[0].replace(".", "/")}.py'

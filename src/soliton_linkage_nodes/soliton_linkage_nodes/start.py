@@ -17,10 +17,16 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C, as in shells: 128 + SIGINT."""
 CLOSED_PIPE = 141
 """Exit code if the reader of the standard output has gone, as in shells: 128 + SIGPIPE."""
+_THREADS = 'OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'
+"""Environment variables of the number of threads of linear algebra."""
 
 
 def _start(program: str) -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    # The matrices are small: an identification with a thread per core takes three times the
+    # processor time, because threads wait for each other. A value of the user is kept.
+    for variable in _THREADS:
+        os.environ.setdefault(variable, '1')
     try:
         try:
             import_module(f'soliton_linkage_nodes.{program}').main()
