@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 import sys
+import threading
+import time
 from pathlib import Path
 
 import numpy as np
+from graphs import values
 from recordings import START
 from std_srvs.srv import Trigger
 
@@ -52,3 +55,36 @@ def test_an_identified_chain_is_published_and_saved(graph, tmp_path):
     np.testing.assert_allclose(saved.encoder_offsets, found.encoder_offsets, atol=1e-5)
     assert graph.call(Trigger, '/chain_identifier/forget').success
     assert node.frames == 0
+
+
+def test_a_running_identification_reports_its_duration(graph, monkeypatch):
+    finish = threading.Event()
+
+    def identify(*_, **__):
+        finish.wait()
+        raise ValueError('no soliton has passed')
+
+    monkeypatch.setattr('soliton_linkage_nodes.chain_identifier.node.identify', identify)
+    named = NamedChain(SPINNER, default_joint_names(SPINNER.number_of_rotors))
+    node = graph.start(ChainIdentifier, {'interval': 0.0})
+    frames = graph.speak(interfaces.JOINT_STATES)
+    still = Frame(SPINNER.uniform_state(1), None)
+    for number in range(2):
+        stamp = time_to_msg(START + number * PERIOD)
+        frames.publish(frame_to_msg(named, still, 0 * still.angles, stamp))
+    graph.until(lambda: node.frames == 2, 'the frames', lambda: node.frames)
+    begun = time.monotonic()
+    assert graph.call(Trigger, '/chain_identifier/identify').success
+    first, second = (
+        float(values(graph.next_report('chain_identifier'))['identifying for [s]'])
+        for _ in range(2)
+    )
+    assert 0 <= first < second <= time.monotonic() - begun
+    finish.set()
+    reports = graph.reports('chain_identifier')
+    graph.until(
+        lambda: reports and values(reports[-1])['identifying'] == 'False',
+        'the end',
+        lambda: reports,
+    )
+    assert 'identifying for [s]' not in values(reports[-1])

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 import math
+import re
 from typing import Any
 
 import pytest
@@ -138,8 +139,14 @@ def test_parameters_that_may_be_changed_come_with_range_and_choices():
     assert loud.value is True
     assert views.parameter_value(count, 4.0).integer_value == 4
     assert views.parameter_value(gain, '0.5').double_value == 0.5
-    with pytest.raises(ValueError, match="parameter gain = 'much' must be a float"):
-        views.parameter_value(gain, 'much')
+    for parameter, value, reason in (
+        (gain, 'much', "parameter gain = 'much' must be a number such as 1.0; set another value"),
+        (gain, None, 'parameter gain = None must be a number such as 1.0; set another value'),
+        (count, 4.5, 'parameter count = 4.5 must be a whole number such as 20; set another'),
+        (count, 10, 'parameter count = 10 must lie in the range 1 to 9; set another value'),
+    ):
+        with pytest.raises(ValueError, match=re.escape(reason)):
+            views.parameter_value(parameter, value)
 
 
 def test_read_only_parameters_and_lists_are_not_offered():

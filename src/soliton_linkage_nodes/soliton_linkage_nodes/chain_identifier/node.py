@@ -7,6 +7,7 @@ import dataclasses
 import functools
 import math
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -107,7 +108,7 @@ class ChainIdentifier(ManagedNode):
         self.found: Identification | None = None
         self._failure = ''
         self._record = self._new_record()
-        self._identified_frames, self._progress = 0, 0.0
+        self._identified_frames, self._progress, self._begun = 0, 0.0, 0.0
         self._working: threading.Thread | None = None
         self._outcome: Identification | ValueError | None = None
         self._decoder = JointStateDecoder()
@@ -172,6 +173,7 @@ class ChainIdentifier(ManagedNode):
         if not idle or record.frames == self._identified_frames:
             return
         self._identified_frames, self._progress = record.frames, 0.0
+        self._begun = time.monotonic()
         given = dataclasses.replace(
             Chain(), spacing=self.settings.spacing, mass=self.settings.mass
         )
@@ -249,6 +251,8 @@ class ChainIdentifier(ManagedNode):
             'identifying': self._working is not None,
             'progress': f'{self._progress:.0%}',
         }
+        if self._working is not None:
+            values['identifying for [s]'] = time.monotonic() - self._begun
         if self.found is None:
             message = self._failure or 'no chain is identified yet'
             return Report(message, values, bool(self._failure))

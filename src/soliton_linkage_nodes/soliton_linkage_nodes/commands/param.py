@@ -4,15 +4,17 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+from array import array
 from typing import Any
 
 import yaml
-from rcl_interfaces.msg import Parameter
+from rcl_interfaces.msg import Parameter, ParameterDescriptor, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.parameter import get_parameter_value, parameter_value_to_python
 
 from soliton_linkage_nodes.commands.visitor import Verbs, Visitor, full_name
-from soliton_linkage_nodes.messages.view_conversions import adjustable_parameters
+from soliton_linkage_nodes.runtime.parameter_values import LARGEST_INTEGER, rejection
 
 
 def main(arguments: list[str]) -> int:
@@ -60,26 +62,37 @@ def _value(visitor: Visitor, options: argparse.Namespace) -> str:
 
 
 def _set(visitor: Visitor, options: argparse.Namespace) -> None:
-    parameter = Parameter(name=options.name, value=get_parameter_value(options.value))
-    answer = visitor.call_node(options.node, SetParameters, parameters=[parameter])
+    node, names = options.node, [options.name]
+    descriptors = visitor.call_node(node, DescribeParameters, names=names).descriptors
+    descriptor = descriptors[0] if descriptors else ParameterDescriptor()
+    value = _parse(options.value, descriptor)
+    parameter = Parameter(name=options.name, value=value)
+    answer = visitor.call_node(node, SetParameters, parameters=[parameter])
     result = answer.results[0]
     if not result.successful:
-        reason = _range_error(visitor, options) or result.reason
-        raise RuntimeError(f'{options.node} rejected {options.name}: {reason}')
+        # A node that is not of this suite gives the reasons of rclpy.
+        reason = rejection(descriptor, parameter_value_to_python(value)) or result.reason
+        raise RuntimeError(f'{node} rejected {options.name} = {options.value}: {reason}')
     print(f'Set parameter successful: {options.name} = {_value(visitor, options)}')
 
 
-def _range_error(visitor: Visitor, options: argparse.Namespace) -> str:
-    """Return an error message if a value is outside its parameter's range, otherwise ''."""
-    node, names = options.node, [options.name]
-    descriptors = visitor.call_node(node, DescribeParameters, names=names).descriptors
-    ranged = [each for each in descriptors if each.floating_point_range or each.integer_range]
-    values = visitor.call_node(node, GetParameters, names=names).values
-    for parameter in adjustable_parameters(ranged, values):
-        complaint = parameter.range.complaint(yaml.safe_load(options.value))
-        if complaint:
-            return f'{options.value} {complaint}; set another value'
-    return ''
+def _parse(text: str, descriptor: ParameterDescriptor) -> ParameterValue:
+    """Return a value in YAML as a message. For a number, 1e-3 is accepted too."""
+    if descriptor.type == ParameterType.PARAMETER_DOUBLE:
+        with contextlib.suppress(ValueError):
+            return ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=float(text))
+    with contextlib.suppress(yaml.YAMLError, AssertionError):
+        value = get_parameter_value(text)
+        found = parameter_value_to_python(value)
+        if all(map(_is_sendable, found if isinstance(found, (list, array)) else [found])):
+            return value
+    return ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=text)
+
+
+def _is_sendable(value: Any) -> bool:
+    """Return whether a message can contain a value, unlike a mapping or an integer of 65 bits."""
+    fits = not isinstance(value, int) or abs(value) <= LARGEST_INTEGER
+    return fits and isinstance(value, (bool, int, float, str))
 
 
 def _describe(visitor: Visitor, options: argparse.Namespace) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType, ParameterValue
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
@@ -18,12 +19,14 @@ from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage_msgs import msg
 from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_msgs.srv import Reset, Step
+from soliton_linkage_nodes.runtime.parameter_values import (
+    LARGEST_INTEGER,
+    limits,
+    type_complaint,
+)
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
 Numbers = dict[str, float]
-
-_INT64_END = 2**63
-"""Largest value of an int64 parameter plus 1."""
 
 OUTCOMES = {
     getattr(MoveSoliton.Result, name): name.lower().replace('_', ' ')
@@ -239,17 +242,13 @@ def adjustable_parameters(
     found = []
     for descriptor, value in zip(descriptors, values, strict=False):
         kind, field = _TYPES[descriptor.type]
-        ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
-        ends = (ranges[0].from_value, ranges[0].to_value) if ranges else ()
-        # If a parameter has no limit, its descriptor has the largest number of the type as the
-        # limit.
-        low, high = (
-            each if abs(each) < _INT64_END - 1 else None for each in ends or (math.inf,) * 2
+        known = AdjustableParameter(
+            descriptor.name,
+            kind.__name__,
+            getattr(value, field),
+            descriptor.description,
+            limits(descriptor),
         )
-        choices = descriptor.additional_constraints if kind is str else ''
-        names, text = tuple(filter(None, choices.split(', '))), descriptor.description
-        limits, present = Quantity('', '', low, high, names), getattr(value, field)
-        known = AdjustableParameter(descriptor.name, kind.__name__, present, text, limits)
         found.append(known)
     return found
 
@@ -263,15 +262,16 @@ def parameter_value(parameter: AdjustableParameter, value: Any) -> ParameterValu
     )
     try:
         converted = kind(value)
-        if kind is int and not -_INT64_END <= int(converted) < _INT64_END:
-            raise OverflowError
-    except (TypeError, ValueError, OverflowError) as error:
-        raise ValueError(
-            f'parameter {parameter.name} = {value!r} must be a {parameter.kind}'
-        ) from error
-    complaint = parameter.range.complaint(converted)
+        # A message carries only integers of 64 bits.
+        fits = kind is not int or (
+            float(converted) == float(value) and abs(int(converted)) <= LARGEST_INTEGER
+        )
+    except (TypeError, ValueError, OverflowError):
+        fits = False
+    type_ = Parameter.Type(code)
+    complaint = parameter.range.complaint(converted) if fits else type_complaint(type_, None)
     if complaint:
-        raise ValueError(f'{parameter.name} = {value} {complaint}')
+        raise ValueError(f'parameter {parameter.name} = {value!r} {complaint}; set another value')
     return ParameterValue(type=code, **{field: converted})
 
 

@@ -16,6 +16,8 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
+from soliton_linkage_nodes.runtime.parameter_values import rejection
+
 SERVICE_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 """Quality of service of services; with the default queue of 10, clients would lose responses."""
 ACTION_QOS = {f'{call}_service_qos_profile': SERVICE_QOS for call in ('goal', 'result', 'cancel')}
@@ -111,7 +113,12 @@ class GuardedNode(Node):
                 known = self.get_parameters_by_prefix('')
                 reason = unknown_parameter(self, parameter.name, known)
                 return SetParametersResult(successful=False, reason=reason)
-        return super().set_parameters_atomically(parameter_list)
+        result = super().set_parameters_atomically(parameter_list)
+        if not result.successful:
+            # The reasons of rclpy name neither the value nor a remedy.
+            reasons = (rejection(self.describe_parameter(p.name), p.value) for p in parameter_list)
+            result.reason = next(filter(None, reasons), result.reason)
+        return result
 
     def guarded(self, action: str, call: Callable[..., Any]) -> Callable[..., Any]:
         """Return a callback that logs an exception of `call` as 'could not <action>: <error>'."""

@@ -4,9 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
-from array import array
 from collections.abc import Mapping, Sequence
-from types import NoneType
 from typing import Any, TypeVar, cast, get_type_hints
 from weakref import WeakSet
 
@@ -21,6 +19,12 @@ from rclpy.parameter import Parameter
 
 from soliton_linkage.linkage.quantities import Quantity, described_fields
 from soliton_linkage_nodes.runtime.guarded import unknown_parameter
+from soliton_linkage_nodes.runtime.parameter_values import (
+    LARGEST_INTEGER,
+    LISTS,
+    convert,
+    type_complaint,
+)
 
 Parameters = TypeVar('Parameters')
 
@@ -32,19 +36,8 @@ _TYPES: dict[Any, Parameter.Type] = {
     tuple[str, ...]: Parameter.Type.STRING_ARRAY,
     tuple[float, ...]: Parameter.Type.DOUBLE_ARRAY,
 }
-_LISTS = (Parameter.Type.STRING_ARRAY, Parameter.Type.DOUBLE_ARRAY)
-_EXAMPLES = {
-    Parameter.Type.BOOL: 'true or false',
-    Parameter.Type.INTEGER: 'a whole number such as 20',
-    Parameter.Type.DOUBLE: 'a number such as 1.0',
-    Parameter.Type.STRING: 'a text',
-    Parameter.Type.STRING_ARRAY: 'a list of texts',
-    Parameter.Type.DOUBLE_ARRAY: 'a list of numbers such as [1.0, 0.5]',
-}
 _SHARED = 'chain.'
 _CONVERTING: WeakSet[Node] = WeakSet()
-_LARGEST_INTEGER = 2**63 - 1
-"""Largest integer parameter, which ROS stores as int64."""
 
 
 def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Parameters:
@@ -141,30 +134,18 @@ def _convert_change(node: Node, change: Parameter) -> Parameter:
     if not node.has_parameter(change.name) or change.type_ is Parameter.Type.NOT_SET:
         return change
     kind = Parameter.Type(node.describe_parameter(change.name).type)
-    value = _convert(kind, change.value)
+    value = convert(kind, change.value)
     return Parameter(change.name, kind, value) if kind.check(value) else change
-
-
-def _convert(kind: Parameter.Type, value: Any) -> Any:
-    """Convert integers to floats; convert empty lists, because their type may be wrong."""
-    if kind in _LISTS and isinstance(value, (NoneType, list, tuple, array)):
-        elements = list(value or ())
-        whole = all(type(element) is int for element in elements)
-        if kind is Parameter.Type.DOUBLE_ARRAY and whole:
-            return [float(element) for element in elements]
-        return elements
-    return float(value) if kind is Parameter.Type.DOUBLE and type(value) is int else value
 
 
 def _declare_one(node: Node, name: str, kind: Any, default: Any, described: Quantity) -> Any:
     type_, override = _TYPES[kind], overrides(node).get(name)
-    value = default if override is None else _convert(type_, override.value)
-    fits = type_.check(value) and (type_ is Parameter.Type.BOOL or not isinstance(value, bool))
-    complaint = described.complaint(value) if fits else f'must be {_EXAMPLES[type_]}'
+    value = default if override is None else convert(type_, override.value)
+    complaint = type_complaint(type_, value) or described.complaint(value)
     if complaint:
         raise ValueError(f'parameter {name} of {node.get_name()} = {value!r} {complaint}')
     descriptor = _descriptor(type_, described)
-    if type_ in _LISTS:
+    if type_ in LISTS:
         # rclpy infers the type of a list from the elements. For an empty list, this fails.
         node.declare_parameter(name, type_, ignore_override=True)
         node.set_parameters([Parameter(name, type_, list(value))])
@@ -175,7 +156,7 @@ def _declare_one(node: Node, name: str, kind: Any, default: Any, described: Quan
 
 
 def _field_value(type_: Parameter.Type, value: Any) -> Any:
-    return tuple(value) if type_ in _LISTS else value
+    return tuple(value) if type_ in LISTS else value
 
 
 def _descriptor(type_: Parameter.Type, described: Quantity) -> ParameterDescriptor:
@@ -189,8 +170,8 @@ def _descriptor(type_: Parameter.Type, described: Quantity) -> ParameterDescript
     if low is None and high is None:
         return descriptor
     if type_ is Parameter.Type.INTEGER:
-        low = -_LARGEST_INTEGER if low is None else int(low)
-        high = _LARGEST_INTEGER if high is None else int(high)
+        low = -LARGEST_INTEGER if low is None else int(low)
+        high = LARGEST_INTEGER if high is None else int(high)
         descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
     else:
         low = float('-inf') if low is None else float(low)

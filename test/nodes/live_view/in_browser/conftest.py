@@ -14,7 +14,7 @@ import pytest
 
 sys.path.append(str(Path(__file__).parent))
 
-from live_stage import PLACE, SIMULATED, Browser, Stage, Visit, until
+from live_stage import PLACE, SIMULATED, Browser, Stage, SteeredClock, Visit, until
 from std_srvs.srv import Trigger
 
 from soliton_linkage_msgs.srv import Reset
@@ -92,10 +92,10 @@ def stage(fresh_nicegui, domains, tmp_path_factory):
 
 @pytest.fixture(scope='package')
 def live_view(stage):
-    stage.start(Simulator, SIMULATED)
+    simulator = stage.start(Simulator, SIMULATED)
     stage.start(SolitonAnalyser)
-    for node in (EdgeActuator, SolitonSteering):
-        stage.start(node, {'state_timeout': 60.0})
+    stage.start(EdgeActuator, {'state_timeout': 60.0})
+    SteeredClock(stage, simulator, stage.start(SolitonSteering, {'state_timeout': 60.0}))
     for topic in (*COMMANDS, interfaces.LAST_KICK, interfaces.ROTOR_TORQUES):
         stage.subscribe(topic)
     folders = [str(stage.folder / 'bags'), str(BAGS)]

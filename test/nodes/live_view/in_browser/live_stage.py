@@ -14,6 +14,7 @@ from graphs import Graph
 from rclpy.publisher import Publisher
 from rclpy.service import Service
 from rclpy.timer import Timer
+from sensor_msgs.msg import JointState
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_nodes.messages.conversions import (
@@ -24,14 +25,16 @@ from soliton_linkage_nodes.messages.conversions import (
 )
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
+from soliton_linkage_nodes.simulator.node import Simulator
+from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
 
 PICTURES = Path(__file__).parents[4] / 'out' / 'live'
 LONGEST_WAIT = 240.0
 ROTORS, PLACE = 12, 5.5
+FRAME_PERIOD = 0.08
 SIMULATED = {
     'chain.number_of_rotors': ROTORS,
     'publish_rate': 50.0,
-    'real_time_factor': 0.25,
     'initial_state': 'soliton',
     'initial_position': PLACE,
 }
@@ -99,6 +102,29 @@ class Stage(Graph):
     def _spin(self) -> None:
         while not self._stopping.is_set():
             self._executor.spin_once(timeout_sec=0.05)
+
+
+class SteeredClock:
+    """Clock of a simulator that awaits the torques of each steered frame before the next frame.
+
+    The delay of the torques in simulated time is then independent of the speed of the machine.
+    """
+
+    def __init__(self, stage: Stage, simulator: Simulator, steering: SolitonSteering) -> None:
+        self._simulator, self._steering = simulator, steering
+        self._awaited = False
+        topic = interfaces.ROTOR_TORQUES
+        stage.user.create_subscription(topic.type, topic.name, self._receive, topic.qos)
+        simulator.loop.stop()
+        stage.user.create_timer(FRAME_PERIOD, self._tick)
+
+    def _receive(self, _: JointState) -> None:
+        self._awaited = False
+
+    def _tick(self) -> None:
+        if not (self._awaited and self._steering.holding):
+            self._awaited = self._steering.holding
+            self._simulator.control.tick()
 
 
 class Browser:

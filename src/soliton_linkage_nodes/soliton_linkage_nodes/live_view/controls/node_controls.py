@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import contextlib
-import time
+import math
 from collections.abc import Mapping
 from functools import partial
 from typing import Any
@@ -38,7 +38,6 @@ class IdentifyControls(ChainControls):
 
     def __init__(self, view: View, page: Shown) -> None:
         super().__init__(view, page)
-        self._started = time.monotonic()
         self.groups = [ControlGroup('Identify the chain', 'identify')]
         with self.groups[0].body:
             for text, name, icon in (
@@ -65,17 +64,16 @@ class IdentifyControls(ChainControls):
         super().refresh(why)
         name = f'{self._page.namespace}chain_identifier'
         reports = reports_of(self._view.finder, self._page.namespace)
-        recent = (r for age, r in reports if r.node == name and age < REPORT_TIMEOUT)
-        report = next(recent, None)
+        recent = ((a, r) for a, r in reports if r.node == name and a < REPORT_TIMEOUT)
+        age, report = next(recent, (math.nan, None))
         figures = report.figures if report else {}
         running = figures.get('identifying') == 'True'
-        if not running:
-            self._started = time.monotonic()
         if self._progress.visible != running:
             self._progress.set_visibility(running)
         if running:
             self._progress.value = float(figures.get('progress', '0').rstrip('%')) / 100
-        elapsed = f'identifying for {time.monotonic() - self._started:.0f} s' if running else ''
+        seconds = figure(figures, 'identifying for [s]') + age
+        elapsed = f'identifying for {seconds:.0f} s' if running else ''
         text = '\n'.join(describe(report, elapsed)) if report else ''
         if self._lines.text != text:
             self._lines.text = text
