@@ -68,6 +68,16 @@ def test_no_kick_is_named_in_a_free_motion(seed):
     assert not [each for each in found.warnings if 'kick' in each]
 
 
+def test_exact_readings_of_several_passages_give_true_deviations_and_no_kick():
+    chain = replace(FLIPPER, number_of_rotors=12)
+    start = leaning(chain, -1).angles
+    motion = simulate(chain, start, 10.0 * edge_mode(chain, start, Edge.FIRST), 8.0, 0.004)
+    found = identify(Readings(motion.times, motion.angles), Chain())
+    assert not found.warnings
+    true, shown = (each.rotor_lengths / each.spacings.mean() for each in (chain, found.chain))
+    assert np.all(np.abs(np.log(shown / true)) < 3 * found.deviations['rotor_length'])
+
+
 def test_the_largest_step_of_the_speed_is_the_kick_unless_the_kick_is_known():
     readings = kicked(0, 0.3)[1]
     time, step = largest_step(readings, 0.01)

@@ -85,7 +85,7 @@ def _identified(
     for recording in readings.recordings:
         check_unit(recording.angles)
     used = join_recordings([without_outliers(each) for each in readings.recordings])
-    noise = noise_of(used.unwrapped, used.relative_deviations)
+    noise = max(noise_of(used.unwrapped, used.relative_deviations), LEAST_NOISE)
     for recording in used.recordings:
         check_jumps(recording, noise)
     _check_passage(used.recordings)
@@ -118,7 +118,7 @@ def _by_model(
     if not isinstance(fitted, str):
         fitter, fit = fitted
         check_slips(some, fit.residuals, fit.noise)
-        prior, excess = fit.prior, fit.noise / max(noise, LEAST_NOISE)
+        prior, excess = fit.prior, fit.noise / noise
         spreads = 0.0 if tolerance else prior.tolerances.lengths, prior.mass_deviation
         check_explained('springs', excess, spreads, fit.residuals, some)
         fit = fitter.sampled(fit)
@@ -134,7 +134,7 @@ def _by_model(
     if not found.converged:
         raise ValueError(_NOT_CLOSED)
     spread = 0.0 if tolerance else found.tolerances.lengths
-    excess = found.noise / max(noise, LEAST_NOISE)
+    excess = found.noise / noise
     check_explained('bars', excess, (spread, 0.0), residuals, readings)
     strained = found.noise > STRAINED * noise
     moved = None if strained else _fit_bars(some, found, given, spacing_known)
@@ -212,7 +212,7 @@ def _fit_springs(
     windows = initial_windows(some.times, angles, start, some.interruptions, some.tilt_at)
     if not windows:
         return 'no 30 successive frames of free motion lie between impulses and gaps'
-    inputs = some.times, some.unwrapped, some.relative_deviations, max(noise, LEAST_NOISE)
+    inputs = some.times, some.unwrapped, some.relative_deviations, noise
     try:
         fitter = MotionFitter(windows, *inputs, tolerance, spacing_known, stages)
         fitted = fitter.fit(found.noise)

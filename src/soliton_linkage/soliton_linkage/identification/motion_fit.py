@@ -30,6 +30,7 @@ from soliton_linkage.identification.motion_equations import (
     window_matrix,
 )
 from soliton_linkage.identification.readings import repeat_counts
+from soliton_linkage.identification.screening import LEAST_NOISE
 from soliton_linkage.identification.stages import Stages
 from soliton_linkage.identification.windows import (
     INITIAL_MASS_DEVIATION,
@@ -384,7 +385,8 @@ class MotionFitter:
         whole = information + self._prior.evaluate(motion)[0]
         covariance = covariance_in(self._basis, whole)
         parameters = float(np.sum(covariance * information))
-        self._noise = math.sqrt(self._squares() / max(self._freedom() - parameters, 1.0))
+        variance = self._squares() / max(self._freedom() - parameters, 1.0)
+        self._noise = max(math.sqrt(variance), LEAST_NOISE)
         self._prior = self._prior.reestimated(motion, covariance, self._tolerance)
         return covariance, information
 

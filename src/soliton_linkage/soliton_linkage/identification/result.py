@@ -90,7 +90,7 @@ def by_springs(
         float(deviations.pop(name)[0]) for name in ('damping', 'friction', 'gravity')
     )
     rotor_noise = np.sqrt(np.mean(fitted.residuals**2, axis=0))
-    excess = fitted.noise / max(reading_noise, LEAST_NOISE)
+    excess = fitted.noise / reading_noise
     warnings = [*obstacle_warnings(chain, lengths, covariance)]
     if fitted.stamp_deviation:
         warnings.append(
@@ -173,7 +173,7 @@ def by_bonds(
     rigid = found.noise <= STRAINED * reading_noise
     warnings = [*obstacle_warnings(chain, found.lengths, found.covariance)]
     if not rigid:
-        excess = found.noise / max(reading_noise, LEAST_NOISE)
+        excess = found.noise / reading_noise
         warnings.append(
             f'bonds do not close: their misclosures are {excess:.2g} times the noise of the '
             'readings, so that standard deviations are too small. A fast soliton strains springs, '

@@ -28,6 +28,9 @@ ARRIVAL = 0.05
 _MERGED = 4
 """Largest number of windows that are merged at a time [1]; at 2x, the predicted wall may be too
 far from the readings."""
+_LONGEST_WINDOW = 1600
+"""Largest number of frames in a merged window. The initial state then adds one unknown to 800
+readings; in longer windows, the angles depend less linearly on the unknowns."""
 _DENSE_FRAMES = 0.05
 """Quantile of the averaged frame intervals [1]; its value is used as the interval of dense
 frames."""
@@ -97,7 +100,8 @@ def merge_windows(
         if merged and count < _MERGED and merged[-1].frames.stop == window.frames.start:
             frames = slice(merged[-1].frames.start, window.frames.stop)
             whole = FreeWindow(frames, merged[-1].motion)
-            if fits(whole, window.frames):
+            short = frames.stop - frames.start <= _LONGEST_WINDOW
+            if short and fits(whole, window.frames):
                 merged[-1] = whole
                 count += 1
                 continue
