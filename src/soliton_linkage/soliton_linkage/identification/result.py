@@ -15,7 +15,6 @@ from soliton_linkage.identification.diagnosis import obstacle_warnings, weakly_o
 from soliton_linkage.identification.free_motion import FreeMotion, split_chain
 from soliton_linkage.identification.lengths import split_lengths
 from soliton_linkage.identification.motion_fit import MotionFit
-from soliton_linkage.identification.screening import LEAST_NOISE
 from soliton_linkage.linkage.chain import Array, Chain
 
 STRAINED = 1.1
