@@ -108,7 +108,9 @@ class Analyser:
         # Compute the shapes before any frame: this takes as long as hundreds of frames.
         self._shape_model: ShapeMeasurementModel | None = None
         with suppress(ValueError, ArithmeticError):
-            self._shape_model = ShapeMeasurementModel(self._shapes, self._line, settings)
+            self._shape_model = ShapeMeasurementModel(
+                self._shapes, self._line, arc, noise, settings
+            )
         self._widths: WidthReporter | None = None
         if self._orbit is not None and chain.deviations == NO_DEVIATIONS:
             self._widths = WidthReporter(self._shapes, settings.width)

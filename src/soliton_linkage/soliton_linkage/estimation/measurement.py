@@ -92,7 +92,7 @@ def search_arc(arc: float, target: Callable[[float], float], close: float) -> fl
     return arc
 
 
-CORE = 2.5
+_CORE = 2.5
 """Distance from a wall within which the rotors show whether the wall still exists [rotor
 spacings]."""
 _FAR, _FAR_NOISE, _FAR_SHARE = 0.75, 2.0, 0.3
@@ -198,7 +198,7 @@ class FrameLikelihood:
     def fits(self, residuals: Array, first: int, site: float, noise: float) -> bool:
         """Return whether the residuals of rotors from `first` on show a wall at a site."""
         beside = np.abs(np.arange(first, first + len(residuals)) - site)
-        core = np.abs(residuals[beside <= CORE])
+        core = np.abs(residuals[beside <= _CORE])
         far = np.count_nonzero(core > _FAR * self.gross + _FAR_NOISE * noise)
         return bool(far <= _FAR_SHARE * np.count_nonzero(np.isfinite(core)))
 

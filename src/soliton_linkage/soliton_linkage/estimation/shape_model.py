@@ -12,8 +12,12 @@ import numpy as np
 from scipy.ndimage import minimum_filter1d
 
 from soliton_linkage.estimation.frames import rotor_swing
-from soliton_linkage.estimation.measurement import FrameLikelihood
-from soliton_linkage.estimation.noise import robust_deviation
+from soliton_linkage.estimation.measurement import (
+    LEAST_INFORMATION,
+    FrameLikelihood,
+    LinearisedMeasurement,
+)
+from soliton_linkage.estimation.noise import ResidualVariance
 from soliton_linkage.estimation.relocalisation import SCAN_DEVIATION
 from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.estimation.state_report import FrameState
@@ -22,9 +26,9 @@ from soliton_linkage.estimation.wall_shapes import (
     WallShapes,
     find_domains,
     fit_wall,
-    persistence,
     scan_wall,
     set_residuals,
+    tangent_of,
 )
 from soliton_linkage.estimation.wall_track import LatticeCoordinates, WallMeasurement
 from soliton_linkage.linear.bands import couplings
@@ -35,9 +39,6 @@ _TAILS = 1.5
 `WallTable` [1]."""
 _SCAN_BESIDE = 1.5
 """Range of the scan for the site, on either side of a domain border [rotor spacings]."""
-_CORE = 2.5
-"""Range on either side of a wall in which the fitted shape must match all rotors [rotor
-spacings]."""
 
 
 class _ShapeFit(NamedTuple):
@@ -45,7 +46,6 @@ class _ShapeFit(NamedTuple):
     charge: int
     site: float
     stretch: float
-    site_information: float
     stretch_information: float
 
 
@@ -53,9 +53,15 @@ class ShapeMeasurementModel:
     """Measurement model that fits the shapes of all walls in a frame."""
 
     def __init__(
-        self, shapes: WallShapes, line: LatticeCoordinates, settings: EstimationSettings
+        self,
+        shapes: WallShapes,
+        line: LatticeCoordinates,
+        site_arc: float,
+        noise: float | None,
+        settings: EstimationSettings,
     ) -> None:
-        self._shapes, self._line, self._noise = shapes, line, settings.noise
+        """Start with the arc length per rotor spacing [rad] and the noise of an angle [rad]."""
+        self._shapes, self._line, self._arc = shapes, line, site_arc
         self._of_charge = {1: shapes.kinks, -1: shapes.anti_kinks}
         self._chain = chain = shapes.chain
         likelihood, swing = settings.likelihood, rotor_swing(chain)
@@ -63,18 +69,17 @@ class ShapeMeasurementModel:
         self._evidence = -math.log(likelihood.false_alarms)
         self._largest = (likelihood.field_share * swing) ** 2 + likelihood.largest_noise**2
         self._bound, self._coarse = likelihood.bound, (SCAN_DEVIATION * swing) ** 2
-        self._elastic = (likelihood.elastic_share * swing) ** 2
         self._edge = 0 if chain.motion is Motion.SPINNER else 1
         self._domain = settings.walls.domain_bonds
         plus, minus = couplings(chain)
         self._uniform = (plus**2 - minus**2) / (plus**2 + minus**2)
-        self._before = np.full(line.rotors, math.nan)
+        self._residual = ResidualVariance(swing, noise, settings)
         self.restart()
 
     def restart(self) -> None:
-        """Discard the estimated variance of a rotor and the residuals of the preceding frame."""
-        self._variance, self._frames = self._coarse, 0
-        self._before[:] = math.nan
+        """Discard the estimated noise and the residuals of the preceding frames."""
+        self._residual.restart()
+        self._residual.way = 0.0
 
     def measure(self, state: FrameState, seen: Array) -> list[WallMeasurement]:
         """Return the measurements of all walls for angles [rad], shape (N,), NaN if unseen."""
@@ -85,7 +90,7 @@ class ShapeMeasurementModel:
         turned = (state.twists if spinner else state.upright) < 0
         theta = staggered(math.pi - seen if turned else seen)
         walls = [
-            _ShapeFit(self._of_charge[charge][0], charge, site, 1.0, 0.0, 0.0)
+            _ShapeFit(self._of_charge[charge][0], charge, site, 1.0, 0.0)
             for site, charge in borders
         ]
         walls = self._fitted(theta, walls, scanned=True)
@@ -98,16 +103,12 @@ class ShapeMeasurementModel:
             walls = self._fitted(theta, walls, scanned=False)
         parts = []
         for wall in walls:
-            first, own = self._isolated(theta, walls, wall)
-            residuals = self._residuals(own, first, wall, wall.site)
-            if self._explains(wall, first, residuals):
-                parts.append((wall, first, residuals))
-        before, self._before = self._before, np.full(len(theta), math.nan)
+            first, view = self._linearise(theta, walls, wall)
+            if self._explains(wall, first, view):
+                parts.append((wall, first, view))
         if parts:
-            self._learn(np.concatenate([residuals for *_, residuals in parts]), len(parts))
-        for _, first, residuals in parts:
-            self._before[np.arange(first, first + len(residuals)) % len(theta)] = residuals
-        return [self._measurement(*part, before) for part in parts]
+            self._learn(parts)
+        return [self._measurement(wall, view) for wall, _, view in parts]
 
     def _borders(self, state: FrameState) -> list[tuple[float, int]]:
         first, second = state.first**2, state.second**2
@@ -116,18 +117,29 @@ class ShapeMeasurementModel:
         find = ring_borders if self._line.periodic else domain_borders
         return find(polarised, self._domain)
 
-    def _explains(self, wall: _ShapeFit, first: int, residuals: Array) -> bool:
-        """Return whether a fitted wall matches its rotors better than random angles.
-
-        The rotors in the core of the wall must also match better.
-        """
+    def _linearise(
+        self, theta: Array, walls: Sequence[_ShapeFit], wall: _ShapeFit
+    ) -> tuple[int, LinearisedMeasurement]:
+        """Return the first rotor near a fitted wall, and the measurement by the rotors near it."""
+        first, own = self._isolated(theta, walls, wall)
+        residuals = self._residuals(own, first, wall, wall.site)
+        tangent = tangent_of(first, len(own), wall.shape.table, wall.site, wall.stretch)
+        arc = wall.site * self._arc
         variance = min(self._variance, self._largest)
-        if self._likelihood.over_random(residuals, variance) < self._evidence:
-            return False
-        if not self._likelihood.fits(residuals, first, wall.site, math.sqrt(variance)):
-            return False
-        beside = np.abs(np.arange(first, first + len(residuals)) - wall.site)
-        return self._likelihood.over_random(residuals[beside < _CORE], self._largest) >= 0
+        return first, self._likelihood.linearise(arc, 0, tangent / self._arc, residuals, variance)
+
+    @property
+    def _variance(self) -> float:
+        return self._residual.of_rotor() if self._residual.frames else self._coarse
+
+    def _explains(self, wall: _ShapeFit, first: int, view: LinearisedMeasurement) -> bool:
+        """Return whether a fitted wall matches its rotors better than random angles."""
+        likelihood, noise = self._likelihood, self._residual.noise.deviation
+        return (
+            view.likelihood - view.random >= self._evidence
+            and likelihood.fits(view.residuals, first, wall.site, noise)
+            and likelihood.explains(view, self._largest)
+        )
 
     def _isolated(
         self, theta: Array, walls: Sequence[_ShapeFit], wall: _ShapeFit
@@ -173,41 +185,44 @@ class ShapeMeasurementModel:
                 self._bound,
                 self._shapes.stretches,
             )
-            found.append(_ShapeFit(shape, wall.charge, *fit))
+            site, stretch, _, information = fit
+            found.append(_ShapeFit(shape, wall.charge, site, stretch, information))
         return found
 
-    def _learn(self, residuals: Array, walls: int) -> None:
-        sizes = np.abs(residuals[np.isfinite(residuals)])
-        if len(sizes) < 4 * walls:
-            return
-        self._frames += 1
-        gain = 1 / min(self._frames, self._noise.recent_frames)
-        seen = robust_deviation(sizes) ** 2 * len(sizes) / (len(sizes) - 2 * walls)
-        self._variance += gain * (seen - self._variance)
-        self._variance = max(self._variance, self._noise.least_noise**2)
+    def _learn(self, parts: list[tuple[_ShapeFit, int, LinearisedMeasurement]]) -> None:
+        """Update the noise with the residuals of all walls together."""
+        tangent, inlying = np.zeros((2, self._line.rotors))
+        for _, first, view in parts:
+            rotors = np.arange(first, first + len(view.tangent)) % self._line.rotors
+            inlying[rotors] = view.inlying
+            tangent[rotors] = view.tangent / math.sqrt(max(view.information, LEAST_INFORMATION))
+        views = [view for *_, view in parts]
+        self._residual.learn(
+            views[0]._replace(
+                first=0,
+                tangent=tangent,
+                inlying=inlying,
+                squares=sum(each.squares for each in views),
+                degrees_of_freedom=sum(each.degrees_of_freedom for each in views),
+            )
+        )
 
-    def _measurement(
-        self, wall: _ShapeFit, first: int, residuals: Array, before: Array
-    ) -> WallMeasurement:
-        line, variance, information = self._line, self._variance, wall.site_information
+    def _measurement(self, wall: _ShapeFit, view: LinearisedMeasurement) -> WallMeasurement:
+        line, residual = self._line, self._residual
         width = math.nan, math.nan
         clear = line.edge_distance(wall.site) >= 2 * line.width
         if self._shapes.stretches and clear and wall.stretch_information > 0:
-            deviation = math.sqrt(variance / wall.stretch_information)
+            deviation = math.sqrt(residual.of_rotor() / wall.stretch_information)
             width = self._shapes.width * wall.stretch, self._shapes.width * deviation
-        earlier = before[np.arange(first, first + len(residuals)) % len(before)]
-        product, noise = persistence(
-            residuals, earlier, first, wall.shape.table, wall.site, wall.stretch
-        )
-        scale = 1 / max(information, 1e-12)
+        variance = math.nan
+        if view.information > LEAST_INFORMATION:
+            variance = residual.of_arc(view._replace(unseen_share=0.0)) / self._arc**2
         return WallMeasurement(
             rotor=line.wrap(wall.site),
-            deviation=math.sqrt(variance / information) if information > 0 else math.nan,
+            deviation=math.sqrt(variance),
             charge=wall.charge,
             width=width,
-            persistent=product * scale,
-            noise=noise * (variance * scale) ** 2,
-            elastic=self._elastic * scale,
+            bias=residual.noise.excess / self._arc**2,
             pinning=self._shapes.pinning_speed if wall.charge < 0 else 0.0,
         )
 

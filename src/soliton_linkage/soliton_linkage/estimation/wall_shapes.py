@@ -232,28 +232,15 @@ def fit_about(
     return site, stretch, sums
 
 
-@compiled(const_f8_1d, const_f8_1d, i8, _TABLE, f8, f8)
-def persistence(
-    residuals: Array, previous: Array, first: int, table: WallTable, site: float, stretch: float
-) -> tuple[float, float]:
-    """Return the mean product of residuals in two frames [rad^2], and the variance [sigma^4].
-
-    The weights are the squared slopes; sigma is the noise of an angle.
-    """
-    whole, squares, product = 0.0, 0.0, 0.0
-    for k in range(residuals.size):
-        apart = residuals[k] * previous[k]
-        if not math.isfinite(apart):
-            continue
+@compiled(i8, i8, _TABLE, f8, f8)
+def tangent_of(first: int, count: int, table: WallTable, site: float, stretch: float) -> Array:
+    """Return the derivatives of the angles of rotors by the site [rad / rotor spacing], (n,)."""
+    tangent = np.empty(count)
+    for k in range(count):
         n = first + k
-        _, moves = _shape(table, n % 2, (n - site) / stretch)
-        share = moves * moves
-        whole += share
-        squares += share * share
-        product += share * apart
-    if whole <= 0:
-        return 0.0, 0.0
-    return product / whole, squares / (whole * whole)
+        _, slope = _shape(table, n % 2, (n - site) / stretch)
+        tangent[k] = -slope / stretch
+    return tangent
 
 
 _POINTS = 16

@@ -116,12 +116,6 @@ class WallFrame:
         return int(np.sign(np.sum(wrapped(steps))))
 
 
-_MEMORY, _SIGNIFICANCE = 100, 3.0
-"""Number of frames in the mean of persistent residuals [1], and threshold of a significant mean
-[standard deviations]."""
-_AVERAGED = 20
-"""Number of frames over which the variance of a fit is averaged [1], because a wall has few
-rotors."""
 _FORCE = 0.6
 """Process noise of the rate of a fast anti-kink, divided by u^4 / v [1]. v is its speed, and u its
 speed at the energy barrier. The value is f^2 / 2 for f = pi / sqrt(8), the root mean square force
@@ -139,12 +133,8 @@ class WallMeasurement(NamedTuple):
     """Charge of the wall, +1 or -1."""
     width: tuple[float, float] = (math.nan, math.nan)
     """Width of the wall [m] and standard deviation of the width [m], NaN if unknown."""
-    persistent: float = 0.0
-    """Estimated variance of the site due to persistent residuals [rotor spacings^2]."""
-    noise: float = 0.0
-    """Variance of `persistent` due to noise [rotor spacings^4]."""
-    elastic: float = 0.0
-    """Prior variance of the site due to the deformation by springs [rotor spacings^2]."""
+    bias: float = 0.0
+    """Variance of a persistent error of the site [rotor spacings^2]."""
     pinning: float = 0.0
     """Speed at which the kinetic energy of the wall equals the energy barrier between two sites
     [rotor spacings / s]."""
@@ -180,7 +170,7 @@ class WallTrack:
         self.was_free = False
         """Whether the wall was far from edges and other walls in the preceding frame."""
         self._motion: MultipleModelFilter | None = None
-        self._variance = self._persistent = self._noise = self._pinning = 0.0
+        self._variance = self._pinning = 0.0
 
     @property
     def is_seen(self) -> bool:
@@ -223,8 +213,8 @@ class WallTrack:
             self.deviation, self.rate_deviation = wall.site_deviation, wall.site_rate_deviation
             self._motion, self._variance = None, 0.0
             return
-        one = measured.deviation**2 if math.isfinite(measured.deviation) else self._line.width**2
-        self._variance += (one - self._variance) / min(self.frames, _AVERAGED)
+        known = math.isfinite(measured.deviation)
+        self._variance = (measured.deviation if known else self._line.width) ** 2
         variance = max(self._variance, 1e-12) * self._arc**2
         if self._motion is None:
             arc, given = measured.rotor * self._arc, self._settings.filter
@@ -237,23 +227,14 @@ class WallTrack:
         self.rotor, self.rate = self._line.wrap(arc / self._arc), rate / self._arc
         # Only the motion of the wall reduces the error due to persistent residuals, while more
         # frames at the same site do not. Therefore add the variance of this error here.
-        persistent = self._persistent_variance(measured)
-        of_rate += persistent * (rate / self._settings.filter.bias_way) ** 2
-        self.deviation = math.sqrt(of_arc / self._arc**2 + persistent)
+        of_rate += measured.bias * (rate / self._settings.filter.bias_way) ** 2
+        self.deviation = math.sqrt(of_arc / self._arc**2 + measured.bias)
         self.rate_deviation = math.sqrt(of_rate) / self._arc
-
-    def _persistent_variance(self, measured: WallMeasurement) -> float:
-        gain = 1 / min(self.frames, _MEMORY)
-        self._persistent += gain * (measured.persistent - self._persistent)
-        self._noise += gain * (measured.noise - self._noise)
-        significant = self._persistent > _SIGNIFICANCE * math.sqrt(gain * self._noise)
-        elastic = measured.elastic * math.exp(-self.frames / self._settings.tracking.settled)
-        return elastic + (self._persistent if significant else 0.0)
 
     def stop(self) -> None:
         """Discard the estimated motion of the wall."""
         self._motion, self.frames = None, 0
-        self._variance = self._persistent = self._noise = 0.0
+        self._variance = 0.0
         self.rate = math.nan
 
 
