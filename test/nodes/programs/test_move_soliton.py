@@ -69,7 +69,7 @@ def test_interrupted_it_stops_the_soliton(graph, start):
     assert program.process.returncode == 130
     assert program.said[-1] in (
         'cancelled; soliton_steering brings the soliton to rest',
-        f'the soliton is held at rotor {rotor():.3f}',
+        f'the soliton is held at rotor {rotor():.2f}',
     )
     reports = graph.reports('soliton_steering')
     graph.until(

@@ -345,13 +345,13 @@ class Steering:
             return self._ended(
                 Outcome.NOT_HELD,
                 f'the soliton does not settle within {self.settings.tolerance:g} rotor spacings '
-                f'of rotor {self.orbit.site(trajectory.goal):.3f}; it is held at {self._here}',
+                f'of rotor {self.orbit.site(trajectory.goal):.2f}; it is held at {self._here}',
             )
         return None
 
     @property
     def _here(self) -> str:
-        return 'an unknown position' if self.wall is None else f'rotor {self.wall.site:.3f}'
+        return 'an unknown position' if self.wall is None else f'rotor {self.wall.site:.2f}'
 
     def _ended(self, outcome: Outcome, message: str) -> MoveResult:
         self._moving = False

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import os
 import time
 from pathlib import Path
@@ -29,6 +30,10 @@ _POLL_INTERVAL = 0.05
 """Poll interval for the reports of a recorder and for states [s]."""
 _LONGEST_ANALYSIS = 5.0
 """Longest wait for the last frame's soliton_state when a recording stops [s]."""
+_MOST_STEPS = 20
+"""Largest number of messages that a paused replay plays to show a frame and its state [1]."""
+_STEP_INTERVAL = 0.02
+"""Time between two such messages [s], in which the page receives a message."""
 _RESULTS = {
     'pause': 'paused',
     'resume': 'resumed',
@@ -246,7 +251,26 @@ class BagReplay(_BagProgram):
             return await self.play(self.bag.name, at)
         request = service_type('Seek').Request(time=time_to_msg(self.bag.stamp_of(at)))
         await self._request(commands, REPLAY, 'seek', request)
-        return f'continued at {at:.1f} s'
+        if not self.paused:
+            return f'continued at {at:.1f} s'
+        await self._show_frame(commands)
+        return f'paused at {at:.1f} s'
+
+    async def _show_frame(self, commands: ChainCommands) -> None:
+        """Play messages of a paused replay until they contain a frame and its state."""
+        chain = self._finder.chains.get(self.namespace)
+        if chain is None:
+            return
+        before, state, first = chain.newest_frame, chain.newest_state, 0
+        for _ in range(_MOST_STEPS):
+            # The player rejects a step while it reads the bag at the new time.
+            with contextlib.suppress(ValueError):
+                await self._request(commands, REPLAY, 'play_next')
+            await asyncio.sleep(_STEP_INTERVAL)
+            if chain.newest_frame != before:
+                first = first or chain.newest_frame
+                if chain.newest_state != state and chain.newest_state >= first:
+                    return
 
     async def set_rate(self, commands: ChainCommands, rate: float) -> str:
         """Set the speed of the replay relative to the recorded speed [1]."""

@@ -127,7 +127,7 @@ class ChainTopics:
         self.publishers = 0
         self.kick: LastKick | None = None
         self.kicks = 0
-        self.newest_frame = self._newest_state = 0
+        self.newest_frame = self.newest_state = 0
         self._chain = subscribe_newest(node, interfaces.CHAIN, f'{namespace}chain')
         self._joints = NewestFrame(node, f'{namespace}joint_states')
         self._states = subscribe_newest(
@@ -158,8 +158,8 @@ class ChainTopics:
                 self.model.error = f'chain: {error}'
         for serialized, _ in self._states.waiting():
             try:
-                self._newest_state = stamp_of(serialized)
-                self._analysed[self._newest_state] = serialized
+                self.newest_state = stamp_of(serialized)
+                self._analysed[self.newest_state] = serialized
                 self._state_at = time.monotonic()
             except ValueError as error:
                 self.model.error = f'soliton_state: {error}'
@@ -180,7 +180,7 @@ class ChainTopics:
     def is_analysed(self, stamp: int) -> bool:
         """Return whether the state of a stamp [ns] has arrived or no analyser publishes states."""
         silent = time.monotonic() - self._state_at > _SILENCE
-        return silent or self._newest_state >= stamp
+        return silent or self.newest_state >= stamp
 
     def _show_frame(self, fresh: bool) -> None:
         """Show the newest frame and state with equal stamps or, after a long wait, any stamps."""

@@ -130,6 +130,7 @@ class Laboratory:
             await self._until(lambda: self._ready(DISORDERED), 'the disordered chain to start')
             self._watch(DISORDERED)
             other = Laboratory(self._view, DISORDERED, self._watch)
+            await other._connect()
             try:
                 passage = await other._send(_SPEED)
             except TimeoutError:
@@ -156,6 +157,16 @@ class Laboratory:
         await self._reset()
         await self._kick(speed)
         return await self._passage()
+
+    async def _connect(self) -> None:
+        """Wait until a kick is accepted, because a new actuator is not connected at once."""
+        deadline = time.monotonic() + _TIMEOUT
+        while True:
+            try:
+                return await self._kick(_SPEED)
+            except ValueError:
+                if time.monotonic() > deadline:
+                    raise
 
     async def _reset(self) -> None:
         await self._view.commands(self._namespace).reset('initial')

@@ -53,7 +53,8 @@ class LessonControls:
         self._running, answer.text = True, 'measuring …'
         try:
             laboratory = Laboratory(self._view, self._page.namespace, self._watch)
-            answer.text = await experiment.carry_out(laboratory)
+            measured = await experiment.carry_out(laboratory)
+            answer.text = measured.replace('-', '−')
         except (TimeoutError, ValueError) as error:
             answer.text = ''
             raise ValueError(str(error)) from error
@@ -164,7 +165,9 @@ class Page:
         with ui.tabs().props('dense no-caps align=justify inline-label') as tabs:
             self._tabs = {name: ui.tab(name) for name in (*_TABS, _LESSON)}
         self._tab_row = tabs
-        ui.html('<div class="live-answer" id="live-answer"></div>', sanitize=False)
+        ui.html('<div class="live-answer" id="live-answer"></div>', sanitize=False).classes(
+            'live-answer-area'
+        )
         with ui.tab_panels(tabs, value='Drive', animated=False, keep_alive=True).classes(
             'live-panels'
         ):

@@ -26,6 +26,8 @@ _FRAMES_BEHIND = 2
 """Delay of soliton_state [frames] above which the page warns; one frame is always in transit."""
 _LATE = re.compile('deadlines missed in the last second')
 """Pattern of the warning that the page replaces by the share of late frames."""
+_PAUSED = re.compile(f'{_LATE.pattern}|^(waiting for joint_states|no soliton)')
+"""Pattern of warnings that a paused simulation causes, or that the page replaces."""
 _ACTUATOR = 'start edge_actuator'
 _SIMULATOR = 'only a simulator can do this; no simulator of this chain is running'
 _STEERING = 'no node serves {}; start soliton_steering'
@@ -78,18 +80,21 @@ def health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
     figures: Mapping[str, str] = {}
     lost: int | None = None
     warnings, paused, replay = [], False, ''
-    for age, report in reports_of(finder, chain.namespace):
-        name = report.node.rpartition('/')[2]
+    reports = reports_of(finder, chain.namespace)
+    for age, report in reports:
         if 'missed deadlines' in report.figures:
             figures = report.figures
             paused = report.message.startswith('paused') and age < REPORT_TIMEOUT
+    expected = _PAUSED if paused else _LATE
+    for age, report in reports:
+        name = report.node.rpartition('/')[2]
         if name == 'bag_player' and age < REPORT_TIMEOUT:
             replay = report.figures.get('bag', '').rpartition('/')[2]
         losses = figure(report.figures, 'lost messages')
         lost = lost if math.isnan(losses) else (lost or 0) + int(losses)
         if age > REPORT_TIMEOUT and name not in _ENDING:
             warnings.append(f'{name} has not reported for {age:.0f} s')
-        elif age <= REPORT_TIMEOUT and report.level and not _LATE.search(report.message):
+        elif age <= REPORT_TIMEOUT and report.level and not expected.search(report.message):
             warnings.append(f'{name}: {report.message}')
     if chain.publishers > 1:
         warnings.append(f'{chain.publishers} nodes publish joint_states; stop all but one')

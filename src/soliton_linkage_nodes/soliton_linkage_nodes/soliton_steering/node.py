@@ -281,7 +281,7 @@ class SolitonSteering(ManagedNode):
         site = self.site
         message = (
             f'another goal, rotor {handle.request.rotor:g}, replaced this one when the soliton '
-            f'was at rotor {site:.3f}'
+            f'was at rotor {site:.2f}'
         )
         self.server.conclude(MoveResult(Outcome.PREEMPTED, message, site))
         self.server.begin(handle, site)
@@ -333,7 +333,7 @@ class SolitonSteering(ManagedNode):
         self.chain.steering.release()
         self._joint_states.dispatch(False)
         self._send(np.zeros(self.chain.named.rotors))
-        where = '' if math.isnan(site) else f', at rotor {site:.3f}'
+        where = '' if math.isnan(site) else f', at rotor {site:.2f}'
         message = f'{reason}; the soliton is released{where}'
         self.get_logger().info(message)
         self.server.conclude(MoveResult(outcome, message, site))

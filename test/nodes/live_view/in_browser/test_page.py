@@ -11,7 +11,9 @@ import pytest
 from live_stage import PLACE, ROTORS, Stage, Visit, until
 from matplotlib import colormaps
 
+from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_nodes.live_view.node import LiveView
+from soliton_linkage_nodes.live_view.sharing import shared_page
 from soliton_linkage_nodes.live_view.view import View
 from soliton_linkage_studies import palette
 from soliton_linkage_studies.drawing import lean_norm
@@ -220,6 +222,45 @@ def test_the_first_steps_go_on_with_each_success(at_rest: Visit) -> None:
     visit.has_text('move', 'reached')
     visit.page.get_by_label('hide the first steps').click()
     visit.wait('document.getElementById("live-guide").hidden')
+
+
+def test_the_answer_is_visible_beside_the_last_control(visit: Visit) -> None:
+    visit.resize(1280, 720)
+    visit.tab('Drive')
+    visit.page.locator('#live-wave').scroll_into_view_if_needed()
+    visit.js("live.answers.show({id: 1, name: 'Test', answer: 'the answer', good: false})")
+    box = visit.page.locator('#live-answer').bounding_box()
+    panel = visit.page.locator('.live-controls').bounding_box()
+    assert panel['y'] <= box['y'] < panel['y'] + panel['height']
+    visit.resize(1400, 1000)
+
+
+def test_a_shared_kymograph_is_drawn_at_the_times_of_its_frames(
+    visit: Visit, stage: Stage
+) -> None:
+    # Frames of a busy computer are not equidistant.
+    chain = Chain(number_of_rotors=4)
+    times = np.array([0.0, 0.1, 0.2, 0.3, 1.0, 1.1])
+    leans = np.where(times < 0.25, 1, -1)
+    angles = np.array([chain.uniform_state(lean) for lean in leans])
+    path = stage.folder / 'uneven.html'
+    path.write_text(shared_page('uneven', chain, times, angles, [[]] * 6), encoding='utf-8')
+    opened = visit.page.context.new_page()
+    opened.goto(path.as_uri())
+    opened.wait_for_function('() => window.shared')
+    columns = opened.evaluate(
+        """(() => { const { image, span } = shared;
+        const { data } = image.getContext('2d').getImageData(0, 0, image.width, 1);
+        return Array.from({ length: image.width }, (_, n) => [
+          span[0] + ((n + 0.5) / image.width) * (span[1] - span[0]),
+          ...data.slice(4 * n, 4 * n + 3)]);
+        })()"""
+    )
+    first, last = columns[0][1:], columns[-1][1:]
+    assert first != last
+    for time, *colour in columns:
+        assert colour == (first if time < 0.25 else last), time
+    opened.close()
 
 
 def test_each_panel_explains_itself_and_links_to_the_documentation(visit: Visit) -> None:

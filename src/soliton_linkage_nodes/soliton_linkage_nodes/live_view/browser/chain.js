@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Drawing of the chain to scale, and control of the chain by mouse, finger or keys.
 
-import { Canvas, finite, leanColour, scaled, theme, ticks } from './drawing.js';
+import { Canvas, finite, leanColour, scaled, theme, ticks, uncertain } from './drawing.js';
 import { solitonsOf } from './frames.js';
 
 const NEAR = 22; // largest distance from the pointer to a rotor that is grabbed [pixels]
@@ -294,8 +294,7 @@ export class ChainView {
     const parts = [`${frame.rotors} rotors`];
     if (chain.motion) parts.unshift(chain.motion);
     if (Number.isFinite(frame.rotor)) {
-      const deviation = frame.position_deviation / this.spacing;
-      parts.push(`soliton at rotor ${finite(frame.rotor)} ± ${finite(deviation, 3)}`);
+      parts.push(`soliton at rotor ${uncertain(frame.rotor, frame.position_deviation / this.spacing)}`);
       parts.push(`${finite(frame.velocity / this.spacing, 1)} rotors/s`);
     }
     if (frame.extensions.length) parts.push(`spring extensions up to ±${scaled(this.stretch, 'm')}`);

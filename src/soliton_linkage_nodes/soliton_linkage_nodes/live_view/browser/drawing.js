@@ -63,6 +63,11 @@ export function finite(value, digits = 2, unit = '') {
   return `${value.toFixed(digits).replace(/^-(0\.?0*)$/, '$1').replace('-', '−')}${unit}`;
 }
 
+// Returns a site and its standard deviation [rotor spacings].
+export function uncertain(site, deviation) {
+  return `${finite(site)} ± ${deviation < 1e-3 ? '<0.001' : finite(deviation, 3)}`;
+}
+
 // Returns a number and its unit with an SI prefix, such as 1.20 mJ.
 export function scaled(value, unit) {
   if (!Number.isFinite(value)) return '–';

@@ -236,10 +236,11 @@ class Live {
   // Updates texts and warnings ten times a second.
   refresh() {
     this.answers.refresh();
-    this.refreshHealth();
     const index = this.chains.findIndex((chain) => chain.name === this.watched);
     const newest = this.frames.get(index);
-    this.refreshWarning(index, newest);
+    const age = newest ? newest.frame.age + (performance.now() - newest.arrival) / 1000 : 0;
+    this.refreshHealth(age > SILENCE);
+    this.refreshWarning(index, newest, age);
     this.camera.refresh(this.statusOf(this.watched).camera || '');
     if (!newest) return;
     const chain = this.known(index);
@@ -257,16 +258,16 @@ class Live {
     this.refreshReplay(chain, frame);
   }
 
-  refreshHealth() {
+  refreshHealth(silent) {
     const { health, replay } = this.statusOf(this.watched);
     const parts = [];
     const add = (text, kind = '', title = '') => parts.push([text, kind, title]);
     if (health) {
       if (replay) add(`replay of ${this.status.replay ? this.status.replay.bag : 'a bag'}`, 'badge');
       else if (health.replay) add(`replay of ${health.replay}`, 'badge');
-      if (health.rate) add(`${health.rate} frames/s`);
-      if (health.factor) add(`${Number(health.factor).toFixed(2)} × real time`);
-      if (health.late !== null) add(`${(100 * health.late).toFixed(0)} % late frames`, health.late > LATE ? 'late' : '', LATE_MEANING);
+      if (health.rate && !silent) add(`${health.rate} frames/s`);
+      if (health.factor && !silent) add(`${Number(health.factor).toFixed(2)} × real time`);
+      if (health.late !== null && !silent) add(`${(100 * health.late).toFixed(0)} % late frames`, health.late > LATE ? 'late' : '', LATE_MEANING);
       if (health.lost) add(`${health.lost} lost messages`, 'warning');
     }
     if (this.status.recorder) add(`● recorder: ${this.status.recorder.message}`);
@@ -283,14 +284,13 @@ class Live {
   }
 
   // Warns if the shown frame is so old that it does not show the present state.
-  refreshWarning(index, newest) {
+  refreshWarning(index, newest, age) {
     const banner = element('stale');
     const silence = (performance.now() - this.received) / 1000;
     let text = '';
     let expected = false;
     if (silence > SILENCE) text = `no message from live_view for ${silence.toFixed(1)} s`;
     else if (this.watched !== ALL && newest) {
-      const age = newest.frame.age + (performance.now() - newest.arrival) / 1000;
       const { paused, status } = this.known(index);
       const replay = status.replay && this.status.replay;
       const ended = replay && (replay.ended || replay.position > replay.duration - END);
@@ -299,7 +299,7 @@ class Live {
         expected = Boolean(paused || replay);
         text = ended ? 'end of the replay' : `no joint_states for ${age.toFixed(1)} s`;
         if (replay && !ended) text = `the bag contains no joint_states for ${age.toFixed(1)} s`;
-        if (paused) text = `paused, ${text}`;
+        if (paused) text = replay ? 'paused' : `paused, ${text}`;
       }
     }
     banner.hidden = !text;

@@ -2,7 +2,7 @@
 // Plots beside the chain: lean, kymograph, cycle, energies, topology and the time line.
 
 import { triangle } from './chain.js';
-import { Canvas, REST, axes, finite, leanColour, leanPixel, line, scaled, theme } from './drawing.js';
+import { Canvas, REST, axes, finite, leanColour, leanPixel, line, theme, uncertain } from './drawing.js';
 import { SPAN, Track, solitonsOf } from './frames.js';
 
 const NO_STATE = 'no recent soliton_state; start soliton_analyser if it does not run';
@@ -62,7 +62,7 @@ export class LeanPlot extends Plot {
   note(frame, chain) {
     if (!analysed(frame)) return frame.rotors ? 'no soliton_state' : '';
     if (!(frame.walls > 0)) return 'no soliton';
-    return `soliton at ${finite(frame.rotor)} ± ${finite(frame.position_deviation / (chain.spacing || 1), 3)}`;
+    return `soliton at ${uncertain(frame.rotor, frame.position_deviation / (chain.spacing || 1))}`;
   }
 }
 
@@ -138,6 +138,7 @@ export class Dial extends Plot {
     const radius = Math.max(30, Math.min(canvas.width / 2 - 62, canvas.height / 2 - 14));
     const [x, y] = [canvas.width / 2, canvas.height / 2];
     const angle = (phase) => phase - Math.PI / 2;
+    const roomy = radius > 45; // whether the word fits below the number
     c.lineWidth = Math.min(16, radius / 3);
     c.textAlign = 'center';
     for (let n = 0; n < legs; n += 1) {
@@ -155,11 +156,10 @@ export class Dial extends Plot {
     c.fillStyle = look.ink;
     if (Number.isFinite(frame.phase)) {
       const [cos, sin] = [Math.cos(angle(frame.phase)), Math.sin(angle(frame.phase))];
-      const ends = [0.45 * radius, radius + 8].map((r) => [x + r * cos, y + r * sin]);
+      const ends = [roomy ? Math.max(0.45 * radius, 32) : 0.45 * radius, radius + 8].map((r) => [x + r * cos, y + r * sin]);
       line(c, ends, look.ink, 4);
     }
     c.font = `bold ${Math.round(Math.min(26, radius / 2))}px system-ui, sans-serif`;
-    const roomy = radius > 45; // whether the word fits below the number
     c.fillText(Number.isFinite(frame.phase) ? finite(frame.completed, 0) : '–', x, roomy ? y - 8 : y);
     if (!roomy) return;
     c.font = SMALL;
@@ -184,6 +184,7 @@ export class EnergyPlot extends Plot {
     track.energies.forEach((series) => series.forEach((value) => { if (value > largest) largest = value; }));
     largest *= 1.15;
     const power = Math.min(0, 3 * Math.floor(Math.log10(largest) / 3));
+    this.power = power;
     this.unit = { 0: 'J', '-3': 'mJ', '-6': 'µJ', '-9': 'nJ', '-12': 'pJ' }[power] || 'J';
     const { toX, toY, left, top, w, h } = axes(canvas, look, {
       x: [-SPAN, 0], y: [0, largest / 10 ** power], xLabel: 'time [s]', yLabel: `E [${this.unit}]`,
@@ -206,7 +207,10 @@ export class EnergyPlot extends Plot {
   note(frame) {
     // Noise can make the estimate slightly negative.
     const sum = Math.max(0, frame.kinetic + frame.elastic);
-    return Number.isFinite(sum) ? `total ${scaled(sum, 'J')}` : '';
+    if (!Number.isFinite(sum) || !this.unit) return '';
+    // The unit is that of the axis. Much smaller values are rounding errors.
+    const shown = sum / 10 ** this.power;
+    return `total ${shown < 1e-3 ? 0 : shown.toPrecision(3)} ${this.unit}`;
   }
 }
 

@@ -5,6 +5,7 @@ import { ChainView } from './chain.js';
 import { Canvas, axes, finite, leanPixel, leanScale, line, setText, theme } from './drawing.js';
 import { LeanPlot } from './plots.js';
 
+const FILLED_GAP = 0.8; // longest time without a frame that the kymograph fills [s]
 const shared = (id) => document.getElementById(`live-share-${id}`);
 
 function unpacked(text) {
@@ -31,7 +32,10 @@ class SharedRun {
     this.image = this.paint();
     this.listen();
     new ResizeObserver(() => this.draw()).observe(document.body);
-    matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => this.draw());
+    const darkness = matchMedia('(prefers-color-scheme: dark)');
+    const adapt = () => { document.body.classList.toggle('body--dark', darkness.matches); this.draw(); };
+    darkness.addEventListener('change', adapt);
+    adapt();
   }
 
   lengths(n) { return this.chain.rotor_lengths.length ? this.chain.rotor_lengths[n] : this.chain.rotor_length; }
@@ -64,14 +68,19 @@ class SharedRun {
     return from.length && to.length ? ((to[0] - from[0]) / (this.times[b] - this.times[a])) * this.chain.spacing : NaN;
   }
 
-  // Returns the kymograph of all frames, one column each.
+  // Returns the kymograph. Each column is the frame nearest to the column's time, because frames of
+  // a busy computer are not equidistant.
   paint() {
-    const image = Object.assign(document.createElement('canvas'), { width: this.times.length, height: this.rotors });
+    const [from, to] = this.span;
+    const image = Object.assign(document.createElement('canvas'), { width: 2 * this.times.length, height: this.rotors });
     const context = image.getContext('2d');
     const data = context.createImageData(image.width, image.height);
     const pixels = new Uint32Array(data.data.buffer);
-    for (let n = 0; n < this.times.length; n += 1) {
-      const angles = this.frameAngles(n);
+    for (let n = 0; n < image.width; n += 1) {
+      const time = from + ((n + 0.5) / image.width) * (to - from);
+      const nearest = this.at(time);
+      if (Math.abs(this.times[nearest] - time) > FILLED_GAP / 2) continue;
+      const angles = this.frameAngles(nearest);
       for (let i = 0; i < this.rotors; i += 1) {
         pixels[(this.rotors - 1 - i) * image.width + n] = leanPixel(this.chain.lean(this.lengths(i) * Math.sin(angles[i])));
       }
@@ -99,6 +108,8 @@ class SharedRun {
     const frame = this.frame(this.n);
     const time = this.times[this.n];
     this.view.show(frame, this.chain);
+    // The colour scale of the springs belongs to the shown frame only.
+    this.view.stretch = 0;
     this.view.draw();
     this.lean.draw(frame, this.chain);
     this.drawKymograph(time);
@@ -127,9 +138,8 @@ class SharedRun {
     this.box = box;
     this.clipped(canvas, box, (c) => {
       c.imageSmoothingEnabled = false;
-      const [from, to] = [this.at(shown[0]), this.at(shown[1])];
-      const [x0, x1] = [box.toX(this.times[from]), box.toX(this.times[to])];
-      c.drawImage(this.image, from, 0, Math.max(to - from, 1), this.rotors, x0, box.top, Math.max(x1 - x0, 1), box.h);
+      const [x0, x1] = this.span.map(box.toX);
+      c.drawImage(this.image, x0, box.top, x1 - x0, box.h);
       const points = Array.from(this.times, (t, n) => [box.toX(t), box.toY(this.solitons[n].length ? this.solitons[n][0] : NaN)]);
       line(c, points, '#ffffff', 5);
       line(c, points, '#000000', 2.2);
@@ -221,5 +231,4 @@ class SharedRun {
   }
 }
 
-if (window.matchMedia('(prefers-color-scheme: dark)').matches) document.body.classList.add('body--dark');
 window.shared = new SharedRun(JSON.parse(document.getElementById('share-data').textContent));

@@ -326,10 +326,12 @@ class RunControls(ChainControls):
             offered = {
                 factor: f'{factor:g} ×' if factor else 'as fast as possible' for factor in _FACTORS
             }
-            factor = ui.select(offered, value=1.0, label='real-time factor')
+            factor = ui.select(offered, label='new real-time factor')
             factor.props('dense outlined id=live-factor').classes('live-wide')
 
             async def change() -> str:
+                if factor.value is None:
+                    raise ValueError('no real-time factor is selected; select one first')
                 commands = self._commands
                 node = f'{commands.namespace}simulator'
                 known = {p.name: p for p in await commands.parameters(node)}

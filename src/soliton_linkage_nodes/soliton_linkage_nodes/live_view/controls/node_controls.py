@@ -155,9 +155,7 @@ class ParameterControls:
         async def change(event: Any) -> None:
             commands = self._view.commands(self._page.namespace)
             value = event.value if hasattr(event, 'value') else entry.value
-            changed = await attempt(
-                parameter.name, lambda: commands.set_parameter(node, parameter, value)
-            )
+            changed = await attempt('Set', lambda: commands.set_parameter(node, parameter, value))
             if not changed:
                 # The answer keeps showing the reason of the rejection.
                 with contextlib.suppress(ValueError, OSError):

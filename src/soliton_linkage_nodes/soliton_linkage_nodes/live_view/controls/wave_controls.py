@@ -133,7 +133,7 @@ class WaveControls(ChainControls):
         self._slider.style(
             f'background: linear-gradient(to right, transparent {first:.1f}%, '
             f'#e69f0066 {first:.1f}%, #e69f0066 {second:.1f}%, transparent {second:.1f}%) '
-            '0 0 / 100% 34px no-repeat content-box'
+            '0 0 / 100% 28px no-repeat content-box'
         )
         self._band.text = (
             f'Phonon band, shaded: {low:.3g} to {high:.3g} rad/s. '
