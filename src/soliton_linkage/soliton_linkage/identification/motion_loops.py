@@ -52,7 +52,10 @@ spring = compile_loop(spring_between, inlined=True)
 def accelerate(
     table: Array, forces: Array, angles: Array, rates: Array, work: Array, direct: Array
 ) -> None:
-    """Set accelerations and derivatives for given angles [rad] and rates [rad/s], (N,) each."""
+    """Set accelerations and derivatives for given angles [rad] and rates [rad/s], (N,) each.
+
+    If `direct` is empty, only the accelerations are set.
+    """
     rotors, values, inertias = angles.size, work[ACCELERATION], table[INERTIA]
     gravity = forces[ALONG] != 0.0 or forces[DOWN] != 0.0
     for n in range(rotors):
@@ -67,6 +70,7 @@ def accelerate(
             work[FALL, n] = (forces[DOWN] * s + forces[ALONG] * c) / table[R, n]
             values[n] += inertias[n] * work[FALL, n]
             work[MAIN, n] = inertias[n] / table[R, n] * (forces[DOWN] * c - forces[ALONG] * s)
+    derivatives = direct.size > 0
     direct[:rotors] = 0.0
     work[BELOW, 0] = work[ABOVE, rotors - 1] = 0.0
     s, c = math.sin(angles[0]), math.cos(angles[0])
@@ -77,40 +81,42 @@ def accelerate(
         x1, y1, x2, y2 = -r * c, r * s, r2 * c2, -r2 * s2
         offset = a * a + r * r + r2 * r2 - rest * rest
         f, first, second = spring(y1, -x1, -y2, x2, a, offset, rest)
-        length = rest + f
-        ux, uy = (a - y2 - y1) / length, (x2 + x1) / length
-        by_r, by_next = -s * ux - c * uy, s2 * ux + c2 * uy
         pull = -k * f
         values[n] += pull * first
         values[n + 1] += pull * second
-        bend = (x1 * x1 + y1 * y1 - first * first) / length + ux * r * s + uy * r * c
-        work[MAIN, n] -= k * (first * first + f * bend)
-        bend = (x2 * x2 + y2 * y2 - second * second) / length - ux * r2 * s2 - uy * r2 * c2
-        work[MAIN, n + 1] -= k * (second * second + f * bend)
-        across = -k * (first * second + f * (x1 * x2 + y1 * y2 - first * second) / length)
-        work[ABOVE, n], work[BELOW, n + 1] = across / i, across / i2
-        bend = (-x1 * s - y1 * c - first * by_r) / length - ux * c + uy * s
-        direct[n, 1] += -k * (first * by_r + f * bend) * r / i
-        bend = (x1 * s2 + y1 * c2 - first * by_next) / length
-        direct[n + 1, 0] = -k * (first * by_next + f * bend) * r2 / i
-        bend = (-x2 * s - y2 * c - second * by_r) / length
-        direct[n, 2] = -k * (second * by_r + f * bend) * r / i2
-        bend = (x2 * s2 + y2 * c2 - second * by_next) / length + ux * c2 - uy * s2
-        direct[n + 1, 1] += -k * (second * by_next + f * bend) * r2 / i2
-        row = A * rotors + n
-        direct[row, 1] = -k * (first * ux + f * (x1 - first * ux) / length) * a / i
-        direct[row, 2] = -k * (second * ux + f * (x2 - second * ux) / length) * a / i2
-        row = L * rotors + n
-        direct[row, 1], direct[row, 2] = k * rest * first / i, k * rest * second / i2
-        row = K * rotors + n
-        direct[row, 1], direct[row, 2] = pull * first / i, pull * second / i2
+        if derivatives:
+            length = rest + f
+            ux, uy = (a - y2 - y1) / length, (x2 + x1) / length
+            by_r, by_next = -s * ux - c * uy, s2 * ux + c2 * uy
+            bend = (x1 * x1 + y1 * y1 - first * first) / length + ux * r * s + uy * r * c
+            work[MAIN, n] -= k * (first * first + f * bend)
+            bend = (x2 * x2 + y2 * y2 - second * second) / length - ux * r2 * s2 - uy * r2 * c2
+            work[MAIN, n + 1] -= k * (second * second + f * bend)
+            across = -k * (first * second + f * (x1 * x2 + y1 * y2 - first * second) / length)
+            work[ABOVE, n], work[BELOW, n + 1] = across / i, across / i2
+            bend = (-x1 * s - y1 * c - first * by_r) / length - ux * c + uy * s
+            direct[n, 1] += -k * (first * by_r + f * bend) * r / i
+            bend = (x1 * s2 + y1 * c2 - first * by_next) / length
+            direct[n + 1, 0] = -k * (first * by_next + f * bend) * r2 / i
+            bend = (-x2 * s - y2 * c - second * by_r) / length
+            direct[n, 2] = -k * (second * by_r + f * bend) * r / i2
+            bend = (x2 * s2 + y2 * c2 - second * by_next) / length + ux * c2 - uy * s2
+            direct[n + 1, 1] += -k * (second * by_next + f * bend) * r2 / i2
+            row = A * rotors + n
+            direct[row, 1] = -k * (first * ux + f * (x1 - first * ux) / length) * a / i
+            direct[row, 2] = -k * (second * ux + f * (x2 - second * ux) / length) * a / i2
+            row = L * rotors + n
+            direct[row, 1], direct[row, 2] = k * rest * first / i, k * rest * second / i2
+            row = K * rotors + n
+            direct[row, 1], direct[row, 2] = pull * first / i, pull * second / i2
         s, c = s2, c2
     for n in range(rotors):
         values[n] /= inertias[n]
-        work[MAIN, n] /= inertias[n]
-        driven = values[n] - work[FALL, n]
-        direct[n, 1] -= driven + values[n]
-        direct[M * rotors + n, 1] = -driven
+        if derivatives:
+            work[MAIN, n] /= inertias[n]
+            driven = values[n] - work[FALL, n]
+            direct[n, 1] -= driven + values[n]
+            direct[M * rotors + n, 1] = -driven
 
 
 @compiled(const_f8_2d, const_f8_1d, f8, f8_2d, f8_3d, f8_3d, f8_3d)
@@ -201,7 +207,7 @@ def integrate(
     """
     rotors, size = state.shape[1], changes.shape[0]
     at, works = np.empty((4, 2, rotors)), np.empty((4, 8, rotors))
-    directs, own = np.zeros((4, 5 * rotors, 3)), np.zeros((5, rotors + 2))
+    directs, own = np.zeros((4, 5 * rotors if size else 0, 3)), np.zeros((5, rotors + 2))
     for frame in range(spans.size):
         if spans[frame] != 0:
             steps = math.ceil(abs(spans[frame]) / forces[LONGEST])
@@ -264,7 +270,7 @@ def pull_back(
     """
     rotors = pull.shape[1]
     at, works = np.empty((4, 2, rotors)), np.empty((4, 8, rotors))
-    directs = np.zeros((4, 5 * rotors, 3))
+    directs, none = np.zeros((4, 5 * rotors, 3)), np.empty((4, 0, 3))
     most = max(1, math.ceil(np.abs(spans).max() / forces[LONGEST]))
     begins = np.empty((most, 2, rotors))
     for frame in range(spans.size - 1, -1, -1):
@@ -276,7 +282,7 @@ def pull_back(
         state, step = states[frame - 1].copy(), spans[frame] / steps
         begins[0] = state
         for number in range(1, steps):
-            advance(table, forces, step, state, at, works, directs)
+            advance(table, forces, step, state, at, works, none)
             begins[number] = state
         for number in range(steps - 1, -1, -1):
             advance(table, forces, step, begins[number], at, works, directs)
