@@ -137,6 +137,13 @@ def test_two_consecutive_responses_equal_one(pressure, target, slope, first, sec
     assert before + after == pytest.approx(area, abs=1e-9 * scale)
 
 
+@pytest.mark.parametrize('slope', [-5e-324, 5e-324])
+def test_the_smallest_slope_of_a_command_acts_like_a_constant_command(slope):
+    for pressure, target in [(0.0, 1e5), (1e5, 0.0)]:
+        constant = ACTUATOR.follow(pressure, target, 0.0, 0.1)
+        assert ACTUATOR.follow(pressure, target, slope, 0.1) == pytest.approx(constant, rel=1e-12)
+
+
 @given(PRESSURES, PRESSURES, TIMES)
 def test_the_pressure_never_overshoots_a_constant_command(pressure, target, time):
     reached, area = ACTUATOR.follow(pressure, target, 0.0, time)

@@ -66,16 +66,16 @@ class PneumaticActuator(CheckedQuantities):
         constant acts.
         """
         lag = target - pressure
-        if lag * slope < 0:
-            constant = self._time_constant(lag)
-            crossing = constant * math.log1p(-lag / (slope * constant))
+        constant = self._time_constant(lag if lag else slope)
+        final_lag = slope * constant
+        if lag * final_lag < 0:
+            crossing = constant * math.log1p(-lag / final_lag)
             if crossing < time:
                 met = target + slope * crossing
                 _, before = self._relax(target, lag, slope, constant, crossing)
                 rest = time - crossing
                 end, after = self._relax(met, 0.0, slope, self._time_constant(slope), rest)
                 return end, before + after
-        constant = self._time_constant(lag if lag else slope)
         return self._relax(target, lag, slope, constant, time)
 
     def response(
