@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from soliton_linkage.identification.readings import Readings
-from soliton_linkage.identification.screening import check_slips, noise_of
+from soliton_linkage.identification.screening import check_jumps, check_slips, noise_of, without_outliers
 from soliton_linkage.linkage.chain import Array
 
 TIMES = np.arange(1000)[:, None]
@@ -38,3 +38,36 @@ def test_a_step_of_the_residuals_is_a_slip_only_if_the_rotor_turns():
     left[600:, 1] += 3.0
     with pytest.raises(ValueError, match='rotor 1'):
         check_slips(some, left, 1.0)
+
+
+def deviating(values: Array, frames: list[int], rotor: int, error: float) -> Readings:
+    readings = values + 0.01 * np.random.default_rng(3).standard_normal(values.shape)
+    readings[frames, rotor] += error
+    return Readings(0.004 * np.arange(len(values)), readings)
+
+
+@pytest.mark.parametrize('error', [0.5, -1.2, np.pi, -3.1, 2 * np.pi - 0.4])
+@pytest.mark.parametrize(
+    'frames', [[0], [1], [500], [500, 501], [500, 502], [450, 451, 452, 470], [998], [999]]
+)
+def test_wrong_readings_are_removed_and_leave_no_turn_behind(frames, error):
+    values = passing()
+    used = without_outliers(deviating(values, frames, 6, error))
+    wrong = np.zeros(values.shape, dtype=bool)
+    wrong[frames, 6] = True
+    np.testing.assert_array_equal(np.isnan(used.angles), wrong)
+    assert np.abs(used.filled - values).max() < 0.15
+
+
+def test_a_lasting_step_is_not_removed():
+    values = passing()
+    used = without_outliers(deviating(values, [*range(500, 1000)], 6, 0.3))
+    assert np.isfinite(used.angles).all()
+
+
+def test_a_jump_of_fifteen_deviations_is_a_slip_and_one_wrong_reading_is_not():
+    for frame in (200, 480, 700):
+        slipping = deviating(passing(), [*range(frame, 1000)], 6, 0.15)
+        with pytest.raises(ValueError, match='rotor 6 slips by about 0.1'):
+            check_jumps(slipping, 0.01)
+        check_jumps(deviating(passing(), [frame], 6, 0.15), 0.01)

@@ -12,13 +12,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from soliton_linkage.estimation.noise import robust_deviation
 from soliton_linkage.identification.mounting import check_mounting, check_neighbours
 from soliton_linkage.identification.readings import Readings, repeat_counts, rounding_noise
-from soliton_linkage.linkage.chain import Array, staggered
+from soliton_linkage.linkage.chain import Array, staggered, wrapped
 
 _LEANING = 0.5
 """Threshold of |sin(phi)| for a rotor that clearly leans, relative to the median of the same rotor
@@ -113,8 +114,14 @@ LEAST_NOISE = 1e-4
 """Smallest noise of a reading that the fit of a motion assumes [rad]."""
 _OUTLIER = 7.0
 """Distance from a smooth motion above which a reading counts as wrong [standard deviations]."""
-_OF_RANGE = 0.25
-"""Additional limit for wrong readings, relative to the range of the adjacent readings [1]."""
+_OF_RANGE = 0.3
+"""Additional limit for wrong readings, relative to the range of the adjacent readings and to the
+length of the run of wrong readings [1]."""
+_BESIDE = 3
+"""Number of readings before a run, and also after it, whose range is considered [1]."""
+_LONGEST_RUN = 3
+"""Largest number of successive wrong readings of a rotor that are removed [1]; a longer run may be
+a slip."""
 _PASSES = 6
 """Largest number of searches for wrong readings [1]; a search finds an error only after larger
 errors near it are removed."""
@@ -133,21 +140,59 @@ def without_outliers(recording: Readings) -> Readings:
     return recording
 
 
-def isolated(values: Array, limits: Array) -> NDArray[np.bool_]:
-    """Return which values, (T, N), are outliers of the cubic curve through 4 neighbours.
+def isolated(angles: Array, limits: Array) -> NDArray[np.bool_]:
+    """Return which angles, (T, N), are outliers, in short runs of successive frames.
 
-    `limits` are the allowed distances from the curve, without the part that is proportional to the
-    range of the neighbours.
+    Apart from whole turns, an outlier differs from a cubic curve through two angles before and two
+    after its run. It also differs from one of two lines through angles before the run, and from
+    one of two lines through angles after the run, because an angle beside a permanent step is near
+    all lines on its side. `limits` are the allowed differences [rad], (T, N), without the part that
+    is proportional to the range of the adjacent angles.
     """
-    errors = np.zeros_like(values)
-    near, far = values[1:-3] + values[3:-1], values[:-4] + values[4:]
-    errors[2:-2] = np.abs(values[2:-2] - (4 * near - far) / 6)
-    padded = np.pad(values, ((3, 3), (0, 0)), 'edge')
-    beside = np.stack([padded[k : k + len(values)] for k in (0, 1, 2, 4, 5, 6)])
-    excess = errors / (limits + _OF_RANGE * np.ptp(beside, axis=0))
+    runs = [_run_excess(angles, limits, length) for length in range(1, _LONGEST_RUN + 1)]
+    excess = np.zeros_like(angles)
+    for length, found in enumerate(runs, 1):
+        for start in range(length):
+            part = excess[start : start + len(found)]
+            np.maximum(part, found, out=part)
+    outliers = np.zeros(angles.shape, dtype=np.bool_)
     padded = np.pad(excess, ((2, 2), (0, 0)))
-    largest = np.max([padded[k : k + len(values)] for k in range(5)], axis=0)
-    return np.asarray((excess > 1) & (excess == largest))
+    for length, found in enumerate(runs, 1):
+        around = sliding_window_view(padded, length + 4, axis=0).max(axis=-1)
+        largest = (found > 1) & (found == around)
+        for start in range(length):
+            outliers[start : start + len(found)] |= largest
+    return outliers
+
+
+def _run_excess(angles: Array, limits: Array, length: int) -> Array:
+    """Return the smallest difference in each run, relative to its limit [1], (T - L + 1, N)."""
+    count = len(angles) - length + 1
+    padded = np.pad(angles, ((_BESIDE, _BESIDE), (0, 0)), 'reflect')
+    places = [*range(_BESIDE), *range(_BESIDE + length, 2 * _BESIDE + length)]
+    beside = np.stack([padded[place : place + count] for place in places])
+    last = beside[_BESIDE - 1]
+    beside = last + wrapped(beside - last)
+    ordered = np.sort(beside, axis=0)
+    # One of the adjacent readings may be wrong.
+    ranges = np.minimum(ordered[-1] - ordered[1], ordered[-2] - ordered[0])
+    curves = np.tensordot(_curve_weights(length), beside, 1)
+    inside = sliding_window_view(angles, length, axis=0).transpose(2, 0, 1)
+    allowed = sliding_window_view(limits, length, axis=0).transpose(2, 0, 1)
+    cubic, *lines = np.abs(wrapped(inside - curves))
+    differences = np.minimum(cubic, np.minimum(np.maximum(*lines[:2]), np.maximum(*lines[2:])))
+    return np.asarray((differences / (allowed + _OF_RANGE * length * ranges)).min(axis=0))
+
+
+def _curve_weights(length: int) -> Array:
+    """Return the weights of six angles beside a run in a cubic curve and four lines, (5, L, 6)."""
+    places = np.array([-3, -2, -1, length, length + 1, length + 2])
+    nodes = [1, 2, 3, 4], [1, 2], [0, 2], [3, 4], [3, 5]
+    weights = np.zeros((len(nodes), length, len(places)))
+    for curve, some in zip(weights, nodes, strict=True):
+        points = np.vander(places[some])
+        curve[:, some] = np.vander(np.arange(length), len(some)) @ np.linalg.inv(points)
+    return weights
 
 
 _STRAY = 6.0
@@ -175,9 +220,9 @@ _SMALLEST_SLIP = 2.0
 """Smallest slip that is reported, relative to the noise of a reading [1]."""
 _JUMP_FRAMES = 15
 """Number of frames that are averaged before and after a jump."""
-_JUMP_OVER_NOISE = 12.0
+_JUMP_OVER_NOISE = 10.0
 """Smallest jump that is reported, relative to the noise of a reading [1]; noise causes jumps of
-2.2."""
+2.2, and at most 7 in 20 recordings."""
 _SMALLEST_JUMP = 0.1
 """Smallest jump that is reported [rad]; motions change less between two frames."""
 _JUMP_OVER_NEIGHBOURS = 3.0
@@ -200,20 +245,29 @@ def check_jumps(recording: Readings, noise: float) -> None:
     """Raise ValueError for an inner rotor that jumps while its neighbours do not."""
     times, readings, deviations = recording.times, recording.filled, recording.relative_deviations
     width = min(_JUMP_FRAMES, len(readings) // 4)
-    rates = np.diff(readings, axis=0)
-    sudden = np.abs(rates[1:-1] - (rates[:-2] + rates[2:]) / 2)
+    sudden = _sudden_changes(readings, 1)
+    # The change over three intervals does not contain a single wrong reading beside the jump.
+    sudden[3:-3] = np.minimum(sudden[3:-3], _sudden_changes(readings, 3))
     sudden /= np.max([deviations[frame : frame + len(sudden)] for frame in range(4)], axis=0)
     sums = np.cumsum(np.vstack([np.zeros(readings.shape[1]), readings]), axis=0)
     means = (sums[width:] - sums[:-width]) / width
     steps = np.minimum(np.abs(means[width:] - means[:-width]), sudden[width - 2 : 2 - width])
     beside = np.maximum(steps[:, :-2], steps[:, 2:])
-    limit = max(_JUMP_OVER_NOISE * noise, _SMALLEST_JUMP) + _JUMP_OVER_NEIGHBOURS * beside
+    smallest = max(_JUMP_OVER_NOISE * noise, _SMALLEST_JUMP)
+    limit = np.maximum(smallest, _JUMP_OVER_NEIGHBOURS * beside)
     excess = steps[:, 1:-1] / limit
     frame, rotor = divmod(int(np.argmax(excess)), excess.shape[1])
     if excess[frame, rotor] > 1:
         raise _slip_error(
             recording.joints[rotor + 1], steps[frame, rotor + 1], times[frame + width] - times[0]
         )
+
+
+def _sudden_changes(readings: Array, frames: int) -> Array:
+    """Return by how much each change over some frames differs from the changes beside it [rad]."""
+    changes = readings[frames:] - readings[:-frames]
+    usual = (changes[: -2 * frames] + changes[2 * frames :]) / 2
+    return np.asarray(np.abs(changes[frames:-frames] - usual))
 
 
 def check_slips(recording: Readings, residuals: Array, noise: float) -> None:
