@@ -44,8 +44,8 @@ def test_the_short_firmware_sends_lines_with_checksums(tmp_path):
         [compiled(firmware, tmp_path)], input=b'', capture_output=True, check=True
     )
     decoded = [decode_text(line) for line in ran.stdout.splitlines()]
-    assert all(checked for _, checked in decoded)
-    hello, *readings = [frame for frame, _ in decoded]
+    assert all(frame.checked for frame in decoded)
+    hello, *readings = decoded
     assert hello.kind is FrameKind.HELLO
     assert [frame.sequence for frame in readings] == list(range(29))
     assert [frame.time for frame in readings] == list(range(10_000, 300_000, 10_000))

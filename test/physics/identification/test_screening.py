@@ -5,7 +5,12 @@ import numpy as np
 import pytest
 
 from soliton_linkage.identification.readings import Readings
-from soliton_linkage.identification.screening import check_jumps, check_slips, noise_of, without_outliers
+from soliton_linkage.identification.screening import (
+    check_jumps,
+    check_slips,
+    noise_of,
+    without_outliers,
+)
 from soliton_linkage.linkage.chain import Array
 
 TIMES = np.arange(1000)[:, None]
@@ -68,6 +73,6 @@ def test_a_lasting_step_is_not_removed():
 def test_a_jump_of_fifteen_deviations_is_a_slip_and_one_wrong_reading_is_not():
     for frame in (200, 480, 700):
         slipping = deviating(passing(), [*range(frame, 1000)], 6, 0.15)
-        with pytest.raises(ValueError, match='rotor 6 slips by about 0.1'):
+        with pytest.raises(ValueError, match=r'rotor 6 slips by about 0\.1'):
             check_jumps(slipping, 0.01)
         check_jumps(deviating(passing(), [frame], 6, 0.15), 0.01)

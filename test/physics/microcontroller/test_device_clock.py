@@ -17,6 +17,7 @@ RATE = 100.0
 LEAST = 0.002
 """Least delay of the messages [s]."""
 Delays = Callable[[np.random.Generator, int], Array]
+Intervals = Delays
 
 DELAYS: dict[str, Delays] = {
     'exponential': lambda rng, count: rng.exponential(1e-3, count),
@@ -28,9 +29,17 @@ DELAYS: dict[str, Delays] = {
 class Line:
     """Messages of a controller whose clock drifts, in their order."""
 
-    def __init__(self, duration: float, drift: float, delays: Delays, begin: int = 0) -> None:
+    def __init__(
+        self,
+        duration: float,
+        drift: float,
+        delays: Delays,
+        begin: int = 0,
+        intervals: Intervals = lambda rng, count: np.full(count, 1 / RATE),
+    ) -> None:
         rng = np.random.default_rng(3)
-        measured = np.arange(0.0, duration, 1 / RATE)
+        measured = np.cumsum(intervals(rng, round(duration * RATE)))
+        measured -= measured[0]
         arrived = np.maximum.accumulate(measured + LEAST + delays(rng, len(measured)))
         device = measured / (1 + drift)
         self.measured = BOOT + np.round(measured * SECOND).astype(np.int64)
@@ -40,7 +49,7 @@ class Line:
     def stamps(self, clock: DeviceClock) -> Array:
         """Stamps less the times of measurements and the least delay [s]."""
         stamps = [
-            clock.stamp(int(time), int(arrival))
+            clock.stamp(int(time), int(arrival), checked=True)
             for time, arrival in zip(self.times, self.arrivals, strict=True)
         ]
         assert (np.diff(stamps) > 0).all()
@@ -140,12 +149,60 @@ def test_single_wrong_times_are_rejected_and_change_no_stamp():
     assert np.abs(errors[100:]).max() < 1e-3
 
 
-def plausible_stamps(clock: DeviceClock, line: Line) -> tuple[Array, list[int]]:
+INTERVALS: dict[str, Intervals] = {
+    'uniform': lambda rng, count: rng.uniform(3e-3, 20e-3, count),
+    'rarely long': lambda rng, count: np.where(rng.random(count) < 0.05, 20e-3, 3e-3),
+    'short or long': lambda rng, count: rng.choice([3e-3, 20e-3], count),
+    'exponential': lambda rng, count: 3e-3 + rng.exponential(1e-3, count),
+}
+
+
+def late(rng: np.random.Generator, count: int) -> Array:
+    """Delays with stalls of the receiver, in which several messages arrive together [s]."""
+    stalls = (rng.random(count) < 0.02) * rng.uniform(5e-3, 0.1, count)
+    return rng.exponential(5e-4, count) + stalls
+
+
+@pytest.mark.parametrize('kind', INTERVALS)
+def test_late_messages_are_accepted_at_irregular_intervals(kind):
+    clock = DeviceClock()
+    line = Line(60.0, 100e-6, late, 10**7, INTERVALS[kind])
+    errors, rejected = plausible_stamps(clock, line, checked=True)
+    assert len(rejected) < 1e-3 * len(line.times)
+    assert (clock.jumps, clock.restarts) == (0, 0)
+    assert np.abs(errors[200:]).max() < 1e-3
+
+
+@pytest.mark.parametrize('kind', INTERVALS)
+@pytest.mark.parametrize('jump', [0.05, 0.01, -0.03])
+def test_jumps_are_corrected_at_irregular_intervals(kind, jump):
+    clock = DeviceClock()
+    line = Line(
+        40.0, 100e-6, lambda rng, count: rng.exponential(3e-4, count), 10**7, INTERVALS[kind]
+    )
+    line.times[2000:] += round(jump * 1e6)
+    errors, rejected = plausible_stamps(clock, line, checked=True)
+    assert (clock.jumps, clock.restarts) == (1, 0)
+    assert len([number for number in rejected if number >= 2000]) < 12
+    assert np.sum(np.abs(errors) > 3e-3) < 12
+
+
+def test_wrong_times_in_the_first_messages_have_no_lasting_effect():
+    clock = DeviceClock()
+    line = Line(20.0, 100e-6, DELAYS['exponential'])
+    line.times[[3, 9]] += 30_000
+    errors, _ = plausible_stamps(clock, line)
+    assert np.abs(errors[300:]).max() < 1e-3
+
+
+def plausible_stamps(
+    clock: DeviceClock, line: Line, checked: bool = False
+) -> tuple[Array, list[int]]:
     """Errors of the stamps of accepted measurements [s], and the numbers of rejected ones."""
     errors, rejected = [], []
     for number, (time, arrival) in enumerate(zip(line.times, line.arrivals, strict=True)):
         try:
-            stamp = clock.stamp(int(time), int(arrival))
+            stamp = clock.stamp(int(time), int(arrival), checked)
         except ValueError:
             rejected.append(number)
         else:

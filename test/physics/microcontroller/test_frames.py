@@ -117,8 +117,8 @@ def test_lines_of_text_are_decoded():
         (b'hello', None, None, []),
         (b'torques 1 100000 0.01', 1, 100000, [0.01]),
     ]:
-        frame, checked = decode_text(line)
-        assert (frame.sequence, frame.time, checked) == (sequence, time, False)
+        frame = decode_text(line)
+        assert (frame.sequence, frame.time, frame.checked) == (sequence, time, False)
         np.testing.assert_array_equal(frame.values, values)
 
 

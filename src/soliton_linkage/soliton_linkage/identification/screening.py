@@ -146,8 +146,8 @@ def isolated(angles: Array, limits: Array) -> NDArray[np.bool_]:
     Apart from whole turns, an outlier differs from a cubic curve through two angles before and two
     after its run. It also differs from one of two lines through angles before the run, and from
     one of two lines through angles after the run, because an angle beside a permanent step is near
-    all lines on its side. `limits` are the allowed differences [rad], (T, N), without the part that
-    is proportional to the range of the adjacent angles.
+    all lines on its side. `limits` are the allowed differences [rad], (T, N), without the part
+    that is proportional to the range of the adjacent angles.
     """
     runs = [_run_excess(angles, limits, length) for length in range(1, _LONGEST_RUN + 1)]
     excess = np.zeros_like(angles)

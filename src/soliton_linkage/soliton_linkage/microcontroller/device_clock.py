@@ -46,11 +46,20 @@ _EARLY, _LATE = 3.0, 10.0
 """Largest plausible distances of a delay below and above the fitted line [medians of the
 delay]."""
 _UNUSUAL = 8.0
-"""Threshold of the difference from the median interval, relative to the median of this difference
-[1]; an interval with a larger difference is unusual."""
+"""Threshold of the difference from a multiple of the median interval, relative to the median of
+such differences [1]; in messages without a checksum, an interval with a larger difference is
+unusual."""
+_ABOVE_OTHERS = 2.0
+"""The same threshold for messages with a checksum, relative to the largest of such differences
+[1]."""
 _CLOCK_RESOLUTION = 1e-4
 """Smallest difference that makes an interval unusual [s]; it equals 25 ticks of micros() of an
 Arduino."""
+_REMEMBERED = 128
+"""Number of messages whose delays and intervals are compared [1]; at 0.25x, a rare interval seems
+unusual, and at 4x, a jump by less than an interval is corrected later."""
+_WRONG_TIMES = _REMEMBERED // 16
+"""Largest accepted number of wrong times among the compared messages without a checksum [1]."""
 _CONFIRMATIONS = 3
 """Number of implausible times, consistent with each other, that prove a jump or a restart."""
 
@@ -119,7 +128,9 @@ class DeviceClock:
 
     The estimate uses the fact that no message arrives before it is sent. Three successive
     implausible times that are consistent with each other restart the estimate of offset and drift;
-    other implausible times are rejected.
+    other implausible times are rejected. The estimate is also restarted if all recent delays are
+    much longer than the smallest delay, because then the smallest delay belongs to a wrong time or
+    to the time before a jump.
     """
 
     def __init__(self) -> None:
@@ -153,18 +164,18 @@ class DeviceClock:
         self._last = None
         self._elapsed, self._begun, self._arrival = 0, 0, 0
         self._envelope = DelayEnvelope()
-        self._delays: deque[float] = deque(maxlen=32)
-        self._intervals: deque[float] = deque(maxlen=16)
+        self._delays: deque[float] = deque(maxlen=_REMEMBERED)
+        self._intervals: deque[float] = deque(maxlen=_REMEMBERED)
         self._suspects: deque[tuple[int, int]] = deque(maxlen=_CONFIRMATIONS)
 
-    def stamp(self, time: int, arrival: int) -> int:
+    def stamp(self, time: int, arrival: int, checked: bool = False) -> int:
         """Return the stamp [ns] of a measurement at `time` [us] that arrives at `arrival` [ns].
 
-        Raises ValueError if `time` is implausible or equal to the time of the previous
-        measurement.
+        `checked` states that `time` was transmitted without an error. Raises ValueError if `time`
+        is implausible or equal to the time of the previous measurement.
         """
         if self._last is not None:
-            self._advance(time, arrival)
+            self._advance(time, arrival, checked)
         if self._last is None:
             self._begun = arrival
         self._last, self._arrival = time, arrival
@@ -181,7 +192,7 @@ class DeviceClock:
         self._stamp = max(arrival, self._stamp + 1)
         return self._stamp
 
-    def _advance(self, time: int, arrival: int) -> None:
+    def _advance(self, time: int, arrival: int, checked: bool) -> None:
         """Advance to a time of the controller, or restart; ValueError for implausible times."""
         assert self._last is not None
         passed = (time - self._last) % CLOCK_RANGE
@@ -193,22 +204,30 @@ class DeviceClock:
         elapsed = self._elapsed + passed
         elapsed += max((latest - elapsed) // CLOCK_RANGE, 0) * CLOCK_RANGE
         earliest = latest - round(1e6 * (_FROM_THE_FUTURE + _FROM_THE_PAST))
-        if earliest <= elapsed <= latest and self._plausible(elapsed, arrival):
-            self._intervals.append((elapsed - self._elapsed) / 1e6)
-            self._elapsed = elapsed
+        accepted = earliest <= elapsed <= latest
+        if accepted and self._is_near_line(elapsed, arrival):
             self._suspects.clear()
-            return
+        else:
+            accepted = accepted and self._is_only_late(elapsed, arrival, checked)
+            if self._suspects or not accepted:
+                self._suspects.append((time, arrival))
         # After a restart or a jump, the time may be smaller than before.
         signed = (passed + CLOCK_RANGE // 2) % CLOCK_RANGE - CLOCK_RANGE // 2
-        late = self._late(self._elapsed + signed, arrival)
-        self._suspects.append((time, arrival))
-        if not self._confirmed():
+        late = abs(self._late(self._elapsed + signed, arrival))
+        if self._confirmed() or self._all_late(checked):
+            self._restart(late)
+        elif accepted:
+            self._intervals.append((elapsed - self._elapsed) / 1e6)
+            self._elapsed = elapsed
+        else:
             raise ValueError(
-                f'time = {time} us differs from its arrival by {abs(late):.3g} s; '
+                f'time = {time} us differs from its arrival by {late:.3g} s; '
                 'measure at equal intervals, check the wiring, and end each line of text with a '
                 'checksum'
             )
-        if abs(late) < _FROM_THE_FUTURE:
+
+    def _restart(self, late: float) -> None:
+        if late < _FROM_THE_FUTURE:
             self.jumps += 1
             self._discard()
         else:
@@ -218,17 +237,26 @@ class DeviceClock:
         x = elapsed * _MICROSECOND / _SECOND
         return (arrival - self._begun) / _SECOND - x - self._envelope.at(x)
 
-    def _plausible(self, elapsed: int, arrival: int) -> bool:
+    def _is_near_line(self, elapsed: int, arrival: int) -> bool:
         if math.isnan(self.scatter):
             return True
         late, tolerance = self._late(elapsed, arrival), self._tolerance(arrival - self._arrival)
-        if late < 0:
-            return -late <= max(tolerance * _EARLY / _LATE, _SMALLEST_JUMP)
-        usual = float(np.median(self._intervals))
-        spread = float(np.median(np.abs(np.array(self._intervals) - usual)))
-        interval = (elapsed - self._elapsed) / 1e6
-        unusual = abs(interval - usual * max(round(interval / usual), 1))
-        return late <= tolerance or unusual <= max(_UNUSUAL * spread, _CLOCK_RESOLUTION)
+        return -max(tolerance * _EARLY / _LATE, _SMALLEST_JUMP) <= late <= tolerance
+
+    def _is_only_late(self, elapsed: int, arrival: int, checked: bool) -> bool:
+        """Return whether a time far from the line is late after a usual interval."""
+        intervals = np.array([(elapsed - self._elapsed) / 1e6, *self._intervals])
+        usual = float(np.median(intervals))
+        unusual, *others = np.abs(intervals - usual * np.maximum(np.round(intervals / usual), 1))
+        limit = _ABOVE_OTHERS * max(others) if checked else _UNUSUAL * float(np.median(others))
+        return self._late(elapsed, arrival) > 0 and unusual <= max(limit, _CLOCK_RESOLUTION)
+
+    def _all_late(self, checked: bool) -> bool:
+        """Return whether all recent delays are long, apart from a few of wrong times."""
+        if len(self._delays) < _REMEMBERED:
+            return False
+        least = sorted(self._delays)[0 if checked else _WRONG_TIMES]
+        return least > max(_EARLY * (float(np.median(self._delays)) - least), _SMALLEST_JUMP)
 
     def _tolerance(self, gap: int) -> float:
         usual = float(np.median(self._delays)) if self._delays else 0.0
@@ -239,5 +267,8 @@ class DeviceClock:
             return False
         times, arrivals = np.diff(np.array(self._suspects, dtype=np.int64), axis=0).T
         passed = times % CLOCK_RANGE / 1e6
+        if arrivals.sum() / _SECOND < passed.sum() / 2:
+            # The messages have waited and arrive together.
+            return False
         limits = [self._tolerance(int(gap)) for gap in arrivals]
         return bool((passed > 0).all() and (abs(arrivals / _SECOND - passed) <= limits).all())

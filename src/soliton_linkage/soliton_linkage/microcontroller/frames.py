@@ -89,6 +89,8 @@ class SerialFrame:
     duration for which the command is valid [us]. None if the frame contains no time."""
     values: Array = field(default_factory=lambda: np.zeros(0))
     """One value per rotor, NaN if missing."""
+    checked: bool = False
+    """Whether a checksum proves that the frame was transmitted without an error."""
 
 
 def encode(frame: SerialFrame, protocol: Protocol) -> bytes:
@@ -109,8 +111,8 @@ def encode_text(frame: SerialFrame) -> bytes:
     return b'%b*%08X%b' % (line, zlib.crc32(line), _LINE_END)
 
 
-def decode_text(line: bytes) -> tuple[SerialFrame, bool]:
-    """Return the frame in a line, and whether the line has a checksum; ValueError if invalid."""
+def decode_text(line: bytes) -> SerialFrame:
+    """Return the frame in a line; ValueError if invalid."""
     content = line = line.removesuffix(b'\r')
     checksum = _TEXT_CHECKSUM.fullmatch(line, len(line) - 9) if len(line) > 9 else None
     if checksum:
@@ -127,7 +129,7 @@ def decode_text(line: bytes) -> tuple[SerialFrame, bool]:
     sequence, time = [*words[1:3], _MISSING, _MISSING][:2]
     values = np.array([_value(word, kind) for word in words[3:]], dtype=np.float64)
     numbers = _counter(sequence, SEQUENCES), _counter(time, CLOCK_RANGE)
-    return SerialFrame(kind, *numbers, values), checksum is not None
+    return SerialFrame(kind, *numbers, values, checksum is not None)
 
 
 def _counter(word: str, period: int) -> int | None:
@@ -195,7 +197,7 @@ def decode_binary(piece: bytes) -> SerialFrame:
         values[values == np.iinfo(type_).min] = np.nan
     elif np.isinf(values).any():
         raise ValueError(f'a value of {kind.value} is infinite; send NaN for a missing value')
-    return SerialFrame(kind, sequence, time, values)
+    return SerialFrame(kind, sequence, time, values, checked=True)
 
 
 def stuff(data: bytes) -> bytes:
@@ -268,13 +270,13 @@ class FrameDecoder:
             if protocol is Protocol.TEXT:
                 if not written.strip() or written.startswith(b'#'):
                     return None
-                frame, checked = decode_text(written)
-                if self._checked and not checked:
+                frame = decode_text(written)
+                if self._checked and not frame.checked:
                     raise ValueError(
                         'a line has no checksum, unlike an earlier line; send a checksum with '
                         'each line'
                     )
-                self._checked = checked
+                self._checked = frame.checked
             elif written:
                 frame = decode_binary(written)
             else:

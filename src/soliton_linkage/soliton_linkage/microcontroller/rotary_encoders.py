@@ -158,7 +158,7 @@ class AngleStream:
         if frame.time is None:
             stamp = self.clock.stamp_of_arrival(arrival)
         else:
-            stamp = self.clock.stamp(frame.time, arrival)
+            stamp = self.clock.stamp(frame.time, arrival, frame.checked)
         if self.clock.restarts != restarts:
             self._numbers.clear()
         if frame.sequence is None:
