@@ -203,6 +203,7 @@ class ChainIdentifier(ManagedNode):
         outcome, self._working, self._outcome = self._outcome, None, None
         if not isinstance(outcome, Identification):
             self._failure = str(outcome)
+            self.get_logger().error(f'no chain was identified: {outcome}')
             return
         if not self.frames:
             return
@@ -210,6 +211,7 @@ class ChainIdentifier(ManagedNode):
         offsets = tuple(outcome.offsets.tolist())
         named = NamedChain(outcome.chain, self._record.joint_names, offsets)
         self._publisher.publish(chain_to_msg(named, self.get_clock().now().to_msg()))
+        self.get_logger().info(f'identified {_summary(outcome)}')
         for warning in outcome.warnings:
             self.get_logger().warning(warning)
 
@@ -263,8 +265,11 @@ class ChainIdentifier(ManagedNode):
             'tolerance': found.tolerance,
             'worst bonds': ', '.join(map(str, found.worst_bonds[:3])),
         }
-        summary = f'a {found.chain.motion.value} of {found.chain.number_of_rotors} rotors'
-        return Report('; '.join([summary, *found.warnings]), values, bool(found.warnings))
+        return Report('; '.join([_summary(found), *found.warnings]), values, bool(found.warnings))
+
+
+def _summary(found: Identification) -> str:
+    return f'a {found.chain.motion.value} of {found.chain.number_of_rotors} rotors'
 
 
 def main() -> None:
