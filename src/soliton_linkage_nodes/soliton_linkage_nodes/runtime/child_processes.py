@@ -23,13 +23,15 @@ from ament_index_python.packages import (
 
 _PACKAGE = 'soliton_linkage_nodes'
 START_LIMIT = 180.0
-"""Longest time that nodes need to start and discover each other on a busy machine [s]."""
+"""Time limit for nodes to start and to discover each other [s], sufficient on a busy machine."""
 _PARENT_DEATH_SIGNAL = 1
-"""PR_SET_PDEATHSIG of prctl(2): the kernel signals a node when its parent is killed."""
+"""Option PR_SET_PDEATHSIG of prctl(2), by which the kernel signals a node when its parent is
+killed."""
 _STOP_LIMIT = 10.0
-"""Longest time from SIGTERM to SIGKILL [s]; a recorder may write to a slow disk."""
+"""A process that still runs this long after SIGTERM gets SIGKILL [s]. The time is long because a
+recorder may write to a slow disk."""
 _LOG_TAIL = 5
-"""Number of log lines in the error about a node that has ended [1]."""
+"""Number of last log lines that the error about an ended node quotes [1]."""
 _DOMAINS = 100
 """Largest identifier of a private ROS domain [1]."""
 _C_LIBRARY = ctypes.CDLL(None)
@@ -47,7 +49,7 @@ class ChildProcesses:
     def start(
         self, node: str, arguments: list[str], environment: dict[str, str], own: Sequence[str] = ()
     ) -> None:
-        """Start a node with the arguments `own`, followed by the ROS arguments `arguments`."""
+        """Start a node. `arguments` are its ROS arguments, and `own` its other arguments."""
         executable = Path(get_package_prefix(_PACKAGE), 'lib', _PACKAGE, node)
         command = [str(executable), *own, '--ros-args', *arguments]
         self._starts[node] = 0.0, command, environment
@@ -69,7 +71,10 @@ class ChildProcesses:
             )
 
     def ended(self) -> dict[str, str]:
-        """Return a text about each ended process; RuntimeError if one failed at its start."""
+        """Return a sentence about each ended process.
+
+        Raises RuntimeError if a process ended with an error within `START_LIMIT` of its start.
+        """
         found = {}
         for node, process in self._running.items():
             if process.poll() is None:
@@ -81,7 +86,7 @@ class ChildProcesses:
         return found
 
     def check(self) -> None:
-        """Raise RuntimeError with the last log lines if a process has ended."""
+        """Raise RuntimeError with the last log lines of a process if this process has ended."""
         for node, process in self._running.items():
             if process.poll() is not None:
                 raise RuntimeError(self._ended(node, process.returncode))
@@ -107,7 +112,7 @@ class ChildProcesses:
         return {node: _end(process, deadline) for node, process in chosen.items()}
 
     def output(self, node: str) -> str:
-        """Return the output of a process so far."""
+        """Return all lines that a process has written to its log file since its last start."""
         return self._log(node).read_text(encoding='utf-8', errors='replace')
 
     def _log(self, node: str) -> Path:
@@ -119,7 +124,7 @@ class ChildProcesses:
 
 
 def page_address(output: str) -> str | None:
-    """Return the address of the page from the output of live_view, or None."""
+    """Return the address of the web page, which live_view prints in its `output`, or None."""
     found = re.search(r'open (http://\S+)', output)
     return found[1] if found else None
 
@@ -131,9 +136,10 @@ def has_display() -> bool:
 
 @contextmanager
 def private_domain() -> Iterator[None]:
-    """Put this process and its children into a free, random ROS domain of this machine.
+    """Run a block in a random ROS domain that no other such block on this machine uses.
 
-    The block must not raise OSError, because the coordinator would then try another domain.
+    The domain also applies to child processes of the block. The block must not raise OSError,
+    because domain_coordinator would take the error for an occupied domain and try another one.
     """
     with domain_coordinator.domain_id(lambda: random.randint(1, _DOMAINS)) as domain:
         os.environ['ROS_DOMAIN_ID'] = str(domain)
@@ -146,8 +152,9 @@ def private_domain() -> Iterator[None]:
 def restrict_to_loopback() -> None:
     """Make this process and its children unreachable from other machines.
 
-    With the range LOCALHOST, Fast DDS opens sockets on all interfaces, and its shared memory can
-    block all nodes if a process is killed while it starts.
+    For Fast DDS, a profile of the package does this. The discovery range LOCALHOST of ROS is not
+    used, because Fast DDS would open sockets on all interfaces, and its shared memory can block
+    all nodes if a process is killed while it starts.
     """
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     try:

@@ -32,7 +32,8 @@ _WIDTH = 96
 _ROS_OPTIONS = ('--params-file', '-p', '--param', '-r', '--remap', '--log-level')
 _EXAMPLES = ('-p NAME:=VALUE', '--params-file FILE', '-r NAME:=OTHER_NAME')
 _PATHS = ('bag', 'output')
-"""Parameters that are proposed for an argument without a parameter name."""
+"""Parameters that take a path. The error about a bare argument such as a file name proposes
+them."""
 
 
 def check_arguments(node: NodeClass, arguments: Sequence[str]) -> None:
@@ -63,7 +64,7 @@ def executable_name(node: NodeClass) -> str:
 
 
 def parameter_names(node: NodeClass) -> set[str]:
-    """Return the names of the parameters that a node always has."""
+    """Return the names of the parameters in the groups `PARAMETERS` of the node class."""
     groups = _groups(node).items()
     return {prefix + name for group, prefix in groups for name in described_fields(group)}
 

@@ -25,7 +25,7 @@ _NUMBERS = re.compile(r'[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b|\bnan\b)')
 
 
 class LogThrottle:
-    """Filter that logs messages that are equal except for numbers at most once per period."""
+    """Filter that logs a message at most once per period; numbers in the message may differ."""
 
     def __init__(self, log: Callable[[str], object], period: float) -> None:
         self._log = log
@@ -39,7 +39,7 @@ class LogThrottle:
         return len(self._suppressed)
 
     def log(self, message: str) -> None:
-        """Log a message unless one of the same kind was logged in this period."""
+        """Log a message unless one that differs only in numbers was logged in this period."""
         now = time.monotonic()
         if now - self._start >= self._period:
             self._start = now
@@ -64,7 +64,7 @@ class LogThrottle:
 
 @dataclass(frozen=True)
 class Report:
-    """State of a node: one sentence, values by name, and whether the report is a warning."""
+    """State of a node: a sentence, named values, and whether the report is a warning."""
 
     message: str
     values: Mapping[str, Any] = field(default_factory=dict)
@@ -72,10 +72,10 @@ class Report:
 
 
 class Diagnostics:
-    """Publisher of a node's report once a second, and counter of rejections and failures.
+    """Publisher of a node's report once a second. It also counts rejected inputs and failures.
 
-    Each function in `monitors` returns a warning ('' means none) and values by name, which are
-    added to the report.
+    Each function in `monitors` returns a warning, '' for none, and a dictionary of named values.
+    The warnings and values are added to the report.
     """
 
     def __init__(self, node: Node, task: str, report: Callable[[], Report]) -> None:
@@ -97,22 +97,29 @@ class Diagnostics:
         self._timer = node.create_timer(_PERIOD, self.publish, clock=steady)
 
     def reject(self, source: str, reason: object) -> None:
-        """Count a rejected input; log each kind of reason at most once per second."""
+        """Count an input that was rejected, and log it.
+
+        `source` names the input. Reasons that differ only in numbers are logged at most once per
+        second.
+        """
         self.rejected += 1
         self._last_rejection = f'{source}: {reason}'
         self._rejections.log(f'rejected {self._last_rejection}')
 
     def fail(self, failure: str) -> None:
-        """Count a failure of the node; log each kind of failure at most once per second."""
+        """Count a failure of the node, and log it.
+
+        Failures that differ only in numbers are logged at most once per second.
+        """
         self.failed += 1
         self._last_failure = failure
         self._failures.log(failure)
 
     def guarded(self, source: str, take: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a callback that rejects the message if `take` raises an error.
+        """Return a callback that calls `take` and does not raise its errors.
 
-        ValueError and ArithmeticError count as rejected input, and other errors as failures.
-        MemoryError is not caught.
+        ValueError and ArithmeticError count as a rejected message of `source`, and other errors as
+        failures of the node. Only MemoryError is raised.
         """
 
         @wraps(take)

@@ -19,7 +19,8 @@ from rclpy.subscription import Subscription
 from soliton_linkage_nodes.runtime.parameter_values import rejection
 
 SERVICE_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-"""Quality of service of services; with the default queue of 10, clients would lose responses."""
+"""Quality of service of services. With the default queue of 10, responses to many simultaneous
+requests would be lost."""
 ACTION_QOS = {f'{call}_service_qos_profile': SERVICE_QOS for call in ('goal', 'result', 'cancel')}
 
 
@@ -31,7 +32,7 @@ def describe_error(error: BaseException) -> str:
 
 
 def unknown_parameter(node: Node, name: str, known: Iterable[str]) -> str:
-    """Return the error message for a parameter that a node has not declared."""
+    """Return the error message for a parameter `name` that is not among the `known` ones."""
     near = difflib.get_close_matches(name, list(known), n=1)
     remedy = f'did you mean {near[0]!r}?' if near else f'known: {", ".join(sorted(known))}'
     return f'parameter {name!r} of {node.get_name()} is unknown; {remedy}'
@@ -45,11 +46,14 @@ class GuardedNode(Node):
 
     @property
     def subscriptions(self) -> Iterator[Subscription]:
-        """Subscriptions whose callbacks an executor calls."""
+        """Subscriptions whose messages executors take."""
         return (each for each in super().subscriptions if each not in self._undispatched)
 
     def dispatch(self, subscription: Subscription, dispatched: bool) -> None:
-        """Set whether executors, which are slow, take the messages of a subscription."""
+        """Set whether executors take the messages of a subscription.
+
+        If not, the node must take them itself, which avoids the overhead of an executor.
+        """
         this = frozenset([subscription])
         self._undispatched = self._undispatched - this if dispatched else self._undispatched | this
         if self.executor is not None:
@@ -92,7 +96,10 @@ class GuardedNode(Node):
     def create_service(
         self, srv_type: Any, srv_name: str, callback: Callable[[Any, Any], Any], **kwargs: Any
     ) -> Any:
-        """Create a service with a queue of 1000 calls; an exception rejects the request."""
+        """Create a service with a queue of 1000 requests.
+
+        An exception of `callback` is logged and answered as a failure of the request.
+        """
 
         def answer(request: Any, response: Any) -> Any:
             try:
@@ -107,7 +114,7 @@ class GuardedNode(Node):
         )
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Set all parameters, or none if one is rejected or unknown."""
+        """Set all parameters, or none if any of them is rejected or unknown."""
         for parameter in parameter_list:
             if not self.has_parameter(parameter.name):
                 known = self.get_parameters_by_prefix('')

@@ -36,14 +36,15 @@ _DEEPEST_QUEUE = 1000
 _QUEUE_BYTES = 64 * 2**20
 """Memory limit for the queue of a stream, in the publisher and in each subscriber [B]."""
 _LONGEST_RECORD = 100_000
-"""Queue depth for a recording of 100 s at 1000 messages per second; unused entries take no
+"""Queue depth that holds 100 s at 1000 messages per second [messages]. Unused entries take no
 memory."""
 ACKNOWLEDGEMENT_LIMIT = 0.5
-"""Longest wait for acknowledgements when a node ends [s]; it suffices on a busy machine."""
+"""Longest wait for acknowledgements when a node ends [s]. It is sufficient on a busy machine."""
 _POLL_INTERVAL = 0.02
 """Poll interval while waiting for subscribers [s]."""
 _DISCOVERY_TIME = 1.0
-"""Time without a new subscriber after which the discovery counts as complete [s]."""
+"""The discovery counts as complete when the number of subscribers was constant for this time
+[s]."""
 
 
 def reliable_qos(depth: int) -> QoSProfile:
@@ -54,14 +55,15 @@ def reliable_qos(depth: int) -> QoSProfile:
 def stream_qos(message_size: int = 0) -> QoSProfile:
     """Return a reliable quality of service for a stream.
 
-    The queue has 10 to 1000 messages and at most 64 MiB.
+    The queue holds 10 to 1000 messages. Within this range, messages of `message_size` [B] fill at
+    most 64 MiB.
     """
     affordable = _QUEUE_BYTES // max(message_size, 1)
     return reliable_qos(int(min(_DEEPEST_QUEUE, max(10, affordable))))
 
 
 def lossless_stream_qos() -> QoSProfile:
-    """Return a quality of service for publishers and subscribers; the queue holds a recording."""
+    """Return a reliable quality of service whose queue holds a recording of 100,000 messages."""
     return reliable_qos(_LONGEST_RECORD)
 
 
@@ -76,7 +78,10 @@ def image_qos() -> QoSProfile:
 
 
 def latched_qos(depth: int = 1) -> QoSProfile:
-    """Return a transient-local quality of service. Late subscribers get `depth` messages."""
+    """Return a transient-local quality of service.
+
+    A late subscriber receives the last `depth` messages.
+    """
     latched = DurabilityPolicy.TRANSIENT_LOCAL
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=latched)
 
@@ -95,11 +100,11 @@ class Topic:
         return bool(self.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)
 
     def publisher(self, node: Node) -> Publisher:
-        """Create a publisher."""
+        """Create a publisher of this topic for a node."""
         return node.create_publisher(self.type, self.name, self.qos)
 
     def subscribe(self, node: Node, take: Callable[[Any], None], raw: bool = False) -> None:
-        """Pass each message, or its CDR bytes if `raw`, to `take`."""
+        """Subscribe a node to this topic; `take` gets each message, or its CDR bytes if `raw`."""
         node.create_subscription(self.type, self.name, take, self.qos, raw=raw)
 
 
@@ -138,9 +143,9 @@ SUITE_TOPICS = (
     *(DELIVERED_IMPULSES, ROTOR_IMPULSES, ROTOR_TORQUES, TILT, SOLITON_STATE, SOLITON_EVENTS),
     DIAGNOSTICS,
 )
-"""Topics of the nodes, which a recorder stores by default."""
+"""Topics that the nodes exchange. A recorder stores them by default."""
 DISPLAY_TOPICS = (ROBOT_DESCRIPTION, MARKERS, SOLITON_POSE, KYMOGRAPH)
-"""Topics for viewers, computed from `SUITE_TOPICS`."""
+"""Topics for viewers. Nodes compute their messages from those of `SUITE_TOPICS`."""
 CAMERA_TOPICS = (IMAGE, COMPRESSED_IMAGE, CAMERA_INFO, CAMERA_OVERLAY)
 """Topics of a camera that measures the joint states in place of encoders."""
 
@@ -153,9 +158,9 @@ def wait_for_acknowledgements(publisher: Publisher) -> None:
 def wait_for_subscriber(
     publisher: Publisher, seconds: float, stopping: threading.Event | None = None, fewest: int = 1
 ) -> bool:
-    """Wait for `fewest` subscribers, and then until their number is constant for a second.
+    """Wait for at least `fewest` subscribers, and then until their number is constant for 1 s.
 
-    Returns False if fewer are found within `seconds` or if `stopping` is set.
+    Returns False if there are fewer subscribers after `seconds` or if `stopping` is set.
     """
     stopped = stopping or threading.Event()
     deadline = time.monotonic() + seconds

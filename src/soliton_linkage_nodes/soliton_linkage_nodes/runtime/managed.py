@@ -36,9 +36,10 @@ class ManagedNode(GuardedNode, LifecycleNode):
     """Node with the lifecycle of ROS: unconfigured, inactive, active.
 
     A subclass lists its parameters in `PARAMETERS` and overrides `configure`, `activate`,
-    `deactivate` and `cleanup`. After `cleanup`, the topics, timers and services of `configure` are
-    destroyed. An error is logged, and the state does not change. During an autostart, the
-    constructor raises the error.
+    `deactivate` and `cleanup`. After `cleanup`, the node destroys the topics, timers and services
+    that were created since `configure` began. If `configure` or `activate` raises an error, the
+    node logs it and keeps its previous state. If the node starts itself (parameter `autostart`),
+    the constructor raises this error instead.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {}
@@ -78,13 +79,13 @@ class ManagedNode(GuardedNode, LifecycleNode):
         """Start the work of the node."""
 
     def deactivate(self) -> None:
-        """Stop the work immediately; `active` is already False."""
+        """Stop the work immediately. `active` is already False when this method is called."""
 
     def cleanup(self) -> None:
-        """Close the resources that `configure` opened, except topics, timers and services."""
+        """Close what `configure` has opened, except topics, timers and services."""
 
     def follow_parameters(self) -> None:
-        """Apply changed parameters."""
+        """Apply the changed parameters of a configured node."""
 
     def while_active(self, take: Callable[[Any], None]) -> Callable[[Any], None]:
         """Return a callback that drops messages unless the node is active."""
@@ -105,7 +106,11 @@ class ManagedNode(GuardedNode, LifecycleNode):
         return lambda: report() if self.active else Report('not active')
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Configure the node. If `configure` raises an error, destroy what was created."""
+        """Configure the node.
+
+        If `configure` raises an error, destroy the topics, timers and services that it has
+        created.
+        """
         self._permanent = {each for kind in _DESTROYERS for each in getattr(self, kind)}
         self.configured = self._run(self.configure)
         if not self.configured:
@@ -131,7 +136,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
         return self._answer(True, 'cleaned up')
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Deactivate and clean up if necessary."""
+        """Deactivate an active node and clean up a configured one."""
         if self.active:
             self.on_deactivate(state)
         if self.configured:
@@ -179,7 +184,10 @@ class ManagedNode(GuardedNode, LifecycleNode):
                 destroy(self, entity)
 
     def _reject_impossible_transitions(self) -> None:
-        """Reject a transition that is impossible in this state; Jazzy would end the process."""
+        """Reject requests for transitions that are impossible in the present state.
+
+        In Jazzy, such a request would end the process.
+        """
         service = self._service_change_state
         change = service.callback
 
@@ -206,4 +214,5 @@ _DESTROYERS: dict[str, Callable[[Any, Any], Any]] = {
     'clients': Node.destroy_client,
     'publishers': Node.destroy_publisher,
 }
-"""Functions that destroy each kind of entity; entities with callbacks come first."""
+"""Functions that destroy each kind of entity. Timers and subscriptions come first, because their
+callbacks may use the other entities."""

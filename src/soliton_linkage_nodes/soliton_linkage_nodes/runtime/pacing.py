@@ -15,18 +15,19 @@ from typing import NamedTuple
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _LOWEST_PRIORITY = 1
-"""Lowest priority of SCHED_FIFO [1]; it exceeds the priority of any ordinary thread."""
+"""Lowest priority of SCHED_FIFO [1], which still exceeds the priority of every ordinary thread."""
 _INTERVAL = 0.05
-"""Interval between two measurements of the processor share [s]; the kernel stops real-time threads
-after 0.95 s."""
+"""Interval between two measurements of the processor share [s]. It is well below the 0.95 s after
+which the kernel suspends real-time threads that do not pause."""
 _LARGEST_SHARE = 0.8
-"""Processor share above which a process loses its real-time priority [cores]."""
+"""A process with a larger processor load than this [cores] loses its real-time priority."""
 
 
 def raise_priority(raised: bool, threads: Sequence[int] = (0,)) -> None:
-    """Give threads (0: the calling one) the lowest priority of SCHED_FIFO, or remove it.
+    """Give threads the lowest real-time priority (SCHED_FIFO), or remove it if not `raised`.
 
-    New threads inherit the priority. Without permission (limit rtprio), nothing changes.
+    Thread 0 means the calling thread. Threads that these threads start inherit the priority.
+    Without permission (limit rtprio), nothing changes.
     """
     priority = _LOWEST_PRIORITY if raised else 0
     policy = os.SCHED_FIFO if raised else os.SCHED_OTHER
@@ -42,7 +43,7 @@ def yield_core() -> None:
 
 
 class IdlePriority:
-    """Real-time priority of threads, removed while the process is overloaded."""
+    """Real-time priority of threads, removed while the process uses more than 0.8 of a core."""
 
     def __init__(self, real_time: bool, threads: Sequence[int] | None = None) -> None:
         self._real_time = real_time
@@ -53,7 +54,7 @@ class IdlePriority:
             raise_priority(True, self._threads)
 
     def update(self) -> None:
-        """Raise or remove the priority according to the recent processor share."""
+        """Raise or remove the priority according to the processor load of the last interval."""
         now, (then, busy) = time.monotonic(), self._since
         if not self._real_time or now - then < _INTERVAL:
             return
@@ -72,13 +73,14 @@ def _middleware_threads() -> list[int]:
 
 
 _LONGEST_LAG = 10**8
-"""Lateness of a call above which all later deadlines are postponed [ns]."""
+"""A call that is later than this [ns] postpones all later calls by its lateness."""
 _LONGEST_SLEEP = 0.1
-"""Longest sleep before the loop checks for a stop or another rate [s]."""
+"""Longest sleep of the loop before it checks whether it was stopped or its rate was changed
+[s]."""
 _IDLE = 0.005
-"""Sleep after a call that had no work, at an infinite rate [s]."""
+"""Pause after a call that had no work, in a loop at an infinite rate [s]."""
 _PRIORITY_LIMIT = 10**7
-"""Lateness of a call above which the loop loses its priority [ns]: ten periods at 1000 Hz."""
+"""A call that is later than this [ns], ten periods at 1000 Hz, runs without real-time priority."""
 
 
 class Punctuality(NamedTuple):
@@ -99,7 +101,8 @@ class PacedLoop:
     A call that is more than 0.1 s late postpones all later deadlines, so that the missed calls do
     not follow in a burst. A change of the rate sets t0 to the current time. At an infinite rate,
     calls follow without pauses, except for 5 ms after a call that returns False. With `real_time`,
-    the thread has priority while it is less than 10 ms late.
+    the thread has real-time priority, except at an infinite rate and during calls that are at
+    least 10 ms late.
     """
 
     def __init__(self, rate: float, act: Callable[[], object], real_time: bool = False) -> None:
@@ -113,7 +116,7 @@ class PacedLoop:
         self._raised: bool | None = None
 
     def start(self) -> None:
-        """Start the thread. The first call follows immediately."""
+        """Start the thread. The first call is made immediately."""
         self._stopping.clear()
         self._raised = None
         self._thread = threading.Thread(target=self._run, name='pacing', daemon=True)

@@ -26,7 +26,10 @@ class Notice(NamedTuple):
 
 
 def resolve_path(argument: str, value: str, known: Mapping[str, Path]) -> Path:
-    """Return the path of a launch argument: a path or name in `known`; ValueError if missing."""
+    """Return the path that a launch argument means; ValueError if the path does not exist.
+
+    The `value` of the argument is one of the names in `known`, or a path.
+    """
     path = known.get(value, Path(value))
     if not path.exists():
         raise ValueError(
@@ -46,7 +49,10 @@ def check_files(arguments: Sequence[str]) -> None:
 
 
 def read_sections(path: Path) -> dict[str, dict[str, Any]]:
-    """Return the parameters in each section of a file, by node pattern; OSError or ValueError."""
+    """Return the parameters of each section of a parameter file, with its node pattern as key.
+
+    Raises OSError or ValueError if the file cannot be read or is no parameter file.
+    """
     try:
         sections = dict(_sections(yaml.safe_load(path.read_text(encoding='utf-8')), ''))
     except (UnicodeDecodeError, yaml.YAMLError, AttributeError) as error:
@@ -58,14 +64,18 @@ def read_sections(path: Path) -> dict[str, dict[str, Any]]:
 
 
 def matches(pattern: str, node: str) -> bool:
-    """Return whether the node pattern of a section matches the full name `node`."""
+    """Return whether a node pattern of a parameter file, such as /**/simulator, matches `node`."""
     tokens = pattern.strip('/').split('/')
     expression = ''.join(_WILDCARDS.get(token, '/' + re.escape(token)) for token in tokens)
     return re.fullmatch(expression, node) is not None
 
 
 def notices(node: Node, arguments: Sequence[str], others: Sequence[Node] = ()) -> Iterator[Notice]:
-    """Yield a notice if a file has no parameters for the nodes, or if a file and `-p` differ."""
+    """Yield notices about parameter files on the command line of a node.
+
+    A warning names a file without parameters for `node` and `others`. Another notice names a
+    parameter for which a file and the option `-p` have different values.
+    """
     name = node.get_fully_qualified_name()
     started = [name, *(other.get_fully_qualified_name() for other in others)]
     typed = dict(_rules(arguments, node.get_name()))

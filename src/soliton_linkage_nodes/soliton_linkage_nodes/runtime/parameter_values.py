@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversion of values to the types of ROS parameters, and reasons why a parameter rejects one."""
+"""Conversion of values to the types of ROS parameters, and reasons to reject a value."""
 
 from __future__ import annotations
 
@@ -30,7 +30,11 @@ _EXAMPLES = {
 
 
 def convert(kind: Parameter.Type, value: Any) -> Any:
-    """Convert integers to floats; convert empty lists, because their type may be wrong."""
+    """Convert a value that was set for a parameter of the type `kind`.
+
+    An integer becomes a float if `kind` needs floats. An empty list, which may arrive as None or
+    with another type, becomes [].
+    """
     if kind in LISTS and isinstance(value, (NoneType, list, tuple, array)):
         elements = list(value or ())
         whole = all(type(element) is int for element in elements)
@@ -41,15 +45,16 @@ def convert(kind: Parameter.Type, value: Any) -> Any:
 
 
 def type_complaint(kind: Parameter.Type, value: Any) -> str:
-    """Return the type that a converted value lacks, '' if the value has it."""
+    """Return '' if a value has the type `kind`, otherwise a text such as 'must be a text'."""
     fits = kind.check(value) and (kind is Parameter.Type.BOOL or not isinstance(value, bool))
     return '' if fits else f'must be {_EXAMPLES[kind]}'
 
 
 def limits(descriptor: ParameterDescriptor) -> Quantity:
-    """Return the range and the choices of a parameter.
+    """Return the range and the choices of a parameter, from its descriptor.
 
-    If a parameter has no limit, its descriptor has the largest number of the type as the limit.
+    A descriptor with a limit at one end only has infinity, or the largest integer, at the other
+    end. Such an end is returned as None.
     """
     ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
     ends = (ranges[0].from_value, ranges[0].to_value) if ranges else (math.inf, math.inf)
@@ -60,7 +65,7 @@ def limits(descriptor: ParameterDescriptor) -> Quantity:
 
 
 def rejection(descriptor: ParameterDescriptor, value: Any) -> str:
-    """Return the reason why a parameter cannot be set to a value, with a remedy, or ''."""
+    """Return the reason why a parameter cannot have a value, and a remedy; '' if it can."""
     name, kind = descriptor.name, Parameter.Type(descriptor.type)
     if descriptor.read_only:
         return (

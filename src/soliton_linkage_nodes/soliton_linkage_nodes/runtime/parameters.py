@@ -41,7 +41,10 @@ _CONVERTING: WeakSet[Node] = WeakSet()
 
 
 def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Parameters:
-    """Declare the described fields of a dataclass; return an instance or raise ValueError."""
+    """Declare a parameter for each field with a quantity of a dataclass; return an instance.
+
+    `prefix` precedes the field names. Raises ValueError if a value is not allowed.
+    """
     quantities = described_fields(parameters)
     if quantities and all(node.has_parameter(prefix + name) for name in quantities):
         return current(node, parameters, prefix)
@@ -77,7 +80,10 @@ def make_adjustable(node: Node, name: str) -> None:
 
 
 def reject_unknown(node: Node) -> None:
-    """Raise ValueError for a parameter that a node has not declared, except shared `chain.*`."""
+    """Raise ValueError if the user has set a parameter that the node has not declared.
+
+    A node without parameters of the chain ignores `chain.*`, which files set for all nodes.
+    """
     declared = set(node.get_parameters_by_prefix(''))
     knows_chain = any(name.startswith(_SHARED) for name in declared)
     for name in sorted(overrides(node).keys() - declared):
@@ -121,7 +127,7 @@ def _check(known: Mapping[str, Quantity], changes: Sequence[Parameter]) -> SetPa
 
 
 def _convert_changes(node: Node) -> None:
-    """Once, add a callback that converts values set at run time to the declared types."""
+    """Add a callback, once, that converts values set at run time to the declared types."""
     # Only one such callback is possible, because rclpy concatenates the results of several.
     if node not in _CONVERTING:
         _CONVERTING.add(node)

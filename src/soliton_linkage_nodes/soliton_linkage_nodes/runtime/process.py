@@ -31,14 +31,16 @@ from soliton_linkage_nodes.runtime.parameters import reject_unknown
 _SPIN = 0.02
 """Longest time between two checks of a condition while no message arrives [s]."""
 _SHARE_OF_PERIOD = 0.1
-"""Switch interval of the Python interpreter, relative to the frame period [1]. Sensitivity: at
-0.5x, threads wake up twice as often; at 2x, frames are later by 0.1 periods."""
+"""Switch interval of the Python interpreter, as a fraction of the period of the frames [1].
+Sensitivity: at 0.5x, waiting threads wake up twice as often; at 2x, frames are later by another
+0.1 periods."""
 _SHORTEST_INTERVAL = 1e-4
-"""Shortest switch interval of the interpreter [s]. One switch takes a few microseconds."""
+"""Shortest switch interval of the interpreter [s], because one switch takes a few microseconds."""
 _MIXED = 'Sequence should be of same type'
-"""Text in the error of rcl for a list of mixed types, such as [1, 0.5]."""
+"""Part of the error of rcl for a list that mixes integers and floats, such as [1, 0.5]."""
 _LONGEST_WAIT = 0.1
-"""Longest time between two checks for a signal [s]."""
+"""Length of a slice of spinning [s]. Between two slices, the process checks whether it has
+received a signal."""
 
 
 def spin_until(
@@ -47,7 +49,10 @@ def spin_until(
     seconds: float,
     give_up: Callable[[], bool] = lambda: False,
 ) -> bool:
-    """Spin until `condition` is true; return False after `seconds` or if `give_up` is true."""
+    """Spin until `condition()` is true.
+
+    Returns False after `seconds`, or when `give_up()` is true.
+    """
     deadline = time.monotonic() + seconds
     while not condition():
         if give_up() or time.monotonic() > deadline:
@@ -57,7 +62,10 @@ def spin_until(
 
 
 class WaitingNode(Node):
-    """Node of a program, without parameters; it spins only while the program waits."""
+    """Node of a command-line program.
+
+    It has no parameters, and it receives messages only during `wait`.
+    """
 
     def __init__(self, name: str, stopping: threading.Event, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
@@ -67,11 +75,11 @@ class WaitingNode(Node):
         self._waiting.add_node(self)
 
     def wait(self, condition: Callable[[], Any], seconds: float) -> bool:
-        """Spin until `condition` is true; return False after `seconds` or if stopping."""
+        """Spin until `condition()`; return False after `seconds` or when `stopping` is set."""
         return spin_until(self._waiting, condition, seconds, self.stopping.is_set)
 
     def wait_uninterrupted(self, condition: Callable[[], Any], seconds: float) -> bool:
-        """Spin until `condition` is true, even if stopping; return False after `seconds`."""
+        """Spin until `condition()`, even if `stopping` is set; return False after `seconds`."""
         return spin_until(self._waiting, condition, seconds)
 
     def destroy_node(self) -> None:
@@ -81,7 +89,7 @@ class WaitingNode(Node):
 
 
 def stop_on_signals() -> threading.Event:
-    """Return an event that SIGINT and SIGTERM set, so that queued messages are not lost."""
+    """Return an event that SIGINT and SIGTERM set; the process can then end without data loss."""
     stopping = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda _number, _frame: stopping.set())
@@ -89,14 +97,14 @@ def stop_on_signals() -> threading.Event:
 
 
 def interrupt_on_signals() -> None:
-    """Make SIGINT and SIGTERM raise KeyboardInterrupt, for programs with long computations."""
+    """Make SIGINT and SIGTERM raise KeyboardInterrupt, which ends also a long computation."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
 
 
 @contextmanager
 def interruptible(stopping: threading.Event) -> Iterator[None]:
-    """Make SIGINT, SIGTERM and a set `stopping` raise KeyboardInterrupt in a block."""
+    """Raise KeyboardInterrupt in a block at SIGINT or SIGTERM, or at once if `stopping` is set."""
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     interrupt_on_signals()
     try:
@@ -122,9 +130,10 @@ def initialise(arguments: list[str] | None = None) -> None:
 def run(create_node: Callable[[], Node]) -> None:
     """Create a node, spin it until it finishes or SIGINT or SIGTERM arrives, and end the process.
 
-    A node may have the attributes `finished` and `failure`. A callback must store an error in
-    `failure` and not raise this error, because executors print a traceback. Exit codes: 0, 1 after
-    a failure, 2 for an unknown argument.
+    The spinning ends when the attribute `finished` of a node is true or its attribute `failure` is
+    an error; both attributes are optional. A callback must store an error in `failure` instead of
+    raising it, because executors print a traceback of a raised error. Exit codes: 0, 1 after a
+    failure, 2 for an unknown argument.
     """
     check_arguments(create_node, sys.argv[1:])
     run_together([create_node], sys.argv)
@@ -172,7 +181,7 @@ def run_together(constructors: Sequence[Callable[[], Node]], arguments: list[str
 
 
 def end_process(code: int) -> None:
-    """End the process, even during a long computation that blocks the exit handlers."""
+    """End the process with an exit code, without waiting for daemon threads that still compute."""
     if any(thread.daemon for thread in threading.enumerate() if thread.is_alive()):
         sys.stdout.flush()
         sys.stderr.flush()
@@ -212,9 +221,9 @@ def _has_finished(node: Node) -> bool:
 
 
 class SpinSlices:
-    """Thread that ends each slice of spinning after 0.1 s.
+    """Thread that ends each slice of spinning after 0.1 s, so that signals are noticed in time.
 
-    The executor itself checks its time limit only while no message is waiting.
+    It is needed because the executor checks its own time limit only while no message is waiting.
     """
 
     def __init__(self) -> None:

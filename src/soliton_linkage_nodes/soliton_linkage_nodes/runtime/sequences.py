@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Detection of message loss, lag and multiple publishers by sequence numbers and source times."""
+"""Detection of lost messages, lag and several publishers by sequence numbers and source times."""
 
 from __future__ import annotations
 
@@ -11,29 +11,31 @@ from dataclasses import dataclass
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _SILENCE = 0.5
-"""Silence of a publisher after which another one is selected [s]; the ROS graph lists a killed
-publisher for 20 s."""
+"""Shortest silence of the selected publisher after which it is replaced by another one [s]. The
+ROS graph cannot replace this time limit, because it still lists a killed publisher for 20 s."""
 _SILENT_PERIODS = 5
-"""Number of message periods after which a slow, silent publisher is replaced [1]."""
+"""A publisher also counts as silent only after this number of its message periods [1], so that
+slow publishers are not replaced."""
 _MEMORY = 20
-"""Number of messages over which the period of a publisher is averaged [1]."""
+"""The period of a publisher is averaged over about this many messages [1]."""
 _GAP_RATIO = 3.0
-"""Ratio of the actual to the predicted time above which a message is probably from another
-publisher [1]."""
+"""A message whose time since a publisher's last message is wrong by more than this factor is
+probably from another publisher [1]."""
 _NANOSECOND = 1e-9
 """One nanosecond [s]."""
 _OFFSET_WINDOW = 10.0
-"""Time over which the offset between two clocks is estimated [s]; over longer times, clocks
-drift."""
+"""Length of the time windows in which the smallest delay of a message is determined [s]. It is
+short because clocks drift."""
 
 
 class SequenceGaps:
     """Counter of the messages of a topic that were published and never received.
 
     Each publisher numbers its messages 1, 2, 3, ... Message n belongs to the publisher whose last
-    number is n - 1, otherwise to a new publisher. If all publishers are known, message n belongs
-    to the publisher with the largest last number below n. If no last number is below n, a new
-    publisher replaces the one silent for longest.
+    number is n - 1; if there is none, to a new publisher. If as many publishers as the graph lists
+    are known already, message n instead belongs to the one with the largest last number below n.
+    If no publisher has a last number below n, a new publisher takes the entry of the one that has
+    been silent for longest.
     """
 
     def __init__(self) -> None:
@@ -58,7 +60,11 @@ class SequenceGaps:
 
 @dataclass
 class _Newcomer:
-    """First message of a publisher: number, source time, elapsed time and period [ns]."""
+    """First received message of a publisher.
+
+    `elapsed` is the time from the subscription to this message, and `period` the estimated message
+    period [ns].
+    """
 
     number: int
     sent: int
@@ -74,17 +80,23 @@ class MissedStarts:
 
     @property
     def missed(self) -> int:
-        """Number of missed messages."""
+        """Number of missed messages, without those sent before the subscription existed."""
         before = ((each.number - 1, each) for each in self._newcomers)
         return sum(count for count, each in before if count * each.period <= each.elapsed)
 
     def add(self, number: int, sent: int, elapsed: int) -> None:
-        """Add a publisher's first message, its source time and the time since subscribing [ns]."""
+        """Record the first received message of a new publisher.
+
+        `sent` is its source time [ns], and `elapsed` the time since the subscription [ns].
+        """
         if number > 1:
             self._newcomers.append(_Newcomer(number, sent, elapsed))
 
     def take(self, number: int, sent: int) -> None:
-        """Use number and source time [ns] of a later message to estimate periods."""
+        """Estimate the message period of new publishers from a later message.
+
+        `sent` is its source time [ns].
+        """
         for each in self._newcomers:
             if each.number < number <= each.number + _MEMORY:
                 each.period = (sent - each.sent) / (number - each.number)
@@ -92,7 +104,7 @@ class MissedStarts:
 
 @dataclass
 class _Publisher:
-    """Number and source time [ns] of a publisher's last message, and its period [ns] or NaN."""
+    """Last number and source time [ns] of a publisher, and its mean message period [ns] or NaN."""
 
     number: int
     sent: int
@@ -100,7 +112,7 @@ class _Publisher:
 
     @property
     def silence(self) -> float:
-        """Longest time without messages before the publisher counts as silent [s]."""
+        """The publisher counts as silent after this time without messages [s]."""
         if math.isnan(self.period):
             return _SILENCE
         return max(_SILENCE, _SILENT_PERIODS * self.period * _NANOSECOND)
@@ -116,7 +128,11 @@ class _Publisher:
         return missing
 
     def time_mismatch(self, number: int, sent: int) -> float:
-        """Return |log(time since last message / expected time)|; infinite for an old number."""
+        """Return |log(time since the publisher's last message / expected time)| for a message.
+
+        `sent` is its source time [ns]. The result is infinite if `number` does not exceed the last
+        number.
+        """
         count, took = number - self.number, sent - self.sent
         if count <= 0:
             return math.inf
@@ -131,7 +147,7 @@ class PublisherArbitration:
 
     The first message selects its publisher. When the selected publisher becomes silent, another
     publisher replaces it. Message n belongs to the publisher whose last number is n - 1, otherwise
-    to the one whose predicted time is closest.
+    to the publisher for which the time of the message fits its number best.
     """
 
     def __init__(self) -> None:
@@ -145,7 +161,11 @@ class PublisherArbitration:
         self._others_since: float | None = None
 
     def take(self, number: int, sent: int, publishers: Callable[[], int]) -> bool:
-        """Return whether to keep a message sent at `sent` [ns]; count rejected messages."""
+        """Return whether to keep a message with a sequence number and a source time `sent` [ns].
+
+        Rejected messages are counted. `publishers()` returns the number of publishers of the
+        topic.
+        """
         selected = self._selected
         if selected is None:
             self._selected = _Publisher(number, sent)
@@ -197,7 +217,10 @@ class PublisherArbitration:
 
 @dataclass
 class _Share:
-    """Publishers of some parts of a stream, and the time of their last kept message [s]."""
+    """Publishers that send the same parts of a stream, such as the same joints.
+
+    `taken_at` is the time at which their last message was kept [s].
+    """
 
     arbitration: PublisherArbitration
     parts: set[str]
@@ -205,11 +228,12 @@ class _Share:
 
 
 _ABSENCE = 5.0
-"""Time without messages after which the publishers of a part of a stream are removed [s]."""
+"""If a part of a stream was not received for this time [s], its publishers are forgotten as soon
+as a message with new parts arrives."""
 
 
 class StreamArbitration:
-    """Arbitration of publishers of parts of a stream: each part has one selected publisher."""
+    """Publisher arbitration for a stream whose parts, such as joints, have own publishers."""
 
     def __init__(self, lost: int = 0, foreign: int = 0) -> None:
         self._counts = [lost, foreign, 0]
@@ -228,7 +252,7 @@ class StreamArbitration:
 
     @property
     def successions(self) -> int:
-        """Number of times that the selected publisher was silent and was replaced."""
+        """Number of times that a selected publisher was silent and was replaced."""
         return self._counts[2] + sum(each.arbitration.successions for each in self._shares)
 
     def take(
@@ -238,7 +262,11 @@ class StreamArbitration:
         publishers: Callable[[], int],
         parts: Callable[[], Collection[str]] | None = None,
     ) -> bool:
-        """Return whether to keep a message; `parts` returns its parts, such as joint names."""
+        """Return whether to keep a message with a sequence number and a source time `sent` [ns].
+
+        `publishers()` returns the number of publishers, and `parts()` the parts of the message,
+        such as joint names.
+        """
         first = self._shares[0]
         if parts is None:
             return first.arbitration.take(number, sent, publishers)
@@ -275,7 +303,10 @@ class StreamArbitration:
 
 
 class Lag:
-    """Monitor of the lag behind the publisher: delay minus least delay in the last 10 to 20 s."""
+    """Monitor of the lag behind a publisher.
+
+    The lag is the delay of the newest message minus the least delay in the last 10 to 20 s.
+    """
 
     def __init__(self, longest: float) -> None:
         self._longest = longest or math.inf
@@ -284,7 +315,10 @@ class Lag:
         self._behind_since: float | None = None
 
     def too_long(self, sent: int) -> bool:
-        """Add a message with source time `sent` [ns]; return whether the lag is too long."""
+        """Add a message with source time `sent` [ns]; return whether the lag is too long.
+
+        This is the case after the lag has exceeded `longest` for `longest` seconds.
+        """
         now = time.monotonic()
         apart = time.time_ns() - sent
         if not self._least or now - self._since > _OFFSET_WINDOW:

@@ -25,14 +25,17 @@ def time_from_msg(stamp: Time) -> int:
 
 
 def nanoseconds_of(clock: Clock) -> int:
-    """Return the time of a clock [ns] without the objects that `Clock.now` creates."""
+    """Return the time of a clock [ns].
+
+    This is faster than `Clock.now`, which creates two objects.
+    """
     handle = clock.handle
     with handle:
         return int(handle.get_now().nanoseconds)
 
 
 class Freshness:
-    """Age of the last message; messages older than `longest` [s] count as stale."""
+    """Age of the last message. The message is stale if it is older than `longest` [s]."""
 
     def __init__(self, longest: float) -> None:
         self._longest = longest
@@ -58,12 +61,15 @@ class Freshness:
 
 
 _DRIFT_TIME = 10.0
-"""Shortest time for an estimate of the clock drift [s]; a jitter of 1 ms then causes an error of
-100 ppm."""
+"""Shortest time over which a clock drift is estimated [s]. A jitter of 1 ms then causes an error
+of at most 100 ppm."""
 
 
 class ClockMonitor:
-    """Monitor of the smallest difference between arrival time and stamp, for diagnostics only."""
+    """Monitor of the offset of stamps from the clock, for diagnostics only.
+
+    The offset is the smallest difference between arrival time and stamp.
+    """
 
     def __init__(self) -> None:
         self._least: int | None = None
@@ -77,7 +83,10 @@ class ClockMonitor:
             self._least, self._latest = behind, now
 
     def figures(self) -> dict[str, float]:
-        """Return offset and drift from the messages since the last call, {} without messages."""
+        """Return named values for diagnostics: the offset [s] and its drift [ppm].
+
+        They are estimated from the messages since the last call; without messages, {} is returned.
+        """
         if self._least is None:
             return {}
         least, at, self._least = self._least, self._latest, None

@@ -21,11 +21,11 @@ from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.sequences import Lag, SequenceGaps, StreamArbitration
 
 LONGEST_LAG = 0.5
-"""Default lag above which a node skips waiting messages [s]."""
+"""Default of the lag above which a node skips waiting messages [s]."""
 _POLL_PERIOD = 0.5
 """Time between two checks for new publishers [s]."""
 _NAMELESS = '_NODE_NAME_UNKNOWN_'
-"""Node name in the ROS graph before a process has announced its nodes."""
+"""Name of a node in the ROS graph until its process has announced the real name."""
 _PUBLISHERS_CHANGE = (
     QoSSubscriptionEventType.RCL_SUBSCRIPTION_MATCHED,
     QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS,
@@ -40,7 +40,7 @@ def _ignore(_message: Any) -> None:
 
 
 def _with_info(take: Callable[[Any, Info], None]) -> Callable[..., None]:
-    """Return a callback for `take`; executors call it with a pair or with two arguments."""
+    """Return a callback that passes a message and its `Info` to `take`."""
 
     @wraps(take)
     def take_both(*given: Any) -> None:
@@ -52,14 +52,19 @@ def _with_info(take: Callable[[Any, Info], None]) -> Callable[..., None]:
 class AdaptiveSubscription:
     """Subscription whose quality of service is compatible with every publisher of a topic.
 
-    For publishers with another quality of service, `adapt` replaces the subscription. Messages
-    that wait in the old subscription are lost unless `before` takes them.
+    When a publisher with an incompatible quality of service appears, `adapt` replaces the
+    subscription. Messages that wait in the old subscription are then lost, unless the argument
+    `before` of `adapt` takes them.
     """
 
     def __init__(
         self, node: Node, topic: Topic, take: Callable[..., None] = _ignore, raw: bool = False
     ) -> None:
-        """Subscribe; without `take`, messages wait, and no executor may spin the node."""
+        """Subscribe to a topic.
+
+        Without `take`, messages wait until `waiting` or `newest` takes them, and the node must not
+        be added to an executor, which would drop them.
+        """
         self.topic = topic
         self.sequence: int | None = None
         """Sequence number of the last message that `newest` returned."""
@@ -72,17 +77,17 @@ class AdaptiveSubscription:
 
     @property
     def connected(self) -> int:
-        """Number of publishers that are matched with this subscription."""
+        """Number of publishers that the middleware has connected with this subscription."""
         return int(self.subscription.get_publisher_count())
 
     @property
     def as_requested(self) -> bool:
-        """Whether the quality of service equals the default of the topic."""
+        """Whether reliability and durability are those of `topic`, without an adaptation."""
         return _same_offer(self.qos, self.topic.qos)
 
     @property
     def changed(self) -> bool:
-        """Whether the publishers of a GuardedNode's topic have changed since the last call."""
+        """Whether publishers have come or gone since the last query; needs a GuardedNode."""
         changed = False
         for event in self._events:
             with event:
@@ -99,14 +104,20 @@ class AdaptiveSubscription:
                 yield taken
 
     def newest(self) -> Any:
-        """Return the next waiting message, which is the newest for queue depth 1, or None."""
+        """Take the oldest waiting message, or None.
+
+        At queue depth 1 it is also the newest message.
+        """
         message, info = next(self.waiting(), (None, None))
         if info is not None:
             self.sequence = info['publication_sequence_number']
         return message
 
     def adapt(self, before: Callable[[], object] = lambda: None) -> bool:
-        """If publishers require a new subscription, call `before`, subscribe and return True."""
+        """Subscribe again if the publishers require it; return whether they do.
+
+        If they do, `before` is called first.
+        """
         self.publishers = self._query_publishers()
         qos = self._qos_for_all() if self.publishers else self.qos
         if _same_offer(qos, self.qos):
@@ -117,7 +128,7 @@ class AdaptiveSubscription:
         return True
 
     def resubscribe(self) -> None:
-        """Subscribe again to receive latched messages again."""
+        """Subscribe again, so that the latched messages arrive once more."""
         self.close()
         self.subscription = self._subscribe()
 
@@ -164,7 +175,7 @@ class AdaptiveSubscription:
 
 
 def qos_for_all(profiles: Sequence[QoSProfile], depth: int) -> QoSProfile:
-    """Return a quality of service that is compatible with all offered profiles."""
+    """Return a quality of service that can receive from all publishers with these profiles."""
     reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
     latched = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
     return QoSProfile(
@@ -181,7 +192,7 @@ def _same_offer(one: QoSProfile, other: QoSProfile) -> bool:
 def subscribe_newest(
     node: Node, topic: Topic, name: str, raw: bool = False, depth: int = 1
 ) -> AdaptiveSubscription:
-    """Subscribe to the newest messages of the topic with the full name `name`, for a display."""
+    """Subscribe a display to the newest `depth` messages of a topic with the full name `name`."""
     offer = topic.qos
     qos = QoSProfile(depth=depth, reliability=offer.reliability, durability=offer.durability)
     return AdaptiveSubscription(node, replace(topic, name=name, qos=qos), raw=raw)
@@ -190,9 +201,10 @@ def subscribe_newest(
 class StreamSubscription:
     """Subscription of a node to a stream of messages from one publisher at a time.
 
-    If several publishers send the same parts of the stream, such as joints, the first publisher is
-    used until it becomes silent. Diagnostics report several publishers and lost messages. After a
-    lag above `longest_lag` [s], all waiting messages but the newest are skipped.
+    Publishers that send different parts of the stream, such as different joints, are all used. If
+    several publishers send the same parts, the first one is used until it becomes silent.
+    Diagnostics state the number of publishers and of lost messages. When the lag exceeds
+    `longest_lag` [s], only the newest waiting message is used.
     """
 
     def __init__(
@@ -209,14 +221,16 @@ class StreamSubscription:
         parts: Callable[[Any], Collection[str]] | None = None,
         assemble: Callable[[Any], list[Any]] = lambda message: [message],
     ) -> None:
-        """Pass each message of a topic, or its CDR bytes if `raw`, to `take`.
+        """Subscribe to a topic; `take` gets each message, or its CDR bytes if `raw`.
 
-        With `latest`, only the newest waiting message is passed. `on_takeover` is called when
-        another publisher is selected. `parts` returns the parts of a message, `assemble` the
-        messages for `take`.
+        With `latest`, only the newest waiting message is passed to `take`. `on_takeover` is called
+        when another publisher replaces a silent one. `parts` returns the names of the parts in a
+        message. `assemble` combines such partial messages: it returns the messages that are
+        complete with this one, and `take` gets these.
         """
         self.skipped = 0
-        """Number of received messages that were not passed to `take`."""
+        """Number of received messages that were skipped, because of a lag or because of
+        `latest`."""
         self.dispatched = True
         self.received_at = 0
         self._node = node
@@ -238,19 +252,22 @@ class StreamSubscription:
         diagnostics.monitors.append(self._watch)
 
     def resubscribe(self) -> None:
-        """Subscribe again to receive latched messages again."""
+        """Subscribe again, so that the latched messages arrive once more."""
         self._arbitration = StreamArbitration(self._arbitration.lost, self._arbitration.foreign)
         self._adaptive.resubscribe()
         self._restore_dispatch()
 
     def dispatch(self, dispatched: bool) -> None:
-        """Set whether the executor takes each message; otherwise call `take_waiting`."""
+        """Set whether the executor takes the messages.
+
+        Otherwise the node must call `take_waiting`.
+        """
         if dispatched is not self.dispatched:
             self.dispatched = dispatched
             self._node.dispatch(self._adaptive.subscription, dispatched)
 
     def take_waiting(self) -> list[Any]:
-        """Take the waiting messages and return them, the oldest message first."""
+        """Take all waiting messages from the queue and return them, the oldest first."""
         kept = [each for each, info in self._adaptive.waiting() if self._keeps(each, info)]
         return [whole for each in kept for whole in self._assemble(each)]
 
@@ -343,7 +360,10 @@ class StreamSubscription:
 
 
 class CountedSubscription:
-    """Subscription to commands from any publisher. Diagnostics report lost messages."""
+    """Subscription to commands, which any publisher may send.
+
+    Diagnostics state the number of lost messages.
+    """
 
     def __init__(
         self,
@@ -363,7 +383,7 @@ class CountedSubscription:
         diagnostics.monitors.append(self._watch)
 
     def take_waiting(self) -> None:
-        """Take the waiting messages and pass them to `take`."""
+        """Take all waiting messages from the queue and pass them to `take`."""
         handle = self._subscription.handle
         with handle:
             while (taken := handle.take_message(self._topic.type, self._raw)) is not None:
