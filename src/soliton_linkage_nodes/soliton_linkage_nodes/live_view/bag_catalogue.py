@@ -28,7 +28,8 @@ PLAYED = (
     interfaces.SOLITON_STATE.name,
     interfaces.LAST_KICK.name,
 )
-"""Topics that a replay publishes. Command topics are omitted: they could drive other chains."""
+"""Last parts of the names of the topics that a replay publishes. Command topics are omitted,
+because a replay of commands could drive a real chain."""
 _MOST_BAGS = 200
 """Largest number of listed bags [1]; older bags are not listed."""
 _TRACK_POINTS = 500
@@ -56,11 +57,11 @@ class CataloguedBag:
         return self.time_of(self.end)
 
     def time_of(self, stamp: int) -> float:
-        """Return the recorded time [s] from the start to a stamp [ns], without the pauses."""
+        """Return the time [s] from the start of the bag to a stamp [ns]; pauses do not count."""
         return (stamp - self.start - time_in_gaps(self.gaps, self.start, stamp)) / SECOND
 
     def stamp_of(self, time: float) -> int:
-        """Return the stamp [ns] at a recorded time since the start, without the pauses [s]."""
+        """Return the stamp [ns] at `time` [s] after the start of the bag; pauses do not count."""
         stamp = self.start + round(time * SECOND)
         for first, last in sorted(self.gaps):
             if first < stamp:
@@ -69,7 +70,7 @@ class CataloguedBag:
 
     @property
     def played(self) -> list[str]:
-        """Full names of the topics that the page can show."""
+        """Full names of the topics in the bag that the page can show."""
         return [name for name in self.topics if name.rpartition('/')[2] in PLAYED]
 
 
@@ -78,9 +79,10 @@ class BagTrack:
     """Trajectory of the soliton in a bag."""
 
     points: tuple[tuple[float, float | None], ...]
-    """Recorded time [s] and site coordinate [rotor spacings], None without a soliton."""
+    """Pairs of a time since the start of the bag [s] and the site coordinate of the soliton at
+    this time [rotor spacings], or None if there is no soliton."""
     delay: float
-    """Time between the stamp and the reception of the first joint_states message [s]."""
+    """Time from the stamp of the first joint_states message to its reception [s]."""
 
 
 class BagCatalogue:
@@ -90,7 +92,7 @@ class BagCatalogue:
         self.folders = tuple(folder.resolve() for folder in folders)
 
     def bags(self) -> list[CataloguedBag]:
-        """Return all readable bags, newest first."""
+        """Return the newest 200 readable bags, the newest bag first."""
         found = [
             bag
             for folder in self.folders

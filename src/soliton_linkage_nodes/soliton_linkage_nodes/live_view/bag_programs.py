@@ -27,13 +27,15 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 _RECORDER = 'bag_recorder'
 _PLAYER = 'bag_player'
 _POLL_INTERVAL = 0.05
-"""Poll interval for the reports of a recorder and for states [s]."""
+"""Poll interval while waiting for a recorder or an analyser [s]."""
 _LONGEST_ANALYSIS = 5.0
-"""Longest wait for the last frame's soliton_state when a recording stops [s]."""
+"""When a recording stops, the page waits at most this long for the soliton_state of the last frame
+[s]."""
 _MOST_STEPS = 20
-"""Largest number of messages that a paused replay plays to show a frame and its state [1]."""
+"""After a seek, a paused replay plays at most this many messages until a frame and its state
+arrive [1]."""
 _STEP_INTERVAL = 0.02
-"""Time between two such messages [s], in which the page receives a message."""
+"""Time to receive each of these messages [s]."""
 _RESULTS = {
     'pause': 'paused',
     'resume': 'resumed',
@@ -43,7 +45,7 @@ _RESULTS = {
 
 
 class _BagProgram:
-    """Node that runs as a child process of the page, which controls the node by services."""
+    """Node that the page starts as a child process and controls by services."""
 
     def __init__(self, node: str, finder: ChainFinder, read_only: bool) -> None:
         self.running = False
@@ -53,7 +55,7 @@ class _BagProgram:
         self._processes: ChildProcesses | None = None
 
     def poll(self) -> str:
-        """Return the text of a new failure, otherwise ''."""
+        """Return the error if the process has failed since the last call, otherwise ''."""
         if self._processes is None or not self.running:
             return ''
         try:
@@ -106,7 +108,7 @@ class BagRecording(_BagProgram):
 
     @property
     def report(self) -> NodeReport | None:
-        """Last report of the recorder; None if it is too old or missing."""
+        """Last report of the recorder, or None if there is none from the last 3.5 s."""
         received_at, report = self._finder.reports.get(
             f'{self.namespace}{_RECORDER}', (-REPORT_TIMEOUT, None)
         )
@@ -128,7 +130,7 @@ class BagRecording(_BagProgram):
         return ''
 
     async def start(self, namespace: str, snapshot: float = 0.0) -> str:
-        """Begin to record, and wait until the recorder is connected to all publishers."""
+        """Start a recorder, and wait until it is connected to all publishers of the chain."""
         name = self.begin(namespace, snapshot)
         while self.running and not (self.report and self.report.message.startswith('recording')):
             await asyncio.sleep(_POLL_INTERVAL)
@@ -137,7 +139,11 @@ class BagRecording(_BagProgram):
         return f'recording to {name}_0'
 
     def begin(self, namespace: str, snapshot: float = 0.0) -> str:
-        """Start a recorder and return its name; if `snapshot` > 0, it keeps only this time [s]."""
+        """Start a recorder of the chain in a namespace; return the name of the recording.
+
+        If `snapshot` > 0, the recorder keeps only the last `snapshot` seconds in memory, and
+        writes them when the request `snapshot` arrives.
+        """
         if self._folder is None or self.rejection:
             raise ValueError(self.rejection)
         if self.running:
@@ -167,7 +173,7 @@ class BagRecording(_BagProgram):
         return await self._request(commands, commands.namespace, name)
 
     async def _await_states(self) -> None:
-        """Wait until the analyser has published the state of the newest frame."""
+        """Wait at most 5 s for the soliton_state of the newest frame."""
         chain = self._finder.chains.get(self.namespace)
         newest = chain.newest_frame if chain else 0
         deadline = time.monotonic() + _LONGEST_ANALYSIS
@@ -200,7 +206,7 @@ class BagReplay(_BagProgram):
 
     @property
     def position(self) -> float | None:
-        """Recorded time of the replay since the start of the bag [s], or None if unknown."""
+        """Time since the start of the bag that the replay has reached [s], or None if unknown."""
         chain = self._finder.chains.get(self.namespace)
         if self.bag is None or chain is None or not chain.model.stamp > 0:
             return None
@@ -208,7 +214,7 @@ class BagReplay(_BagProgram):
         return min(max(at, 0.0), self.bag.duration)
 
     async def play(self, name: str, start: float = 0.0) -> str:
-        """Play the bag `name` from the recorded time `start` [s]."""
+        """Play the bag `name`, beginning at `start` [s] after the start of the bag."""
         self._check_writable()
         async with self._changing:
             return await self._play(name, start)
@@ -234,7 +240,10 @@ class BagReplay(_BagProgram):
         return f'playing {name}'
 
     async def pause(self, commands: ChainCommands, paused: bool) -> str:
-        """Pause or resume the replay. After the end of the bag, resuming restarts the bag."""
+        """Pause or resume the replay.
+
+        If the bag has ended, resuming plays it again from its start.
+        """
         if self.bag is not None and not self.running and not paused:
             return await self.play(self.bag.name)
         answer = await self._request(commands, REPLAY, 'pause' if paused else 'resume')
@@ -242,7 +251,7 @@ class BagReplay(_BagProgram):
         return answer
 
     async def seek(self, commands: ChainCommands, at: float) -> str:
-        """Continue the replay at the recorded time `at` [s]."""
+        """Continue the replay at the time `at` after the start of the bag [s]."""
         if self.bag is None:
             raise ValueError('no bag is playing')
         if not 0 <= at <= self.bag.duration:
@@ -257,7 +266,7 @@ class BagReplay(_BagProgram):
         return f'paused at {at:.1f} s'
 
     async def _show_frame(self, commands: ChainCommands) -> None:
-        """Play messages of a paused replay until they contain a frame and its state."""
+        """Play messages of a paused replay until a frame and its soliton_state have arrived."""
         chain = self._finder.chains.get(self.namespace)
         if chain is None:
             return
@@ -281,7 +290,10 @@ class BagReplay(_BagProgram):
         return f'playing at {rate:g} × the recorded speed'
 
     async def set_loop(self, loop: bool) -> str:
-        """Set whether the replay repeats the bag. A running player is restarted."""
+        """Set whether the replay repeats the bag.
+
+        A running player is restarted at its present position.
+        """
         self._check_writable()
         async with self._changing:
             self.loop = loop

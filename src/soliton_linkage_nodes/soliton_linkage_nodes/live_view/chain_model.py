@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Present state of one chain, packed into frames for the page."""
+"""Present state of one chain, and its conversion to binary frames for the page."""
 
 from __future__ import annotations
 
@@ -22,20 +22,22 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 MOST_ANGLES = 1500
 """Largest number of rotors that are drawn one by one [1]."""
 _GROUPS = 1024
-"""Number of groups of rotors in a longer chain [1], about one per pixel."""
+"""In a chain of more than twice this number of rotors, the overview shows this number of groups of
+rotors [1], about one per pixel."""
 _STATE_TIMEOUT = 1.0
-"""Age of the last state above which the analyser is assumed to have stopped [s]."""
+"""If the last soliton_state is older than this [s], the analyser is assumed to have stopped."""
 _HISTORY_PERIOD = 1 / 30
-"""Time between two columns of the history [s]."""
+"""Shortest time between two states in the history [s]."""
 _HISTORY_COLUMNS = 600
-"""Largest number of columns in the history [1]; they span 20 s."""
+"""Largest number of states in the history [1], enough for 20 s."""
 _MINUTE = 60.0
-"""Longest time that a shared file spans [s]."""
+"""The HTML file that a user can save shows at most this much of the past [s]."""
 _MINUTE_COLUMNS = round(_MINUTE / _HISTORY_PERIOD)
 _MINUTE_NUMBERS = 1_800_000
-"""Largest number of angles in a shared file [1] (7 MB of memory)."""
+"""Largest number of angles in this file [1] (7 MB of memory)."""
 _HISTORY_NUMBERS = 400_000
-"""Largest number of values in the history [1] (1.6 MB); it limits the history of long chains."""
+"""Largest number of values in the history [1] (1.6 MB). The history of a long chain is therefore
+shorter."""
 
 
 class Moment(NamedTuple):
@@ -46,13 +48,14 @@ class Moment(NamedTuple):
     angles: Floats
     """Angles [rad], shape (N,)."""
     solitons: list[float]
-    """Site [rotor spacings], standard deviation [m] and charge of each soliton."""
+    """Position [rotor spacings], standard deviation [m] and charge of each soliton, in one
+    list."""
     energies: Mapping[str, float]
-    """Quantities of soliton_state, among them `ENERGIES` [J]."""
+    """Values of soliton_state by name, among them the `ENERGIES` [J]."""
 
 
 class ChainModel:
-    """Newest messages of one chain."""
+    """Newest messages of one chain, and its recent history."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self.named: NamedChain | None = None
@@ -64,7 +67,7 @@ class ChainModel:
         self.goal = math.nan
         """Goal of the current move [rotor spacings]."""
         self.history: deque[Column] = deque(maxlen=_HISTORY_COLUMNS)
-        """Recent states, for a page that is opened later."""
+        """Recent states. A page that is opened later begins with them."""
         self.stamp = math.nan
         self.angles = np.zeros(0)
         """Latest angles [rad], shape (N,), NaN for missing joints."""
@@ -93,7 +96,7 @@ class ChainModel:
 
     @property
     def delay(self) -> float:
-        """Delay of soliton_state behind joint_states [s], or NaN if no analyser publishes."""
+        """Time by which soliton_state lags behind joint_states [s]; NaN without an analyser."""
         return self.stamp - self._state_stamp if self.state_age < _STATE_TIMEOUT else math.nan
 
     @property
@@ -125,7 +128,10 @@ class ChainModel:
         self._update_derived()
 
     def extend_history(self, joints: JointStates, numbers: Mapping[str, float]) -> None:
-        """Add to the history joint states that are not shown, at most one per history period."""
+        """Add joint states to the history that the page has skipped, at most one every 1/30 s.
+
+        `numbers` are the values of their soliton_state.
+        """
         stamp = joints.stamp / SECOND
         if self._reader is None or not stamp >= self._column_stamp + _HISTORY_PERIOD:
             return
@@ -136,17 +142,17 @@ class ChainModel:
         self._add_column(stamp, numbers, overview(self._lean(angles)))
 
     def update_state(self, numbers: dict[str, float], solitons: list[float]) -> None:
-        """Store a state. `solitons` has the form of `Moment.solitons`."""
+        """Store the values of a soliton_state. `solitons` has the form of `Moment.solitons`."""
         self.numbers, self._solitons = numbers, solitons
         self._state_received_at = self._clock()
 
     def clear_state(self) -> None:
-        """Drop the state, because it does not belong to the next frame."""
+        """Delete the values of soliton_state, because the next frame has no state."""
         self.numbers, self._solitons = {}, []
         self._state_received_at = -math.inf
 
     def update_rate(self, sequence: int | None) -> None:
-        """Update the rate of joint_states from a sequence number, which is None if unknown."""
+        """Update the rate of joint_states from a message's sequence number, if it is known."""
         now = self._clock()
         if sequence is None:
             return
@@ -157,9 +163,9 @@ class ChainModel:
             self._counted = (now, sequence)
 
     def packed(self, index: int, first: int, last: int) -> bytes:
-        """Return the rotors `first` to `last` as a frame.
+        """Return the present state as a frame with details of the rotors `first` to `last`.
 
-        `index` is the number of the chain in the status.
+        `index` is the position of the chain in the list of chains in the status.
         """
         first = max(0, min(first, self.rotors - 1))
         last = max(first, min(last, self.rotors - 1))
@@ -185,7 +191,7 @@ class ChainModel:
         return pack(numbers, arrays)
 
     def description(self) -> dict[str, Any]:
-        """Return the constants of the chain for JSON.
+        """Return the constants of the chain that the page needs for drawing, as JSON values.
 
         `spacing` is None if the chain is unknown.
         """
@@ -194,7 +200,10 @@ class ChainModel:
         return {'error': self.error, **chain_constants(self.named.chain)}
 
     def shared(self, title: str) -> str:
-        """Return an HTML page with the last minute; ValueError without a chain or a frame."""
+        """Return an HTML page that shows the last minute.
+
+        Raises ValueError if the chain is unknown or no frame has arrived.
+        """
         if self.named is None:
             raise ValueError('the chain is unknown: no node publishes the topic chain')
         recent = list(self._minute)
@@ -263,7 +272,11 @@ class ChainModel:
 
 
 def overview(lean: Array) -> Floats:
-    """Return each rotor's lean or, above 2048 rotors, the extrema in 1024 groups of rotors."""
+    """Return the leans of the rotors for the overview of a chain, with the unit of `lean`.
+
+    For more than 2048 rotors, it returns the smallest and the largest lean in each of 1024 groups
+    of rotors. The lean of a rotor is the displacement of its tip along the chain.
+    """
     if len(lean) <= 2 * _GROUPS:
         return np.asarray(lean, dtype=np.float32)
     starts = np.linspace(0, len(lean), _GROUPS, endpoint=False).astype(np.intp)

@@ -31,27 +31,34 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, subscribe_newest
 
 REPORT_TIMEOUT = 3.5
-"""Age of a report above which its node is assumed to have stopped [s]. Nodes report every 1 s."""
+"""A node whose last report is older than this [s] is assumed to have stopped. Nodes report every 1
+s."""
 _SEARCH_INTERVAL = 0.5
 """Time between two searches of the graph [s]; a search takes about 1 ms."""
 _MOST_REPORTS = 200
 """Largest number of diagnostics messages that one call of `update` processes [1]."""
 _PAIRED = 200
-"""Largest number of unpaired frames, and of unpaired states [1]."""
+"""At most this many frames wait for the state with the same stamp, and at most this many states
+wait for their frame [1]."""
 _SILENCE = 0.5
-"""Longest wait of a frame for its state [s]; afterwards, frames are shown without states."""
+"""If no soliton_state has arrived for this time [s], frames are shown without a state."""
 _LONGEST_WAIT = 2.0
-"""Longest wait for a frame and a state with equal stamps [s]; analysers may replace stamps."""
+"""If a frame and a state with equal stamps have not arrived for this time [s], the newest frame
+and the newest state are shown together. This is necessary because an analyser may use other stamps
+than the encoders."""
 _LATE_SPAN = 10.0
 """Time window for the fraction of missed deadlines [s]."""
 _MOST_CHAINS = 16
 """Largest number of chains that the page shows [1]."""
 _MOST_BYTES = 4_000_000
-"""Largest camera picture that is sent to a page [B], about 12 megapixels."""
+"""A camera picture above this size, about 12 megapixels, is not sent to a page [B]."""
 
 
 class CameraTopic:
-    """Topic `camera_overlay` of a namespace; it is subscribed only while a page shows it."""
+    """Topic `camera_overlay` of a namespace.
+
+    It is subscribed only while a page shows the pictures.
+    """
 
     def __init__(self, node: Node, namespace: str) -> None:
         self.pictures = 0
@@ -72,7 +79,7 @@ class CameraTopic:
         return f'no node publishes {interfaces.CAMERA_OVERLAY.name}; start camera_encoders'
 
     def show(self, shown: bool) -> None:
-        """Subscribe if a page shows the pictures, otherwise unsubscribe."""
+        """Subscribe if a page shows the pictures (`shown`), otherwise unsubscribe."""
         if shown and self._publishers and self._subscription is None:
             self._subscription = subscribe_newest(
                 self._node, interfaces.CAMERA_OVERLAY, self._name
@@ -106,7 +113,10 @@ class CameraTopic:
             self._error = ''
 
     def packed(self, index: int) -> bytes:
-        """Return the newest picture as a message, with the `index` of the chain in the status."""
+        """Return the newest picture as a binary message for the page.
+
+        `index` is the position of the chain in the list of chains in the status.
+        """
         age = time.monotonic() - self._received_at
         return pack_camera(index, self._stamp, age, self._jpeg)
 
@@ -118,7 +128,7 @@ class CameraTopic:
 
 
 class ChainTopics:
-    """Topics of the chain in one namespace; the namespace ends with a slash."""
+    """Subscriptions to the topics of one chain; its namespace ends with a slash."""
 
     def __init__(self, node: Node, namespace: str) -> None:
         self.namespace = namespace
@@ -178,12 +188,20 @@ class ChainTopics:
         self._show_frame(frame is not None)
 
     def is_analysed(self, stamp: int) -> bool:
-        """Return whether the state of a stamp [ns] has arrived or no analyser publishes states."""
+        """Return whether the state of the frame with this stamp [ns] has arrived.
+
+        The result is also true if no analyser publishes states.
+        """
         silent = time.monotonic() - self._state_at > _SILENCE
         return silent or self.newest_state >= stamp
 
     def _show_frame(self, fresh: bool) -> None:
-        """Show the newest frame and state with equal stamps or, after a long wait, any stamps."""
+        """Show the newest frame and the newest state that have equal stamps.
+
+        If none have had equal stamps for 2 s, it shows the newest of each. If no analyser
+        publishes, it shows the newest frame without a state. `fresh` is whether a frame has just
+        arrived.
+        """
         now = time.monotonic()
         if fresh and self._shown_at == -math.inf:
             self._shown_at = now
@@ -232,13 +250,16 @@ def _until(kept: Mapping[int, object], last: int) -> list[int]:
 
 
 class ChainFinder:
-    """Chains in the ROS graph, and the latest report of each node. No executor may spin `node`."""
+    """Chains in the ROS graph, and the latest report of each node.
+
+    `node` must not be added to an executor, because `update` takes its messages.
+    """
 
     def __init__(self, node: Node, expected: str) -> None:
         self.chains: dict[str, ChainTopics] = {expected: ChainTopics(node, expected)}
         self.reports: dict[str, tuple[float, NodeReport]] = {}
-        """Time of reception [s, monotonic clock] and last report of each node, by the node's full
-        name."""
+        """Time of reception [s, monotonic clock] and content of the last report of each node. The
+        keys are full node names."""
         self.nodes: list[str] = []
         self._node = node
         self._deadlines: dict[str, deque[tuple[float, ...]]] = {}

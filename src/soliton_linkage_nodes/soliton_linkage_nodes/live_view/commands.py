@@ -29,17 +29,18 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import ACTION_QOS, SERVICE_QOS
 
 _ANSWER_TIMEOUT = 60.0
-"""Longest wait for the answer to a command [s]; the page warns after 2 s."""
+"""Longest wait for the answer to a command [s]. The page shows a warning after 2 s."""
 _ACCEPTED_TIME = 2.0
-"""Longest wait for the effect of a command that the actuator has accepted [s]."""
+"""If the actuator has accepted a command but published no last_kick within this time [s], the
+answer only states that the command was accepted."""
 _PARAMETERS_TIMEOUT = 3.0
-"""Longest wait for the parameter services of a node [s]."""
+"""Longest wait until the parameter services of a node are available [s]."""
 _POLL_INTERVAL = 0.02
 """Poll interval for an answer [s]."""
 _TILT_RESOLUTION = 1e-5
-"""Resolution of the reported tilt [rad]."""
+"""The requested tilt counts as reached if the reported tilt differs by less than this [rad]."""
 _CARRIED_OUT = 'commands carried out'
-"""Name of the value that counts the executed commands in edge_actuator's reports."""
+"""Name of the value in edge_actuator's reports that counts the executed commands."""
 READ_ONLY = 'this page is read-only; start live_view with read_only:=false to send commands'
 _PUBLISHED = (
     *(interfaces.NUDGE, interfaces.EDGE_COMMAND, interfaces.TILT),
@@ -116,7 +117,11 @@ class ChainCommands:
     async def drive(
         self, kind: str, edge: str, value: float, times: tuple[float, float, float], **wave: Any
     ) -> str:
-        """Send an edge_command; `times` are its duration, ramp up and ramp down [s]."""
+        """Send an edge_command, and return the answer.
+
+        `value` has the unit of its `kind`. `times` are the duration, the ramp up and the ramp down
+        [s]. `wave` contains further fields of the message if it describes a waveform.
+        """
         message = views.edge_command_of(kind, edge, value, *times, **wave)
         lasting = any(times) or bool(wave)
         return await self._actuate(
@@ -124,7 +129,7 @@ class ChainCommands:
         )
 
     async def pull(self, pull: Pull, updated: Callable[[], Awaitable[None]]) -> str:
-        """Pull a rotor until the user releases the button."""
+        """Pull a rotor until the user releases it; `updated` waits for the next frame."""
         self.check_writable()
         chain = self._finder.chains.get(self.namespace)
         named = chain.model.named if chain else None
@@ -192,7 +197,11 @@ class ChainCommands:
         velocity: float = 0.0,
         joints: Mapping[str, float] | None = None,
     ) -> str:
-        """Reset the chain; `position` in [rotor spacings], `velocity` [m/s], `joints` [rad]."""
+        """Reset the simulated chain to the state with the name `state`.
+
+        The state 'soliton' needs `position` [rotor spacings] and `velocity` [m/s], and the state
+        'angles' needs `joints` [rad].
+        """
         request = views.reset_request(state, position, velocity, joints)
         answer = await self._call_own('simulator/reset', request)
         self._forget_move()
@@ -209,7 +218,11 @@ class ChainCommands:
         return await self._call_own(f'chain_identifier/{name}', Trigger.Request())
 
     async def move_to(self, rotor: float, speed: float, position: float) -> str:
-        """Move the soliton to `rotor` [rotor spacings]; `speed` 0 means an automatic speed."""
+        """Move the soliton to the site coordinate `rotor` [rotor spacings].
+
+        At `speed` 0 [rotor spacings/s], soliton_steering chooses the speed. `position` is the
+        present site coordinate.
+        """
         self.check_writable()
         goal = views.move_goal(rotor, speed)
         if self._mover is None or not self._mover.server_is_ready():
@@ -244,7 +257,11 @@ class ChainCommands:
         raise ValueError(f'{move.state}: {move.message}')
 
     def follow(self, received_at: float, figures: Mapping[str, str]) -> None:
-        """Show a move of another client, from the `figures` of a steering report."""
+        """Update the shown move from a report of soliton_steering.
+
+        Such reports are the only source for moves of other clients. `received_at` is the time of
+        reception [s], and `figures` are the values of the report.
+        """
         if received_at <= self._reported_at or 'moves begun' not in figures:
             return
         self._reported_at = received_at
@@ -379,7 +396,7 @@ class ChainCommands:
         raise ValueError(f'{node} has no parameter services; it may have ended')
 
     async def _result_of(self, send: Callable[[], Any]) -> Any:
-        """Call `send` on the executor's thread; return the result of the future from `send`."""
+        """Return the result of the future that `send` creates, on the executor's thread."""
         loop = asyncio.get_running_loop()
         result: asyncio.Future[Any] = loop.create_future()
 
@@ -410,7 +427,10 @@ class ChainCommands:
 
 
 def _new_rejection(before: NodeReport | None, report: NodeReport | None, topic: str) -> str:
-    """Return why a node rejected a message on `topic` after the report `before`, or ''."""
+    """Return the reason if `report` counts a rejection that `before` does not, otherwise ''.
+
+    Only a rejection of a message on `topic` is returned.
+    """
     if report is None:
         return ''
     rejected = views.figure(report.figures, 'rejected')

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Layout of the binary messages to the page: frames, histories and camera pictures.
+"""Layout of the binary messages to the page, which are frames, histories and camera pictures.
 
-All numbers are little-endian. The first double is the kind of the message. A frame continues with
-the `FIELDS` and the sizes of `ARRAYS` as doubles, and ends with the arrays as float32.
+All numbers are little-endian. The first double is the index of the message's kind in `KINDS`. In a
+frame, the values of the `FIELDS` and the lengths of the `ARRAYS` follow as doubles, and then the
+arrays as float32.
 """
 
 from __future__ import annotations
@@ -57,12 +58,13 @@ class Column(NamedTuple):
     """State of a chain at one past time."""
 
     numbers: tuple[float, ...]
-    """Stamps of angles and state [s], soliton position [rotor spacings], and `ENERGIES` [J]."""
+    """Stamp of the angles [s], stamp of the state [s], soliton position [rotor spacings], and the
+    `ENERGIES` [J]."""
     overview: Floats
 
 
 def pack(numbers: Mapping[str, float], arrays: Mapping[str, Array | Floats]) -> bytes:
-    """Return a frame as bytes; missing fields become NaN, missing arrays empty."""
+    """Return a frame as bytes. Missing fields are NaN, and missing arrays are empty."""
     empty = np.zeros(0, dtype='<f4')
     with np.errstate(over='ignore'):
         parts = [np.asarray(arrays.get(name, empty), dtype='<f4') for name in ARRAYS]
@@ -84,11 +86,12 @@ def unpack(frame: bytes) -> tuple[dict[str, float], dict[str, Floats]]:
 
 
 def pack_history(chain: int, columns: Iterable[Column]) -> bytes:
-    """Return the history of the chain with index `chain` as bytes.
+    """Return a history message of the chain with the index `chain`.
 
-    The doubles are the kind, the index, the number of columns, two sizes of a column (lean values,
-    other values), and the other values. The lean values follow as float32. Columns with another
-    number of lean values than the latest column are omitted.
+    It begins with these doubles: kind, chain index, number of columns, number of leans in a
+    column, number of other values in a column. The other values of all columns follow as doubles,
+    and then the leans of all columns as float32. Only columns with as many leans as the latest
+    column are included.
     """
     kept = list(columns)
     height = kept[-1].overview.size if kept else 0
@@ -100,7 +103,7 @@ def pack_history(chain: int, columns: Iterable[Column]) -> bytes:
 
 
 def pack_camera(chain: int, stamp: float, age: float, jpeg: bytes) -> bytes:
-    """Return a camera picture: doubles (kind, chain index, stamp [s], age [s]), then the JPEG."""
+    """Return a picture message: doubles (kind, chain index, stamp [s], age [s]), then the JPEG."""
     return np.array([CAMERA, chain, stamp, age], dtype='<f8').tobytes() + jpeg
 
 

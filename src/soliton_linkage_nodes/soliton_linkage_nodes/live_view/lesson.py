@@ -20,18 +20,20 @@ from soliton_linkage_nodes.runtime.child_processes import ChildProcesses
 
 DISORDERED = '/disordered/'
 _SPEED = 10.0
-"""Angular speed of a nudge [rad/s], the same as in the demo."""
+"""Angular speed of a nudge [rad/s], as in the demo."""
 _SPEEDS = (5.0, 10.0, 20.0)
 """Angular speeds of the three nudges in the second experiment [rad/s]."""
 _DISORDER = 0.02
 """Relative standard deviation of the lengths of the disordered chain [1]."""
 _MIDDLE = (0.3, 0.7)
-"""Range of positions in which the speed is measured, far from the edges [chain lengths]."""
+"""The soliton speed is measured between these two positions, far from the edges [chain
+lengths]."""
 _TIMEOUT = 60.0
 """Longest wait in each step of an experiment [s], for example for a passage of the soliton."""
 _NODES = ('simulator', 'edge_actuator', 'soliton_analyser')
 _TURN = 1.0
-"""Change of angle over two passages above which a rotor counts as spinning [rad]."""
+"""If the angle of a rotor has changed by more than this after two passages of the soliton, the
+rotor counts as spinning [rad]."""
 
 
 class Sample(NamedTuple):
@@ -60,7 +62,10 @@ class Passage:
 
 
 class Laboratory:
-    """Experiments on the chain in a namespace; `watch` shows another chain on the page."""
+    """Experiments on the chain in a namespace.
+
+    `watch` makes the page show the chain in another namespace.
+    """
 
     def __init__(self, view: View, namespace: str, watch: Callable[[str], None]) -> None:
         self._view, self._namespace, self._watch = view, namespace, watch
@@ -159,7 +164,7 @@ class Laboratory:
         return await self._passage()
 
     async def _connect(self) -> None:
-        """Wait until a kick is accepted, because a new actuator is not connected at once."""
+        """Repeat a kick until it is accepted, because a new actuator rejects commands at first."""
         deadline = time.monotonic() + _TIMEOUT
         while True:
             try:

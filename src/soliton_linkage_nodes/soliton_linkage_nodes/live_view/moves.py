@@ -13,7 +13,7 @@ from soliton_linkage_nodes.messages import view_conversions as views
 
 UNDER_WAY = 'under way'
 _HELD = (MoveSoliton.Result.REACHED, MoveSoliton.Result.CANCELLED)
-"""Outcomes after which the steering node holds the soliton."""
+"""Outcomes of a move after which soliton_steering holds the soliton."""
 
 
 @dataclass
@@ -21,7 +21,7 @@ class Move:
     """Last move of the soliton, requested by this page or another client."""
 
     state: str = ''
-    """Name of the outcome; UNDER_WAY during the move, '' before the move."""
+    """Name of the outcome, UNDER_WAY during the move, or '' before the first move."""
     goal: float = math.nan
     """Site coordinate of the goal [rotor spacings]."""
     start: float = math.nan
@@ -52,7 +52,7 @@ class Move:
 
 
 def await_end(move: Move, handle: Any) -> None:
-    """Set the outcome of `move` when the action goal of `handle` has a result."""
+    """Store the outcome in `move` as soon as the action goal of `handle` has a result."""
     if handle is not None and handle.accepted:
         move.handle = handle
         handle.get_result_async().add_done_callback(lambda done: _conclude(move, done.result()))

@@ -23,7 +23,7 @@ from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 from soliton_linkage_nodes.runtime.process import run
 
 _IDLE_PERIOD = 0.1
-"""Time between two ticks while no browser is connected [s]."""
+"""Time between two updates while no browser is connected [s]."""
 
 
 @dataclass(frozen=True)
@@ -53,10 +53,11 @@ class LiveViewParameters:
 class LiveView(GuardedNode):
     """Node that serves a web page, which shows all chains and sends commands to them.
 
-    In each namespace with `joint_states` it subscribes to `soliton_state`, `chain`, `last_kick`
-    and `camera_overlay`, publishes `nudge`, `edge_command`, `tilt` and `joint_commands`, and uses
-    services and the action `move_soliton`. It reads and publishes `/diagnostics`. It starts a
-    `bag_recorder`, and a `bag_player` in the namespace `/replay`.
+    In each namespace with `joint_states` it also subscribes to `soliton_state`, `chain`,
+    `last_kick` and `camera_overlay`, publishes `nudge`, `edge_command`, `tilt` and
+    `joint_commands`, and calls services and the action `move_soliton`. It reads and publishes
+    `/diagnostics`. On request it starts a `bag_recorder`, and a `bag_player` in the namespace
+    `/replay`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {LiveViewParameters: ''}

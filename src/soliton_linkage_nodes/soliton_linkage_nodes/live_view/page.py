@@ -66,9 +66,10 @@ class LessonControls:
 _REFRESH_PERIOD = 0.25
 """Time between two updates of the controls [s]."""
 _BUILD_TIMEOUT = 60.0
-"""Longest time to build a page on a busy machine [s]."""
+"""Time limit for building a page [s], sufficient on a busy machine."""
 _RECONNECT_TIMEOUT = 15.0
-"""Longest interruption of the connection after which a browser keeps its page [s]."""
+"""If the connection to a browser is interrupted for less than this time [s], the browser keeps its
+page."""
 _TABS = ('Drive', 'Run', 'Settings', 'Bags', 'Identify')
 _LESSON = 'Lesson'
 _LESSON_TABS = (_LESSON, 'Drive', 'Run')

@@ -11,11 +11,13 @@ import numpy as np
 from soliton_linkage.linkage.chain import Array, Chain
 
 _ACCELERATION = 200.0
-"""Largest angular acceleration of a free rotor [rad/s^2]; it reaches 10 rad/s in 0.05 s."""
+"""The torque is limited so that it accelerates a free rotor by at most this [rad/s^2]. A rotor
+then reaches 10 rad/s in 0.05 s."""
 _STRETCH = 1.0
 """Angle between rotor and pointer at which the spring reaches its largest torque [rad]."""
 _TOP_SPEED = 20.0
-"""Angular speed of the rotor at which the damping cancels the largest torque [rad/s]."""
+"""At this angular speed of the rotor, the damping torque is as large as the largest torque
+[rad/s]."""
 _DEAD_ZONE = 0.2
 """Radius around the pivot within which the pointer causes no torque [rotor lengths]."""
 
@@ -38,7 +40,10 @@ class Pull:
         self.x, self.z = float(x), float(z)
 
     def torque(self, chain: Chain, angles: Array, rates: Array | None, limit: float) -> float:
-        """Return the torque on the rotor [N m], at most `limit`; arrays have shape (N,)."""
+        """Return the torque on the pulled rotor [N m], at most `limit`.
+
+        The `angles` [rad] and `rates` [rad/s] of all rotors have shape (N,).
+        """
         pivot = float(np.sum(chain.spacings[: self.rotor]))
         length = float(chain.rotor_lengths[self.rotor])
         angle = float(angles[self.rotor])

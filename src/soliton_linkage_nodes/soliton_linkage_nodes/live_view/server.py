@@ -33,14 +33,15 @@ if TYPE_CHECKING:
 _SCRIPTS = Path(__file__).with_name('browser')
 _PICTURES = Path(__file__).parent / 'docs' / 'pictures'
 _START_TIMEOUT = 30.0
-"""Longest start time of the server [s]. NiceGUI needs several seconds on a busy machine."""
+"""Time limit for the start of the server [s]. NiceGUI needs several seconds on a busy machine."""
 _LONGEST_PERIOD = 0.2
-"""Longest time between two ticks if browsers need much processor time [s]."""
+"""To reduce the processor load, the time between two calls of `tick` is increased to at most this
+[s]."""
 _LARGEST_MESSAGE = 65536
 """Largest accepted message from a browser [bytes]."""
 _COOKIE = 'soliton_linkage_live_view'
 _PUNCTUATION = '.,;:)\'"'
-"""Characters that a terminal may append to a copied address."""
+"""Characters that are removed from the end of an address, because a user may copy them with it."""
 _REMEDY = 'open the address that live_view printed'
 
 
@@ -63,7 +64,11 @@ def listening_socket(host: str, port: int) -> socket.socket:
 def application(
     serve: Callable[[WebSocket], Awaitable[None]], share: Callable[[str], str]
 ) -> FastAPI:
-    """Return the application that serves the page; `share` returns the last minute as HTML."""
+    """Return the web application of the page.
+
+    `serve` handles the stream to one browser. `share` returns an HTML page with the last minute of
+    a chain.
+    """
     created = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     files = {path.name: path for path in _SCRIPTS.iterdir() if path.suffix in ('.js', '.css')}
 
@@ -105,7 +110,11 @@ class PageServer:
         tick: Callable[[], float],
         share: float,
     ) -> None:
-        """Serve on a bound socket with at most a `share` of a core; token '' means open access."""
+        """Start the server on a bound socket.
+
+        `tick` returns the time until its next call [s]. The server increases this time so that its
+        load is at most a `share` of a processor core. Requests need the `token`, unless it is ''.
+        """
         config = uvicorn.Config(
             Gate(served, token),
             log_level='error',
@@ -160,7 +169,11 @@ class PageServer:
 
 
 def tick_period(wanted: float, spent: float, share: float) -> float:
-    """Return the time to the next tick [s], so that the load is at most a `share` of a core."""
+    """Return the time until the next tick [s].
+
+    It is `wanted` [s], or longer if `spent` [s], the processor time since the last tick, would
+    exceed a `share` of it.
+    """
     return max(wanted, min(spent / share, _LONGEST_PERIOD))
 
 
@@ -178,8 +191,8 @@ class Gate:
     """Middleware that rejects requests and streams that do not come from the live page.
 
     Without the middleware, another web page in the same browser could send commands to the chain
-    (DNS rebinding). The middleware accepts host names of this machine and, if a token is set,
-    requests with the token.
+    (DNS rebinding). A request must contain the token, if one is set. Otherwise its host name must
+    be one of this machine. If it has an origin, the origin must be this server.
     """
 
     def __init__(self, guarded: ASGIApp, token: str = '') -> None:

@@ -26,7 +26,7 @@ _PAGE = 'live_view'
 _RESTART_DELAY = 1.0
 """Time from the end of a node to its restart [s]."""
 _MOST_RESTARTS = 100
-"""Number of restarts at which the program gives up [1]."""
+"""The program gives up after this number of restarts of nodes [1]."""
 _POLL_INTERVAL = 0.1
 """Poll interval for ended processes [s]."""
 

@@ -26,7 +26,7 @@ _MODULES = ('drawing.js', 'frames.js', 'chain.js', 'plots.js', 'share.js')
 _MOST_VALUES = 850_000
 """Largest number of angles and energies in a file [1], about 5 MB."""
 _MOST_FRAMES = 6000
-"""Largest number of frames in a file [1], 100 s at 60 Hz."""
+"""Largest number of frames in a file [1], enough for 100 s at 60 Hz."""
 _IMPORT = re.compile(r'^import .*?;\n', re.MULTILINE | re.DOTALL)
 
 
@@ -62,11 +62,11 @@ def shared_page(
     solitons: Sequence[Sequence[float]],
     energies: Mapping[str, Array] | None = None,
 ) -> str:
-    """Return an HTML page of T frames of N rotors; ValueError if T = 0.
+    """Return an HTML page that shows T frames of N rotors; ValueError if T = 0.
 
-    `times` [s] and each of the `energies` [J] (default: elastic) have shape (T,), `angles` [rad]
-    (T, N); `solitons` has the `soliton_numbers` of each frame. Frames of a long recording are
-    thinned.
+    `times` [s] and each of the `energies` [J] have shape (T,), and `angles` [rad] have shape (T,
+    N). `solitons` contains the `soliton_numbers` of each frame. Without `energies`, the elastic
+    energy is shown. Of a long recording, only every n-th frame is included.
     """
     if not len(times):
         raise ValueError('no frame is recorded yet; wait until joint_states are received')

@@ -18,16 +18,17 @@ REPLAY = '/replay/'
 _DROP_AGE = 30.0
 """Age above which a report is ignored [s]."""
 _LONGEST_DELAY = 0.2
-"""Delay of soliton_state [s] above which the page warns, provided that the delay also exceeds
+"""The page warns if soliton_state is delayed by more than this [s] and by more than
 `_FRAMES_BEHIND`."""
 _ENDING = ('bag_player', 'bag_recorder')
-"""Nodes that end regularly, so that the page does not warn if their reports are missing."""
+"""Nodes that end in normal operation. The page does not warn if their reports are missing."""
 _FRAMES_BEHIND = 2
-"""Delay of soliton_state [frames] above which the page warns; one frame is always in transit."""
+"""The page warns only if soliton_state is delayed by more than this number of frames [1], because
+one frame is always in transit."""
 _LATE = re.compile('deadlines missed in the last second')
-"""Pattern of the warning that the page replaces by the share of late frames."""
+"""Pattern of a warning that the page omits, because it shows the fraction of late frames."""
 _PAUSED = re.compile(f'{_LATE.pattern}|^(waiting for joint_states|no soliton)')
-"""Pattern of warnings that a paused simulation causes, or that the page replaces."""
+"""Pattern of the warnings that the page omits while a simulation is paused."""
 _ACTUATOR = 'start edge_actuator'
 _SIMULATOR = 'only a simulator can do this; no simulator of this chain is running'
 _STEERING = 'no node serves {}; start soliton_steering'
@@ -114,7 +115,7 @@ def health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
 
 
 def gravity_of(finder: ChainFinder, namespace: str) -> tuple[float, float]:
-    """Return gravity [m/s^2] and tilt [rad] of a simulator, NaN if none reports."""
+    """Return gravity [m/s^2] and tilt [rad] as a simulator reports them, or NaN."""
     for _, report in reports_of(finder, namespace):
         if 'gravity [m/s^2]' in report.figures:
             figures = report.figures
@@ -130,7 +131,8 @@ def status(
 ) -> str:
     """Return the status of all chains as JSON.
 
-    `why` contains the `reasons` of each chain, and `more` further entries.
+    By namespace, `commands` contains the commands and `why` the `reasons` of each chain. `more`
+    contains further entries of the status.
     """
     chains = []
     for namespace, chain in finder.chains.items():

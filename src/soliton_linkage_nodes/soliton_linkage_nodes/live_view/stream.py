@@ -30,15 +30,21 @@ if TYPE_CHECKING:
     from fastapi import WebSocket
 
 _MOST_PENDING = 2
-"""Largest number of frames that were sent but not yet drawn [1]; one frame is in transit."""
+"""Largest number of frames that were sent to a browser and that it has not yet drawn [1]. It is
+above 1 because one frame is always in transit."""
 _HEARTBEAT = 0.2
-"""Time after which an unchanged frame is sent again with its present age [s]."""
+"""An unchanged frame is sent again after this time [s], so that the page can show its present
+age."""
 _MOST_TILE_ANGLES = 200
-"""Largest number of rotors that are drawn one by one if chains are side by side [1]."""
+"""Largest number of rotors that are drawn one by one if the page shows all chains side by side
+[1]."""
 
 
 async def carry_out(view: View, name: str, arguments: Mapping[str, Any]) -> str:
-    """Carry out a canvas action and return the answer; ValueError if the action is rejected."""
+    """Carry out an action that a user has started on the canvas, and return the answer.
+
+    Raises ValueError if the action is rejected.
+    """
     if view.read_only:
         raise ValueError(READ_ONLY)
     namespace = str(arguments.get('chain', ''))
@@ -64,7 +70,10 @@ async def carry_out(view: View, name: str, arguments: Mapping[str, Any]) -> str:
 
 
 class BrowserStream:
-    """Connection to one browser; when the browser has drawn a frame, the newest frame is sent."""
+    """Connection to one browser.
+
+    When the browser has drawn a frame, it receives the newest frame.
+    """
 
     def __init__(self, socket: WebSocket, source: View) -> None:
         self.watched = next(iter(source.chains), '')
@@ -130,7 +139,7 @@ class BrowserStream:
         await self._socket.send_bytes(packed)
 
     def _skipped(self, chain: ChainTopics) -> list[Column]:
-        """Return the columns between the last sent frame and the newest column."""
+        """Return the history after the last sent frame, without the newest column."""
         last = self._sent_stamps.get(chain.namespace, math.inf)
         self._sent_stamps[chain.namespace] = chain.model.stamp
         skipped = list(

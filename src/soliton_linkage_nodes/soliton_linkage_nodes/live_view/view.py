@@ -63,7 +63,7 @@ class View:
 
     @property
     def versions(self) -> list[int]:
-        """Version numbers; a change of `descriptions` changes one of these numbers."""
+        """Version numbers of `descriptions`. If these change, one of the numbers changes too."""
         return [self.replay.played, *(c.model.version for c in self.chains.values())]
 
     def descriptions(self) -> dict[str, Any]:
@@ -84,18 +84,25 @@ class View:
         )
 
     def packed(self, index: int, chain: ChainTopics, first: int, last: int) -> bytes:
-        """Return the rotors `first` to `last` of a chain as a frame, packed once for all pages."""
+        """Return a frame of a chain with details of the rotors `first` to `last`.
+
+        A frame is packed only once for all browsers that show the same rotors. `index` is the
+        position of the chain.
+        """
         window = index, first, last
         if window not in self._packed:
             self._packed[window] = chain.model.packed(*window)
         return self._packed[window]
 
     async def wait(self) -> None:
-        """Wait for the next update."""
+        """Wait until the next call of `update` has ended."""
         await self._updated.wait()
 
     def update(self, cameras: Collection[str]) -> None:
-        """Process the newest messages. `cameras` are the namespaces with a visible camera."""
+        """Process the newest messages.
+
+        `cameras` are the namespaces whose camera pictures a page shows.
+        """
         self._packed.clear()
         self.finder.update()
         for namespace, chain in self.chains.items():

@@ -66,7 +66,7 @@ class RecordControls:
         return await recording.request(self._view.commands(recording.namespace), name)
 
     def refresh(self) -> None:
-        """Disable the controls that cannot be used, and show the state of the recording."""
+        """Disable the controls that are not usable now, and show the state of the recording."""
         recording = self._view.recording
         if not recording.running and self._page.namespace in self._view.chains:
             recording.namespace = self._page.namespace
@@ -124,7 +124,7 @@ class BagControls:
             loop.on_value_change(change_loop)
 
     def refresh(self) -> None:
-        """Disable the replay controls while no bag is open; list bags again after a recording."""
+        """Disable the replay controls if no bag is open; list bags again after a recording."""
         read_only = READ_ONLY if self._view.read_only else ''
         closed = '' if self._view.replay.bag else 'no bag is open; press Play beside a bag'
         self._transport.disable_for(read_only or closed)
@@ -137,7 +137,7 @@ class BagControls:
             ui.timer(0, self.list_bags, once=True)
 
     async def list_bags(self) -> None:
-        """Read the folders and update the list of bags."""
+        """Read the bag folders and update the list of bags."""
         self._listings += 1
         listing = self._listings
         bags = {bag.name: bag for bag in await asyncio.to_thread(self._view.catalogue.bags)}

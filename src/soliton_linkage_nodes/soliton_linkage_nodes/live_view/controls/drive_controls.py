@@ -34,13 +34,13 @@ Action = Callable[[], 'str | Awaitable[str]']
 
 
 class Shown(Protocol):
-    """The chain that a page shows."""
+    """Namespace of the chain that a page shows."""
 
     namespace: str
 
 
 async def attempt(name: str, action: Action, long: bool = False) -> bool:
-    """Carry out an action and show its answer; a `long` action may take more than 2 s."""
+    """Carry out an action and show its answer. A `long` action may take more than 2 s."""
     number = next(_numbers)
     show_answer(number, name, long=long)
     good = True
@@ -56,7 +56,11 @@ async def attempt(name: str, action: Action, long: bool = False) -> bool:
 def show_answer(
     number: int, name: str, text: str = '', good: bool | None = None, long: bool = False
 ) -> None:
-    """Show the state of an action. `good` is None while the answer is pending."""
+    """Show the state of an action.
+
+    `number` identifies the action, and `text` is its answer. `good` is whether it has succeeded,
+    or None before the answer.
+    """
     state = {'id': f'control {number}', 'name': name, 'answer': text, 'good': good, 'long': long}
     ui.run_javascript(f'live.answers.show({json.dumps(state)})')
 
@@ -112,7 +116,10 @@ def value_of(entry: ui.number) -> float:
 
 
 class ControlGroup:
-    """Controls under one heading; `reason_of` is the key of the reason to disable them."""
+    """Controls under one heading.
+
+    They are disabled by the entry `reason_of` of the `reasons` of a chain.
+    """
 
     def __init__(self, title: str, reason_of: str) -> None:
         self.reason_of = reason_of
@@ -151,7 +158,7 @@ class ChainControls:
         return self._view.commands(self._page.namespace)
 
     def refresh(self, why: Mapping[str, str]) -> None:
-        """Disable the groups that have a reason."""
+        """Disable the groups for which `why` contains a reason, and enable the others."""
         for group in self.groups:
             group.disable_for(why[group.reason_of])
 
@@ -248,7 +255,7 @@ class DriveControls(ChainControls):
         return group
 
     def refresh(self, why: Mapping[str, str]) -> None:
-        """Disable each group that has a reason, and show the present tilt."""
+        """Disable each group for which `why` contains a reason, and show the present tilt."""
         super().refresh(why)
         commands = self._view.commands(self._page.namespace)
         usable = not why['move']

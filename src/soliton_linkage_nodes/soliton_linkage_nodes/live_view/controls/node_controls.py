@@ -60,7 +60,7 @@ class IdentifyControls(ChainControls):
         hint(_HINT)
 
     def refresh(self, why: Mapping[str, str]) -> None:
-        """Disable the controls that cannot be used, and show the result."""
+        """Disable the controls that are not usable now, and show the result."""
         super().refresh(why)
         name = f'{self._page.namespace}chain_identifier'
         reports = reports_of(self._view.finder, self._page.namespace)
@@ -85,7 +85,7 @@ class IdentifyControls(ChainControls):
 def describe(report: NodeReport, progress: str = '') -> list[str]:
     """Return the report of the chain identifier as lines.
 
-    `progress` describes a running identification.
+    While an identification is running, `progress` is a text about it.
     """
     figures = report.figures
     found = 'noise [rad]' in figures

@@ -24,7 +24,7 @@ from soliton_linkage_nodes.live_view.view import View
 
 _UNITS = {'torque': 'N m', 'angle': 'rad'}
 _AMPLITUDES = {'torque': 0.002, 'angle': 0.1}
-"""Default amplitude of each quantity [N m, rad]; each value moves a kink."""
+"""Default amplitude of a torque [N m] and of an angle [rad], each of which moves a kink."""
 
 
 _LARGEST_COUPLING = 1e-3
@@ -109,7 +109,7 @@ class WaveControls(ChainControls):
         return group
 
     def refresh(self, why: Mapping[str, str]) -> None:
-        """Disable each group that has a reason, and mark the phonon band on the slider."""
+        """Disable each group with a reason in `why`, and mark the phonon band on the slider."""
         super().refresh(why)
         shown = self._view.chains.get(self._page.namespace)
         named = shown.model.named if shown else None
