@@ -2,10 +2,12 @@
 """The program check_rig watches a running simulator while a hand turns its edge rotors."""
 
 import threading
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from graphs import Graph
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
 from soliton_linkage.identification.rig_check import DOUBTFUL, RIGHT, RigFindings
@@ -76,6 +78,56 @@ def test_a_wrong_encoder_is_reported_with_exit_code_1(graph, start):
     text = '\n'.join(program.said)
     assert 'the reading of rotor_2 is too large by 0.3 rad' in text
     assert 'rotor_0 was not turned by hand' in text
+
+
+def watched(graph: Graph, joints: Sequence[str] = ()) -> RigFindings:
+    """Watch the running publishers without turns."""
+    given = [Parameter('joint_names', value=list(joints))] if joints else []
+    program = CheckRig(threading.Event(), context=graph.context, parameter_overrides=given)
+    try:
+        with ThreadPoolExecutor(1) as pool:
+            answer = pool.submit(program.check, 1.0, 120.0, False)
+            graph.until(answer.done, 'the findings')
+        found = answer.result()
+        assert found is not None
+        return found
+    finally:
+        program.destroy_node()
+
+
+def test_two_publishers_of_the_same_joints_are_named(graph):
+    graph.start(Simulator, DAMPED)
+    renamed = ['--ros-args', '-r', '__node:=rig']
+    graph.start(Simulator, {**DAMPED, 'initial_state': 'right_leaning'}, cli_args=renamed)
+    found = watched(graph)
+    texts = [each.text for each in found.findings if each.subject == 'nodes']
+    assert texts
+    assert '/rig' in texts[0]
+    assert '/simulator' in texts[0]
+    assert not found.sound
+
+
+def test_two_publishers_of_different_joints_are_right(graph):
+    halves = [['rotor_0', 'rotor_1'], ['rotor_2', 'rotor_3', 'rotor_4', 'rotor_5']]
+    boards = [graph.user.create_publisher(JointState, 'joint_states', 10) for _ in halves]
+    stop = threading.Event()
+
+    def publish() -> None:
+        while not stop.wait(0.02):
+            stamp = graph.user.get_clock().now().to_msg()
+            for board, names in zip(boards, halves, strict=True):
+                message = JointState(name=names, position=[0.1] * len(names))
+                message.header.stamp = stamp
+                board.publish(message)
+
+    sender = threading.Thread(target=publish)
+    sender.start()
+    try:
+        found = watched(graph, [name for half in halves for name in half])
+    finally:
+        stop.set()
+        sender.join()
+    assert 'nodes' not in {each.subject for each in found.findings}
 
 
 def test_no_joint_states_are_an_error_of_one_line(start):

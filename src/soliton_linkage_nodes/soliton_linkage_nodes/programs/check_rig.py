@@ -14,6 +14,7 @@ import sys
 import threading
 import time
 from bisect import bisect_right
+from dataclasses import replace
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,8 @@ from sensor_msgs.msg import JointState
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage.identification.readings import interpolated
 from soliton_linkage.identification.rig_check import (
+    WRONG,
+    RigFinding,
     RigFindings,
     Turn,
     WatchedFrames,
@@ -83,11 +86,11 @@ class CheckRig(Node):
         self._stopping = stopping
         self._chains: list[msg.Chain] = []
         self._received: list[tuple[int, JointState]] = []
-        self._topics = [AdaptiveSubscription(self, interfaces.JOINT_STATES, self.receive)]
+        self._joint_states = AdaptiveSubscription(self, interfaces.JOINT_STATES, self.receive)
         if source.chain_from == 'parameters':
             self.named = with_joints(given, self._joints)
         else:
-            self._topics.append(AdaptiveSubscription(self, interfaces.CHAIN, self._chains.append))
+            AdaptiveSubscription(self, interfaces.CHAIN, self._chains.append)
         self._executor = EventsExecutor(context=self.context)
         self._executor.add_node(self)
 
@@ -118,11 +121,31 @@ class CheckRig(Node):
         edges = [(0, True), (len(names) - 1, False)]
         if not is_at_edge(self._resting_angles(), first=True):
             edges.reverse()
-        asked = [self._turn(*edge, limit) for edge in edges] if turn else []
+        mixed = self._mixed_publishers()
+        asked = [self._turn(*edge, limit) for edge in edges] if turn and not mixed else []
         if self._stopping.is_set():
             return None
         turns = [each for each in asked if each is not None]
-        return check_rig(watched, turns, names, self.named.chain if self.named else None)
+        found = check_rig(watched, turns, names, self.named.chain if self.named else None)
+        return replace(found, findings=(*mixed, *found.findings))
+
+    def _mixed_publishers(self) -> list[RigFinding]:
+        """Return a finding if several nodes publish the same joints."""
+        self._joint_states.adapt()
+        publishers = self._joint_states.publishers
+        groups = {frozenset(message.name) for _, message in self._received}
+        joints = frozenset[str]().union(*groups)
+        shared = len(groups) >= len(publishers) and sum(map(len, groups)) == len(joints)
+        if len(publishers) < 2 or shared:
+            return []
+        nodes = sorted(
+            f'{each.node_namespace.rstrip("/")}/{each.node_name}' for each in publishers
+        )
+        text = (
+            f'{len(nodes)} nodes publish the same joints: {" and ".join(nodes)}; their frames '
+            'mix, so that the other findings are not valid; stop all but one'
+        )
+        return [RigFinding(WRONG, 'nodes', text)]
 
     def _turn(self, rotor: int, first: bool, limit: float) -> Turn | None:
         """Ask for a turn; return its frames, or None if the chain does not come to rest."""
