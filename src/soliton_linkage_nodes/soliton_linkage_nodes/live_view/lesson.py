@@ -26,8 +26,8 @@ _SPEEDS = (5.0, 10.0, 20.0)
 _DISORDER = 0.02
 """Relative standard deviation of the lengths of the disordered chain [1]."""
 _MIDDLE = (0.3, 0.7)
-"""The soliton speed is measured between these two positions, far from the edges [chain
-lengths]."""
+"""The soliton speed is measured between these two positions, far from the edges
+[chain lengths]."""
 _TIMEOUT = 60.0
 """Longest wait in each step of an experiment [s], for example for a passage of the soliton."""
 _NODES = ('simulator', 'edge_actuator', 'soliton_analyser')

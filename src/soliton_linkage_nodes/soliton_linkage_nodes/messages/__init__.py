@@ -1,2 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversions between messages and physics types. No other package accesses message fields."""
+"""Conversions between messages and physics types.
+
+Only this package reads and writes the fields of messages.
+"""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measurement of joint states in pictures of a live camera or a film."""
+"""Measurement of the angles of a chain in the pictures of a live camera or a film."""
 
 from __future__ import annotations
 
@@ -44,15 +44,15 @@ class CameraParameters:
 
 
 class CameraReading(NamedTuple):
-    """Angles measured in one picture, with their stamp."""
+    """Angles of the rotors in one picture, and the time at which they were exposed."""
 
     stamp: int
-    """Time of the middle of the exposure of the picture row with the pivots [ns]."""
+    """Time at which half of the exposure of the pivots' picture row was over [ns]."""
     frame: AngleFrame
 
 
 class CameraMeasurement:
-    """Measurement of the angles of a chain in successive pictures."""
+    """Measurement of the angles of a chain in one picture after another."""
 
     def __init__(
         self,
@@ -71,11 +71,15 @@ class CameraMeasurement:
 
     @property
     def moves(self) -> int:
-        """Number of times that the camera was moved."""
+        """Number of times that the camera was moved so far."""
         return self.detector.frame_markers.moves if isinstance(self.detector, AngleCamera) else 0
 
     def measure(self, stamp: int, picture: Picture) -> CameraReading:
-        """Return the angles in a picture exposed at `stamp` [ns]; ValueError if rejected."""
+        """Return the angles of the rotors in a picture with the stamp `stamp` [ns].
+
+        Raises ValueError if the stamp is not later than the previous one, or if the picture is
+        rejected.
+        """
         if stamp <= self._last:
             raise ValueError(
                 f'its stamp is {(self._last - stamp) / SECOND:g} s before the previous stamp; '
@@ -103,17 +107,17 @@ class CameraMeasurement:
 
 
 def angles_to_msg(named: NamedChain, seen: CameraReading) -> JointState:
-    """Return the angles as joint states. A hidden rotor has the angle NaN."""
+    """Return the measured angles as joint states. The angle of a hidden rotor is NaN."""
     return joint_state(named, time_to_msg(seen.stamp), position=seen.frame.angles)
 
 
 def deviations_to_msg(named: NamedChain, seen: CameraReading) -> JointState:
-    """Return joint states with the standard deviations of the angles [rad] as positions."""
+    """Return joint states whose positions are the standard deviations of the angles [rad]."""
     return joint_state(named, time_to_msg(seen.stamp), position=seen.frame.deviations)
 
 
 def describe_reading(measurement: CameraMeasurement, seen: CameraReading) -> str:
-    """Describe which rotors are visible; count camera moves and missing pictures so far."""
+    """Describe a reading: visible rotors, moves of the camera so far, and missing pictures."""
     parts = [seen.frame.status or 'all rotors are visible']
     if measurement.moves:
         times = 'once' if measurement.moves == 1 else f'{measurement.moves} times'
@@ -124,7 +128,10 @@ def describe_reading(measurement: CameraMeasurement, seen: CameraReading) -> str
 
 
 def median_deviation(frame: AngleFrame) -> float:
-    """Return the median standard deviation of the visible angles [rad], or NaN."""
+    """Return the median standard deviation of the angles of the visible rotors [rad].
+
+    Without visible rotors, it is NaN.
+    """
     known = frame.deviations[np.isfinite(frame.deviations)]
     return float(np.median(known)) if len(known) else float('nan')
 
@@ -132,7 +139,10 @@ def median_deviation(frame: AngleFrame) -> float:
 def walls_on_overlay(
     solitons: tuple[AnalysedSoliton, ...], spacing: float, since: float = 0.0
 ) -> list[WallMark]:
-    """Return marks of solitons, moved on by `since` [s]; pivots have the `spacing` [m]."""
+    """Return marks for the overlay at the positions that solitons have after the time `since` [s].
+
+    `spacing` is the distance between neighbouring pivots [m].
+    """
     return [
         WallMark(
             each.rotor + (each.velocity * since / spacing if math.isfinite(each.velocity) else 0),

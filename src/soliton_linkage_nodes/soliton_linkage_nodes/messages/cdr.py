@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fast CDR decoding and encoding of messages with a stamp, joint names and arrays of doubles.
 
-Decoding the joint names takes most of the time. While the bytes of the names stay the same, only
-the stamp and the arrays are decoded. An encoded message is overwritten in place.
+A general decoder needs most of its time for the joint names. This decoder compares their bytes
+with those of the previous message. If they are equal, it decodes only the stamp and the arrays.
+The encoder keeps one encoded message and overwrites only its stamp and arrays.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 _LITTLE_ENDIAN = b'\x00\x01'
 _STAMP = struct.Struct('<4xiI')
 _SHORTEST = 12
-"""Size of the encapsulation header and a stamp [B]."""
+"""Size of the encapsulation header and a stamp together [B]."""
 _COUNT = struct.Struct('<I')
 _ENCAPSULATION_BYTES = 4
 """Size of the encapsulation header [B]."""
@@ -46,11 +47,11 @@ _EMPTY = np.zeros(0)
 
 
 class Layout:
-    """Byte layout of messages with a given frame id and given joint names.
+    """Byte layout of the messages that have a certain frame id and certain joint names.
 
-    CDR encodes a string as its length, its bytes and a zero byte. A sequence is encoded as its
-    count and its elements. Counted from the end of the encapsulation header, lengths are aligned
-    to 4 bytes and doubles to 8 bytes.
+    CDR encodes a string as its length, its bytes and a zero byte, and a sequence as the number of
+    its elements and the elements. Lengths start at multiples of 4 bytes and doubles at multiples
+    of 8 bytes, counted from the end of the encapsulation header.
     """
 
     def __init__(self, frame_id: str, name: tuple[str, ...]) -> None:
@@ -78,12 +79,15 @@ class Layout:
         return True
 
     def stamp(self, serialized: bytes) -> tuple[int, int]:
-        """Return the stamp of a matching message as seconds and nanoseconds since the epoch."""
+        """Return seconds and nanoseconds of the stamp of a message with this layout."""
         seconds, nanoseconds = _STAMP.unpack_from(serialized)
         return seconds, nanoseconds
 
     def arrays(self, serialized: bytes | bytearray, number: int) -> list[Array]:
-        """Return the first arrays of a matching message, as views that may be unaligned."""
+        """Return the first `number` arrays of a message with this layout.
+
+        The arrays are views of the message and may be unaligned.
+        """
         arrays, end = [], self._end
         for _ in range(number):
             (count,) = _COUNT.unpack_from(serialized, end)
@@ -98,13 +102,19 @@ class Layout:
 
 
 class JointStateDecoder:
-    """Decoder of joint states; it is fast while frame id and names stay the same."""
+    """Decoder of joint states.
+
+    It is fast if frame id and names are those of the previous message.
+    """
 
     def __init__(self) -> None:
         self._layout: Layout | None = None
 
     def decode(self, serialized: bytes) -> JointStates:
-        """Return joint states with arrays as views of the bytes; ValueError if damaged."""
+        """Return the joint states of a serialized message; ValueError if it is damaged.
+
+        The arrays may be views of `serialized`.
+        """
         layout = self._layout
         try:
             if layout is not None and layout.fits(serialized):
@@ -118,7 +128,7 @@ class JointStateDecoder:
         return joints
 
     def same_joints(self, serialized: bytes) -> bool:
-        """Return whether frame id and names equal those of the previous joint states."""
+        """Return whether a message has the frame id and the names of the last decoded message."""
         return self._layout is not None and self._layout.fits(serialized)
 
     def stamp(self, serialized: bytes) -> int:
@@ -131,7 +141,10 @@ class JointStateDecoder:
 
 
 def stamp_of(serialized: bytes) -> int:
-    """Return the stamp [ns] of a message with a header; ValueError if short or big-endian."""
+    """Return the stamp [ns] of a message with a header.
+
+    Raises ValueError if the message is too short or big-endian.
+    """
     if len(serialized) < _SHORTEST or not serialized[1] & 1:
         raise ValueError('a message is shorter than its header, or big-endian')
     seconds, nanoseconds = _STAMP.unpack_from(serialized)
@@ -139,7 +152,10 @@ def stamp_of(serialized: bytes) -> int:
 
 
 class _RotorDecoder:
-    """Decoder of one value for each joint name; it is fast while the names stay the same."""
+    """Decoder of messages with one value for each joint name.
+
+    It is fast if the names are those of the previous message.
+    """
 
     _type: Any
     _topic: str
@@ -171,14 +187,14 @@ class _RotorDecoder:
 
 
 class ImpulseDecoder(_RotorDecoder):
-    """Decoder of messages rotor_impulses with angular impulses [N m s]."""
+    """Decoder of rotor_impulses messages, which contain angular impulses [N m s]."""
 
     _type, _topic, _arrays = RotorImpulses, 'rotor_impulses', 1
     _from_msg = staticmethod(impulses_from_msg)
 
 
 class TorqueDecoder(_RotorDecoder):
-    """Decoder of messages rotor_torques: joint states with torques [N m] as efforts."""
+    """Decoder of rotor_torques messages: joint states whose efforts are torques [N m]."""
 
     _type, _topic, _arrays = JointState, 'rotor_torques', 3
     _from_msg = staticmethod(torques_from_msg)
@@ -191,7 +207,7 @@ def _damaged(topic: str, serialized: bytes, type_name: str, error: Exception) ->
 
 
 class _MessageBuffer:
-    """Serialized message whose stamp and last arrays can be overwritten in place."""
+    """Serialized message whose stamp and last arrays are overwritten for each new message."""
 
     def __init__(self, message: Any, arrays: int) -> None:
         self._bytes = bytearray(serialize(message))
@@ -228,7 +244,7 @@ class ImpulseBuffer(_MessageBuffer):
 
 
 class TorqueBuffer(_MessageBuffer):
-    """Buffer for a message with the torques on all rotors [N m], as efforts of joint states."""
+    """Buffer for joint states whose efforts are the torques on all rotors [N m]."""
 
     def __init__(self, named: NamedChain) -> None:
         super().__init__(torques_to_msg(named, np.zeros(named.rotors), Time()), arrays=3)
@@ -243,7 +259,7 @@ def read_stamp(serialized: bytes) -> int:
 
 
 def stamped(serialized: bytes, stamp: int) -> bytes:
-    """Return a copy of a message with a header, with another stamp [ns]."""
+    """Return a copy of a message with a header in which the stamp [ns] is replaced."""
     order = '<' if serialized[1:2] == _LITTLE_ENDIAN[1:] else '>'
     head = serialized[:_ENCAPSULATION_BYTES]
     return head + struct.pack(f'{order}iI', *divmod(stamp, SECOND)) + serialized[_STAMP.size :]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Description of the chain from the topic `chain` or from parameters."""
+"""Sources of the description of a chain: the topic `chain`, parameters, or a parameter file."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class ChainSourceParameters:
 
 @dataclass(frozen=True)
 class OptionalChainSourceParameters(ChainSourceParameters):
-    """Source of the chain for a node that also works without a chain."""
+    """Source of the chain description, for a node that can also work with an unknown chain."""
 
     chain_from: str = quantity(
         'topic',
@@ -76,7 +76,7 @@ def declare_chain(node: Node) -> NamedChain:
 
 
 def chain_of(read: Callable[[Any], Any]) -> NamedChain:
-    """Return the chain from dataclasses that `read` fills."""
+    """Return the chain of the parameter dataclasses, each of which `read` returns for its type."""
     chain: Chain = read(Chain)
     given: Deviations = read(Deviations)
     disorder: Disorder = read(Disorder)
@@ -87,7 +87,7 @@ def chain_of(read: Callable[[Any], Any]) -> NamedChain:
 
 
 def describe_chain(chain: Chain) -> str:
-    """Describe a chain: number of rotors, class of motion, lengths and rest angle."""
+    """Describe a chain by its number of rotors, class of motion, lengths and rest angle."""
     shape = 'a ring' if chain.periodic else 'a chain'
     deviations = '' if chain.deviations == NO_DEVIATIONS else ', with deviations'
     return (
@@ -131,14 +131,17 @@ class ChainSource:
 
     @property
     def description(self) -> str:
-        """Description of the chain or, while the chain is unknown, of its source."""
+        """Description of the chain.
+
+        While the chain is unknown, it is a description of its source.
+        """
         if self.named is not None:
             return describe_chain(self.named.chain)
         known = self.parameters.chain_from == 'topic'
         return f'the chain of {self._topic}' if known else 'an unknown chain'
 
     def resubscribe(self) -> None:
-        """Subscribe again to receive the latched chain of a new publisher."""
+        """Subscribe again, so that the latched chain of a new publisher is received."""
         if self._subscription is not None:
             self._subscription.resubscribe()
 
@@ -166,7 +169,11 @@ class ChainSource:
 def with_joints(
     named: NamedChain, joints: tuple[str, ...], source: str = 'parameter joint_names'
 ) -> NamedChain:
-    """Rename the joints, unless `joints` is empty; ValueError for a wrong number of names."""
+    """Return the chain with the names `joints`, or unchanged if `joints` is empty.
+
+    Raises ValueError if the number of names is wrong. `source` describes the origin of the names
+    in the error.
+    """
     if joints and len(joints) != named.rotors:
         raise ValueError(
             f'{source} has {len(joints)} names for {named.rotors} rotors; give one name for each '
@@ -176,11 +183,14 @@ def with_joints(
 
 
 _LONGEST_VALUE = 40
-"""Length above which a printed value, such as a long list, is cut [characters]."""
+"""A longer text of a value, such as a long list, is cut to this length [characters]."""
 
 
 class ParameterFile:
-    """Parameter values by name, from all nodes' sections in a file."""
+    """Values of the parameters in a file, by parameter name.
+
+    The sections of all nodes are combined.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -192,13 +202,20 @@ class ParameterFile:
         self.values = {name: value for held in sections for name, value in held.items()}
 
     def read(self, kind: type[Group], prefix: str) -> Group:
-        """Return a dataclass from the values with a name prefix; missing fields have defaults."""
+        """Return an instance of a dataclass with the values from the file.
+
+        The name of a parameter is `prefix` + field name. A field without a value in the file has
+        its default.
+        """
         given = {name: self.values.get(prefix + name) for name in described_fields(kind)}
         values = {name: value for name, value in given.items() if value is not None}
         return kind(**{n: tuple(v) if isinstance(v, list) else v for n, v in values.items()})
 
     def check(self, prefix: str, groups: Mapping[type, str]) -> None:
-        """Raise ValueError if a name with `prefix` is no field of the classes in `groups`."""
+        """Raise ValueError if the file has an unknown parameter whose name begins with `prefix`.
+
+        Known names are the fields of the classes in `groups`, each with the prefix of its class.
+        """
         known = {
             before + name for kind, before in groups.items() for name in described_fields(kind)
         }
@@ -227,7 +244,7 @@ def markers_of_file(path: Path) -> MarkerSettings:
 
 
 def differences(one: NamedChain, other: NamedChain) -> str:
-    """List the parameters in which two chains differ, with both values."""
+    """Return the names of the parameters in which two chains differ, with both values, as text."""
     names = [field.name for field in fields(Chain)]
     pairs = [(name, getattr(one.chain, name), getattr(other.chain, name)) for name in names]
     pairs.append(('joint_names', one.joint_names, other.joint_names))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversions between messages and physics types, for commands and their effects."""
+"""Conversions between messages and physics types, for commands and reports of their effects."""
 
 from __future__ import annotations
 
@@ -35,14 +35,18 @@ _DELIVERY = ('impulses', 'work_of_impulses', 'torques_act', 'work_of_torques')
 
 @dataclass(frozen=True)
 class JointActuators:
-    """Joints with actuators, with their rotors and torque limits [N m]."""
+    """Names, rotors and torque limits [N m] of the joints that have an actuator."""
 
     names: tuple[str, ...]
     rotors: Rotors
     limits: Array
 
     def checked(self, source: str, names: Sequence[str], torques: Array) -> tuple[Rotors, Array]:
-        """Return rotors and torques [N m], (..., names); ValueError if one is rejected."""
+        """Return the rotors of the named joints, and their torques [N m].
+
+        `torques` has shape (..., names). Raises ValueError if a joint has no actuator or a torque
+        exceeds its limit. `source` is the name of the torques in the error.
+        """
         check_names(source, names)
         index_of = {name: index for index, name in enumerate(self.names)}
         for name in names:
@@ -72,7 +76,10 @@ class JointActuators:
 def joint_actuators(
     named: NamedChain, names: Sequence[str], limit_of: Callable[[str], float]
 ) -> JointActuators:
-    """Return the actuators of the named joints, by default of all; ValueError if unknown."""
+    """Return the actuators of the joints `names`, or of all joints if `names` is empty.
+
+    `limit_of` returns the torque limit of a joint [N m]. Raises ValueError if a joint is unknown.
+    """
     chosen = tuple(names) or named.joint_names
     for name in chosen:
         if name not in named.numbers:
@@ -105,7 +112,7 @@ def edge_command_from_msg(message: msg.EdgeCommand) -> EdgeCommand:
 
 
 def edge_command_to_msg(command: EdgeCommand) -> msg.EdgeCommand:
-    """Return the message that holds a command to an edge actuator."""
+    """Return the message of a command to an edge actuator."""
     waveform = command.waveform
     given = {name: _code(command, name) for name in _ENUMS}
     given |= {name: getattr(command, name) for name in _FIELDS}
@@ -123,7 +130,10 @@ def _code(command: EdgeCommand | Waveform, name: str) -> Any:
 def efforts_from_msg(
     actuators: JointActuators, source: str, message: JointState
 ) -> tuple[Rotors, Array]:
-    """Return rotors and torques [N m] from a message; ValueError if one is rejected."""
+    """Return the commanded rotors and their torques [N m].
+
+    Raises ValueError if the message is not accepted. `source` is its name in the error.
+    """
     if message.position or message.velocity:
         raise ValueError(
             f'{source} commands positions or velocities; the actuators accept only effort'
@@ -137,7 +147,10 @@ def efforts_from_msg(
 def efforts_from_array(
     actuators: JointActuators, source: str, message: Float64MultiArray
 ) -> tuple[Rotors, Array]:
-    """Return all actuated rotors and their torques [N m]; ValueError if one is rejected."""
+    """Return all rotors with actuators and their torques [N m].
+
+    Raises ValueError if the message is not accepted. `source` is its name in the error.
+    """
     torques = np.asarray(message.data, dtype=np.float64)
     return actuators.checked(f'{source}.data', actuators.names, torques)
 
@@ -145,7 +158,11 @@ def efforts_from_array(
 def trajectory_from_msg(
     actuators: JointActuators, source: str, message: JointTrajectory
 ) -> tuple[Rotors, Array, Array]:
-    """Return rotors, times [s] and torques [N m], (points, rotors); ValueError if rejected."""
+    """Return rotors, times [s] and torques [N m] of a trajectory.
+
+    The torques have shape (points, rotors). Raises ValueError if the message is not accepted.
+    `source` is its name in the error.
+    """
     if not message.joint_names:
         raise ValueError(f'{source} has points but no joints; fill joint_names')
     for number, point in enumerate(message.points):
@@ -170,7 +187,7 @@ def trajectory_from_msg(
 
 
 def delivery_to_msg(delivered: DeliveryTotals) -> msg.Delivery:
-    """Return the message with the total impulse and work delivered to the chain."""
+    """Return the message with the total impulse and work that the chain has received."""
     return msg.Delivery(
         header=Header(stamp=time_to_msg(delivered.stamp), frame_id=FRAME),
         **{name: getattr(delivered, name) for name in _DELIVERY},
@@ -179,7 +196,7 @@ def delivery_to_msg(delivered: DeliveryTotals) -> msg.Delivery:
 
 
 def delivery_from_msg(message: msg.Delivery) -> DeliveryTotals:
-    """Return the total impulse and work delivered to the chain."""
+    """Return the total impulse and work that the chain has received, from a message."""
     impulse = np.asarray(message.impulse_of_torques, dtype=np.float64)
     totals = {name: getattr(message, name) for name in _DELIVERY}
     stamp = time_from_msg(message.header.stamp)
@@ -187,7 +204,7 @@ def delivery_from_msg(message: msg.Delivery) -> DeliveryTotals:
 
 
 def last_kick_to_msg(named: NamedChain, kick: KickReport) -> msg.LastKick:
-    """Return the message that reports a finished kick, with the joints that had an impulse."""
+    """Return the report about a finished kick; it names the joints that received an impulse."""
     acted_on = np.flatnonzero(kick.impulse)
     return msg.LastKick(
         header=Header(stamp=time_to_msg(kick.stamp), frame_id=FRAME),
@@ -206,13 +223,20 @@ def last_kick_to_msg(named: NamedChain, kick: KickReport) -> msg.LastKick:
 
 @dataclass(frozen=True)
 class StampRule:
-    """Limits [s] of a command's age (0 means `longest`) and time to its end. Stamp 0 is now."""
+    """Limits for the stamps of commands.
+
+    A command may be at most `oldest` [s] old, and may end at most `longest` [s] from now. If
+    `oldest` is 0, the largest age is `longest`. The stamp 0 means the present time.
+    """
 
     oldest: float
     longest: float
 
     def check_at_once(self, source: str, stamp: int, now: int) -> None:
-        """Raise ValueError if an immediate command's stamp [ns] is too far from now."""
+        """Raise ValueError if the stamp [ns] of a command differs too much from `now` [ns].
+
+        This check is for commands that are executed immediately.
+        """
         age = self._age(stamp, now)
         limit = self.oldest or self.longest
         if age > limit:
@@ -227,7 +251,11 @@ class StampRule:
             )
 
     def delay(self, source: str, stamp: int, now: int, duration: float) -> float:
-        """Return the time to a command's start [s]; ValueError if it has ended or is too long."""
+        """Return the time from `now` to the start of a command [s], negative if it has started.
+
+        Raises ValueError if the command has ended or ends too late. `stamp` and `now` are in [ns],
+        and `duration` in [s].
+        """
         delay = -self._age(stamp, now)
         if delay + duration < 0:
             raise ValueError(
@@ -238,7 +266,10 @@ class StampRule:
         return delay
 
     def check_length(self, source: str, ends: float) -> None:
-        """Raise ValueError if the time `ends` until a command's end [s] exceeds `longest`."""
+        """Raise ValueError if a command ends later than allowed.
+
+        `ends` is the time until its end [s].
+        """
         if ends > self.longest:
             raise ValueError(
                 f'{source} ends {ends:.3g} s from now, the limit is {self.longest:g} s; send '

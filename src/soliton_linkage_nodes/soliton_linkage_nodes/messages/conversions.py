@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Chains with joint names, frames of joint states, and their conversions to messages."""
+"""Chains with joint names, frames of joint states, and their conversion to messages and back."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 FRAME = 'linkage'
 """Name of the coordinate frame whose x axis runs along the pivots."""
 _LARGEST_ANGLE = 1e6
-"""Largest angle of a reset [rad]. For larger angles, rounding errors exceed the change in a time
-step."""
+"""Largest angle in a reset request [rad]. At larger angles, the rounding error would exceed the
+change of the angle in a time step."""
 _LARGEST_RATE = 1e6
-"""Largest rate of a reset [rad/s]."""
+"""Largest angular velocity in a reset request [rad/s]."""
 _CHAIN_FIELDS = tuple(
     f.name for f in fields(Chain) if f.name not in ('number_of_rotors', 'deviations', 'feedback')
 )
@@ -40,12 +40,16 @@ _DEVIATIONS = tuple(f.name for f in fields(Deviations))
 
 @dataclass(frozen=True)
 class NamedChain:
-    """Chain with joint names, rotor 0 first; ValueError for a wrong number of offsets."""
+    """Chain with the names of its joints in the order of the rotors.
+
+    Raises ValueError for a wrong number of encoder offsets.
+    """
 
     chain: Chain
     joint_names: tuple[str, ...]
     encoder_offsets: tuple[float, ...] = ()
-    """Known encoder offsets (position minus angle) [rad], one per rotor, or empty."""
+    """Known offsets of the encoders (encoder position minus angle) [rad], one per rotor. The tuple
+    is empty if they are unknown."""
 
     def __post_init__(self) -> None:
         check_one_each(KnownEncoders(self.encoder_offsets).offsets, self.rotors)
@@ -63,14 +67,17 @@ class NamedChain:
 
 @dataclass(frozen=True)
 class Frame:
-    """Angles [rad] and rates [rad/s] (or None) of all rotors at one time, rotor 0 first."""
+    """Angles [rad] and angular velocities [rad/s] of all rotors at one time, rotor 0 first.
+
+    The velocities are None if they are unknown.
+    """
 
     angles: Array
     rates: Array | None
 
 
 class JointStates(NamedTuple):
-    """Fields of a JointState message without the efforts. The arrays may be empty."""
+    """Fields of a JointState message, without the efforts. Both arrays may be empty."""
 
     seconds: int
     nanoseconds: int
@@ -130,20 +137,26 @@ def joint_states_from_msg(message: JointState) -> JointStates:
 
 
 def frame_to_msg(named: NamedChain, frame: Frame, efforts: Array, stamp: Time) -> JointState:
-    """Return a message with the angles and rates of a frame, and torques [N m] as efforts."""
+    """Return a message with the angles and rates of a frame, and `efforts` [N m]."""
     rates = np.zeros(0) if frame.rates is None else frame.rates
     return joint_state(named, stamp, position=frame.angles, velocity=rates, effort=efforts)
 
 
 def joint_state(named: NamedChain, stamp: Time, **arrays: Array) -> JointState:
-    """Return joint states of a chain with arrays for fields of the message, shape (N,)."""
+    """Return joint states of a chain.
+
+    `arrays` contains arrays of shape (N,) for `position`, `velocity` and `effort`.
+    """
     header, names = Header(stamp=stamp, frame_id=FRAME), list(named.joint_names)
     fields = {name: array.tolist() for name, array in arrays.items()}
     return JointState(header=header, name=names, **fields)
 
 
 def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Frame:
-    """Return all angles and rates without encoder offsets; ValueError if an angle is missing."""
+    """Return the angles, without known encoder offsets, and the rates of all rotors.
+
+    Raises ValueError if an angle is missing or invalid.
+    """
     order = _order(named.joint_names, message.name)
     angles = np.asarray(message.position, dtype=np.float64)
     rates = np.asarray(message.velocity, dtype=np.float64)
@@ -156,7 +169,10 @@ def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Fram
 
 
 def without_offsets(positions: Array, encoder_offsets: Sequence[float] | Array) -> Array:
-    """Return encoder positions [rad] minus known offsets [rad], if any, shape (N,)."""
+    """Return encoder positions [rad] minus the known offsets of the encoders [rad].
+
+    Both have shape (N,). `encoder_offsets` is empty if the offsets are unknown.
+    """
     return positions - encoder_offsets if len(encoder_offsets) else positions
 
 
@@ -172,14 +188,21 @@ def impulses_to_msg(named: NamedChain, impulses: Array, stamp: Time) -> msg.Roto
 def impulses_from_msg(
     rotors: Mapping[str, int], message: msg.RotorImpulses, largest: float
 ) -> Array:
-    """Return the impulse on each rotor [N m s], 0 for unnamed rotors; ValueError if invalid."""
+    """Return the impulse on each rotor [N m s], 0 for rotors that the message does not name.
+
+    `rotors` maps joint names to rotor numbers. Raises ValueError if an impulse exceeds `largest`
+    [N m s] or the message is invalid.
+    """
     return _by_rotor(rotors, 'rotor_impulses.impulse', message.name, message.impulse, largest)
 
 
 def state_from_reset(named: NamedChain, request: Any, now: State) -> State:
-    """Return the state after a `Reset.Request`; ValueError if an angle or rate is rejected.
+    """Return the state after the reset that a `Reset.Request` describes.
 
-    Joints that are not named keep their angle; rates that are not given become 0.
+    `now` is the present state.
+
+    Joints that the request does not name keep their angle. Without rates in the request, all rates
+    are 0. Raises ValueError if an angle or a rate is rejected.
     """
     rotors = named.numbers
     remedy = 'reset to smaller angles and rates'
@@ -194,17 +217,21 @@ def state_from_reset(named: NamedChain, request: Any, now: State) -> State:
 
 
 def torques_to_msg(named: NamedChain, torques: Array, stamp: Time) -> JointState:
-    """Return joint states with only the torques on all rotors [N m], as efforts."""
+    """Return joint states whose efforts are the torques on all rotors [N m]."""
     return joint_state(named, stamp, effort=torques)
 
 
 def torques_from_msg(rotors: Mapping[str, int], message: JointState, largest: float) -> Array:
-    """Return the torque on each rotor [N m], 0 for unnamed rotors; ValueError if invalid."""
+    """Return the torque on each rotor [N m], 0 for rotors that the message does not name.
+
+    `rotors` maps joint names to rotor numbers. Raises ValueError if a torque exceeds `largest`
+    [N m] or the message is invalid.
+    """
     return _by_rotor(rotors, 'rotor_torques.effort', message.name, message.effort, largest)
 
 
 def check_names(source: str, names: Sequence[str]) -> None:
-    """Raise ValueError if a name occurs twice."""
+    """Raise ValueError if a name occurs twice; `source` is the name of the list in the error."""
     if len(set(names)) != len(names):
         twice = next(name for name in names if list(names).count(name) > 1)
         raise ValueError(f'{source} has {twice!r} twice; name each joint once')
@@ -252,7 +279,10 @@ def _by_rotor(
 
 
 def check_length(source: str, names: Sequence[str], values: Sequence[float] | Array) -> None:
-    """Raise ValueError if the number of values differs from the number of names."""
+    """Raise ValueError if the number of values differs from the number of names.
+
+    `source` is the name of the values in the error.
+    """
     if len(values) != len(names):
         raise ValueError(
             f'{source} has {len(values)} values for {len(names)} names; give one for each name'

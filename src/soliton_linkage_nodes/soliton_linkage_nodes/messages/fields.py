@@ -18,7 +18,10 @@ _WIDTH = 100
 
 
 def interface_type(name: str, kind: str) -> Any:
-    """Return the class of a type of `kind` 'msg', 'srv' or 'action'; ValueError if unknown."""
+    """Return the class of the interface `name`, whose `kind` is 'msg', 'srv' or 'action'.
+
+    Raises ValueError if the interface is unknown.
+    """
     package, _, rest = name.partition('/')
     middle, _, last = rest.rpartition('/')
     if not (package and last) or middle not in ('', kind):
@@ -32,7 +35,7 @@ def interface_type(name: str, kind: str) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """Convert a message or the value of a field to dictionaries, lists and plain values."""
+    """Convert a message or the value of a field to dictionaries, lists, numbers and texts."""
     if hasattr(value, 'get_fields_and_field_types'):
         return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
     if isinstance(value, (array.array, np.ndarray)):
@@ -45,7 +48,10 @@ def plain(value: Any) -> Any:
 
 
 def to_yaml(value: Any) -> str:
-    """Return the YAML text of a message or field, with each plain list in one line."""
+    """Return a message or the value of a field as YAML.
+
+    A list without nested values fills one line.
+    """
     text: str = yaml.dump(
         plain(value), Dumper=_Dumper, sort_keys=False, width=_WIDTH, allow_unicode=True
     )
@@ -62,7 +68,7 @@ _Dumper.add_representer(list, _list_in_lines)
 
 
 def read(message_type: Any, text: str) -> Any:
-    """Return the message of a YAML text such as '{data: 0.25}'; ValueError if invalid."""
+    """Return the message that a YAML text like '{data: 0.25}' describes; ValueError if invalid."""
     try:
         values = yaml.safe_load(text or '{}')
     except yaml.YAMLError as error:
@@ -71,7 +77,10 @@ def read(message_type: Any, text: str) -> Any:
 
 
 def built(message_type: Any, values: Any) -> Any:
-    """Return a message from a mapping; missing fields have defaults. ValueError if invalid."""
+    """Return a message with the values of a mapping, and defaults for the other fields.
+
+    Raises ValueError if a field is unknown or a value does not fit its field.
+    """
     types = message_type.get_fields_and_field_types()
     name = _name(message_type)
     if not isinstance(values, Mapping):

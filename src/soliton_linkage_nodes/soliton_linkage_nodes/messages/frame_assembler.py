@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Assembly of frames of joint states whose joints arrive in several messages."""
+"""Assembly of complete frames from joint states that arrive in several messages."""
 
 from __future__ import annotations
 
@@ -17,17 +17,18 @@ from soliton_linkage_nodes.messages.conversions import JointStates, check_length
 from soliton_linkage_nodes.runtime.serialization import serialize
 
 _SHORT_FRAMES = 10
-"""Number of consecutive incomplete frames after which the assembler no longer waits for missing
-joints [1]. Sensitivity: at 0.5x, one more frame is incomplete after a pause of an encoder board.
-At 2x, frames stay late for longer."""
+"""After this number of consecutive incomplete frames [1], the assembler no longer waits for the
+missing joints. Sensitivity: at 0.5x, one more frame is incomplete after a pause of an encoder
+board; at 2x, frames stay late for longer if joints are missing."""
 
 
 class FrameAssembler:
-    """Assembler that merges joint states with equal stamps and disjoint joints into frames.
+    """Assembler that merges messages with equal stamps and different joints into frames.
 
-    A frame is complete if it has all joints of the chain, or of earlier assembled frames. An
-    incomplete frame ends at the next stamp. After a complete frame of one message, each message is
-    a frame until two messages have the same stamp.
+    A frame is complete when it has all joints of the chain. If the chain is unknown, it must have
+    all joints of the earlier assembled frames. When a message with another stamp arrives, the
+    waiting frame ends although it is incomplete. If one message was a complete frame, each
+    following message is taken as a frame, until two messages have the same stamp.
     """
 
     def __init__(self, joint_names: Sequence[str] = ()) -> None:
@@ -38,15 +39,19 @@ class FrameAssembler:
         self._short = 0
         self._last: tuple[int, frozenset[str]] | None = None
         self.whole: tuple[str, ...] | None = None
-        """Joint names in the last message that contained all joints of the chain, or None."""
+        """Names in the last message that contained all joints of the chain, or None if there was
+        none."""
 
     @property
     def waiting_since(self) -> int | None:
-        """Stamp of the incomplete frame [ns], or None."""
+        """Stamp of the frame that waits for more joints [ns], or None."""
         return self._parts[0].stamp if self._parts else None
 
     def add(self, joints: JointStates) -> list[JointStates]:
-        """Add a message and return zero, one or two finished frames; ValueError if invalid."""
+        """Add a message; return the frames that end with it.
+
+        These are no more than two frames. Raises ValueError if the message is invalid.
+        """
         if not self._parts and joints.name is self.whole:
             self._last = joints.stamp, self._rotors
             return [joints]
@@ -73,13 +78,13 @@ class FrameAssembler:
         return [*earlier, *self._complete()]
 
     def add_all(self, messages: Iterable[JointStates]) -> Iterator[JointStates]:
-        """Yield all frames of a record. The last frame may be incomplete."""
+        """Yield all frames of a record of messages. The last frame may be incomplete."""
         for joints in messages:
             yield from self.add(joints)
         yield from self.flush()
 
     def flush(self) -> list[JointStates]:
-        """Return the incomplete frame in a list, or an empty list."""
+        """Return a list with the frame that waits for more joints, or an empty list."""
         if not self._parts:
             return []
         self._short += 1
@@ -128,7 +133,7 @@ class FrameAssembler:
 
 
 class SerializedFrames:
-    """Assembler of serialized joint states, for nodes that do not decode every frame."""
+    """Assembler of frames for nodes that need most messages only in serialized form."""
 
     def __init__(self) -> None:
         self._decoder = JointStateDecoder()
@@ -136,19 +141,19 @@ class SerializedFrames:
         self._all_alike = False
 
     def set_joints(self, joint_names: Sequence[str]) -> None:
-        """Assemble frames of these joints from now on."""
+        """Assemble frames of these joints in future."""
         self._assembler, self._all_alike = FrameAssembler(joint_names), False
 
     def parts(self, serialized: bytes) -> tuple[str, ...]:
-        """Return the joint names in a message; () if the message is damaged."""
+        """Return the joint names in a serialized message, () if the message is damaged."""
         with suppress(ValueError):
             return self._decoder.decode(serialized).name
         return ()
 
     def add(self, serialized: bytes) -> list[bytes]:
-        """Add a message and return the finished frames.
+        """Add a serialized message and return the frames that end with it, also serialized.
 
-        An invalid message is returned unchanged.
+        An invalid message is returned as a frame, without changes.
         """
         if self._assembler is None:
             return [serialized]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of angles and rates from joint states, and checks of their stamps and units."""
+"""Reading of angles and rates from joint states, and checks of the stamps and the angle unit."""
 
 from __future__ import annotations
 
@@ -21,7 +21,10 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 
 
 class FrameReader:
-    """Reader of the angles and rates of all rotors. Missing values are NaN."""
+    """Reader of the angles and rates of all rotors from joint states.
+
+    The values of rotors that are missing in a message are NaN.
+    """
 
     def __init__(self, joint_names: Sequence[str], encoder_offsets: Sequence[float] = ()) -> None:
         if not joint_names:
@@ -34,7 +37,9 @@ class FrameReader:
         self._in_order = False
 
     def read(self, joints: JointStates) -> Frame:
-        """Return all angles and rates; values that are missing or above 1e9 become NaN.
+        """Return the angles [rad] and rates [rad/s] of all rotors.
+
+        Missing values, and values with an absolute value above 1e9, are NaN.
 
         Raises ValueError if the message is invalid.
         """
@@ -73,14 +78,14 @@ class FrameReader:
 
 
 _LONGEST_LATENESS = SECOND
-"""Decrease of the stamp up to which a frame counts as late [ns]; a larger decrease means a reset
-clock."""
+"""If a stamp is earlier than the previous one by at most this time [ns], the frame is late. A
+larger difference means that the clock was reset."""
 _UNIT_CHECK_INTERVAL = 100
-"""Number of frames between two checks of the angle unit [1], because a check takes 80 us."""
+"""The angle unit is checked in one of this number of frames [1], because a check takes 80 us."""
 
 
 class EncoderMonitor:
-    """Monitor that warns of wrong stamps and units of joint states."""
+    """Monitor that warns once if joint states have wrong stamps or an unusual angle unit."""
 
     def __init__(self, warn: Callable[[str], object]) -> None:
         self._warn = warn
@@ -89,7 +94,7 @@ class EncoderMonitor:
         self._frames = 0
 
     def check(self, stamp: int, angles: Array | None = None) -> None:
-        """Check the stamp of a frame [ns] and the unit of the angles; missing angles are NaN."""
+        """Check the stamp of a frame [ns] and the unit of its angles. Missing angles are NaN."""
         if stamp == 0:
             self._warn_once(
                 'joint_states have no stamps; stamp each frame with the time of its measurement, '

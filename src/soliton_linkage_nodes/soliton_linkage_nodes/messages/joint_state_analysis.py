@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Analysis of joint states, for the live node, replays and offline programs."""
+"""Analysis of joint states, for the live node, for replays and for offline programs."""
 
 from __future__ import annotations
 
@@ -18,14 +18,18 @@ from soliton_linkage_nodes.messages.frame_assembler import FrameAssembler
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 
 _MOST_WAITING = 1000
-"""Largest number of messages with standard deviations that wait for their frame [1]."""
+"""Largest number of messages with standard deviations that are stored until their frame arrives
+[1]."""
 
 
 class JointStateAnalysis:
-    """Analysis of the joint states of a known or unknown chain."""
+    """Analysis of the joint states of a chain, whose parameters may be unknown."""
 
     def __init__(self, noise: float | None = None) -> None:
-        """Create an analysis without a chain; `noise` is the noise of the angles [rad]."""
+        """Create an analysis without a chain.
+
+        `noise` is the standard deviation of the angles [rad], or None if it is unknown.
+        """
         self._noise = noise
         self._named: NamedChain | None = None
         self._reader: FrameReader | None = None
@@ -34,7 +38,8 @@ class JointStateAnalysis:
         self._deviations: dict[int, Array] = {}
         self.analyser: FrameAnalyser | None = None
         self.assembler = FrameAssembler()
-        """Assembler that prepares frames for `analyse`."""
+        """Assembler for messages that contain only some joints. Its frames are the input of
+        `analyse`."""
         self._unseen: set[int] = set()
         self.latest: Analysis | None = None
         self.frame: Frame | None = None
@@ -55,7 +60,10 @@ class JointStateAnalysis:
         return math.nan if self._named is None else self._named.chain.spacing
 
     def set_chain(self, named: NamedChain) -> None:
-        """Analyse frames of this chain from now on. An unchanged chain keeps its estimates."""
+        """Analyse frames of this chain in future.
+
+        If the chain is the same as before, the estimates are kept.
+        """
         if named == self._named:
             return
         if self._named is None or named.chain != self._named.chain:
@@ -66,20 +74,26 @@ class JointStateAnalysis:
         self._deviation_reader, self._deviations = FrameReader(named.joint_names), {}
 
     def set_joints(self, joint_names: Sequence[str]) -> None:
-        """Analyse frames of an unknown chain with these joints, rotor 0 first."""
+        """Analyse frames of an unknown chain with these joints in future, rotor 0 first."""
         self.analyser = UnknownChainAnalyser(len(joint_names))
         self._named = None
         self._set_reader(FrameReader(joint_names))
         self._impulses = self._deviation_reader = None
 
     def add_impulses(self, serialized: bytes) -> None:
-        """Add the impulses of a serialized `delivered_impulses`, if the chain is known."""
+        """Add the impulses of a serialized `delivered_impulses` message.
+
+        Without a known chain, they are ignored.
+        """
         if isinstance(self.analyser, Analyser) and self._impulses is not None:
             impulses = self._impulses.decode(serialized)
             self.analyser.apply_impulse(read_stamp(serialized) or None, impulses)
 
     def add_deviations(self, deviations: JointStates) -> None:
-        """Add the standard deviations for the frame with the same stamp, if the chain is known."""
+        """Store standard deviations of the angles for the frame with the same stamp.
+
+        Without a known chain, they are ignored.
+        """
         if self._deviation_reader is None:
             return
         by_rotor = self._deviation_reader.read(deviations).angles
@@ -91,7 +105,10 @@ class JointStateAnalysis:
             del self._deviations[next(iter(self._deviations))]
 
     def analyse(self, joints: JointStates) -> Analysis | None:
-        """Analyse a frame. Return None for a late frame; ValueError for an invalid frame."""
+        """Analyse a frame.
+
+        Return None if the frame is late. Raises ValueError if it is invalid.
+        """
         if self.analyser is None or self._reader is None:
             raise ValueError(
                 'joint_states arrived before the chain; set the chain or the joints first'

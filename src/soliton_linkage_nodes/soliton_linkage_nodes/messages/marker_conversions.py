@@ -23,7 +23,7 @@ class Wall(NamedTuple):
     """Position of a wall along the chain."""
 
     position: float
-    """Position along the chain [m]."""
+    """Distance of the wall from the first pivot along the chain [m]."""
     position_deviation: float
     """Standard deviation of the position [m]."""
     rotor: float
@@ -38,7 +38,11 @@ def walls_from_msg(message: msg.SolitonState) -> list[Wall]:
 def lines_to_msg(
     header: Header, name: str, points: Array, colours: Array, width: float, spheres: bool = False
 ) -> Marker:
-    """Return a marker with lines between pairs of points, or `spheres` of diameter `width` [m]."""
+    """Return a marker with lines between pairs of points or, if `spheres`, with spheres.
+
+    `points` [m] has shape (points, 3). `colours` are RGBA values from 0 to 1 of shape (points, 4).
+    `width` is the width of a line or the diameter of a sphere [m].
+    """
     return Marker(
         header=header,
         ns=name,
@@ -59,7 +63,10 @@ def box_to_msg(
     size: Sequence[float],
     colour: Sequence[float],
 ) -> Marker:
-    """Return a marker for a box with centre and size [m]; `colour` is RGBA, each 0 to 1."""
+    """Return a marker for a box with a centre [m] and a size [m] along each axis.
+
+    `colour` contains the RGBA values, from 0 to 1.
+    """
     pose = _upright()
     pose.position.x, pose.position.y, pose.position.z = map(float, centre)
     return Marker(
@@ -82,14 +89,17 @@ def text_to_msg(
     colour: Sequence[float],
     text: str,
 ) -> Marker:
-    """Return a marker for a text at `position` with letters of height `size` [m]."""
+    """Return a marker for a text at `position` [m] whose letters have the height `size` [m].
+
+    `colour` contains the RGBA values, from 0 to 1.
+    """
     marker = box_to_msg(header, name, 0, position, (0.0, 0.0, size), colour)
     marker.type, marker.text = Marker.TEXT_VIEW_FACING, text
     return marker
 
 
 def pose_to_msg(header: Header, position: float, deviation: float) -> PoseWithCovarianceStamped:
-    """Return a pose on the axis of the chain with position and standard deviation [m]."""
+    """Return a pose on the axis of the chain: its position [m] and standard deviation [m]."""
     pose = _upright()
     pose.position.x = position
     covariance = np.zeros((6, 6))
@@ -112,7 +122,7 @@ def picture_to_msg(header: Header, pixels: NDArray[np.uint8]) -> Image:
 
 
 def kick_from_msg(named: NamedChain, message: msg.LastKick) -> Array:
-    """Return the impulse of a kick on each rotor [N m s], shape (N,), 0 without an impulse."""
+    """Return the impulse that each rotor received in a kick [N m s], shape (N,)."""
     impulses = np.zeros(named.rotors)
     for name, impulse in zip(message.name, message.impulse, strict=False):
         if name in named.numbers:

@@ -15,20 +15,22 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.subscriptions import subscribe_newest
 
 _DEPTH = 200
-"""Queue depth for frames that arrive in several messages: 0.2 s at 1000 messages per second."""
+"""Queue depth if a frame arrives in several messages [messages]. It is sufficient for 0.2 s at
+1000 messages per second."""
 _LONGEST_ASSEMBLY = 0.3
-"""Time without messages after which an incomplete frame is returned [s]."""
+"""After this time without messages [s], `take` returns an incomplete frame."""
 
 
 class NewestFrame:
-    """Subscription of a display to the newest frame, for a node that no executor spins.
+    """Subscription of a display to the newest frame. The node must not be added to an executor.
 
-    The queue holds one message, or 200 messages if single messages lack some joints of the chain.
+    The queue holds one message. If a message lacks some joints of the chain, the queue is enlarged
+    to 200 messages, from which frames are assembled.
     """
 
     def __init__(self, node: Node, name: str) -> None:
         self.number: int | None = None
-        """Number of the newest frame, or None if unknown."""
+        """Number of the newest frame in its sequence, or None if unknown."""
         self._node, self._name = node, name
         self._decoder = JointStateDecoder()
         self._assembler = FrameAssembler()
@@ -43,12 +45,15 @@ class NewestFrame:
         return len(self._subscription.publishers)
 
     def set_joints(self, joint_names: Sequence[str]) -> None:
-        """Assemble frames of these joints from now on."""
+        """Assemble frames of these joints in future."""
         self._joints = frozenset(joint_names)
         self._assembler = FrameAssembler(joint_names)
 
     def take(self) -> JointStates | None:
-        """Return the newest frame since the last call, or None; ValueError if it is damaged."""
+        """Return the newest frame, or None if none has arrived since the last call.
+
+        Raises ValueError if a message is damaged.
+        """
         return self._assembled() if self._divided else self._last()
 
     def adapt(self) -> None:

@@ -18,7 +18,7 @@ from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 _QUALITY = 80
-"""JPEG quality [%]: text is sharp, and 1280 x 720 pixels take about 150 kB."""
+"""JPEG quality [%]. Text is sharp, and a picture of 1280 x 720 pixels has about 150 kB."""
 
 _CHANNELS = {
     'bgr8': (3, [0, 1, 2]),
@@ -29,14 +29,19 @@ _CHANNELS = {
     'mono8': (1, [0]),
     '8UC1': (1, [0]),
 }
-"""Number of bytes of a pixel and indices of blue, green and red, for each encoding."""
+"""For each encoding: number of bytes of a pixel, and the indices of the blue, green and red
+byte."""
 _JPEG_HEADER = b'\xff\xd8\xff'
 _MODELS = {'plumb_bob': 5, 'rational_polynomial': 8}
 """Number of distortion coefficients of each lens model [1]."""
 
 
 def picture_from_msg(message: Image) -> Picture:
-    """Return pixels, shape (rows, columns, 3: blue, green, red), or (rows, columns) if grey."""
+    """Return the pixels of a picture; ValueError if the message is invalid.
+
+    The shape is (rows, columns, 3) in the order blue, green, red, and (rows, columns) for a grey
+    picture.
+    """
     if message.encoding not in _CHANNELS:
         raise ValueError(
             f'encoding {message.encoding!r} is none of {", ".join(_CHANNELS)}; convert the '
@@ -55,7 +60,10 @@ def picture_from_msg(message: Image) -> Picture:
 
 
 def jpeg_from_msg(message: CompressedImage, most: int) -> bytes:
-    """Return the JPEG bytes of a message; ValueError if it is no JPEG or larger than `most`."""
+    """Return the JPEG bytes of a message.
+
+    Raises ValueError if the data is no JPEG or has more than `most` bytes.
+    """
     data = bytes(message.data)
     if len(data) > most:
         raise ValueError(
@@ -67,7 +75,10 @@ def jpeg_from_msg(message: CompressedImage, most: int) -> bytes:
 
 
 def picture_from_compressed_msg(message: CompressedImage) -> Picture:
-    """Return pixels, shape (rows, columns, 3) in blue, green, red; ValueError if damaged."""
+    """Return the pixels of a compressed picture; ValueError if it is damaged.
+
+    The shape is (rows, columns, 3) in the order blue, green, red.
+    """
     cv2 = opencv()
     data = np.frombuffer(message.data, dtype=np.uint8)
     picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
@@ -79,7 +90,10 @@ def picture_from_compressed_msg(message: CompressedImage) -> Picture:
 
 
 def picture_to_compressed_msg(stamp: int, frame_id: str, picture: Picture) -> CompressedImage:
-    """Return a JPEG message from pixels, shape (rows, columns, 3), with a stamp [ns]."""
+    """Return a JPEG message from pixels of shape (rows, columns, 3) in the order blue, green, red.
+
+    `stamp` is in [ns].
+    """
     cv2 = opencv()
     _, data = cv2.imencode('.jpg', picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     return CompressedImage(
@@ -132,7 +146,10 @@ def write_camera(path: Path, camera: Camera) -> None:
 
 
 def camera_from_msg(message: CameraInfo) -> Camera | None:
-    """Return the camera, None without calibration; ValueError if the calibration is invalid."""
+    """Return the camera that a message describes, or None if it contains no calibration.
+
+    Raises ValueError if the calibration is invalid.
+    """
     if not message.k[0]:
         return None
     return _camera(message.width, message.height, message.distortion_model, message.k, message.d)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversions of analyses to messages and table rows, and of messages to solitons."""
+"""Conversions of analyses to messages and table rows, and of messages back to solitons."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ _STATUSES = {status: getattr(msg.SolitonState, status.name) for status in Tracki
 
 
 class NumberFields:
-    """Mapping from attributes of an object to message fields.
+    """Mapping from the attributes of an object to the fields of a message.
 
-    `paths` lists attributes whose names differ from their fields.
+    `paths` maps the name of a field to its attribute, if their names differ.
     """
 
     def __init__(
@@ -48,14 +48,14 @@ class NumberFields:
         self._values = attrgetter(*paths.values())
 
     def __call__(self, filled_by: Any) -> tuple[Any, ...]:
-        """Return the values of the fields from an object; NaN if the object is None."""
+        """Return the values of all fields from an object; if it is None, all values are NaN."""
         if filled_by is None:
             return len(self.names) * (math.nan,)
         values: tuple[Any, ...] = self._values(filled_by)
         return values
 
     def message(self, kind: Any, filled_by: Any) -> Any:
-        """Return a message of the type `kind`, which must have exactly these fields."""
+        """Return a message of the type `kind` with these fields; the type must have no others."""
         return kind(**dict(zip(self.names, self(filled_by), strict=True)))
 
 
@@ -100,7 +100,7 @@ _REST = NumberFields(
     {'noise': 'estimate.noise', 'misfit': 'estimate.misfit'},
 )
 _NO_SIDES = (0, 0, math.nan, math.nan, 0, math.nan)
-"""First six fields of a Topology message for an unknown topology."""
+"""Values of the first six fields of a Topology message if the topology is unknown."""
 _NO_EDGES = (False, False, math.nan, math.nan)
 _UNITS = {
     **dict.fromkeys(('rotor', 'zero_mode_rotor'), 'rotor spacings'),
@@ -116,7 +116,7 @@ _UNITS = {
 
 
 def state_to_msg(analysis: Analysis, joints: JointStates) -> msg.SolitonState:
-    """Return the SolitonState message for the analysis of a frame."""
+    """Return the SolitonState message of an analysed frame. `joints` is this frame."""
     stamp = Time(sec=joints.seconds, nanosec=joints.nanoseconds)
     topology = _topology(analysis.topology, analysis.edge_rotors)
     motion, measured = analysis.motion, analysis.measured_motion
@@ -137,7 +137,7 @@ def state_to_msg(analysis: Analysis, joints: JointStates) -> msg.SolitonState:
 
 
 def columns() -> list[str]:
-    """Return the column names of a table of states, such as `soliton_velocity [m/s]`."""
+    """Return the column names of a table of states, for example `soliton_velocity [m/s]`."""
     names = ['stamp [ns]']
     for name in list(_STATE)[1:]:
         if name in _NESTED:
@@ -155,7 +155,10 @@ def _column(message: str, field: str) -> str:
 
 
 def row(analysis: Analysis, joints: JointStates) -> tuple[Any, ...]:
-    """Return a state as a row of the table; without a soliton, the soliton's cells are NaN."""
+    """Return the analysis of a frame as a row of the table.
+
+    The columns `soliton_...` describe the first soliton; without a soliton they are NaN.
+    """
     message, solitons = state_to_msg(analysis, joints), analysis.solitons
     cells: list[Any] = [joints.stamp]
     for name in list(_STATE)[1:]:
@@ -197,13 +200,17 @@ EVENT_COLUMNS = (
     *('ids_before', 'ids_after', 'charge_before', 'charge_after'),
     *('energy_before [J]', 'energy_after [J]', 'collisions'),
 )
-"""Columns of a table of events. Spaces separate several wall ids in a cell."""
+"""Columns of a table of events, one of them for each row. If a cell contains several wall ids,
+they are separated by spaces."""
 
 
 def events_to_msgs(
     analysis: Analysis, joints: JointStates, spacing: float
 ) -> list[msg.SolitonEvent]:
-    """Return the events of an analysed frame; `spacing` is the distance between pivots [m]."""
+    """Return the messages of the events in an analysed frame.
+
+    `spacing` is the distance between neighbouring pivots [m].
+    """
     return [
         msg.SolitonEvent(
             header=Header(stamp=time_to_msg(joints.stamp), frame_id=joints.frame_id),
@@ -218,7 +225,10 @@ def events_to_msgs(
 
 
 def event_rows(analysis: Analysis, joints: JointStates, spacing: float) -> list[tuple[Any, ...]]:
-    """Return the events of an analysed frame as table rows; `spacing` as in `events_to_msgs`."""
+    """Return the events in an analysed frame as rows of a table.
+
+    `spacing` is the distance between neighbouring pivots [m].
+    """
     rows = []
     for event in analysis.events:
         rotor, *others = (getattr(event, name) for name in _EVENT_FIELDS)
@@ -229,5 +239,5 @@ def event_rows(analysis: Analysis, joints: JointStates, spacing: float) -> list[
 
 
 def _instant(analysis: Analysis, joints: JointStates, event: SolitonEvent) -> int:
-    """Return the time of an event [ns], on the same clock as the stamps of the frames."""
+    """Return the time of an event [ns], on the clock of the stamps of the frames."""
     return joints.stamp - round((analysis.estimate.time - event.time) * SECOND)

@@ -61,7 +61,8 @@ _TYPES: Mapping[int, tuple[type[bool | int | float | str], str]] = {
     ParameterType.PARAMETER_DOUBLE: (float, 'double_value'),
     ParameterType.PARAMETER_STRING: (str, 'string_value'),
 }
-"""Python type and message field of the value, for each type of ROS parameter."""
+"""For each type of ROS parameter: its Python type, and the field of a ParameterValue message that
+holds its value."""
 _SOLITON = (
     *('rotor', 'position', 'position_deviation', 'velocity', 'velocity_deviation', 'width'),
 )
@@ -77,7 +78,8 @@ class NodeReport:
     """Latest report of a node on /diagnostics."""
 
     node: str
-    """Full name of the node; without a hardware_id, the report's name up to the colon."""
+    """Full name of the node. If the report has no hardware_id, it is the part of the report's name
+    before the colon."""
     level: int
     """Level of the report: 0 OK, 1 warning, 2 error, 3 stale."""
     message: str
@@ -97,7 +99,7 @@ class AdjustableParameter:
 
 
 def state_numbers(message: msg.SolitonState) -> Numbers:
-    """Return the numbers of a state and of its first soliton by name, NaN if unknown."""
+    """Return named numbers of a state and of its first soliton; unknown numbers are NaN."""
     first = message.solitons[0] if message.solitons else None
     cycle, energies = message.cycle, message.energies
     return {
@@ -118,7 +120,10 @@ def state_numbers(message: msg.SolitonState) -> Numbers:
 
 
 def soliton_values(message: msg.SolitonState) -> list[float]:
-    """Return site [rotor spacings], standard deviation [m] and charge of each soliton."""
+    """Return position [rotor spacings], standard deviation [m] and charge of each soliton.
+
+    All numbers are in one list.
+    """
     found = ((s.rotor, s.position_deviation, float(s.charge)) for s in message.solitons)
     return list(chain.from_iterable(found))
 
@@ -137,7 +142,7 @@ def reports_from_msg(message: DiagnosticArray) -> list[NodeReport]:
 
 
 def figure(figures: Mapping[str, str], name: str) -> float:
-    """Return a reported value as a number, NaN if it is missing or not finite."""
+    """Return a value of a report as a number, NaN if it is missing or not finite."""
     try:
         value = float(figures.get(name, 'nan'))
     except ValueError:
@@ -167,9 +172,11 @@ def edge_command_of(
     quantity: str = 'torque',
     **numbers: float,
 ) -> msg.EdgeCommand:
-    """Return a command to an edge actuator; the last three arguments describe a waveform.
+    """Return the message of a command to an edge actuator.
 
-    Raises ValueError for an unknown name or a number that is not finite.
+    `value` has the unit of the `kind`. `duration`, `ramp_up` and `ramp_down` are in [s]. `shape`,
+    `quantity` and `numbers`, further fields of the message, describe a waveform. Raises ValueError
+    for an unknown name or a number that is not finite.
     """
     names = {'kind': kind, 'edge': edge, 'shape': shape, 'quantity': quantity}
     numbers |= {'value': value, 'duration': duration, 'ramp_up': ramp_up, 'ramp_down': ramp_down}
@@ -182,7 +189,11 @@ def edge_command_of(
 def reset_request(
     state: str, rotor: float, velocity: float, joints: Mapping[str, float] | None = None
 ) -> Reset.Request:
-    """Return a request to reset the chain; `velocity` is in [m/s], `joints` are angles [rad]."""
+    """Return a request to reset the chain to a named state.
+
+    `rotor` [rotor spacings] and `velocity` [m/s] belong to the state 'soliton', and `joints`, the
+    angles of joints [rad], to the state 'angles'.
+    """
     named = joints or {}
     return Reset.Request(
         state=_chosen('state', state, STATES),
@@ -194,14 +205,17 @@ def reset_request(
 
 
 def step_request(periods: float) -> Step.Request:
-    """Return a request to advance a paused simulation; `periods` must be a positive integer."""
+    """Return a request to advance a paused simulation by a number of publish periods.
+
+    Raises ValueError if the number is not a positive integer.
+    """
     if not (_finite('periods', periods) == int(periods) and 1 <= periods < 2**32):
         raise ValueError(f'periods = {periods} must be a whole number of 1 or more')
     return Step.Request(periods=int(periods))
 
 
 def describe_kick(kick: msg.LastKick) -> str:
-    """Describe the effect of a kick; ValueError if no impulse was delivered."""
+    """Describe the effect of a kick. Raises ValueError if the simulator did not execute it."""
     if kick.cut_short and not kick.name:
         raise ValueError('the simulator did not execute the command; see its log')
     command = kick.command
@@ -238,7 +252,7 @@ def is_adjustable(descriptor: ParameterDescriptor) -> bool:
 def adjustable_parameters(
     descriptors: Sequence[ParameterDescriptor], values: Sequence[ParameterValue]
 ) -> list[AdjustableParameter]:
-    """Return the parameters with these descriptors and values."""
+    """Return adjustable parameters from their descriptors and values, in the same order."""
     found = []
     for descriptor, value in zip(descriptors, values, strict=False):
         kind, field = _TYPES[descriptor.type]
@@ -254,7 +268,7 @@ def adjustable_parameters(
 
 
 def parameter_value(parameter: AdjustableParameter, value: Any) -> ParameterValue:
-    """Return the message with a new value of a parameter; ValueError for a wrong value."""
+    """Return the message that sets a parameter to a value; ValueError for a wrong value."""
     code, kind, field = next(
         (code, kind, field)
         for code, (kind, field) in _TYPES.items()
