@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Analyse bags without any node: write tables of soliton states and events, and pictures.
 
-Several bags are analysed in parallel. Each bag gets a folder, and a row in bags.csv. Repeat an
-interrupted command to analyse the remaining bags.
+Several bags are analysed in parallel. The results of each bag are written to its own folder, and
+summarised in one row of bags.csv. If the command is interrupted, repeat it to analyse the
+remaining bags.
 """
 
 from __future__ import annotations
@@ -68,12 +69,13 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class BagBatch:
-    """Bags with the names of their output folders, and the function that analyses one bag."""
+    """Bags to analyse, the names of their output folders, and the function that analyses a bag."""
 
     bags: tuple[tuple[str, Path], ...]
     folder: Path
     analyse: Callable[[Path, Path, NamedChain | None, float | None], int]
-    """Function that analyses a bag, given bag, output folder, chain and noise [rad]."""
+    """Function that analyses a bag. Its arguments are the bag, the output folder, the chain or
+    None, and the noise [rad] or None."""
     chain: Path | None = None
     noise: float | None = None
     name: str = 'bags'
@@ -81,11 +83,11 @@ class BagBatch:
 
     @property
     def rows(self) -> int:
-        """Number of bags."""
+        """Number of bags, each of which has one row in the table."""
         return len(self.bags)
 
     def described(self) -> dict[str, Any]:
-        """Return the inputs that determine the rows of the table."""
+        """Return the inputs that determine the contents of the table."""
         return {
             'bags': [str(bag) for _, bag in self.bags],
             'chain': str(self.chain) if self.chain else None,
@@ -108,7 +110,7 @@ class BagBatch:
 
 
 def summary(states: Iterable[dict[str, str]]) -> list[str]:
-    """Return the cells from `motion` to `mean noise`, which summarise a table of states."""
+    """Return the cells from `motion` to `mean noise` of a bag's row, from its table of states."""
     motions: Counter[str] = Counter()
     stamps: list[int] = []
     tracked = seen = 0
@@ -169,11 +171,15 @@ def analyse_many(study: BagBatch, workers: int, scheduler: str | None = None) ->
 
 
 _MOST_DRAWN = 4000
-"""Largest number of frames in a picture [1]; it exceeds the number of pixel columns."""
+"""Largest number of frames in a picture [1]. It exceeds the number of pixels in a row."""
 
 
 class PictureFrames:
-    """Frames for the pictures, stored only at equal intervals to limit the memory use."""
+    """Frames for the pictures.
+
+    To limit the memory use, only every n-th frame is stored, where n grows with the number of
+    frames.
+    """
 
     def __init__(self, named: NamedChain) -> None:
         self._reader = FrameReader(named.joint_names, named.encoder_offsets)
@@ -181,7 +187,7 @@ class PictureFrames:
         self._kept: list[tuple[int, Array, tuple[AnalysedSoliton, ...]]] = []
 
     def add(self, joints: JointStates, analysis: Analysis) -> None:
-        """Store a frame if it is selected."""
+        """Store a frame and its solitons if it is one of every n-th frames."""
         if self._count % self._every == 0:
             self._kept.append((joints.stamp, self._reader.read(joints).angles, analysis.solitons))
             if len(self._kept) > _MOST_DRAWN:
@@ -212,11 +218,13 @@ def analyse(
     missing_joints: bool = False,
     html: bool = False,
 ) -> int:
-    """Write the tables of states and events and two pictures; return the number of frames.
+    """Analyse a bag, write its tables and pictures, and return the number of frames.
 
-    With `html`, also write view.html; with `log_time`, receive times replace the stamps. Raises
-    ValueError without usable frames, or if a given joint has no angle and `missing_joints` is
-    false.
+    The tables contain the states and the events.
+
+    With `html`, view.html is also written. With `log_time`, the receive times replace the stamps.
+    Raises ValueError if no frame can be analysed, or if a joint of the chain `given` has no angle
+    in the bag and `missing_joints` is false.
     """
     frames = late = unstamped = 0
     analysed = JointStateAnalysis(noise)
@@ -273,7 +281,10 @@ def _report_absent(bag: Path, analysed: JointStateAnalysis, fatal: bool) -> None
 def check_override(
     bag: Path, given: NamedChain, override: bool, limits: BagLimits = DEFAULT_LIMITS
 ) -> None:
-    """Print how the chain `given` differs from the recorded one; ValueError unless `override`."""
+    """Compare the chain `given` with the chain in a bag.
+
+    If they differ, it prints the differences, or raises ValueError unless `override` is set.
+    """
     with open_bag(bag, limits) as reader:
         try:
             own = read_chain(reader)

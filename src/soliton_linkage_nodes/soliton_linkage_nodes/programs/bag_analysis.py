@@ -34,7 +34,7 @@ from soliton_linkage_nodes.runtime import interfaces
 
 _RECORD_CHAIN = 'record the topic chain'
 _MAX_LINES = 3
-"""Largest number of printed lines about rejected messages of one topic [1]."""
+"""Largest number of messages of one topic whose rejection is printed [1]."""
 
 
 def analyse_frames(
@@ -43,7 +43,11 @@ def analyse_frames(
     analysis: JointStateAnalysis | None = None,
     log_time: bool = False,
 ) -> Iterator[tuple[JointStates, Analysis | None]]:
-    """Yield each frame of a bag and its analysis (None if late); ValueError without frames."""
+    """Yield each frame of a bag and its analysis, which is None for a late frame.
+
+    `given` replaces the chain in the bag. With `log_time`, the receive times replace the stamps.
+    Raises ValueError if the bag has no joint states.
+    """
     analysis = analysis or JointStateAnalysis()
     joints = find_topic(reader, interfaces.JOINT_STATES.name)
     connections = [joints]
@@ -101,7 +105,7 @@ def _decoder(connection: Connection) -> Callable[[bytes], JointStates]:
 def read_chain(reader: Reader, remedy: str = _RECORD_CHAIN) -> NamedChain:
     """Return the last chain in a bag.
 
-    Without a chain, raise ValueError that ends with `remedy`.
+    If the bag has no chain, it raises a ValueError whose text ends with `remedy`.
     """
     chains = [message for _, message in read_topic(reader, 'chain', remedy)]
     if not chains:
@@ -110,7 +114,7 @@ def read_chain(reader: Reader, remedy: str = _RECORD_CHAIN) -> NamedChain:
 
 
 def read_recording(reader: Reader) -> tuple[NamedChain, Recording]:
-    """Return the chain and the joint states of a bag, with time 0 at the first frame."""
+    """Return the chain and the angles of all frames in a bag. The time 0 is at the first frame."""
     named = read_chain(reader)
     messages = [message for _, message in read_topic(reader, 'joint_states')]
     if not messages:

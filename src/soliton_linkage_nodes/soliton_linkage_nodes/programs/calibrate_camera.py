@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Calibrate a camera with pictures or a film of a chessboard, such as the one of print_markers.
 
-Take a dozen pictures of the whole board, and tilt and move the board between them. The output file
-has the format of ROS's camera_calibration.
+Take a dozen pictures of the whole board. Move and tilt the board after each picture. The output
+file has the format of ROS's camera_calibration.
 """
 
 from __future__ import annotations
@@ -24,13 +24,14 @@ from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 _PICTURES = ('.jpg', '.jpeg', '.png', '.tif', '.tiff', '.bmp')
 _STRIDE = 10
-"""Interval between the used pictures of a film [pictures]; a search in a picture takes 0.1 s."""
+"""Of a film, one of this number of pictures is used [1], because the search for the board in a
+picture takes 0.1 s."""
 _BOARD = {
     '--columns': (Quantity('columns of inner corners', '', 2, 100), 8, int),
     '--rows': (Quantity('rows of inner corners', '', 2, 100), 5, int),
     '--square': (Quantity('side of a square', 'm', 1e-4, 10.0), 0.025, float),
 }
-"""Options that describe the chessboard, with default and type."""
+"""Options that describe the chessboard, each with its quantity, default and type."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

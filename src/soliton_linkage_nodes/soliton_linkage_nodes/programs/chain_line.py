@@ -24,20 +24,22 @@ from soliton_linkage_nodes.runtime import interfaces
 
 LEGEND = '/ leans right, \\ leans left, | is upright, ? is missing, O is a soliton'
 _UPRIGHT = 1 / 3
-"""Lean below which a rotor is drawn upright, relative to the uniform state [1]."""
+"""A rotor is drawn upright if its lean is smaller than this fraction of the lean in the uniform
+state [1]."""
 _DEPTH = 10
-"""Queue depth of joint_states [1], because a frame may consist of ten messages."""
+"""Queue depth of joint_states [messages], because a frame may consist of ten messages."""
 _FEWEST = 10
-"""Smallest number of marks in the line, even with a long remark [1]."""
+"""Smallest number of marks in a line [1]. They are drawn even if a long remark leaves less
+room."""
 
 
 class ChainLine:
     """Drawing of a chain from the topics `chain` and `joint_states`, with rotor 0 on the left."""
 
     def __init__(self, node: Node, joint_names: tuple[str, ...] = ()) -> None:
-        """Subscribe to the topics, even of best-effort publishers.
+        """Subscribe to the topics. The subscriptions also receive from best-effort publishers.
 
-        `chain` supplies missing names.
+        If `joint_names` is empty, the joint names come from `chain`.
         """
         self._joint_names = joint_names
         self._node = node
@@ -72,7 +74,10 @@ class ChainLine:
         return math.nan if self._chain is None else self._chain[0].chain.spacing
 
     def show(self, solitons: Sequence[float], remark: str) -> None:
-        """Draw the chain, its solitons and a remark if the drawing interval has elapsed."""
+        """Draw the chain, its solitons and a remark, unless the last drawing is too recent.
+
+        `solitons` contains the site coordinates of the solitons [rotor spacings].
+        """
         if not self._line.due:
             return
         if self._chain is None or self._serialized is None:
@@ -105,7 +110,7 @@ class ChainLine:
             self._line.note(f'rejected chain: {error}')
 
     def use(self, named: NamedChain) -> None:
-        """Set the chain that is drawn; ValueError if the joint names do not fit."""
+        """Set the chain that is drawn; ValueError if the number of joint names does not fit."""
         named = with_joints(named, self._joint_names)
         self._chain = (named, FrameReader(named.joint_names, named.encoder_offsets))
         self._frames.set_joints(named.joint_names)
@@ -117,7 +122,11 @@ class ChainLine:
 
 
 def drawn(leans: Array, solitons: Sequence[float], room: int) -> str:
-    """Return one mark per rotor or group of rotors; `leans` are sin(angle) / sin(rest angle)."""
+    """Return one mark for each rotor, or for each group of rotors in a chain longer than `room`.
+
+    `leans` are sin(angle) / sin(rest angle) of the rotors. `solitons` contains the site
+    coordinates of the solitons [rotor spacings].
+    """
     shares = np.array_split(leans, min(room, len(leans)))
     marks = [_mark(share) for share in shares]
     ends = np.cumsum([len(share) for share in shares])

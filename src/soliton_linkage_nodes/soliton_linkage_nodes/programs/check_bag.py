@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Report the content of a bag, whether it is complete, and the messages lost during recording.
+"""Report the content and the damage of a bag, and the messages lost during recording.
 
-The first lines have the layout of `ros2 bag info`. All numbers are computed from the messages.
+The first lines have the layout of `ros2 bag info`. All numbers are computed from the messages
+themselves.
 """
 
 from __future__ import annotations
@@ -27,13 +28,14 @@ from soliton_linkage_nodes.programs.command_line import (
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _DAMAGE = 'damage'
-"""Key in the custom data of a recovered bag; its value describes the damage of the original."""
+"""Key in the custom data of a recovered bag, for a description of the damage of the original
+bag."""
 _LABEL_WIDTH = 19
 """Width of the labels, as in `ros2 bag info` [characters]."""
 _EVENTS = 'soliton_linkage_msgs/msg/SolitonEvent'
 _SERVICE_EVENT, _SERVICE_SUFFIX = '_Event', '/_service_event'
 _TopicRow = tuple[tuple[str, str, str], int, int]
-"""Name, type and encoding of a topic, with its numbers of all and of lost messages."""
+"""Name, type and encoding of a topic, number of its messages, and number of its lost messages."""
 
 
 def main() -> None:
@@ -65,7 +67,10 @@ def _is_sound(report: BagReport) -> bool:
 
 
 def _lines(report: BagReport) -> Iterator[tuple[str, list[str]]]:
-    """Yield each label with its lines. The first labels are the same as in `ros2 bag info`."""
+    """Yield each label with the lines of its text.
+
+    The first labels are the same as in `ros2 bag info`.
+    """
     start = report.start or 0
     topics, services = _topics(report)
     yield 'Files:', [file.name for file in report.files]
@@ -157,7 +162,7 @@ def _as_json(report: BagReport) -> dict[str, Any]:
 
 
 def _recorded(report: BagReport) -> int:
-    """Return the duration [ns] without times in which the recorder was paused or stopped."""
+    """Return the duration of the recording without its pauses [ns]."""
     start = report.end if report.start is None else report.start
     gaps = gaps_in(report.custom_data)
     return report.end - start - time_in_gaps(gaps, start, report.end)

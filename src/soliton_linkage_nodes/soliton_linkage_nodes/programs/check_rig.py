@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Check the joint states of a rig, and write a report page.
 
-The program receives joint_states for ten seconds while nobody touches the rig. Then the program
-asks you to turn rotor 0 and the last rotor by hand. The chain comes from the topic chain, or from
-a parameter file after --ros-args with -p chain_from:=parameters.
+The program receives joint_states for ten seconds while nobody touches the rig. Then it asks you to
+turn rotor 0 and the last rotor by hand. The chain comes from the topic chain. To use a parameter
+file instead, add --ros-args -p chain_from:=parameters --params-file FILE.
 """
 
 from __future__ import annotations
@@ -63,15 +63,17 @@ from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 from soliton_linkage_studies.rig_page import rig_page
 
 _CHAIN_WAIT = 3.0
-"""Longest wait for the topic chain after the first frame [s]."""
+"""After the first frame, the program waits at most this long for the topic chain [s]."""
 _POLL = 0.1
-"""Time between two evaluations of a condition [s]; each evaluation decodes the latest messages."""
+"""Time between two evaluations of a condition [s]. It is long because each evaluation decodes the
+latest messages."""
 _LATEST = 20
-"""Number of messages that give the present angles [1]; single messages may lack rotors."""
+"""Number of latest messages from which the present angles are determined [1]. One message is not
+enough, because it may lack some rotors."""
 _AT_REST = 1.0
-"""Time without motion after which the chain is at rest [s]."""
+"""The chain is at rest if it has not moved for this time [s]."""
 _AFTER_TURN = 2.0
-"""Time for which frames are recorded after a rotor has turned [s]."""
+"""After a rotor has turned, frames are recorded for this time [s]."""
 
 
 class CheckRig(Node):
@@ -100,9 +102,12 @@ class CheckRig(Node):
         super().destroy_node()
 
     def check(self, seconds: float, limit: float, turn: bool) -> RigFindings | None:
-        """Watch the rig for `seconds`, ask for turns, and return the findings, None if stopped.
+        """Watch the rig, ask a person for turns, and return the findings, or None if stopped.
 
-        Each wait is at most `limit` [s] long. Raises ValueError if no frames arrive.
+        It watches the rig at rest for `seconds`. It asks for turns only if `turn` is set.
+
+        Each wait for the person or for frames takes at most `limit` [s]. Raises ValueError if no
+        frames arrive.
         """
         if not self._wait(lambda: self._received, limit) and not self._stopping.is_set():
             raise ValueError(
@@ -148,7 +153,11 @@ class CheckRig(Node):
         return [RigFinding(WRONG, 'nodes', text)]
 
     def _turn(self, rotor: int, first: bool, limit: float) -> Turn | None:
-        """Ask for a turn; return its frames, or None if the chain does not come to rest."""
+        """Ask a person to turn a rotor, and return the recorded frames.
+
+        `first` is whether the rotor is at the first edge. Returns None if the chain does not come
+        to rest within `limit` [s].
+        """
         moved = len(self._received)
         name = self.joint_names[rotor]
         if not is_at_edge(self._resting_angles(), first):
@@ -179,7 +188,11 @@ class CheckRig(Node):
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Joint names of the chain, or else from parameter `joint_names` or the first message."""
+        """Joint names of the chain.
+
+        If the chain is unknown, they come from the parameter `joint_names` or from the first
+        message.
+        """
         if self.named is not None:
             return self.named.joint_names
         return self._joints or tuple(self._received[0][1].name)

@@ -31,7 +31,7 @@ _SOURCE_LOCATION = re.compile(r', at /\S+:\d+')
 def parse_own_arguments(
     parser: PlainParser, arguments: Sequence[str] | None = None
 ) -> argparse.Namespace:
-    """Parse the options of the program itself, without the arguments of ROS."""
+    """Parse the options of the program itself, and ignore the arguments of ROS."""
     given = sys.argv[1:] if arguments is None else arguments
     try:
         check_files(given)
@@ -42,7 +42,7 @@ def parse_own_arguments(
 
 
 def number(described: Quantity, kind: type[float] = float) -> Callable[[str], float]:
-    """Return a function that parses a number and rejects values outside the range."""
+    """Return a function that converts a text to a number and rejects values outside the range."""
 
     def read(text: str) -> float:
         try:
@@ -65,7 +65,11 @@ def add_quantity(
     kind: type[float] = float,
     **more: Any,
 ) -> None:
-    """Add an argument for a number, with the description, unit and range of a quantity."""
+    """Add an argument for a number.
+
+    Its help text has the description and the unit of a quantity, and values outside the quantity's
+    range are rejected.
+    """
     unit = f' [{described.unit}]' if described.unit else ''
     shown = '' if default is None else f' (%(default){"s" if kind is int else "g"})'
     text = f'{described.description}{unit}{shown}'
@@ -73,7 +77,7 @@ def add_quantity(
 
 
 def reason(error: Exception) -> str:
-    """Return the text of an error, in one line for file errors and ROS errors."""
+    """Return the text of an error; file errors and ROS errors are shortened to one line."""
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         return f'{error.filename}: {error.strerror}'
     return _SOURCE_LOCATION.sub('', str(error))
@@ -81,7 +85,7 @@ def reason(error: Exception) -> str:
 
 @contextmanager
 def exit_on_failure(program: str) -> Iterator[None]:
-    """Exit with code 1 and one line of text after an error, or with code 130 after Ctrl-C."""
+    """After an error in a block, exit with code 1 and one line of text; after Ctrl-C with 130."""
     try:
         yield
     except KeyboardInterrupt:
@@ -96,7 +100,10 @@ def exit_on_failure(program: str) -> Iterator[None]:
 
 @contextmanager
 def ros_client(program: str) -> Iterator[threading.Event]:
-    """Initialise ROS for a client; yield the event that signals set. Exit with 1 or 130."""
+    """Initialise ROS for a client, and yield an event that SIGINT and SIGTERM set.
+
+    After an error in the block, it exits with code 1, and after a signal with code 130.
+    """
     stopping = stop_on_signals()
     try:
         with exit_on_failure(program):
@@ -109,7 +116,10 @@ def ros_client(program: str) -> Iterator[threading.Event]:
 
 
 def message_progress(title: str) -> tuple[ProgressLine, Callable[[int, int], None]]:
-    """Return a progress line, and a function that shows processed and expected messages."""
+    """Return a progress line, and a function that updates it.
+
+    The arguments of this function are the numbers of processed and of expected messages.
+    """
     progress, begun = ProgressLine(title, 0), time.monotonic()
 
     def show(done: int, expected: int) -> None:
@@ -122,7 +132,7 @@ def message_progress(title: str) -> tuple[ProgressLine, Callable[[int, int], Non
 
 
 def add_bags(parser: argparse.ArgumentParser) -> None:
-    """Add a positional argument for one or more bags."""
+    """Add a positional argument for the paths of one or more bags."""
     text = 'directory of a bag, such as bags/flipper_0'
     parser.add_argument('bags', type=Path, nargs='+', metavar='bag', help=text)
 

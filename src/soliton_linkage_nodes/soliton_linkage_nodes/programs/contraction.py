@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measure the Lorentz contraction of walls at a dozen speeds with the analyser.
 
-For each speed, a simulator with noisy encoders runs, a nudge starts a wall, and a bag is recorded.
-The measured speeds and widths of the walls are compared with theory.
+For each speed, the program runs a simulator with noisy encoders, starts a wall by a nudge, and
+records a bag. It then compares the measured speeds and widths of the walls with theory.
 """
 
 from __future__ import annotations
@@ -42,15 +42,16 @@ from soliton_linkage_studies.program import installed_settings
 from soliton_linkage_studies.settings import load_settings
 
 _RATE = 250.0
-"""Frame rate of a recording [Hz]; each wall has about 1500 frames."""
+"""Frame rate of a recording [Hz], so that each wall has about 1500 frames."""
 _SECONDS = 6.0
 """Duration of a recording [s]."""
 _WAY = 0.8
-"""Ratio of recording time to study time [1], such that the wall does not reach the far edge."""
+"""A recording takes this fraction of the duration in the study [1], so that the wall does not
+reach the far edge."""
 _POLL_INTERVAL = 0.1
 """Poll interval for the end of the nudge [s]."""
 _UNLIMITED = 1e6
-"""Limit of kicks [rad/s] and of impulses [N m s]; it allows any speed."""
+"""Limit of kicks [rad/s] and of impulses [N m s]. It is so large that it allows any speed."""
 
 
 def record(
@@ -58,8 +59,8 @@ def record(
 ) -> Path:
     """Record a bag with one moving wall and return its path; RuntimeError if a node fails.
 
-    `walls` and `kick` are indices of the study. The stiffness is chosen so that the wall passes
-    the middle of the chain within 6 s.
+    `walls` is the index of the chain in the study, and `kick` is the index of the kick for this
+    chain. The stiffness is chosen so that the wall passes the middle of the chain within 6 s.
     """
     chain, speed = study.walls[walls].chain, study.walls[walls].kicks[kick]
     unit = _SECONDS / (_WAY * study.duration(walls, kick))
@@ -137,9 +138,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _measured(
     study: ContractionStudy, folder: Path, stopping: threading.Event
 ) -> list[ContractedWall]:
-    """Record and measure all walls.
+    """Record and measure all walls of the study.
 
-    Repeat once after a failure, because the machine may be busy.
+    If a recording or its measurement fails, it is repeated once, because the machine may have been
+    busy.
     """
 
     def measured(number: int, kick: int) -> ContractedWall:

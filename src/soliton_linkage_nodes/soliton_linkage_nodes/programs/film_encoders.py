@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measure the angles of a chain in a film, and write them to a bag for analyse_bag.
 
-The bag has the topics chain, joint_states and joint_state_deviations (standard deviations of the
-angles). The stamps are the times of the pictures. With --overlay, the program also writes the film
-with the detected markers and the walls.
+The bag has the topics chain, joint_states and joint_state_deviations. The last one contains the
+standard deviations of the angles. The stamp of a message is the time of its picture. With
+--overlay, the program also writes a copy of the film in which the detected markers and the walls
+are drawn.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 from soliton_linkage_nodes.start import INTERRUPTED
 
 _OVERLAY_QUALITY = 23
-"""Constant rate factor of the H.264 encoder [1]; it is the default of x264."""
+"""Constant rate factor of the H.264 encoder [1], the default of x264."""
 
 
 class FilmSummary(NamedTuple):
@@ -62,15 +63,15 @@ class FilmSummary(NamedTuple):
 
     bag: Path
     pictures: int
-    """Number of pictures with visible rotors."""
+    """Number of pictures in which rotors are visible."""
     shares: float
-    """Mean fraction of visible rotors in the counted pictures [1]."""
+    """Mean fraction of the rotors that are visible in these pictures [1]."""
     deviation: float
-    """Median of the stated standard deviations of the angles [rad]."""
+    """Median of the estimated standard deviations of the angles [rad]."""
     last: str
-    """Description of the last picture and of the problems so far."""
+    """Description of the last picture and of all problems in the film."""
     ended_by: str
-    """Reason why the film ended early; '' for a complete film."""
+    """Reason why the measurement ended before the end of the film, or ''."""
 
 
 def film_to_bag(
@@ -81,10 +82,12 @@ def film_to_bag(
     overlay: Path | None = None,
     stopping: threading.Event | None = None,
 ) -> FilmSummary:
-    """Write the angles in a film to a bag, and the film with the detected markers to `overlay`.
+    """Measure the angles in a film and write them to a bag.
 
-    If the film is damaged or `stopping` is set, the bag contains the angles so far. Raises
-    ValueError if no angles were measured.
+    If `overlay` is set, a copy of the film with the detected markers is written to this path.
+
+    If the film is damaged or `stopping` is set, the bag contains the angles that were measured
+    before. Raises ValueError if no angles were measured.
     """
     bag = _AngleBag(output, named)
     seen: list[tuple[float, float]] = []
@@ -142,7 +145,7 @@ def _drawn(
 
 
 class _AngleBag:
-    """Bag with a chain and its angles; it is created when the first angles are written."""
+    """Bag with a chain and its angles. The bag is created together with its first message."""
 
     def __init__(self, output: Path, named: NamedChain) -> None:
         self.path = output

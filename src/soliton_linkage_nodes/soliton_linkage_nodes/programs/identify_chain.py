@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimate the lengths of a chain and their standard deviations from bags.
 
-In each bag a soliton must pass through the same chain, for example at different tilts. The program
-writes chain.yaml for all nodes, lengths.csv, and a report with the residuals of each bond.
+All bags must contain the same chain. In each bag a soliton must pass through the chain, for
+example at different tilts. The program writes the parameter file chain.yaml, the table
+lengths.csv, and a report with the residuals of each bond.
 """
 
 from __future__ import annotations
@@ -52,15 +53,17 @@ from soliton_linkage_studies.pictures import save_report
 
 @dataclass(frozen=True)
 class IdentificationOptions:
-    """Options of the identification: information that the angles do not contain."""
+    """Information for the identification that the angles do not contain."""
 
     spacing: float | None = None
-    """Mean distance between neighbouring pivots [m]; None means the spacing of the given chain."""
+    """Mean distance between neighbouring pivots [m], or None to use the spacing of the given
+    chain."""
     tolerance: float | None = None
-    """Relative standard deviation of the lengths of one kind [1]; None means that it is
-    estimated."""
+    """Relative standard deviation of the lengths of one kind, such as the rotor lengths [1]. If it
+    is None, it is estimated."""
     span: tuple[float, float] = (0.0, math.inf)
-    """Times of the first and last used frame, counted from the first frame of the bag [s]."""
+    """Times of the first and the last frame that are used [s]. The time 0 is at the first frame of
+    the bag."""
     gravity: float = 0.0
     """Gravitational acceleration in the plane of the chain [m/s^2]."""
     tilts: tuple[float, ...] = ()
@@ -74,7 +77,11 @@ def identify_bags(
     assumptions: IdentificationOptions = IdentificationOptions(),
     limits: BagLimits = DEFAULT_LIMITS,
 ) -> Identification:
-    """Identify the recorded or `given` chain from bags, and write chain.yaml and other results."""
+    """Identify a chain from bags, and write chain.yaml, lengths.csv and a report.
+
+    The chain `given`, or else the chain in the bags, supplies the joint names, the spacing and the
+    quantities that the angles do not determine.
+    """
     spacing = assumptions.spacing
     recordings = []
     reference = given
@@ -211,10 +218,11 @@ def _add_span(parser: PlainParser) -> None:
 
 
 _FEWEST_FRAMES = 50
-"""Smallest number of frames for an identification [1]; in this time, a wall passes one or two
+"""Smallest number of frames for an identification [1]. In so many frames, a wall passes one or two
 rotors."""
 _MOST_FRAMES = 8000
-"""Largest number of frames in a fit [1]; a fit of 40 rotors with rigid bars takes about 10 s."""
+"""Largest number of frames in a fit [1]. With so many frames, a fit of 40 rotors with rigid bars
+takes about 10 s."""
 
 
 def read_joints(
@@ -223,10 +231,12 @@ def read_joints(
     span: tuple[float, float],
     most_frames: int = _MOST_FRAMES,
 ) -> JointRecord:
-    """Read angles, their deviations, impulses and tilts from a bag; `known` names the joints.
+    """Read angles, their standard deviations, impulses and tilts from a bag.
 
-    `span` contains the first and last used time, counted from the first frame [s]. `most_frames`
-    limits the number of frames.
+    The joint names come from the chain `known`, or from the bag.
+
+    `span` contains the times of the first and the last frame that are used [s]; the time 0 is at
+    the first frame. `most_frames` is the largest number of frames in the result.
     """
     record = JointRecord(known.joint_names if known else (), most_frames)
     adders: dict[str, Callable[[Any, int], None]] = {
@@ -280,11 +290,11 @@ def _name(connection: Connection) -> str:
 
 
 _WORST = 3
-"""Number of bonds that the summary lists [1]; these bonds have the largest noise."""
+"""Number of bonds with the largest noise that the summary lists [1]."""
 
 
 def write_lengths(found: Identification, path: Path) -> None:
-    """Write a table of the lengths [m] and offsets [rad] with their standard deviations."""
+    """Write a table of lengths [m], encoder offsets [rad] and their standard deviations."""
     chain = found.chain
     lengths = {
         'rotor_length': chain.rotor_lengths,
@@ -304,7 +314,7 @@ def write_lengths(found: Identification, path: Path) -> None:
 
 
 def summary(found: Identification) -> str:
-    """Return a text of a few lines that summarises the results."""
+    """Return a text of several lines that summarises the results."""
     deviations = ', '.join(
         f'{name} {np.median(values):.2%}' for name, values in found.deviations.items()
     )

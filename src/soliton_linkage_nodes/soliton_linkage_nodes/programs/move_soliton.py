@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Move the soliton to a rotor and show the motion, in place of `ros2 action`.
+"""Move the soliton to a rotor and show the motion. This program replaces `ros2 action`.
 
 It sends a goal of the action move_soliton to soliton_steering, and ends when the soliton has
 arrived. If the soliton cannot arrive, the program ends with exit code 1. Ctrl-C brings the soliton
@@ -33,16 +33,17 @@ from soliton_linkage_nodes.runtime.process import WaitingNode
 
 _ROTOR = Quantity('destination, counted from rotor 0', 'rotor spacings')
 _SPEED = Quantity('largest speed of the move, 0 for automatic', 'rotor spacings/s', minimum=0.0)
-"""Largest speed of the move; 0: soliton_steering selects the speed."""
+"""Largest speed of the move. At 0, soliton_steering chooses the speed."""
 _WAIT = Quantity('longest wait for soliton_steering to be ready', 's', 0.0, 3600.0)
-"""Longest wait for the steering node; the largest value is one hour."""
+"""Longest wait until soliton_steering is ready, at most one hour."""
 _LONGEST_WAIT = 5.0
-"""Default wait for a ready steering node, and longest wait for its answer [s]."""
+"""Default of the longest wait until soliton_steering is ready, and longest wait for its answer to
+the goal [s]."""
 _LONGEST_SILENCE = 3.0
-"""Silence of the feedback after which the node counts as lost [s]; feedback comes ten times a
-second."""
+"""If no feedback arrives for this time, soliton_steering counts as stopped [s]. In normal
+operation, feedback arrives ten times per second."""
 _CANCEL_TIME = 0.3
-"""Longest wait for the end of a move that the user has cancelled with Ctrl-C [s]."""
+"""After Ctrl-C, the program waits at most this long for the end of the cancelled move [s]."""
 
 
 class MoveClient(WaitingNode):
@@ -57,11 +58,13 @@ class MoveClient(WaitingNode):
         interfaces.DIAGNOSTICS.subscribe(self, self._on_diagnostics)
 
     def move(self, rotor: float, speed: float, wait: float = _LONGEST_WAIT) -> MoveSoliton.Result:
-        """Move the soliton to `rotor` at most at `speed`, and return the result.
+        """Move the soliton to `rotor` [rotor spacings], and return the result of the action.
 
-        The wait for the steering node is at most `wait` [s]. Raises ValueError if the action
-        server is missing, and KeyboardInterrupt if Ctrl-C interrupts the move and the move does
-        not end soon.
+        `speed` is the largest speed [rotor spacings/s], or 0 for an automatic speed.
+
+        It waits at most `wait` [s] until soliton_steering is ready. Raises ValueError if
+        soliton_steering is missing or stops. Raises KeyboardInterrupt if the move has not ended
+        0.3 s after Ctrl-C.
         """
         deadline = time.monotonic() + wait
         absent = f'no node offers the action {interfaces.MOVE_SOLITON} after {wait:g} s; '
@@ -129,7 +132,7 @@ class MoveClient(WaitingNode):
 
 
 def progress_of(on_the_way: MoveSoliton.Feedback) -> str:
-    """Return a text with position and speed of the wall, and the phonon energy if known."""
+    """Return a text with position and speed of the soliton, and the phonon energy if known."""
     text = f'rotor {on_the_way.rotor:5.1f}  {on_the_way.speed:+6.2f} rotors/s'
     phonons = on_the_way.phonon_energy
     return f'{text}  {phonons:.1e} J in phonons' if math.isfinite(phonons) else text

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nudge an edge of the chain and print the result. This program replaces `ros2 topic pub`.
 
-The program waits for the edge actuator, publishes on the topic nudge, and prints the answer on
+It waits for the edge actuator, publishes on the topic nudge, and prints the actuator's answer from
 last_kick, or the reason of a failure.
 """
 
@@ -30,13 +30,14 @@ _SPEED = Quantity('speed of the kick along the zero mode, positive away from the
 _TIMEOUT = Quantity(
     'longest wait for the actuator, and afterwards for its answer', 's', 0.0, 3600.0
 )
-"""Longest wait for the actuator, and then again for its answer; the largest value is one hour."""
+"""Longest wait for the actuator, and again for its answer, each at most one hour."""
 _SUBSCRIBERS = Quantity('subscribers to wait for, 2 with actuator and recorder', minimum=1)
-"""Number of subscribers of the topic nudge, including the edge actuator."""
+"""The program waits for this number of subscribers of the topic nudge, including the actuator."""
 _LONGEST_WAIT = 5.0
-"""Default of the longest wait for the actuator, and then for its answer [s]."""
+"""Default of the longest wait for the actuator, and again for its answer [s]."""
 _DISCOVERY_TIME = 1.0
-"""Wait for other subscribers and for the latched `last_kick`, after an actuator is found [s]."""
+"""After an actuator is found, the program waits this long for other subscribers and for the
+latched `last_kick` of an earlier kick [s]."""
 
 
 class NudgeClient(WaitingNode):
@@ -56,8 +57,9 @@ class NudgeClient(WaitingNode):
     def nudge(self, speed: float, subscribers: int, timeout: float) -> LastKick | None:
         """Nudge with `speed` [rad/s]; return the answer of the actuator, or None if interrupted.
 
-        Raises ValueError if no actuator is ready within `timeout` [s], or if the actuator rejects
-        the nudge or does not answer.
+        It waits until the topic has `subscribers` subscribers and an actuator is ready, at most
+        `timeout` [s]. Raises ValueError if this is not the case in time, or if the actuator
+        rejects the nudge or does not answer within `timeout`.
         """
         deadline = time.monotonic() + timeout
         self.wait(self._actuators, timeout)
@@ -79,7 +81,7 @@ class NudgeClient(WaitingNode):
         return answer
 
     def _actuators(self) -> set[str]:
-        """Return the names of the nodes that receive `nudge` and publish `last_kick`."""
+        """Return the names of the nodes that subscribe to `nudge` and publish `last_kick`."""
         subscribed = self.get_subscriptions_info_by_topic(self._nudges.topic_name)
         publishing = self.get_publishers_info_by_topic(self._answers.topic_name)
         return _names(subscribed) & _names(publishing)
@@ -114,7 +116,10 @@ class NudgeClient(WaitingNode):
         return None
 
     def _rejection(self, before: dict[str, int]) -> str:
-        """Return why an actuator has rejected a nudge since the counts `before`, or ''."""
+        """Return why an actuator has rejected the nudge, or '' if none has rejected it.
+
+        `before` contains the number of rejections of each actuator before the nudge.
+        """
         for name in self._actuators() & before.keys():
             report = self._reports[name]
             source, _, reason = _figure(report, 'last rejection').partition(': ')

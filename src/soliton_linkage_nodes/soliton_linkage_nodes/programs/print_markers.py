@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Write pages of markers for a chain, to scale: dots for pivots and masses, and frame markers.
+"""Write pages with the markers of a chain in true size, for film_encoders and camera_encoders.
+
+The markers are dots for pivots and masses, and frame markers.
 
 Print the pages without scaling, and check the printed ruler. Cut the markers out, and stick each
-one at the position printed below it. The last sheet is a chessboard for calibrate_camera.
+one at the position on the chain that is printed below it. The last page is a chessboard for
+calibrate_camera.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 
 def main() -> None:
-    """Recover the bag of the command line; exit with 1 if no message could be recovered."""
+    """Recover the bag that the command line names; exit with 1 if no message is intact."""
     parser = PlainParser(
         prog='recover_bag',
         description=f'{__doc__} The exit code is 1 if no message could be recovered.',

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulate a microcontroller with the encoders and valves of a chain, for serial_encoders.
+"""Simulate a chain and the microcontroller of its encoders and valves, for serial_encoders.
 
-The program opens a pseudo-terminal, prints its path, and exchanges the frames of the serial
-protocol until Ctrl-C. The chain starts at rest, leans left, and is driven by commands to the
-valves.
+The program opens a pseudo-terminal and prints its path. Until Ctrl-C, it receives commands and
+sends angles there in the serial protocol. At the start the chain is at rest and leans left;
+commands to the valves drive it.
 """
 
 from __future__ import annotations
@@ -34,20 +34,20 @@ from soliton_linkage_nodes.programs.command_line import add_quantity, exit_on_fa
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 _RATE = Quantity('frames per second', 'Hz', 1.0, 1000.0)
-"""Frame rate; 40 rotors at 1000 Hz need a serial port with 1.8 Mbaud."""
+"""Frame rate. At 1000 Hz, 40 rotors need a serial port with 1.8 Mbaud."""
 _COUNTS = Quantity('counts of an encoder per turn', '', 2, 65536)
-"""Resolution of an encoder; encoders have at most 16 bits."""
+"""Resolution of an encoder, at most 16 bits."""
 
 _TOLERANCE = 1e-6
-"""Tolerance of the solver per step [rad]; it is a hundredth of a count of a 16-bit encoder."""
+"""Tolerance of the solver per step [rad]. It is a hundredth of a count of a 16-bit encoder."""
 _REPORTED_DELAY = 1.0
-"""Delay behind the clock above which the program warns that the machine is too slow [s]."""
+"""If the simulation is later than this, the program warns that the machine is too slow [s]."""
 _MOST_BYTES = 2**16
-"""Number of bytes per read [1]; it exceeds the buffer of the system."""
+"""Largest number of bytes that one call reads [1]. It exceeds the buffer size of the system."""
 
 
 class PseudoTerminal:
-    """Pseudo-terminal; a client opens one of its ends as a serial port."""
+    """Pseudo-terminal whose other end a client can open as a serial port."""
 
     def __init__(self, link: Path | None = None) -> None:
         self._here, self._there = pty.openpty()
@@ -60,23 +60,26 @@ class PseudoTerminal:
 
     @property
     def path(self) -> str:
-        """Path of the serial port."""
+        """Path that a client opens as a serial port."""
         return str(self._link or os.ttyname(self._there))
 
     def read(self) -> bytes:
-        """Return the bytes that have arrived since the last call."""
+        """Return the bytes that the client has sent since the last call."""
         try:
             return os.read(self._here, _MOST_BYTES)
         except BlockingIOError:
             return b''
 
     def write(self, data: bytes) -> None:
-        """Send bytes; the bytes are lost if no client reads and the buffer is full."""
+        """Send bytes to the client.
+
+        They are lost if the buffer is full because no client reads.
+        """
         with contextlib.suppress(BlockingIOError):
             os.write(self._here, data)
 
     def close(self) -> None:
-        """Close both ends and remove the link."""
+        """Close both ends and remove the symbolic link."""
         if self._link is not None:
             self._link.unlink(missing_ok=True)
         os.close(self._here)
@@ -84,7 +87,7 @@ class PseudoTerminal:
 
 
 class RealTimeChain:
-    """Simulated chain with a simulated controller on a serial port."""
+    """Simulated chain whose simulated controller communicates by a serial port."""
 
     def __init__(
         self,
@@ -93,7 +96,7 @@ class RealTimeChain:
         terminal: PseudoTerminal,
         rate: float,
     ) -> None:
-        """Start with the chain at rest and without feedback; `rate` is the frame rate [Hz]."""
+        """Start with the chain at rest and without feedback. `rate` is the frame rate [Hz]."""
         chain = replace(named.chain, feedback=NO_FEEDBACK)
         world = World(chain, named.joint_names, WorldParameters(tolerance=_TOLERANCE), 1 / rate)
         self._simulation = world.begin(world.initial_state(), NO_GRAVITY)
@@ -102,11 +105,11 @@ class RealTimeChain:
 
     @property
     def time(self) -> float:
-        """Time of the next frame [s]."""
+        """Simulated time of the next frame [s]."""
         return self._simulation.time
 
     def play(self) -> None:
-        """Apply received commands, send the angles, and advance the simulation by one frame."""
+        """Apply received commands, send the angles, and simulate the time to the next frame."""
         simulation = self._simulation
         self._controller.receive(simulation.time, self._terminal.read())
         simulation.hold(self._controller.torques(simulation.time))

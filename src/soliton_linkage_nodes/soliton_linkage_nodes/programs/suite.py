@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run several nodes of the suite in one process to reduce memory and processor time.
+"""Run several nodes of the suite in one process, which saves memory and processor time.
 
 Each node keeps its name, topics, services, parameters and diagnostics. Ctrl-C stops all nodes and
-closes the bag. With -p port:=/dev/ttyACM0, serial_encoders replaces the simulator. If another
-program publishes joint_states, list the nodes to run. For several chains, list nodes with
-namespaces, for example left/soliton_analyser.
+closes the bag. By default, all nodes of one chain run. With -p port:=/dev/ttyACM0, serial_encoders
+replaces the simulator. If another program publishes joint_states, list the nodes that shall run.
+For several chains, list the nodes with their namespaces, for example left/soliton_analyser.
 """
 
 from __future__ import annotations
@@ -34,15 +34,16 @@ NODES = {
     'soliton_steering': 'soliton_steering.node:SolitonSteering',
     'bag_recorder': 'bags.recorder:BagRecorder',
 }
-"""Module and class of each node. Only the modules of requested nodes are imported."""
+"""Module and class of each node. Only the modules of the nodes that run are imported."""
 _SERIAL = 'serial_encoders'
 _PARAMETER_OPTIONS = ('-p', '--param')
 _CHAIN_SOURCE = ('-p', f'{_SERIAL}:chain_from:=parameters')
-"""Default argument that makes serial_encoders publish the chain."""
+"""Argument that is added before the user's arguments, so that serial_encoders publishes the chain
+of its parameters."""
 _EXPONENT = re.compile(r'[-+]?\d+(\.\d*)?[eE][-+]?\d+')
 _NAMESPACE_RULE = '__ns:='
 _JOINT_PREFIX = 'torque_limits.'
-"""Prefix of parameters whose names contain the name of a joint."""
+"""Prefix of parameters whose names end with a joint name, so that no node class can list them."""
 
 
 def main() -> None:
@@ -87,7 +88,10 @@ def main() -> None:
 
 
 def of_one_chain(arguments: Sequence[str]) -> list[str]:
-    """Return all nodes of one chain. With a serial port, serial_encoders replaces simulator."""
+    """Return the names of all nodes that one chain needs.
+
+    If the arguments name a serial port, serial_encoders replaces simulator.
+    """
     port = re.compile(rf'({_SERIAL}:)?port:=.+')
     rules = [rule for each, rule in pairwise(arguments) if each in _PARAMETER_OPTIONS]
     unused = 'simulator' if any(map(port.fullmatch, rules)) else _SERIAL
@@ -97,9 +101,12 @@ def of_one_chain(arguments: Sequence[str]) -> list[str]:
 def addressed(
     arguments: Sequence[str], classes: Mapping[str, type[ManagedNode]]
 ) -> tuple[list[str], dict[str, list[Parameter]]]:
-    """Split the arguments of ROS into general arguments and the parameters of each node.
+    """Separate the parameters of each node from the other arguments of ROS.
 
-    ROS itself cannot apply a parameter to one node in a namespace.
+    `classes` maps the names of the nodes, which may contain a namespace, to their classes. The
+    result is the list of the other arguments, and the parameters of each node by its name.
+
+    This is necessary because ROS itself cannot apply a parameter to one node in a namespace.
     """
     rest: list[str] = []
     given: dict[str, list[Parameter]] = {name: [] for name in classes}
@@ -118,7 +125,10 @@ def addressed(
 
 
 def _known_to_ros(arguments: Sequence[str]) -> list[str]:
-    """Return the arguments without parameters of nodes in namespaces; ROS would reject these."""
+    """Return the arguments without the parameters of nodes with a namespace.
+
+    ROS would reject these parameters.
+    """
     known: list[str] = []
     for argument in arguments:
         if known and known[-1] in _PARAMETER_OPTIONS and '/' in argument.partition(':=')[0]:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Show the chain in the terminal: the lean of its rotors, and the position of the soliton.
+"""Show the chain in one line of the terminal, with the position of the soliton.
 
-The chain comes from the topics chain and joint_states, the position [rotor spacings] and velocity
-of the first soliton from soliton_state. If no node publishes chain, add --ros-args -p
-chain_from:=parameters and the parameters chain.* or a parameter file.
+The chain comes from the topics chain and joint_states. The position [rotor spacings] and velocity
+of the first soliton come from soliton_state. If no node publishes chain, add --ros-args -p
+chain_from:=parameters, and specify the parameters chain.* or a parameter file.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from soliton_linkage_nodes.start import INTERRUPTED
 _PERIOD = 0.1
 """Time between two drawings [s]."""
 _LONGEST_SILENCE = 1.0
-"""Time without messages after which a topic is reported as stopped [s]."""
+"""A topic without messages for this time is reported as stopped [s]."""
 _STARTED_BY = {
     interfaces.CHAIN.name: 'simulator',
     interfaces.JOINT_STATES.name: 'simulator',

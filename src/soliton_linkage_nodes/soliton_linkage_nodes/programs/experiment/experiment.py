@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Steps of the experiment: nudge the chain, watch the soliton, record and replay."""
+"""Steps of the experiment: nudge the chain, watch the soliton, record, and replay the bag."""
 
 from __future__ import annotations
 
@@ -37,7 +37,8 @@ _REPORT = 'soliton_linkage_nodes.programs.experiment.report'
 _NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
 _PAGE = 'live_view'
 _ALL_FRAMES = ['-p', 'longest_lag:=0.0']
-"""Argument with which an analyser processes every frame, live and in the replay."""
+"""Argument with which an analyser analyses every frame, during the experiment and in the
+replay."""
 _UNUSED = (
     *(interfaces.IDENTIFIED_CHAIN, interfaces.JOINT_STATE_DEVIATIONS, interfaces.DIAGNOSTICS),
     *(interfaces.EDGE_COMMAND, interfaces.JOINT_COMMANDS, interfaces.EFFORT_COMMANDS),
@@ -45,13 +46,13 @@ _UNUSED = (
 )
 _RECORDED_TOPICS = {f'/{topic.name}' for topic in interfaces.SUITE_TOPICS if topic not in _UNUSED}
 _REPORT_LIMIT = 6.2
-"""Longest wait for the report of a node [s]; nodes report once per second."""
+"""Longest wait for a report of a node [s]. Nodes report once per second."""
 _QUIET = 0.5
-"""Time without a new state after which no more states are expected [s]."""
+"""If no state arrives for this time [s], all states have arrived."""
 
 
 class Experiment:
-    """All steps of the experiment."""
+    """Steps of an experiment, which are carried out one after the other."""
 
     def __init__(
         self,
@@ -61,7 +62,10 @@ class Experiment:
         stopping: threading.Event,
         page: bool = False,
     ) -> None:
-        """Prepare the folder for the results; a `page` in the browser shows the chain."""
+        """Prepare the folder `output` for the results.
+
+        If `page` is set, a page in the browser shows the chain.
+        """
         self._page = page
         self.bag = output / f'{observer.settings.scenario}_0'
         self._configuration = configuration
@@ -113,7 +117,10 @@ class Experiment:
         self._report = import_module(_REPORT)
 
     def _serve_page(self) -> bool:
-        """Print the address of the page, or why there is no page; return whether there is one."""
+        """Print the address of the live page; return whether there is a page.
+
+        If there is none, it prints the reason.
+        """
         deadline = time.monotonic() + START_LIMIT
         try:
             while not self._processes.wait(_PAGE, _QUIET) and time.monotonic() < deadline:
@@ -167,7 +174,7 @@ class Experiment:
             _print('The soliton starts by itself.')
 
     def _watch(self) -> None:
-        """Show the soliton until it has returned, or until the time limit has passed."""
+        """Show the soliton until it has returned or, if so specified, until the time limit."""
         settings = self._settings
         timed, start = settings.end == 'time', self._observer.stamp
         line, trip = ChainLine(self._observer), RoundTrip(self._observer)
@@ -187,7 +194,7 @@ class Experiment:
         )
 
     def _finish(self) -> dict[str, str]:
-        """Receive one more report of the simulator, stop the nodes, and return the report."""
+        """Wait for a report of the simulator, stop the nodes, and return the report's values."""
         self._observer.reports.pop('simulator', None)
         self._wait_until(
             lambda: 'simulator' in self._observer.reports,
@@ -220,7 +227,10 @@ class Experiment:
         return recorded
 
     def _replay(self) -> dict[int, tuple[float, ...]]:
-        """Play the bag into the second analyser, and return the soliton sites at each stamp."""
+        """Play the bag to a second analyser, and return the sites of its solitons.
+
+        The keys are the stamps [ns], and the values are the site coordinates [rotor spacings].
+        """
         service, name = service_type('Resume'), 'bag_player/resume'
         resuming = self._observer.create_client(service, name, qos_profile=SERVICE_QOS)
         self._wait_until(

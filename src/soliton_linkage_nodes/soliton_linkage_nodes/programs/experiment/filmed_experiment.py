@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Filmed experiment: film a chain with unknown lengths, identify it, and track its soliton."""
+"""Filmed experiment: film a chain of unknown lengths, identify it, and track its soliton."""
 
 from __future__ import annotations
 
@@ -36,32 +36,41 @@ from soliton_linkage_studies.camera.runs import CAMERA
 
 _DEVIATIONS = interfaces.JOINT_STATE_DEVIATIONS.name
 _FROM_EDGES = 4.0
-"""Distance from an edge below which positions are not compared [rotor spacings]."""
+"""Positions of the soliton that are closer to an edge than this are not compared
+[rotor spacings]."""
 
 
 @dataclass(frozen=True)
 class PositionErrors:
-    """Errors of the angles and the soliton position in a film, without positions near edges."""
+    """Errors of the angles and of the soliton position in a film.
+
+    Frames with the soliton near an edge are not included in the position errors.
+    """
 
     angle_noise: float
-    """Standard deviation of the errors of the angles, without the mean error of each rotor
-    [rad]."""
+    """Standard deviation of the errors of the angles after the mean error of each rotor is
+    subtracted [rad]."""
     stated_angle_noise: float
-    """Median of the stated standard deviations of the angles [rad]."""
+    """Median of the standard deviations that the camera measurement states for the angles
+    [rad]."""
     frames: int
     error: float
-    """Root mean square error of the position with the identified chain [rotor spacings]."""
+    """Root mean square error of the soliton position that an analyser with the identified chain
+    estimates [rotor spacings]."""
     stated: float
-    """Root mean square of the stated standard deviation of the position [rotor spacings]."""
-    allowed: float
-    """Root mean square Cramer-Rao bound of the position from one frame [rotor spacings]."""
-    with_true_chain: float
-    """Root mean square position error of an analyser with the true chain [rotor spacings]."""
-    hidden: float
-    """Fraction of the angles that were hidden in the compared frames [1]."""
-    by_hidden: float
-    """Root mean square position error with the true chain and the exact angles of visible rotors
+    """Root mean square of the standard deviations that this analyser states for the position
     [rotor spacings]."""
+    allowed: float
+    """Cramer-Rao bound of the position for a single frame with the measured angle noise, root mean
+    square over the frames [rotor spacings]."""
+    with_true_chain: float
+    """Root mean square error of the position that an analyser with the true chain estimates
+    [rotor spacings]."""
+    hidden: float
+    """Fraction of the angles that were hidden in these frames [1]."""
+    by_hidden: float
+    """Root mean square error of the position with the true chain and noise-free angles of the
+    visible rotors, which is caused by hidden rotors alone [rotor spacings]."""
 
 
 @dataclass(frozen=True)
@@ -72,9 +81,11 @@ class FilmedExperimentParameters(BenchParameters):
 
 
 def run(configuration: Path, given: Mapping[str, Any], folder: Path) -> str:
-    """Run the experiment of a configuration file, and return its result as text.
+    """Run the filmed experiment of a configuration file, and return its result as text.
 
-    Raises ValueError if a parameter in `given` is unknown or out of range.
+    `given` contains its parameters by name, and `folder` receives the results.
+
+    Raises ValueError if a parameter is unknown or out of range.
     """
     known = described_fields(FilmedExperimentParameters)
     for name, value in given.items():
@@ -100,7 +111,7 @@ class FilmedExperiment:
         self._folder = output
 
     def run(self) -> PositionErrors:
-        """Run all steps, write the page and summary.json, and return the errors."""
+        """Run all steps, write the page and summary.json, and return the measured errors."""
         film, lens = self._folder / 'film.mp4', self._folder / 'camera.yaml'
         self._film(film)
         write_camera(lens, CAMERA)
@@ -184,7 +195,10 @@ class FilmedExperiment:
 
 
 def describe_errors(errors: PositionErrors, spread: float) -> str:
-    """Return the result of the experiment as text."""
+    """Return the result of the experiment as text.
+
+    `spread` is the relative standard deviation of the lengths [1].
+    """
     hidden = (
         f'{errors.hidden:.1%} of the rotors were hidden, which alone causes an error of '
         f'{errors.by_hidden:.2g}.'
@@ -257,7 +271,10 @@ _FIGURES = (
 
 
 def write_film_page(folder: Path, text: str) -> None:
-    """Write index.html into the folder that contains the films and pictures."""
+    """Write a page, index.html, that shows the films and pictures in its folder.
+
+    `text` is the result of the experiment.
+    """
     video, image = '<video src="{}" controls muted loop></video>', '<img src="{}" alt="">'
     figures = ''.join(
         f'<figure>{(video if name.endswith(".mp4") else image).format(name)}'

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node of an experiment, which drives the chain and receives soliton states and reports."""
+"""Node of an experiment. It drives the chain and receives soliton states and reports."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 _NEAR_EDGE = 2.0
-"""Distance from an edge below which a soliton counts as having reached the edge [rotor
-spacings]."""
+"""A soliton that is closer to an edge than this has reached the edge [rotor spacings]."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +82,7 @@ class Observer(Node):
 
     @property
     def stamp(self) -> int:
-        """Stamp of the last state [ns], or 0 before the first state."""
+        """Stamp of the newest state [ns], or 0 before the first state."""
         return next(reversed(self.states), 0)
 
     @property
@@ -92,12 +91,12 @@ class Observer(Node):
         return self.rotors > 0 and bool(self.states)
 
     def figures(self, node: str) -> dict[str, str]:
-        """Return the values in the latest report of a node."""
+        """Return the values in the latest report of a node, {} without a report."""
         report = self.reports.get(node)
         return {} if report is None else {pair.key: pair.value for pair in report.values}
 
     def well(self, node: str) -> bool:
-        """Return whether a node has reported and its latest report has no warning."""
+        """Return whether a node has reported and its latest report is no warning or error."""
         return node in self.reports and self.reports[node].level == DiagnosticStatus.OK
 
     def _on_chain(self, message: Any) -> None:
@@ -117,14 +116,14 @@ class Observer(Node):
 
 
 class RoundTrip:
-    """Round trip of a soliton through the chain."""
+    """Motion of a soliton from the first edge to the last edge of the chain and back."""
 
     def __init__(self, observer: Observer) -> None:
         self._observer = observer
         self._away = False
 
     def ended(self) -> bool:
-        """Return whether the soliton has returned; RuntimeError if the nudge was rejected."""
+        """Return whether the soliton has returned; RuntimeError if edge_actuator rejected the nudge."""
         rejection = self._observer.figures('edge_actuator').get('last rejection')
         if rejection:
             raise RuntimeError(f'edge_actuator rejected {rejection}')
@@ -134,7 +133,7 @@ class RoundTrip:
 
     @property
     def remark(self) -> str:
-        """Text with position, velocity and direction of the soliton, '' without a soliton."""
+        """Text with position, velocity and direction of the soliton, or '' without a soliton."""
         rotor, velocity = self._observer.rotor, self._observer.velocity
         if not math.isfinite(rotor):
             return ''
@@ -142,7 +141,7 @@ class RoundTrip:
         return f'rotor {rotor:5.1f}  {velocity:+6.1f} rotors/s  {leg}'
 
     def missing(self) -> str:
-        """Return the error message for a soliton that did not return within the time limit."""
+        """Return the error message if no soliton has returned within the time limit."""
         rotor, settings = self._observer.rotor, self._observer.settings
         at = f'the soliton is at rotor {rotor:.1f} now'
         where = 'no soliton is visible now' if math.isnan(rotor) else at

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run an experiment: drive the chain, watch its solitons, record and replay.
+"""Run an experiment: drive the chain, watch its solitons, record, and replay the recording.
 
-The program starts simulator, actuator, analyser and recorder in a private domain of this machine,
-and writes a bag, two pictures, a page and a summary. If the parameter file has a section
-filmed_experiment, the program renders a film of a chain with unknown lengths, identifies the chain
-from the film and tracks its soliton; the page then contains the film and the results.
+The program starts simulator, actuator, analyser and recorder in a private ROS domain of this
+machine. It writes a bag, two pictures, a page and a summary. If the parameter file has a section
+filmed_experiment, the program instead renders a film of a chain with unknown lengths, identifies
+the chain from the film and tracks its soliton. The page then contains the film and the results.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ from soliton_linkage_nodes.start import INTERRUPTED
 
 _FILMED = 'filmed_experiment'
 _WRITTEN = '.written'
-"""File that lists the results of an experiment, next to the results."""
+"""File in the folder of the results that lists their names."""
 
 
 def main() -> None:
-    """Run the experiment of a configuration file."""
+    """Run the experiment that a configuration file describes."""
     options = _options()
     filmed = _named(options.configuration, _FILMED)
     if filmed:
@@ -55,7 +55,11 @@ def main() -> None:
 
 @contextmanager
 def _plain_end(left: Callable[[], str] = lambda: '') -> Iterator[None]:
-    """Print one line and exit: with `left()` and code 130 after Ctrl-C, code 1 after an error."""
+    """Exit with one line of text if a block is interrupted or fails.
+
+    After Ctrl-C, `left()` is appended to the line and the code is 130. After an error, the code is
+    1.
+    """
     try:
         yield
     except KeyboardInterrupt:
@@ -100,7 +104,11 @@ def _run_filmed(options: argparse.Namespace, given: dict[str, Any]) -> None:
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[Path]:
-    """Delete old results and yield `folder`, or `folder`_1, _2, ... if `folder` is in use."""
+    """Delete earlier results in a folder that no other experiment uses, and yield this folder.
+
+    It is `folder` or, if another experiment uses `folder`, the first free one of `folder`_1,
+    `folder`_2 and so on.
+    """
     candidates = (folder.with_name(f'{folder.name}_{n}') if n else folder for n in count())
     claims = ((each, _claim(each)) for each in candidates)
     chosen, claim = next((each, claim) for each, claim in claims if claim is not None)
@@ -132,7 +140,10 @@ def _remove_written(folder: Path) -> None:
 
 
 def _claim(folder: Path) -> int | None:
-    """Create and lock a folder; return its descriptor, None if another process has the lock."""
+    """Create and lock a folder.
+
+    Returns the file descriptor of the lock, or None if another process has locked the folder.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     claim = os.open(folder, os.O_RDONLY)
     try:
@@ -144,7 +155,7 @@ def _claim(folder: Path) -> int | None:
 
 
 def conclusion(summary: dict[str, Any], folder: Path, bag: Path) -> str:
-    """Return a text about a finished experiment with the paths of its results."""
+    """Return a text about a finished experiment, with the paths of its results."""
     speed, lost = summary['speed_rotors_per_s'], summary['lost_messages']
     of_chain = f'the chain of {summary["rotors"]} rotors ({summary["motion"]})'
     first, last = (
@@ -190,7 +201,10 @@ def _suggestions(configuration: Path) -> list[str]:
 
 
 def other_scenarios(configuration: Path) -> list[Path]:
-    """Return the other parameter files in the folder that have the name of their scenario."""
+    """Return the parameter files in the same folder that describe other experiments.
+
+    Only files whose name is that of their scenario are included.
+    """
     return [
         path
         for path in sorted(configuration.parent.glob('*.yaml'))

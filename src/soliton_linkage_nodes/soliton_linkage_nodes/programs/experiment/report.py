@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Report of a recorded run: trajectory of the soliton, numbers and pictures."""
+"""Report of a recorded experiment: trajectory of the soliton, numbers and pictures."""
 
 from __future__ import annotations
 
@@ -28,24 +28,25 @@ from soliton_linkage_nodes.runtime.stamps import time_from_msg
 from soliton_linkage_studies.pictures import save_run
 
 _BEFORE_NUDGE = 0.5
-"""Time before the nudge that the pictures show [s]."""
+"""The pictures begin at this time before the nudge [s]."""
 
 
 @dataclass(frozen=True)
 class RecordedRun:
-    """Data in the bag of one experiment. Times are in seconds since the nudge."""
+    """Data from the bag of one experiment. Times are counted from the nudge [s]."""
 
     named: NamedChain
     recording: Recording
     track: Track
     crossings: tuple[Crossing, ...]
     states: Mapping[int, tuple[float, ...]]
-    """Site coordinates of the solitons from the live analyser [rotor spacings], by stamp [ns]."""
+    """For each stamp [ns], the site coordinates of the solitons from the live analyser
+    [rotor spacings]."""
     events: tuple[str, ...]
     messages: int
     lost: int
     publish_rate: float
-    """Rate of joint_states [Hz], from the arrival times after the nudge."""
+    """Rate of joint_states [Hz], computed from the arrival times after the nudge."""
 
 
 def read_run(bag: Path) -> RecordedRun:
@@ -82,7 +83,11 @@ def read_run(bag: Path) -> RecordedRun:
 def largest_difference(
     live: Mapping[int, tuple[float, ...]], replayed: Mapping[int, tuple[float, ...]]
 ) -> float:
-    """Return the largest difference of sites [rotor spacings]; infinite for unequal numbers."""
+    """Return the largest difference between live and replayed sites [rotor spacings].
+
+    The keys of `live` and `replayed` are stamps [ns]. The result is infinite if the number of
+    solitons differs at a stamp.
+    """
     largest = 0.0
     for stamp in live.keys() & replayed.keys():
         if len(live[stamp]) != len(replayed[stamp]):
