@@ -123,7 +123,7 @@ class RoundTrip:
         self._away = False
 
     def ended(self) -> bool:
-        """Return whether the soliton has returned; RuntimeError if edge_actuator rejected the nudge."""
+        """Return whether the soliton has returned; RuntimeError after a rejected nudge."""
         rejection = self._observer.figures('edge_actuator').get('last rejection')
         if rejection:
             raise RuntimeError(f'edge_actuator rejected {rejection}')
