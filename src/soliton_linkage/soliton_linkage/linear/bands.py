@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Linear theory of the uniform chain: phonons, speed of sound, zero mode, tails of walls.
 
-Wave numbers k [rad/m] refer to staggered angles, dtheta_n ~ e^(i k a n) with the spacing a. For
-the angles phi, they differ by pi / a. d is the lean ratio, r the rotor length, M the mass, k_e the
-stiffness, lbar the rest length and theta_bar the rest angle. Another `lean` than +1 or -1 raises
-ValueError.
+Wave numbers k [rad/m] describe changes of the staggered angles, dtheta_n ~ e^(i k a n) with the
+spacing a. In terms of the angles phi, the same motion has the wave number k + pi / a. d is the
+lean ratio, r the rotor length, M the mass, k_e the stiffness, lbar the rest length and theta_bar
+the rest angle. Functions raise ValueError if `lean` is neither +1 nor -1.
 """
 
 from __future__ import annotations
@@ -24,9 +24,10 @@ ComplexArray = NDArray[np.complex128]
 def couplings(chain: Chain, lean: int = 1) -> tuple[float, float]:
     """Return the couplings q+ and q- of the right-leaning (+1) or left-leaning (-1) state [m/rad].
 
-    A spring lengthens by dl_n = -(q+ dtheta_n + q- dtheta_{n+1}). In the right-leaning state q+- =
-    r cos(theta_bar) (2 r sin(theta_bar) +- a) / lbar; the paper (section 1) omits the minus sign
-    of dl_n. In the left-leaning state -q- replaces q+, and -q+ replaces q-.
+    Changes dtheta of the staggered angles lengthen spring n by dl_n = -(q+ dtheta_n + q-
+    dtheta_{n+1}). In the right-leaning state q+- = r cos(theta_bar) (2 r
+    sin(theta_bar) +- a) / lbar. The paper (section 1) omits the minus sign in dl_n. The
+    left-leaning state has -q- in place of q+, and -q+ in place of q-.
     """
     if lean not in (-1, 1):
         raise ValueError(f'lean = {lean!r} must be +1 (right) or -1 (left)')
@@ -39,9 +40,11 @@ def couplings(chain: Chain, lean: int = 1) -> tuple[float, float]:
 def bloch_matrix(chain: Chain, wave_numbers: ArrayLike, lean: int = 1) -> ComplexArray:
     """Return the rigidity matrix R(k) of the cell of two rotors [m/rad], shape (..., 2, 2).
 
-    R(k) = -[[q+, q-], [q- e^(2 i k a), q+]] maps the staggered angles of a cell to its extensions.
-    Wave numbers [rad/m] are finite and may be complex. In the paper (section 1), the phase factor
-    is in the lower right corner. This exchanges the winding numbers of the two leans.
+    With q+ and q- of `couplings`, R(k) = -[[q+, q-], [q- e^(2 i k a), q+]] maps changes of the
+    staggered angles of the two rotors of a cell to the extensions of the two springs of the cell.
+    Wave numbers [rad/m] must be finite and may be complex. In the paper (section 1), the phase
+    factor is in the lower right corner. With the phase factor there, the winding numbers of the
+    right-leaning and the left-leaning state are exchanged.
     """
     plus, minus = couplings(chain, lean)
     phases = _phases(chain, np.asarray(wave_numbers, dtype=np.complex128))
@@ -55,8 +58,8 @@ def bloch_matrix(chain: Chain, wave_numbers: ArrayLike, lean: int = 1) -> Comple
 def bloch_dynamical_matrix(chain: Chain, wave_numbers: ArrayLike, lean: int = 1) -> ComplexArray:
     """Return the dynamical matrix D(k) = k_e R(k)^dagger R(k) / (M r^2) [rad^2/s^2], (..., 2, 2).
 
-    The eigenvalues of D(k) are the squared frequencies of the two branches at finite real k
-    [rad/m].
+    Wave numbers k [rad/m] must be finite and real. The eigenvalues of D(k) are the squared angular
+    frequencies of the two branches.
     """
     matrix = bloch_matrix(chain, np.asarray(wave_numbers, dtype=np.float64), lean)
     matrix /= chain.rotor_length * chain.time_unit
@@ -66,9 +69,11 @@ def bloch_dynamical_matrix(chain: Chain, wave_numbers: ArrayLike, lean: int = 1)
 def dispersion(chain: Chain, wave_numbers: ArrayLike, branch: int = 1) -> Array:
     """Return the angular frequencies [rad/s] of phonons with given finite wave numbers [rad/m].
 
-    omega(k) = sqrt(k_e / M) |q+ +- q- e^(i k a)| / r with the sign `branch`; the paper (section 1)
-    omits 1/r. Each branch contains the whole spectrum. To avoid cancellation, the code uses
-    omega^2 = gap^2 + (2 c / a)^2 sin(k a / 2)^2, with a cosine if the minimum is at pi / a.
+    omega(k) = sqrt(k_e / M) |q+ +- q- e^(i k a)| / r, where `branch` (+1 or -1) is the sign +-.
+    The paper (section 1) omits 1/r. When k runs from -pi / a to pi / a, each of the two branches
+    alone covers the whole spectrum. To avoid cancellation, the code uses omega^2 = gap^2 + (2
+    c / a)^2 sin(k a / 2)^2 with the speed of sound c if the branch has its minimum at k = 0. If
+    the minimum is at pi / a, the cosine replaces the sine.
     """
     if branch not in (-1, 1):
         raise ValueError(f'branch = {branch!r} must be +1 or -1')
@@ -79,7 +84,7 @@ def dispersion(chain: Chain, wave_numbers: ArrayLike, branch: int = 1) -> Array:
 
 
 def gap(chain: Chain) -> float:
-    """Return the lowest angular frequency of a phonon [rad/s], sqrt(k_e / M) ||q+| - |q-|| / r.
+    """Return the lowest angular frequency of the phonons, sqrt(k_e / M) ||q+| - |q-|| / r [rad/s].
 
     In units of sqrt(k_e / M) the gap is 2 r sin(2 theta_bar) / lbar for d < 1 and 2 a
     cos(theta_bar) / lbar for d > 1. The paper (section 1) has r^2 sin(2 theta_bar) / lbar for all
@@ -89,7 +94,10 @@ def gap(chain: Chain) -> float:
 
 
 def band_edges(chain: Chain) -> tuple[float, float]:
-    """Return lowest and highest frequency of phonons [rad/s], sqrt(k_e / M) ||q+| -+ |q-|| / r."""
+    """Return the lowest and the highest angular frequency of the phonons [rad/s].
+
+    They are sqrt(k_e / M) ||q+| - |q-|| / r and sqrt(k_e / M) (|q+| + |q-|) / r.
+    """
     scale = 2 * math.cos(chain.rest_angle) / (chain.rest_length * chain.time_unit)
     lean_across = 2 * chain.rotor_length * math.sin(chain.rest_angle)
     lower, upper = sorted((lean_across, chain.spacing))
@@ -97,17 +105,17 @@ def band_edges(chain: Chain) -> tuple[float, float]:
 
 
 def speed_of_sound(chain: Chain) -> float:
-    """Return c = a sqrt(|q+ q-|) / r sqrt(k_e / M) [m/s] (paper, section 1).
+    """Return the speed of sound c = a sqrt(|q+ q-|) sqrt(k_e / M) / r [m/s] (paper, section 1).
 
-    Near the band minimum, omega^2 = gap^2 + c^2 k^2. Here k is counted from the minimum, which is
-    at 0 for d < 1 and at pi / a for d > 1.
+    Near the band minimum, the frequency is omega^2 = gap^2 + c^2 k^2. In this formula, k is the
+    difference from the wave number of the minimum, which is 0 for d < 1 and pi / a for d > 1.
     """
     plus, minus = couplings(chain)
     return chain.spacing * math.sqrt(abs(plus * minus)) / (chain.rotor_length * chain.time_unit)
 
 
 def largest_group_velocity(chain: Chain) -> float:
-    """Return the largest d(omega)/dk of any phonon [m/s], a min(|q+|, |q-|) / r sqrt(k_e / M)."""
+    """Return the largest d(omega)/dk of all phonons [m/s], a min(|q+|, |q-|) sqrt(k_e / M) / r."""
     slower = min(map(abs, couplings(chain)))
     return chain.spacing * slower / (chain.rotor_length * chain.time_unit)
 
@@ -115,8 +123,8 @@ def largest_group_velocity(chain: Chain) -> float:
 def penetration_depth(chain: Chain) -> float:
     """Return the decay length of the zero mode [m], ell = a / ln|q+ / q-|; 0 for d = 1.
 
-    The logarithm is 2 artanh(min(d, 1/d)) with the lean ratio d. The paper (section 1) has ell ~ 1
-    / sin(theta_bar).
+    The logarithm is 2 artanh(min(d, 1/d)) with the lean ratio d. The paper (section 1) has
+    ell ~ 1 / sin(theta_bar). For small d, ell indeed tends to a / (2 d):
 
     >>> wide = Chain(rest_angle=0.1)
     >>> round(penetration_depth(wide) / wide.spacing, 2), round(1 / (2 * wide.lean_ratio), 2)
@@ -127,10 +135,10 @@ def penetration_depth(chain: Chain) -> float:
 
 
 def tail_ratio(chain: Chain) -> float:
-    """Return the ratio of the tails of a wall at neighbouring rotors, (d - 1) / (d + 1) [1].
+    """Return the ratio (d - 1) / (d + 1) of the tail of a wall at two neighbouring rotors [1].
 
-    The tail is the small difference of phi from a uniform state. The numerator belongs to the
-    rotor farther from the wall.
+    The tail is the small difference between the angles phi and a uniform state. The ratio is the
+    tail at the rotor that is farther from the wall, divided by the tail at the other rotor.
     """
     plus, minus = couplings(chain)
     return minus / plus
@@ -138,10 +146,13 @@ def tail_ratio(chain: Chain) -> float:
 
 @dataclass(frozen=True)
 class Tail:
-    """Decay of the displacement from a uniform state with the distance from a wall.
+    """Decay of the tail of a wall with the distance from the wall.
 
-    decay_length: distance over which the displacement decreases by a factor of e [m].
-    wave_number: wave number of the oscillation of the sign [rad/m]; 0 if the sign is constant.
+    The tail is the displacement of a mass minus its displacement in a uniform state.
+
+    decay_length: distance over which the tail decreases by a factor of e [m].
+    wave_number: wave number with which the sign of the tail oscillates [rad/m]; 0 if the sign is
+        constant.
     """
 
     decay_length: float
@@ -149,9 +160,11 @@ class Tail:
 
 
 def exact_tail(chain: Chain) -> Tail:
-    """Return the tail of a wall in the discrete chain, (-(d - 1) / (d + 1))^n at rotor n.
+    """Return the tail of a wall in the discrete chain.
 
-    For a lean ratio d > 1, the signs alternate; this is the wobble of a wobbling flipper.
+    At the n-th rotor from the wall, the tail is proportional to (-(d - 1) / (d + 1))^n, where d is
+    the lean ratio. For d > 1, its sign alternates from rotor to rotor. This is the wobble of a
+    wobbling flipper.
     """
     wave_number = math.pi / chain.spacing if chain.lean_ratio > 1 else 0.0
     return Tail(penetration_depth(chain), wave_number)
@@ -160,10 +173,12 @@ def exact_tail(chain: Chain) -> Tail:
 def wobble_exponents(chain: Chain) -> tuple[complex, complex]:
     """Return the two exponents lambda [1/m] of the tail e^(lambda x) in the continuum.
 
-    The exponents lambda_+- = 1 / ub +- sqrt(1 / ub^2 - 8 / a^2), ub = r sin(theta_bar), solve (a^2
-    / 8) du'' - (a^2 / (4 ub)) du' + du = 0. This equation is the second-order expansion of the bar
-    length on the side of rotor 0. In the paper (supporting information, eq. wobblingode), the
-    middle term has the opposite sign.
+    The exponents are lambda_+- = 1 / ub +- sqrt(1 / ub^2 - 8 / a^2) with ub = r sin(theta_bar).
+    They follow from the equation (a^2 / 8) du'' - (a^2 / (4 ub)) du' + du = 0 for the tail du(x).
+    The equation states that the bars keep their length, up to the second derivative of du. It
+    holds on the side of the wall that is nearer to rotor 0, where the tail increases with x. In
+    the paper (supporting information, equation `wobblingode`), the middle term has the opposite
+    sign.
     """
     inverse = 1 / (chain.rotor_length * math.sin(chain.rest_angle))
     square = (inverse - math.sqrt(8) / chain.spacing) * (inverse + math.sqrt(8) / chain.spacing)
@@ -175,22 +190,24 @@ def wobble_exponents(chain: Chain) -> tuple[complex, complex]:
 
 
 def continuum_tail(chain: Chain) -> Tail:
-    """Return the tail with the exponent, of the two `wobble_exponents`, that decays more slowly.
+    """Return the tail that decays more slowly, of the two tails of `wobble_exponents`.
 
-    For d > 1 / sqrt(2), the tail oscillates, with the decay length ub and a wave number up to
-    sqrt(8) / a. The oscillation is an artefact of the expansion. The decay length agrees with
-    `exact_tail` for d << 1 and d >> 1.
+    For d > 1 / sqrt(2), the tail oscillates. Its decay length is then ub = r sin(theta_bar), and
+    its wave number increases with d towards sqrt(8) / a. The oscillation is an artefact of the
+    continuum expansion. The decay length agrees with the one of `exact_tail` for d << 1 and
+    d >> 1.
     """
     plus, minus = wobble_exponents(chain)
     return Tail(1 / minus.real, plus.imag)
 
 
 def zero_mode_wave_number(chain: Chain, lean: int = 1) -> complex:
-    """Return the complex wave number k of the zero mode [rad/m], e^(i k a) = -q+ / q-.
+    """Return the complex wave number k of the zero mode [rad/m], with e^(i k a) = -q+ / q-.
 
-    With the penetration depth ell, the imaginary part is -1 / ell for the right-leaning and 1 /
-    ell for the left-leaning state. The real part is 0 for d < 1 and pi / a for d > 1. For small d,
-    k tends to i omega_0 / c with the gap omega_0; the paper (section 1) has sqrt(-omega_0) / c.
+    The imaginary part is -1 / ell in the right-leaning and 1 / ell in the left-leaning state,
+    where ell is the penetration depth. The real part is 0 for d < 1 and pi / a for d > 1. For
+    small d, the imaginary part tends to -omega_0 / c or omega_0 / c, with the gap omega_0 and the
+    speed of sound c. The paper (section 1) has k = sqrt(-omega_0) / c.
     """
     plus, minus = couplings(chain, lean)
     depth = penetration_depth(chain)
@@ -201,9 +218,10 @@ def zero_mode_wave_number(chain: Chain, lean: int = 1) -> complex:
 def density_of_states(chain: Chain, frequencies: ArrayLike) -> Array:
     """Return the density of modes of an infinite chain [modes / rotor / (rad/s)], shape (...).
 
-    Between the band edges `lowest` and `highest`, the density is g(omega) = 2 omega / (pi
-    sqrt((omega^2 - lowest^2) (highest^2 - omega^2))). The integral of the density is 1. Raises
-    ValueError for frequencies [rad/s] that are negative or not finite.
+    Between the two `band_edges`, lowest and highest, the density is g(omega) = 2 omega / (pi
+    sqrt((omega^2 - lowest^2) (highest^2 - omega^2))). Outside, it is 0. The integral of the
+    density over all frequencies is 1. Raises ValueError for frequencies [rad/s] that are negative
+    or not finite.
     """
     given = np.asarray(frequencies, dtype=np.float64)
     check_frequencies(given)
@@ -217,11 +235,11 @@ def density_of_states(chain: Chain, frequencies: ArrayLike) -> Array:
 
 
 def winding_number(chain: Chain, lean: int) -> int:
-    """Return how often det R(k) winds around 0 as k passes through the Brillouin zone [1].
+    """Return how often det R(k) winds around 0 while k runs through the Brillouin zone [1].
 
-    In the left-leaning state, the determinant q+^2 - q-^2 e^(2 i k a) winds once, and the zero
-    mode is at the first edge. In the right-leaning state it does not wind, and the zero mode is at
-    the last edge (paper, section 1).
+    R(k) is the result of `bloch_matrix`. In the left-leaning state, the determinant q+^2 - q-^2
+    e^(2 i k a) winds once, and the zero mode is at the first edge. In the right-leaning state, the
+    determinant does not wind, and the zero mode is at the last edge (paper, section 1).
 
     >>> [winding_number(Chain(), lean) for lean in (+1, -1)]
     [0, 1]

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Normal modes of small vibrations about any configuration with relaxed springs.
 
-Let R be the rigidity matrix, I the moments of inertia, k_e the stiffnesses, and B = k_e^(1/2) R
-I^(-1/2). The modes are the right singular vectors of B, and the angular frequencies are its
-singular values. The rounding errors of the frequencies are 1e-16 times the largest frequency. With
-the eigenvalues of B^T B, these errors would be 1e-8 times the largest frequency.
+Let R be the rigidity matrix, I and k_e the diagonal matrices of the moments of inertia and the
+stiffnesses, and B = k_e^(1/2) R I^(-1/2). The modes are the right singular vectors of B, and the
+angular frequencies are its singular values. The rounding errors of the frequencies are about 1e-16
+times the largest frequency. If the frequencies were computed from the eigenvalues of B^T B, the
+errors would be 1e-8 times the largest frequency.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ from soliton_linkage.linear.statics import unstretched
 from soliton_linkage.linkage.chain import Array, Chain
 
 _MOST_STRETCH = 1e-6
-"""Largest relative extension of a spring that counts as relaxed [1]; the relative error of the
-frequencies is equally large."""
+"""A spring counts as relaxed if its extension is at most this fraction of its rest length [1]. The
+relative error of the frequencies is equally large."""
 
 
 @dataclass(frozen=True)
@@ -30,8 +31,9 @@ class NormalModes:
     """Frequencies and shapes of the normal modes of a chain of N rotors.
 
     frequencies: angular frequencies in ascending order [rad/s], shape (N,).
-    shapes: changes of the angles, one mode per column [rad / (kg^(1/2) m)], shape (N, N), with
-        shapes^T diag(I) shapes = 1. The sign of each column is arbitrary.
+    shapes: changes of the angles in each mode [rad / (kg^(1/2) m)], shape (N, N), one mode per
+        column. The columns are normalised, so that shapes^T diag(I) shapes is the unit matrix. The
+        sign of each column is arbitrary.
     moments_of_inertia: moment of inertia I of each rotor about its pivot [kg m^2], shape (N,).
     """
 
@@ -41,9 +43,10 @@ class NormalModes:
 
 
 def normal_modes(chain: Chain, angles: ArrayLike) -> NormalModes:
-    """Return the normal modes about relaxed springs; with free ends, the zero mode is first.
+    """Return the normal modes about a configuration in which all springs are relaxed.
 
-    Takes a time O(N^3) and a memory O(N^2). Raises ValueError if a spring is stretched.
+    With free ends, the zero mode is the first mode. Takes a time O(N^3) and a memory O(N^2).
+    Raises ValueError if a spring is stretched.
     """
     matrix = _weighted_rigidity_matrix(chain, _relaxed(chain, angles))
     _, singular, rows = svd(matrix)
@@ -56,9 +59,10 @@ def normal_modes(chain: Chain, angles: ArrayLike) -> NormalModes:
 def mode_frequencies(chain: Chain, angles: ArrayLike) -> Array:
     """Return the angular frequencies of `normal_modes` in ascending order [rad/s], shape (N,).
 
-    With free ends the frequencies are the non-negative eigenvalues of [[0, B^T], [B, 0]]. This
-    matrix is tridiagonal if rotors and springs alternate, so that the time is O(N^2). Raises
-    ValueError if a spring is stretched.
+    With free ends, the frequencies are the eigenvalues >= 0 of [[0, B^T], [B, 0]], where the
+    module docstring defines B. If the rows are sorted as rotor 0, spring 0, rotor 1, spring 1 and
+    so on, this matrix is tridiagonal. The calculation then takes a time O(N^2). Raises ValueError
+    if a spring is stretched.
     """
     relaxed = _relaxed(chain, angles)
     if chain.periodic:
@@ -76,9 +80,9 @@ def mode_frequencies(chain: Chain, angles: ArrayLike) -> Array:
 def mode_density(frequencies: ArrayLike, edges: ArrayLike) -> Array:
     """Return a histogram of the mode frequencies [modes / rotor / (rad/s)], shape (bins,).
 
-    For a long uniform chain the histogram is the mean of `density_of_states` between two `edges`
-    [rad/s]. Raises ValueError for frequencies that are negative or not finite, and for edges that
-    do not increase.
+    The `edges` [rad/s] are the limits of the bins. For a long uniform chain, the value of a bin is
+    the mean of `density_of_states` over the bin. Raises ValueError for frequencies that are
+    negative or not finite, and for edges that do not increase.
     """
     counted, bounds = np.atleast_1d(np.asarray(frequencies, float)), np.asarray(edges, float)
     check_frequencies(counted)
@@ -96,8 +100,9 @@ def mode_density(frequencies: ArrayLike, edges: ArrayLike) -> Array:
 def mode_energies(modes: NormalModes, displacements: ArrayLike, rates: ArrayLike) -> Array:
     """Return the energy of each mode [J], E_j = (eta_j_dot^2 + omega_j^2 eta_j^2) / 2, (..., N).
 
-    The mode coordinates are eta = shapes^T diag(I) dphi with `displacements` dphi [rad] and
-    `rates` [rad/s] of the shape (..., N). Raises ValueError for another number of rotors.
+    The mode coordinates are eta = shapes^T diag(I) dphi, with the `displacements` dphi [rad] of
+    shape (..., N). Their rates eta_dot follow from `rates` [rad/s] in the same way. Raises
+    ValueError if the last axis does not have N elements.
     """
     coordinates = _coordinates(modes, displacements, 'displacements')
     speeds = _coordinates(modes, rates, 'rates')
@@ -105,12 +110,14 @@ def mode_energies(modes: NormalModes, displacements: ArrayLike, rates: ArrayLike
 
 
 def phonon_energies(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> tuple[Array, Array]:
-    """Return frequencies [rad/s] and energies [J] of the normal modes of a state, (N,) each.
+    """Return the frequencies [rad/s] and the energies [J] of all normal modes, shape (N,) each.
 
-    The modes are vibrations about the result of `unstretched`. The sum of the energies is the
-    total energy up to third order in the displacements. With free ends, the first energy belongs
-    to the zero mode: the kinetic energy of a wall in a chain of rigid bars. Raises ValueError for
-    invalid angles [rad] or rates [rad/s], and if no relaxed configuration is near.
+    The modes are vibrations about the relaxed configuration that `unstretched` finds near
+    `angles`. The sum of the mode energies is the kinetic and elastic energy of the chain, up to
+    terms of third order in the displacements from the relaxed configuration. With free ends, the
+    first energy belongs to the zero mode. It is the kinetic energy that a wall would have in a
+    chain of rigid bars. Raises ValueError for invalid angles [rad] or rates [rad/s], and if no
+    relaxed configuration is near.
     """
     relaxed, displacement = _departure(chain, angles)
     modes = normal_modes(chain, relaxed)
@@ -119,13 +126,15 @@ def phonon_energies(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> tuple[
 
 
 def phonon_energy(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> float:
-    """Return the energy of a moving state outside the zero mode [J] in a time O(N).
+    """Return the energy that is not in the zero mode [J], in a time O(N).
 
-    With the rigidity matrix R, the zero mode t, the kinetic energy T and the displacement dphi
-    from `unstretched`, E = sum_n (k_e / 2) (R dphi)_n^2 + T(phi_dot - t (t . I phi_dot) / (t . I
-    t)). E is the sum of `phonon_energies` without the first energy. For example, the energy E
-    includes the elastic energy of a moving wall. Of several walls, only the common motion is
-    excluded; with periodic ends, E is the total energy. Raises the errors of `phonon_energies`.
+    The energy is E = sum_n (k_e / 2) (R dphi)_n^2 + T(phi_dot - t (t . I phi_dot) / (t . I t)).
+    Here dphi is the displacement from the result of `unstretched`, R the rigidity matrix and t the
+    zero mode of that result, I the moments of inertia, and T the kinetic energy of given rates. E
+    is the sum of `phonon_energies` without the first energy. For a moving wall, E therefore
+    includes its elastic energy. If there are several walls, only their common motion along t is
+    excluded. With periodic ends nothing is excluded, and E is the total energy. Raises the same
+    errors as `phonon_energies`.
     """
     relaxed, displacement = _departure(chain, angles)
     left = chain.check_angles(rates, 'rate')
@@ -157,7 +166,7 @@ def _relaxed(chain: Chain, angles: ArrayLike) -> Array:
 
 
 def _weighted_rigidity_matrix(chain: Chain, angles: Array) -> Array:
-    """Return B = k_e^(1/2) R I^(-1/2) [rad/s], shape (springs, N); R is the rigidity matrix."""
+    """Return B = k_e^(1/2) R I^(-1/2) of the module docstring [rad/s], shape (springs, N)."""
     matrix = rigidity_matrix(chain, angles).toarray()
     weighted = np.sqrt(chain.stiffnesses)[:, None] * matrix
     return np.asarray(weighted / np.sqrt(chain.moments_of_inertia))

@@ -17,12 +17,14 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 VANISHING = 1e-280
-"""Value that replaces a vanishing lever [m^2/rad]; rounding errors are far larger."""
+"""A product of lever and spring length that is smaller than this [m^2/rad] is replaced by this, so
+that it can be a divisor. Rounding errors are far larger."""
 _BLOCK = 500
-"""Number of factors between 1/2 and 1 whose product needs no rescaling [1]; the product is above
-2^-1022."""
+"""Number of factors between 1/2 and 1 that are multiplied before the product is rescaled [1].
+Their product stays above 2^-1022, the smallest normal double."""
 _FAR_FROM_OVERFLOW = 1e100
-"""Limit for the components of a mode and their inverses [1]; their squares do not overflow."""
+"""If a component of a mode or its inverse is larger than this [1], the mode is computed again with
+separate exponents. Squares of smaller components do not overflow."""
 
 
 class Edge(enum.Enum):
@@ -33,7 +35,10 @@ class Edge(enum.Enum):
     LAST = 'last'
 
     def resolved(self, chain: Chain, angles: Array) -> Edge:
-        """Return FIRST or LAST; NEAREST becomes the edge nearer to the mode at `angles` [rad]."""
+        """Return FIRST or LAST; in place of NEAREST, return the edge nearer to the zero mode.
+
+        The zero mode at `angles` [rad] is compared by its `mode_centre`.
+        """
         return self if self is not Edge.NEAREST else _nearest(zero_mode(chain, angles))
 
 
@@ -44,7 +49,7 @@ def rigidity_bands(chain: Chain, angles: Array) -> tuple[Array, Array]:
 
 
 def rigidity_matrix(chain: Chain, angles: Array) -> csr_array:
-    """Return the rigidity matrix R with dl = R dphi [m/rad], sparse, shape (springs, N)."""
+    """Return the sparse rigidity matrix R [m/rad], for which dl = R dphi, shape (springs, N)."""
     from scipy.sparse import csr_array
 
     first, second = rigidity_bands(chain, chain.check_angles(angles))
@@ -58,7 +63,9 @@ def rigidity_matrix(chain: Chain, angles: Array) -> csr_array:
 def dynamical_matrix(chain: Chain, angles: Array) -> csr_array:
     """Return the dynamical matrix D = I^(-1/2) R^T k_e R I^(-1/2) [rad^2/s^2], sparse, (N, N).
 
-    D acts on sqrt(I_n) dphi_n; with relaxed springs its eigenvalues are squared frequencies.
+    I and k_e are diagonal matrices of the moments of inertia and the stiffnesses, and R is the
+    result of `rigidity_matrix`. D acts on the vector with the elements sqrt(I_n) dphi_n. If the
+    springs are relaxed, the eigenvalues of D are the squared angular frequencies.
     """
     matrix = rigidity_matrix(chain, angles)
     scaled = matrix.multiply(1 / np.sqrt(chain.moments_of_inertia)).tocsr()
@@ -67,19 +74,20 @@ def dynamical_matrix(chain: Chain, angles: Array) -> csr_array:
 
 
 def zero_modes(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
-    """Return the orthonormal zero modes t [1], the solutions of R t = 0, shape (N, N_0).
+    """Return orthonormal zero modes t [1], which satisfy R t = 0, as columns, shape (N, N_0).
 
-    The numbers of zero modes and of states of self-stress satisfy N_0 - N_ss = N - springs (paper,
-    section 1). Singular values below `tolerance` times the largest singular value count as 0.
-    Takes a time O(N^3).
+    N_0, the number N_ss of states of self-stress, the number of rotors N and the number of springs
+    satisfy N_0 - N_ss = N - springs (paper, section 1). Singular values below `tolerance` times
+    the largest singular value count as 0. Takes a time O(N^3).
     """
     return _null_space(rigidity_matrix(chain, angles).toarray(), tolerance)
 
 
 def states_of_self_stress(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
-    """Return the orthonormal spring tensions s [1] without torques, R^T s = 0.
+    """Return orthonormal spring tensions s [1] that exert no torque, R^T s = 0, as columns.
 
-    The result has shape (springs, N_ss); N_ss is the number of states of self-stress.
+    The result has the shape (springs, N_ss), where N_ss is the number of states of self-stress.
+    `tolerance` has the same meaning as in `zero_modes`.
     """
     return _null_space(rigidity_matrix(chain, angles).toarray().T, tolerance)
 
@@ -93,9 +101,10 @@ def _null_space(matrix: Array, tolerance: float) -> Array:
 def zero_mode(chain: Chain, angles: Array) -> Array:
     """Return the zero mode at a configuration: the unit vector t [1] with R t = 0, shape (N,).
 
-    With the levers A and B of `rigidity_bands`, t_{n+1} = -(A_n / B_n) t_n has no cancellation and
-    takes a time O(N). The sign of t is the sign of the maximal minors of R, (-1)^n A_0 ... A_{n-1}
-    B_n ... B_{N-2}, so that t is continuous along a motion. Raises ValueError for periodic ends.
+    The recursion t_{n+1} = -(A_n / B_n) t_n with the levers A and B of `rigidity_bands` has no
+    cancellation and takes a time O(N). Each t_n has the sign of the product (-1)^n A_0 ... A_{n-1}
+    B_n ... B_{N-2}, which is a maximal minor of R. With this choice of sign, t is continuous along
+    a motion of the chain. Raises ValueError for periodic ends.
 
     >>> chain = Chain(number_of_rotors=10)
     >>> leaning_left = chain.uniform_state(-1)
@@ -115,10 +124,12 @@ def mode_centre(mode: Array) -> float:
 def mode_towards_last(chain: Chain, angles: Array) -> Array:
     """Return the zero mode with the sign that moves the wall towards the last rotor [1], (N,).
 
-    In a spinner, the mode then increases the sum of h_n = r sin(phi_n). In a left-leaning flipper
-    with d < 1, all theta_n increase, and all levers A_n and B_n have the sign (-1)^(n+1). Upside
-    down, this sign is opposite. When an edge rotor swings past the mass of its neighbour, A_0 or
-    B_{N-2} changes its sign. Then the sign of the result relative to `zero_mode` also changes.
+    In a spinner, a motion along the mode then increases the sum of h_n = r sin(phi_n). In a
+    left-leaning flipper with d < 1, such a motion increases all theta_n, and all levers A_n and
+    B_n have the sign (-1)^(n+1). In the same chain upside down, all levers have the opposite sign.
+    When an edge rotor swings past the mass of its neighbour, A_0 or B_{N-2} changes its sign, and
+    the sign of the result relative to `zero_mode` must also change. Therefore the code computes
+    this relative sign from A_0 and B_{N-2}.
     """
     first, second = _levers_of_free_chain(chain, angles)
     mode = _zero_mode_of(first, second)
@@ -132,7 +143,8 @@ def mode_towards_last(chain: Chain, angles: Array) -> Array:
 def edge_mode(chain: Chain, angles: Array, edge: Edge, anywhere: bool = False) -> Array:
     """Return the normalised zero mode that moves the wall away from an edge [1], shape (N,).
 
-    Raises ValueError if the centre of the mode is nearer to the other edge, unless `anywhere`.
+    Unless `anywhere` is true, raises ValueError if the centre of the mode is nearer to the other
+    edge.
     """
     return resolved_edge_mode(chain, angles, edge, anywhere)[1]
 
@@ -140,7 +152,7 @@ def edge_mode(chain: Chain, angles: Array, edge: Edge, anywhere: bool = False) -
 def resolved_edge_mode(
     chain: Chain, angles: Array, edge: Edge, anywhere: bool = False
 ) -> tuple[Edge, Array]:
-    """Return FIRST or LAST for the given edge, and the result of `edge_mode`."""
+    """Return the edge, where FIRST or LAST replaces NEAREST, and the result of `edge_mode`."""
     mode = mode_towards_last(chain, angles)
     nearest = _nearest(mode)
     end = nearest if edge is Edge.NEAREST else edge
@@ -154,7 +166,10 @@ def resolved_edge_mode(
 
 
 def _levers_of_free_chain(chain: Chain, angles: Array) -> tuple[Array, Array]:
-    """Return A_n l_n and B_n l_n [m^2]: levers times spring lengths; ValueError if periodic."""
+    """Return A_n l_n and B_n l_n [m^2], levers times spring lengths, shape (springs,) each.
+
+    Raises ValueError for periodic ends.
+    """
     if chain.periodic:
         raise ValueError(
             'a chain with periodic ends has as many springs as rotors and in general no zero '

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Configurations at rest: relaxed springs, or spring torques in equilibrium."""
+"""Configurations at rest, in which all springs are relaxed or all spring torques are 0."""
 
 from __future__ import annotations
 
@@ -14,11 +14,13 @@ from soliton_linkage.linear.rigidity import Edge, rigidity_bands, rigidity_matri
 from soliton_linkage.linkage.chain import Array, Chain
 
 _ITERATIONS = 60
-"""Largest number of Newton iterations [1]; a start far from the result needs many iterations."""
+"""Largest number of Newton iterations [1]. A start far from the result needs many iterations."""
 _LONGEST_STEP = 0.5
-"""Largest change of an angle per iteration [rad], so that the result stays near the start."""
+"""A Newton step is scaled down so that no angle changes by more than this [rad]. The result then
+stays near the start."""
 _ROUNDING = 1e-12
-"""Largest torque in an equilibrium, relative to k_e lbar r [1]; it is the rounding error."""
+"""Newton's method has converged to an equilibrium when no torque is larger than this fraction of
+k_e lbar r [1]. The fraction is the size of the rounding errors."""
 
 
 def length_rounding(chain: Chain) -> float:
@@ -30,9 +32,9 @@ def length_rounding(chain: Chain) -> float:
 def unstretched(chain: Chain, angles: Array) -> Array:
     """Return a configuration near `angles` in which every spring is relaxed [rad], shape (N,).
 
-    Each Newton step is the smallest change of the angles that relaxes the linearised springs, dphi
-    = -R^T (R R^T)^(-1) (l - lbar), for the rigidity matrix R, the lengths l and the rest lengths
-    lbar. Raises ValueError if the method does not converge.
+    Each Newton step dphi is the smallest change of the angles that relaxes the linearised springs:
+    dphi = -R^T (R R^T)^(-1) (l - lbar), with the rigidity matrix R, the spring lengths l and the
+    rest lengths lbar. Raises ValueError if the method does not converge.
     """
     state = chain.check_angles(angles).copy()
     enough = length_rounding(chain)
@@ -63,10 +65,11 @@ def rest_state(chain: Chain, lean: int) -> Array:
 
 
 def toggled_angle(chain: Chain, angles: Array, edge: Edge) -> float:
-    """Return the other angle of an edge rotor at which its bar has the same length [rad].
+    """Return the other angle of an edge rotor at which its spring has the same length [rad].
 
-    The angle is 2 psi - phi, where psi is the direction from the pivot of the rotor to the mass of
-    its neighbour. The reflection of a wall leaves the rotor at this angle.
+    With the present angle phi, the other angle is 2 psi - phi, where psi is the direction from the
+    pivot of the edge rotor to the mass of its neighbour. When a wall is reflected at this edge, it
+    leaves the edge rotor at the other angle.
     """
     checked = chain.check_angles(angles)
     last = edge.resolved(chain, checked) is Edge.LAST
@@ -78,11 +81,11 @@ def toggled_angle(chain: Chain, angles: Array, edge: Edge) -> float:
 
 
 def min_norm_change(chain: Chain, angles: Array, lengthening: Array) -> Array:
-    """Return the smallest change of the angles [rad], (N,), that causes given extensions.
+    """Return the smallest change of the angles that causes given extensions [rad], shape (N,).
 
-    The change is R^T (R R^T)^(-1) dl with the rigidity matrix R. The extensions dl, `lengthening`
-    [m], have the shape (springs,). Raises ValueError if the configuration has a state of
-    self-stress.
+    The change is R^T (R R^T)^(-1) dl, with the rigidity matrix R and the extensions
+    dl = `lengthening` [m] of shape (springs,). Raises ValueError if the configuration has a state
+    of self-stress.
     """
     try:
         if chain.periodic:
@@ -101,8 +104,8 @@ def min_norm_change(chain: Chain, angles: Array, lengthening: Array) -> Array:
 def gram_matrix_bands(first: Array, second: Array) -> Array:
     """Return R R^T of a chain with free ends in LAPACK's upper band form [m^2], (2, springs).
 
-    The last row is the diagonal; `first` and `second` are the levers A and B. A single spring has
-    the shape (1, 1).
+    R is the rigidity matrix. The last row is the diagonal of R R^T. `first` and `second` are the
+    levers A and B of `rigidity_bands`. For a single spring, the shape is (1, 1).
     """
     banded = np.zeros((2, len(first)))
     banded[0, 1:] = second[:-1] * first[1:]
@@ -113,9 +116,10 @@ def gram_matrix_bands(first: Array, second: Array) -> Array:
 def stiffness_matrix(chain: Chain, angles: Array) -> csc_array:
     """Return the second derivatives of the elastic energy [N m/rad^2], sparse, shape (N, N).
 
-    For springs of length l, rest length lbar and stiffness k_e, the matrix is the sum of k_e (grad
-    l grad l^T + (l - lbar) grad grad l), with grad grad l = grad grad e / (2 l) - grad l grad l^T
-    / l and e = l^2 - lbar^2.
+    With the length l, rest length lbar and stiffness k_e of each spring, the matrix is the sum
+    over the springs of k_e (grad l grad l^T + (l - lbar) grad grad l). grad is the derivative with
+    respect to the angles, and grad grad l = grad grad e / (2 l) - grad l grad l^T / l with e = l^2
+    - lbar^2.
     """
     checked = chain.check_angles(angles)
     extensions, first, second = chain.springs(checked)
@@ -137,7 +141,7 @@ def stiffness_matrix(chain: Chain, angles: Array) -> csc_array:
 
 
 def equilibrium(chain: Chain, angles: Array) -> Array:
-    """Return an equilibrium of the spring torques near a configuration [rad], shape (N,).
+    """Return a configuration near `angles` in which all spring torques are 0 [rad], shape (N,).
 
     The equilibrium may be unstable. Raises ValueError if Newton's method does not converge.
     """

@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Geometry, energy and torques of the chain of rotors.
 
-Springs join neighbouring masses. Relative to its pivot, mass n is at h_n = r sin(phi_n) and v_n =
-r cos(phi_n). The difference between the squared length and the squared rest length of spring n is
+Springs join neighbouring masses. phi_n is the angle of rotor n, r the rotor length, M the mass, a
+the distance between neighbouring pivots, l_n the length, lbar the rest length and k_e the
+stiffness of a spring, and theta_bar the rest angle. Relative to its pivot, mass n is at the
+horizontal position h_n = r sin(phi_n) and at the height v_n = r cos(phi_n). The difference between
+the squared length and the squared rest length of spring n is
 
     e_n = l_n^2 - lbar^2 = c + 2 a (h_{n+1} - h_n) - 2 (h_n h_{n+1} + v_n v_{n+1}),
     c = a^2 + 2 r^2 - lbar^2 = -2 r^2 cos(2 theta_bar).
 
-Extensions are computed as e_n / (l_n + lbar). This form does not subtract nearly equal lengths, so
-that the extension of a relaxed spring is 0 up to rounding errors. In chains with deviations, each
-rotor has its own r and M, and each spring its own a, lbar and k_e.
+Extensions are computed as e_n / (l_n + lbar). This form avoids the difference of two nearly equal
+lengths, so that the extension of a relaxed spring is 0 up to rounding errors. In chains with
+deviations, each rotor has its own r and M, and each spring its own a, lbar and k_e.
 """
 
 from __future__ import annotations
@@ -39,7 +42,10 @@ class Motion(enum.Enum):
 
 
 def _deviating(parameter: str, meaning: str) -> cached_property[Array]:
-    """Return a property of `Chain` with the values of a parameter for each rotor or spring."""
+    """Return a property of `Chain`: the parameter of each rotor or spring, with its deviation.
+
+    `meaning` becomes the docstring of the property.
+    """
 
     def values(chain: Chain) -> Array:
         return np.asarray(getattr(chain, parameter) * chain._factors(parameter))
@@ -54,8 +60,9 @@ class Chain:
     """Parameters of a chain. Raises ValueError for invalid values.
 
     With periodic ends, a spring joins the last rotor to a periodic image of the first rotor.
-    `deviations` are relative differences of single rotors or springs from the parameters.
-    `feedback` contains the gains of motors with controllers.
+    `deviations` contains the relative differences between single rotors or springs and the other
+    parameters, which describe all rotors and springs. `feedback` contains the gains of motors with
+    controllers.
     """
 
     number_of_rotors: int = quantity(40, 'number of rotors', '', 2, 100_000)
@@ -137,7 +144,7 @@ class Chain:
 
     @cached_property
     def feedback_strengths(self) -> Array:
-        """Factor of the feedback gains of each motor [1], shape (N,)."""
+        """Factor that multiplies all feedback gains of a motor [1], for each rotor, shape (N,)."""
         return self._factors('feedback')
 
     @cached_property
@@ -162,7 +169,7 @@ class Chain:
 
     @cached_property
     def lean_ratio(self) -> float:
-        """Lean ratio d = 2 r sin(theta_bar) / a [1]. Flippers with d > 1 wobble."""
+        """Lean ratio d = 2 r sin(theta_bar) / a [1]. Flippers with d > 1 are wobbling flippers."""
         return 2 * self.rotor_length * math.sin(self.rest_angle) / self.spacing
 
     @cached_property
@@ -172,7 +179,10 @@ class Chain:
 
     @cached_property
     def motion(self) -> Motion:
-        """Class of motion: flipper if d < 1, spinner if d > d_c, wobbling flipper in between."""
+        """Class of motion, from the ratios d of `lean_ratio` and d_c of `critical_lean_ratio`.
+
+        The chain is a flipper for d <= 1, a spinner for d > d_c and a wobbling flipper in between.
+        """
         if self.lean_ratio > self.critical_lean_ratio:
             return Motion.SPINNER
         return Motion.WOBBLING_FLIPPER if self.lean_ratio > 1 else Motion.FLIPPER
@@ -202,7 +212,11 @@ class Chain:
         return staggered(np.full(self.number_of_rotors, lean * self.rest_angle))
 
     def check_angles(self, angles: ArrayLike, what: str = 'angle') -> Array:
-        """Return the angles as an array, (N,); the ValueError for invalid angles names `what`."""
+        """Return the angles as an array of shape (N,) after checking them.
+
+        Raises ValueError for a wrong shape and for values that are not finite. The error message
+        calls the values `what`.
+        """
         checked = np.asarray(angles, dtype=np.float64)
         check_shape(checked, self.number_of_rotors, what)
         if not math.isfinite(np.add.reduce(checked)) and not np.isfinite(checked).all():
@@ -230,7 +244,7 @@ class Chain:
         return self.springs(angles)[0]
 
     def elastic_energy(self, angles: Array) -> Array:
-        """Return the energy of the springs [J], V = sum_n (k_e / 2) (l_n - lbar)^2, (...)."""
+        """Return the energy of the springs V = sum_n (k_e / 2) (l_n - lbar)^2 [J], shape (...)."""
         extensions = self.spring_extensions(angles)
         return np.asarray(0.5 * np.sum(self.stiffnesses * extensions**2, axis=-1))
 
@@ -267,14 +281,18 @@ class Chain:
 
     @cached_property
     def spring_parameters(self) -> Array:
-        """Rotor lengths r [m]; a [m], c [m^2] and lbar [m] of springs, padded with 0; (4, N)."""
+        """r of rotors [m] and a [m], c [m^2] and lbar [m] of springs as four rows, shape (4, N).
+
+        The module docstring defines the symbols. With free ends there are N - 1 springs, so that
+        the last element of the rows of springs is 0.
+        """
         rows = np.zeros((4, self.number_of_rotors))
         rows[0] = self.rotor_lengths
         rows[1:, : self.number_of_springs] = self.spacings, self.offsets, self.rest_lengths
         return rows
 
     def _joined(self, values: Array) -> tuple[Array, Array]:
-        """Return the values of the left and the right rotor of each spring."""
+        """Return `values` at the left and the right rotor of each spring, (..., springs) each."""
         if self.periodic:
             return values, np.roll(values, -1, axis=-1)
         return values[..., :-1], values[..., 1:]
@@ -287,7 +305,10 @@ class Chain:
 
 
 def staggered(angles: ArrayLike) -> Array:
-    """Convert phi to theta or back [rad], (..., N): phi_n for even n, pi - phi_n for odd n."""
+    """Convert angles phi to staggered angles theta, or theta to phi [rad], shape (..., N).
+
+    Both conversions replace the angle of an odd rotor by pi minus the angle, and keep the others.
+    """
     converted = np.array(angles, dtype=np.float64)
     converted[..., 1::2] = np.pi - converted[..., 1::2]
     return converted
@@ -299,7 +320,11 @@ def displacement(chain: Chain, angles: ArrayLike) -> Array:
 
 
 def uprightness(angles: ArrayLike) -> int:
-    """Return the sign of the sum of cos(theta) of the inner rotors; -1 if upside down."""
+    """Return -1 if the chain is upside down, otherwise +1.
+
+    In a chain that is upside down, the sum of cos(theta) over all rotors except the first and the
+    last is negative.
+    """
     vertical = np.cos(angles)
     return -1 if vertical[2:-1:2].sum() < vertical[1:-1:2].sum() else 1
 

@@ -18,7 +18,7 @@ from soliton_linkage.linkage.quantities import (
 )
 
 _LARGEST_FRACTION = 1e3
-"""Largest relative deviation [1]; products of larger values could overflow."""
+"""Largest allowed relative deviation [1]. Products of larger deviations could overflow."""
 _LOWEST_FRACTIONS = {
     'dry_friction': -1.0,
     'quadratic_damping': -1.0,
@@ -26,7 +26,7 @@ _LOWEST_FRACTIONS = {
     'on_site_torque': -_LARGEST_FRACTION,
     'feedback': -_LARGEST_FRACTION,
 }
-"""Lowest relative deviation [1] of the quantities that may become 0 or negative."""
+"""Lowest allowed relative deviation [1] of the quantities that may become 0 or negative."""
 
 
 def _fractions(of: str, each: str) -> Any:
@@ -38,9 +38,10 @@ def _fractions(of: str, each: str) -> Any:
 class Deviations:
     """Relative deviations of single rotors and springs from the parameters of the chain.
 
-    A rotor with 0.02 in `rotor_length` is 1.02 times as long; an empty tuple means 0 for all.
-    Raises ValueError for deviations of -1 or less. However, frictions may have deviations of -1,
-    and non-reciprocities, on-site torques and feedback gains may have lower ones.
+    A rotor with 0.02 in `rotor_length` is 1.02 times as long as `Chain.rotor_length`. An empty
+    tuple means that no rotor or spring deviates in this quantity. Raises ValueError for deviations
+    of -1 or less, with exceptions: `dry_friction` and `quadratic_damping` may be -1, and
+    `non_reciprocity`, `on_site_torque` and `feedback` may be as low as -1000.
     """
 
     spacing: tuple[float, ...] = _fractions('distances between rotors', 'spring')
@@ -81,7 +82,10 @@ class Deviations:
                 )
 
     def joined(self, others: Deviations) -> Deviations:
-        """Return the union of two sets of deviations; ValueError if a quantity is in both."""
+        """Return the deviations of both objects together.
+
+        Raises ValueError if both objects deviate in the same quantity.
+        """
         for name in _NAMES:
             if getattr(self, name) and getattr(others, name):
                 raise ValueError(
@@ -94,10 +98,11 @@ class Deviations:
 
 _NAMES = tuple(f.name for f in fields(Deviations))
 OF_SPRINGS = ('spacing', 'stiffness', 'rest_length', 'non_reciprocity')
-"""Quantities of springs; all others are quantities of rotors."""
+"""Names of the quantities that have one value per spring; all others have one value per rotor."""
 NO_DEVIATIONS = Deviations()
 _LARGEST_SPREAD = 0.5
-"""Largest relative standard deviation [1]; one random parameter in forty is then below 0."""
+"""Largest allowed relative standard deviation [1]. At this value, one random parameter in forty is
+negative."""
 
 
 def _spread(of: str) -> Any:
@@ -108,7 +113,10 @@ def _spread(of: str) -> Any:
 @document_fields
 @dataclass(frozen=True)
 class Disorder(CheckedQuantities):
-    """Standard deviations and seed of random deviations; ValueError for values out of range."""
+    """Relative standard deviation of each quantity, and seed, of random deviations.
+
+    Raises ValueError for values out of range.
+    """
 
     spacing: float = _spread('distances between pivots')
     rotor_length: float = _spread('lengths of the rotors')
@@ -132,10 +140,12 @@ class Disorder(CheckedQuantities):
 def drawn_deviations(
     number_of_rotors: int, seed: int, periodic: bool = False, **fractions: float
 ) -> Deviations:
-    """Return random deviations: independent normal numbers of given standard deviations.
+    """Return random deviations, which are independent normal random numbers with the mean 0.
 
-    `fractions` contains the relative standard deviation of each quantity. The deviations of one
-    quantity depend only on the seed. Raises ValueError for invalid arguments and results.
+    `fractions` contains the relative standard deviation of each quantity that deviates. For a
+    given seed, the random deviations of a quantity do not depend on which other quantities
+    deviate. Raises ValueError for invalid arguments, and if a random deviation is outside the
+    range that `Deviations` allows.
     """
     _check_whole('number_of_rotors', number_of_rotors, 2)
     _check_whole('seed', seed, 0)

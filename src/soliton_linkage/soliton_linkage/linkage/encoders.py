@@ -47,7 +47,7 @@ class EncoderErrors:
 @document_fields
 @dataclass(frozen=True)
 class KnownEncoders:
-    """Known offsets of encoders, reading minus angle; ValueError for values out of range."""
+    """Known offset (reading minus angle) of each encoder; ValueError for values out of range."""
 
     offsets: tuple[float, ...] = quantity(
         (),
@@ -64,8 +64,10 @@ class Encoders:
 
         reading = q round((phi + offset + noise n) / q),    rate = (reading - previous) / period,
 
-    where q is the resolution, and n a normal random number that depends only on seed and frame.
-    Without a previous frame, the rate is 0. Raises ValueError for a wrong number of offsets.
+    where q is the resolution, noise the standard deviation, n a normal random number that depends
+    only on the seed and the frame, previous the reading in the previous frame, and period the time
+    between two frames [s]. If the previous call did not read the previous frame, the rate is 0.
+    Raises ValueError if the number of offsets is not the number of rotors.
     """
 
     def __init__(self, number_of_rotors: int, period: float, errors: EncoderErrors) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of motors whose controllers compute torques from measured angles."""
+"""Parameters of the motor controllers that compute torques from measured angles."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from soliton_linkage.linkage.quantities import CheckedQuantities, document_fields, quantity
 
 _LARGEST_GAIN = 1e6
-"""Largest allowed gain, in the unit of each gain; it equals the limits of other torques."""
+"""Largest allowed size of a gain, in the unit of the gain. The limits of other torques are 1e6 as
+well."""
 MOST_FRAMES_OF_DELAY = 1000
 """Largest allowed delay [frames]. At 1000 frames per second, this is one second."""
 
@@ -22,7 +23,10 @@ def _gain(of: str, unit: str) -> float:
 @document_fields
 @dataclass(frozen=True)
 class Feedback(CheckedQuantities):
-    """Feedback of motors, see `motor_controllers`; ValueError for values out of range."""
+    """Gains, delay and torque limit of the motor controllers; see `motor_controllers`.
+
+    Raises ValueError for values out of range.
+    """
 
     angle: float = _gain('the coordinate of the own rotor', 'N m/rad')
     rate: float = _gain('the rate of the own rotor', 'N m s/rad')
@@ -40,12 +44,12 @@ class Feedback(CheckedQuantities):
 
     @property
     def acts(self) -> bool:
-        """Whether a gain differs from 0."""
+        """Whether at least one gain differs from 0, so that the motors exert torques."""
         return any((self.angle, self.left_angle, self.right_angle)) or self.uses_rates
 
     @property
     def uses_rates(self) -> bool:
-        """Whether the gain of any rate differs from 0."""
+        """Whether the gain of at least one rate differs from 0."""
         return any((self.rate, self.left_rate, self.right_rate))
 
 

@@ -14,7 +14,10 @@ from soliton_linkage.linkage.quantities import CheckedQuantities, document_field
 @document_fields
 @dataclass(frozen=True)
 class Gravity(CheckedQuantities):
-    """Uniform gravity along -z, turned towards +x by the tilt; ValueError if out of range."""
+    """Uniform gravity, from the direction -z rotated towards +x by `tilt`.
+
+    Raises ValueError for values out of range.
+    """
 
     acceleration: float = quantity(
         0.0, 'acceleration of a free mass', 'm/s^2', 0.0, 1e6, adjustable=True
@@ -29,12 +32,16 @@ class Gravity(CheckedQuantities):
     )
 
     def energy(self, chain: Chain, angles: Array) -> Array:
-        """Return the potential energy g sum_n M r cos(phi_n + tilt), 0 at the pivots [J]."""
+        """Return the potential energy U = g sum_n M r cos(phi_n + tilt) [J], shape (...).
+
+        g is the acceleration, M the mass and r the rotor length. U would be 0 if all masses were
+        at their pivots.
+        """
         heights = np.cos(angles + self.tilt)
         return np.asarray(np.sum(self._weights(chain) * heights, axis=-1))
 
     def torques(self, chain: Chain, angles: Array) -> Array:
-        """Return the torques [N m], -dU/dphi_n = g M r sin(phi_n + tilt), shape (..., N)."""
+        """Return the torques -dU/dphi_n = g M r sin(phi_n + tilt) [N m], shape (..., N)."""
         return np.asarray(self._weights(chain) * np.sin(angles + self.tilt))
 
     def scale(self, chain: Chain) -> float:

@@ -10,18 +10,18 @@ from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar
 
 LARGEST_SEED = 10**9
-"""Largest allowed random seed; it fits into an integer node parameter of 64 bits."""
+"""Largest allowed random seed. It fits into an integer parameter of a node, which has 64 bits."""
 
 LARGEST_ANGLE = 1e9
-"""Largest unwrapped angle [rad]. Doubles of this size have a resolution of 1e-7 rad; encoders have
-a coarser one."""
+"""Largest allowed unwrapped angle [rad]. Double precision resolves 1e-7 rad at this angle, which
+is finer than the resolution of encoders."""
 
 Described = TypeVar('Described')
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """Meaning, unit and range of a parameter, with the limits included."""
+    """Meaning, unit and allowed range of a parameter; the range includes its limits."""
 
     description: str
     unit: str = ''
@@ -31,7 +31,7 @@ class Quantity:
     adjustable: bool = False
 
     def complaint(self, value: object) -> str | None:
-        """Return the condition that a value violates, or None if the value is allowed."""
+        """Return the condition that a value violates as text, or None if the value is allowed."""
         if self.choices and value not in self.choices:
             return f'must be one of {", ".join(map(repr, self.choices))}'
         if isinstance(value, numbers.Real) and not isinstance(value, bool):
@@ -62,7 +62,10 @@ def quantity(
     choices: Collection[str] = (),
     adjustable: bool = False,
 ) -> Any:
-    """Return a dataclass field with a default value and a `Quantity` as its metadata."""
+    """Return a dataclass field with a default value.
+
+    The metadata of the field contains a `Quantity` of the other arguments.
+    """
     described = Quantity(description, unit, minimum, maximum, choices, adjustable)
     return field(default=default, metadata={'quantity': described})
 
@@ -78,7 +81,7 @@ def document_fields(dataclass_type: type[Described]) -> type[Described]:
 
 
 def described_fields(dataclass_type: Any) -> dict[str, Quantity]:
-    """Return the `Quantity` of each field that was defined by `quantity`, by the field's name."""
+    """Return a dictionary from the name of each field defined by `quantity` to its `Quantity`."""
     described = [f for f in fields(dataclass_type) if 'quantity' in f.metadata]
     return {f.name: f.metadata['quantity'] for f in described}
 

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 TINY = float(np.finfo(np.float64).tiny)
-"""Threshold of the length of a spring [m]; the direction of a shorter spring is undefined."""
+"""If a spring is shorter than this [m], its levers are divided by this in place of its length.
+They are then 0 for masses that coincide."""
 
 
 def spring_between(
@@ -22,12 +23,13 @@ def spring_between(
 ) -> tuple[Any, Any, Any]:
     """Return the extension [m] of a spring and its levers A and B [m/rad].
 
-    The masses are at (h_left, v_left) and (h_right, v_right) [m] from their pivots, which are the
-    `spacing` a [m] apart; `offset` [m^2] is an element of `Chain.offsets`. Let (dh, dv) = (a +
-    h_right - h_left, v_right - v_left) and l = hypot(dh, dv). The derivatives of l by the left and
-    right angle are A = (h_left dv - v_left dh) / l and B = (v_right dh - h_right dv) / l. The
-    derivatives are 0 if the masses coincide. Arguments are numbers or arrays;
-    `compile_loop(spring_between, inlined=True)` compiles the function.
+    Relative to their pivots, the masses are at (h_left, v_left) and (h_right, v_right) [m]. The
+    distance between the pivots is the `spacing` a [m], and `offset` [m^2] is an element of
+    `Chain.offsets`. Let (dh, dv) = (a + h_right - h_left, v_right - v_left) and l = hypot(dh, dv).
+    The derivatives of l with respect to the angles of the left and the right rotor are A = (h_left
+    dv - v_left dh) / l and B = (v_right dh - h_right dv) / l. A and B are 0 if the masses
+    coincide. Arguments are numbers or arrays; `compile_loop(spring_between, inlined=True)`
+    compiles the function.
     """
     across, up = h_right - h_left, v_right - v_left
     products = h_left * h_right + v_left * v_right

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Description of a chain in the Unified Robot Description Format (URDF).
 
-A URDF describes a tree of rigid bodies, without springs. The position of each joint, also of odd
-rotors, is the angle phi as in `joint_states`.
+A URDF describes a tree of rigid bodies, without springs. The position of each joint is the angle
+phi, as in `joint_states`, for even and odd rotors alike.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ BASE = 'linkage'
 _THICKNESS = 1 / 12
 """Diameter of a rod, relative to the smaller of rotor length and spacing [1]."""
 _POINT = 1e-6
-"""Moment of inertia of a mass about its centre, divided by the moment about the pivot [1]. The
+"""Moment of inertia of a mass about its centre, relative to its moment about the pivot [1]. The
 value is not 0, because many programs reject a moment of inertia of 0."""
 
 
@@ -38,9 +38,9 @@ def robot_description(
 ) -> str:
     """Return the URDF of a chain, with one continuous joint about the +y axis for each rotor.
 
-    The default joint names are `rotor_0`, `rotor_1` and so on. A joint J moves the link `J_link`.
-    In the frame of this link, the mass is at (0, 0, r). Raises ValueError unless there is one
-    distinct name per rotor.
+    If `joint_names` is empty, the names are `rotor_0`, `rotor_1` and so on. A joint with the name
+    J moves the link `J_link`. In the frame of this link, the mass is at (0, 0, r), where r is the
+    rotor length. Raises ValueError unless there is one distinct name per rotor.
     """
     rotors = chain.number_of_rotors
     names = list(joint_names) or [f'rotor_{rotor}' for rotor in range(rotors)]
