@@ -281,7 +281,7 @@ class Chain:
 
     @cached_property
     def spring_parameters(self) -> Array:
-        """r of rotors [m] and a [m], c [m^2] and lbar [m] of springs as four rows, shape (4, N).
+        """Rows with r [m] of rotors, and with a [m], c [m^2] and lbar [m] of springs, (4, N).
 
         The module docstring defines the symbols. With free ends there are N - 1 springs, so that
         the last element of the rows of springs is 0.

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Orbit of a chain with known deviations of its rotors and springs.
 
-Each configuration of the orbit corresponds to one of the uniform chain. Two configurations
-correspond if half of |t|^2 of the zero mode t is on the left of the same bond. Ends of legs also
-correspond to ends of legs. Between corresponding points, a monotonic cubic relates the arc
-lengths. The wall has the site coordinate of the corresponding uniform configuration.
+Each configuration of this orbit corresponds to one configuration on the orbit of the uniform
+chain, which has no deviations. Two configurations correspond if the same bond has half of |t|^2 on
+its left, where t is the zero mode of each configuration. The configurations at which legs end also
+correspond. Between corresponding configurations, a monotonic cubic spline converts the arc length
+on one orbit to the arc length on the other. The site coordinate of a wall is the site coordinate
+of the corresponding configuration of the uniform chain.
 """
 
 from __future__ import annotations
@@ -25,24 +27,28 @@ from soliton_linkage.orbit.seed_path import blocked_wall_error
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
 _SAMPLES_A_SITE = 4
-"""Samples per rotor spacing in the search for the arc length with half of |t|^2 left of a bond
-[1]."""
+"""The search for the arc length at which half of |t|^2 is on the left of a bond begins with this
+number of samples per rotor spacing [1]."""
 _SAME_MODE = 1 - 1e-6
-"""Smallest cosine between tangent and zero mode [1]; a smaller cosine means that the tangent
-misses a moving rotor."""
+"""If the cosine of the angle between tangent and zero mode is not above this [1], a rotor moves
+that the tangent does not include. The orbit is then rejected."""
 
 
 def orbit_of(chain: Chain) -> Orbit:
-    """Return the `UniformOrbit` or `DeviatingOrbit` of a chain; raise the errors of the class."""
+    """Return the orbit of a chain.
+
+    The orbit is a `UniformOrbit` if the chain has no deviations, and otherwise a `DeviatingOrbit`.
+    Raises the errors of the class.
+    """
     return UniformOrbit(chain) if chain.deviations == NO_DEVIATIONS else DeviatingOrbit(chain)
 
 
 class DeviatingOrbit(Orbit):
     """Orbit of a chain with deviations of its rotors and springs from the uniform chain.
 
-    The relative error of the length of every bar is at most 1e-9. Time and memory are proportional
-    to N. Raises the errors of `UniformOrbit` and `orbit_pieces`, and ValueError if the wall is
-    reflected inside the chain.
+    In all configurations of the orbit, the relative error of the bar lengths is at most 1e-9. The
+    time and the memory of the computation are proportional to N. Raises the errors of
+    `UniformOrbit` and `orbit_pieces`, and ValueError if the wall is reflected inside the chain.
     """
 
     def __init__(self, chain: Chain) -> None:
@@ -69,22 +75,25 @@ class DeviatingOrbit(Orbit):
 
     @property
     def wall_extent(self) -> float:
-        """Arc length along which a rotor moves while a wall passes it [rad], see `Orbit`."""
+        """Longest stretch of the orbit in which a rotor moves [rad]; see `Orbit`."""
         return self._uniform.wall_extent * self.site_arc / self._uniform.site_arc
 
     def site(self, arc: float) -> float:
-        """Return the site coordinate of the wall [rotor spacings], limited to 0 ... N - 1."""
+        """Return the site of the wall at an arc length [rad], from 0 to N - 1 [rotor spacings]."""
         return self._uniform.site(self._uniform_arc.at(arc % self.length)[0])
 
     def arc_at(self, site: float, leg: int) -> float:
-        """Return the arc length [rad] of a site in a leg; extrapolate linearly beyond the leg."""
+        """Return the arc length in a leg at which the wall is at a site [rad].
+
+        Beyond the leg, the arc length is extrapolated linearly.
+        """
         uniform_arc = self._uniform.arc_at(site, leg)
         begin, end = self._uniform.leg_arcs(leg)
         within = min(max(uniform_arc, begin), end)
         return self._uniform_arc.inverse(within) + (uniform_arc - within)
 
     def site_arc_at(self, arc: float) -> float:
-        """Return the arc length per rotor spacing, ds / d(site), at an arc length s [rad]."""
+        """Return the arc length per rotor spacing at an arc length s, |ds / d(site)| [rad]."""
         uniform_arc, slope = self._uniform_arc.at(arc % self.length)
         return self._uniform.site_arc_at(uniform_arc) / slope
 
@@ -97,16 +106,19 @@ class DeviatingOrbit(Orbit):
         return OrbitSegment(piece.first, values[: piece.rotors], values[piece.rotors :])
 
     def background(self, arc: float) -> tuple[Array, Array]:
-        """Return the angles far from the wall, on the left and right [rad], shape (N,) each."""
+        """Return the angles of rotors far left, and far right, of the wall [rad], (N,) each.
+
+        They are the same for all arc lengths in a leg.
+        """
         left, right = self._backgrounds[self.leg(arc)]
         return left.copy(), right.copy()
 
     def _reflections(self) -> list[float]:
-        """Return the arc lengths at which the legs end [rad], from the start of the first piece.
+        """Return the arc lengths at which legs end [rad], from the start of the first piece.
 
-        In a flipper, a leg ends when the edge rotor is collinear with its bar, because the
-        neighbour of the edge rotor then reverses its rotation. In a spinner, a leg ends at an
-        extremum of sum_n sin(phi_n).
+        In a flipper, a leg ends where the neighbour of the edge rotor reverses its rotation.
+        There, the edge rotor and its bar are collinear. In a spinner, a leg ends at an extremum of
+        sum_n sin(phi_n).
         """
         last = self.chain.number_of_rotors - 1
         spinner = self.chain.motion is Motion.SPINNER
@@ -126,7 +138,7 @@ class DeviatingOrbit(Orbit):
         return found
 
     def _check(self) -> None:
-        """Raise ValueError if a rotor far from the wall moves: the wall cannot pass this rotor."""
+        """Raise ValueError if a rotor far from the wall moves; the wall cannot pass there."""
         for piece, end in zip(self._pieces, self._ends, strict=True):
             arc = end - piece.length / 2 - self._origin
             mode = zero_mode(self.chain, self.configuration(arc))
@@ -136,7 +148,11 @@ class DeviatingOrbit(Orbit):
                 raise blocked_wall_error(self.chain, piece.seed)
 
     def _relaxed(self, leg: int) -> tuple[Array, Array]:
-        """Return the `background` of a leg; if several exist, the nearest to the uniform chain."""
+        """Return the `background` of a leg.
+
+        Without a wall, a chain still has one free motion. The result is the configuration in which
+        the edge rotor is nearest to its angle in the uniform chain.
+        """
         last = self.chain.number_of_rotors - 1
         left, right = self._uniform.background(self._uniform.leg_arcs(leg)[0])
         begin, end = self.leg_arcs(leg)
@@ -158,10 +174,10 @@ class DeviatingOrbit(Orbit):
         return angles
 
     def _nearest(self, rotor: int, angle: float, turning: float) -> float:
-        """Return the arc length [rad] at which an edge rotor is nearest to an angle [rad].
+        """Return the arc length [rad] at which an edge rotor is nearest to `angle` [rad].
 
-        The search covers those pieces in which the rotor is the seed, near the reflection at the
-        arc length `turning` [rad].
+        The search covers the consecutive pieces with this rotor as the seed around the reflection
+        at the arc length `turning` [rad].
         """
         pieces, count = self._pieces, len(self._pieces)
         number = bisect_right(self._ends, (turning + self._origin) % self._ends[-1]) % count
@@ -234,7 +250,11 @@ class _ArcMap:
 
 
 def _arcs_at_bonds(orbit: Orbit, leg: int) -> Array:
-    """Return for each bond the arc length [rad] in a leg with half of |t|^2 on its left."""
+    """Return for each bond the arc length with half of |t|^2 on its left [rad], (N - 1,).
+
+    t is the tangent. The arc lengths are in the given leg. An element is NaN if the bond has no
+    unique arc length.
+    """
     rotors = orbit.chain.number_of_rotors
     arcs = np.linspace(*orbit.leg_arcs(leg), _SAMPLES_A_SITE * rotors)
     if leg % 2 == 1:
@@ -257,7 +277,7 @@ def _arcs_at_bonds(orbit: Orbit, leg: int) -> Array:
 
 
 def _median(segment: OrbitSegment) -> float:
-    """Return the site coordinate with half of |t|^2 on its left [rotor spacings]."""
+    """Return the position with half of the squared tangent on its left [rotor spacings]."""
     sums = np.cumsum(segment.tangent**2)
     half = sums[-1] / 2
     n = int(np.searchsorted(sums, half))

@@ -14,33 +14,37 @@ from scipy.interpolate import PPoly
 from soliton_linkage.linkage.chain import Array, Chain
 
 _STEP = 1e-3
-"""Step of the numerical derivative of the tangent [rad]; the derivative has an error of 1e-6."""
+"""Step of the arc length in the numerical derivative of the tangent [rad]. The derivative has an
+error of 1e-6/rad."""
 
 
 class OrbitSegment(NamedTuple):
-    """Angles of the n rotors near the wall, and their derivatives along the orbit."""
+    """Angles of the n rotors near the wall, and their derivatives along the orbit.
+
+    `first` is the number of the first of these rotors.
+    """
 
     first: int
     angles: Array
     """Actual (not staggered) angles [rad], shape (n,)."""
     tangent: Array
-    """Derivative of the angles by the arc length [1], shape (n,); below 1e-6 for all other
-    rotors."""
+    """Derivatives of the angles with respect to the arc length [1], shape (n,). For all other
+    rotors of the chain, the derivatives are below 1e-6."""
 
 
 class PiecewiseCubic:
-    """Piecewise cubic polynomial, linear outside its knots, with fast evaluation."""
+    """Piecewise cubic polynomial, continued linearly outside its knots, with fast evaluation."""
 
     def __init__(self, polynomial: PPoly) -> None:
         self.knots: list[float] = polynomial.x.tolist()
         self._coefficients: list[list[float]] = polynomial.c.T.tolist()
 
     def interval(self, at: float) -> int:
-        """Return the index of the interval at a position, or of the nearest interval."""
+        """Return the index of the interval that contains the position `at`, or the nearest."""
         return min(max(bisect_right(self.knots, at) - 1, 0), len(self.knots) - 2)
 
     def at(self, at: float) -> tuple[float, float]:
-        """Return the value and the derivative at a position."""
+        """Return the value and the derivative at the position `at`."""
         within = min(max(at, self.knots[0]), self.knots[-1])
         number = self.interval(within)
         a, b, c, d = self._coefficients[number]
@@ -56,9 +60,9 @@ class Orbit(ABC):
     number. A leg is the part of the orbit between two reflections of the wall. In even legs the
     wall moves towards the last rotor, in odd legs towards the first. At arc length 0 the wall is
     reflected at the first rotor, and leg 0 begins. In leg 0, no edge rotor of a flipper has
-    toggled (swung from one of its rest angles to the other). The right-leaning state has theta =
-    theta_bar. A chain that is assembled upside down has the angles pi - phi. Angles are defined up
-    to whole turns.
+    toggled, that is, swung from one of its two rest angles to the other. In the right-leaning
+    state, the staggered angles are theta = theta_bar, the rest angle. The angles pi - phi in place
+    of phi describe a chain that is assembled upside down. Whole turns of an angle do not matter.
     """
 
     chain: Chain
@@ -68,7 +72,7 @@ class Orbit(ABC):
     site_arc: float
     """Mean arc length per rotor spacing [rad]."""
     _starts: list[float]
-    """Arc lengths at which the legs begin, and the length of the orbit [rad]."""
+    """Arc lengths at which the legs begin, followed by the length of the orbit [rad]."""
 
     @property
     def length(self) -> float:
@@ -83,7 +87,10 @@ class Orbit(ABC):
     @property
     @abstractmethod
     def wall_extent(self) -> float:
-        """Largest arc length along which a rotor moves as a wall passes or is reflected [rad]."""
+        """Longest stretch of the orbit in which a rotor moves [rad].
+
+        The rotor moves while a wall passes it or is reflected at it.
+        """
 
     def leg_arcs(self, leg: int) -> tuple[float, float]:
         """Return the arc lengths [rad] at which a leg begins and ends."""
@@ -96,15 +103,15 @@ class Orbit(ABC):
 
     @abstractmethod
     def site(self, arc: float) -> float:
-        """Return the site coordinate of the wall [rotor spacings], limited to 0 ... N - 1."""
+        """Return the site of the wall at an arc length [rad], from 0 to N - 1 [rotor spacings]."""
 
     @abstractmethod
     def arc_at(self, site: float, leg: int) -> float:
-        """Return the arc length [rad] in a leg at which the wall is at a site coordinate."""
+        """Return the arc length in a leg at which the wall is at a site coordinate [rad]."""
 
     @abstractmethod
     def site_arc_at(self, arc: float) -> float:
-        """Return the arc length per rotor spacing, ds / d(site), at an arc length s [rad]."""
+        """Return the arc length per rotor spacing at an arc length s, |ds / d(site)| [rad]."""
 
     @abstractmethod
     def segment(self, arc: float) -> OrbitSegment:
@@ -112,7 +119,10 @@ class Orbit(ABC):
 
     @abstractmethod
     def background(self, arc: float) -> tuple[Array, Array]:
-        """Return the relaxed angles left and right of the wall at an arc length [rad], (N,)."""
+        """Return the angles of rotors far left, and far right, of the wall [rad], (N,) each.
+
+        The wall is at the arc length `arc` [rad].
+        """
 
     def configuration(self, arc: float) -> Array:
         """Return the angles of the whole chain at an arc length [rad], shape (N,)."""
@@ -131,16 +141,17 @@ class Orbit(ABC):
         return tangent
 
     def curvature(self, arc: float) -> Array:
-        """Return the derivative of the tangent by the arc length, d2Phi/ds2 [1/rad], (N,)."""
+        """Return d2Phi/ds2, the derivative of the tangent with arc length [1/rad], shape (N,)."""
         ahead, behind = self.tangent(arc + _STEP), self.tangent(arc - _STEP)
         return np.asarray((ahead - behind) / (2 * _STEP))
 
     def free_rate(self, arc: float) -> float:
-        """Return the rate ds/dt of free motion, relative to a chain of equal rotors [1].
+        """Return the rate ds/dt of free motion, relative to the one with equal rotors [1].
 
-        With the tangent t and the moments of inertia I_n, the rate is proportional to 1 /
-        sqrt(sum_n (I_n / I) t_n^2), because the kinetic energy sum_n (I_n / 2) (t_n ds/dt)^2 is
-        conserved.
+        The kinetic energy sum_n (I_n / 2) (t_n ds/dt)^2 of free motion is conserved, where t is
+        the tangent and I_n is the moment of inertia of rotor n. Therefore, with the moment of
+        inertia I of a rotor without deviations, the relative rate is 1 / sqrt(sum_n (I_n / I)
+        t_n^2).
         """
         segment = self.segment(arc)
         end = segment.first + len(segment.tangent)

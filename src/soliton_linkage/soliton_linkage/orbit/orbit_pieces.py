@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Orbit of a chain with deviations of rotors and springs, as pieces with Chebyshev series.
+"""Orbit of a chain with deviations, divided into pieces that are stored as Chebyshev series.
 
-The angle of one rotor in the wall, the seed, determines the angles of its neighbours, and so on
-outwards. Errors decay outwards as the zero mode does. The tangent t follows from t_{n+1} = -(A_n /
-B_n) t_n with the levers A and B of the bars, and from |t| = 1. The arc length follows from ds =
-dphi_seed / t_seed. A piece has one seed.
+Each piece has one rotor in the wall as its seed. The angle of the seed determines the angles of
+its neighbours, these determine the angles of the next rotors, and so on outwards. Errors decay
+outwards as fast as the zero mode. The tangent t follows from t_{n+1} = -(A_n / B_n) t_n with the
+levers A and B of the bars, and from |t| = 1. The arc length follows from ds = dphi_seed / t_seed.
 """
 
 from __future__ import annotations
@@ -20,25 +20,30 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.orbit.seed_path import SeedPath, blocked_wall_error, seed_path
 
 _NODES = 20
-"""Terms of a Chebyshev series [1]; most series converge after at most one halving."""
+"""Number K of terms of a Chebyshev series [1]. Most series converge after the piece is halved once
+or not at all."""
 _MOST_SPLITS = 8
-"""Largest number of halvings of a piece [1]; more do not improve convergence."""
+"""Largest number of attempts to find a converged series [1]. Each attempt halves the pieces that
+have not converged. More attempts do not improve the convergence."""
 _ACCURACY = 1e-11
-"""Threshold of the last two coefficients of a converged series [rad]."""
+"""A series has converged if its last two coefficients are below this [rad]."""
 _STILL = 2e-11
-"""Tangent below which a rotor counts as immobile [1]; it is the rounding error of a series."""
+"""A rotor counts as immobile if its tangent is not above this in a piece [1]. It is the rounding
+error of a series."""
 _DEPTHS_BESIDE = 25
-"""Range of the computed rotors on each side of a seed [penetration depths]; e^-25 is below
-`_STILL`."""
+"""Distance from the seed up to which rotors are computed on each side [penetration depths]. The
+tangent decays to e^-25 within this distance, which is below `_STILL`."""
 _ROTORS_BESIDE = 6
-"""Number of additional rotors on each side of a seed [1], for penetration depths close to 0."""
+"""Number of additional rotors on each side of a seed [1], because the penetration depth can be
+close to 0."""
 _NEWTON_STEPS = 30
-"""Largest number of Newton steps [1]."""
+"""Largest number of Newton steps in the search for the nodes of a series [1]."""
 _BATCH = 2_000_000
-"""Number of values that are computed together [1]; they need 16 MB. Larger batches are not
+"""Largest number of values that are computed together [1]; they need 16 MB. Larger batches are not
 faster."""
 _MOST_NUMBERS = 20_000_000
-"""Largest number of computed values for an orbit [1]; they take about a minute."""
+"""A chain whose orbit needs more computed values than this is rejected [1]. The computation of
+this number takes about a minute."""
 
 _POINTS = np.cos(math.pi * np.arange(_NODES)[::-1] / (_NODES - 1))
 """Chebyshev points of the second kind from -1 to 1, shape (K,)."""
@@ -50,7 +55,10 @@ _TO_SERIES = np.linalg.inv(chebyshev.chebvander(_POINTS, _NODES - 1))
 
 @dataclass(frozen=True)
 class OrbitPiece:
-    """Piece of an orbit, with the angles of the n rotors that move in this piece."""
+    """Piece of an orbit, with the angles of the n rotors that move in this piece.
+
+    `seed` is the number of the seed, and `first` is the number of the first moving rotor.
+    """
 
     seed: int
     length: float
@@ -71,7 +79,7 @@ class OrbitPiece:
 
 
 def orbit_pieces(chain: Chain) -> list[OrbitPiece]:
-    """Return the pieces of the closed orbit in their order, from the middle of leg 0.
+    """Return the pieces of the closed orbit in their order along it, from the middle of leg 0 on.
 
     Raises ValueError if the wall cannot pass through the chain, or if the computation would take
     longer than about a minute.
@@ -114,7 +122,10 @@ def _is_cut(piece: OrbitPiece, beside: int, last: int) -> bool:
 
 
 class _Window:
-    """Windows of W rotors and W - 1 bars around each of P seeds; arrays (P, W) and (P, W - 1)."""
+    """Window of W rotors and W - 1 bars around each of P seeds.
+
+    Arrays of rotor values have the shape (P, W), and arrays of bar values the shape (P, W - 1).
+    """
 
     def __init__(self, chain: Chain, path: SeedPath) -> None:
         self.beside = path.left_branches.shape[1] // 2
@@ -127,7 +138,10 @@ class _Window:
         self.exists = ((columns >= 0) & (columns < rotors))[:, None]
 
     def angles(self, seeds: Array) -> Array:
-        """Return the angles of all rotors [rad], (P, K, W), for K angles of each seed, (P, K)."""
+        """Return the angles of all rotors in the windows [rad], shape (P, K, W).
+
+        `seeds` contains K angles of each seed [rad], shape (P, K).
+        """
         found = np.empty((*seeds.shape, self.rotor_lengths.shape[1]))
         beside = self.beside
         found[..., beside] = seeds
@@ -140,7 +154,7 @@ class _Window:
         return found
 
     def tangents(self, angles: Array) -> Array:
-        """Return the unit zero modes [1], (P, K, W), with a positive component of the seed."""
+        """Return the unit zero modes with a positive component of the seed [1], (P, K, W)."""
         r = self.rotor_lengths[:, None]
         h, v = r * np.sin(angles), r * np.cos(angles)
         across, up = np.diff(h) + self.spacings[:, None], np.diff(v)
@@ -200,10 +214,11 @@ def _resolved(chain: Chain, path: SeedPath) -> list[OrbitPiece | None]:
 
 
 def _nodes_in_arc(speeds: Array) -> Array:
-    """Return the points that are Chebyshev nodes in the arc length, as parameters x, (P, K).
+    """Return the parameters x of the points at the Chebyshev nodes of the arc length, (P, K).
 
-    The parameter x from -1 to 1 is proportional to the angle of the seed. `speeds`, (P, K), are
-    the Chebyshev coefficients of ds/dx.
+    In each piece, the parameter x increases from -1 to 1 in proportion to the angle of the seed.
+    At the returned points, the arc lengths from the start of the piece are proportional to
+    1 + `_POINTS`. `speeds` contains the Chebyshev coefficients of ds/dx, shape (P, K).
     """
     arcs = chebyshev.chebint(speeds, axis=1, lbnd=-1)
     wanted = arcs.sum(axis=1)[:, None] * (1 + _POINTS) / 2

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Path of a wall from rotor to rotor through a chain with deviations of rotors and springs.
 
-The seed is the rotor that moves most. The angle of the seed determines the angles of all other
-rotors. Where the levers of the bar to a neighbour are equal, |A_n| = |B_n|, the neighbour becomes
-the seed. The bar from rotor n to rotor n + 1 allows two angles of rotor n. While the seed is to
-the right of rotor n, A_n does not vanish. Therefore the sign that A_n had when the seed changed
-from n to n + 1 selects one of the angles. In the same way, for a seed to the left of rotor n, the
-sign of B_{n-1} selects the angle.
+The seed is the rotor that moves most at the present position of the wall. The angle of the seed
+determines the angles of all other rotors. Where the levers of the bar between the seed and a
+neighbour are equal, |A_n| = |B_n|, both rotors move equally, and the neighbour becomes the seed.
+For a given angle of rotor n + 1, the bar from rotor n to rotor n + 1 allows two angles of rotor n.
+While the seed is to the right of rotor n, A_n does not vanish. Therefore one of the two angles is
+the right one throughout: the angle for which A_n has the sign that it had when the seed changed
+from n to n + 1. For a seed to the left of rotor n, the sign of B_{n-1} selects the angle in the
+same way.
 """
 
 from __future__ import annotations
@@ -34,31 +36,39 @@ Numbers = NDArray[np.int64]
 Branches = NDArray[np.int8]
 
 _LONGEST_STEP = 0.1
-"""Longest step, relative to the smaller of the rest angle and 1 rad [1]; every rotor is the seed
-for more than a step."""
+"""Longest step of the seed, relative to the smaller of the rest angle and 1 rad [1]. The step is
+short enough that each seed makes more than one step."""
 _SHORTEST_STEP = 1e-10
-"""Shortest step of the seed [rad]; it exceeds the rounding errors of the bar lengths."""
+"""If the bars do not allow a step that is longer than this [rad], the wall is blocked. The limit
+exceeds the rounding errors of the bar lengths."""
 _CLEAR_LEAD = 1e-9
-"""Smallest lead with which another rotor becomes the seed [1]; it exceeds rounding errors."""
+"""Another rotor becomes the seed if its lead exceeds this [1]. The limit exceeds the rounding
+errors. `_Seed.lead` defines the lead."""
 _NEGLIGIBLE_LEAD = -4.0
-"""Lead below which rotors farther out are ignored [1], because the motion cannot grow by e^4
-there."""
+"""The search for the rotor with the largest lead ends at a rotor with a lead below this [1],
+because rotors farther out do not move e^4 times as much as that rotor."""
 _MOST_PIECES_A_ROTOR = 20
-"""Largest number of pieces of a closed path per rotor [1]; flippers need 4, spinners 2."""
+"""Largest number of pieces per rotor before a path counts as not closed [1]. The closed paths of
+flippers have 4 pieces per rotor, those in spinners 2."""
 
 
 class SeedPath(NamedTuple):
-    """Pieces of the orbit in their order along the orbit, each with one seed; arrays (P,)."""
+    """Pieces of the orbit in their order along the orbit, each with one seed.
+
+    P is the number of pieces. `seeds` contains the numbers of the seeds, shape (P,).
+    """
 
     seeds: Numbers
     begins: Array
-    """Angle of the seed at the start of the piece [rad]."""
+    """Angle of the seed at the start of each piece [rad], shape (P,)."""
     ends: Array
-    """Angle of the seed at the end of the piece [rad], without jumps of 2 pi."""
+    """Angle of the seed at the end of each piece [rad], shape (P,); it differs from `begins` by
+    less than 2 pi."""
     left_branches: Branches
-    """Signs of A for the bars from seed - beside to seed + beside - 1, shape (P, 2 beside)."""
+    """Signs of the levers A of the bars from number seed - beside to seed + beside - 1, for each
+    piece, shape (P, 2 beside)."""
     right_branches: Branches
-    """Signs of B for the same bars, shape (P, 2 beside)."""
+    """Signs of the levers B of the same bars, shape (P, 2 beside)."""
 
     def take(self, which: Numbers) -> SeedPath:
         """Return a path that consists of the pieces with given indices."""
@@ -74,7 +84,11 @@ class SeedPath(NamedTuple):
 
 
 class _Bond(NamedTuple):
-    """Bar between two neighbouring rotors; the inner one is nearer to the seed."""
+    """Bar between two neighbouring rotors.
+
+    The inner rotor is nearer to the seed than the outer rotor. `angle` is the angle of the outer
+    rotor [rad].
+    """
 
     angle: float
     near: float
@@ -84,7 +98,7 @@ class _Bond(NamedTuple):
 
     @property
     def lead(self) -> float:
-        """Logarithm of the ratio of the rates, |outer rotor| / |inner rotor| [1]."""
+        """Logarithm of the rate of the outer rotor relative to the rate of the inner rotor [1]."""
         if self.near == 0:
             return -math.inf
         return math.log(abs(self.near / self.far)) if self.far else math.inf
@@ -110,7 +124,10 @@ class _Seed:
             self.move_to(rotor)
 
     def _start(self, left: Array, right: Array) -> tuple[int, float, float]:
-        """Return index, angle [rad] and sense of rotation of the first seed, near the middle."""
+        """Return number, angle [rad] and sense of rotation (+1 or -1) of the first seed.
+
+        The first seed is near the middle of the chain.
+        """
         nominal = replace(self._chain, number_of_rotors=8, deviations=NO_DEVIATIONS)
         rotors = np.arange(1, self._last)
         for rotor in rotors[np.argsort(np.abs(rotors - self._last / 2), kind='stable')].tolist():
@@ -125,14 +142,15 @@ class _Seed:
 
     @property
     def branches(self) -> tuple[bytes, bytes]:
-        """Branches of all rotors on the left of the seed, and of all rotors on its right."""
+        """Signs of the levers A on the left of the seed, and B on its right, as bytes."""
         left, right = self.left_branches[: self.rotor], self.right_branches[self.rotor :]
         return left.tobytes(), right.tobytes()
 
     def lead(self, towards: int, angle: float) -> tuple[float, int]:
-        """Return the largest lead, log |t_n / t_seed|, of the rotors n on one side, and this n.
+        """Return the largest lead of the rotors n on one side, log |t_n / t_seed|, and this n.
 
-        The lead is -inf if no rotor is on this side.
+        t is the zero mode at which the seed has the angle `angle` [rad]. `towards` is -1 for the
+        left and +1 for the right side. The lead is -inf if no rotor is on this side.
         """
         rotor, lead = self.rotor, 0.0
         best = -math.inf, rotor
@@ -155,10 +173,10 @@ class _Seed:
         return _Bond(far_angle, h * up - v * across, v_far * across - h_far * up)
 
     def turn(self, most: float) -> int:
-        """Rotate the seed by one step of at most `most` [rad], and return the next seed.
+        """Rotate the seed by a step of at most `most` [rad]; return the next seed's number.
 
-        The step ends where another rotor moves as much as the seed. Raises ArithmeticError if no
-        step fits the bars.
+        If another rotor begins to move as much as the seed, the step ends there, and this rotor is
+        the next seed. Raises ArithmeticError if the lengths of the bars do not allow a step.
         """
         step = min(self._step, most)
         while step > _SHORTEST_STEP:
@@ -203,8 +221,8 @@ class _Seed:
 def seed_path(chain: Chain, beside: int) -> SeedPath:
     """Return the path of the wall along the orbit from the middle of leg 0.
 
-    The path contains the branches (signs of A and B) of `beside` bars on each side of the seeds.
-    Raises ValueError if the wall cannot pass through the chain.
+    For each piece, the path contains the signs of the levers A and B of `beside` bars on each side
+    of the seed. Raises ValueError if the wall cannot pass through the chain.
     """
     seed = _Seed(chain)
     rotor, angle, branches = seed.rotor, seed.angle, seed.branches
@@ -234,7 +252,10 @@ def seed_path(chain: Chain, beside: int) -> SeedPath:
 
 
 def blocked_wall_error(chain: Chain, rotor: int) -> ValueError:
-    """Return the error for a wall that cannot pass a rotor, with the nearest obstacle if known."""
+    """Return the error for a wall that cannot pass a rotor.
+
+    If an obstacle is found, the message describes the nearest one.
+    """
     remedy = 'lower the deviations of the chain'
     obstacles = find_obstacles(chain)
     if obstacles:

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Orbit of a chain of any length without deviations, composed from the orbit of a short chain.
 
-In a longer chain, the motion of the wall past the two middle rotors of the short chain repeats,
-shifted by an even number of rotors. The orbit of the short chain is integrated from the middle of
-one leg, through the reflection at the last rotor, to the middle of the next leg. The reflection at
-the first rotor is the mirror image. `static_wall` defines the site coordinate.
+When the wall is in the middle of the short chain, its passage by two rotors is a period that
+repeats in a longer chain, shifted by two rotors each time. The orbit of the short chain is
+integrated from the middle of one leg, through the reflection at the last rotor, to the middle of
+the next leg. The rest of the orbit, with the reflection at the first rotor, is the mirror image of
+this part. `static_wall` defines the site coordinate.
 """
 
 from __future__ import annotations
@@ -29,28 +30,31 @@ from soliton_linkage.orbit.orbit import Orbit, OrbitSegment, PiecewiseCubic
 from soliton_linkage.solitons.static_wall import follow_zero_mode, site_arc, static_wall
 
 _DEPTHS_BESIDE = 15
-"""Distance from a wall to the edges of the short chain [penetration depths]; the errors of the
-angles are 1e-6 rad."""
+"""Distance from a wall in the middle of the short chain to its edges [penetration depths]. With
+this distance, the errors of the angles are 1e-6 rad."""
 _ROTORS_BESIDE = 6
-"""Number of rotors that are added to `_DEPTHS_BESIDE` [1], for penetration depths close to 0."""
+"""Number of rotors that are added to this distance [1], because the penetration depth can be close
+to 0."""
 _TOLERANCE = 1e-9
-"""Tolerance of a solver step, as a norm over all rotors [rad]; the orbit has errors below 1e-6
-rad."""
+"""Allowed error of a solver step, as a norm over all rotors [rad]. The errors of the orbit are
+then below 1e-6 rad."""
 _SAMPLES_A_STEP = 3
-"""Spline points per solver step [1]; interpolation errors are below the solver errors."""
+"""Number of spline points per solver step [1]. With this number, interpolation errors are below
+the solver errors."""
 _DEPTHS_OF_EDGE = 8.0
-"""Range of the effect of an edge [penetration depths], to which two rotor spacings are added.
-Beyond it, site and arc length are proportional up to e^-16."""
+"""The effect of an edge on the site coordinate is computed up to this distance from the
+edge [penetration depths] plus two rotor spacings. Farther away, site and arc length are
+proportional, with a relative error of e^-16."""
 _SAMPLES_A_SITE = 16
-"""Number of samples near an edge per unit of length [1]. The unit is the larger one of the rotor
-spacing and the penetration depth. The errors of sites are 1e-6."""
+"""Number of samples near an edge per unit of length [1], where the unit is the rotor spacing or
+the penetration depth, whichever is larger. With this number, the errors of sites are 1e-6."""
 _STEP = 1e-5
 """Step of the site for the numerical derivative of the angles of a wall [rotor spacings]."""
 _SHORT = 0.3
-"""Threshold of the ratio of the last step to the step before it [1]; if the ratio is lower, the
-two steps are merged."""
+"""If the ratio of the last solver step to the step before it is below this [1], the two steps are
+merged."""
 _EXACT = 1e-12
-"""Largest Newton step of a converged search for the arc length at a site [rad]."""
+"""The Newton search for the arc length at a site ends when a step is smaller than this [rad]."""
 _STEPS = 20
 """Largest number of Newton steps in the search for an arc length [1]."""
 _DEGREE = 7
@@ -62,7 +66,7 @@ class UniformOrbit(Orbit):
 
     Angles have errors below 1e-6 rad. The computation takes less than a second, except for a lean
     ratio d close to the critical d_c and for walls wider than 1000 rotors. Raises ValueError for
-    two rotors or periodic ends, and the errors of `site_arc`.
+    two rotors or periodic ends. Also raises the errors of `site_arc`.
     """
 
     def __init__(self, chain: Chain) -> None:
@@ -91,17 +95,20 @@ class UniformOrbit(Orbit):
 
     @property
     def wall_extent(self) -> float:
-        """Arc length along which a rotor moves while a wall passes it [rad], see `Orbit`."""
+        """Longest stretch of the orbit in which a rotor moves [rad]; see `Orbit`."""
         swing = self._starts[1] - (self.chain.number_of_rotors - 1) * self.site_arc
         return self._short.number_of_rotors * self.site_arc + swing
 
     def site(self, arc: float) -> float:
-        """Return the site coordinate of the wall [rotor spacings], limited to 0 ... N - 1."""
+        """Return the site of the wall at an arc length [rad], from 0 to N - 1 [rotor spacings]."""
         site = self._site(arc % self._starts[-1], self.leg(arc))[0]
         return 0.0 if site < 0 else min(site, self._last)
 
     def arc_at(self, site: float, leg: int) -> float:
-        """Return the arc length [rad] of a site in a leg, extrapolated linearly off the chain."""
+        """Return the arc length in a leg at which the wall is at a site [rad].
+
+        For a site off the chain, the arc length is extrapolated linearly.
+        """
         way = 1 if leg % 2 == 0 else -1
         arc = self._halfway[leg] + way * (site - self.middle) * self.site_arc
         for _ in range(_STEPS):
@@ -113,7 +120,7 @@ class UniformOrbit(Orbit):
         return arc
 
     def site_arc_at(self, arc: float) -> float:
-        """Return the arc length per rotor spacing, ds / d(site), at an arc length s [rad]."""
+        """Return the arc length per rotor spacing at an arc length s, |ds / d(site)| [rad]."""
         return abs(1 / self._site(arc % self._starts[-1], self.leg(arc))[1])
 
     def _site(self, arc: float, leg: int) -> tuple[float, float]:
@@ -135,7 +142,10 @@ class UniformOrbit(Orbit):
         return OrbitSegment(first, values[low:high], values[rotors + low : rotors + high])
 
     def background(self, arc: float) -> tuple[Array, Array]:
-        """Return the angles far from the wall, on the left and right [rad], shape (N,) each."""
+        """Return the angles of rotors far left, and far right, of the wall [rad], (N,) each.
+
+        They are the same for all arc lengths in a leg.
+        """
         left, right = self.chain.uniform_state(1), self.chain.uniform_state(-1)
         if self.chain.motion is Motion.SPINNER:
             right = self.chain.uniform_state(1) + math.pi
@@ -148,18 +158,18 @@ class _HalfLegs(NamedTuple):
     """Samples of the orbit from the middle of one leg to the middle of the next."""
 
     arcs: Array
-    """Arc length of each of the K samples from the first sample [rad], shape (K,)."""
+    """Arc length from the first of the K samples to each sample [rad], shape (K,)."""
     angles: Array
     """Actual (not staggered) angles [rad], without jumps of 2 pi, shape (K, N)."""
     tangents: Array
-    """Derivative of the angles by the arc length [1], shape (K, N)."""
+    """Derivative of the angles with respect to the arc length [1], shape (K, N)."""
 
     def mirrored(self, chain: Chain) -> _HalfLegs:
-        """Return the mirror image of the samples, n -> N - 1 - n, phi -> -phi, in reversed order.
+        """Return the mirror image, n -> N - 1 - n and phi -> -phi, in reversed order.
 
-        In spinners of odd N, the order is not reversed. The mirror image of spinners of odd N and
-        of flippers of even N is assembled upside down. Therefore pi is added to the angles of
-        these images. In a spinner, this exchanges the legs.
+        The mirror image of a spinner with odd N or a flipper with even N is assembled upside down.
+        It is therefore turned over, so that the two conversions together are phi -> phi + pi. In a
+        spinner, turning over exchanges the legs, so that the order of the samples is not reversed.
         """
         spinner, odd = chain.motion is Motion.SPINNER, chain.number_of_rotors % 2 == 1
         angles, tangents = self.angles[:, ::-1], self.tangents[:, ::-1]
@@ -194,8 +204,9 @@ class _ShortOrbit:
             for leg in range(legs)
         ]
         self.edges = [[self._edge(leg, first) for first in (False, True)] for leg in range(legs)]
-        """Distance of the wall from the last and first rotor [rotor spacings], as a function of
-        the distance without the effect of the edge, for each leg."""
+        """For each leg two functions, for the last and for the first rotor. Each function returns
+        the distance of the wall from this edge rotor [rotor spacings]. Its argument is the
+        distance that the wall would have if site and arc length were proportional."""
 
     def _edge(self, leg: int, at_first: bool) -> PiecewiseCubic:
         chain, last = self._chain, self._chain.number_of_rotors - 1
@@ -222,9 +233,9 @@ class _ShortOrbit:
     def _tangent(self, angles: Array) -> Array:
         """Return the unit zero mode in the direction of the orbit [1], shape (N,).
 
-        The product of levers t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2} is faster than
-        `zero_mode`. The levers are divided by the larger coupling, so that products rarely
-        overflow.
+        The components t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2} are products of the levers A
+        and B. Their computation is faster than `zero_mode`. The levers are divided by the larger
+        one of the `couplings`, so that products rarely overflow.
         """
         first, second = rigidity_bands(self._chain, angles)
         mode = self._signs.copy()
@@ -247,11 +258,11 @@ class _ShortOrbit:
         return np.asarray(mode / math.sqrt(mode @ mode))
 
     def _pieces(self) -> list[_HalfLegs]:
-        """Return all pieces in the order of the orbit.
+        """Return the pieces of the orbit in order, each from the middle of a leg to the next.
 
         A reflection at the first rotor is the mirror image of a reflection at the last rotor. For
-        a lean ratio d > 1, leg 2 is the mirror image of leg 0. For d < 1, where `toggled_edges`
-        counts from the left-leaning state, leg 3 is the mirror image of leg 1.
+        a lean ratio d > 1, leg 2 is the mirror image of leg 0. For d <= 1, leg 3 is the mirror
+        image of leg 1, because `toggled_edges` then counts from the left-leaning state.
         """
         legs = len(self.walls)
         last = [self._followed(leg) for leg in range(0, legs, 2)]
@@ -280,8 +291,8 @@ class _ShortOrbit:
     def _rate(self, arc: float, leg: int) -> float:
         """Return a quantity that changes its sign when the wall is reflected at the end of a leg.
 
-        In a flipper, the quantity is the lever of the edge rotor, in a spinner the derivative of
-        sum_n sin(phi_n) by the arc length.
+        In a flipper, the quantity is the lever of the edge rotor at this end. In a spinner, it is
+        the derivative of sum_n sin(phi_n) with respect to the arc length.
         """
         angles, tangent = np.split(np.asarray(self._spline(arc)), 2)
         if self._chain.motion is Motion.SPINNER:
@@ -294,7 +305,10 @@ _short_orbit = lru_cache(maxsize=4)(_ShortOrbit)
 
 
 def _short_chain(chain: Chain) -> Chain:
-    """Return the shortest chain in which edges have no effect on a wall in the middle."""
+    """Return the shortest chain in which the edges have no effect on a wall in the middle.
+
+    If this chain would be longer than `chain`, return `chain`.
+    """
     depth = penetration_depth(chain) / chain.spacing
     beside = math.ceil(_DEPTHS_BESIDE * depth) + _ROTORS_BESIDE
     fewest = 2 * beside + chain.number_of_rotors % 2
@@ -302,7 +316,11 @@ def _short_chain(chain: Chain) -> Chain:
 
 
 def _closed_spline(pieces: list[_HalfLegs], middles: list[float]) -> BSpline:
-    """Return the closed spline of angles and tangents, shape (2 N,), smooth where it closes."""
+    """Return a spline of angles and tangents, shape (2 N,), that closes smoothly at its end.
+
+    `middles` contains the arc length at which each piece begins, and the length of the
+    orbit [rad].
+    """
     arcs, rows, end = [], [], pieces[0].angles[0]
     for piece, middle in zip(pieces, middles[:-1], strict=True):
         turns = 2 * math.pi * np.round((end - piece.angles[0]) / (2 * math.pi))
@@ -323,8 +341,9 @@ def _closed_spline(pieces: list[_HalfLegs], middles: list[float]) -> BSpline:
 def spline(knots: Array, coefficients: Array, at: float, values: Array) -> None:
     """Set `values`, shape (M,), to the values of M B-splines at the position `at`.
 
-    The splines have common knots and coefficients of shape (K, M). The recursion of Cox and de
-    Boor is ten times as fast as scipy for a single position.
+    The splines have the same `knots`. Their `coefficients` have the shape (K, M), with one column
+    for each spline. For a single position, this recursion of Cox and de Boor is ten times as fast
+    as scipy.
     """
     high = coefficients.shape[0]
     low = degree = knots.size - high - 1
@@ -362,14 +381,17 @@ def set_near_wall(
     coefficients: Array,
     values: Array,
 ) -> tuple[int, int, int]:
-    """Set the angles and tangents of the rotors of a short chain for a wall in a long chain.
+    """Set the angles and tangents of the rotors near a wall in a long chain, from a short chain.
 
-    `values` are the angles [rad], followed by the tangents [1]. `arc` [rad] is the arc length on
-    the orbit of the long chain, which has 2 * `repeats` rotors more than the short one. `legs` has
-    three rows [rad] with a column for each leg: the start of the leg on the orbit of the long
-    chain, the start on that of the short chain, and the distance from there to the middle of the
-    leg. Return the index of the first set rotor in the long chain, and the range of the set rotors
-    in the short chain.
+    The results replace `values`: first the angles [rad], then the tangents [1] of all rotors of
+    the short chain. The orbit of the short chain has the length `length` [rad] and is a spline
+    with `knots` and `coefficients`. `arc` [rad] is the arc length on the orbit of the long chain,
+    which has 2 * `repeats` more rotors than the short chain and the arc length `site_arc` [rad]
+    per rotor spacing. `legs` has three rows [rad] with one column for each leg: the start of the
+    leg on the orbit of the long chain, the start of the leg on the orbit of the short chain, and
+    the distance from this start to the middle of the leg. Return the number in the long chain of
+    the first rotor that is set, the number of this rotor in the short chain, and 1 plus the number
+    of the last such rotor in the short chain.
     """
     leg = legs.shape[1] - 1
     while leg > 0 and arc < legs[0, leg]:

@@ -2,25 +2,28 @@
 """Errors of the position and rate of a wall due to small unmodelled deviations of the chain.
 
 The errors are computed to first order. Let p be the relative deviations of the rotor lengths and
-of the spacings from the uniform chain. The bars keep their lengths. Therefore the angles change by
-dphi with R dphi + E p = 0, where R and E are the derivatives of the bar lengths by the angles and
-by p. dphi is orthogonal to the zero mode t. Let S_n be the part of |t|^2 on the left of bond n,
-and A_n and B_n the levers of the bar. A wall is at bond b if S_b has a certain value
-(`DeviatingOrbit`). Because t_{n+1} / t_n = -A_n / B_n, the deviations change ln(S_b / (1 - S_b))
-by
+of the spacings from the uniform chain. Because the bars keep their lengths, the angles change by
+dphi with R dphi + E p = 0, where R and E are the derivatives of the bar lengths with respect to
+the angles and to p. Of all solutions, dphi is the one that is orthogonal to the zero mode t. Let
+S_n be the part of |t|^2 on the left of bond n, and A_n and B_n the levers of the bar of bond n.
+The wall is at bond b where S_b has a fixed value, as in `DeviatingOrbit`. Because
+t_{n+1} / t_n = -A_n / B_n, the deviations change ln(S_b / (1 - S_b)) by
 
     dQ = -sum_n w_n d ln|A_n / B_n|,   w_n = min(S_n / S_b, (1 - S_n) / (1 - S_b)).
 
-This change depends on angles and lengths, dQ = Q_phi . dphi + Q_p . p. The error ds_b of the arc
-length at which the wall is at bond b solves Q_phi . t ds_b = -dQ. The time that a wall in free
-motion takes from bond b to bond b + 1 has the relative change
+This change depends on the angles and the lengths: dQ = Q_phi . dphi + Q_p . p. Let ds_b be the
+error of the arc length at which the wall is at bond b. It is the solution of Q_phi . t ds_b = -dQ.
+Let s_b be the arc length at which the wall is at bond b, and Phi'' the curvature of the orbit. The
+time that a wall in free motion takes from bond b to bond b + 1 has the relative change
 
     (ds_{b+1} - ds_b) / (s_{b+1} - s_b) - Phi'' . dphi + sum_n t_n^2 (p_n + m_n / 2),
 
-with the relative deviations p_n of rotor lengths and m_n of masses. The three terms are the
-changes of the arc length between the bonds, of the arc element, and of the inertia. The matrix
-R^+ E need not be computed, because for any q, q . R^+ E = u . E with (R R^T) u = R q. Deviations
-of the stiffnesses have no effect.
+where p_n is the relative deviation of the length of rotor n, and m_n the relative deviation of
+its mass. The three
+terms are the change of the arc length between the bonds, the change of the arc element, and the
+change of the inertia. The code does not compute the matrix R^+ E with the pseudo-inverse R^+ of R,
+because q . R^+ E = u . E for any vector q, where u is the solution of (R R^T) u = R q. Deviations
+of the stiffnesses have no effect on an orbit without energy.
 """
 
 from __future__ import annotations
@@ -41,26 +44,29 @@ from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
 _SAMPLES = 4
-"""Points between two bonds at which the arc element and the inertia are computed [1]."""
+"""Number of points between two bonds at which the arc element and the inertia are computed [1]."""
 
 
 class Shifts(NamedTuple):
-    """Standard deviations of the errors of a wall, relative to the error of a far rotor."""
+    """Standard deviations of the errors of a wall, relative to the error of a far rotor.
+
+    `WallShifts` defines the error of a far rotor.
+    """
 
     arc: float
-    """Standard deviation of the arc length of the wall, divided by the error of a far rotor
-    [1]."""
+    """Standard deviation of the arc length of the wall, divided by the standard deviation of the
+    error of a far rotor [1]."""
     rate: float
-    """Standard deviation of the relative error of the rate, divided by the error of a far rotor
-    [1/rad]."""
+    """Standard deviation of the relative error of the rate of the wall, divided by the standard
+    deviation of the error of a far rotor [1/rad]."""
 
 
 class WallShifts:
     """Errors of a wall due to unmodelled deviations, relative to the error of a far rotor.
 
-    The error of a far rotor is the change of its angle, without the part that continues the tail
-    of the next rotor. All lengths and masses have independent relative deviations of equal
-    variance.
+    The error of a far rotor is the change of its angle minus `tail_ratio` times the change of the
+    next rotor towards the wall. This difference excludes the tail of the wall itself. It is
+    assumed that all lengths and masses have independent relative deviations of equal variance.
     """
 
     def __init__(self, orbit: Orbit) -> None:
@@ -115,9 +121,11 @@ class WallShifts:
 class _BarsNearWall:
     """Effects of relative deviations of n rotor lengths and n - 1 spacings near a wall.
 
-    A bar of length l joins masses at (h, v) and (h', v') relative to their pivots, which are the
-    spacing a apart. With c = h v' - v h', the levers A and B of the bar satisfy l A = c - a v and
-    l B = a v' - c. Therefore all derivatives are products of positions.
+    Each method returns one effect per deviation, in the order rotor 0, spacing 0, rotor 1 and so
+    on, shape (2 n - 1,). An effect is the change of a quantity per relative deviation. A bar of
+    length l joins masses at (h, v) and (h', v') relative to their pivots, which are the spacing a
+    apart. With c = h v' - v h', the levers A and B of the bar satisfy l A = c - a v and l B = a v'
+    - c. Therefore the derivatives of the levers are products of positions.
     """
 
     def __init__(self, chain: Chain, segment: OrbitSegment) -> None:
@@ -133,19 +141,22 @@ class _BarsNearWall:
         self._second = a * right[1] - self._cross
 
     def far_rotor_effect(self, tail: float) -> Array:
-        """Return the effects of the lengths on a far rotor [rad]; `tail` is the `tail_ratio`."""
+        """Return the effects on the error of a far rotor [rad]; `tail` is the `tail_ratio`."""
         weights = np.zeros(len(self._tangent))
         weights[1:3] = 1.0, -tail
         return self._angle_effect(weights)
 
     def arc_element_effect(self, curvature: Array) -> Array:
-        """Return the effects of lengths on arc element and inertia [1], given Phi'' [1/rad]."""
+        """Return the effects on the relative time per arc length [1].
+
+        They are due to the arc element and the inertia. `curvature` is Phi'' [1/rad].
+        """
         effects = -self._angle_effect(curvature)
         effects[::2] += self._tangent**2
         return effects
 
     def arc_effect(self, bond: int) -> Array:
-        """Return the effects of lengths on the arc length [rad] at which a wall is at a bond."""
+        """Return the effects on the arc length at which the wall is at a bond [rad]."""
         left = np.cumsum(self._tangent**2)[:-1]
         right = np.cumsum(self._tangent[::-1] ** 2)[-2::-1]
         weights = np.minimum(left / left[bond], right / right[bond])

@@ -5,8 +5,8 @@ The energy depends on the site, so that a constraint with the force p must hold 
 
     grad V(phi) = p grad sum_n F_n(phi),    sum_n F_n(phi) = N - 1 - 2 x,
 
-with the field F_n of `constraint_field`. An anti-kink counts as pinned if one of these states is
-unstable.
+where N is the number of rotors and F_n is the field of `constraint_field`. An anti-kink counts as
+pinned if one of these states is unstable.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ _SAMPLES = 65
 _NEWTON_STEPS = 30
 """Largest number of Newton steps [1]; about five are needed."""
 _CONVERGED = 1e-7
-"""Change of an angle at which Newton's method has converged [rad]."""
+"""Newton's method has converged when no angle changes by more than this in a step [rad]."""
 _LONGEST = 0.3
-"""Largest change of an angle in a Newton step [rad]."""
+"""A Newton step is scaled down so that no angle changes by more than this [rad]."""
 _BUCKLING = 1e-6
-"""Least size of a negative curvature, relative to the largest diagonal element [1]; it exceeds
-rounding errors."""
+"""An eigenvalue counts as negative if it is below minus this, relative to the largest diagonal
+element of the matrix [1]. The limit exceeds the rounding errors."""
 
 
 @lru_cache(maxsize=8)
 def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
-    """Return K sites [rotor spacings] and the angles [rad], (K, N), of an anti-kink.
+    """Return K sites of an anti-kink [rotor spacings] and the angles at each site [rad], (K, N).
 
-    The sites cover two rotor spacings from `begin`, after which the path repeats. Sites are
-    proportional to the arc length of the path. The anti-kink must be far from the edges. Raises
-    ArithmeticError if the anti-kink is pinned.
+    The sites cover two rotor spacings from `begin` on. After them, the path repeats, shifted by
+    two rotors. The sites are proportional to the arc length of the path from its begin. The
+    anti-kink must be far from the edges. Raises ArithmeticError if the anti-kink is pinned.
     """
     angles, multiplier = continuum_anti_kink(chain, begin), 0.0
     found = []
@@ -57,10 +57,11 @@ def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=8)
 def resting_anti_kink(chain: Chain, near: float) -> tuple[float, Array]:
-    """Return site [rotor spacings] and angles [rad], (N,), of an anti-kink in equilibrium.
+    """Return the site [rotor spacings] and angles [rad], (N,), of an anti-kink in equilibrium.
 
-    The edge rotors are fixed. A flipper has two equilibria; the result is the equilibrium of
-    smaller energy.
+    The search for the equilibrium starts at the site `near`. The edge rotors keep their angles in
+    the uniform states. A flipper has two equilibria per rotor spacing. The result is the one with
+    the smaller energy.
     """
     starts = (near,) if chain.motion is Motion.SPINNER else (near, near + 0.5)
     found = [_minimum(chain, continuum_anti_kink(chain, start)) for start in starts]
@@ -70,7 +71,10 @@ def resting_anti_kink(chain: Chain, near: float) -> tuple[float, Array]:
 
 
 def continuum_anti_kink(chain: Chain, site: float) -> Array:
-    """Return the angles of an anti-kink of the continuum theory, with uniform edges [rad]."""
+    """Return the angles of an anti-kink of the continuum theory [rad], shape (N,).
+
+    The edge rotors have their angles in the uniform states.
+    """
     rotors, rest = np.arange(chain.number_of_rotors), chain.rest_angle
     field = np.tanh((rotors - site) * chain.spacing / chain.wall_width)
     field[0], field[-1] = -1.0, 1.0
@@ -81,10 +85,10 @@ def continuum_anti_kink(chain: Chain, site: float) -> Array:
 
 
 def constraint_field(chain: Chain, angles: Array) -> tuple[Array, Array, Array]:
-    """Return the fields F_n and their first and second derivatives by the angles, (N,) each.
+    """Return the fields F_n and their first and second derivatives dF_n/dphi_n, (N,) each.
 
-    F_n is (3 m - m^3) / 2 for flippers with the `order_field` m, and cos(theta - theta_bar) for
-    spinners. Both fields are stationary far from the anti-kink.
+    For flippers F_n is (3 m - m^3) / 2 with the `order_field` m, and for spinners it is cos(theta
+    - theta_bar). Far from the anti-kink, the first derivative is 0 for both.
     """
     theta, sense = staggered(angles), np.where(np.arange(len(angles)) % 2, -1.0, 1.0)
     if chain.motion is Motion.SPINNER:
@@ -137,11 +141,12 @@ def _constrained_minimum(
 
 
 def _is_stable(diagonal: Array, beside: Array, along: Array) -> bool:
-    """Return whether x . H x > 0 for all x orthogonal to b, with a tridiagonal matrix H.
+    """Return whether x . H x > 0 for all x orthogonal to a vector b.
 
-    `along` is b, and `diagonal` and `beside` are the elements of H. By Haynsworth's theorem, H
-    bordered by b has as many negative eigenvalues as H, plus one if b . H^-1 b > 0. The result is
-    true if the bordered matrix has one negative eigenvalue.
+    H is a tridiagonal matrix. `along` is b, `diagonal` is the diagonal of H, and `beside` contains
+    the elements next to the diagonal. By Haynsworth's theorem, H bordered by b has as many
+    negative eigenvalues as H, plus one if b . H^-1 b > 0. The result is true if the bordered
+    matrix has exactly one negative eigenvalue.
     """
     limit = -_BUCKLING * float(np.abs(diagonal).max())
     negative = eigvalsh_tridiagonal(diagonal, beside, select='v', select_range=(-np.inf, limit))

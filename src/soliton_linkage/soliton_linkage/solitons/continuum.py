@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Continuum theories of walls: phi^4 for flippers (d << 1), sine-Gordon for spinners (d >> d_c).
 
-The elastic energy density is a square that vanishes in a wall of charge Q = +1 at rest. A wall of
-velocity v has the width w and the energy E,
+The elastic energy density is a square, which is 0 everywhere in a wall of charge Q = +1 at rest. A
+wall of velocity v and effective mass M_eff has the width w and the energy E, where w_0 is the
+width at rest and c the speed of sound:
 
     w = w_0 / gamma,    gamma = 1 / sqrt(1 - v^2 / c^2),
     E = (gamma - 1) M_eff c^2 + (1 - Q) E_s,    E_s = M_eff c^2.
 
-Signs and factors are those of the chain; the docstrings state where the paper differs.
+Signs and factors are valid for the chain. The docstrings state where the paper has other ones.
 """
 
 from __future__ import annotations
@@ -23,17 +24,18 @@ from soliton_linkage.linear.bands import speed_of_sound
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 
 _HARDEST_KICK = 1e9
-"""Kick K in units of Lambda c [1] above which the speed v equals c up to rounding, because 1 - v /
-c is about 2 / K^4."""
+"""If a kick exceeds this number times Lambda c [1], the speed v equals c up to rounding, because 1
+- v / c is about 2 / K^4 for a kick K Lambda c."""
 
 
 @dataclass(frozen=True)
 class WallTheory(ABC):
-    """Theory of relativistic walls in a uniform chain, exact in a limit of d.
+    """Theory of relativistic walls in a uniform chain, exact for very small or large lean ratio d.
 
-    By default, c is the exact speed of sound, which agrees better with simulated walls. E_s =
-    M_eff c^2 then holds only in the limit. Velocities are in [m/s]. Methods raise ValueError for a
-    velocity not below c, and for a charge other than +1 or -1.
+    If `exact_sound` is true, c is the exact speed of sound of the chain, which agrees better with
+    simulated walls. E_s = M_eff c^2 then holds only in the limit of very small or large d.
+    Velocities have the unit [m/s]. Methods raise ValueError for a velocity of c or more, and for a
+    charge other than +1 or -1.
     """
 
     chain: Chain
@@ -42,7 +44,7 @@ class WallTheory(ABC):
     @property
     @abstractmethod
     def limiting_speed_of_sound(self) -> float:
-        """Speed of sound in the limit in which the theory is exact [m/s]."""
+        """Speed of sound in the limit of d in which the theory is exact [m/s]."""
 
     @property
     @abstractmethod
@@ -56,18 +58,22 @@ class WallTheory(ABC):
 
     @property
     def speed_of_sound(self) -> float:
-        """Speed of sound c in the Lorentz factor [m/s]."""
+        """Speed of sound c that the Lorentz factor contains [m/s]."""
         if not self.exact_sound:
             return self.limiting_speed_of_sound
         return speed_of_sound(self.chain)
 
     @property
     def arc_per_site(self) -> float:
-        """Path length of all masses per displacement of the wall, Lambda = sqrt(M_eff / M) [1]."""
+        """Displacement of all masses per displacement of the wall, Lambda = sqrt(M_eff / M) [1].
+
+        The displacement of all masses is the square root of the sum of their squared
+        displacements.
+        """
         return math.sqrt(self.effective_mass / self.chain.mass)
 
     def lorentz_factor(self, velocity: float) -> float:
-        """Return gamma = 1 / sqrt(1 - v^2 / c^2)."""
+        """Return the Lorentz factor gamma = 1 / sqrt(1 - v^2 / c^2) [1]."""
         ratio = self._ratio(velocity)
         return 1 / math.sqrt((1 - ratio) * (1 + ratio))
 
@@ -80,7 +86,7 @@ class WallTheory(ABC):
         return self.lorentz_factor(velocity) * self.effective_mass * velocity**2 / 2
 
     def elastic_energy(self, velocity: float, charge: int = 1) -> float:
-        """Return the spring energy [J], (gamma - 1)^2 / (2 gamma) M_eff c^2 + (1 - Q) E_s."""
+        """Return the elastic energy [J], (gamma - 1)^2 / (2 gamma) M_eff c^2 + (1 - Q) E_s."""
         gamma, excess = self.lorentz_factor(velocity), self._excess(velocity)
         moving = self.effective_mass * (self.speed_of_sound * excess) ** 2 / (2 * gamma)
         return moving + (1 - _checked_sign('charge', charge)) * self.energy_scale
@@ -91,11 +97,12 @@ class WallTheory(ABC):
         return moving + (1 - _checked_sign('charge', charge)) * self.energy_scale
 
     def speed_after_kick(self, kick: float, arc_per_site: float | None = None) -> float:
-        """Return the speed of a wall [m/s] after a kick v_0 = r |phi_dot| along the zero mode.
+        """Return the speed that a kick along the zero mode gives to a wall at rest [m/s].
 
-        The energy balance M v_0^2 / 2 = (gamma - 1) M Lambda^2 c^2 gives v = c sqrt(1 - 1 / (1 +
-        v_0^2 / (2 Lambda^2 c^2))^2). For slow walls, v tends to v_0 / Lambda. `arc_per_site`
-        replaces Lambda [1].
+        `kick` is v_0 = r |phi_dot| [m/s], with the norm |phi_dot| of the rates of all rotors. The
+        energy balance M v_0^2 / 2 = (gamma - 1) M Lambda^2 c^2 gives v = c sqrt(1 -
+        1 / (1 + v_0^2 / (2 Lambda^2 c^2))^2). For slow walls, v tends to v_0 / Lambda. If
+        `arc_per_site` [1] is given, it replaces the Lambda of the theory.
         """
         arc = self.arc_per_site if arc_per_site is None else arc_per_site
         if not math.isfinite(kick):
@@ -111,7 +118,10 @@ class WallTheory(ABC):
         return math.copysign(speed, kick)
 
     def _ratio(self, velocity: float) -> float:
-        """Return v / c; the ratio is 0 for a wall at rest, even at d = 1, where c is 0."""
+        """Return v / c [1].
+
+        For a wall at rest, the result is 0 even at d = 1, where c is 0.
+        """
         if velocity == 0:
             return 0.0
         speed_of_sound = self.speed_of_sound
@@ -123,12 +133,12 @@ class WallTheory(ABC):
         return velocity / speed_of_sound
 
     def _excess(self, velocity: float) -> float:
-        """Return gamma - 1, without cancellation for slow walls."""
+        """Return gamma - 1 [1], without cancellation for slow walls."""
         gamma = self.lorentz_factor(velocity)
         return (gamma * self._ratio(velocity)) ** 2 / (gamma + 1)
 
     def _misfit(self, velocity: float, charge: int) -> float:
-        """Return Q gamma - 1 [1], the relative slope difference of a wall and a kink at rest."""
+        """Return Q gamma - 1 [1]: the slope of a wall relative to a kink at rest, minus 1."""
         excess = self._excess(velocity)
         return excess if _checked_sign('charge', charge) > 0 else -2 - excess
 
@@ -150,7 +160,8 @@ class FlipperTheory(WallTheory):
 
         L = (1 / a) integral dx {(M / 2) u_t^2 - (K / 2) [(ub^2 - u^2) + (a^2 / 2) u_x]^2}.
 
-    In the paper (eq. lagrangian2) the cross term is half as large and the factor 1 / a is missing.
+    In the paper (equation `lagrangian2`) the cross term is half as large and the factor 1 / a is
+    missing.
     """
 
     def __post_init__(self) -> None:
@@ -167,7 +178,7 @@ class FlipperTheory(WallTheory):
 
     @property
     def limiting_speed_of_sound(self) -> float:
-        """Limit of c for d << 1 [m/s], a^2 / lbar sqrt(k_e / M)."""
+        """Limit of c for d << 1, (a^2 / lbar) sqrt(k_e / M) [m/s]."""
         return self.chain.spacing**2 / (self.chain.rest_length * self.chain.time_unit)
 
     @property
@@ -186,21 +197,24 @@ class FlipperTheory(WallTheory):
     ) -> Array:
         """Return the field u = -Q ub tanh((x - X) / w) [m] at positions x [m], shape (...).
 
-        The wall of charge Q and width w is at `position` X [m]. The paper (eqs. width and Kink2)
-        has Q = -1.
+        The wall of charge Q and width w is at `position` X [m]. The paper has the field for Q = -1
+        (equations `width` and `Kink2`).
         """
         scaled = self._scaled(x, position, velocity)
         return np.asarray(-_checked_sign('charge', charge) * self.lean * np.tanh(scaled))
 
     def static_slope(self, displacements: ArrayLike) -> Array:
-        """Return the slope u' = (2 / a^2) (u^2 - ub^2) [1] in a kink at rest (eq. phi4_1)."""
+        """Return the slope u' = (2 / a^2) (u^2 - ub^2) [1] in a kink at rest.
+
+        This is the equation `phi4_1` of the paper.
+        """
         squares = np.square(np.asarray(displacements, dtype=np.float64))
         return np.asarray(2 / self.chain.spacing**2 * (squares - self.lean**2))
 
     def elastic_density(self, displacements: ArrayLike, slopes: ArrayLike) -> Array:
         """Return the elastic energy per length [J/m].
 
-        The density is (K / 2 a) [(ub^2 - u^2) + (a^2 / 2) u']^2.
+        The density is (K / (2 a)) [(ub^2 - u^2) + (a^2 / 2) u']^2 with the slopes u'.
         """
         chain = self.chain
         misfit = np.asarray(slopes) - self.static_slope(displacements)
@@ -208,13 +222,13 @@ class FlipperTheory(WallTheory):
         return np.asarray(chain.stiffness * stretch**2 / (2 * chain.spacing))
 
     def kinetic_density(self, rates: ArrayLike) -> Array:
-        """Return the kinetic energy per length [J/m], (M / 2 a) u_t^2."""
+        """Return the kinetic energy per length, (M / (2 a)) u_t^2 [J/m]."""
         return np.asarray(self.chain.mass * np.square(rates) / (2 * self.chain.spacing))
 
     def extensions(
         self, x: ArrayLike, position: float = 0.0, velocity: float = 0.0, charge: int = 1
     ) -> Array:
-        """Return the extensions of springs at x [m], -(2 / lbar) (Q gamma - 1) (ub^2 - u^2)."""
+        """Return the extensions of springs at x, -(2 / lbar) (Q gamma - 1) (ub^2 - u^2) [m]."""
         squares = self.lean**2 * _sech_squared(self._scaled(x, position, velocity))
         factor = -2 / self.chain.rest_length * self._misfit(velocity, charge)
         return np.asarray(factor * squares)
@@ -224,7 +238,7 @@ class FlipperTheory(WallTheory):
     ) -> tuple[Array, Array]:
         """Return angles [rad] and rates [rad/s] of a chain with a wall at a position [m].
 
-        The angles satisfy sin(theta) = u / r with the even rotors pointing up. The rates follow
+        The angles satisfy sin(theta) = u / r, where the even rotors point up. The rates follow
         from u_t = -v u'.
         """
         chain, pivots = self.chain, self._pivots()
@@ -240,17 +254,18 @@ class FlipperTheory(WallTheory):
 class SpinnerTheory(WallTheory):
     """Sine-Gordon theory of the walls of a spinner. Raises ValueError for a flipper.
 
-    The rotation psi [rad] increases across a wall from 0 to pi. phi increases with psi for `turn`
-    = +1, and decreases for -1. theta is theta_bar + turn psi on rotors 0, 2, ... (the odd sites of
-    the paper), and theta_bar - turn psi on the others. With I = M r^2, ub = r sin(theta_bar) and K
-    = k_e r^4 a^2 sin(2 theta_bar)^2 / lbar^2, the Lagrangian is
+    Across a wall, the rotation psi [rad] increases from 0 to pi. With psi, phi increases for
+    `turn` = +1, and decreases for `turn` = -1. theta is theta_bar + turn psi on rotors 0, 2, ...
+    (the odd sites of the paper), and theta_bar - turn psi on the others. With I = M r^2, ub = r
+    sin(theta_bar) and K = k_e r^4 a^2 sin(2 theta_bar)^2 / lbar^2, the Lagrangian is
 
         L = (1 / a) integral dx {(I / 2) psi_t^2 - (K / 2) [psi_x - sin(psi) / ub]^2}.
 
-    The paper (supporting information) has another factor a in the last term. In the family +1,
-    rotors turn from theta_bar to pi + theta_bar. In the family -1, whose assembly differs, they
-    turn from -theta_bar - pi to -theta_bar. There psi - pi replaces psi, and -theta_bar replaces
-    theta_bar.
+    In the paper (supporting information), the last term has an additional factor a. `family`
+    distinguishes two assemblies of the chain. In the family +1, walls turn rotors from theta_bar
+    to pi + theta_bar. In the family -1, walls turn rotors from -theta_bar - pi to -theta_bar. For
+    the family -1, the above formula for theta has psi - pi in place of psi, and -theta_bar in
+    place of theta_bar.
     """
 
     family: int = 1
@@ -266,7 +281,10 @@ class SpinnerTheory(WallTheory):
 
     @property
     def limiting_speed_of_sound(self) -> float:
-        """Limit of c for d >> 1 [m/s], sqrt(K / I) = a r sin(2 theta_bar) / lbar sqrt(k_e / M)."""
+        """Limit of c for d >> 1, sqrt(K / I) [m/s].
+
+        This is (a r sin(2 theta_bar) / lbar) sqrt(k_e / M).
+        """
         chain = self.chain
         across = chain.rotor_length * math.sin(2 * chain.rest_angle)
         return chain.spacing * across / (chain.rest_length * chain.time_unit)
@@ -289,7 +307,10 @@ class SpinnerTheory(WallTheory):
     def rotation(
         self, x: ArrayLike, position: float = 0.0, velocity: float = 0.0, charge: int = 1
     ) -> Array:
-        """Return the field psi [rad] at positions x [m], with cos(psi) = -Q tanh((x - X) / w)."""
+        """Return the field psi at positions x [m], with cos(psi) = -Q tanh((x - X) / w) [rad].
+
+        The wall of charge Q and width w is at `position` X [m].
+        """
         scaled = _checked_sign('charge', charge) * self._scaled(x, position, velocity)
         return np.asarray(np.pi / 2 + 2 * np.arctan(np.tanh(scaled / 2)))
 
@@ -302,12 +323,13 @@ class SpinnerTheory(WallTheory):
         charge: int = 1,
         turn: int = 1,
     ) -> Array:
-        """Return the staggered angles theta [rad] of even (0) or odd (1) rotors at x [m].
+        """Return the staggered angles theta of rotors at positions x [m] in one sublattice [rad].
 
-        For a wall of charge Q and width w at `position` X, cos(theta - theta_bar) = -Q tanh((x -
-        X) / w). At rest, theta' = Q sin(theta - theta_bar) / (r sin(theta_bar)) (paper, eq. sgd;
-        eq. sg has the opposite sign). In the family -1, the signs of theta_bar and of both
-        right-hand sides are opposite.
+        The `sublattice` is 0 for even and 1 for odd rotors. For a wall of charge Q and width w at
+        `position` X [m], cos(theta - theta_bar) = -Q tanh((x - X) / w). At rest, theta' = Q
+        sin(theta - theta_bar) / (r sin(theta_bar)). This sign is the one in equation `sgd` of the
+        paper; equation `sg` has the opposite sign. In the family -1, the sign of theta_bar is
+        opposite everywhere, and the right-hand sides of both equations have the opposite sign.
         """
         if sublattice not in (0, 1):
             raise ValueError(f'sublattice = {sublattice!r} must be 0 (even rotors) or 1 (odd)')
@@ -320,12 +342,12 @@ class SpinnerTheory(WallTheory):
         return np.asarray(np.sin(rotation) / self.chain.wall_width)
 
     def elastic_density(self, rotation: ArrayLike, slopes: ArrayLike) -> Array:
-        """Return the elastic energy per length [J/m], (K / 2 a) [psi' - sin(psi) / ub]^2."""
+        """Return the elastic energy per length, (K / (2 a)) [psi' - sin(psi) / ub]^2 [J/m]."""
         misfit = np.asarray(slopes) - self.static_slope(rotation)
         return np.asarray(self.effective_stiffness * misfit**2 / (2 * self.chain.spacing))
 
     def kinetic_density(self, rates: ArrayLike) -> Array:
-        """Return the kinetic energy per length [J/m], (I / 2 a) psi_t^2."""
+        """Return the kinetic energy per length, (I / (2 a)) psi_t^2 [J/m]."""
         inertia = self.chain.moment_of_inertia
         return np.asarray(inertia * np.square(rates) / (2 * self.chain.spacing))
 
@@ -339,8 +361,8 @@ class SpinnerTheory(WallTheory):
     ) -> Array:
         """Return the extension [m] of springs on the right of even rotors at positions x [m].
 
-        The extension is turn * family * (r^2 a sin(2 theta_bar) / lbar) (Q gamma - 1) sin(psi) /
-        ub. For springs on the right of odd rotors, the sign is opposite.
+        The extension is turn * family * (r^2 a sin(2 theta_bar) / lbar) (Q gamma - 1)
+        sin(psi) / ub. Springs on the right of odd rotors have the opposite extension.
         """
         sign = _checked_sign('turn', turn) * self.family
         factor = sign * self._lever * self._misfit(velocity, charge)
@@ -352,7 +374,8 @@ class SpinnerTheory(WallTheory):
     ) -> tuple[Array, Array]:
         """Return angles [rad] and rates [rad/s] of a chain with a wall at a position [m].
 
-        The angles are phi = phi_uniform + turn psi. The rates follow from psi_t = -v psi'.
+        The angles phi are those in the uniform state of the `family`, plus turn psi. The rates
+        follow from psi_t = -v psi'.
         """
         pivots = self._pivots()
         rotation = self.rotation(pivots, position, velocity, charge)
@@ -367,7 +390,7 @@ class SpinnerTheory(WallTheory):
 
     @property
     def _lever(self) -> float:
-        """Ratio of an extension to psi' - sin(psi) / ub, r^2 a sin(2 theta_bar) / lbar [m^2]."""
+        """Ratio of an extension to psi' - sin(psi) / ub, (r^2 a / lbar) sin(2 theta_bar) [m^2]."""
         chain = self.chain
         across = chain.rotor_length**2 * math.sin(2 * chain.rest_angle)
         return across * chain.spacing / chain.rest_length

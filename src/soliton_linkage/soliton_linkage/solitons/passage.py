@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bonds that stop a wall in a chain with deviations of rotors and springs.
 
-Each bond is a four-bar linkage of two rotors, the line between their pivots, and their spring. If
-the linkage of one bond differs in class from all others, the rotors of this bond reach a limit
-before the wall has passed.
+Each bond is a four-bar linkage of two rotors, the line between their pivots, and their spring. The
+Grashof class of a linkage determines which rotors can turn fully. If one bond has another class
+than the others, its rotors reach a limit of their motion before the wall has passed.
 """
 
 from __future__ import annotations
@@ -17,7 +17,11 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 
 
 class Obstacle(NamedTuple):
-    """Bond that may stop a wall, with the lengths of its four bars [m]."""
+    """Bond that may stop a wall.
+
+    `spacing`, `rotor_lengths` and `rest_length` are the lengths of the four bars of its
+    linkage [m].
+    """
 
     bond: int
     """Index of the spring between the rotors `bond` and `bond` + 1."""
@@ -25,13 +29,14 @@ class Obstacle(NamedTuple):
     rotor_lengths: tuple[float, float]
     rest_length: float
     reason: str
-    """Condition that the rest length violates, with the limit [m]."""
+    """Condition that the rest length violates, with the limiting length [m]."""
 
 
 def length_excesses(chain: Chain) -> Array:
-    """Return r_n + r_{n+1} - lbar_n of each bond [m]: rotor lengths minus rest length.
+    """Return r_n + r_{n+1} - lbar_n of each bond [m], shape (springs,).
 
-    Flippers with a lean ratio d < 1 have values below 0, spinners values above the spacing a.
+    r_n is the length of rotor n and lbar_n the rest length of spring n. The values are below 0 in
+    flippers with a lean ratio d < 1, and above the spacing a in spinners.
     """
     first, second = _rotor_lengths(chain)
     return np.asarray(first + second - chain.rest_lengths)
@@ -42,9 +47,10 @@ def blocked_bonds(chain: Chain) -> NDArray[np.bool_]:
 
     A wall passes if two conditions hold for the rotor lengths r, the spacings a and the rest
     lengths lbar. First, lbar_n > a_n + |r_n - r_{n+1}| on all bonds. Second, r_n + r_{n+1} - a_n -
-    lbar_n has on every bond the sign that it has on most bonds. According to Grashof, a bond with
-    a negative sign is a triple rocker, as in flippers, and one with a positive sign a double
-    crank. The conditions are sufficient but not necessary.
+    lbar_n has the same sign on all bonds; otherwise the bonds with the rarer sign may stop the
+    wall. By Grashof's criterion, the linkage of a bond is a triple rocker if the sign is negative,
+    as in flippers, and a double crank if the sign is positive, as in spinners. The conditions are
+    sufficient but not necessary: a wall may also pass if one is violated.
     """
     excess = length_excesses(chain) - chain.spacings
     other_class = ~(excess > 0) if _spinning(chain) else ~(excess < 0)
@@ -78,8 +84,8 @@ def find_obstacles(chain: Chain) -> tuple[Obstacle, ...]:
 def motion_of_bonds(chain: Chain) -> Motion | None:
     """Return the class of motion of a chain with deviations, or None if a bond may stop a wall.
 
-    The chain is a spinner if r_n + r_{n+1} - lbar_n exceeds the spacing a_n on every bond, and a
-    flipper if this difference is below 0 on every bond.
+    The chain is a spinner if r_n + r_{n+1} - lbar_n exceeds the spacing a_n on every bond, a
+    flipper if it exceeds 0 on no bond, and otherwise a wobbling flipper.
     """
     if blocked_bonds(chain).any():
         return None

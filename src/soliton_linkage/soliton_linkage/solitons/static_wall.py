@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Walls at rest, and the arc length of the orbit per rotor spacing.
 
-For a given angle of the neighbour, a bar allows two angles of a rotor (branches). The sign of a
-lever of the bar selects one branch: the lever B_n to the right of the wall, A_n to the left.
-Errors decay outwards from the wall as the zero mode does.
+For a given angle of its neighbour, a rotor can have two angles, because the bar between them has a
+fixed length. These two solutions are called branches. The sign of one lever of the bar selects a
+branch: the sign of B_n on the right of the wall, and of A_n on its left. Errors decay outwards
+from the wall as fast as the zero mode.
 """
 
 from __future__ import annotations
@@ -23,36 +24,41 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 
 _DEPTHS_BESIDE = 19
-"""Distance from a wall beyond which the squared zero mode is below rounding errors [penetration
-depths]."""
+"""Distance from a wall up to which rotors are computed [penetration depths]. Farther away, the
+squared zero mode is below the rounding errors."""
 _MOST_BESIDE = 49_000
-"""Largest number of rotors on each side of a wall [1]; it is limited by the longest `Chain`."""
+"""If a wall needs more rotors than this on each side [1], the chain is rejected. The limit follows
+from the largest number of rotors of a `Chain`."""
 _MOST_STEPS = 100_000
-"""Largest number of solver steps along an orbit [1]; a lean ratio d near d_c needs one or two
-thousand."""
+"""Largest number of solver steps along an orbit [1]. A chain with d near d_c needs one or two
+thousand steps."""
 _TRANSITION = 1e-9
-"""Smallest |d - d_c| / d_c [1] for which rounding errors do not change the sense of rotation."""
+"""If |d - d_c| / d_c is below this [1], the chain is rejected, because rounding errors could then
+change the sense of rotation."""
 _TOLERANCE = 1e-13
-"""Relative [1] and absolute [rad] tolerance of a solver step; the errors of arc lengths are 1e-11
-rad."""
+"""Allowed relative [1] and absolute [rad] error of a solver step. The errors of arc lengths are
+then 1e-11 rad."""
 _ARRIVED = 1e-4
-"""Largest difference between the angles of two configurations that count as equal [rad]."""
+"""An orbit has reached its goal when half the difference of each angle from the goal is below
+this [rad]."""
 
 
 def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False) -> Array:
     """Return the angles of a chain at rest with its wall at a site coordinate [rad], shape (N,).
 
-    The site coordinate [rotor spacings] is n + 1/2 in the middle between rotors n and n + 1. In an
-    infinite chain, it is proportional to the arc length of the zero-energy orbit. A finite chain
-    has the same angles, except for toggled edge rotors, which have swung from one of their rest
-    angles to the other.
+    The site coordinate [rotor spacings] is n if the wall is at rotor n, and n + 1/2 if it is in
+    the middle between rotors n and n + 1. In an infinite chain, the site coordinate is
+    proportional to the arc length of the zero-energy orbit. A finite chain has the same angles as
+    an infinite one, except for toggled edge rotors. A toggled rotor has swung from one of its two
+    rest angles to the other.
 
     In flippers, no edge rotor has toggled on `leg` 0 of the `Orbit`, the last one on leg 1, both
-    on leg 2, the first one on leg 3. In spinners, legs 0 and 1 differ by the side on which rotors
-    turn over. `inverted` means a chain that is assembled upside down, with pi - phi for phi.
-    Deviations do not change the angle of the rotor nearest to the wall. Raises ValueError for a
-    chain of two rotors or with periodic ends, a site outside 0 ... N - 1, an unknown leg, bars of
-    impossible length, and the errors of `site_arc`.
+    on leg 2, the first one on leg 3. In spinners, rotors turn over on one side in leg 0 and on the
+    other side in leg 1. If `inverted` is true, the chain is assembled upside down, with pi - phi
+    in place of phi. In a chain with deviations, the rotor nearest to the wall has the same angle
+    as without deviations, and the other angles follow from the lengths of the bars. Raises
+    ValueError for a chain of two rotors or with periodic ends, a site outside 0 ... N - 1, an
+    unknown leg, bars of impossible length, and the errors of `site_arc`.
 
         >>> import soliton_linkage as sl
         >>> chain = sl.Chain(number_of_rotors=20)
@@ -82,8 +88,9 @@ def site_arc(chain: Chain) -> float:
     """Return Lambda, the arc length of the zero-energy orbit per rotor spacing [rad].
 
     Lambda is the integral of sqrt(sum_n dphi_n^2) over one rotor spacing of the chain without
-    deviations. With the norm |phi_dot| of the rates, a slow wall has the speed v = a |phi_dot| /
-    Lambda. Raises ValueError if d differs from d_c by less than 1e-9 d_c, and for d below 2e-4.
+    deviations. A slow wall has the speed v = a |phi_dot| / Lambda, where |phi_dot| is the norm of
+    the rates of all rotors. Raises ValueError if d differs from d_c by less than 1e-9 d_c, and for
+    d below 2e-4.
 
         >>> chain = Chain(rest_angle=0.97)
         >>> round(site_arc(chain) * chain.rotor_length / chain.spacing, 6)
@@ -112,8 +119,9 @@ def angles_from_seed(
 ) -> Array:
     """Return all angles of a chain of bars [rad], (N,), given the angle of the rotor `seed`.
 
-    A_n has the sign left_branches[n] on the left of the seed, B_n the sign right_branches[n] on
-    its right, shape (springs,) each. Raises ValueError if a bar is too short or too long.
+    On the left of the seed, A_n has the sign left_branches[n], and on its right, B_n has the sign
+    right_branches[n]. Both arrays have the shape (springs,). Raises ValueError if a bar is too
+    short or too long.
     """
     if seed not in range(chain.number_of_rotors):
         raise ValueError(f'seed = {seed} must be a rotor from 0 to {chain.number_of_rotors - 1}')
@@ -133,12 +141,13 @@ def angles_from_seed(
 def neighbour_angle(
     chain: Chain, bar: int, rotor: int, known_angle: float, offset: float, branch: float
 ) -> float:
-    """Return the angle of `rotor` [rad] that a bar to a neighbour of known angle [rad] allows.
+    """Return the angle of `rotor` [rad] at which a bar joins it to its neighbour.
 
-    `offset` [m] is the position of the neighbour's pivot minus that of the rotor's pivot. The line
-    from the rotor's pivot to the neighbour's mass has the length D. The rotor is at the angle beta
-    from this line, with lbar^2 = D^2 + r^2 - 2 D r cos(beta) and the sign `branch`. Raises
-    ValueError if the bar is too short or too long.
+    The neighbour has the angle `known_angle` [rad]. `offset` [m] is the position of the
+    neighbour's pivot minus the position of the rotor's pivot. The line from the rotor's pivot to the
+    neighbour's mass has the length D. The angle of the rotor is the direction of this line plus
+    `branch` (+1 or -1) times beta, where lbar^2 = D^2 + r^2 - 2 D r cos(beta), with the length
+    lbar of the bar and the rotor length r. Raises ValueError if the bar is too short or too long.
     """
     known = bar if rotor > bar else bar + 1
     r, length = float(chain.rotor_lengths[rotor]), float(chain.rest_lengths[bar])
@@ -157,7 +166,10 @@ def neighbour_angle(
 
 
 def bar_branches(chain: Chain, leg: int, inverted: bool) -> tuple[Array, Array]:
-    """Return the signs of A_n on the left of a wall and of B_n on its right, (springs,) each."""
+    """Return the signs of A_n on the left of a wall and of B_n on its right, (springs,) each.
+
+    The docstring of `static_wall` explains `leg` and `inverted`.
+    """
     first, _ = rigidity_bands(chain, _uniform_state(chain, 1, inverted))
     _, second = rigidity_bands(chain, _uniform_state(chain, -1, inverted))
     left, right = np.sign(first), np.sign(second)
@@ -168,7 +180,7 @@ def bar_branches(chain: Chain, leg: int, inverted: bool) -> tuple[Array, Array]:
 
 
 def toggled_edges(chain: Chain, leg: int) -> tuple[bool, bool]:
-    """Return whether first and last rotor have toggled, compared with an infinite chain."""
+    """Return whether the first, and the last rotor has toggled, unlike in an infinite chain."""
     if chain.motion is Motion.SPINNER:
         return False, False
     return (leg in (2, 3)) == (chain.lean_ratio <= 1), leg in (1, 2)
@@ -183,9 +195,10 @@ def follow_zero_mode(
 ) -> Iterator[tuple[float, float, DenseOutput]]:
     """Yield the solver steps along an orbit from `start` to `goal` [rad] as (begin, end, angles).
 
-    `tangent` returns the tangent at a configuration. `tolerances` are relative [1] and absolute
-    [rad]. `begin` and `end` are arc lengths from `start` [rad]; `angles` interpolates between
-    them. Raises ArithmeticError if the orbit does not reach `goal`.
+    `tangent` returns the tangent at a configuration. `tolerances` are the relative [1] and the
+    absolute [rad] tolerance of the solver. `begin` and `end` are arc lengths from `start` [rad],
+    and `angles` is a function that interpolates the angles between them. Raises ArithmeticError if
+    the orbit does not reach `goal`.
     """
     limits = dict(zip(('rtol', 'atol'), tolerances, strict=True))
     solver = DOP853(lambda _, angles: tangent(angles), 0.0, start, np.inf, **limits)
@@ -224,7 +237,7 @@ def _uniform_state(chain: Chain, lean: int, inverted: bool) -> Array:
 
 
 def _seed_angle(chain: Chain, seed: int, beyond: float, leg: int, inverted: bool) -> float:
-    """Return the angle of a rotor [rad] that a wall has passed by `beyond` rotor spacings."""
+    """Return the angle of the rotor `seed` with the wall `beyond` rotor spacings past it [rad]."""
     if chain.motion is not Motion.SPINNER:
         leg = 0
     elif inverted:
@@ -238,10 +251,10 @@ def _seed_angle(chain: Chain, seed: int, beyond: float, leg: int, inverted: bool
 def _symmetric_wall(chain: Chain, rotor: int, leg: int) -> Array:
     """Return the angles of a wall in the middle between `rotor` and the next rotor [rad], (N,).
 
-    The reflection n -> 2 rotor + 1 - n changes phi to phi + pi in flippers and to -phi in
-    spinners. Therefore r sin(phi) of `rotor` is r^2 sin(theta_bar)^2 / a for flippers. For
-    spinners r sin(phi) alternates from rotor to rotor: (a + lbar) / 2 where the two masses have
-    crossed and (a - lbar) / 2 elsewhere.
+    This wall is symmetric: the reflection n -> 2 rotor + 1 - n changes phi to phi + pi in flippers
+    and to -phi in spinners. Therefore r sin(phi) of `rotor` is r^2 sin(theta_bar)^2 / a in
+    flippers. In spinners, r sin(phi) of `rotor` is (a + lbar) / 2 if the masses of the two rotors
+    have crossed, and (a - lbar) / 2 otherwise. If `rotor` increases by 1, the other case applies.
     """
     spinner, crossed = chain.motion is Motion.SPINNER, False
     if spinner:
@@ -260,7 +273,7 @@ def _without_deviations(chain: Chain) -> Chain:
 
 
 def _rotors_beside(chain: Chain) -> int:
-    """Return how many rotors on each side of a wall contribute to the zero mode."""
+    """Return how many rotors on each side of a wall contribute noticeably to the zero mode."""
     check_transition(chain)
     beside = math.ceil(_DEPTHS_BESIDE * penetration_depth(chain) / chain.spacing) + 10
     if beside > _MOST_BESIDE:
@@ -272,7 +285,10 @@ def _rotors_beside(chain: Chain) -> int:
 
 
 class _SitePassage:
-    """Motion of a wall past one rotor, over one rotor spacing and an arc length `arc` [rad]."""
+    """Motion of a wall past one rotor, over one rotor spacing.
+
+    The motion has the arc length `arc` [rad].
+    """
 
     def __init__(self, chain: Chain, leg: int, odd: bool) -> None:
         beside = _rotors_beside(chain)
@@ -292,7 +308,10 @@ class _SitePassage:
         self._solution = OdeSolution([0.0, *ends], list(pieces))
 
     def angle(self, beyond: float, other: int = 0) -> float:
-        """Return the angle [rad] of rotor `other`; rotor 0 is the one that the wall passes."""
+        """Return the angle of the rotor `other` [rad]; rotor 0 is the one that the wall passes.
+
+        The wall is `beyond` rotor spacings past rotor 0, from -1/2 to 1/2.
+        """
         return float(self._solution((beyond + 0.5) * self.arc)[self._rotor + other])
 
 

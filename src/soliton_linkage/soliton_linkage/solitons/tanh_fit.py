@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Solitons in one frame of angles: their positions, velocities, widths and charges.
 
-The polarisation of a bond is the direction in which the zero mode grows across the bond. A wall is
-detected where the polarisation changes its sign. The order field is +1 where the chain leans right
-and -1 where it leans left. The position X of a wall of charge Q follows from a fit of m_n = -Q
-tanh((n - X) / w) to the order field, with the width w of a slow wall. The bias of X is below 0.002
-rotor spacings for lean ratios d < 0.9 and d > 2.5 d_c, and below 0.1 for d < 2 and d > 1.4 d_c.
-For other chains, the bias is up to 2 rotor spacings, because the profile is no tanh.
+The zero mode grows across each bond in one direction, which is the polarisation of the bond. A
+wall is detected where the polarisation changes its sign. The order field m_n of rotor n is +1
+where the chain leans right and -1 where it leans left. The position X of a wall of charge Q
+follows from a fit of the function m_n = -Q tanh((n - X) / w) to the order field, where w is the
+width of a slow wall. The bias of X is below 0.002 rotor spacings for lean ratios d < 0.9 or
+d > 2.5 d_c, and below 0.1 for d < 2 or d > 1.4 d_c. For other chains, the bias is up to 2 rotor
+spacings, because the order field is not a tanh.
 """
 
 from __future__ import annotations
@@ -24,19 +25,23 @@ from soliton_linkage.linear.rigidity import rigidity_bands
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 
 DOMAIN = 0.5
-"""Least absolute polarisation of a bond in a domain [1]; in a uniform state it is 1."""
+"""A bond with an absolute polarisation above this belongs to a domain, that is, not to a wall [1].
+In a uniform state, the absolute polarisation is 1."""
 _FIT_ITERATIONS = 12
-"""Number of Newton steps of a fit [1]."""
+"""Largest number of Newton steps of a fit [1]."""
 _FIT_REACH = 4.0
-"""Largest distance of a fitted rotor from the wall [wall widths]; beyond it, 1 - |tanh| is below
-7e-4."""
+"""The fit includes rotors up to this distance from the wall [wall widths] plus one rotor spacing.
+Farther away, 1 - |tanh| is below 7e-4."""
 _WIDEST_LEAN_RATIO_WITH_A_WIDTH = 2.0
-"""Largest lean ratio d of flippers whose walls have a tanh profile with a width [1]."""
+"""No width is fitted to flippers with this lean ratio d or a larger one [1], because their walls
+have no tanh profile."""
 
 
 @dataclass(frozen=True)
 class Soliton:
-    """Domain wall in one frame; a quantity that the frame does not determine is NaN.
+    """Domain wall in one frame.
+
+    A quantity that the frame does not determine is NaN.
 
     rotor: site coordinate of the centre [rotor spacings]; rotor 0 has the coordinate 0.
     position: distance of the centre from the pivot of rotor 0 [m].
@@ -61,8 +66,8 @@ class Soliton:
 def polarisation(chain: Chain, angles: Array) -> Array:
     """Return the polarisation of each bond [1], shape (..., springs).
 
-    With the levers A and B, the polarisation is (A^2 - B^2) / (A^2 + B^2), divided by the value of
-    this ratio in the right-leaning state. The result is +1 in the right-leaning and -1 in the
+    The polarisation is the ratio (A^2 - B^2) / (A^2 + B^2) with the levers A and B, divided by the
+    same ratio in the right-leaning state. The result is +1 in the right-leaning and -1 in the
     left-leaning state.
     """
     first, second = rigidity_bands(chain, angles)
@@ -75,8 +80,9 @@ def polarisation(chain: Chain, angles: Array) -> Array:
 def order_field(chain: Chain, angles: Array) -> tuple[Array, Array]:
     """Return the order field m [1] and its derivative dm/dphi [1/rad], each of shape (N,).
 
-    For flippers, m = sin(theta) / sin(theta_bar). For spinners, m = cos(theta - theta_bar). If
-    walls turn the rotors of a spinner from -theta_bar, m = -cos(theta + theta_bar).
+    For flippers, m = sin(theta) / sin(theta_bar). For spinners, m = cos(theta - theta_bar). If the
+    rest angle of a spinner has the opposite sign, -theta_bar, because of its assembly,
+    m = -cos(theta + theta_bar).
     """
     theta = staggered(angles)
     turn = np.where(np.arange(theta.shape[-1]) % 2, -1.0, 1.0)
@@ -91,7 +97,7 @@ def order_field(chain: Chain, angles: Array) -> tuple[Array, Array]:
 def find_solitons(chain: Chain, angles: Array, rates: Array | None = None) -> tuple[Soliton, ...]:
     """Return the walls in a frame of angles [rad] and rates [rad/s], (N,), sorted by their sites.
 
-    Without rates, the velocities are NaN. Sites of periodic chains are from 0 to N.
+    Without rates, the velocities are NaN. In periodic chains, sites are from 0 to N.
     """
     checked = chain.check_angles(angles)
     moving = None if rates is None else chain.check_angles(rates, 'rate')
@@ -181,10 +187,10 @@ class _TanhFit:
         )
 
     def _velocity(self, rates: Array | None) -> tuple[float, float]:
-        """Return the rate of the centre and its standard deviation [rotor spacings / s].
+        """Return the rate of the wall's centre and its standard deviation [rotor spacings / s].
 
-        The rate follows from the time derivative of the condition sum_n (m_n - f_n) df_n/dX = 0
-        with the fitted function f_n.
+        The centre X satisfies the condition sum_n (m_n - f_n) df_n/dX = 0 with the fitted function
+        f_n. The time derivative of this condition gives the rate.
         """
         if rates is None or len(self._rotors) < 2:
             return math.nan, math.nan
@@ -253,10 +259,11 @@ def _sech_squared(argument: ArrayLike) -> Array:
 
 
 def _deviation(residual: Array, parameters: int, information: float) -> float:
-    """Return the standard deviation of a parameter, or NaN.
+    """Return the standard deviation of a fitted parameter.
 
-    `information` is the diagonal element of J^T J for the parameter, with the Jacobian J of the
-    fit.
+    The result is NaN if the `residual` has too few values. `parameters` is the number of fitted
+    parameters. `information` is the diagonal element of J^T J for the parameter, with the Jacobian
+    J of the fit.
     """
     freedom = len(residual) - parameters
     if freedom < 1 or information <= 0:
@@ -265,7 +272,7 @@ def _deviation(residual: Array, parameters: int, information: float) -> float:
 
 
 def _spinner_lean(chain: Chain, angles: Array) -> int:
-    """Return the sign, +1 or -1, of the rest angle theta_bar: the sign of (-1)^n (B_n - A_n)."""
+    """Return the sign of the rest angle, +1 or -1: the sign of sum_n (-1)^n (B_n - A_n)."""
     first, second = rigidity_bands(chain, angles)
     levers = second - first
     return 1 if levers[::2].sum() > levers[1::2].sum() else -1
@@ -285,9 +292,9 @@ def _polarisation_crossings(polarised: Array) -> list[tuple[float, int]]:
 def charge_of_field(displacements: ArrayLike, lean: float) -> float:
     """Return the topological charge of a field u(x), Q = [u(-inf) - u(+inf)] / (2 ub) [1].
 
-    `displacements` are the values of u along the chain [m], and `lean` is ub [m]. The paper (eq.
-    soliton_charge) has the opposite sign. With the sign used here, a wall with zero energy has the
-    charge +1.
+    `displacements` are the values of u along the chain [m], and `lean` is ub [m]. The paper
+    (equation `soliton_charge`) has the opposite sign. With the sign used here, a wall with zero
+    energy has the charge +1.
     """
     if not (math.isfinite(lean) and lean > 0):
         raise ValueError(f'lean = {lean} m must be a finite number above 0')
@@ -308,8 +315,8 @@ def topological_charge(chain: Chain, angles: ArrayLike) -> int:
 def half_turns(chain: Chain, angles: ArrayLike) -> int:
     """Return the number of half turns by which the last rotor of a spinner leads the first.
 
-    A wall of charge Q contributes Q if it turns its rotors forwards, otherwise -Q; whole turns do
-    not count. Raises ValueError for a flipper.
+    A wall of charge Q contributes Q if it turns its rotors in the positive sense of phi, otherwise
+    -Q. Whole turns do not count. Raises ValueError for a flipper.
     """
     if chain.motion is not Motion.SPINNER:
         raise ValueError(f'a {chain.motion.value} does not turn; count the turns of a spinner')

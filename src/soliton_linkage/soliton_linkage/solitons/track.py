@@ -15,12 +15,12 @@ from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.tanh_fit import find_solitons
 
 _EDGE_PART = 0.2
-"""Fraction of the chain at each end in which walls are reflected [1]."""
+"""Part of the chain at each end that crossings exclude, because walls are reflected there [1]."""
 
 
 @dataclass(frozen=True)
 class Track:
-    """Site and rate of the first soliton in each frame; NaN in frames without a soliton."""
+    """Site and rate of the first soliton in each frame, with NaN in frames without a soliton."""
 
     times: Array
     """Times of the T frames [s], shape (T,)."""
@@ -36,20 +36,20 @@ class Track:
 
 @dataclass(frozen=True)
 class Crossing:
-    """Passage of a soliton between the outer fifths of the chain."""
+    """Passage of a soliton from the outer fifth of the chain at one end to the other one."""
 
     start: float
-    """Time at which the soliton left the outer fifth at one end [s]."""
+    """Time of the last frame with the soliton in the outer fifth at one end [s]."""
     end: float
-    """Time at which the soliton entered the outer fifth at the other end [s]."""
+    """Time of the first frame with the soliton in the outer fifth at the other end [s]."""
     direction: int
-    """+1 towards the last rotor, -1 towards rotor 0."""
+    """Direction: +1 towards the last rotor, -1 towards rotor 0."""
     site_rate: float
-    """Speed of the soliton [rotor spacings / s], from a line fitted to the sites."""
+    """Speed of the soliton [rotor spacings / s], the slope of a line fitted to the sites."""
 
 
 class MeasuredWall(Protocol):
-    """Interface of an estimated wall with standard deviations."""
+    """Interface of an estimated wall, with standard deviations."""
 
     @property
     def rotor(self) -> float:
@@ -69,7 +69,10 @@ class MeasuredWall(Protocol):
 
 
 def measured_track(chain: Chain, times: Array, walls: Sequence[Sequence[MeasuredWall]]) -> Track:
-    """Return the trajectory of the first wall in each frame; `times` [s] have the shape (T,)."""
+    """Return the trajectory of the first of the `walls` of each frame.
+
+    `times` [s] has the shape (T,).
+    """
     rows = np.full((len(walls), 4), np.nan)
     for row, found in zip(rows, walls, strict=True):
         if found:
@@ -80,7 +83,7 @@ def measured_track(chain: Chain, times: Array, walls: Sequence[Sequence[Measured
 
 
 def follow(chain: Chain, recording: Recording) -> Track:
-    """Return the trajectory of the first soliton in a recording."""
+    """Return the trajectory of the soliton with the lowest site in each frame of a recording."""
     rates = recording.rates if len(recording.rates) else [None] * len(recording.times)
     frames = zip(recording.angles, rates, strict=True)
     track = measured_track(
@@ -90,7 +93,7 @@ def follow(chain: Chain, recording: Recording) -> Track:
 
 
 def find_crossings(chain: Chain, track: Track) -> tuple[Crossing, ...]:
-    """Return the passages between the outer fifths of the chain, in order of time."""
+    """Return the passages from one outer fifth of the chain to the other, in the order of time."""
     last = chain.number_of_rotors - 1
     side = np.zeros(len(track.times), dtype=np.int8)
     side[track.sites <= _EDGE_PART * last] = -1
