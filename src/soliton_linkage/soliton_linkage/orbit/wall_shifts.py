@@ -19,11 +19,10 @@ time that a wall in free motion takes from bond b to bond b + 1 has the relative
     (ds_{b+1} - ds_b) / (s_{b+1} - s_b) - Phi'' . dphi + sum_n t_n^2 (p_n + m_n / 2),
 
 where p_n is the relative deviation of the length of rotor n, and m_n the relative deviation of
-its mass. The three
-terms are the change of the arc length between the bonds, the change of the arc element, and the
-change of the inertia. The code does not compute the matrix R^+ E with the pseudo-inverse R^+ of R,
-because q . R^+ E = u . E for any vector q, where u is the solution of (R R^T) u = R q. Deviations
-of the stiffnesses have no effect on an orbit without energy.
+its mass. The three terms are the change of the arc length between the bonds, the change of the arc
+element, and the change of the inertia. The code does not compute the matrix R^+ E with the
+pseudo-inverse R^+ of R, because q . R^+ E = u . E for any vector q, where u is the solution of
+(R R^T) u = R q. Deviations of the stiffnesses have no effect on an orbit without energy.
 """
 
 from __future__ import annotations

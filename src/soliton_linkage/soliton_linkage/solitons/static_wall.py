@@ -144,7 +144,7 @@ def neighbour_angle(
     """Return the angle of `rotor` [rad] at which a bar joins it to its neighbour.
 
     The neighbour has the angle `known_angle` [rad]. `offset` [m] is the position of the
-    neighbour's pivot minus the position of the rotor's pivot. The line from the rotor's pivot to the
+    neighbour's pivot relative to the rotor's pivot. The line from the rotor's pivot to the
     neighbour's mass has the length D. The angle of the rotor is the direction of this line plus
     `branch` (+1 or -1) times beta, where lbar^2 = D^2 + r^2 - 2 D r cos(beta), with the length
     lbar of the bar and the rotor length r. Raises ValueError if the bar is too short or too long.
