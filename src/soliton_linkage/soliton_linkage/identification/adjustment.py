@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Least-squares estimate of all lengths and encoder offsets; with these, every bond closes."""
+"""Least-squares estimate of the lengths and encoder offsets with which all bonds close.
+
+A bond closes if the ends of its two rotors are one rest length apart. A bond has two limits (see
+`_room`), and it stops walls if its lengths are beyond one of them.
+"""
 
 from __future__ import annotations
 
@@ -22,19 +26,22 @@ from soliton_linkage.identification.readings import repeat_counts
 from soliton_linkage.linkage.chain import Array, Chain
 
 _MOST_STEPS = 30
-"""Largest number of Gauss-Newton steps [1]; 6 to 15 are usual."""
+"""Largest number of Gauss-Newton steps in one run of the iteration [1]; 6 to 15 are usual."""
 _RESTARTS = 3
-"""Largest number of runs of the iteration [1]; two suffice unless several bonds are near a
-limit."""
+"""Largest number of runs of the iteration [1]; each run starts with the lengths that the previous
+one found. Two runs suffice unless several bonds are near a limit."""
 _HALVINGS = 8
-"""Number of step lengths that are tried [1]: 1, 1/2, 1/4, ... of the full step."""
+"""Number of step lengths that are tried [1]: the full step, and then repeatedly half the previous
+length."""
 _NOISE_OF_COST = 1.0
-"""Error of -2 log likelihood due to first-order derivatives [1]; smaller increases are
-accepted."""
+"""A step is accepted if it increases -2 log likelihood by less than this [1], because the
+first-order derivatives cause errors of this size."""
 _CONVERGED = 0.05
-"""Length of the last step of the iteration, in standard deviations (Mahalanobis distance) [1]."""
+"""The iteration ends after a step that is shorter than this, in standard deviations (Mahalanobis
+distance) [1]."""
 _TOLERANCE_CHANGE = 0.05
-"""Largest relative change of the tolerances in the last step [1]."""
+"""The iteration ends only after a step that changes no tolerance by more than this fraction
+[1]."""
 
 
 @dataclass(frozen=True)
@@ -43,15 +50,16 @@ class Adjustment:
 
     lengths: Lengths
     covariance: Array
-    """Covariance of the P unknowns of `lengths`, shape (P, P); the mean spacing counts as
-    exact."""
+    """Covariance of the P unknowns of `lengths`, shape (P, P). The mean spacing has no variance,
+    because it is the unit of length."""
     information: Array
     """Fisher information of the readings on the unknowns, without the prior, shape (P, P)."""
     tolerances: Tolerances
     noise: float
     """Standard deviation of a reading [rad], computed from the misclosures of all bonds."""
     bond_noise: Array
-    """Standard deviation of a reading [rad], computed from each bond alone, shape (N - 1,)."""
+    """Standard deviation of a reading [rad], computed from the misclosures of each bond
+    separately, shape (N - 1,)."""
     residuals: Array
     converged: bool
 
@@ -69,9 +77,12 @@ def adjust(
 ) -> Adjustment:
     """Estimate lengths and encoder offsets from readings [rad], (T, N), NaN if missing.
 
-    `tolerance` is the prior standard deviation of a length [1]; None means that it is estimated.
-    After convergence, all configurations are computed again, because two configurations close all
-    bonds if a bond is collinear with a rotor.
+    `tolerance` is the prior standard deviation of the log of a length [1]; if it is None, it is
+    estimated.
+
+    If a bond is collinear with a rotor in a frame, two configurations of this frame close all
+    bonds. Therefore, after convergence, the configurations of all frames are computed again from
+    the readings, and the iteration continues if these configurations fit better.
     """
     for _ in range(_RESTARTS):
         found = _adjust_once(readings, start, tolerance, relative_deviations)
@@ -141,9 +152,9 @@ def _cost(bundle: Bundle, prior: Array, noise: float) -> float:
 
 
 def observable_basis(lengths: Lengths) -> Array:
-    """Return an orthonormal basis of the changes of the unknowns that keep the mean spacing.
+    """Return an orthonormal basis of those changes of the P unknowns that keep the mean spacing.
 
-    The basis has shape (P, P - 1) for P unknowns.
+    The basis has shape (P, P - 1).
     """
     size = UNKNOWNS_PER_ROTOR * lengths.rotors - 2
     scale = np.zeros((size, 1))
@@ -154,10 +165,10 @@ def observable_basis(lengths: Lengths) -> Array:
 def cramer_rao_bound(
     chain: Chain, angles: Array, noise: float, tolerances: Tolerances | None = None
 ) -> Array:
-    """Return the Cramer-Rao bound of the covariance of the unknowns, (P, P).
+    """Return the Cramer-Rao bound of the covariance of the P unknowns of a chain, (P, P).
 
     `angles` are the true angles [rad], (T, N), and `noise` is the standard deviation of a reading
-    [rad].
+    [rad]. `tolerances` specifies the prior of the unknowns; if it is None, there is no prior.
     """
     bundle = Bundle(chain_lengths(chain), angles)
     information = bundle.normal_equations().matrix / noise**2
@@ -174,21 +185,23 @@ def _covariance(bundle: Bundle, basis: Array, tolerances: Tolerances) -> tuple[f
 
 
 _CHANCE = 3.0
-"""Distance of a bond from a limit [standard deviations] below which the bond is reported or
-corrected."""
+"""Bonds that are closer than this to a limit are reported, and bonds that exceed a limit by less
+than this are corrected [standard deviations]."""
 _MARGIN = 1e-3
-"""Distance that a corrected bond keeps from its limit, relative to the spacing of the bond [1]."""
+"""A correction moves a bond to this distance on the permitted side of its limit, relative to the
+spacing of the bond [1]."""
 _ROUNDS = 5
-"""Largest number of corrections [1]; a correction may move a neighbouring bond beyond its
-limit."""
+"""Largest number of rounds of corrections [1]. Another round is necessary if a correction has
+moved a neighbouring bond beyond its limit."""
 
 
 def passable(lengths: Lengths, covariance: Array) -> Lengths:
-    """Return the most likely lengths with which no bond stops a wall (`solitons.passage`).
+    """Return the most likely lengths with which no bond stops a wall (see `solitons.passage`).
 
-    The unknowns p with the covariance C, (P, P), are corrected by dp = C G^T (G C G^T)^-1 s for
-    the excesses s over the limits and their derivatives G. Excesses that noise cannot explain are
-    not corrected.
+    The unknowns p of the lengths have the covariance C, (P, P). Their correction is dp = C G^T (G
+    C G^T)^-1 s, where s contains how far bonds are beyond their limits, and G the derivatives of
+    the distances of these bonds from their limits. A bond is not corrected if it is so far beyond
+    a limit that noise cannot be the cause.
     """
     for _ in range(_ROUNDS):
         room, slopes = _room(lengths)
@@ -206,7 +219,7 @@ def passable(lengths: Lengths, covariance: Array) -> Lengths:
 
 
 def near_limit_bonds(lengths: Lengths, covariance: Array) -> dict[int, float]:
-    """Return the bonds near a limit, each with the probability that it exceeds the limit [1]."""
+    """Return, for each bond near a limit, the probability that it exceeds the limit [1]."""
     room, slopes = _room(lengths)
     distances = (room / _deviations(slopes, covariance)).reshape(2, -1).min(axis=0)
     near = np.flatnonzero((distances > 0) & (distances < _CHANCE))
@@ -218,10 +231,12 @@ def _deviations(slopes: Array, covariance: Array) -> Array:
 
 
 def _room(lengths: Lengths) -> tuple[Array, Array]:
-    """Return the distances from both limits [m], (2 K,), and their derivatives, for K bonds.
+    """Return the distances of K bonds from both limits [m], (2 K,), and their derivatives.
 
-    The distances are l - a - |r_n - r_(n+1)| and |a + l - r_n - r_(n+1)| for the rest length l,
-    the spacing a and the rotor lengths r of a bond.
+    A bond has the rest length l, the spacing a and the rotor lengths r_n and r_(n+1). The first
+    distance is l - a - |r_n - r_(n+1)|. The second one is a + l - r_n - r_(n+1), or minus this if
+    it is negative for most bonds. A bond is beyond a limit if the distance is negative. The
+    derivatives by the P unknowns have shape (2 K, P).
     """
     r, a, rest = lengths.rotor_lengths, lengths.spacings, lengths.rest_lengths
     left, right = r[:-1], r[1:]

@@ -1,17 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Masses of rotors on rigid bars, relative to their mean, from the free motion of the wall.
+"""Masses of rotors that rigid bars connect, relative to the mean mass, from their free motion.
 
-With the arc length s [rad] along the orbit of configurations phi, the unit tangent t of the orbit,
-and a mass-weighted speed u, the equations of motion are
+The angles phi of the rotors move along a curve, the orbit. With its arc length s [rad], its unit
+tangent t, and a mass-weighted speed u, the equations of motion are
 
     sqrt(I) ds/dt = u,    I = sum_n m_n r_n^2 t_n^2,
     sqrt(I) du/dt = sum_n m_n r_n g sin(phi_n + tilt) t_n
                     - c ds/dt - b tanh(ds/dt / w) sum_n |t_n|,
 
 with the masses m_n, the rotor lengths r_n, gravity g, the damping c, and the dry friction b, which
-is nearly constant above the rate w. Errors dp of lengths and offsets change configurations by -R^T
-(R R^T)^-1 (df/dp) dp, with the misclosures f and R = df/dphi. Errors e of offsets shift measured
-arc lengths by t . e.
+is nearly constant above the rate w.
+
+Errors dp of the lengths change the angles of the orbit by -R^T (R R^T)^-1 (df/dp) dp, where f are
+the misclosures of the bonds (see `bundle`) and R = df/dphi. Errors e of the encoder offsets shift
+the measured arc lengths by t^T e.
 """
 
 from __future__ import annotations
@@ -41,29 +43,32 @@ from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.orbit.orbit import Orbit
 
 _GRID = 0.03
-"""Step of the arc length in a table [rad]. Sensitivity: at 0.5x, estimated masses change by
-1e-4."""
+"""Step between the arc lengths of `_OrbitTable` [rad]. Sensitivity: at 0.5x, the estimated masses
+change by 1e-4 of the mean mass."""
 _SLIDING = 0.1
-"""Rate w above which dry friction is nearly constant [rad/s]; it is small compared with the rates
-in a wall."""
+"""Rate w above which dry friction is nearly constant [rad/s]; the rotors in a wall turn much
+faster."""
 _ROUNDS = 2
-"""Number of times that the standard deviation of masses is estimated [1]."""
+"""Number of times that the standard deviation of the log masses is estimated and the motion is
+fitted again [1]."""
 _KNOWN = 1e-6
-"""Prior standard deviation of the log of gravity if gravity is known [1]."""
+"""Prior standard deviation of log gravity if gravity is known [1]."""
 _LARGEST_EXCESS = 1.5
-"""Ratio of residual noise to reading noise above which the motion counts as not free [1]."""
+"""`bar_motion` returns None if the ratio of residual noise to reading noise is larger than this
+[1], because the motion is then probably not free."""
 _MOST_STEPS = 15
-"""Largest number of evaluations in a fit [1]; 4 to 6 are usual."""
+"""Largest number of evaluations of the residuals in a fit [1]; 4 to 6 are usual."""
 _CONVERGED = 1e-4
-"""Relative decrease of the sum of squares in the last step of a fit [1]; noise changes the sum 10
-times as much."""
+"""A fit ends when a step decreases the sum of squares by less than this fraction [1]; noise
+changes the sum by 10 times as much."""
 _RATE_FRAMES = 8
-"""Number of frames from which the initial rate is estimated [1]."""
+"""Number of frames at the start of a free motion from which its initial speed is estimated [1]."""
 _STEP = 1e-4
-"""Step of the unknowns for numerical derivatives [1]."""
+"""Step for numerical derivatives by an unknown, relative to the unknown or to its prior standard
+deviation, whichever is larger [1]."""
 _INFORMED = 1e-9
-"""Smallest relative variance of a combination of unknowns [1]; smaller ones are rounding
-errors."""
+"""A combination of unknowns is neglected if its variance, relative to the largest one, is smaller
+than this [1], because such a variance is a rounding error."""
 
 
 def _acceleration(
@@ -112,12 +117,14 @@ def move_along(
     begin: Array,
     arcs: Array,
 ) -> None:
-    """Integrate K motions along an orbit (Runge-Kutta); set the arc lengths `arcs`, (T, K).
+    """Integrate K motions along an orbit, and store their arc lengths [rad] in `arcs`, (T, K).
 
-    `begin`, (2, K), contains the initial arc lengths and speeds u. `grid` contains the first arc
-    length, the step between arc lengths, and the rate w. `drags`, (2, K), contains damping and dry
-    friction. For G arc lengths, `roots`, (G, K), contains sqrt(I), `gravity`, (G, K), the force of
-    gravity, and `friction`, (G,), the sum of |t_n|.
+    `begin`, (2, K), contains the initial arc lengths and speeds u. `drags`, (2, K), contains
+    damping and dry friction.
+
+    The forces are tabulated at G arc lengths. `grid` contains the first of these arc lengths, the
+    step between them, and the rate w. `roots`, (G, K), contains sqrt(I), `gravity`, (G, K), the
+    sum of m_n r_n g sin(phi_n + tilt) t_n, and `friction`, (G,), the sum of |t_n|.
     """
     for k in range(begin.shape[1]):
         s, u = begin[0, k], begin[1, k]
@@ -141,7 +148,7 @@ def move_along(
 
 
 class _Sums(NamedTuple):
-    """Inertia I and sum of m r t exp(i phi) at G arc lengths for K chains, (G, K)."""
+    """Inertia I and sum of m_n r_n t_n exp(i phi_n), at G arc lengths and for K chains, (G, K)."""
 
     inertia: Array
     weight: NDArray[np.complex128]
@@ -204,13 +211,14 @@ def _arcs_of(orbit: Orbit, angles: Array, noise: float) -> tuple[Array, Array]:
 
 
 class BarMotion(NamedTuple):
-    """Masses and forces from a free motion, in units of the mean spacing and the mean mass."""
+    """Masses, drag and gravity from free motions, in units of the mean spacing and mass."""
 
     masses: Array
     mass_deviations: Array
     """Standard deviations of the natural logarithms of the masses [1], (N,)."""
     drag: tuple[float, float]
-    """Damping [1/s] and dry friction [1/s^2], per unit of mass and squared spacing."""
+    """Damping [1/s] and dry friction [1/s^2] of each rotor, divided by the mean mass and by the
+    square of the mean spacing."""
     drag_deviations: tuple[float, float]
     gravity: float
     gravity_deviation: float
@@ -220,10 +228,12 @@ class BarMotion(NamedTuple):
 def bar_motion(
     readings: Readings, lengths: Lengths, covariance: Array, noise: float, gravity_known: bool
 ) -> BarMotion | None:
-    """Estimate masses and forces from a free motion; return None if other forces act.
+    """Estimate masses, drag and gravity from free motions; return None if this is not possible.
 
-    The units are the mean spacing and the mean mass. `noise` is the standard deviation of a
-    reading [rad].
+    The result is None if no free motion has enough frames or if other forces act. The units are
+    the mean spacing and the mean mass. `covariance` is that of the unknowns of `lengths`, and
+    `noise` is the standard deviation of a reading [rad]. Gravity is estimated unless
+    `gravity_known`.
     """
     orbit = orbit_of(lengths.chain(Chain()))
     intervals = free_intervals(readings.times, readings.interruptions)
@@ -254,7 +264,7 @@ def _combinations(covariance: Array) -> Array:
 
 
 class _Fit:
-    """Least-squares fit of masses, forces and initial states to the arc lengths of frames."""
+    """Least-squares fit of masses, drag, gravity and initial states to measured arc lengths."""
 
     def __init__(
         self,

@@ -2,18 +2,19 @@
 """Bundle adjustment of lengths and offsets: least squares with errors in all readings.
 
 A reading y of a rotor with the encoder offset o gives the angle phi = y - o. The end of a rotor of
-length r is at h = r sin(phi) and v = r cos(phi) from its pivot. With the spacing a and the rest
-length l, the misclosure of a bond is
+length r is h = r sin(phi) beside its pivot and v = r cos(phi) above it. With the spacing a and the
+rest length l, the misclosure of bond n is the distance between the ends of its rotors minus l_n:
 
     f_n = |(a_n + h_{n+1} - h_n, v_{n+1} - v_n)| - l_n.
 
-To first order at angles x, the misclosure is w = f(x) + R (y - o - x), R = df/dphi. With the
-variances S of the readings, the matrix M = R S R^T is tridiagonal in each frame. The change dp of
-the unknowns p minimises
+Linearised at estimated angles x, the misclosure of the readings is w = f(x) + R (y - o - x), R =
+df/dphi. If S are the variances of the readings, w has the covariance M = R S R^T, which is
+tridiagonal in each frame. The change dp of the unknowns p (lengths and offsets) minimises
 
     sum over frames of (w + J dp)^T M^-1 (w + J dp),    J = dw/dp
 
-(Gauss-Helmert model). At the true values, sum J^T M^-1 J is the Fisher information on p.
+(Gauss-Helmert model). At the true values of x and p, the sum of J^T M^-1 J over all frames is the
+Fisher information on p.
 """
 
 from __future__ import annotations
@@ -31,18 +32,20 @@ from soliton_linkage.linkage.springs import spring_between
 _BATCH = 256
 """Number of frames in a batch; the arrays of a batch fit into the cache."""
 _MISSING_VARIANCE = 1e4
-"""Variance of a missing reading, relative to a typical reading [1]."""
+"""Variance that a missing reading is given, relative to the variance of a typical reading [1]."""
 _CLOSINGS = 8
-"""Largest number of corrections of the angles after a step [1]; 2 or 3 are usual."""
+"""Largest number of Newton steps of the angles after a change of the lengths [1]; 2 or 3 are
+usual."""
 _CLOSED = 1e-4
-"""Change of the angles in the last correction [rad]; it is far below the noise."""
+"""The Newton steps of the angles end when no angle changes by this or more [rad]; the limit is far
+below the noise."""
 _LARGEST_ERROR = 0.3
-"""Limit of the differences between angles and readings [rad], without which Newton's method
-diverges for wrong lengths."""
+"""A Newton step moves an angle no farther than this from its reading [rad]; without this limit,
+Newton's method would diverge for wrong lengths."""
 
 
 class Misclosures(NamedTuple):
-    """First-order misclosures f [m] of the bonds in T frames; arrays have shape (N - 1, T)."""
+    """Misclosures f [m] of the bonds in T frames, with first derivatives; shapes (N - 1, T)."""
 
     values: Array
     first: Array
@@ -62,7 +65,7 @@ class Misclosures(NamedTuple):
 
 
 def misclosures(lengths: Lengths, angles: Array) -> Misclosures:
-    """Return the misclosures, linearised at the angles of T frames [rad], (N, T)."""
+    """Return the misclosures and their derivatives at the angles of T frames [rad], (N, T)."""
     r, a = lengths.rotor_lengths[:, None], lengths.spacings[:, None]
     rest = lengths.rest_lengths[:, None]
     sine, cosine = np.sin(angles), np.cos(angles)
@@ -88,7 +91,7 @@ class CholeskyFactor(NamedTuple):
     below: Array
 
     def whitened(self, values: Array) -> Array:
-        """Return misclosures transformed to independent ones of variance 1, (N - 1, T)."""
+        """Return misclosures, (N - 1, T), transformed to independent values with variance 1."""
         whitened = np.empty_like(values)
         whitened[0] = values[0] / self.diagonal[0]
         for n in range(1, len(values)):
@@ -96,7 +99,7 @@ class CholeskyFactor(NamedTuple):
         return whitened
 
     def solved(self, whitened: Array) -> Array:
-        """Return M^-1 w, (N - 1, T), for misclosures w, given the whitened misclosures."""
+        """Return M^-1 w, (N - 1, T), where the argument is the result of `whitened` for w."""
         solved = np.empty_like(whitened)
         last = len(solved) - 1
         solved[last] = whitened[last] / self.diagonal[last]
@@ -140,8 +143,9 @@ class Bundle:
     ) -> None:
         """Start with readings [rad], (T, N), NaN if missing.
 
-        `relative_deviations` are relative to a typical reading [1]. A run of n equal readings (see
-        `repeat_counts`) has the weight of one reading.
+        `relative_deviations` are the standard deviations of the readings, divided by that of a
+        typical reading [1]. `repeat_counts` contains, for each reading, the number of equal
+        readings in its run; all readings of a run together have the weight of one reading.
         """
         self._readings = np.ascontiguousarray(readings.T)
         self._seen = np.isfinite(self._readings)
@@ -157,10 +161,11 @@ class Bundle:
         ]
         self.angles = np.array(interpolated) - lengths.offsets[:, None]
         self.normal: NormalEquations
-        """Normal equations; only bundles that `closed` has returned have this attribute."""
+        """Normal equations at the angles; only bundles that `closed` has returned have this
+        attribute."""
 
     def closed(self, lengths: Lengths) -> Bundle:
-        """Return a bundle with other lengths, in which all bonds are closed."""
+        """Return a bundle with other lengths, whose angles are corrected until all bonds close."""
         moved = copy(self)
         moved.lengths, moved.angles = lengths, self.angles.copy()
         for _ in range(_CLOSINGS):
@@ -171,7 +176,7 @@ class Bundle:
 
     @property
     def conditions(self) -> float:
-        """Number of independent conditions on the readings; a frame with one reading adds none."""
+        """Number of independent conditions on the readings; a frame with n readings adds n - 1."""
         return float(np.sum(self._weights.sum(axis=0) - self._weights.max(axis=0)))
 
     def normal_equations(self) -> NormalEquations:
@@ -232,5 +237,9 @@ class Bundle:
 
 
 def covariance_in(basis: Array, information: Array) -> Array:
-    """Return the covariance, (P, P), of P unknowns that change only along a basis, (P, K)."""
+    """Return the covariance, (P, P), of P unknowns that can change only along the basis vectors.
+
+    The K columns of `basis`, (P, K), are the basis vectors. `information` is the information on
+    all P unknowns, (P, P).
+    """
     return np.asarray(basis @ np.linalg.inv(basis.T @ information @ basis) @ basis.T)

@@ -16,21 +16,23 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.passage import find_obstacles
 
 _LARGEST_SPREADS = 0.2, 0.25
-"""Largest plausible relative standard deviations: of lengths, and of masses and stiffnesses
-[1]."""
+"""Largest plausible relative standard deviations [1]: first that of lengths of one kind, then that
+of masses and stiffnesses."""
 _USUAL_OF_ROTOR, _USUAL_OF_FRAMES = 1.3, 0.3
-"""Typical values: mean square residual of the worst rotor relative to all rotors, and share of the
-worst tenth of the frames in the sum of squared residuals [1]."""
+"""Typical values of two measures [1]. The first is the mean square residual of the worst rotor,
+divided by that of all rotors. The second is the fraction of the sum of squared residuals that is
+due to the worst tenth of the frames."""
 _FAR_SPACING = 1.5
 """Ratio of a spacing to the median spacing [1] above which the spacing is reported."""
 _SCALE_PARTS = {'rotor_length', 'spacing', 'rest_length'}
 _MOST_NAMED = 4
-"""Largest number of weakly observable combinations that are named [1]."""
+"""Largest number of weakly observable combinations that are described one by one [1]."""
 _NOT_OBSERVABLE = 1e-4
-"""Information below which a combination counts as not observable [1]; the limit means a standard
-deviation of 100."""
+"""A combination of unknowns counts as not observable if the information on it is smaller than this
+[1]. Its standard deviation is then above 100."""
 _WEAK = 0.1
-"""Standard deviation, from the readings alone, above which a combination is reported [1]."""
+"""A combination of unknowns is reported if its standard deviation is larger than this [1]. The
+standard deviation is computed from the readings without the prior."""
 
 
 def check_explained(
@@ -38,8 +40,9 @@ def check_explained(
 ) -> None:
     """Raise ValueError with the most likely causes if the model does not explain the readings.
 
-    `noise` is the residual noise relative to the reading noise [1]. `spreads` are the relative
-    standard deviations of the lengths and of the masses [1].
+    `model` is the name of the fitted model. `noise` is the residual noise, divided by the reading
+    noise [1]. `spreads` are two relative standard deviations [1]: that of lengths of one kind, and
+    that of masses and stiffnesses. `residuals` has shape (T, N).
     """
     lengths, masses = spreads
     faults = []
@@ -94,7 +97,7 @@ def length_warnings(chain: Chain) -> list[str]:
 
 
 def obstacle_warnings(chain: Chain, lengths: Lengths, covariance: Array) -> list[str]:
-    """Return warnings about bonds that stop walls and bonds that possibly stop walls."""
+    """Return warnings about bonds that may stop walls, and about bonds close to this limit."""
     warnings = [
         f'bond {each.bond} may stop a soliton: its spring of {each.rest_length:.4g} m '
         f'{each.reason}'
@@ -114,10 +117,11 @@ def obstacle_warnings(chain: Chain, lengths: Lengths, covariance: Array) -> list
 def weakly_observable(
     information: Array, basis: Array, split: Callable[[Array], dict[str, Array]]
 ) -> tuple[str, ...]:
-    """Describe the combinations of unknowns that are weakly observable.
+    """Return a text for each combination of unknowns that the readings determine only weakly.
 
-    `information` is the information of the readings on the unknowns. The columns of `basis`, (P,
-    K), are the possible changes.
+    `information`, (P, P), is the information of the readings on the P unknowns, which can change
+    only along the K columns of `basis`, (P, K). `split` returns the unknowns of each kind by its
+    name.
     """
     values, vectors = np.linalg.eigh(basis.T @ information @ basis)
     weak = [

@@ -37,19 +37,20 @@ from soliton_linkage.identification.motion_loops import (
 from soliton_linkage.linkage.chain import Array
 
 _LONGEST_STEP = 0.4
-"""Longest step of the integration times the fastest rate [1]; angles then have errors below 2e-5
-rad."""
+"""Largest product of the integration step and the rate `FreeMotion.fastest` [1]; angles then have
+errors below 2e-5 rad."""
 _BATCH = 32
-"""Number of frames in a batch of sensitivities; a batch for 40 rotors needs 3 MB."""
+"""Number of frames for which sensitivities are in memory at a time; for 40 rotors they need 3
+MB."""
 _SLIDING = 0.1
 """Rate w above which dry friction is nearly constant [rad/s]; at 0.5x, the integration needs more
 steps."""
 FORCE_UNKNOWNS = 3
-"""Number of unknown forces: damping c, dry friction b and log gravity."""
+"""Number of unknowns of the forces: damping c, dry friction b and log gravity."""
 
 
 class UnknownSlices(NamedTuple):
-    """Indices of each kind of unknowns of a motion."""
+    """Indices that the unknowns of each kind have among the Q unknowns of a motion."""
 
     lengths: slice
     stiffnesses: slice
@@ -68,7 +69,7 @@ def unknown_slices(rotors: int) -> UnknownSlices:
 
 @dataclass(frozen=True)
 class FreeMotion:
-    """Chain of springs and its initial state; stiffnesses, masses and drag over the mean mass."""
+    """Chain of springs with its initial state; the unit of mass is approximately the mean mass."""
 
     lengths: Lengths
     stiffnesses: Array
@@ -87,7 +88,7 @@ class FreeMotion:
 
     @property
     def slices(self) -> UnknownSlices:
-        """Indices of each kind of unknowns."""
+        """Indices that the unknowns of each kind have among the Q unknowns."""
         return unknown_slices(len(self.masses))
 
     @property
@@ -97,7 +98,7 @@ class FreeMotion:
 
     @property
     def inertias(self) -> Array:
-        """Moments of inertia [length^2], (N,)."""
+        """Moments of inertia of the rotors, divided by the unit of mass [length^2], (N,)."""
         return np.asarray(self.masses * self.lengths.rotor_lengths**2)
 
     @property
@@ -107,7 +108,7 @@ class FreeMotion:
         return vibrations + abs(self.friction) / _SLIDING / float(self.inertias.min())
 
     def changed(self, change: Array) -> FreeMotion:
-        """Return the motion after a change of the unknowns."""
+        """Return the motion after a change of its unknowns, (Q,)."""
         lengths, springs, masses, forces, angles, rates = (change[part] for part in self.slices)
         damping, friction, gravity = forces.tolist()
         return replace(
@@ -123,7 +124,7 @@ class FreeMotion:
         )
 
     def normalised(self) -> FreeMotion:
-        """Return the motion in units of the mean spacing and the mean mass."""
+        """Return the same motion, with the mean spacing and the mean mass as units."""
         spacing, mass = float(self.lengths.spacings.mean()), float(self.masses.mean())
         return replace(
             self,
@@ -137,7 +138,10 @@ class FreeMotion:
 
 
 def split_chain(unknowns: Array) -> dict[str, Array]:
-    """Return each kind of unknowns of a chain by its name; `Deviations` uses the same names."""
+    """Return views of the unknowns of a chain in a dictionary, with the names of kinds as keys.
+
+    The names are those of the fields of `Deviations`, and `offset`, `friction` and `gravity`.
+    """
     at = unknown_slices((len(unknowns) + 3 - FORCE_UNKNOWNS) // (UNKNOWNS_PER_ROTOR + 2))
     damping, friction, gravity = np.split(unknowns[at.forces], FORCE_UNKNOWNS)
     return {
@@ -161,17 +165,17 @@ def states_at(motion: FreeMotion, times: Array) -> Array:
 
 
 def propagate(motion: FreeMotion, times: Array) -> tuple[Array, FreeMotion]:
-    """Return the angles [rad], (T, N), at each time, and the motion from the last time on."""
+    """Return the angles at each time [rad], (T, N), and a motion that begins at the last time."""
     states = states_at(motion, times)
     angles, rates = states[-1]
     return states[:, 0], replace(motion, angles=angles, rates=rates)
 
 
 def states_with_sensitivities(motion: FreeMotion, times: Array) -> Iterator[tuple[Array, Array]]:
-    """Yield states and sensitivities for batches of B times.
+    """Yield the states and the sensitivities at successive times, in batches of B times.
 
-    The states have shape (B, 2, N). The sensitivities are the derivatives of the angles by the
-    unknowns, (Q, B, N).
+    The states are the angles [rad] and the rates [rad/s], (B, 2, N). The sensitivities are the
+    derivatives of the angles by the unknowns, (Q, B, N).
     """
     at = motion.slices
     changes = np.zeros((motion.size, 2, len(motion.masses)))
@@ -180,9 +184,10 @@ def states_with_sensitivities(motion: FreeMotion, times: Array) -> Iterator[tupl
 
 
 def gradient_of(motion: FreeMotion, times: Array, states: Array, weights: Array) -> Array:
-    """Return the gradient of the sum of angles * weights by the unknowns, (Q,).
+    """Return the derivatives of the sum of angles * weights by the unknowns, (Q,).
 
-    The weights have shape (T, N), and the states, (T, 2, N), are the result of `states_at`.
+    The sum extends over all times and rotors. The weights have shape (T, N), and the states, (T,
+    2, N), are the result of `states_at` for the same motion and times.
     """
     rotors, at = len(motion.masses), motion.slices
     pull, gradient = np.zeros((2, rotors)), np.zeros(5 * rotors + FORCE_UNKNOWNS)

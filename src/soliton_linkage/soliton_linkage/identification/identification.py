@@ -41,7 +41,7 @@ _NOT_CLOSED = (
     'the joints, and whether a rotor was held'
 )
 _ADJUSTED = 0.05
-"""Share of the work that is done when the lengths that close all bonds are known [1]."""
+"""Fraction of the work that is done when the lengths with which all bonds close are found [1]."""
 _KICK = (
     'a kick that was not recorded acts near {}; the frames near it were not used for masses, '
     'springs and drag'
@@ -51,9 +51,11 @@ _RIGID = (
     'impulses'
 )
 _ADJUSTMENTS = 6
-"""Largest number of adjustments [1]; each may reveal outliers that larger outliers have hidden."""
+"""Largest number of fits of the lengths [1]. Outliers are removed after each fit, and the next fit
+may reveal smaller outliers."""
 _MOST_FITTED = 3000
-"""Largest number of frames in the fit of a motion; 40 rotors then take 20 s or more."""
+"""Largest number of frames in the fit of a motion; with so many, the fit of 40 rotors takes 20 s
+or more."""
 
 
 def identify(
@@ -65,10 +67,12 @@ def identify(
 ) -> Identification:
     """Identify a chain from a recording; raise ValueError if the recording determines no chain.
 
-    Gravity determines the mean spacing unless `spacing_known`. Known impulses determine the mean
-    mass. `given` supplies all other undetermined values. `tolerance` is the prior standard
-    deviation of a length [1]; None means that it is estimated. `progress` receives the fraction of
-    the work that is done [1].
+    The mean spacing is estimated from the effect of gravity unless `spacing_known`. The mean mass
+    is estimated if the recording contains impulses of known size. Values that the recording does
+    not determine are those of `given`.
+
+    `tolerance` is the prior standard deviation of the log of a length [1]; if it is None, it is
+    estimated. `progress` is called with the fraction of the work that is done [1].
     """
     absent = absent_joints(readings.joints)
     try:
@@ -194,7 +198,8 @@ def _fit_springs(
 ) -> tuple[MotionFitter, MotionFit] | str:
     """Fit the free motion of a chain of springs.
 
-    If the fit fails, return the reason as a text; the text is empty if bars fit equally well.
+    The fit starts with the lengths `found`, whose residuals are `residuals` [rad]. If it fails,
+    return the reason as a text. If rigid bars fit equally well, return an empty text.
     """
     rotors = found.lengths.rotors
     angles = some.filled - found.lengths.offsets - residuals

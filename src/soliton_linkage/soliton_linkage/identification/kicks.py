@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Search for kicks that were not recorded, and fits of the motions between these kicks."""
+"""Search for kicks that were not recorded, and fits of the free motions before and after them."""
 
 from __future__ import annotations
 
@@ -21,22 +21,28 @@ _MOST_KICKS = 3
 _KICK_FRAMES = 7
 """Number of successive frames whose residuals are averaged in the search for a kick."""
 _BEFORE_KICK = 0.06
-"""Time before an estimated kick [s]; its frames, and those in 0.05 s after the kick, are not
-used."""
+"""Frames less than this before an estimated kick are not used [s]. Frames less than `ARRIVAL`
+after the kick are not used either."""
 _SUSPICIOUS = 1.05
-"""Ratio of residual noise to reading noise above which a kick is searched [1]."""
+"""A kick is suspected if the ratio of residual noise to reading noise is larger than this [1]."""
 _KICKED = 5.5
-"""Mean residual of `_KICK_FRAMES` frames above which a kick is assumed [standard deviations]."""
+"""A kick is suspected if a mean residual of `_KICK_FRAMES` frames is larger than this [standard
+deviations]. It is accepted if it improves the likelihood by more than chance would, with the same
+threshold."""
 _STEP_NOISE = 0.02
-"""Standard deviation of a step of the speed along the orbit, relative to the speed [1].
-Sensitivity: of 16 random kicks, 14 are the largest step; at 2x, 12; at 0.5x, 14."""
+"""Speeds are averaged over so many frames that noise causes steps with this standard deviation,
+relative to the root mean square speed [1]. Sensitivity: in 14 of 16 recordings with a random kick,
+the largest step is the kick; at 2x, in 12; at 0.5x, in 14."""
 _FEWEST = 8
-"""Smallest number of frames on each side of a step [1]."""
+"""Smallest number of frames before a step, and also after it, from which the speeds are computed
+[1]."""
 _SMALLEST_STEP = 0.08
-"""Smallest relative step of the speed at which a kick is searched [1]. Elastic vibrations cause
-steps of 7 % to 15 %, so that each step is checked by a fit."""
+"""A kick is suspected at a step of the speed that is larger than this, relative to the root mean
+square speed [1]. Elastic vibrations also cause steps of 7 % to 15 %. Therefore a kick is accepted
+only if a fit confirms it."""
 _AT_REST = 1e-3
-"""Speed, relative to the root mean square speed, below which a chain is at rest [1]."""
+"""Smallest speed by which changes of the speed are divided, relative to the root mean square speed
+[1]; it prevents a division by 0 while the chain is at rest."""
 
 _Fitted = tuple[MotionFitter, MotionFit] | str
 
@@ -44,10 +50,11 @@ _Fitted = tuple[MotionFitter, MotionFit] | str
 def fit_around_kicks(
     some: Readings, fit: Callable[[Readings], _Fitted], noise: float, bar_noise: float
 ) -> tuple[_Fitted, list[float]]:
-    """Fit springs to the motions between kicks; return the fit and the times of the kicks [s].
+    """Find unrecorded kicks and fit springs to the motions between them; return fit and times [s].
 
-    The function `fit` returns a text if springs do not fit. `noise` is the reading noise and
-    `bar_noise` the residual noise of the fit of bars [rad].
+    The times are those of the kicks. The function `fit` fits springs to readings, and returns a
+    text if springs do not fit. `noise` is the reading noise and `bar_noise` the residual noise of
+    the fit of bars [rad].
     """
     kicks: list[float] = []
     fitted = fit(some)
@@ -89,11 +96,12 @@ def _possible_kicks(some: Readings, fitted: _Fitted, noise: float) -> Iterator[f
 
 
 def largest_step(some: Readings, noise: float) -> tuple[float, float]:
-    """Return the time [s] and the size of the largest step of the speed along the orbit.
+    """Return the time [s] and the size of the largest sudden change of the speed of a chain.
 
-    The step is relative to the root mean square speed [1]; it is 0 if there are too few frames. A
-    kick changes this speed at once, but unequal masses and springs change it slowly. Frames near
-    known impulses are not searched. `noise` is the reading noise [rad].
+    The speed is that of all angles along their common path. The size is relative to the root mean
+    square speed [1]; it is 0 if there are too few frames. A kick changes the speed at once,
+    whereas unequal masses and springs change it slowly. Changes at known impulses and at changes
+    of the tilt are ignored. `noise` is the reading noise [rad].
     """
     times, angles = some.times, some.filled
     if len(times) < 2 * _FEWEST:
@@ -119,7 +127,7 @@ def largest_step(some: Readings, noise: float) -> tuple[float, float]:
 
 
 def _slopes(times: Array, angles: Array, count: int) -> Array:
-    """Return the slopes of lines through `count` successive frames, (T - count + 1, N)."""
+    """Return the slopes of the lines that fit `count` successive angles, (T - count + 1, N)."""
     weights = sliding_window_view(times, count)
     weights = weights - weights.mean(axis=1, keepdims=True)
     weights = weights / np.sum(weights**2, axis=1, keepdims=True)

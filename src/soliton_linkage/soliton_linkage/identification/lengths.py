@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Unknown lengths of a chain and offsets of its encoders: order, initial values and prior.
 
-The order is r_0, o_0, a_0, l_0, r_1, ..., o_{N-1}. r, a and l are the logarithms of rotor length,
-spacing and rest length, and o is an encoder offset [rad]. The prior of the logarithms of one kind
-is normal about their mean. The prior of the offsets is normal about 0.
+The order of the P unknowns is r_0, o_0, a_0, l_0, r_1, and so on until o_{N-1}. In it, r, a and l
+are the logarithms of rotor length, spacing and rest length, and o is an encoder offset [rad].
+
+In the prior, the logarithms of each of the three kinds of lengths are normally distributed about
+their mean, and the offsets about 0.
 """
 
 from __future__ import annotations
@@ -20,7 +22,8 @@ UNKNOWNS_PER_ROTOR = 4
 UNKNOWNS_PER_BOND = 6
 """Number of unknowns that affect the misclosure of a bond."""
 _LONGEST_STEP = 0.2
-"""Largest change of the log of a length [1] or of an offset [rad] in one step."""
+"""Largest change of the log of a length [1] or of an offset [rad] in one step; a longer step is
+shortened."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +45,7 @@ class Lengths:
         return len(self.rotor_lengths)
 
     def changed(self, change: Array) -> Lengths:
-        """Return the lengths after a change of the unknowns; a too long change is shortened."""
+        """Return the lengths after a change of the unknowns, (P,), limited to `_LONGEST_STEP`."""
         largest = float(np.abs(change).max(initial=0.0))
         rotor, offset, spacing, rest = split(change * min(1.0, _LONGEST_STEP / max(largest, 1e-9)))
         return Lengths(
@@ -84,33 +87,36 @@ class Lengths:
 
 
 def chain_lengths(chain: Chain) -> Lengths:
-    """Return the lengths of a chain whose encoders have no offsets."""
+    """Return the lengths of a chain, with encoder offsets of 0."""
     none = np.zeros(chain.number_of_rotors)
     return Lengths(chain.rotor_lengths, chain.spacings, chain.rest_lengths, none)
 
 
 def split(unknowns: Array) -> tuple[Array, Array, Array, Array]:
-    """Return views of the unknowns r, o, a and l; they alternate on the last axis."""
+    """Return views of the unknowns r, o, a and l, which alternate on the last axis."""
     r, o, a, length = (unknowns[..., k::UNKNOWNS_PER_ROTOR] for k in range(UNKNOWNS_PER_ROTOR))
     return r, o, a, length
 
 
 def split_lengths(unknowns: Array) -> dict[str, Array]:
-    """Return each kind of unknowns by its name; `Deviations` uses the same names."""
+    """Return views of the unknowns in a dictionary, with the names of the kinds as keys.
+
+    The names are those of the fields of `Deviations`, and `offset`.
+    """
     names = 'rotor_length', 'offset', 'spacing', 'rest_length'
     return dict(zip(names, split(unknowns), strict=True))
 
 
 _PASSING = 0.2
-"""Threshold of sin(phi_{n+1}) - sin(phi_n), relative to its range, above which a wall is near the
-bond [1]."""
+"""A wall is near a bond if sin(phi_{n+1}) - sin(phi_n) differs from its median by more than this
+fraction of the typical largest difference [1]."""
 
 
 def initial_lengths(angles: Array) -> Lengths:
-    """Return lengths of equal rotors with spacing 1 that fit angles [rad], (T, N).
+    """Return lengths of a chain of equal rotors with spacing 1 that fit angles [rad], (T, N).
 
-    Raises ValueError if no chain fits. Freudenstein's equation relates the angles of the two
-    rotors of a bond with the constants K_0 and K_1:
+    Raises ValueError if no such chain fits. The angles of the two equal rotors of a bond obey
+    Freudenstein's equation, from which K_0 and K_1 are estimated:
 
         cos(phi_n - phi_{n+1}) = K_0 + K_1 (sin(phi_{n+1}) - sin(phi_n)),
         K_0 = (a^2 + 2 r^2 - l^2) / (2 r^2),    K_1 = a / r.
@@ -144,16 +150,16 @@ def initial_lengths(angles: Array) -> Lengths:
 
 
 _INITIAL = 0.04
-"""Initial tolerance of lengths [1] and offsets [rad]; with a larger one, single lengths
-diverge."""
+"""Initial value of the tolerances of lengths [1] and of offsets [rad]; with a larger value, the
+estimates of single lengths diverge."""
 _SMALLEST, _LARGEST = 1e-4, 0.3
-"""Limits of the tolerances of lengths [1] and offsets [rad]; typical machined parts have ten times
-the lower limit."""
+"""Limits of the estimated tolerances of lengths [1] and of offsets [rad]; the lengths of machined
+parts typically have a tolerance of ten times the lower limit."""
 
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Tolerances: prior standard deviations of lengths of one kind [1], and of offsets [rad]."""
+    """Prior standard deviations of the logs of lengths of one kind [1], and of offsets [rad]."""
 
     lengths: float = _INITIAL
     offsets: float = _INITIAL
@@ -179,9 +185,9 @@ class Tolerances:
 
     @staticmethod
     def estimated(lengths: Lengths, covariance: Array, given: float | None) -> Tolerances:
-        """Return tolerances estimated from lengths and their covariance, (P, P).
+        """Return tolerances estimated from lengths and the covariance of their unknowns, (P, P).
 
-        A `given` tolerance of the lengths [1] is kept.
+        If `given` is not None, it is returned as the tolerance of the lengths [1].
         """
         rotor, offset, spacing, rest = split(np.diag(covariance))
         squares = [
@@ -195,7 +201,7 @@ class Tolerances:
 
 
 def to_unknowns(lengths: Lengths) -> Array:
-    """Return offsets and log lengths in the order of the unknowns, (P,)."""
+    """Return the unknowns, (P,): offsets and log lengths in the order given by the module."""
     values = np.empty(UNKNOWNS_PER_ROTOR * lengths.rotors - 2)
     rotor, offset, spacing, rest = split(values)
     rotor[:], offset[:] = np.log(lengths.rotor_lengths), lengths.offsets

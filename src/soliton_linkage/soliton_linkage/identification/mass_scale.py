@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Estimation of the mean mass from known impulses and the changes of rates that they cause.
+"""Estimation of the mean mass from impulses of known size and the changes of rates they cause.
 
 An impulse J_n changes the rate of rotor n by J_n / (M m_n r_n^2), with the mean mass M, the
 relative mass m_n and the rotor length r_n. A fit to the readings near the impulses estimates M,
-the state before the impulses, and their delay.
+the state before the impulses, and the delay of the impulses.
 """
 
 from __future__ import annotations
@@ -28,21 +28,26 @@ from soliton_linkage.identification.windows import FreeWindow
 from soliton_linkage.linkage.chain import Array
 
 _BEFORE = 50
-"""Number of fitted frames before the impulses; at 2x, the estimated rates are 3 times as
+"""Number of frames before the impulses that are fitted; at 2x, the estimated rates are 3 times as
 precise."""
 _AFTER = 25
-"""Number of fitted frames after the impulses; these frames show most of the effect."""
+"""Number of frames after the impulses that are fitted; they show most of the effect of the
+impulses."""
 _MOST = 5
-"""Largest number of fitted sequences of impulses [1]; each fit takes a second."""
-_LONGEST = 500
-"""Largest number of frames between two free motions for which the first motion determines the
+"""Largest number of fits [1], each to the impulses between two free motions; a fit takes a
 second."""
+_LONGEST = 500
+"""Impulses are used only if at most this many frames lie between the free motions before and after
+them."""
 
 
 def mass_scale(
     fitted: MotionFit, readings: Readings, spacing: float
 ) -> tuple[float, float] | None:
-    """Return the mean mass [kg] and the standard deviation of its log [1]; None if unknown."""
+    """Return the mean mass [kg] and the standard deviation of its log [1]; None if unknown.
+
+    `spacing` is the mean spacing [m].
+    """
     found: list[tuple[float, float, float]] = []
     for before, after in pairwise(fitted.windows):
         impulses = _impulses_between(readings, before, after)
@@ -78,9 +83,10 @@ def _by_impulses(
     impulses: Sequence[tuple[float, Array]],
     spacing: float,
 ) -> tuple[float, float, float] | None:
-    """Return log(1 / M) for the mean mass M, and two variances of the logarithm.
+    """Return log(1 / M) for the mean mass M, and two parts of the variance of this logarithm.
 
-    The first variance is due to noise, the second one due to errors of the chain.
+    The first part is due to the noise of the readings, the second one to errors of the fitted
+    chain.
     """
     times = readings.times
     first, last = before.frames.stop, after.frames.start

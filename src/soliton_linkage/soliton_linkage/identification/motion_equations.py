@@ -30,8 +30,8 @@ from soliton_linkage.linkage.chain import Array
 _STATE_DEVIATION = 10.0
 """Prior standard deviation of each initial angle [rad] and each initial rate [rad/s]."""
 _SIGNIFICANT_STAMPS = 6.0
-"""Threshold of the variance of stamp errors, in standard deviations of this variance [1]; a
-smaller variance is not significant."""
+"""The estimated variance of stamp errors is significant if it is at least this large [1], in units
+of the standard deviation of the estimate."""
 
 
 class Eliminated(NamedTuple):
@@ -43,7 +43,12 @@ class Eliminated(NamedTuple):
 
 
 def eliminated(matrix: Array, size: int, noise: float, damping: float) -> Eliminated:
-    """Eliminate the initial state of a window; its unknowns follow the first `size` unknowns."""
+    """Eliminate the initial state of a window from its normal equations.
+
+    `matrix` is the result of `window_matrix`. Its first `size` unknowns are those of the chain,
+    the others those of the initial state. `noise` is the standard deviation of a reading [rad],
+    and `damping` is the relative increase of the diagonal (Levenberg-Marquardt) [1].
+    """
     matrix = matrix / noise**2
     states = np.eye(len(matrix) - size)
     own = matrix[size:, size:] * (1 + damping * states) + states / _STATE_DEVIATION**2
@@ -55,10 +60,12 @@ def eliminated(matrix: Array, size: int, noise: float, damping: float) -> Elimin
 def solver(
     parts: Sequence[Eliminated], information: Array, basis: Array, damping: float
 ) -> Callable[[Array], Array]:
-    """Return a function that solves the equations of the chain and of all initial states.
+    """Return a function that solves the normal equations of the chain and of all initial states.
 
-    The chain changes only along the columns of `basis`. The right side and the solution contain
-    the unknowns of the chain, then those of the state of each window.
+    The function maps the right side of the equations to their solution. Both contain first the
+    unknowns of the chain, and then those of the initial state of each window. The chain changes
+    only along the columns of `basis`. `information` is the information of the prior on the chain,
+    and `damping` is the relative increase of the diagonal (Levenberg-Marquardt) [1].
     """
     matrix = basis.T @ (information + np.sum([each.matrix for each in parts], axis=0)) @ basis
     matrix += damping * np.diag(np.diag(matrix))
@@ -82,9 +89,10 @@ def solver(
 def quasi_newton_step(
     right: Array, solve: Callable[[Array], Array], pairs: Sequence[tuple[Array, Array]]
 ) -> Array:
-    """Return an L-BFGS step (J. Nocedal, 1980).
+    """Return a step of the quasi-Newton method L-BFGS (Nocedal, 1980).
 
-    `pairs` contains previous steps and the changes of the gradient in them.
+    `right` is the right side of the normal equations, and `solve` solves them approximately.
+    `pairs` contains the previous steps, each with the change of the gradient that it caused.
     """
     factors = []
     for step, change in reversed(pairs):
@@ -97,9 +105,10 @@ def quasi_newton_step(
 
 
 class StampErrors(NamedTuple):
-    """Errors of time stamps, which add v u u^T to the covariance of the readings of a frame.
+    """Errors of time stamps, which add v u u^T to the covariance of the weighted readings.
 
-    v is the variance of the errors, and u are the weighted rates of the rotors.
+    v is the variance of the errors. u are the weighted rates: the rates of the rotors, divided by
+    the relative deviations of their readings.
     """
 
     variance: float
@@ -108,7 +117,11 @@ class StampErrors(NamedTuple):
     delays: Array
 
     def whitened(self, pulls: Array, values: Array) -> Array:
-        """Whiten residuals or sensitivities, (..., B, N), given weighted rates, (B, N)."""
+        """Return whitened residuals or sensitivities, (..., B, N), of B frames.
+
+        They are transformed so that they are independent also if stamps have errors. The weighted
+        rates of the frames are `pulls`, (B, N).
+        """
         if not self.variance:
             return values
         squares = np.sum(pulls**2, axis=1)
@@ -118,7 +131,7 @@ class StampErrors(NamedTuple):
 
 
 class Record(NamedTuple):
-    """Estimated times [s], readings [rad] and relative deviations [1] of T frames."""
+    """Estimated times [s], readings [rad] and relative standard deviations [1] of T frames."""
 
     times: Array
     readings: Array
@@ -130,7 +143,9 @@ class Record(NamedTuple):
     ) -> tuple[Array, ...]:
         """Return weights, weighted rates and weighted residuals of B frames, (B, N) each.
 
-        Missing readings have the weight 0.
+        The frames are those of the window or, if given, those with the numbers `some`. Their
+        states, (B, 2, N), are computed unless they are given. The weight of a reading is the
+        inverse of its relative deviation, or 0 if it is missing.
         """
         frames = window.frames if some is None else some
         if states is None:
@@ -141,7 +156,11 @@ class Record(NamedTuple):
         return weights, states[:, 1] * weights, np.where(weights > 0, errors * weights, 0.0)
 
     def whitened(self, frames: slice | NDArray[np.intp], pulls: Array, errors: Array) -> Array:
-        """Return whitened weighted residuals for the recorded stamps, (B, N)."""
+        """Return the whitened residuals of B frames with respect to the recorded stamps, (B, N).
+
+        `pulls` and `errors` are the weighted rates and residuals with respect to the estimated
+        times.
+        """
         if self.stamps.variance:
             errors = errors + pulls * self.stamps.delays[frames, None]
         return self.stamps.whitened(pulls, errors)
@@ -150,7 +169,7 @@ class Record(NamedTuple):
 def window_matrix(window: FreeWindow, record: Record, every: int) -> Array:
     """Return the matrix of the normal equations of a window, for readings of unit variance.
 
-    It is computed from each `every`-th frame.
+    It is computed from each `every`-th frame and scaled to all frames of the window.
     """
     motion, rotors = window.motion, np.arange(record.readings.shape[1])
     matrix = np.zeros((motion.size, motion.size))
@@ -167,7 +186,10 @@ def window_matrix(window: FreeWindow, record: Record, every: int) -> Array:
 
 
 def window_gradient(window: FreeWindow, record: Record, states: Array) -> Array:
-    """Return the right side of the normal equations, (Q,), given states at frames, (B, 2, N)."""
+    """Return the right side of the normal equations of a window, (Q,), for unit variance.
+
+    `states` are the angles and rates in the B frames of the window, (B, 2, N).
+    """
     times = record.times[window.frames]
     weights, pulls, errors = record.weighted(window, None, states)
     errors = record.stamps.whitened(pulls, record.whitened(window.frames, pulls, errors))
@@ -181,8 +203,12 @@ def estimated_stamps(
 ) -> Record | None:
     """Return the record with estimated times, or None if stamp errors are not significant.
 
-    The residuals along the rates give the delay of each frame. Model errors cause slowly varying
-    delays. Therefore the variance is computed from second differences of the delays.
+    `stamps` are the recorded times [s], and `noise` is the standard deviation of a reading [rad].
+
+    The delay of a frame is estimated from its residuals: a delay causes residuals that are
+    proportional to the rates. Errors of the model cause apparent delays that vary slowly from
+    frame to frame. Therefore the variance of the stamp errors is computed from second differences
+    of the delays.
     """
     delays, weights = np.zeros((2, len(stamps)))
     sums, squares = 0.0, 0.0

@@ -3,8 +3,8 @@
 
 The solution of the equation of motion is fitted to the readings in windows with separate initial
 states (multiple shooting, after Bock). In short windows, the angles are nearly linear in all
-unknowns. Windows are merged as the estimate improves. `scipy.optimize` would need 10 GB for 3000
-frames of 40 rotors.
+unknowns. Windows are merged as the estimate improves. The fit does not use `scipy.optimize`, which
+would need 10 GB for 3000 frames of 40 rotors.
 """
 
 from __future__ import annotations
@@ -42,61 +42,71 @@ from soliton_linkage.identification.windows import (
 from soliton_linkage.linkage.chain import Array
 
 _GROWTH_MASS_DEVIATION = 0.03
-"""Prior standard deviation of log masses and stiffnesses while windows are merged [1]; at 3x, some
-flippers fit 10 % worse."""
+"""Prior standard deviation of log masses and log stiffnesses while windows are merged [1]; at 3x,
+the fits of some flippers are 10 % worse."""
 _STEPS = 6
-"""Largest number of steps before windows are merged again [1]; 2 or 3 are usual."""
+"""Largest number of steps of a fit between two mergers of windows [1]; 2 or 3 are usual."""
 _LAST_STEPS = 40
-"""Largest number of steps with the longest windows [1]; 2 to 6 are usual, 20 in curved valleys."""
+"""Largest number of steps of a fit with the longest windows [1]; 2 to 6 are usual, and 20 if the
+likelihood has a curved valley."""
 _ROUNDS = 4
-"""Largest number of times that tolerances are estimated [1]."""
+"""Largest number of times that the tolerances are estimated and the motion is fitted again [1]."""
 _CONVERGED = 0.1
-"""Expected decrease of -2 log likelihood at which the fit of the longest windows ends [1]."""
+"""The fit of the longest windows ends when the expected decrease of -2 log likelihood in a step is
+smaller than this [1]."""
 _COARSE = 0.1
-"""Expected decrease of -2 log likelihood, per unknown, at which the fit of shorter windows ends
-[1]."""
+"""The fit of shorter windows ends when the expected decrease of -2 log likelihood in a step,
+divided by the number of unknowns, is smaller than this [1]."""
 _SAMPLED = 1.0
-"""Expected decrease of -2 log likelihood at which the fit of a sample ends [1]; a sample then has
-an error below one standard deviation in one of its many directions."""
+"""The fit of a sample of the posterior ends when the expected decrease of -2 log likelihood in a
+step is smaller than this [1]. The sample then has an error below one standard deviation
+(Mahalanobis distance)."""
 _STIFFNESS_FACTORS = (1, 1 / 5, 5)
 """Initial stiffnesses that are tried, relative to the given stiffness [1]."""
 _TOLERANCE_CHANGE = 0.05
-"""Relative change of converged tolerances [1]."""
+"""The tolerances have converged if an estimate changes them by at most this fraction [1]."""
 _SAMPLES = 4
-"""Number of samples of the posterior [1]; at 0.5x, standard deviations are 1.4 times as
-uncertain."""
+"""Number of samples of the posterior [1]; with half as many, the uncertainty of the standard
+deviations is 1.4 times as large."""
 _SAMPLED_STEPS = 20
-"""Largest number of steps for a sample of the posterior [1]; 3 to 10 are usual."""
+"""Largest number of steps of the fit of a sample [1]; 3 to 10 are usual."""
 _FITTING = 0.5
-"""Largest root mean square difference between motion and readings for which windows are merged
-[rad]."""
+"""Windows are merged if the motion of the first one differs from the readings in the second one by
+less than this [rad]. The difference is the norm over all rotors, as root mean square over the
+frames."""
 UNEXPLAINED = 1.5
 """Ratio of residual noise to reading noise above which the model does not match the readings
 [1]."""
 _SIGNIFICANT = 3.0
-"""Threshold of a significant difference between the residuals of bars and those of springs
+"""Two values of the squared noise differ significantly if their difference is larger than this
 [standard deviations]."""
 _NOISE_SCATTER = 2.3
-"""Relative standard deviation of the squared noise, estimated from n readings, times sqrt(n)
-[1]."""
+"""The squared noise that is estimated from n readings has a relative standard deviation of this
+value, divided by sqrt(n) [1]."""
 _MATRIX_FRAMES = 1000
-"""Number of frames from which matrices are computed; gradients and squares use all frames."""
+"""Approximate number of frames from which the matrices of the normal equations are computed.
+Gradients and sums of squares are computed from all frames."""
 _DAMPINGS = 12
-"""Number of damping factors that are tried for one step [1]; the last factor is 100."""
+"""Largest number of damping factors that are tried for one step [1]; each is four times the
+previous one, and the last one is 100."""
 _FASTEST = 100.0
-"""Largest angular frequency of vibrations times the frame interval [1]; the integration of faster
-vibrations takes long."""
+"""A motion is rejected if its fastest rate times the frame interval is larger than this [1],
+because the integration of faster vibrations takes too long."""
 _LONGEST_STEP = 1.0
-"""Largest change of the logarithm of a length, stiffness or mass in one step [1]."""
+"""Largest change of the log of a length, stiffness or mass in one step [1]; a longer step is
+shortened."""
 _FAR = 5.0
-"""Expected decrease per unknown above which each step computes the matrices again [1]."""
+"""After a step, the matrices are computed again if the expected decrease of -2 log likelihood,
+divided by the number of unknowns, was larger than this [1]."""
 _SLOW = 0.5
-"""Ratio of successive expected decreases above which a step computes the matrices again [1]."""
+"""After a step, the matrices are computed again if the expected decrease was larger than this
+times the expected decrease of the previous step [1]."""
 _SHARES = 0.2, 0.5, 0.7, 0.99
-"""Fractions of the work that are done after the stages stiffness, merging, tolerances and samples
-[1]."""
+"""Fractions of the work that are done after each of four stages [1]: search for the initial
+stiffness, merging of windows, estimation of the tolerances, and samples."""
 _DAMPED = 1e-3
-"""Damping factor above which a small expected decrease does not mean convergence [1]."""
+"""A small expected decrease means convergence only if the damping factor is smaller than this
+[1]."""
 
 
 @dataclass(frozen=True)
@@ -105,9 +115,10 @@ class MotionFit:
 
     windows: tuple[FreeWindow, ...]
     covariance: Array
-    """Covariance of the Q - 2 N unknowns of the chain, without the initial state."""
+    """Covariance of the Q - 2 N unknowns of the chain; the other 2 N unknowns are the initial
+    state."""
     information: Array
-    """Information of the readings on the same unknowns, without the prior."""
+    """Information of the readings on the same unknowns; the prior is not included."""
     basis: Array
     noise: float
     residuals: Array
@@ -123,7 +134,7 @@ class MotionFit:
 
 
 class MotionFitter:
-    """Quasi-Newton fit to readings; the unknowns are the chain and the states of windows."""
+    """Quasi-Newton fit of a chain, and of the initial states of all windows, to readings."""
 
     def __init__(
         self,
@@ -136,10 +147,11 @@ class MotionFitter:
         gravity_known: bool = True,
         stages: Stages | None = None,
     ) -> None:
-        """Start with motions that approximate the readings [rad], (T, N), NaN if missing.
+        """Start with windows whose motions approximate the readings [rad], (T, N), NaN if missing.
 
         The standard deviation of a reading is its relative deviation [1], (T, N), times `noise`
-        [rad].
+        [rad]. `tolerance` is the prior standard deviation of the log of a length [1]; if it is
+        None, it is estimated. Gravity is estimated unless `gravity_known`.
         """
         self._stamps, self._repeats = times, repeat_counts(readings)
         deviations = relative_deviations * np.sqrt(self._repeats)
@@ -204,13 +216,17 @@ class MotionFitter:
         )
 
     def sampled(self, found: MotionFit) -> MotionFit:
-        """Return the result of `fit` with the covariance inflated to the scatter of samples."""
+        """Return the result of `fit` with a covariance inflated to the scatter of samples."""
         samples = self._samples(self._found)
         covariance = inflated_covariance(found.covariance, samples, found.motion.slices)
         return replace(found, covariance=covariance)
 
     def _samples(self, equations: list[Array]) -> Array:
-        """Return samples by randomized maximum likelihood (Oliver, He and Reynolds, 1996)."""
+        """Return samples of the posterior, as differences from the fit, (S, Q - 2 N).
+
+        The method is randomized maximum likelihood (Oliver, He and Reynolds, 1996): random errors
+        are added to the readings and to the prior mean, and the chain is fitted again.
+        """
         found, record, prior = self._windows, self._record, self._prior
         random, values = np.random.default_rng(0), prior.evaluate(self._motion)[1]
         samples = []
@@ -392,10 +408,11 @@ class MotionFitter:
 
 
 def inflated_covariance(covariance: Array, samples: Array, at: UnknownSlices) -> Array:
-    """Return a covariance, (P, P), inflated to the scatter of samples, (S, P).
+    """Return a covariance, (P, P), that is inflated to the scatter of S samples, (S, P).
 
-    Lengths, stiffnesses and masses have one factor each, because they compensate each other in
-    curved valleys of the likelihood.
+    `at` contains the indices of the unknowns of each kind. All lengths are inflated by one factor,
+    all stiffnesses by another one, and all masses by a third one, because unknowns of one kind
+    compensate each other if the likelihood has a curved valley.
     """
     variances, factors = np.diag(covariance), np.ones(len(covariance))
     for part in (at.lengths, at.stiffnesses, at.masses):

@@ -10,9 +10,10 @@ and `pull_back` is the adjoint of this integration. Arguments for N rotors and Q
 
     table, (5, N): r, a, l, k, and the moments of inertia;
     forces, (6,): c, b, w, gravity along the chain and across it, and the longest step;
-    work, (8, N): accelerations and their derivatives by angles, rates and forces;
-    direct, (5 N, 3): dphi''/dq of the rotors n - 1, n, n + 1 by r, a, l, log k and log m of n;
-    sources, (Q,): row of each unknown in direct, or one of the negative constants.
+    work, (8, N): accelerations phi'' and their derivatives by angles, rates and forces;
+    direct, (5 N, 3): row k N + n contains the derivatives of phi'' of the rotors n - 1, n, n + 1
+        by unknown k of rotor n, where k counts log r, log a, log l, log k and log m;
+    sources, (Q,): for each unknown, its row in direct, or one of the negative constants.
 """
 
 from __future__ import annotations
@@ -38,8 +39,8 @@ from soliton_linkage.linkage.springs import spring_between
 
 R, A, L, K, INERTIA = range(5)
 M = INERTIA
-"""Index of log m among the five unknowns of a rotor in `direct`; R to K are the other four
-indices."""
+"""Index of log m among the five unknowns of a rotor in `direct`; R, A, L and K are the indices of
+the other four."""
 ACCELERATION, BELOW, MAIN, ABOVE, DRAG, BY_DAMPING, BY_FRICTION, FALL = range(8)
 """Rows of `work`: acceleration and its derivatives; FALL is the acceleration by gravity."""
 DAMPING, FRICTION, SLIDING, ALONG, DOWN, LONGEST = range(6)
@@ -52,9 +53,9 @@ spring = compile_loop(spring_between, inlined=True)
 def accelerate(
     table: Array, forces: Array, angles: Array, rates: Array, work: Array, direct: Array
 ) -> None:
-    """Set accelerations and derivatives for given angles [rad] and rates [rad/s], (N,) each.
+    """Compute accelerations and derivatives for given angles [rad] and rates [rad/s], (N,) each.
 
-    If `direct` is empty, only the accelerations are set.
+    They are stored in `work` and `direct`. If `direct` is empty, only the accelerations are valid.
     """
     rotors, values, inertias = angles.size, work[ACCELERATION], table[INERTIA]
     gravity = forces[ALONG] != 0.0 or forces[DOWN] != 0.0
@@ -123,7 +124,11 @@ def accelerate(
 def advance(
     table: Array, forces: Array, step: float, state: Array, at: Array, works: Array, directs: Array
 ) -> None:
-    """Advance the state, (2, N), by one step [s]; store 4 stages in `at`, `works`, `directs`."""
+    """Advance the angles and rates in `state`, (2, N), by one Runge-Kutta step [s].
+
+    The states of its four stages are stored in `at`, (4, 2, N), and the results of `accelerate`
+    for them in `works` and `directs`.
+    """
     rotors = state.shape[1]
     at[0] = state
     for stage in range(4):
@@ -149,9 +154,10 @@ def advance_sensitivities(
     own: Array,
     changes: Array,
 ) -> None:
-    """Advance the sensitivities of angles and rates, (Q, 2, N), by one step [s].
+    """Advance the sensitivities of angles and rates, (Q, 2, N), by one Runge-Kutta step [s].
 
-    `own`, (5, N + 2), is storage; row 0 has zeros at both ends.
+    The sensitivities are `changes`. `works` and `directs` are the results of `advance` for the
+    same step. `own`, (5, N + 2), is working memory; both ends of its row 0 must be 0.
     """
     rotors = changes.shape[2]
     x_at, v_at, acceleration, x_sum, v_sum = own[0], own[1], own[2], own[3], own[4]
@@ -200,10 +206,10 @@ def integrate(
     states: Array,
     slopes: Array,
 ) -> None:
-    """Integrate state, (2, N), and sensitivities, (Q, 2, N), over T successive spans [s].
+    """Integrate `state`, (2, N), and the sensitivities `changes`, (Q, 2, N), over T spans [s].
 
-    `states`, (T, 2, N), receives angles and rates; `slopes`, (Q, T, N), receives the sensitivities
-    of the angles.
+    The spans are successive intervals of time. At the end of each span, the angles and rates are
+    stored in `states`, (T, 2, N), and the sensitivities of the angles in `slopes`, (Q, T, N).
     """
     rotors, size = state.shape[1], changes.shape[0]
     at, works = np.empty((4, 2, rotors)), np.empty((4, 8, rotors))
@@ -224,7 +230,11 @@ def integrate(
 
 @compiled(f8, f8_3d, f8_3d, f8_2d, f8_1d)
 def reverse(step: float, works: Array, directs: Array, pull: Array, gradient: Array) -> None:
-    """Take the adjoint `pull` of the state, (2, N), and `gradient`, (5 N + 3,), one step back."""
+    """Propagate the adjoint `pull` of the state, (2, N), back over one Runge-Kutta step [s].
+
+    The derivatives by the chain and the forces in this step are added to `gradient`, (5 N + 3,).
+    `works` and `directs` are the results of `advance` for the step.
+    """
     rotors = pull.shape[1]
     after, torque, total = np.zeros((2, rotors)), np.zeros(rotors + 2), pull.copy()
     for stage in range(3, -1, -1):
@@ -266,7 +276,9 @@ def pull_back(
 ) -> None:
     """Add the derivatives of the sum of angles * weights to `pull` and `gradient`.
 
-    `pull` belongs to the initial state, and `gradient` to the chain and the forces.
+    `pull`, (2, N), receives the derivatives by the initial state, and `gradient`, (5 N + 3,),
+    those by the chain and the forces. `states` is the result of `integrate`, and `weights` has
+    shape (T, N).
     """
     rotors = pull.shape[1]
     at, works = np.empty((4, 2, rotors)), np.empty((4, 8, rotors))

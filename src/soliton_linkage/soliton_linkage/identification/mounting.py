@@ -8,8 +8,8 @@ a, the rotor lengths r_1 and r_2, and the bond length l,
     K_0 = (a^2 + r_1^2 + r_2^2 - l^2) / (2 r_1 r_2),    K_1 = a / r_1,    K_2 = a / r_2.
 
 An error of half a turn of phi_2 changes the signs of K_0 and K_1. If the sign of a reading is
-reversed, or if the rotors are not neighbours, then either no such curve fits, or no wall can pass
-the fitted bond.
+reversed, or if the rotors are not neighbours, then either no curve of this form fits the angles,
+or the fitted bond has lengths with which no wall can pass it.
 """
 
 from __future__ import annotations
@@ -24,31 +24,33 @@ from numpy.typing import NDArray
 from soliton_linkage.linkage.chain import Array
 
 _LARGEST_MISFIT = 0.04
-"""Misfit of a fitted curve above which the curve does not match the readings [rad]."""
+"""A fitted curve does not match the readings if its misfit is larger than this [rad]."""
 _LEAST_SWING = 0.15
-"""Range of sin(phi), relative to the median range, above which a wall has passed a rotor [1]."""
+"""A wall has passed a rotor if the range of sin(phi), relative to the median range of all rotors,
+is larger than this [1]."""
 _QUANTILES = 0.02, 0.98
-"""Quantiles of sin(phi); their difference is the range of sin(phi) [1]."""
+"""The difference between these two quantiles of sin(phi) is used as the range of sin(phi) [1]."""
 _WEIGHTINGS = 4
 """Number of successive fits of a curve [1]; each fit uses weights from the previous one."""
 _FLATTEST = 0.1
-"""Value that is added in quadrature to derivatives, so that no single frame dominates [1]."""
+"""The weight of a frame is the inverse of a derivative. This value is added to the derivative in
+quadrature, so that no single frame dominates the fit [1]."""
 _BETTER = 0.8
-"""Largest misfit with a reversed rotor, relative to the misfit without reversal, for which the
-rotor counts as reversed [1]."""
+"""A rotor counts as reversed if its reversal reduces the misfit of the curve to less than this
+fraction [1]."""
 _AS_GOOD = 1.25
-"""The same limit if no wall could pass the bond without the reversal [1]."""
+"""The limit that replaces `_BETTER` if a wall can pass the bond only with the reversal [1]."""
 _IMPASSABLE = 0.95
-"""Relative square of the bond length l below which no wall can pass a bond [1]; noise changes the
-square by 0.03."""
+"""No wall can pass a bond if `_Curve.room` is smaller than this [1]; noise changes `room` by
+0.03."""
 _MOST_NAMED = 4
 """Largest number of absent joints that a message names [1]."""
 _MOST_WRONG = 1 / 4
-"""Largest fraction of wrongly mounted rotors that an error names one by one [1]."""
+"""Wrong mountings are reported only if they concern at most this fraction of the rotors [1]."""
 
 
 class Mounting(NamedTuple):
-    """Mounting of an encoder, in absolute terms or relative to another encoder."""
+    """Faults in the mounting of an encoder, or its differences from another encoder."""
 
     reversed: bool = False
     turned: bool = False
@@ -66,9 +68,11 @@ class _Curve(NamedTuple):
     mounting: Mounting
     misfit: float
     room: float
-    """Square of the bond length l, relative to the smallest square in a passable bond [1]."""
+    """Square of the bond length l, divided by the smallest square with which a wall can pass
+    [1]."""
     backward: bool
-    """Whether the joints are exchanged, or both have an error of half a turn (K_1, K_2 < 0)."""
+    """Whether the two joints are exchanged, or both have an error of half a turn (K_1, K_2 <
+    0)."""
 
     @property
     def strange(self) -> bool:
@@ -124,7 +128,7 @@ def check_neighbours(readings: Array, names: Sequence[str]) -> None:
 
 
 def absent_joints(names: Sequence[str]) -> str:
-    """Return a text that names the joints that are absent from numbered names; '' if none is."""
+    """Return a text that lists the gaps in numbered joint names, or '' if there are none."""
     found = [re.fullmatch(r'(.*?)(\d+)', name) for name in names]
     parts = [(each[1], int(each[2])) for each in found if each]
     numbers = {number for _, number in parts}
@@ -199,17 +203,17 @@ def _fitted(first: Array, second: Array, is_reversed: bool) -> _Curve:
 
 
 _CHECKED_FRAMES = 9
-"""Number of frames in which the unit is checked [1]."""
+"""Approximate number of frames in which the unit of the angles is checked [1]."""
 _SMALLEST_IN_DEGREES = 4.0
-"""Threshold that at least one angle of each frame in degrees exceeds, because one of two
-neighbours is at 90 degrees or more."""
+"""If the angles are in degrees, at least one angle of each frame is larger than this, because one
+of two neighbours is at 90 degrees or more."""
 _LARGEST_STAGGER = 0.2
-"""Threshold of the median of 1 + cos(phi_n + phi_{n+1}) [1]; angles in radians are below, angles
-in degrees are at 0.4 or more."""
+"""For angles in radians, the median of 1 + cos(phi_n + phi_{n+1}) in a frame is smaller than this
+[1]; for angles in degrees, it is 0.4 or more."""
 
 
 def check_unit(readings: Array) -> None:
-    """Raise ValueError if most of the checked frames, (T, N), seem to be in degrees."""
+    """Raise ValueError if most of the checked frames of `readings`, (T, N), are in degrees."""
     some = readings[:: max(1, len(readings) // _CHECKED_FRAMES)]
     if np.mean([in_degrees(frame) for frame in some]) > 0.5:
         raise ValueError('the angles look like degrees; publish radians')

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Readings of a recording: angles with standard deviations, impulses and tilts.
 
-Rounding errors of changing angles are independent, with the variance q^2 / 12 for a step q of the
-encoder (B. Widrow, I. Kollar, Quantization Noise, 2008). At rest, all readings have the same
-rounding error.
+While a rotor turns, the rounding errors of its readings are independent and have the variance q^2
+/ 12 for an encoder with the step q (Widrow and Kollar, Quantization Noise, 2008). While it is at
+rest, all its readings have the same rounding error.
 """
 
 from __future__ import annotations
@@ -22,15 +22,16 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 
 _FEWEST_ROTORS = 4
-"""Smallest number of rotors in a recording; the bonds at the edges contain little information."""
+"""Smallest number of rotors in a recording. Fewer are not sufficient, because the bonds at the
+edges contain little information."""
 _LEAST_PRESENT = 0.5
-"""Smallest fraction of the frames in which each rotor has a reading [1]."""
+"""Each rotor must have a reading in at least this fraction of the frames [1]."""
 _MOST_NAMED = 4
 """Largest number of rotors that an error message names [1]."""
 _PAUSE = 1.0
-"""Time between two recordings after they are joined [s]."""
+"""Time that `join_recordings` leaves between two recordings [s]."""
 _LARGEST_RELATIVE_DEVIATION = 100.0
-"""Largest ratio of a standard deviation to the typical one [1]; the smallest ratio is 1 / 100."""
+"""Relative standard deviations are limited to values between 1 / 100 and this [1]."""
 
 
 class RecordedImpulse(NamedTuple):
@@ -66,7 +67,10 @@ class Readings:
 
     @cached_property
     def filled(self) -> Array:
-        """Readings [rad] without jumps of 2 pi, with interpolated gaps; ValueError if too few."""
+        """Readings [rad] without jumps of 2 pi and with interpolated gaps, (T, N).
+
+        Raises ValueError if there are too few rotors or readings.
+        """
         names, rotors = self.joints, self.angles.shape[1]
         if rotors < _FEWEST_ROTORS:
             raise ValueError(
@@ -90,7 +94,7 @@ class Readings:
 
     @cached_property
     def relative_deviations(self) -> Array:
-        """Standard deviations divided by the typical one [1], (T, N); 1 if unknown."""
+        """Standard deviations divided by their median [1], (T, N); 1 if unknown."""
         deviations = self.deviations
         if deviations is None:
             return np.ones_like(self.angles)
@@ -113,7 +117,7 @@ class Readings:
 
     @property
     def interruptions(self) -> list[float]:
-        """Times at which free motion ends [s], because of impulses or changes of the tilt."""
+        """Times of impulses and of changes of the tilt [s]; a free motion ends at each of them."""
         return [*(each.time for each in self.impulses), *(each.time for each in self.tilts)]
 
     def tilt_at(self, time: float) -> float:
@@ -132,7 +136,7 @@ class Readings:
 def interpolated(angles: Array, times: Array | None = None) -> Array:
     """Return readings, (T, N), without jumps of 2 pi, and with interpolated gaps.
 
-    A rotor without readings is NaN.
+    A rotor without readings has the result NaN.
     """
     times = np.arange(len(angles), dtype=np.float64) if times is None else times
     filled = np.full_like(angles, np.nan)
@@ -144,7 +148,10 @@ def interpolated(angles: Array, times: Array | None = None) -> Array:
 
 
 def join_recordings(recordings: Sequence[Readings]) -> Readings:
-    """Join recordings with unknown impulses between them; ValueError for different joints."""
+    """Join recordings to one recording, with an unknown impulse between successive ones.
+
+    Raise ValueError if the recordings have different joints.
+    """
     first, *others = recordings
     if not others:
         return first
@@ -211,20 +218,25 @@ _NEAR = 100
 _NEAR_IMPULSES = 0.5
 """Largest fraction of the kept frames that may be near impulses [1]."""
 _AVERAGED = 8
-"""Number of frames in the moving average that shows which rotors turn."""
+"""Number of frames over which directions are averaged to find when a rotor turns."""
 _TURNING = 0.05
-"""Change of the mean direction of a rotor above which the rotor counts as turning [1]."""
+"""A rotor counts as turning if its mean direction, a complex number, changes by more than this
+[1]."""
 _AT_REST = 0.1
 """Density of kept frames while all rotors are at rest, relative to the density while a rotor turns
 [1]."""
 _FILLINGS = 5
-"""Number of iterations that limit densities to 1 and redistribute the excess [1]."""
+"""Number of iterations that limit the density of kept frames to all frames, and distribute the
+excess over the other frames [1]."""
 
 
 def informative_frames(
     times: Array, angles: Array, impulses: Sequence[float], most: int
 ) -> NDArray[np.intp]:
-    """Return at most `most` frame numbers, dense near impulses [s] and while rotors turn."""
+    """Return at most `most` numbers of frames, dense near impulses and while rotors turn.
+
+    `impulses` are the times of impulses [s].
+    """
     if len(times) <= most:
         return np.arange(len(times))
     kept = _near_impulses(times, impulses, int(_NEAR_IMPULSES * most))

@@ -18,9 +18,11 @@ from soliton_linkage.identification.motion_fit import MotionFit
 from soliton_linkage.linkage.chain import Array, Chain
 
 STRAINED = 1.1
-"""Ratio of misclosures to reading noise above which bonds count as not closed [1]."""
+"""Bonds count as not closed if the noise computed from their misclosures is larger than this times
+the reading noise [1]."""
 _WORSE = 1.25
-"""Ratio of `bond_noise` to its median above which the bond is reported [1]; 1.1 is usual."""
+"""A bond is reported if its `bond_noise` is larger than this times the median of all bonds [1];
+ratios of 1.1 are usual."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,7 @@ class Identification:
     chain: Chain
     """Identified chain; the given chain supplies the values that could not be estimated."""
     deviations: dict[str, Array]
-    """Relative standard deviations [1] by the names of the fields of `Deviations`."""
+    """Relative standard deviations [1], with the names of the fields of `Deviations` as keys."""
     offsets: Array
     """Offset of each encoder, reading minus angle [rad], (N,)."""
     offset_deviations: Array
@@ -40,9 +42,11 @@ class Identification:
     reading_noise: float
     """Standard deviation of a reading [rad], computed from its changes between frames."""
     bond_noise: Array
-    """Standard deviation of a reading [rad], computed from each bond alone, (N - 1,)."""
+    """Standard deviation of a reading [rad], computed from the residuals at each bond, (N -
+    1,)."""
     tolerance: float
-    """Relative standard deviation of lengths of one kind from their mean [1]."""
+    """Relative standard deviation of lengths of one kind (rotor lengths, spacings or rest lengths)
+    [1]."""
     rigid: bool
     """Whether all bonds close within the noise, so that stiffnesses are unknown."""
     unused_frames: int
@@ -50,7 +54,7 @@ class Identification:
     weakly_observable: tuple[str, ...]
     warnings: tuple[str, ...]
     outliers: int = 0
-    """Number of isolated wrong readings, which were not used."""
+    """Number of isolated wrong readings, which the identification did not use."""
     damping_deviation: float = math.nan
     """Standard deviation of the damping [N m s/rad], NaN if unknown."""
     friction: float = math.nan
@@ -75,7 +79,10 @@ def by_springs(
     scale: tuple[float, float] | None,
     unused_frames: int,
 ) -> Identification:
-    """Return the result for springs, with estimated lengths, stiffnesses, masses and drag."""
+    """Return the result for springs: lengths, stiffnesses, masses and drag from the fitted motion.
+
+    `scale` contains the mean mass [kg] and the standard deviation of its log [1]; None if unknown.
+    """
     motion = fitted.motion
     deviations = split_chain(np.sqrt(np.diag(fitted.covariance)))
     geometry = motion.slices.lengths
@@ -148,7 +155,7 @@ def by_bonds(
     moved: BarMotion | None,
     unused_frames: int,
 ) -> Identification:
-    """Return the result for bars: lengths from the bonds, masses and drag from the motion."""
+    """Return the result for rigid bars: lengths from the bonds, masses and drag from motion."""
     deviations = split_lengths(found.deviations)
     offsets = deviations.pop('offset')
     chain = found.lengths.scaled(given.spacing).chain(given)

@@ -28,17 +28,17 @@ _LARGEST_LEAD = 0.01
 """Largest time by which a stamp may be in the future [s]; clocks synchronised by NTP differ
 less."""
 _LARGEST_SLOWNESS = 0.1
-"""Largest acceptable relative difference between the speeds of the stamps and of the clock [1]."""
+"""Largest acceptable relative error of the speed at which stamps advance [1]."""
 _LATE = 1.5
-"""Ratio of an interval to the median interval above which a frame is late or missing [1]."""
+"""A frame is late or missing if an interval is longer than this times the median interval [1]."""
 _COUNTED_FRAMES = 10
-"""Number of successive frames whose duration shows how many are missing, even if a frame is
-late."""
+"""Missing frames are counted from the duration of this many frames; late frames do not matter
+then."""
 _LARGEST_NOISE = 0.05
 """Largest acceptable noise of a reading [rad]."""
 _NOISY = 3.0
-"""Ratio of the noise of a rotor to the noise of the median rotor above which the rotor counts as
-noisy [1]."""
+"""A rotor counts as noisy if its noise is larger than this times the noise of the median rotor
+[1]."""
 _SMALLEST_NOISE = 2e-3
 """Noise of a reading below which no rotor counts as noisy [rad]."""
 _LEAST_SEEN = 0.99
@@ -46,21 +46,21 @@ _LEAST_SEEN = 0.99
 _LARGEST_STRETCH = 0.02
 """Largest acceptable relative stretch of a bond [1]; a zero error of 0.05 rad causes more."""
 _LARGEST_OFFSET = 2.9
-"""Largest offset of an encoder that is tried [rad]; a larger one is half a turn."""
+"""Largest offset of an encoder that is tried [rad]; a larger one counts as half a turn."""
 _LARGEST_CHANGE = 0.3
 """Largest relative error of a length that is tried [1]."""
 _EXPLAINED = 1 / 3
-"""Threshold of the root mean square stretch after a correction, relative to the stretch before it
-[1]. If the ratio is lower, the corrected error counts as the cause."""
+"""The error that a correction removes counts as a cause if the root mean square stretch after the
+correction is smaller than this times the stretch before it [1]."""
 _EQUALLY_GOOD = 1.5
-"""Threshold of the stretch after a correction, relative to the stretch after the best correction
-[1]. If the ratio is lower, the correction is also reported."""
+"""Another correction is also reported if the stretch after it is smaller than this times the
+stretch after the best correction [1]."""
 _MOST_AGAINST = 0.2
-"""Largest fraction of rotors that lean away from a soliton at an edge [1]; signs may be wrong."""
+"""Largest fraction of rotors that lean away from a soliton at an edge [1], due to wrong signs."""
 _MOST_FRAMES = 200
 """Largest number of frames from which the stretches are computed [1]."""
 _MOST_NAMED = 4
-"""Largest number of rotors, or of possible causes, that a finding names [1]."""
+"""Largest number of rotors, or of possible causes, that the text of a finding lists [1]."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class RigFindings:
 def check_rig(
     watched: WatchedFrames, turns: Sequence[Turn], names: Sequence[str], chain: Chain | None
 ) -> RigFindings:
-    """Check frames of a resting rig, and turns by hand; raise ValueError for under four frames."""
+    """Check frames of a resting rig and turns by hand; raise ValueError for under 4 frames."""
     if len(watched.stamps) < 4:
         raise ValueError(f'{len(watched.stamps)} frames are too few to check a rig; publish more')
     findings = [*_stamp_findings(watched)]
@@ -150,14 +150,14 @@ def check_rig(
 
 
 def is_resting(angles: Array) -> bool:
-    """Return whether no rotor turns in some frames of readings [rad], shape (T, N)."""
+    """Return whether all rotors are at rest in all frames of readings [rad], shape (T, N)."""
     return not bool((np.ptp(interpolated(angles), axis=0) > SMALLEST_TURN / 2).any())
 
 
 def is_at_edge(angles: Array, first: bool) -> bool:
     """Return whether a soliton is at the first or last edge, given readings of one frame, (N,).
 
-    Only then can a hand turn the edge rotor. All rotors lean towards a soliton at an edge.
+    A hand can turn the rotor at an edge only then. All rotors lean towards a soliton at an edge.
     """
     leans = np.sin(np.deg2rad(angles) if in_degrees(angles) else angles)
     against = int((leans > 0).sum() if first else (leans < 0).sum())
@@ -344,9 +344,9 @@ class _Bonds:
         self._pivots, self._lengths = chain.pivots, chain.rotor_lengths
         self._rest = chain.rest_lengths[: chain.number_of_rotors - 1]
 
-    def stretches(self, angles: Array, of_rotors: float | Array = 1.0) -> Array:
+    def stretches(self, angles: Array, rotor_scale: float | Array = 1.0) -> Array:
         """Return the median relative stretch of each bond [1], (N - 1,), for angles, (T, N)."""
-        lengths = self._lengths * of_rotors
+        lengths = self._lengths * rotor_scale
         x = self._pivots + lengths * np.sin(angles)
         apart = np.hypot(np.diff(x, axis=1), np.diff(lengths * np.cos(angles), axis=1))
         return np.asarray(np.median(apart / self._rest - 1, axis=0))

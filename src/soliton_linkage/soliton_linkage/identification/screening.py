@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks of a recording before identification, and of the residuals after identification.
 
-The staggered angles of a rotor before and after a wall are symmetric about a centre. For encoders
-with a correct zero, all centres are 0 or all are pi.
+The staggered angles of a rotor before and after the passage of a wall are symmetric about a
+centre. If all encoders have a correct zero, the centres of all rotors are 0, or all are pi.
 """
 
 from __future__ import annotations
@@ -22,17 +22,18 @@ from soliton_linkage.identification.readings import Readings, repeat_counts, rou
 from soliton_linkage.linkage.chain import Array, staggered, wrapped
 
 _LEANING = 0.5
-"""Threshold of |sin(phi)| for a rotor that clearly leans, relative to the median of the same rotor
-[1]."""
+"""A rotor clearly leans in a frame if |sin(phi)| is larger than this times its median over all
+frames [1]."""
 _FAR_OFF = 2.0
-"""Zero error above which the joints probably have a wrong order [rad]."""
+"""If the largest zero error is larger than this, the joints probably have a wrong order [rad]."""
 _LARGEST_ZERO_ERROR = 0.5
-"""Largest zero error for which least squares converges [rad]; correct encoders show apparent
-errors of up to 0.3 rad."""
+"""Largest zero error of an encoder for which the fit of lengths and offsets converges [rad];
+correct encoders have apparent errors of up to 0.3 rad."""
 _TRIMMINGS = 6
-"""Number of iterations of the robust mean angle at rest [1]."""
+"""Number of iterations that compute the robust mean of the angles at rest [1]."""
 _SHARPNESS = 20.0
-"""Sharpness of the weights in the robust mean: 1 / (0.22 rad)^2 [1/rad^2]."""
+"""Sharpness s of the robust mean [1/rad^2]: an angle at the distance d from the mean has the
+weight exp(-s d^2 / 2)."""
 
 
 def check_motion(readings: Array, names: Sequence[str]) -> None:
@@ -78,7 +79,11 @@ def check_zeros(readings: Array, names: Sequence[str]) -> None:
 
 
 def _zero_errors(readings: Array) -> Array:
-    """Return approximate zero errors in staggered angles [rad]; spinners make half a turn."""
+    """Return approximate errors of the encoder zeros, in staggered angles [rad], (N,).
+
+    A wall turns the rotors of a spinner by half a turn. Therefore their directions at rest on both
+    sides are compared separately with the mean directions of all rotors.
+    """
     sine = np.sin(readings)
     clear = np.abs(sine) > _LEANING * np.median(np.abs(sine), axis=0)
     turns = np.exp(1j * staggered(readings))
@@ -111,17 +116,18 @@ def leaning_over(readings: Array) -> NDArray[np.bool_]:
 
 
 LEAST_NOISE = 1e-4
-"""Smallest noise of a reading that the fit of a motion assumes [rad]."""
+"""Smallest noise of a reading that fits and searches for outliers assume [rad]."""
 _OUTLIER = 7.0
-"""Distance from a smooth motion above which a reading counts as wrong [standard deviations]."""
+"""A reading counts as wrong if it differs from a smooth motion by more than this [standard
+deviations], plus a part that `_OF_RANGE` determines."""
 _OF_RANGE = 0.3
-"""Additional limit for wrong readings, relative to the range of the adjacent readings and to the
-length of the run of wrong readings [1]."""
+"""The allowed difference from a smooth motion is increased by this times the range of the adjacent
+readings times the length of the run of wrong readings [1]."""
 _BESIDE = 3
-"""Number of readings before a run, and also after it, whose range is considered [1]."""
+"""Number of adjacent readings before a run of wrong readings, and also after it [1]."""
 _LONGEST_RUN = 3
-"""Largest number of successive wrong readings of a rotor that are removed [1]; a longer run may be
-a slip."""
+"""Longest run of successive wrong readings of a rotor that is removed [1]; a longer run may be a
+slip of the encoder."""
 _PASSES = 6
 """Largest number of searches for wrong readings [1]; a search finds an error only after larger
 errors near it are removed."""
@@ -141,13 +147,16 @@ def without_outliers(recording: Readings) -> Readings:
 
 
 def isolated(angles: Array, limits: Array) -> NDArray[np.bool_]:
-    """Return which angles, (T, N), are outliers, in short runs of successive frames.
+    """Return which angles, (T, N), are outliers: short runs of frames that fit no smooth motion.
 
-    Apart from whole turns, an outlier differs from a cubic curve through two angles before and two
-    after its run. It also differs from one of two lines through angles before the run, and from
-    one of two lines through angles after the run, because an angle beside a permanent step is near
-    all lines on its side. `limits` are the allowed differences [rad], (T, N), without the part
-    that is proportional to the range of the adjacent angles.
+    Apart from whole turns, the angles of such a run differ by more than the allowed difference
+    from a cubic curve through two angles before and two angles after the run. They also differ
+    from at least one of two lines through angles before the run, and from at least one of two
+    lines through angles after it. The lines are necessary because the cubic curve does not fit
+    beside a permanent step either; an angle there is near both lines on its own side.
+
+    `limits` are the allowed differences [rad], (T, N), to which a part is added that is
+    proportional to the range of the adjacent angles.
     """
     runs = [_run_excess(angles, limits, length) for length in range(1, _LONGEST_RUN + 1)]
     excess = np.zeros_like(angles)
@@ -166,7 +175,10 @@ def isolated(angles: Array, limits: Array) -> NDArray[np.bool_]:
 
 
 def _run_excess(angles: Array, limits: Array, length: int) -> Array:
-    """Return the smallest difference in each run, relative to its limit [1], (T - L + 1, N)."""
+    """Return, for each run of L angles, the smallest ratio of difference to limit, (T - L + 1, N).
+
+    L is `length`. The differences are those that `isolated` describes, and the ratio has no unit.
+    """
     count = len(angles) - length + 1
     padded = np.pad(angles, ((_BESIDE, _BESIDE), (0, 0)), 'reflect')
     places = [*range(_BESIDE), *range(_BESIDE + length, 2 * _BESIDE + length)]
@@ -185,7 +197,10 @@ def _run_excess(angles: Array, limits: Array, length: int) -> Array:
 
 
 def _curve_weights(length: int) -> Array:
-    """Return the weights of six angles beside a run in a cubic curve and four lines, (5, L, 6)."""
+    """Return the weights with which six adjacent angles predict a run of L angles, (5, L, 6).
+
+    The five predictions are a cubic curve, two lines before the run and two lines after it.
+    """
     places = np.array([-3, -2, -1, length, length + 1, length + 2])
     nodes = [1, 2, 3, 4], [1, 2], [0, 2], [3, 4], [3, 5]
     weights = np.zeros((len(nodes), length, len(places)))
@@ -196,10 +211,10 @@ def _curve_weights(length: int) -> Array:
 
 
 _STRAY = 6.0
-"""Distance from the median of adjacent residuals above which a residual is an outlier, relative to
-the noise [1]."""
+"""A residual is an outlier if its distance from the median of adjacent residuals is larger than
+this times the noise [1]."""
 _MEDIAN_FRAMES = 9
-"""Number of frames in the median of residuals; up to four outliers change the median little."""
+"""Number of adjacent residuals whose median is computed; up to four outliers change it little."""
 
 
 def stray_residuals(residuals: Array, noise: float) -> NDArray[np.bool_]:
@@ -214,23 +229,23 @@ def stray_residuals(residuals: Array, noise: float) -> NDArray[np.bool_]:
 
 
 _SLIP_RANGE = 3.0
-"""Threshold of the cumulative sum of n residuals of a slipping encoder, relative to the noise
-times sqrt(n) [1]."""
+"""An encoder slips if the cumulative sum of its n residuals, minus their mean, is at some frame
+larger than this times the noise times sqrt(n) [1]."""
 _SMALLEST_SLIP = 2.0
 """Smallest slip that is reported, relative to the noise of a reading [1]."""
 _JUMP_FRAMES = 15
-"""Number of frames that are averaged before and after a jump."""
+"""Number of frames before a jump, and also after it, whose mean angles are compared."""
 _JUMP_OVER_NOISE = 10.0
-"""Smallest jump that is reported, relative to the noise of a reading [1]; noise causes jumps of
-2.2, and at most 7 in 20 recordings."""
+"""Smallest jump that is reported, relative to the noise of a reading [1]. Noise typically causes
+jumps of 2.2; in 20 recordings, none was larger than 7."""
 _SMALLEST_JUMP = 0.1
-"""Smallest jump that is reported [rad]; motions change less between two frames."""
+"""Smallest jump that is reported [rad]; the speed of a rotor changes less from frame to frame."""
 _JUMP_OVER_NEIGHBOURS = 3.0
 """Smallest jump that is reported, relative to the larger jump of the two neighbours [1]."""
 
 
 def noise_of(readings: Array, relative_deviations: Array) -> float:
-    """Return the noise of a reading [rad] from the median of second differences, or NaN."""
+    """Return the noise of a reading [rad], from the median of second differences, or NaN."""
     bends = readings[2:] - 2 * readings[1:-1] + readings[:-2]
     squares = relative_deviations**2
     bends /= np.sqrt(squares[2:] + 4 * squares[1:-1] + squares[:-2])
@@ -242,7 +257,7 @@ def noise_of(readings: Array, relative_deviations: Array) -> float:
 
 
 def check_jumps(recording: Readings, noise: float) -> None:
-    """Raise ValueError for an inner rotor that jumps while its neighbours do not."""
+    """Raise ValueError if readings of an inner rotor jump while its neighbours do not."""
     times, readings, deviations = recording.times, recording.filled, recording.relative_deviations
     width = min(_JUMP_FRAMES, len(readings) // 4)
     sudden = _sudden_changes(readings, 1)
@@ -264,7 +279,10 @@ def check_jumps(recording: Readings, noise: float) -> None:
 
 
 def _sudden_changes(readings: Array, frames: int) -> Array:
-    """Return by how much each change over some frames differs from the changes beside it [rad]."""
+    """Return the difference of each change from the changes just before and after it [rad].
+
+    Each change extends over `frames` frames.
+    """
     changes = readings[frames:] - readings[:-frames]
     usual = (changes[: -2 * frames] + changes[2 * frames :]) / 2
     return np.asarray(np.abs(changes[frames:-frames] - usual))

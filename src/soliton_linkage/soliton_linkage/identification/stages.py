@@ -27,6 +27,9 @@ class Stages:
             self._report(done)
 
     def show_decrease(self, first: float, now: float, last: float) -> None:
-        """Report an iteration whose error decreases exponentially from `first` to `last`."""
+        """Report the progress of an iteration from its present error `now`.
+
+        The error decreases exponentially from `first` to `last`.
+        """
         if first > now > 0 and first > last:
             self.show(math.log(first / now) / math.log(first / last))

@@ -21,19 +21,20 @@ _INITIAL_FRAMES = 25
 _RATE_FRAMES = 8
 """Number of frames from which the initial rates of a window are estimated."""
 _FEWEST_FRAMES = 30
-"""Smallest number of frames between two impulses for which the frames are used; in that time a
-wall passes some rotors."""
+"""Frames between two impulses are used only if there are at least this many; in this time, a wall
+passes some rotors."""
 ARRIVAL = 0.05
 """Largest delay between the command of an impulse and its effect [s]."""
 _MERGED = 4
-"""Largest number of windows that are merged at a time [1]; at 2x, the predicted wall may be too
-far from the readings."""
+"""Largest number of windows that are merged at a time [1]; at 2x, the wall that the first motion
+predicts may be too far from the readings."""
 _LONGEST_WINDOW = 1600
-"""Largest number of frames in a merged window. The initial state then adds one unknown to 800
-readings; in longer windows, the angles depend less linearly on the unknowns."""
+"""Largest number of frames in a merged window. In a window of this length, there is one unknown of
+the initial state for 800 readings. In longer windows, the angles would depend less linearly on the
+unknowns."""
 _DENSE_FRAMES = 0.05
-"""Quantile of the averaged frame intervals [1]; its value is used as the interval of dense
-frames."""
+"""This quantile of the averaged frame intervals is the interval of dense frames [1]; much longer
+intervals are gaps."""
 
 
 class FreeWindow(NamedTuple):
@@ -41,11 +42,12 @@ class FreeWindow(NamedTuple):
 
     frames: slice
     motion: FreeMotion
-    """Motion that begins in the first frame; all windows have the same chain."""
+    """Motion that begins with the state in the first frame; the chain is the same in all
+    windows."""
 
 
 def free_intervals(times: Array, interruptions: Sequence[float]) -> list[slice]:
-    """Return the intervals with enough frames between interruptions at given times [s]."""
+    """Return the frames between successive interruptions [s], where they are enough for a fit."""
     begins = [-math.inf, *(time + ARRIVAL for time in sorted(interruptions))]
     ends = [*sorted(interruptions), math.inf]
     intervals = [
@@ -62,9 +64,10 @@ def initial_windows(
     interruptions: Sequence[float],
     tilt_at: Callable[[float], float] = lambda _: 0.0,
 ) -> list[FreeWindow]:
-    """Return short windows between interruptions [s].
+    """Return short windows of free motion between interruptions at given times [s].
 
-    The angles [rad], (T, N), determine the initial states.
+    The initial state of each window is estimated from the angles [rad], (T, N). `tilt_at` returns
+    the tilt of the chain at a time.
     """
     windows = []
     intervals = free_intervals(times, interruptions)
@@ -93,7 +96,10 @@ def _without_gaps(times: Array, interval: slice) -> list[slice]:
 def merge_windows(
     windows: Sequence[FreeWindow], fits: Callable[[FreeWindow, slice], bool]
 ) -> tuple[FreeWindow, ...]:
-    """Merge adjacent windows if the motion of the first one also `fits` the second one."""
+    """Merge adjacent windows if the motion of the first one also fits the second one.
+
+    `fits` decides this: it receives the merged window, and the frames of the second one.
+    """
     merged: list[FreeWindow] = []
     count = 0
     for window in windows:
@@ -115,22 +121,30 @@ INITIAL_MASS_DEVIATION = 0.1
 _SMALLEST, _LARGEST = 1e-3, 0.3
 """Limits of the estimated standard deviation of log masses and log stiffnesses [1]."""
 _DAMPING_RATE = 1.0
-"""Prior standard deviation of the damping, divided by the moment of inertia of a rotor [1/s]."""
+"""Prior standard deviation of the ratio of damping to moment of inertia [1/s]."""
 _FRICTION_DECELERATION = 10.0
-"""Prior standard deviation of the dry friction, divided by the moment of inertia [rad/s^2]."""
+"""Prior standard deviation of the ratio of dry friction to moment of inertia [rad/s^2]."""
 _LOG_GRAVITY = 1.0
 """Prior standard deviation of the log of gravity if the mean spacing is unknown [1]."""
 _INFORMED = 1e-12
-"""Smallest eigenvalue of the information that is used, relative to the largest one [1]."""
+"""Eigenvalues of the information that are smaller than this, relative to the largest one, are
+neglected [1]."""
 
 
 def force_deviations(inertia: float) -> Array:
-    """Return the prior standard deviations of damping, dry friction and log gravity, (3,)."""
+    """Return the prior standard deviations of damping, dry friction and log gravity, (3,).
+
+    `inertia` is the mean moment of inertia of a rotor.
+    """
     return np.array([_DAMPING_RATE * inertia, _FRICTION_DECELERATION * inertia, _LOG_GRAVITY])
 
 
 def estimated_deviation(squares: float, count: int) -> float:
-    """Return the standard deviation of `count` logarithms [1], from the sum of their squares."""
+    """Return the standard deviation of log masses and log stiffnesses [1], within limits.
+
+    It is the square root of their sum of squares divided by `count`, the number of degrees of
+    freedom.
+    """
     return min(max(math.sqrt(squares / count), _SMALLEST), _LARGEST)
 
 
@@ -143,13 +157,14 @@ class MotionPrior:
     mass_deviation: float = INITIAL_MASS_DEVIATION
     """Prior standard deviation of the logarithms of masses and stiffnesses [1]."""
     shift: Array | float = 0.0
-    """Shift of the prior mean of the unknowns of the chain, (Q - 2 N,), for samples of the
-    posterior."""
+    """Random shift of the prior mean of the unknowns of the chain, (Q - 2 N,), with which a sample
+    of the posterior is computed; otherwise 0."""
 
     def evaluate(self, motion: FreeMotion) -> tuple[Array, Array]:
-        """Return the information of the prior on the chain, and the distances from its mean.
+        """Return the information of the prior, and the differences of a chain from the prior mean.
 
-        Information and distances are those of the Q - 2 N unknowns of the chain.
+        Both are those of the Q - 2 N unknowns of the chain. The prior of lengths and stiffnesses
+        concerns only their scatter about the mean of their kind.
         """
         at, rotors = motion.slices, len(motion.masses)
         size = at.forces.stop
@@ -168,7 +183,7 @@ class MotionPrior:
         return information, values - self.shift
 
     def sampled(self, motion: FreeMotion, random: np.random.Generator) -> MotionPrior:
-        """Return the prior with a mean that a random sample has shifted."""
+        """Return the prior with a mean that is shifted by a random sample of the prior."""
         values, vectors = np.linalg.eigh(self.evaluate(motion)[0])
         informed = values > _INFORMED * values[-1]
         values, vectors = values[informed], vectors[:, informed]
@@ -178,7 +193,11 @@ class MotionPrior:
     def reestimated(
         self, motion: FreeMotion, covariance: Array, tolerance: float | None
     ) -> MotionPrior:
-        """Return the prior with standard deviations estimated from a chain and its covariance."""
+        """Return the prior with standard deviations that are estimated from a fitted chain.
+
+        `covariance` is that of the unknowns of the chain. If `tolerance` is not None, it is kept
+        as the standard deviation of the log lengths [1].
+        """
         at = motion.slices
         lengths = covariance[at.lengths, at.lengths]
         tolerances = Tolerances.estimated(motion.lengths, lengths, tolerance)
@@ -190,7 +209,11 @@ class MotionPrior:
 
 
 def observable_changes(motion: FreeMotion, gravity_known: bool) -> Array:
-    """Return an orthonormal basis of the changes that keep the mean spacing and the mean mass."""
+    """Return an orthonormal basis of the changes that keep the mean spacing and the mean log mass.
+
+    The changes are those of the Q - 2 N unknowns of the chain. If `gravity_known`, they also keep
+    gravity.
+    """
     at, rotors = motion.slices, len(motion.masses)
     basis = np.eye(at.forces.stop)
     equal_sum = np.linalg.qr(np.ones((rotors, 1)), mode='complete')[0][:, 1:]
