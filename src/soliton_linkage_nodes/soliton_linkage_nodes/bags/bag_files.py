@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reader that merges all files of a bag into one sequence, sorted by receive time."""
+"""Reader of all files of a bag, which yields their messages in the order of the receive times."""
 
 from __future__ import annotations
 
@@ -46,15 +46,18 @@ _READERS: dict[str, type[IndexedMcap | StoredSqlite]] = {
 }
 _MODES = ('', 'none', 'file', 'message', 'storage')
 _MOST_FILES = 10_000
-"""Largest number of files of a bag [1]; a file every ten seconds makes 8640 files a day."""
+"""Largest number of files of a bag [1]. If a new file begins every ten seconds, a day has 8640
+files."""
 
 
 class BagFiles(LimitedReader):
-    """Reader of a bag directory or of one file, with messages sorted by receive time.
+    """Reader of a bag directory or of one file of a bag.
 
-    Channels with the same topic name, type and encoding are one topic. metadata.yaml supplies
-    fields that older files lack. Methods raise ValueError if the bag is damaged or exceeds the
-    limits.
+    It yields messages in the order of their receive times.
+
+    MCAP channels with the same topic name, type and encoding are treated as one topic. Information
+    about topics that the files lack is taken from metadata.yaml. The methods raise ValueError if
+    the bag is damaged or exceeds the limits.
     """
 
     def __init__(self, path: Path) -> None:
@@ -65,7 +68,7 @@ class BagFiles(LimitedReader):
         self._stack = ExitStack()
 
     def open(self) -> None:
-        """Open all files."""
+        """Open all files, and read their topics and the metadata of the bag."""
         if self._path.is_dir():
             information, names, self._mode = _checked_metadata(self._path)
         else:
@@ -101,7 +104,7 @@ class BagFiles(LimitedReader):
     ) -> Messages:
         """Yield topic, receive time [ns] and bytes of the messages of some topics.
 
-        The receive times are in the interval [start, stop).
+        Only messages with receive times in the interval [start, stop) are read.
         """
         wanted = {topic_key(each): each for each in connections}
         together: list[ReaderProtocol] = []
@@ -209,7 +212,10 @@ def _checked_metadata(path: Path) -> tuple[Mapping[str, Any], list[str], str]:
 
 
 def topics_in(information: Mapping[str, Any]) -> dict[tuple[str, str], Mapping[str, Any]]:
-    """Return the metadata of each topic in metadata.yaml; keys are name and type."""
+    """Return the metadata of each topic in metadata.yaml.
+
+    The keys are name and type of the topic.
+    """
     entries = information.get('topics_with_message_count')
     topics: dict[tuple[str, str], Mapping[str, Any]] = {}
     for entry in entries if isinstance(entries, list) else []:

@@ -22,13 +22,16 @@ from soliton_linkage.linkage.quantities import quantity
 _MEBIBYTE = 2**20
 """Size of 1 MiB [B]."""
 _LARGEST_RATIO = 25
-"""Largest ratio of the decompressed to the compressed size of a large file [1]; bags of a chain at
-rest have a ratio of 10."""
+"""Largest accepted ratio of the decompressed to the compressed size of a large file [1]. Bags of a
+chain at rest have a ratio of 10."""
 
 
 @dataclass(frozen=True)
 class BagLimits:
-    """Size limits of a bag. Readers reject larger bags; recovery omits data above a limit."""
+    """Size limits of a bag.
+
+    Readers reject a bag that exceeds a limit. Recovery omits the data above the limit.
+    """
 
     max_unpacked: int = quantity(
         64 * _MEBIBYTE, 'largest decompressed size of a message or chunk', 'B', 1024, 2**31
@@ -42,7 +45,7 @@ class BagLimits:
     )
 
     def for_file(self, size: int) -> int:
-        """Return the largest decompressed size [B] of a file with `size` bytes."""
+        """Return the largest accepted size after decompression [B] of a file with `size` bytes."""
         return max(self.max_unpacked_file, _LARGEST_RATIO * size)
 
 
@@ -51,9 +54,9 @@ PACKED = '.zstd'
 
 
 def decompress_file(packed: BinaryIO, plain: Path, limits: BagLimits) -> str | None:
-    """Decompress a zstd file up to the first damage or limit.
+    """Decompress a zstd file up to its first damage or to the size limit.
 
-    Return a description of the damage, or None.
+    Returns a description of the damage or of the exceeded limit, or None.
     """
     size = packed.seek(0, 2)
     most = limits.for_file(size)
@@ -76,15 +79,19 @@ def decompress_file(packed: BinaryIO, plain: Path, limits: BagLimits) -> str | N
 
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 _BLOCK_IN = 4096
-"""Input bytes per call of a decompressor [B]; after damage, the output of that call is lost."""
+"""Bytes that a decompressor receives in one call [B]. The number is small because, if they are
+damaged, the output of this call is lost."""
 _BLOCK_OUT = 2**20
-"""Largest output of one call of a decompressor [B]."""
+"""Largest number of bytes that a decompressor returns in one call [B]."""
 
 
 def decompressed_blocks(
     packed: bytes | bytearray | memoryview, codec: str, whole: bool = False
 ) -> Iterator[bytes]:
-    """Yield the content of zstd or lz4 data in blocks; ValueError if damaged or truncated."""
+    """Yield the content of zstd or lz4 data in blocks; ValueError if the data is damaged.
+
+    If `whole` is set, truncated data also raises ValueError.
+    """
     packed = memoryview(packed)
     begin, decompressor, at_end = 0, _decompressor(codec), False
     while begin < len(packed):
@@ -107,7 +114,10 @@ def decompressed_blocks(
 
 
 def decompress_prefix(packed: bytes | bytearray | memoryview, codec: str, most: int) -> bytearray:
-    """Decompress data up to the first damage; return at most `most` + 1 bytes."""
+    """Decompress data up to the first damage.
+
+    At most `most` + 1 bytes are returned, so that the caller can detect larger contents.
+    """
     out = bytearray()
     try:
         for block in decompressed_blocks(packed, codec):
@@ -121,7 +131,10 @@ def decompress_prefix(packed: bytes | bytearray | memoryview, codec: str, most: 
 
 
 def decompressed_message(data: bytes, most: int) -> bytes:
-    """Decompress a message if necessary; ValueError if damaged or larger than `most` [B]."""
+    """Return a message, decompressed if it is compressed; ValueError if it is damaged.
+
+    It also raises ValueError if the content is larger than `most` [B].
+    """
     if not data.startswith(ZSTD_MAGIC):
         return data
     out = bytearray()
@@ -137,7 +150,10 @@ def _decompressor(codec: str) -> Any:
 
 
 def regular_file(path: Path, folder: Path | None = None) -> Path:
-    """Return the resolved path of a regular file in `folder`; ValueError for other paths."""
+    """Return the resolved path of a regular file; ValueError if it is no regular file.
+
+    If `folder` is given, a path outside this folder also raises ValueError.
+    """
     resolved = path.resolve(strict=True)
     if folder is not None and not resolved.is_relative_to(folder.resolve()):
         raise ValueError(
@@ -152,7 +168,7 @@ def regular_file(path: Path, folder: Path | None = None) -> Path:
 
 
 def open_file(path: Path, folder: Path | None = None) -> BinaryIO:
-    """Open a regular file for reading; errors as in `regular_file`."""
+    """Open a regular file for reading. It raises the same errors as `regular_file`."""
     resolved = regular_file(path, folder)
     # The file may have been replaced after the check. These flags prevent blocking on a pipe and
     # following a link.
@@ -165,7 +181,7 @@ def open_file(path: Path, folder: Path | None = None) -> BinaryIO:
 
 
 def read_file(path: Path, folder: Path | None, most: int) -> bytes:
-    """Return the content of a regular file; ValueError if it is larger than `most` [B]."""
+    """Return the content of a regular file; ValueError if it has more than `most` bytes."""
     with open_file(path, folder) as file:
         content = file.read(most + 1)
     if len(content) > most:
@@ -174,7 +190,7 @@ def read_file(path: Path, folder: Path | None, most: int) -> bytes:
 
 
 def map_file(path: Path) -> memoryview:
-    """Map a regular file into memory."""
+    """Return the content of a regular file, which is mapped into memory."""
     with open_file(path) as file:
         if not file.seek(0, 2):
             return memoryview(b'')
@@ -182,26 +198,31 @@ def map_file(path: Path) -> memoryview:
 
 
 def release_pages(data: memoryview | mmap.mmap) -> None:
-    """Release the memory of a mapped file; the system reads it again when necessary."""
+    """Release the memory of a mapped file. The system reads the file again when it is needed."""
     whole = data.obj if isinstance(data, memoryview) else data
     if isinstance(whole, mmap.mmap):
         whole.madvise(mmap.MADV_DONTNEED)
 
 
 MAX_TEXT_SIZE = 4 * 2**20
-"""Longest text that is parsed [characters]; a parser needs 100 times the memory of the text."""
+"""Longest text that is parsed [characters]. A parser needs 100 times the memory of the text."""
 _DEEPEST = 30
-"""Largest nesting depth of lists and mappings [1]. Files of rosbag2 have 6 levels."""
+"""Largest accepted nesting depth of lists and mappings [1]. Files of rosbag2 have 6 levels."""
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 _OPENING = (yaml.SequenceStartEvent, yaml.MappingStartEvent)
 _CLOSING = (yaml.SequenceEndEvent, yaml.MappingEndEvent)
 _LONG_NUMBER = re.compile(r'[-+]?\d[\d_:.]{99,}')
-"""Pattern of numbers with at least 100 characters, whose conversion may take too long."""
+"""Pattern of numbers with at least 100 characters. They are rejected, because their conversion may
+take too long."""
 _JSON_TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[\[{]|[\]}]', re.DOTALL)
 
 
 def load_yaml(text: str) -> Any:
-    """Return the value of a YAML text; ValueError if it has aliases, is invalid or too large."""
+    """Return the value of a YAML text.
+
+    Raises ValueError if the text is invalid, too long, nested too deeply, or contains aliases or
+    very long numbers.
+    """
     _check_size(text)
     try:
         depth = 0
@@ -219,7 +240,10 @@ def load_yaml(text: str) -> Any:
 
 
 def load_json(text: str) -> Any:
-    """Return the value of a JSON text; ValueError if it is invalid, too long or too deep."""
+    """Return the value of a JSON text.
+
+    Raises ValueError if the text is invalid, too long or nested too deeply.
+    """
     _check_size(text)
     depth = 0
     for token in _JSON_TOKEN.finditer(text):
@@ -229,7 +253,7 @@ def load_json(text: str) -> Any:
 
 
 def parse_count(value: object) -> int:
-    """Return a count from a text or number; 0 unless it is an integer from 0 to 2^63 - 1."""
+    """Return an integer from 0 to 2^63 - 1, given as number or text; 0 for any other value."""
     number = int(value) if isinstance(value, str) and re.fullmatch(r'\d{1,18}', value) else value
     valid = isinstance(number, int) and not isinstance(number, bool) and 0 <= number < 2**63
     return number if valid and isinstance(number, int) else 0

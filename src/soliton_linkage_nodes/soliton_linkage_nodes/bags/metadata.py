@@ -26,14 +26,15 @@ from soliton_linkage_nodes.bags.stored_topic import StoredTopic, profiles_in
 
 MCAP: Final = 'mcap'
 SUFFIXES: Final = {MCAP: '.mcap', 'sqlite3': '.db3'}
-"""Suffix of the files of each storage of rosbag2."""
+"""File suffix for each storage format of rosbag2."""
 METADATA_VERSION: Final = 9
-"""Version of metadata.yaml that the rosbag2 of Jazzy writes; older versions have fewer fields."""
+"""Version of metadata.yaml in the rosbag2 of Jazzy. Older versions have fewer fields."""
 METADATA_FILE: Final = 'metadata.yaml'
 _KEY: Final = 'rosbag2_bagfile_information'
 _TOPICS: Final = 'topics_with_message_count'
 GAPS: Final = 'gaps'
-"""Key in the custom data; its value lists start and end [ns] of intervals without recording."""
+"""Key in the custom data, for a list with the start and the end [ns] of each interval without
+recording."""
 _DUMPER: Any = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
 
 
@@ -48,13 +49,16 @@ class StoredFile:
 
 
 def storage_of(path: Path) -> str | None:
-    """Return the storage of a file, which may be compressed; None if the suffix is unknown."""
+    """Return the storage format of a file, None if its suffix is unknown.
+
+    The file may be compressed.
+    """
     plain = Path(path.stem) if path.suffix == PACKED else path
     return next((name for name, suffix in SUFFIXES.items() if suffix == plain.suffix), None)
 
 
 def explain_no_bag(path: Path) -> str:
-    """Return an error message if a path cannot be a bag, otherwise ''."""
+    """Return an error message if a path cannot be that of a bag, otherwise ''."""
     bag = f'bag {str(path)!r}'
     if not path.exists():
         return f'{bag} does not exist; give the path of a bag directory'
@@ -74,16 +78,16 @@ def explain_no_bag(path: Path) -> str:
 
 @lru_cache(maxsize=1)
 def suite_version() -> str:
-    """Return the version of the suite that writes a bag."""
+    """Return the version of this suite, which bags contain."""
     return version('soliton_linkage_nodes')
 
 
 def bag_information(
     topics: Mapping[StoredTopic, int], files: Sequence[StoredFile], custom_data: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return the metadata of an MCAP bag.
+    """Return the content of metadata.yaml for an MCAP bag.
 
-    `topics` contains the number of messages of each topic.
+    `topics` maps each topic to the number of its messages.
     """
     filled = [file for file in files if file.messages] or list(files)
     start = min(file.start for file in filled)
@@ -118,12 +122,12 @@ def bag_information(
 
 
 def as_text(information: Mapping[str, Any]) -> str:
-    """Return the metadata as a YAML text, which each file of a bag also contains."""
+    """Return the metadata as a YAML text. Each file of a bag also contains this text."""
     return ''.join(_pieces(information, ''))
 
 
 def write_metadata(folder: Path, information: Mapping[str, Any]) -> None:
-    """Write metadata.yaml atomically, so that a reader never finds an incomplete file."""
+    """Write metadata.yaml in such a way that a reader never finds an incomplete file."""
     text = ''.join([f'{_KEY}:\n', *_pieces(information, '  ')])
     unfinished = folder / f'{METADATA_FILE}.unfinished'
     unfinished.write_text(text, encoding='utf-8')
@@ -149,7 +153,7 @@ def read_metadata(folder: Path) -> dict[str, Any] | None:
 
 
 def custom_data_of(metadata: str) -> dict[str, str]:
-    """Return the custom data in a metadata text; {} if the text is invalid."""
+    """Return the custom data in a YAML text of metadata, {} if the text is invalid."""
     try:
         return custom_data_in(load_yaml(metadata))
     except ValueError:
@@ -157,14 +161,14 @@ def custom_data_of(metadata: str) -> dict[str, str]:
 
 
 def custom_data_in(information: object) -> dict[str, str]:
-    """Return the custom data in metadata, with numbers as texts."""
+    """Return the custom data in parsed metadata. Numbers in it are converted to texts."""
     custom = information.get('custom_data') if isinstance(information, dict) else None
     items = custom.items() if isinstance(custom, dict) else ()
     return {str(key): str(value) for key, value in items if isinstance(value, (str, int, float))}
 
 
 def gaps_in(custom_data: Mapping[str, str]) -> list[tuple[int, int]]:
-    """Return start and end [ns] of each interval without recording; [] if invalid."""
+    """Return start and end [ns] of each interval without recording, [] if they are invalid."""
     try:
         gaps = load_json(custom_data.get(GAPS, '[]'))
         return [(parse_count(start), parse_count(end)) for start, end in gaps]
@@ -173,13 +177,16 @@ def gaps_in(custom_data: Mapping[str, str]) -> list[tuple[int, int]]:
 
 
 def time_in_gaps(gaps: Sequence[tuple[int, int]], start: int, end: int) -> int:
-    """Return the time without recording between `start` and `end` [ns]."""
+    """Return the total time in `gaps` between `start` and `end` [ns]."""
     found = sum(max(0, min(end, last) - max(start, first)) for first, last in gaps)
     return max(0, min(found, end - start))
 
 
 def _pieces(information: Mapping[str, Any], margin: str) -> Iterator[str]:
-    """Yield metadata in YAML block style, because the YAML library is slow for many topics."""
+    """Yield the parts of a YAML text with the metadata.
+
+    The entries of topics are not written by the YAML library, which is slow for many topics.
+    """
     for key, value in information.items():
         if key == _TOPICS:
             yield f'{margin}{key}:\n' if value else f'{margin}{key}: []\n'

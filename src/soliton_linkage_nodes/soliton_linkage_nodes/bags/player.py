@@ -35,7 +35,7 @@ from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 
 _LAST = LAST_STAMP / SECOND
-"""Latest time that a stamp can hold [s]."""
+"""Latest time that a 64-bit stamp can hold [s]."""
 
 
 @dataclass(frozen=True)
@@ -76,13 +76,16 @@ class BagPlayerParameters:
 
 
 class BagPlayer(ManagedNode):
-    """Node that publishes the messages of a bag at the intervals of their receive times.
+    """Node that publishes the messages of a bag.
 
-    It first publishes the last latched messages from before the start, then waits for subscribers
-    of `wait_for`. In lockstep, an analyser answers each frame. Recorded states are omitted in
-    lockstep. While an analyser runs, recorded states that `topics` does not name are omitted.
-    Pauses of the recorder are skipped. The node ends at the end of the bag, unless it is paused or
-    `stay` is set.
+    The intervals between messages are those between their receive times.
+
+    Before the first message, it publishes the last latched messages from before the start, and
+    waits for subscribers of the topics in `wait_for`. In lockstep, it waits until the analyser has
+    answered earlier frames. Recorded analyser states are not published in lockstep. Without
+    lockstep, they are omitted while an analyser runs, unless `topics` names them. Times in which
+    the recorder was paused are skipped. At the end of the bag the node ends, unless it is paused
+    or `stay` is set.
 
     Publishes the topics of the bag, `/diagnostics` and, with `publish_clock`, `/clock`. Serves
     `~/pause`, `~/resume`, `~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/burst`, `~/seek`,
@@ -132,7 +135,7 @@ class BagPlayer(ManagedNode):
         self._begun = False
 
     def activate(self) -> None:
-        """Start or resume playing."""
+        """Start playing the bag, or resume it."""
         if not self._begun:
             self._begun = True
             self._playing.play(self._range)

@@ -34,7 +34,7 @@ class _AnyBag(Reader):
 
 @contextmanager
 def open_bag(path: Path, limits: BagLimits = DEFAULT_LIMITS) -> Iterator[Reader]:
-    """Open a bag for reading; ValueError if it is missing or cannot be read."""
+    """Open a bag for reading. Raises ValueError if it does not exist or cannot be read."""
     if complaint := explain_no_bag(path):
         raise ValueError(complaint)
     if path.is_dir() and not (path / METADATA_FILE).exists():
@@ -64,7 +64,10 @@ def read_messages(
     start: int | None = None,
     stop: int | None = None,
 ) -> Iterator[tuple[Connection, int, bytes]]:
-    """Yield topic, time [ns] and bytes of messages in [start, stop); ValueError if damaged."""
+    """Yield topic, receive time [ns] and bytes of messages; ValueError if the bag is damaged.
+
+    Only messages with receive times in the interval [start, stop) are read.
+    """
     # If the list is empty, rosbags would read all topics.
     if not connections:
         return
@@ -84,7 +87,7 @@ def gaps_of(reader: Reader) -> list[tuple[int, int]]:
 
 
 def latched_before(reader: Reader, connection: Connection, stop: int) -> list[bytes]:
-    """Return the latched messages that a subscriber would receive if it started at `stop` [ns]."""
+    """Return the latched messages that a topic's subscriber would receive at `stop` [ns]."""
     earlier = read_messages(reader, [connection], None, stop)
     return list(deque((data for _, _, data in earlier), maxlen=latched_depth(connection)))
 
@@ -93,10 +96,10 @@ _RECORD = 'record it with bag_recorder'
 
 
 def find_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Connection:
-    """Return the topic `name`, or else a topic with the same last name part in any namespace.
+    """Return the topic `name` or, if there is none, the topic whose name has the same last part.
 
-    Raises ValueError, whose text ends with `remedy`, unless exactly one topic matches and has one
-    type, in CDR.
+    Raises a ValueError, whose text ends with `remedy`, if no topic or several topics match, if the
+    topic has several types, or if it is not encoded in CDR.
     """
     found = types_of_topic(reader, name, remedy)
     bag = f'bag {str(reader.path)!r}'
@@ -112,7 +115,10 @@ def find_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Connection:
 
 
 def types_of_topic(reader: Reader, name: str, remedy: str = _RECORD) -> list[Connection]:
-    """Return one entry for each type and encoding of a topic, found as in `find_topic`."""
+    """Return one entry for each type and encoding of a topic.
+
+    The topic is found as in `find_topic`.
+    """
     wanted = name.rpartition('/')[2]
     found = [c for c in reader.connections if c.topic == name] or [
         c for c in reader.connections if c.topic.rpartition('/')[2] == wanted
@@ -132,7 +138,10 @@ def types_of_topic(reader: Reader, name: str, remedy: str = _RECORD) -> list[Con
 
 
 def read_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Iterator[tuple[int, Any]]:
-    """Yield receive time [ns] and content of each message of a topic; see `find_topic`."""
+    """Yield receive time [ns] and content of each message of a topic.
+
+    The topic is found as in `find_topic`.
+    """
     connection = find_topic(reader, name, remedy)
     decode = decoder(connection)
     for _, stamp, serialized in read_messages(reader, [connection]):
@@ -140,11 +149,11 @@ def read_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Iterator[tup
 
 
 def decoder(connection: Connection) -> Callable[[bytes], Any]:
-    """Return a function that deserializes messages of a topic to the installed type.
+    """Return a function that converts serialized messages of a topic to its installed type.
 
-    From messages with an older definition, fields with equal names are copied. Raises ValueError
-    if the type is not installed or the encoding is not CDR. The returned function raises
-    ValueError for a damaged message.
+    If the messages were recorded with another definition of the type, fields with equal names are
+    copied. Raises ValueError if the type is not installed or the encoding is not CDR. The returned
+    function raises ValueError if a message is damaged.
     """
     message_type = class_of(connection)
     if is_older(connection):
@@ -162,7 +171,7 @@ def decoder(connection: Connection) -> Callable[[bytes], Any]:
 
 
 def class_of(connection: Connection) -> Any:
-    """Return the message class of a topic; ValueError if its messages cannot be decoded."""
+    """Return the message class of a topic; ValueError if it is not installed or not in CDR."""
     if encoding_of(connection) != CDR:
         raise ValueError(_other_encoding(connection))
     return message_class(connection.msgtype)
@@ -176,7 +185,7 @@ _KINDS = ('msg', 'srv', 'action')
 
 
 def message_class(type_name: str) -> Any:
-    """Return the class of a type such as 'sensor_msgs/msg/JointState'; ValueError if unknown."""
+    """Return the class of a type like 'sensor_msgs/msg/JointState'; ValueError if unknown."""
     try:
         package, kind, name = type_name.split('/')
     except ValueError:
@@ -197,9 +206,9 @@ def message_class(type_name: str) -> Any:
 
 
 def _has_types(package: str, kind: str) -> bool:
-    """Return whether a package defines types, without an import of the package.
+    """Return whether a package defines messages, services or actions.
 
-    A bag may name any package.
+    The package is not imported, because a bag from an untrusted source may name any package.
     """
     if f'{package}.{kind}' in sys.modules:
         return True
@@ -214,7 +223,7 @@ def type_name(message_type: Any) -> str:
 
 
 _UNKNOWN_DEPTH = 10
-"""Assumed queue depth of a latched topic without a recorded depth, as in rosbag2."""
+"""Queue depth of a latched topic if the bag does not contain it [messages], as in rosbag2."""
 
 
 def latched(connection: Connection) -> bool:
@@ -223,7 +232,7 @@ def latched(connection: Connection) -> bool:
 
 
 def latched_depth(connection: Connection) -> int:
-    """Return how many messages the publisher kept for late subscribers; 0 if not latched."""
+    """Return how many last messages the publisher kept for late subscribers, 0 if not latched."""
     profiles = getattr(connection.ext, 'offered_qos_profiles', [])
     kept = [p.depth for p in profiles if p.durability is QosDurability.TRANSIENT_LOCAL]
     return max(depth if depth > 0 else _UNKNOWN_DEPTH for depth in kept) if kept else 0
@@ -234,14 +243,15 @@ def _one_line(error: Exception) -> str:
 
 
 _LONGER, _MARGIN = 4, 4096
-"""A recorded definition may have `_LONGER` [1] times the length of the installed one, plus
-`_MARGIN` [characters]."""
+"""A recorded definition is rejected if it is longer than `_LONGER` [1] times the installed
+definition plus `_MARGIN` [characters]."""
 _LONGEST_REASON = 200
-"""Length above which a parser's error text is cut [characters]; the text may quote the input."""
+"""A longer error text of a parser is cut to this length [characters], because it may quote its
+whole input."""
 
 
 def is_older(connection: Connection) -> bool:
-    """Return whether the recorded definition of a topic differs from the installed one."""
+    """Return whether a topic was recorded with another definition than the installed one."""
     if not connection.digest or connection.msgdef.format is not MessageDefinitionFormat.MSG:
         return False
     try:

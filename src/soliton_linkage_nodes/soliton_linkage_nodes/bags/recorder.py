@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bag recorder, which stores all messages of the suite in a bag."""
+"""Bag recorder, which by default stores all messages of the suite in a bag."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
 
 _LAST_STAMP = 2.0**31
-"""Upper limit of ROS stamps [s]."""
+"""Upper limit of the time in ROS stamps [s]."""
 
 
 @dataclass(frozen=True)
@@ -54,16 +54,16 @@ class BagRecorderParameters:
 
 
 class BagRecorder(ManagedNode):
-    """Node that records serialized messages with their receive times.
+    """Node that stores serialized messages with their receive times in a bag.
 
-    Subscribes to the recorded topics. Publishes `/diagnostics`. Serves `~/pause`, `~/resume`,
-    `~/is_paused`, `~/split_bagfile` and `~/snapshot`, as in rosbag2.
+    Subscribes to the topics that it records. Publishes `/diagnostics`. Serves `~/pause`,
+    `~/resume`, `~/is_paused`, `~/split_bagfile` and `~/snapshot`, as in rosbag2.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {BagRecorderParameters: '', ManagedParameters: ''}
 
     def configure(self) -> None:
-        """Create the bag and subscribe."""
+        """Create the bag, subscribe to the topics and start the threads."""
         self._settings = settings = current(self, BagRecorderParameters)
         self._paused = settings.start_paused
         self._connected = False
@@ -91,19 +91,19 @@ class BagRecorder(ManagedNode):
             self._receiving.resume()
 
     def deactivate(self) -> None:
-        """Stop recording and write the messages received so far."""
+        """Stop recording, and write all messages that have been received."""
         self._receiving.settle()
         self._receiving.pause()
         self._bag.flush()
 
     @property
     def lost(self) -> int:
-        """Number of messages that were published outside of pauses but are not in the bag."""
+        """Number of messages that were published while recording but are not in the bag."""
         return sum(self._receiving.losses.values())
 
     @property
     def missed(self) -> int:
-        """Number of messages that publishers sent before they were matched."""
+        """Number of messages that publishers sent before the recorder was connected to them."""
         return sum(self._receiving.missed.values())
 
     @property
@@ -119,7 +119,10 @@ class BagRecorder(ManagedNode):
         return self._receiving.failure or self._bag.failure
 
     def cleanup(self) -> None:
-        """Write the remaining messages and finish the bag. Raises the error of the recording."""
+        """Write the remaining messages and finish the bag.
+
+        If the recording failed, its error is raised.
+        """
         self._bag.close(self._receiving.stop())
         self._inbox.destroy_node()
         path = self._bag.writer.path

@@ -40,14 +40,18 @@ from soliton_linkage_nodes.bags.storages.storage import RecoveredFile
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic, completed
 
 _SHOW_EVERY = 1000
-"""Messages between two calls of `show` [1]."""
+"""Number of messages between two calls of the progress function `show` [1]."""
 
 Show = Callable[[int, int], None]
-"""Function that shows the progress: number of messages so far, expected number (0 if unknown)."""
+"""Function that shows the progress. Its arguments are the number of messages so far, and the
+expected number or 0."""
 
 
 def recovered_file(path: Path, storage: str, doubtful: bool, limits: BagLimits) -> RecoveredFile:
-    """Open a file for recovery; `doubtful` includes messages with wrong checksums."""
+    """Open a file for recovery.
+
+    With `doubtful`, messages with wrong checksums are also recovered.
+    """
     kind = RecoveredMcap if storage == MCAP else RecoveredSqlite
     return kind(path, doubtful, limits)
 
@@ -56,9 +60,10 @@ def recovered_file(path: Path, storage: str, doubtful: bool, limits: BagLimits) 
 class BagReport:
     """Content and damage of a bag.
 
-    `counts` contains the number of messages of each topic. `start` and `end` are receive times
-    [ns]. `notes` are harmless irregularities. `lost` counts messages that cannot be read, and
-    `unverified` messages without a checksum.
+    `counts` maps each topic to the number of its messages. `start` and `end` are the first and the
+    last receive time [ns]. `notes` describe irregularities that are no damage. `lost` is the
+    number of messages that cannot be read, and `unverified` the number of messages without a
+    checksum.
     """
 
     path: Path
@@ -83,7 +88,10 @@ class BagReport:
 def check_bag(
     path: Path, show: Show = lambda done, expected: None, limits: BagLimits = DEFAULT_LIMITS
 ) -> BagReport:
-    """Read a whole bag and return its content and damage; ValueError if it is no bag."""
+    """Read a whole bag and return a report about its content and damage.
+
+    Raises ValueError if the path is no bag.
+    """
     return _BagScan(path, None, False, show, limits).report
 
 
@@ -94,7 +102,7 @@ def recover_bag(
     show: Show = lambda done, expected: None,
     limits: BagLimits = DEFAULT_LIMITS,
 ) -> tuple[BagReport, Path]:
-    """Write the intact messages of a bag into a new bag; return a report and the new path.
+    """Write the intact messages of a bag to a new bag; return a report and the new path.
 
     With `doubtful`, messages with wrong checksums are also recovered. Raises ValueError if no
     message is intact, and OSError if the new bag cannot be written.
@@ -118,7 +126,11 @@ def recover_bag(
 
 
 class _BagScan:
-    """Scan of a whole bag. The first topic or record creates the new bag."""
+    """Scan of all files of a bag.
+
+    If `output` is given, the messages are copied to a new bag. The new bag is created with the
+    first topic or record that is copied.
+    """
 
     def __init__(
         self, path: Path, output: Path | None, doubtful: bool, show: Show, limits: BagLimits
@@ -225,7 +237,10 @@ def _compare(report: BagReport, information: Mapping[str, Any] | None) -> None:
 
 
 def _deleted_older(report: BagReport, information: Mapping[str, Any]) -> bool:
-    """Return whether circular recording deleted files whose messages are still counted."""
+    """Return whether files were deleted during recording, to limit the size of the bag.
+
+    In this case, metadata.yaml still counts their messages.
+    """
     entries = information.get('files')
     described = [each for each in entries if isinstance(each, dict)] if entries else []
     counts = sum(parse_count(each.get('message_count')) for each in described)
@@ -278,7 +293,7 @@ def _opened(file: Path, doubtful: bool, limits: BagLimits) -> Iterator[Recovered
 
 
 def unfinished_bag(name: Path) -> Path | None:
-    """Return the last bag of `<name>_0`, `<name>_1` and so on if this bag is unfinished."""
+    """Return the last bag of `<name>_0`, `<name>_1`, ... if it is unfinished, otherwise None."""
     number = 0
     while (name.parent / f'{name.name}_{number}').exists():
         number += 1
@@ -288,7 +303,11 @@ def unfinished_bag(name: Path) -> Path | None:
 
 
 def take_over(bag: Path) -> UnfinishedBag | None:
-    """Recover an MCAP bag into its first file, which a writer can continue; None on failure."""
+    """Recover an unfinished MCAP bag, so that a writer can continue it.
+
+    All recovered messages are written to the first file of the bag. Returns None if this is
+    impossible.
+    """
     try:
         with TemporaryDirectory(prefix=f'.{bag.name}_', dir=bag.parent) as folder:
             report, whole = recover_bag(bag, Path(folder, 'whole'))

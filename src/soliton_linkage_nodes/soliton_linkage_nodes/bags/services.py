@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services of recorder and player as in rosbag2, with rosbag2's types if installed."""
+"""Services of recorder and player, with the names and, if installed, the types of rosbag2."""
 
 from __future__ import annotations
 
@@ -19,16 +19,18 @@ _OURS = {'Seek': Seek, 'SetRate': SetRate, 'GetRate': GetRate}
 
 @dataclass(frozen=True)
 class Reply:
-    """Result of a service: one line of text, and values for fields of the response."""
+    """Result of a service call: a line of text, and values for fields of the response."""
 
     line: str
     figures: Mapping[str, Any] = field(default_factory=dict)
 
 
 def serve(node: Node, name: str, type_name: str, act: Callable[[Any], Reply]) -> None:
-    """Offer the service `~/<name>`, which calls `act` with the request and logs the result.
+    """Offer the service `~/<name>`.
 
-    The request is rejected if `act` raises ValueError or a managed node is not active.
+    A call executes `act` with the request, and its result is logged.
+
+    The call is rejected if `act` raises ValueError or if the node is managed and not active.
     """
 
     def respond(request: Any, response: Any) -> Any:
@@ -48,7 +50,10 @@ def serve(node: Node, name: str, type_name: str, act: Callable[[Any], Reply]) ->
 def serve_value(
     node: Node, name: str, type_name: str, field: str, value: Callable[[], Any]
 ) -> None:
-    """Offer a service that returns `value()` in `field` or, without this field, in `success`."""
+    """Offer the service `~/<name>`, whose response contains `value()`.
+
+    The value is in the field `field` or, if the response has no such field, in `success`.
+    """
 
     def respond(_request: Any, response: Any) -> Any:
         setattr(response, field if hasattr(response, field) else 'success', value())
@@ -58,7 +63,7 @@ def serve_value(
 
 
 def service_type(name: str) -> Any:
-    """Return a service type of rosbag2 if installed, otherwise of the suite, otherwise Trigger."""
+    """Return the service type of this name from rosbag2, else from the suite, else Trigger."""
     try:
         return getattr(importlib.import_module('rosbag2_interfaces.srv'), name)
     except (ImportError, AttributeError):

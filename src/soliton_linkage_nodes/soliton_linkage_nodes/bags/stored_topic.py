@@ -25,9 +25,9 @@ from rosbags.typesys.store import Typestore
 from soliton_linkage_nodes.bags.guards import load_yaml
 
 CDR = 'cdr'
-"""Encoding of ROS 2 messages; messages in other encodings are copied but not decoded."""
+"""Encoding of ROS 2 messages. Messages in other encodings are copied, but cannot be decoded."""
 _LONGEST_NAME = 255
-"""Length of the longest name that ROS and file systems accept [characters]."""
+"""Largest length of names in errors [characters]. ROS and file systems accept no longer names."""
 _UNLIMITED = {'sec': 2147483647, 'nsec': 4294967295}
 """Infinite duration in the notation of rosbag2."""
 _TYPE_NAME = re.compile(r'\w+/\w+/\w+')
@@ -36,12 +36,13 @@ _SERVICE_SEPARATOR = re.compile(r'^---[ \t]*$', re.MULTILINE)
 
 @dataclass(frozen=True)
 class StoredTopic:
-    """Topic of a bag, with '' for each unknown text.
+    """Topic of a bag. Texts that are unknown are ''.
 
-    `number` counts from 1. `definition` is the message definition in `definition_format`, such as
-    'ros2msg' ('' for an MCAP channel without a schema). Surrogates replace bytes that are not
-    UTF-8. `digest` is the RIHS01 hash, `profiles` the offered QoS as YAML, `about` other metadata
-    of an MCAP channel.
+    `number` is the number of the topic in its file or bag, beginning at 1. `definition` is the
+    message definition in the format `definition_format`, such as 'ros2msg'. Both are '' for an
+    MCAP channel without a schema. Bytes of the definition that are no valid UTF-8 are represented
+    by surrogates. `digest` is the RIHS01 hash of the type. `profiles` are the QoS profiles of the
+    publishers in YAML. `about` contains other metadata of an MCAP channel.
     """
 
     number: int
@@ -56,12 +57,15 @@ class StoredTopic:
 
     @property
     def type_is_lost(self) -> bool:
-        """Whether the topic has a message type whose name is unknown."""
+        """Whether the topic has a message type, but the name of the type is unknown."""
         return not self.type_name and bool(self.definition_format)
 
 
 def type_definition(name: str) -> tuple[str, str]:
-    """Return the definition of a type with all nested types, and its hash, or raise ValueError."""
+    """Return the definition of a message type and its hash; ValueError if it is not installed.
+
+    The definition includes the definitions of all nested types.
+    """
     definition, digest, complaint = _installed(name)
     if complaint:
         raise ValueError(complaint)
@@ -70,7 +74,10 @@ def type_definition(name: str) -> tuple[str, str]:
 
 @lru_cache(maxsize=1024)
 def service_definitions(name: str) -> tuple[str, str]:
-    """Return the definitions of request and response of a service type; ValueError if unknown."""
+    """Return the definitions of the request and the response of a service type.
+
+    Raises ValueError if the type is not installed.
+    """
     try:
         package, kind, short = _name_parts(name)
         path = Path(get_package_share_directory(package), kind, f'{short}.srv')
@@ -120,7 +127,10 @@ def _not_installed(kind: str, name: str, error: Exception) -> str:
 
 
 def completed(topic: StoredTopic) -> StoredTopic:
-    """Return a topic; a CDR topic without a definition receives the installed one."""
+    """Return a topic whose missing definition and hash are those of the installed type.
+
+    Only topics with messages in CDR are changed.
+    """
     if topic.serialization != CDR or (topic.definition and topic.digest):
         return topic
     known, digest, _ = _installed(topic.type_name)
@@ -133,7 +143,7 @@ def completed(topic: StoredTopic) -> StoredTopic:
 
 
 def profiles_text(profiles: Sequence[QoSProfile]) -> str:
-    """Return QoS profiles in the YAML notation of rosbag2."""
+    """Return QoS profiles as YAML text in the notation of rosbag2."""
     if not profiles:
         return ''
     return str(yaml.safe_dump([_profile(p) for p in profiles], sort_keys=False)).strip()
@@ -141,7 +151,7 @@ def profiles_text(profiles: Sequence[QoSProfile]) -> str:
 
 @lru_cache(maxsize=1024)
 def profiles_in(text: str) -> list[dict[str, Any]]:
-    """Return the QoS profiles in a YAML text of rosbag2, [] if it is invalid."""
+    """Return the QoS profiles in a YAML text of rosbag2, [] if the text is invalid."""
     try:
         loaded = load_yaml(text)
     except ValueError:

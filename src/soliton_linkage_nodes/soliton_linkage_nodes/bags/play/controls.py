@@ -19,15 +19,19 @@ from soliton_linkage_nodes.runtime.managed import ManagedNode
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
 _POLL_INTERVAL = 0.1
-"""Longest wait for a key before the thread checks whether it must stop [s]."""
+"""Longest wait for a key until the thread checks whether it was stopped [s]."""
 _MOST_READ = 64
-"""Bytes per read of the terminal [B], more than a user types in one poll interval."""
+"""Largest number of bytes that one read of the terminal returns [B]. A user types less in a poll
+interval."""
 SPACE = ' '
 UP, DOWN, RIGHT = '\x1b[A', '\x1b[B', '\x1b[C'
 
 
 class Keyboard:
-    """Thread that calls the action of each pressed key, if there is a terminal."""
+    """Thread that reads the keyboard and calls the action of each pressed key.
+
+    If the process has no terminal, no thread is started.
+    """
 
     def __init__(self, actions: Mapping[str, Callable[[], object]]) -> None:
         self._actions = actions
@@ -47,11 +51,11 @@ class Keyboard:
 
     @property
     def taken(self) -> bool:
-        """Whether the thread reads keys."""
+        """Whether the thread was started and reads keys."""
         return self._thread is not None
 
     def close(self) -> None:
-        """Restore the settings of the terminal."""
+        """Stop the thread and restore the settings of the terminal."""
         self._stopping.set()
         if self._thread is not None:
             self._thread.join()
@@ -78,12 +82,12 @@ def _keys(pressed: str) -> list[str]:
 
 
 _FASTER = 1.1
-"""Factor by which one press of a key changes the playback rate [1]."""
+"""Each press of the key for faster or slower changes the playback rate by this factor [1]."""
 _KEYS = 'space: pause; right: next message; up, down: faster, slower'
 
 
 class PlayerControls:
-    """Services and keys that control a player."""
+    """Services and keys by which a user controls the player."""
 
     def __init__(
         self, node: ManagedNode, clock: PlaybackClock, playing: PlaybackThread, part: PlaybackRange
@@ -105,7 +109,7 @@ class PlayerControls:
             node.get_logger().info(_KEYS)
 
     def close(self) -> None:
-        """Restore the settings of the terminal."""
+        """Stop reading keys and restore the settings of the terminal."""
         self._keyboard.close()
 
     def _key(self, act: Callable[[], object]) -> Callable[[], object]:

@@ -31,7 +31,10 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 
 @dataclass(frozen=True)
 class PlaybackRange:
-    """Time range from `start` to `end` [ns] in a bag that lasts from `origin` to `last` [ns]."""
+    """Range of receive times from `start` to `end` [ns].
+
+    The bag lasts from `origin` to `last` [ns].
+    """
 
     start: int
     end: int
@@ -44,10 +47,10 @@ class PlaybackRange:
         return (self.last - self.origin) / SECOND
 
     def part(self, offset: int, duration: int, until: int) -> PlaybackRange:
-        """Return the range that begins `offset` [ns] after the origin; ValueError if empty.
+        """Return a part of the bag that begins `offset` [ns] after its start; ValueError if empty.
 
-        As in rosbag2, the range ends after `duration` [ns] or at `until` [ns], whichever is later.
-        Values of 0 or less are ignored.
+        As in rosbag2, it ends `duration` [ns] later or at the time `until` [ns], whichever is
+        later. Arguments that are 0 or negative are ignored.
         """
         start = self.origin + max(offset, 0)
         ends = [start + duration + 1] if duration > 0 else []
@@ -62,7 +65,10 @@ class PlaybackRange:
 
 
 def playback_range(reader: Reader, start_offset: float, playback_until: float) -> PlaybackRange:
-    """Return the range between two times since the start [s]; the second may be 0 (end of bag)."""
+    """Return the range between two times since the start of the bag [s].
+
+    If `playback_until` is 0, the range ends at the end of the bag.
+    """
     empty = not reader.message_count
     origin, last = (0, 0) if empty else (reader.start_time, reader.end_time)
     start = origin + round(start_offset * SECOND)
@@ -76,7 +82,10 @@ def playback_range(reader: Reader, start_offset: float, playback_until: float) -
 
 
 def find_topics(reader: Reader, names: Sequence[str]) -> list[Connection]:
-    """Return the named topics, by default all; ValueError if one is missing."""
+    """Return the topics with these names, or all topics if `names` is empty.
+
+    Raises ValueError if a topic is missing.
+    """
     if not names:
         return list(reader.connections)
     found = (each for name in names for each in types_of_topic(reader, name))
@@ -84,7 +93,7 @@ def find_topics(reader: Reader, names: Sequence[str]) -> list[Connection]:
 
 
 def full_name(reader: Reader, name: str) -> str:
-    """Return the full name of a topic in any namespace; '' if the bag has no such topic."""
+    """Return the full name of the topic whose name ends with `name`, '' if there is none."""
     ends = (c.topic.rpartition('/')[2] for c in reader.connections)
     return types_of_topic(reader, name)[0].topic if name in ends else ''
 
@@ -92,9 +101,10 @@ def full_name(reader: Reader, name: str) -> str:
 class PlaybackThread:
     """Thread that publishes each message of a bag when it is due.
 
-    The thread calls `prepare(True)`, publishes the last latched messages from before the range,
-    and calls `prepare(False)`. Before each message, it calls `publish_clock` with the receive time
-    [ns]. `finished` is not set after a stop. `rounds` counts the starts, and `jumps` the seeks.
+    At the start it calls `prepare(True)`, publishes the last latched messages from before the
+    range, and calls `prepare(False)`. Before each message, it calls `publish_clock` with the
+    message's receive time [ns]. `finished` is set at the end of the range, but not after a stop.
+    `rounds` is the number of times that the range was started, and `jumps` the number of seeks.
     """
 
     def __init__(
@@ -108,7 +118,11 @@ class PlaybackThread:
         longest_gap: float = 0.0,
         limits: BagLimits = DEFAULT_LIMITS,
     ) -> None:
-        """Prepare the playback. If `longest_gap` [s] is above 0, longer gaps are skipped."""
+        """Prepare the playback.
+
+        A time without messages is skipped if it is longer than `longest_gap` [s] and `longest_gap`
+        is not 0.
+        """
         self.failure: Exception | None = None
         self.finished = False
         self.playing = False
@@ -146,7 +160,10 @@ class PlaybackThread:
             self._thread.join()
 
     def summary(self, of: str = '') -> str:
-        """Describe the numbers of played messages, rounds and jumps. `of` names the bag."""
+        """Return a text with the numbers of played messages, rounds and jumps.
+
+        `of` is inserted after the word "messages", for example ' of <bag>'.
+        """
         played, total = self._publishers.published, self._publishers.total
         again = [f'{self.rounds} rounds'] if self.rounds > 1 else []
         again += [f'{self.jumps} jump{"s" if self.jumps > 1 else ""}'] if self.jumps else []
@@ -185,7 +202,11 @@ class PlaybackThread:
         self._progress.end(f'played {self.summary(f" of {self._path}")}')
 
     def _play_from(self, reader: Reader, start: int, ahead: dict[str, int]) -> NextAction:
-        """Play from `start` [ns], except messages that were already published (`ahead`)."""
+        """Play the messages from `start` [ns] on, and return the next action.
+
+        `ahead` maps topics to the receive time of a message that was already published and is
+        therefore omitted.
+        """
         self._clock.start(start)
         connections = self._publishers.of(reader.connections)
         messages = read_messages(reader, connections, start, self._range.end)
@@ -216,7 +237,11 @@ class PlaybackThread:
             self._clock.start(before + skipped)
 
     def _publish_latched(self, reader: Reader, start: int) -> dict[str, int]:
-        """Publish each topic's latched messages before `start`, or else the first later one."""
+        """Publish the latched messages that each topic had at `start` [ns].
+
+        If a topic had none, its first later message is published. The receive times of these later
+        messages are returned by topic.
+        """
         ahead = {}
         for connection in filter(latched, self._publishers.of(reader.connections)):
             kept = latched_before(reader, connection, start)

@@ -12,11 +12,11 @@ from enum import Enum, auto
 RATES = (1e-3, 1e3)
 """Lowest and highest playback rate relative to the recording [1]."""
 _LONGEST_WAIT = 0.1
-"""Longest time between two updates of the progress line [s]."""
+"""Longest wait until the progress line is updated [s]."""
 
 
 class NextAction(Enum):
-    """Action of the player at the end of its wait for a message."""
+    """Next action of the player after it has waited for a message."""
 
     PLAY = auto()
     SEEK = auto()
@@ -26,9 +26,9 @@ class NextAction(Enum):
 class PlaybackClock:
     """Clock of the playback.
 
-    The playback time [ns] is `p = p0 + rate (t - t0)` with the current time t. Each pause, seek
-    and change of the rate sets t0 and p0. If the clock is not `paced`, messages are due
-    immediately, except in a pause.
+    The playback time [ns] is p = p0 + rate (t - t0), where t is the current time. Each pause, seek
+    or change of the rate sets t0 to the current time and p0 to the playback time. If the clock is
+    not `paced`, each message is due immediately, except in a pause.
     """
 
     def __init__(
@@ -43,8 +43,8 @@ class PlaybackClock:
     ) -> None:
         """Create a clock.
 
-        `longest_step` and `longest_burst` [s] limit the durations of `play_next` and `burst`,
-        because these methods block services.
+        `play_next` waits at most `longest_step` [s] and `burst` at most `longest_burst` [s],
+        because no other service can be called during this time.
         """
         self.stopping = threading.Event()
         self._longest_step = longest_step
@@ -63,11 +63,11 @@ class PlaybackClock:
 
     @property
     def stepping(self) -> bool:
-        """Whether a step or burst still has messages to play."""
+        """Whether a step or a burst has not yet played all its messages."""
         return bool(self._steps)
 
     def start(self, stamp: int) -> None:
-        """Continue from the playback time `stamp` [ns]."""
+        """Set the playback time to `stamp` [ns]."""
         with self._changed:
             self._position = float(stamp)
             self._since = self._clock()
@@ -95,30 +95,33 @@ class PlaybackClock:
             self.pause()
 
     def set_rate(self, rate: float) -> None:
-        """Change the rate."""
+        """Set the playback rate relative to the recording [1]."""
         with self._changed:
             self._move()
             self.rate = rate
             self._changed.notify_all()
 
     def play_next(self) -> bool:
-        """Play one message in a pause; return whether it was played within `longest_step`."""
+        """Play one message in a pause. Returns whether it was played within `longest_step`."""
         with self._changed:
             return bool(self._step(1, self._longest_step))
 
     def burst(self, number: int) -> int:
-        """Play `number` messages (0: all) during a pause; return how many were played in time."""
+        """Play `number` messages in a pause, or all if `number` is 0.
+
+        Returns how many were played within `longest_burst`; the rest follow.
+        """
         with self._changed:
             return self._step(number or sys.maxsize, self._longest_burst)
 
     def seek(self, stamp: int) -> None:
-        """Continue from `stamp` [ns] as soon as the player waits for a message."""
+        """Request that the player continues from `stamp` [ns] at its next wait for a message."""
         with self._changed:
             self._sought = stamp
             self._changed.notify_all()
 
     def reopen(self) -> None:
-        """Allow another playback after a stop. A paused clock stays paused."""
+        """Allow another playback after a stop. A clock that is paused stays paused."""
         with self._changed:
             self.stopping.clear()
             self._sought = None
@@ -131,7 +134,10 @@ class PlaybackClock:
             self._changed.notify_all()
 
     def take_sought(self) -> int:
-        """Return and clear the time of a requested seek [ns]; ValueError if none is requested."""
+        """Return the time of the requested seek [ns], and clear the request.
+
+        Raises ValueError if no seek is requested.
+        """
         with self._changed:
             sought, self._sought = self._sought, None
         if sought is None:
@@ -139,7 +145,10 @@ class PlaybackClock:
         return sought
 
     def wait_for(self, stamp: int, meanwhile: Callable[[], None] = lambda: None) -> NextAction:
-        """Wait until a message is due at `stamp` [ns]; call `meanwhile` ten times a second."""
+        """Wait until the message with the receive time `stamp` [ns] is due, or a seek or stop.
+
+        During the wait, `meanwhile` is called ten times per second.
+        """
         while True:
             with self._changed:
                 early = self._early(stamp)
@@ -155,7 +164,7 @@ class PlaybackClock:
             meanwhile()
 
     def wait_at_end(self) -> NextAction:
-        """If the playback is paused at the end of the bag, wait for a seek, a stop or a resume."""
+        """At the end of the bag, wait during a pause until a seek, a stop or a resume."""
         with self._changed:
             self._at_end, self._steps = True, 0
             self._changed.notify_all()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Publishers that replay a bag, can wait for an analyser and can omit recorded states."""
+"""Publishers that replay a bag. They can wait for an analyser and omit recorded states."""
 
 from __future__ import annotations
 
@@ -26,18 +26,22 @@ from soliton_linkage_nodes.runtime.interfaces import wait_for_subscriber
 from soliton_linkage_nodes.runtime.serialization import serialize
 
 _ANSWER_POLL_INTERVAL = 0.05
-"""Poll interval of the stop request during a wait for an answer [s]."""
+"""Poll interval of the stop request while waiting for an answer of the analyser [s]."""
 
 
 class Lockstep:
-    """Flow control of a replay: frames wait until the analyser has answered earlier frames.
+    """Flow control of a replay: a frame waits until the analyser has answered earlier frames.
 
-    A `soliton_state` counts as the answer to all frames up to its stamp, because the analyser does
-    not answer rejected frames.
+    A `soliton_state` answers all frames up to its stamp, because the analyser does not answer
+    frames that it rejects.
     """
 
     def __init__(self, node: Node, frames: str, window: int, limit: float) -> None:
-        """Allow `window` unanswered frames; `given_up` counts any unanswered after `limit` [s]."""
+        """Allow at most `window` unanswered frames of the topic `frames`.
+
+        If no answer arrives for `limit` [s], the unanswered frames are given up and counted in
+        `given_up`.
+        """
         self.given_up = 0
         self.frames = frames
         self.states = f'{frames.rpartition("/")[0]}/{interfaces.SOLITON_STATE.name}'
@@ -55,7 +59,10 @@ class Lockstep:
         )
 
     def wait_for_the_analyser(self, limit: float, stopping: threading.Event) -> None:
-        """Wait for a publisher of `soliton_state`; ValueError after `limit` [s]."""
+        """Wait until `soliton_state` has a publisher.
+
+        Raises ValueError if it has none after `limit` [s].
+        """
         deadline = time.monotonic() + limit
         while not self._subscription.get_publisher_count():
             if stopping.wait(_ANSWER_POLL_INTERVAL):
@@ -67,7 +74,11 @@ class Lockstep:
                 )
 
     def wait_for_turn(self, topic: str, message: bytes, stopped: Callable[[], bool]) -> None:
-        """Wait until a frame may be published; before other messages, wait for all answers."""
+        """Wait until a message may be published.
+
+        A frame must wait while `window` frames are unanswered. A message of another topic must
+        wait until all frames are answered.
+        """
         if topic != self.frames:
             self.settle(stopped)
             return
@@ -80,13 +91,13 @@ class Lockstep:
             self._unanswered.append(stamp)
 
     def forget(self) -> None:
-        """Discard the list of unanswered frames."""
+        """Forget all unanswered frames, before another playback starts."""
         with self._changed:
             self._unanswered.clear()
             self._sent = b''
 
     def settle(self, stopped: Callable[[], bool]) -> None:
-        """Wait until every frame is answered."""
+        """Wait until all frames are answered, given up or `stopped()`."""
         self._wait(0, stopped)
 
     def _wait(self, most: int, stopped: Callable[[], bool]) -> None:
@@ -115,27 +126,31 @@ def _stamp(message: bytes) -> bytes:
 
 
 _POLL_INTERVAL = Duration(seconds=0.02)
-"""Poll interval of the stop request during a wait for acknowledgements."""
+"""Poll interval of the stop request while waiting for acknowledgements of subscribers."""
 _MOST_REASONS = 3
-"""Largest number of rejected topics that an error lists [1]."""
+"""Largest number of topics whose rejection an error describes [1]."""
 _MOST_TOPICS = 1000
-"""Largest number of topics that are played [1]; each publisher takes 100 kB and 1 ms."""
+"""Largest number of topics that are played [1]. Each publisher takes 100 kB of memory and 1 ms to
+create."""
 _LONGEST_DELIVERY = 10.0
-"""Longest wait for a subscriber to acknowledge the last messages [s]."""
+"""Longest wait until the subscribers have acknowledged the messages [s]."""
 _REJECTED = (ValueError, NameValidationException, rclpy_implementation.RCLError)
 
 
 class ReplayPublishers:
-    """Publishers of the messages of a bag; waits end when `stopping` is set.
+    """Publishers of the messages of a bag. All waits end when `stopping` is set.
 
-    Messages with a changed definition are converted. If a topic has several types, it is published
-    with the first installed type.
+    Messages that were recorded with another definition of their type are converted. If a topic has
+    several types, only messages of its first installed type are published.
     """
 
     def __init__(
         self, node: Node, connections: Sequence[Connection], stopping: threading.Event
     ) -> None:
-        """Create the publishers and log omitted topics; ValueError if no topic can be played."""
+        """Create the publishers, and log which topics are not played.
+
+        Raises ValueError if no topic can be played.
+        """
         if len(connections) > _MOST_TOPICS:
             raise ValueError(
                 f'the bag has {len(connections)} topics, and at most {_MOST_TOPICS} are played; '
@@ -167,46 +182,49 @@ class ReplayPublishers:
 
     @property
     def total(self) -> int:
-        """Number of messages in the bag that belong to the published topics."""
+        """Number of messages in the bag that will be published."""
         return sum(each.msgcount for each in self.of(self._connections))
 
     def set_lockstep(self, lockstep: Lockstep) -> None:
-        """Publish frames in lockstep with the analyser, and do not publish recorded states."""
+        """Publish frames in lockstep with the analyser, and omit recorded states."""
         self._publishers.pop(lockstep.states, None)
         self._lockstep = lockstep
 
     def suppress_beside_analyser(self, states: RecordedStates) -> None:
-        """Omit recorded states while a running analyser publishes the same topic."""
+        """Omit recorded states while an analyser publishes the same topic."""
         self._states[states.topic] = states
 
     def report_gap(self, stamp: int, gap: float) -> None:
-        """Log that a gap of `gap` [s] before the message at `stamp` [ns] was skipped."""
+        """Log that `gap` seconds without messages before `stamp` [ns] were skipped."""
         self._node.get_logger().info(
             f'skipped {gap:.0f} s without a message before {stamp} ns: the recorder was paused, '
             'or the gap exceeds parameter longest_gap'
         )
 
     def reset(self) -> None:
-        """Reset the counters and the list of unanswered frames."""
+        """Reset the counters, and forget unanswered frames."""
         self.published = 0
         self.left_out = 0
         if self._lockstep is not None:
             self._lockstep.forget()
 
     def of(self, connections: Iterable[Connection]) -> list[Connection]:
-        """Return those of the given topics that are published."""
+        """Return the topics among `connections` that are published."""
         played = {(topic, self._types[topic], CDR) for topic in self._publishers}
         return [each for each in connections if topic_key(each) in played]
 
     def leaves_out(self, connection: Connection) -> bool:
-        """Return whether a message is a recorded state to be omitted, and count it."""
+        """Return whether a topic's next message must be omitted because an analyser publishes.
+
+        If so, the message is counted.
+        """
         states = self._states.get(connection.topic)
         left_out = states is not None and states.suppressed()
         self.left_out += left_out
         return left_out
 
     def publish(self, connection: Connection, serialized: bytes) -> None:
-        """Publish a message. In lockstep, first wait until the message may be published."""
+        """Publish a message. In lockstep, it first waits until the message may be published."""
         topic = connection.topic
         if topic in self._decoders:
             serialized = serialize(self._decoders[topic](serialized))
@@ -221,7 +239,7 @@ class ReplayPublishers:
         self.published += 1
 
     def wait_for_subscribers(self, topics: Iterable[str], limit: float) -> None:
-        """Wait up to `limit` [s] for each topic to have a subscriber outside this node."""
+        """Wait until each topic has a subscriber outside this node, each at most `limit` [s]."""
         for topic in topics:
             if topic not in self._publishers or self._stopping.is_set():
                 continue
@@ -234,12 +252,15 @@ class ReplayPublishers:
                 )
 
     def wait_for_the_analyser(self, limit: float) -> None:
-        """In lockstep, wait for the analyser; ValueError after `limit` [s]."""
+        """In lockstep, wait until an analyser publishes; ValueError after `limit` [s]."""
         if self._lockstep is not None:
             self._lockstep.wait_for_the_analyser(limit, self._stopping)
 
     def deliver(self) -> None:
-        """Wait until all subscribers have all messages; in lockstep, also for the last answer."""
+        """Wait until all subscribers have received all messages.
+
+        In lockstep, also wait until the analyser has answered the last frame.
+        """
         self._wait_for_acknowledgements(*self._publishers)
         if self._lockstep is not None:
             self._lockstep.settle(self._stopping.is_set)
@@ -260,7 +281,10 @@ class ReplayPublishers:
         self._publishers[connection.topic] = publisher
 
     def _wait_for_acknowledgements(self, *topics: str) -> None:
-        """Wait for all acknowledgements, because a full queue would drop messages."""
+        """Wait until the subscribers of these topics have acknowledged all messages.
+
+        Otherwise, a full queue would drop messages.
+        """
         deadline = time.monotonic() + _LONGEST_DELIVERY
         for topic in topics:
             patience = Duration() if topic in self._silent else _POLL_INTERVAL
@@ -284,11 +308,11 @@ class ReplayPublishers:
 
 
 _QUERY_INTERVAL = 0.25
-"""Time between two searches for an analyser in the ROS graph [s]; a search takes 1 ms."""
+"""Time between two searches for an analyser in the ROS graph [s]. A search takes 1 ms."""
 
 
 class RecordedStates:
-    """Suppression of recorded soliton states or events while another node publishes them."""
+    """Suppression of recorded soliton states or events while an analyser publishes them."""
 
     def __init__(self, node: Node, topic: str, chosen: bool) -> None:
         self.topic = topic
@@ -301,7 +325,10 @@ class RecordedStates:
         self._queried_at = -_QUERY_INTERVAL
 
     def suppressed(self) -> bool:
-        """Return whether the next message must be omitted. Changes are logged."""
+        """Return whether the next message must be omitted.
+
+        The start and the end of the suppression are logged.
+        """
         now = time.monotonic()
         if now - self._queried_at >= _QUERY_INTERVAL:
             self._queried_at = now

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writer of bags in the layout of rosbag2. Bags stay readable if the writer is killed."""
+"""Writer of bags in the layout of rosbag2. A bag stays readable if the writer is killed."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 
 COMPRESSIONS = ('none', 'zstd')
 _CUSTOM_DATA_INTERVAL = 1.0
-"""Shortest time between two writes of changed custom data [s]; each write makes the file
+"""Shortest time between two writes of the custom data [s], because each write makes the file
 longer."""
 _RESERVE = 'space_for_the_index'
 _RESERVE_BYTES = 2**20
-"""Disk space that is reserved for the index [B]; it suffices for a day, because a chunk needs 100
-bytes."""
+"""Disk space that is reserved for the index [B]. It is sufficient for a day, because a chunk needs
+100 bytes of the index."""
 
 
 @dataclass(frozen=True)
 class UnfinishedBag:
-    """Bag that another process did not finish, with the number of messages of each topic."""
+    """Bag that another recorder has not finished, and the number of messages of each topic."""
 
     path: Path
     file: StoredFile
@@ -51,12 +51,15 @@ class UnfinishedBag:
 
 
 class BagWriter:
-    """Writer of a bag in a directory named `<name>_<first free number>`; not thread-safe.
+    """Writer of a bag in a directory named `<name>_<first free number>`.
 
-    Every `flush_interval` [s], pending messages are passed to the operating system, so that they
-    survive a killed process. Every `sync_interval` [s] (0: never), the file is synchronised to the
-    disk. A reserved file guarantees space for the index on a full disk. Methods raise OSError if
-    the bag cannot be written.
+    It may be used by one thread only.
+
+    At intervals of `flush_interval` [s], pending messages are passed to the operating system, so
+    that they are not lost if the process is killed. At intervals of `sync_interval` [s], the file
+    is synchronised to the disk; 0 means never. A reserve file is removed before the index is
+    written, so that the index also fits on a full disk. The methods raise OSError if the bag
+    cannot be written.
     """
 
     def __init__(
@@ -69,7 +72,11 @@ class BagWriter:
         sync_interval: float = 0.0,
         begun: UnfinishedBag | None = None,
     ) -> None:
-        """Create the bag or continue `begun`; `largest_file` is in [B], `longest_file` in [s]."""
+        """Create the bag, or continue the bag `begun`.
+
+        A new file begins when the present one reaches the size `largest_file` [B] or the duration
+        `longest_file` [s]; 0 means no limit.
+        """
         if compression not in COMPRESSIONS:
             known = ' or '.join(COMPRESSIONS)
             raise ValueError(f'compression {compression!r} is unknown; use {known}')
@@ -79,7 +86,7 @@ class BagWriter:
         self.finished = False
         self._is_continued = begun is not None
         self.gap_description = ''
-        """Log text about the missing time in a continued bag, '' for a new bag."""
+        """Text for the log about the time that a continued bag lacks, '' for a new bag."""
         self._is_open = False
         self._begun: int | None = None
         self._codec = '' if compression == 'none' else compression
@@ -114,11 +121,14 @@ class BagWriter:
 
     @property
     def files(self) -> int:
-        """Number of files begun so far."""
+        """Number of files of the bag, including the one that is being written."""
         return len(self._files) + 1
 
     def add_topic(self, topic: str, type_name: str, *profiles: QoSProfile) -> StoredTopic:
-        """Add a topic with the offered QoS profiles; ValueError if its type is not installed."""
+        """Add a topic and the QoS profiles of its publishers.
+
+        Raises ValueError if the type of the topic is not installed.
+        """
         known = self._known.get((topic, type_name))
         if known is not None:
             return known
@@ -130,7 +140,7 @@ class BagWriter:
         return added
 
     def add_stored_topic(self, topic: StoredTopic) -> StoredTopic:
-        """Add a topic that has all fields; return the topic with its number in this bag."""
+        """Add a topic from another bag; return the topic with its number in this bag."""
         stored = replace(topic, number=len(self.topics) + 1)
         self._remember(stored)
         with self._naming_the_bag():
@@ -145,7 +155,7 @@ class BagWriter:
         published: int | None = None,
         sequence: int = 0,
     ) -> None:
-        """Store a serialized message with its receive time `stamp` and publish time [ns]."""
+        """Store a serialized message; `stamp` is its receive time, `published` its publish time [ns]."""
         with self._naming_the_bag():
             self._split_if_full(stamp)
             self._file.write(topic.number, stamp, serialized, published, sequence)
@@ -160,7 +170,7 @@ class BagWriter:
         self.flush_if_due()
 
     def copy_record(self, opcode: int, body: Bytes) -> None:
-        """Copy an MCAP record from another file unchanged, for example an attachment."""
+        """Copy an MCAP record from another file without changes, for example an attachment."""
         with self._naming_the_bag():
             self._file.copy_record(opcode, body)
 
@@ -182,7 +192,10 @@ class BagWriter:
             self._file.flush()
 
     def checkpoint(self) -> None:
-        """Flush messages and custom data, and synchronise the file unless `sync_interval` is 0."""
+        """Flush messages and write the custom data.
+
+        Unless `sync_interval` is 0, it also synchronises the file to the disk.
+        """
         with self._naming_the_bag():
             self._file.flush()
             self._write_custom_data()
@@ -190,9 +203,9 @@ class BagWriter:
                 self._sync_file()
 
     def set_custom_data(self, custom_data: Mapping[str, str]) -> None:
-        """Set texts for the metadata.
+        """Set entries of the custom data, which are part of the bag's metadata.
 
-        The texts are written at most once a second until the bag is closed.
+        They are written at most once per second while recording, and when the bag is closed.
         """
         self._custom_data.update(custom_data)
 
@@ -202,12 +215,12 @@ class BagWriter:
         self._custom_data[GAPS] = json.dumps(gaps)
 
     def split(self) -> None:
-        """Continue in a new file."""
+        """Finish the present file and continue in a new one."""
         with self._naming_the_bag():
             self._split()
 
     def close(self, custom_data: Mapping[str, str] | None = None) -> None:
-        """Finish the bag, and add custom data to its metadata."""
+        """Add custom data and finish the bag."""
         self.set_custom_data(custom_data or {})
         with self._naming_the_bag():
             self._close_file()
@@ -215,7 +228,7 @@ class BagWriter:
             (self.path / _RESERVE).unlink()
 
     def finish_after_error(self) -> None:
-        """Finish the bag after a failed write; the bag keeps all earlier messages."""
+        """Finish the bag after a failed write. It then contains all messages of earlier writes."""
         try:
             (self.path / _RESERVE).unlink(missing_ok=True)
             if self._is_open:

@@ -28,24 +28,28 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.pacing import IdlePriority
 
 _LONGEST_TEXT = 1000
-"""Longest value in the custom data [characters]; longer lists are omitted."""
+"""Values with longer texts, such as long lists, are not included in the custom data
+[characters]."""
 _CHAIN_TYPE = type_name(interfaces.CHAIN.type)
 
 
 class RecordingMetadata:
-    """Custom data of the bag: chains, version, command line and numbers of lost messages."""
+    """Custom data of a bag: chains, suite version, command line, and numbers of lost messages."""
 
     def __init__(self) -> None:
         self._chains: dict[str, dict[str, Any]] = {}
 
     def take(self, messages: Iterable[ReceivedMessage]) -> None:
-        """Store the parameters of each chain that a received message describes."""
+        """Store the parameters of the chains that messages on the topic `chain` describe."""
         for source, _, serialized in messages:
             if source.type_name == _CHAIN_TYPE:
                 self._chains[source.name] = _parameters_of(serialized)
 
     def texts(self, losses: Mapping[str, int], missed: Mapping[str, int]) -> dict[str, str]:
-        """Return the custom data, with the numbers of lost and missed messages of each topic."""
+        """Return the custom data.
+
+        `losses` and `missed` are the numbers of lost and of missed messages of each topic.
+        """
         return {
             'lost_messages': json.dumps(losses),
             'missed_messages': json.dumps(missed),
@@ -69,31 +73,32 @@ def _parameters_of(serialized: bytes) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class DiscoveryTimes:
-    """Time limits for discovering publishers [s]; each process announces itself every 3 s."""
+    """Time limits for the discovery of publishers [s]. Each process announces itself every 3 s."""
 
     announcement: float = 3.2
-    """Shortest duration of the discovery, in which every process announces itself [s]."""
+    """Shortest duration of the discovery [s], so that every process announces itself once."""
     quiet: float = 1.0
-    """Time without a change after which all publishers count as known [s]."""
+    """All publishers count as discovered if nothing has changed for this time [s]."""
     longest: float = 10.0
-    """Longest wait for a publisher that is not matched and may have been killed [s]."""
+    """If a publisher is not connected after this time [s], it is ignored, because it may have been
+    killed."""
 
 
 class DiscoveryWait:
-    """Monitor of whether all publishers of the recorded topics are discovered and matched."""
+    """Monitor of the discovery and connection of all publishers of the recorded topics."""
 
     def __init__(
         self, times: DiscoveryTimes = DiscoveryTimes(), clock: Callable[[], float] = time.monotonic
     ) -> None:
         self.missing: list[str] = []
-        """Topics that had an unmatched publisher at the last call of `done`."""
+        """Topics that had a publisher without a connection at the last call of `done`."""
         self._times = times
         self._clock = clock
         self._begun = self._since = clock()
         self._known: list[tuple[str, int, int]] = []
 
     def done(self, subscriptions: Sequence[RecordedSubscription]) -> bool:
-        """Return whether all publishers are matched, or the longest wait is over."""
+        """Return whether all publishers are connected, or the longest wait is over."""
         now = self._clock()
         known = [(each.source.name, each.publishers, each.connected) for each in subscriptions]
         if known != self._known:
@@ -105,22 +110,27 @@ class DiscoveryWait:
 
 
 _POLL_INTERVAL = 0.05
-"""Time between two rounds of taking messages from the middleware [s]."""
+"""Time between two rounds, in each of which all waiting messages are taken from the middleware
+[s]."""
 _DISCOVERY_INTERVAL = 0.01
-"""Time between two queries for awaited topics [s]; a query takes at most 0.1 ms."""
+"""Time between two queries whether an awaited topic has appeared [s]. A query takes at most 0.1
+ms."""
 _LONGEST_ROUND = 5.0
-"""Longest wait until the thread has taken all waiting messages [s]; 0.01 s is usual."""
+"""Longest wait of `settle` for two rounds of the thread [s]. They usually take 0.1 s."""
 _LONGEST_TRANSPORT = 2.0
-"""Longest wait for messages in transport, if their publisher sends no later one [s]."""
+"""Longest wait of `settle` for messages that are still in transport [s]. Usually a later message
+of the same publisher ends the wait earlier."""
 _SEARCH_INTERVAL = 0.25
-"""Time between two searches for new publishers of subscribed topics [s]."""
+"""Time between two searches for new publishers of the subscribed topics [s]."""
 
 
 class ReceivingThread:
-    """Thread that takes waiting messages and queues them for writing, sorted by receive time.
+    """Thread that takes messages from the middleware and passes them to the writing thread.
 
-    No executor spins the subscriptions, because a callback cannot receive both the raw message and
-    its sequence number.
+    The messages of a round are sorted by receive time.
+
+    The subscriptions are not added to an executor, because a callback cannot receive both the
+    serialized message and its sequence number.
     """
 
     def __init__(
@@ -132,7 +142,11 @@ class ReceivingThread:
         real_time: bool = False,
         discovery: DiscoveryTimes = DiscoveryTimes(),
     ) -> None:
-        """Start a thread that calls `announce` with the unmatched topics after the discovery."""
+        """Start the thread.
+
+        After the discovery, it calls `announce` with the topics that have a publisher without a
+        connection.
+        """
         self.failure: Exception | None = None
         self._finder = finder
         self._buffer = buffer
@@ -153,19 +167,19 @@ class ReceivingThread:
 
     @property
     def connected_topics(self) -> list[str]:
-        """Names of the topics with a matched publisher."""
+        """Names of the topics with at least one connected publisher."""
         return [each.source.name for each in self._subscriptions if each.connected]
 
     @property
     def losses(self) -> dict[str, int]:
-        """Number of messages that were published but are not in the bag, by topic."""
+        """For each topic, the number of messages that were published but are not in the bag."""
         dropped = self._bag.dropped
         lost = {each.source.name: each.gaps.lost for each in self._subscriptions}
         return {name: count + dropped[name] for name, count in lost.items()}
 
     @property
     def missed(self) -> dict[str, int]:
-        """Number of messages of each topic that were sent before their publisher was matched."""
+        """For each topic, the number of messages sent before their publisher was connected."""
         missed = {each.source.name: each.starts.missed for each in self._subscriptions}
         return {name: number for name, number in missed.items() if number}
 
@@ -188,13 +202,16 @@ class ReceivingThread:
             )
 
     def resume(self) -> int:
-        """End a pause; record the last latched messages of the pause and return their number."""
+        """End a pause; return the number of latched messages that are then recorded.
+
+        The last message of each latched topic in the pause is recorded, because it is still valid.
+        """
         if self._buffer.paused:
             self._bag.add_gap(self._paused_at, time.time_ns())
         return self._record(self._buffer.resume)
 
     def snapshot(self) -> int:
-        """Record the messages of the snapshot and return their number."""
+        """Record the messages of the snapshot; return their number."""
         return self._record(self._buffer.snapshot)
 
     def stop(self) -> dict[str, str]:

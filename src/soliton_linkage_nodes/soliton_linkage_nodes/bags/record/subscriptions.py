@@ -21,18 +21,24 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, Info, qos_for_all
 
 _DEPTH = 5000
-"""Queue depth of a subscription [messages]: five seconds at 1000 messages per second."""
+"""Queue depth of a subscription [messages], enough for five seconds at 1000 messages per
+second."""
 _STREAM_PERIOD = SECOND
-"""Longest message period of a stream [ns]. On a slower topic, the next message may take long."""
+"""A topic with a longer message period than this [ns] is no stream. No one waits for the next
+message of such a topic, because it may take long."""
 
 
 class RecordedSubscription:
-    """Subscription to a topic that is recorded."""
+    """Subscription of the recorder to a topic."""
 
     def __init__(
         self, node: GuardedNode, source: RecordedTopic, message_type: Any, wanted_since: int
     ) -> None:
-        """Subscribe. Count messages sent from `wanted_since` [ns] until the match as missed."""
+        """Subscribe to the topic `source`.
+
+        Messages that were sent after `wanted_since` [ns] but before the connection are counted as
+        missed.
+        """
         self.source = source
         self.gaps = SequenceGaps()
         self.starts = MissedStarts()
@@ -45,7 +51,11 @@ class RecordedSubscription:
         self._sent = self._sent_before = 0
 
     def drain(self) -> list[ReceivedMessage]:
-        """Take waiting messages; of latched ones sent before the match, take only the last."""
+        """Take all waiting messages.
+
+        Of the latched messages that were sent before the subscription, only the last one is
+        returned.
+        """
         taken: list[ReceivedMessage] = []
         is_history = False
         for serialized, info in self._subscription.waiting():
@@ -74,13 +84,13 @@ class RecordedSubscription:
 
     @property
     def changed(self) -> bool:
-        """Whether publishers appeared or disappeared since the last call."""
+        """Whether publishers have appeared or disappeared since the last call."""
         return self._subscription.changed
 
     def adapt(self, query: bool) -> list[ReceivedMessage]:
         """Subscribe again if publishers offer a lower QoS; return the messages that were waiting.
 
-        The ROS graph is queried if it has changed or `query` is set.
+        The publishers are queried if they may have changed or if `query` is set.
         """
         unsettled = not self._subscription.as_requested or self.connected != self.publishers
         if not (self._subscription.changed or unsettled or query):
@@ -94,7 +104,7 @@ class RecordedSubscription:
 
 
 class TopicFinder:
-    """Finder that subscribes to each topic to record, as soon as the topic's type is known."""
+    """Finder that subscribes to each topic to be recorded as soon as its type is known."""
 
     def __init__(self, node: GuardedNode, names: Sequence[str], regex: str, exclude: str) -> None:
         self._node = node
@@ -111,7 +121,7 @@ class TopicFinder:
         self._searched: set[str] = set()
 
     def of_suite(self) -> list[RecordedSubscription]:
-        """Subscribe to the selected topics of the suite, even without publishers."""
+        """Subscribe to the selected topics of the suite, also to those without a publisher."""
         named = {self._node.resolve_topic_name(topic.name): topic for topic in self._suite}
         chosen = {name: topic for name, topic in named.items() if self._wanted(name)}
         self._open.update(chosen)
@@ -130,7 +140,7 @@ class TopicFinder:
         return new or any(map(self._node.count_publishers, self.awaited))
 
     def find(self) -> list[RecordedSubscription]:
-        """Subscribe to the topics that have appeared since the last call."""
+        """Subscribe to the selected topics that have appeared since the last call."""
         found: list[RecordedSubscription] = []
         if not (self.awaited or self._regex):
             return found
@@ -193,12 +203,15 @@ _MOST_KEPT = 512 * 2**20
 
 
 class RecordingBuffer:
-    """Buffer of messages for snapshots and pauses; it keeps the last message of latched topics."""
+    """Buffer of messages for snapshots, and of each latched topic's last message in a pause."""
 
     def __init__(
         self, snapshot: float = 0.0, paused: bool = False, most_kept: int = _MOST_KEPT
     ) -> None:
-        """Create a buffer for snapshots of a duration `snapshot` [s]; 0 means no snapshots."""
+        """Create a buffer that keeps the messages of the last `snapshot` [s].
+
+        At 0, there are no snapshots, and messages are recorded continuously.
+        """
         self.paused = paused
         self._most_kept = most_kept
         self._window = round(snapshot * SECOND)
@@ -230,12 +243,15 @@ class RecordingBuffer:
         return []
 
     def resume(self) -> list[ReceivedMessage]:
-        """End a pause; return the last latched messages of the pause, to be recorded now."""
+        """End a pause; return each latched topic's last message in the pause, to be recorded."""
         self.paused = False
         return [] if self._window else self._take_latched()
 
     def snapshot(self) -> list[ReceivedMessage]:
-        """Remove and return the snapshot and the last latched messages before the snapshot."""
+        """Return the messages of the snapshot and remove them.
+
+        The last message of each latched topic before the snapshot is included.
+        """
         # On a busy machine, messages of different topics may arrive here out of order.
         recent = [message for message in self._kept if not self._is_old(message)]
         self._keep_latched(filter(self._is_old, self._kept))

@@ -18,14 +18,15 @@ from soliton_linkage_nodes.runtime.pacing import IdlePriority
 _FLUSH_INTERVAL = 0.1
 """Time between two flushes while no messages arrive [s]."""
 _LONGEST_FLUSH = 5.0
-"""Longest time that `flush` waits for the disk [s]."""
+"""Longest wait of `flush` for the disk [s]."""
 _MOST_WAITING = 512 * 2**20
-"""Largest total size of waiting messages [B]: ten seconds of 1000 rotors at 1000 Hz."""
+"""Largest total size of the messages that wait to be written [B]. It is enough for ten seconds of
+1000 rotors at 1000 Hz."""
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedTopic:
-    """Recorded topic, with its type and the QoS profiles that its publishers offer."""
+    """Topic to be recorded, with its type and the QoS profiles of its publishers."""
 
     name: str
     type_name: str
@@ -44,8 +45,9 @@ class ReceivedMessage(NamedTuple):
 class WritingThread:
     """Thread that writes messages in the order of the calls of `put`.
 
-    Up to 512 MiB of messages wait for a slow disk. Further messages are dropped and counted. After
-    a failed write, the thread finishes the bag if possible and sets `failure`.
+    If the disk is slow, up to 512 MiB of messages wait. Further messages are dropped and counted
+    in `dropped`. If a write fails, the thread finishes the bag, if possible, and stores the error
+    in `failure`.
     """
 
     def __init__(
@@ -89,11 +91,11 @@ class WritingThread:
             self._changed.notify()
 
     def add_topic(self, topic: RecordedTopic) -> None:
-        """Add a topic to the bag, even if no message of the topic ever arrives."""
+        """Add a topic to the bag. It is also listed if it never has a message."""
         self._post(lambda: self._stored(topic))
 
     def set_custom_data(self, texts: Mapping[str, str]) -> None:
-        """Set custom data of the bag."""
+        """Set entries of the custom data of the bag."""
         self._post(lambda: self.writer.set_custom_data(texts))
 
     def add_gap(self, start: int, end: int) -> None:
@@ -105,7 +107,7 @@ class WritingThread:
         self._post(self.writer.split)
 
     def flush(self) -> None:
-        """Wait up to 5 s until all queued messages are passed to the operating system."""
+        """Wait until all queued messages are passed to the operating system, at most 5 s."""
         written = threading.Event()
 
         def write() -> None:
@@ -117,7 +119,7 @@ class WritingThread:
             written.wait(_LONGEST_FLUSH)
 
     def after_checkpoint(self, act: Callable[[], object]) -> None:
-        """Call `act` when all messages in the present queue are synchronised to disk."""
+        """Call `act` when all messages that are queued now are synchronised to disk."""
 
         def keep() -> None:
             self.writer.checkpoint()
@@ -126,7 +128,7 @@ class WritingThread:
         self._post(keep)
 
     def close(self, custom_data: Mapping[str, str]) -> None:
-        """Write all queued messages and finish the bag; an error is stored in `failure`."""
+        """Write all queued messages and finish the bag. An error is stored in `failure`."""
         with self._changed:
             self._final = custom_data
             self._ending = True

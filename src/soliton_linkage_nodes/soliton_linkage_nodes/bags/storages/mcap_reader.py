@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reader of finished MCAP files; their index shows which chunks are needed."""
+"""Reader of finished MCAP files, which reads only the chunks with the requested times."""
 
 from __future__ import annotations
 
@@ -26,20 +26,27 @@ from soliton_linkage_nodes.bags.storages.storage import (
 )
 
 _FOOTER_SIZE = 20
-"""Size of the footer: two offsets and a checksum [B]."""
+"""Size of the footer [B], which contains two offsets and a checksum."""
 _TAIL = mcap.RECORD_HEADER.size + _FOOTER_SIZE + len(mcap.MAGIC)
 _MESSAGE_COST = 250
-"""Approximate memory of a waiting message, in addition to its data [B]."""
+"""Approximate memory that a message takes while it waits to be yielded, in addition to its data
+[B]."""
 _MOST_WAITING = 4
-"""Memory limit for chunks that overlap in time, relative to `max_unpacked` [1]."""
+"""The messages of chunks that overlap in time may take this number times `max_unpacked` of memory
+[1]."""
 _LONGEST_RUN = 2**20
-"""Largest size of a run of messages outside chunks [B]; a run is read at once."""
+"""Largest size of a run of consecutive messages outside of chunks [B]. A run is read as a
+whole."""
 _CHUNK_INDEX = struct.Struct('<QQQQ')
 _stamp = attrgetter('stamp')
 
 
 class _Stretch(NamedTuple):
-    """Chunk, or run of messages outside chunks: receive times [ns], offset and size [B]."""
+    """Part of a file: a chunk, or a run of consecutive messages outside of chunks.
+
+    `start` and `end` are its first and last receive time [ns]. `offset` is its position in the
+    file and `size` its length [B].
+    """
 
     start: int
     end: int
@@ -50,8 +57,8 @@ class _Stretch(NamedTuple):
 class IndexedMcap(LimitedReader):
     """Reader of the messages of an MCAP file in the order of their receive times.
 
-    If the index is incomplete, `open` scans the file. Methods raise ValueError if the file is
-    damaged or exceeds the limits.
+    `open` reads the index. If the index is incomplete, it reads the whole file instead. The
+    methods raise ValueError if the file is damaged or exceeds the limits.
     """
 
     def __init__(self, path: Path) -> None:
@@ -106,7 +113,10 @@ class IndexedMcap(LimitedReader):
     def messages(
         self, connections: Iterable[Connection], start: int | None = None, stop: int | None = None
     ) -> Messages:
-        """Yield topic, receive time [ns] and bytes of the topics' messages in [start, stop)."""
+        """Yield topic, receive time [ns] and bytes of the messages of some topics.
+
+        Only messages with receive times in the interval [start, stop) are read.
+        """
         wanted = {each.id: each for each in connections}
         first = 0 if start is None else start
         last = LAST_STAMP if stop is None else stop - 1
@@ -173,7 +183,10 @@ class IndexedMcap(LimitedReader):
         return counts
 
     def _add_part(self, part: _Stretch, in_run: bool) -> None:
-        """Add a chunk or a message. Consecutive messages outside of chunks form one run."""
+        """Add a chunk, or a message outside of chunks if `in_run` is set.
+
+        Consecutive messages outside of chunks are joined to a run.
+        """
         last = self._parts[-1] if self._parts and in_run else part
         follows = last.offset not in self._after and last.offset + last.size == part.offset
         if follows and self._data[last.offset] == Opcode.MESSAGE and last.size < _LONGEST_RUN:

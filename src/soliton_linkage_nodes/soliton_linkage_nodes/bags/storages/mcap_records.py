@@ -27,7 +27,7 @@ PROFILE: Final = 'ros2'
 _PROFILES: Final = 'offered_qos_profiles'
 _DIGEST: Final = 'topic_type_hash'
 CUSTOM_DATA: Final = 'soliton_linkage'
-"""Name of the MCAP metadata records with the custom data of an unfinished bag."""
+"""Name of the metadata records in which the writer stores the custom data of an unfinished bag."""
 
 
 class Opcode(IntEnum):
@@ -62,7 +62,7 @@ class Schema:
 
 @dataclass(frozen=True)
 class Channel:
-    """MCAP channel: a topic with its schema number, message encoding and metadata."""
+    """MCAP channel: a topic with the number of its schema, the message encoding and metadata."""
 
     id: int
     schema: int
@@ -72,13 +72,13 @@ class Channel:
 
 
 def record(opcode: Opcode, *parts: bytes) -> bytes:
-    """Return a record whose body consists of the given parts."""
+    """Return a record whose body consists of the parts one after the other."""
     body = b''.join(parts)
     return RECORD_HEADER.pack(opcode, len(body)) + body
 
 
 def sized(data: bytes) -> bytes:
-    """Return the length of some bytes, followed by the bytes."""
+    """Return the length of `data`, followed by `data`."""
     return struct.pack('<I', len(data)) + data
 
 
@@ -101,7 +101,10 @@ def channel_record(channel: Channel) -> bytes:
 
 
 def topic_of(channel: Channel, schemas: Mapping[int, Schema]) -> StoredTopic:
-    """Return the topic of a channel; without a schema, the type of the topic is unknown."""
+    """Return the topic of a channel.
+
+    If the schema of the channel is missing, the type is unknown.
+    """
     schema = schemas.get(channel.schema) or Schema(0, '', 'ros2msg' if channel.schema else '', b'')
     texts, definition = dict(channel.metadata), schema.data.decode(errors='surrogateescape')
     own = schema.encoding, texts.pop(_DIGEST, ''), texts.pop(_PROFILES, ''), channel.encoding
@@ -110,7 +113,11 @@ def topic_of(channel: Channel, schemas: Mapping[int, Schema]) -> StoredTopic:
 
 
 def channel_of(topic: StoredTopic, schema: int) -> Channel:
-    """Return the channel of a topic. For CDR, rosbag2 requires entries for QoS and type hash."""
+    """Return the channel of a topic.
+
+    `schema` is the number of its schema. For topics in CDR, it has entries for QoS and type hash
+    even if they are empty, because rosbag2 requires them.
+    """
     own = {_PROFILES: topic.profiles, _DIGEST: topic.digest}
     if topic.serialization != CDR:
         own = {key: value for key, value in own.items() if value}
@@ -119,7 +126,7 @@ def channel_of(topic: StoredTopic, schema: int) -> Channel:
 
 
 def metadata_record(name: str, texts: Mapping[str, str]) -> bytes:
-    """Return a metadata record that holds named texts."""
+    """Return a metadata record with a name and named texts."""
     return record(Opcode.METADATA, text(name), _text_map(texts))
 
 
@@ -130,7 +137,10 @@ def _text_map(texts: Mapping[str, str]) -> bytes:
 def message_head(
     channel: int, stamp: int, size: int, published: int | None = None, sequence: int = 0
 ) -> bytes:
-    """Return the head of a message record; `published` [ns] is by default `stamp` [ns]."""
+    """Return the bytes of a message record before the data of `size` bytes.
+
+    `stamp` is the receive time and `published` the publish time [ns], by default `stamp`.
+    """
     length = MESSAGE_HEADER.size + size
     published = stamp if published is None else published
     return _MESSAGE_RECORD_HEADER.pack(Opcode.MESSAGE, length, channel, sequence, stamp, published)
@@ -139,7 +149,10 @@ def message_head(
 def chunk_record(
     records: bytes | memoryview, start: int, end: int, codec: str
 ) -> tuple[bytes, bytes | memoryview]:
-    """Return head and content of a chunk record, given the first and last receive time [ns]."""
+    """Return the head and the content of a chunk record.
+
+    `start` and `end` are the first and the last receive time of its messages [ns].
+    """
     packed = zstd.compress(records) if codec == 'zstd' else records
     fields = CHUNK_HEADER.pack(start, end, len(records), crc32(records))
     fields += text(codec) + struct.pack('<Q', len(packed))
@@ -147,13 +160,20 @@ def chunk_record(
 
 
 def message_index_record(channel: int, entries: Sequence[int]) -> bytes:
-    """Return the index of a channel in a chunk: receive time [ns] and offset [B], alternating."""
+    """Return the record that lists the messages of a channel in a chunk.
+
+    `entries` contains receive time [ns] and offset [B] of each message in turn.
+    """
     packed = struct.pack(f'<{len(entries)}Q', *entries)
     return record(Opcode.MESSAGE_INDEX, struct.pack('<H', channel), sized(packed))
 
 
 def attachment_index_record(body: Bytes, offset: int, length: int) -> bytes:
-    """Return the index of an attachment `body` with its offset and length [B]."""
+    """Return the index record of an attachment.
+
+    `body` is the body of the attachment's record, and `offset` and `length` are the position and
+    the size of this record [B].
+    """
     fields = Fields(body)
     times, name, media_type = bytes(fields.take(16)), fields.sized(), fields.sized()
     size = struct.pack('<Q', fields.number(8))
@@ -163,21 +183,27 @@ def attachment_index_record(body: Bytes, offset: int, length: int) -> bytes:
 
 
 def data_is_intact(data: Bytes, end: int) -> bool:
-    """Return whether the checksum of the data before the record at `end` is correct or missing."""
+    """Return whether the data before the record at `end` is intact.
+
+    This record contains the checksum; without a checksum, the data counts as intact.
+    """
     begin = end + RECORD_HEADER.size
     checksum = int.from_bytes(data[begin : begin + 4], 'little')
     return not checksum or crc32(data[:end]) == checksum
 
 
 def attachment_is_intact(body: Bytes) -> bool:
-    """Return whether the checksum of an attachment is correct or missing."""
+    """Return whether the checksum of an attachment is correct; also true without a checksum."""
     size = len(body) - extra_bytes(Opcode.ATTACHMENT, body) - 4
     checksum = int.from_bytes(body[size : size + 4], 'little')
     return not checksum or crc32(body[:size]) == checksum
 
 
 class Fields:
-    """Parser of the fields of a record. Raises ValueError if a field exceeds the record."""
+    """Parser that reads the fields of a record one after the other.
+
+    Raises ValueError if a field exceeds the record.
+    """
 
     def __init__(self, body: Bytes) -> None:
         self._body = body
@@ -198,11 +224,11 @@ class Fields:
         return taken
 
     def number(self, size: int) -> int:
-        """Return the next unsigned number of `size` [B]."""
+        """Return the next unsigned number, which has `size` bytes."""
         return int.from_bytes(self.take(size), 'little')
 
     def sized(self) -> Bytes:
-        """Return the next byte string, which the record stores after its length."""
+        """Return the next byte string. The record contains its length before it."""
         return self.take(self.number(4))
 
     def text(self) -> str:
@@ -235,7 +261,10 @@ def parse_channel(body: Bytes) -> Channel:
 def define(
     opcode: int, body: Bytes, schemas: dict[int, Schema], channels: dict[int, Channel]
 ) -> None:
-    """If a record contains a schema or channel, add it; ValueError if the record is invalid."""
+    """Add the schema or channel of a record to `schemas` or `channels`; ignore other records.
+
+    Raises ValueError if the schema or channel is invalid.
+    """
     if opcode == Opcode.SCHEMA:
         schema = parse_schema(body)
         schemas[schema.id] = schema
@@ -245,7 +274,7 @@ def define(
 
 
 def parse_message(body: Bytes) -> Message:
-    """Return the message in a record; ValueError if it is too short."""
+    """Return the message in a record; ValueError if the record is too short."""
     if len(body) < MESSAGE_HEADER.size:
         raise ValueError(f'a message of {len(body)} bytes is shorter than its header')
     channel, sequence, stamp, published = MESSAGE_HEADER.unpack_from(body)
@@ -274,12 +303,15 @@ _LAYOUTS: dict[int, tuple[int, tuple[int, ...], int]] = {
     Opcode.SUMMARY_OFFSET: (17, (), 0),
     Opcode.DATA_END: (4, (), 0),
 }
-"""Sizes [B] for each opcode: numbers at the start, length fields of texts or data, numbers at the
-end."""
+"""For each opcode: size of the numbers at the start of the body [B], sizes of the length fields of
+the texts or data that follow [B], and size of the numbers at the end [B]."""
 
 
 def extra_bytes(opcode: int, body: Bytes) -> int:
-    """Return the number of bytes after the known fields; ValueError if a field is missing."""
+    """Return the number of bytes after the known fields of a record.
+
+    Raises ValueError if a known field is missing.
+    """
     head, lengths, tail = _LAYOUTS[opcode]
     fields = Fields(body)
     fields.take(head)
@@ -294,7 +326,11 @@ def extra_bytes(opcode: int, body: Bytes) -> int:
 
 @dataclass(frozen=True)
 class ChunkHead:
-    """Head of a chunk record, with sizes `packed` and `uncompressed` and offset `begin` [B]."""
+    """Head of a chunk record.
+
+    `uncompressed` and `packed` are the sizes of its content before and after compression, and
+    `begin` is the position of the content in the body of the record [B].
+    """
 
     uncompressed: int
     crc: int
@@ -309,7 +345,7 @@ class ChunkHead:
 
 
 def parse_chunk_head(body: Bytes) -> ChunkHead:
-    """Return the head of a chunk; ValueError if it is invalid."""
+    """Return the head of a chunk from the body of its record; ValueError if it is invalid."""
     fields = Fields(body)
     _, _, uncompressed, crc = CHUNK_HEADER.unpack(fields.take(CHUNK_HEADER.size))
     codec = bytes(fields.sized())
@@ -321,7 +357,10 @@ def parse_chunk_head(body: Bytes) -> ChunkHead:
 
 
 def unpack(head: ChunkHead, packed: Bytes, most: int) -> tuple[Bytes, bool]:
-    """Unpack a chunk of at most `most` [B]; return the records and whether they are intact."""
+    """Return the records in a chunk, and whether they are intact.
+
+    A chunk that has more than `most` [B] after decompression is not decompressed.
+    """
     if head.uncompressed > most:
         return b'', False
     records = packed
@@ -332,7 +371,7 @@ def unpack(head: ChunkHead, packed: Bytes, most: int) -> tuple[Bytes, bool]:
 
 
 def records_in(data: Bytes) -> Iterator[tuple[int, int, Bytes]]:
-    """Yield offset, opcode and body of each record up to the first invalid one."""
+    """Yield offset, opcode and body of each record, up to the first invalid record."""
     data, offset = memoryview(data), 0
     while offset + RECORD_HEADER.size <= len(data):
         opcode, size = RECORD_HEADER.unpack_from(data, offset)
@@ -344,7 +383,10 @@ def records_in(data: Bytes) -> Iterator[tuple[int, int, Bytes]]:
 
 
 def messages_in(records: Bytes, strict: bool = True) -> Iterator[Message]:
-    """Yield the messages in some records. Without `strict`, invalid messages are skipped."""
+    """Yield the messages among some records.
+
+    Unless `strict`, messages that are too short are skipped.
+    """
     for _, opcode, body in records_in(records):
         if opcode == Opcode.MESSAGE and (strict or len(body) >= MESSAGE_HEADER.size):
             yield parse_message(body)

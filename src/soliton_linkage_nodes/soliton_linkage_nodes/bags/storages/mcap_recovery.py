@@ -21,7 +21,11 @@ from soliton_linkage_nodes.bags.stored_topic import completed
 
 
 class _Chunk(NamedTuple):
-    """Chunk record at `offset` with its body at `begin` [B]; `rejected` is an error text or ''."""
+    """Chunk of a file.
+
+    `offset` is the position of its record and `begin` that of the record's body [B]. `cut` is
+    whether the file ends within the chunk. `rejected` is a text about an exceeded limit, or ''.
+    """
 
     offset: int
     begin: int
@@ -31,7 +35,10 @@ class _Chunk(NamedTuple):
 
 
 class _Run(NamedTuple):
-    """Messages outside chunks in the bytes [begin, end); doubtful if directly after damage."""
+    """Consecutive messages outside of chunks, in the bytes [begin, end) of the file.
+
+    They are `doubtful` if damaged bytes precede them directly.
+    """
 
     begin: int
     end: int
@@ -41,10 +48,11 @@ class _Run(NamedTuple):
 class RecoveredMcap(RecoveredFile):
     """Recovery of the intact messages and the topics of an MCAP file.
 
-    After damage, the scan continues at the next plausible record head. A truncated chunk yields
-    its complete messages. Messages in a chunk with a wrong checksum are doubtful, and so are
-    messages directly after damage in a file with chunks. Doubtful messages are recovered only if
-    `doubtful` is set.
+    After damaged bytes, the scan continues at the next bytes that look like the head of a record.
+    From a truncated chunk, all complete messages are recovered. Messages are doubtful if the
+    checksum of their chunk is wrong. In a file with chunks, messages outside of chunks are also
+    doubtful directly after damaged bytes. Doubtful messages are recovered only if `doubtful` is
+    set.
     """
 
     def _scan(self, path: Path) -> None:
@@ -120,7 +128,10 @@ class RecoveredMcap(RecoveredFile):
             self.report_damage('it does not end like an MCAP file')
 
     def _take(self, offset: int) -> int | None:
-        """Process a record; return the next offset [B], or None if the record is invalid."""
+        """Process the record at `offset`, and return the offset of the next record [B].
+
+        Returns None if the record is invalid.
+        """
         if len(self._data) - offset < mcap.RECORD_HEADER.size:
             return None
         opcode, size = mcap.RECORD_HEADER.unpack_from(self._data, offset)
@@ -268,20 +279,25 @@ class RecoveredMcap(RecoveredFile):
 
 
 KINDS: Final = range(Opcode.HEADER, Opcode.DATA_END + 1)
-"""Opcodes that the format defines. Readers skip records with other opcodes."""
+"""Opcodes that the MCAP format defines. Records with other opcodes are allowed, and readers skip
+them."""
 _IN_CHUNKS: Final = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 LARGEST_CHUNK_HEAD: Final = 64
-"""Largest size of the head of a chunk [B]: 40 bytes of numbers and the codec name."""
+"""Largest size of the head of a chunk [B], which consists of 40 bytes of numbers and the name of
+the codec."""
 _HEAD = re.compile(rb'[\x01-\x0f](?=.{5}\x00\x00\x00)', re.DOTALL)
-"""Head of a record: an opcode and a length below 2^40 bytes."""
+"""Pattern of the head of a record: an opcode, and a length below 2^40 bytes."""
 _SHORTEST, _LONGEST = 4, 2**40
-"""Smallest and largest plausible size of the content of a record [B]."""
+"""Smallest and largest plausible size of the body of a record [B]."""
 _WINDOW = 2**26
-"""Number of bytes of the file that are searched before their memory is released [B]."""
+"""After a search through this number of bytes of the file, their memory is released [B]."""
 
 
 def _may_follow(data: Bytes, offset: int) -> bool:
-    """Return whether a record or the magic bytes may begin at an offset, or the file ends."""
+    """Return whether, after a record that ends at `offset`, the file may be intact.
+
+    A record or the magic bytes may begin at `offset`, or the file ends there.
+    """
     rest = data[offset : offset + mcap.RECORD_HEADER.size]
     if len(rest) < mcap.RECORD_HEADER.size:
         return not rest or bool(rest[0])
@@ -291,7 +307,7 @@ def _may_follow(data: Bytes, offset: int) -> bool:
 
 
 def next_record(data: memoryview, begin: int) -> int:
-    """Return the offset of the next plausible record, or the size of the file."""
+    """Return the offset of the next bytes that look like a record, or the size of the file."""
     for start in range(begin, len(data), _WINDOW):
         end = min(start + _WINDOW, len(data))
         window = data[start : end + mcap.RECORD_HEADER.size]
@@ -305,7 +321,11 @@ def next_record(data: memoryview, begin: int) -> int:
 
 
 def _is_record(data: Bytes, offset: int) -> bool:
-    """Return whether a chunk begins at an offset, or another valid record that has a successor."""
+    """Return whether a record begins at `offset`.
+
+    A chunk must have a valid head. Any other record must be valid and followed by another record
+    or by the end of the file.
+    """
     opcode, size = mcap.RECORD_HEADER.unpack_from(data, offset)
     begin = offset + mcap.RECORD_HEADER.size
     end = begin + size

@@ -18,18 +18,20 @@ from soliton_linkage_nodes.bags.storages.mcap_records import Channel, Opcode, Sc
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 
 _LARGEST_CHUNK = 2**20
-"""Size at which a chunk is written [B]. Sensitivity: a damaged byte loses more messages in a
-larger chunk; smaller chunks have more overhead."""
+"""A chunk is written to the file when it exceeds this size [B]. Sensitivity: in a larger chunk, a
+damaged byte causes the loss of more messages; smaller chunks need more additional space."""
 
 
 class McapWriter:
-    """Writer of an MCAP file of chunks with checksums; OSError if a write fails.
+    """Writer of an MCAP file that consists of chunks with checksums.
 
-    Definitions of topics are repeated, so that messages stay readable if another part of the file
-    is lost. Every chunk contains a message, because MCAP C++ before 2.0.1 ignores the index if the
-    first chunk has no message. A failed write truncates the file to its last complete chunk.
-    `counts` contains the number of messages by topic number, `span` the first and last receive
-    time [ns].
+    Raises OSError if a write fails.
+
+    The definitions of all topics are repeated at intervals, so that messages stay readable if
+    another part of the file is lost. Every chunk contains a message, because MCAP C++ before 2.0.1
+    ignores the index if the first chunk has no message. If a write fails, the file is truncated to
+    its length before this write. `counts` maps topic numbers to numbers of messages, and `span`
+    contains the first and the last receive time [ns].
     """
 
     def __init__(self, path: Path, codec: str = '', definitions_interval: float = 10.0) -> None:
@@ -56,11 +58,14 @@ class McapWriter:
 
     @property
     def size(self) -> int:
-        """Size of the file [B]. Unless chunks are compressed, the pending chunk is included."""
+        """Size of the file [B].
+
+        It includes the chunk that is not yet written, unless chunks are compressed.
+        """
         return self._end if self._codec else self._end + self._chunk.tell()
 
     def add_topic(self, topic: StoredTopic) -> None:
-        """Add a topic."""
+        """Add a topic, whose messages can then be written."""
         key = (topic.type_name, topic.definition_format, topic.definition)
         if any(key) and key not in self._schemas:
             definition = topic.definition.encode(errors='surrogateescape')
@@ -75,7 +80,10 @@ class McapWriter:
     def write(
         self, number: int, stamp: int, data: bytes, published: int | None = None, sequence: int = 0
     ) -> None:
-        """Add a message of a topic with its receive time `stamp` and its publish time [ns]."""
+        """Add a message of the topic `number`.
+
+        `stamp` is the receive time and `published` the publish time [ns].
+        """
         self._entries[number] += (stamp, self._chunk.tell())
         self._chunk.write(mcap.message_head(number, stamp, len(data), published, sequence))
         self._chunk.write(data)
@@ -84,7 +92,10 @@ class McapWriter:
             self.flush()
 
     def flush(self) -> None:
-        """Pass pending messages to the operating system, so that they survive a killed process."""
+        """Pass pending messages to the operating system.
+
+        They are then not lost if the process is killed.
+        """
         if not self._entries:
             if self._pending_definitions:
                 self._append(self._pending_definitions)
@@ -122,17 +133,17 @@ class McapWriter:
         self.span = (min(known), max(known))
 
     def discard(self) -> None:
-        """Discard the messages that could not be written."""
+        """Discard the pending messages after a failed write, and do not count them."""
         for number, entries in self._entries.items():
             self.counts[number] -= len(entries) // 2
         self._begin_chunk()
 
     def write_custom_data(self, texts: Mapping[str, str]) -> None:
-        """Write custom data as a record, which survives even if the file is never closed."""
+        """Write custom data as a separate record, which is kept if the file is never closed."""
         self._add_metadata(mcap.CUSTOM_DATA, texts)
 
     def copy_record(self, opcode: int, body: mcap.Bytes) -> None:
-        """Copy a record from another file unchanged, for example an attachment."""
+        """Copy an MCAP record from another file without changes, for example an attachment."""
         begin, head = self._end, mcap.RECORD_HEADER.pack(opcode, len(body))
         self._append(head, body)
         length = self._end - begin

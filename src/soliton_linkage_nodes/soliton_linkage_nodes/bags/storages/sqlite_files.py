@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reader of the sqlite3 files of rosbag2, and recovery of damaged ones; both read row by row."""
+"""Reader of the sqlite3 files of rosbag2, and recovery of damaged sqlite3 files."""
 
 from __future__ import annotations
 
@@ -28,23 +28,31 @@ from soliton_linkage_nodes.bags.storages.storage import (
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic, completed
 
 _LEAST_ROW = 4
-"""Size of the shortest row of a table [B]; a file of n bytes has at most n / 4 rows."""
+"""Size of the shortest row of a table [B]. A file of n bytes therefore has at most n / 4 rows."""
 _PATIENCE = 4.0
-"""Time limit for finding a row, in addition to the time for reading the whole file [s]."""
+"""Time limit for the search for a row [s]. The time for reading the whole file is added to it."""
 _SLOWEST_DISK = 20e6
-"""Assumed read rate of the slowest disk [B/s]."""
+"""Read rate of the slowest disk that is assumed for this time [B/s]."""
 _CHECK_EVERY = 20_000
-"""Steps of the SQLite machine between two checks of the time limit [1]; these steps take less than
-1 ms."""
+"""Number of instructions that SQLite executes between two checks of the time limit [1]. They take
+less than 1 ms."""
 _LONGEST_SQL = 20_000
-"""Longest accepted definition of a table [characters]; definitions in bags have 200."""
+"""Longest accepted definition of a table [characters]. The definitions in bags have 200
+characters."""
 
 
 class Tables:
-    """Tables of a sqlite3 file, for reading only. Raises sqlite3.Error if the file is damaged."""
+    """Tables of a sqlite3 file, which are only read.
+
+    The methods raise sqlite3.Error if the file is damaged.
+    """
 
     def __init__(self, path: Path, largest_value: int, damaged: bool = False) -> None:
-        """Open a file, perhaps `damaged`; values larger than `largest_value` [B] become None."""
+        """Open a file.
+
+        Values with more than `largest_value` bytes are read as None. With `damaged`, a truncated
+        file can also be opened.
+        """
         path = regular_file(path)
         self._largest = largest_value
         self.size = path.stat().st_size
@@ -76,7 +84,10 @@ class Tables:
         return self._database.execute(f'PRAGMA {text}').fetchall()
 
     def columns(self, table: str) -> list[str]:
-        """Return the names of the columns of a table, [] if it is not an ordinary table."""
+        """Return the names of the columns of a table.
+
+        For views and other unusual tables, it returns [].
+        """
         self._restart_time_limit()
         query = 'SELECT type, rootpage FROM sqlite_master WHERE name = ? LIMIT 2'
         found = self._database.execute(query, (table,)).fetchall()
@@ -89,9 +100,9 @@ class Tables:
     def rows(
         self, table: str, columns: Sequence[str], rest: str = '', values: Sequence[object] = ()
     ) -> Iterator[tuple[Any, ...]]:
-        """Yield columns of each row.
+        """Yield the values in the given columns for each row of a table.
 
-        `rest`, with placeholders for `values`, ends the SELECT statement.
+        `rest` is the end of the SELECT statement, in which each ? stands for one of the `values`.
         """
         self._check(table, columns)
         quoted = ['"{}"'.format(name.replace('"', '""')) for name in columns]
@@ -108,13 +119,13 @@ class Tables:
             self._restart_time_limit()
 
     def counts(self, table: str, column: str) -> dict[Any, int]:
-        """Return the number of rows for each value in a column."""
+        """For each value in a column, return the number of rows with this value."""
         self._check(table, [column])
         query = f'SELECT {column}, count(*) FROM {table} GROUP BY {column}'
         return dict(self._database.execute(query))
 
     def extremes(self, table: str, column: str) -> tuple[Any, Any]:
-        """Return the smallest and the largest value in a column, None without rows."""
+        """Return the smallest and the largest value in a column, or None and None without rows."""
         self._check(table, [column])
         found = [
             self._database.execute(f'SELECT {which}({column}) FROM {table}').fetchone()[0]
@@ -123,7 +134,10 @@ class Tables:
         return found[0], found[1]
 
     def topics(self) -> Iterator[tuple[Any, ...]]:
-        """Yield the fields of a `StoredTopic` for each topic, without checks of their types."""
+        """Yield the fields of a `StoredTopic` for each topic.
+
+        The types of the values are not checked.
+        """
         definitions: dict[Any, tuple[Any, Any]] = {}
         if self.columns('message_definitions'):
             columns = ('topic_type', 'encoding', 'encoded_message_definition')
@@ -138,7 +152,10 @@ class Tables:
             yield number, name, kind, text, encoding, digest, profiles, serialization
 
     def _check(self, table: str, columns: Sequence[str]) -> None:
-        """Raise sqlite3.Error unless a table has the given columns; restart the time limit."""
+        """Raise sqlite3.Error unless a table has the given columns.
+
+        It also restarts the time limit.
+        """
         held = self.columns(table)
         if missing := [name for name in columns if name not in held]:
             raise sqlite3.DatabaseError(f'{table} is not a table with {", ".join(missing)}')
@@ -149,13 +166,17 @@ class Tables:
 
 
 _MOST_SELECTED = 500
-"""Largest number of topics in an SQL condition [1]; for more topics, all rows are read."""
+"""Largest number of topics in a condition of an SQL statement [1]. If more topics are requested,
+the rows of all topics are read."""
 _TOPIC = ('id', 'name', 'type', 'serialization_format')
 _MESSAGE = ('topic_id', 'timestamp', 'data')
 
 
 class StoredSqlite(LimitedReader):
-    """Reader of a sqlite3 file in receive-time order; ValueError or sqlite3.Error if damaged."""
+    """Reader of a sqlite3 file, in the order of the receive times.
+
+    The methods raise ValueError or sqlite3.Error if the file is damaged.
+    """
 
     def __init__(self, path: Path) -> None:
         super().__init__()
@@ -182,7 +203,10 @@ class StoredSqlite(LimitedReader):
     def messages(
         self, connections: Iterable[Connection], start: int | None = None, stop: int | None = None
     ) -> Messages:
-        """Yield topic, receive time [ns] and bytes of messages of some topics in [start, stop)."""
+        """Yield topic, receive time [ns] and bytes of the messages of some topics.
+
+        Only messages with receive times in the interval [start, stop) are read.
+        """
         if self._tables is None:
             raise sqlite3.ProgrammingError('the file is not open')
         wanted = {each.id: each for each in connections}
@@ -217,9 +241,9 @@ class StoredSqlite(LimitedReader):
 
 
 class RecoveredSqlite(RecoveredFile):
-    """Recovery of the messages of a sqlite3 file, row by row up to an error.
+    """Recovery of the messages of a sqlite3 file, row by row until SQLite reports an error.
 
-    The file has no checksums.
+    Since such a file has no checksums, changed bytes in a message are not detected.
     """
 
     def _scan(self, path: Path) -> None:
@@ -280,9 +304,11 @@ class RecoveredSqlite(RecoveredFile):
 
 
 def _with_journal(path: Path, folder: Path, excess: int = 0) -> Path:
-    """Return the path, or the path of a copy if the file has a journal or `excess` bytes.
+    """Return a path from which a file can be read together with its journal.
 
-    The copy lacks the last `excess` bytes, and contains the changes of the journal.
+    If the file has a journal or ends with `excess` bytes of an incomplete page, this is the path
+    of a copy in `folder`. The copy contains the changes in the journal and lacks the last `excess`
+    bytes.
     """
     journals = [Path(f'{path}{end}') for end in ('-journal', '-wal')]
     present = [each for each in journals if each.is_file() and each.stat().st_size]

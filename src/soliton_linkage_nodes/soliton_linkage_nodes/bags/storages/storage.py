@@ -29,11 +29,15 @@ _FORMATS = {
     'omgidl': MessageDefinitionFormat.IDL,
 }
 LAST_STAMP = 2**63 - 1
-"""Largest signed 64-bit stamp [ns since 1970], in the year 2262."""
+"""Largest stamp that fits into a signed 64-bit integer [ns since 1970]; it is in the year 2262."""
 
 
 class Message(NamedTuple):
-    """Message of a bag: number of the topic, sequence number, receive and publish time [ns]."""
+    """Message of a bag.
+
+    `topic` is the number of its topic, `stamp` its receive time and `published` its publish time
+    [ns].
+    """
 
     topic: int
     sequence: int
@@ -47,7 +51,10 @@ Messages = Generator[tuple[Connection, int, bytes], None, None]
 
 
 class LimitedReader:
-    """Base class of readers with the interface of rosbags. Set `limits` before `open`."""
+    """Base class of readers with the interface of the storage readers of rosbags.
+
+    To change the `limits`, set them before `open` is called.
+    """
 
     def __init__(self) -> None:
         self.limits = DEFAULT_LIMITS
@@ -56,7 +63,7 @@ class LimitedReader:
 
 
 def connection(owner: ReaderProtocol, topic: StoredTopic, count: int) -> Connection:
-    """Return a `Connection` of rosbags for a topic with `count` messages."""
+    """Return the `Connection` by which rosbags describes a topic with `count` messages."""
     kind = _FORMATS.get(topic.definition_format, MessageDefinitionFormat.NONE)
     known = kind is not MessageDefinitionFormat.NONE
     definition = MessageDefinition(kind, topic.definition if known else '')
@@ -66,7 +73,7 @@ def connection(owner: ReaderProtocol, topic: StoredTopic, count: int) -> Connect
 
 
 def parse_profiles(profiles: str | Sequence[Any]) -> list[Qos]:
-    """Return QoS profiles from a YAML text or a parsed list, [] if they are invalid."""
+    """Return QoS profiles from a YAML text or from its parsed list, [] if they are invalid."""
     try:
         values: Any = profiles_in(profiles) if isinstance(profiles, str) else list(profiles)
         return parse_qos(values)
@@ -81,7 +88,10 @@ def summary_of(
     distribution: str | None = None,
     custom: dict[str, str] | None = None,
 ) -> ReaderMetadata:
-    """Return the metadata of a bag; `span` contains the first and last receive time [ns]."""
+    """Return the metadata of a bag in the form of rosbags.
+
+    `span` contains the first and the last receive time [ns], or is None without messages.
+    """
     times = 0, LAST_STAMP, 0, 0
     if span:
         start, end = span
@@ -90,18 +100,22 @@ def summary_of(
 
 
 class RecoveredFile(ABC):
-    """Recovery of all intact messages of a bag file, which may be damaged.
+    """Recovery of all intact messages of a bag file that may be damaged.
 
-    `topics` maps the numbers in the file to topics. `damage` has one line for each damaged part.
-    `lost` counts messages that cannot be read, and `unverified` messages without a checksum.
-    `stated` is the number of messages in the file's statistics, or 0. `records` contains opcodes
-    and contents of records to copy.
+    `topics` maps the topic numbers in the file to topics. `damage` contains a line of text for
+    each damaged part. `lost` is the number of messages that cannot be read, and `unverified` the
+    number of messages without a checksum. `stated` is the number of messages according to the
+    statistics in the file, or 0. `records` contains opcode and body of the records that a
+    recovered bag must also contain.
     """
 
     def __init__(
         self, path: Path, doubtful: bool = False, limits: BagLimits = DEFAULT_LIMITS
     ) -> None:
-        """Scan the file. With `doubtful`, messages with wrong checksums are also recovered."""
+        """Read the file, except for its messages.
+
+        With `doubtful`, messages with wrong checksums are also recovered.
+        """
         self.topics: dict[int, StoredTopic] = {}
         self.custom_data: dict[str, str] = {}
         self.damage: list[str] = []
@@ -134,7 +148,7 @@ class RecoveredFile(ABC):
         self._conclude()
 
     def report_damage(self, damage: str, lost: int = 0) -> None:
-        """Add the description of a damaged part, in which `lost` messages are lost."""
+        """Add the description of a damaged part, in which `lost` messages cannot be read."""
         self.damage.append(damage)
         self.lost += lost
 
