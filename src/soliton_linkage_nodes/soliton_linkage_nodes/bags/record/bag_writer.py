@@ -155,7 +155,7 @@ class BagWriter:
         published: int | None = None,
         sequence: int = 0,
     ) -> None:
-        """Store a serialized message; `stamp` is its receive time, `published` its publish time [ns]."""
+        """Store a serialized message, its receive time `stamp` and its publish time [ns]."""
         with self._naming_the_bag():
             self._split_if_full(stamp)
             self._file.write(topic.number, stamp, serialized, published, sequence)

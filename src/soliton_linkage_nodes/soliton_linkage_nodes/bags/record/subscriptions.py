@@ -24,8 +24,8 @@ _DEPTH = 5000
 """Queue depth of a subscription [messages], enough for five seconds at 1000 messages per
 second."""
 _STREAM_PERIOD = SECOND
-"""A topic with a longer message period than this [ns] is no stream. No one waits for the next
-message of such a topic, because it may take long."""
+"""A topic with a longer message period than this [ns] is no stream. The recorder does not wait for
+the next message of such a topic, because it may take long."""
 
 
 class RecordedSubscription:
