@@ -26,6 +26,7 @@ class Chain:
         )
         self.chains = {'/': SimpleNamespace(model=self.model)}
         self._speed, self._way, self._turn_back = 0.0, 0.0, turn_back
+        self.rejections = 0
 
     def commands(self, _: str) -> Any:
         return self
@@ -34,6 +35,9 @@ class Chain:
         self._speed, self._way = 0.0, 0.0
 
     async def drive(self, _kind: str, _edge: str, speed: float, _times: Any) -> None:
+        self.rejections -= 1
+        if self.rejections >= 0:
+            raise ValueError('nothing subscribes to rotor_impulses')
         self._speed = speed / 2
 
     async def wait(self) -> None:
@@ -77,3 +81,11 @@ def test_a_rotor_flips_or_spins():
 def test_the_velocity_changes_its_sign_at_the_edge():
     answer = measured('reflection')
     assert '+5.00 rotors/s before the edge and -5.00 rotors/s after it' in answer
+
+
+def test_a_kick_is_repeated_until_the_actuator_is_connected():
+    view: Any = Chain(0.0)
+    view.rejections = 3
+    answer = asyncio.run(Laboratory(view, '/', lambda _: None).nudge())
+    assert answer.startswith('A soliton crossed the chain at 5.00 rotors/s with')
+    assert view.rejections < 0

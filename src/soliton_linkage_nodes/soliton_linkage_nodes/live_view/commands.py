@@ -129,7 +129,10 @@ class ChainCommands:
         )
 
     async def pull(self, pull: Pull, updated: Callable[[], Awaitable[None]]) -> str:
-        """Pull a rotor until the user releases it; `updated` waits for the next frame."""
+        """Release a held soliton, then pull a rotor until the user releases the rotor.
+
+        `updated` waits for the next frame.
+        """
         self.check_writable()
         chain = self._finder.chains.get(self.namespace)
         named = chain.model.named if chain else None
@@ -137,8 +140,10 @@ class ChainCommands:
             raise ValueError('the chain is unknown: no node publishes the topic chain')
         if not 0 <= pull.rotor < named.rotors:
             raise ValueError(f'rotor {pull.rotor} must lie in the range 0 to {named.rotors - 1}')
-        if self.holding:
-            raise ValueError('soliton_steering holds the soliton; release it first')
+        if self.move.under_way:
+            raise ValueError('a move of the soliton is under way; cancel it first')
+        if self.holding or self.move.held:
+            await self.release()
         joint = named.joint_names[pull.rotor]
         limit = await self._torque_limit(joint)
         topic = interfaces.JOINT_COMMANDS.name
@@ -210,6 +215,7 @@ class ChainCommands:
     async def release(self) -> str:
         """Release the held soliton."""
         answer = await self._call_own('soliton_steering/release', Trigger.Request())
+        self.holding = False
         self._forget_move()
         return answer
 

@@ -30,6 +30,8 @@ _MIDDLE = (0.3, 0.7)
 [chain lengths]."""
 _TIMEOUT = 60.0
 """Longest wait in each step of an experiment [s], for example for a passage of the soliton."""
+_CONNECTION_TIME = 10.0
+"""Time in which a rejected kick is repeated [s]; a new actuator is not connected at once."""
 _NODES = ('simulator', 'edge_actuator', 'soliton_analyser')
 _TURN = 1.0
 """If the angle of a rotor has changed by more than this after two passages of the soliton, the
@@ -135,7 +137,6 @@ class Laboratory:
             await self._until(lambda: self._ready(DISORDERED), 'the disordered chain to start')
             self._watch(DISORDERED)
             other = Laboratory(self._view, DISORDERED, self._watch)
-            await other._connect()
             try:
                 passage = await other._send(_SPEED)
             except TimeoutError:
@@ -163,16 +164,6 @@ class Laboratory:
         await self._kick(speed)
         return await self._passage()
 
-    async def _connect(self) -> None:
-        """Repeat a kick until it is accepted, because a new actuator rejects commands at first."""
-        deadline = time.monotonic() + _TIMEOUT
-        while True:
-            try:
-                return await self._kick(_SPEED)
-            except ValueError:
-                if time.monotonic() > deadline:
-                    raise
-
     async def _reset(self) -> None:
         await self._view.commands(self._namespace).reset('initial')
         model = self._view.chains[self._namespace].model
@@ -181,7 +172,15 @@ class Laboratory:
 
     async def _kick(self, speed: float) -> None:
         commands = self._view.commands(self._namespace)
-        await commands.drive('kick', 'nearest', speed, (0.0, 0.0, 0.0))
+        deadline = time.monotonic() + _CONNECTION_TIME
+        while True:
+            try:
+                await commands.drive('kick', 'nearest', speed, (0.0, 0.0, 0.0))
+                return
+            except ValueError:
+                if time.monotonic() > deadline:
+                    raise
+                await self._view.wait()
 
     async def _passage(self) -> Passage:
         model = self._view.chains[self._namespace].model

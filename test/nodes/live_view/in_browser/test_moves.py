@@ -47,6 +47,22 @@ def test_a_move_is_cancelled_and_a_goal_outside_the_chain_is_rejected(at_rest, v
     visit.page.keyboard.press('Escape')
 
 
+def test_a_pull_releases_the_held_soliton(at_rest, view):
+    visit = at_rest
+    visit.fill('to rotor', 6)
+    visit.click('carry')
+    visit.has_text('move', 'reached: ')
+    x, y = visit.mass(9)
+    visit.page.mouse.move(x, y)
+    visit.page.mouse.down()
+    visit.page.mouse.move(x + 15, y + 15, steps=3)
+    visit.wait('document.getElementById("live-move").textContent === ""')
+    visit.page.locator('#live-release[disabled]').wait_for()
+    visit.page.mouse.up()
+    visit.answers('torques on rotor_9')
+    assert not view.commands('/').holding
+
+
 def test_a_reset_ends_the_status_of_a_move(at_rest, view):
     visit = at_rest
     visit.fill('to rotor', 6)

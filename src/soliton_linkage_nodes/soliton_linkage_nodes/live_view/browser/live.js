@@ -297,7 +297,7 @@ class Live {
       if (age === Infinity) text = 'waiting for joint_states';
       else if (age > SILENCE) {
         expected = Boolean(paused || replay);
-        text = ended ? 'end of the replay' : `no joint_states for ${age.toFixed(1)} s`;
+        text = ended ? 'end of the replay; End in the tab Bags returns to the live chain' : `no joint_states for ${age.toFixed(1)} s`;
         if (replay && !ended) text = `the bag contains no joint_states for ${age.toFixed(1)} s`;
         if (paused) text = replay ? 'paused' : `paused, ${text}`;
       }
