@@ -43,17 +43,14 @@ _CARRIED_OUT = 'commands carried out'
 """Name of the value in edge_actuator's reports that counts the executed commands."""
 READ_ONLY = 'this page is read-only; start live_view with read_only:=false to send commands'
 _PUBLISHED = (
-    *(interfaces.NUDGE, interfaces.EDGE_COMMAND, interfaces.TILT),
-    interfaces.JOINT_COMMANDS,
+    *(interfaces.NUDGE, interfaces.EDGE_COMMAND, interfaces.TILT, interfaces.JOINT_COMMANDS),
 )
 _SERVICES = {
     'simulator/pause': SetBool,
     'simulator/step': Step,
     'simulator/reset': Reset,
     'soliton_steering/release': Trigger,
-    'chain_identifier/identify': Trigger,
-    'chain_identifier/save': Trigger,
-    'chain_identifier/forget': Trigger,
+    **{f'chain_identifier/{name}': Trigger for name in ('identify', 'save', 'forget')},
 }
 _PARAMETER_SERVICES = {
     ListParameters: 'list_parameters',
@@ -129,10 +126,7 @@ class ChainCommands:
         )
 
     async def pull(self, pull: Pull, updated: Callable[[], Awaitable[None]]) -> str:
-        """Release a held soliton, then pull a rotor until the user releases the rotor.
-
-        `updated` waits for the next frame.
-        """
+        """Release a held soliton, and pull a rotor by hand; `updated` waits for the next frame."""
         self.check_writable()
         chain = self._finder.chains.get(self.namespace)
         named = chain.model.named if chain else None
