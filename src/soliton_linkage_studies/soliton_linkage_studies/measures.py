@@ -27,7 +27,8 @@ from soliton_linkage_studies.experiments import kick_rates
 _TOLERANCE = 1e-8
 """Largest integration error of an angle in one step [rad]."""
 _FRAMES_A_SPACING = 4.0
-"""Number of frames while a wall moves by a spacing or by its width, if that is smaller [1]."""
+"""Smallest number of frames while a wall moves by a rotor spacing or by its width, whichever is
+smaller [1]."""
 _FRAMES_A_SWING = 40.0
 """Number of frames while an edge rotor swings by the smaller of 1 rad and a / r [1]."""
 _DEPARTED = 1.5
@@ -142,9 +143,10 @@ class _Walker:
 def _frame_arc(chain: Chain) -> float:
     """Return the arc length between two frames [rad]. At 1 rad/s it equals the period [s].
 
-    The rotors of a flipper turn by 2 theta_bar while the wall moves by its own width. The lower
-    limit resolves the swing of an edge rotor at a reflection. The amplitude of this swing is the
-    smaller of a / r and 1 rad.
+    The rotors of a flipper turn by 2 theta_bar while the wall moves by its own width, which gives
+    the arc length between frames. This arc length has a lower limit, the arc length that resolves
+    the swing of an edge rotor at a reflection. The amplitude of this swing is the smaller of a / r
+    and 1 rad.
     """
     spacings = 1 + chain.wall_width / chain.spacing
     of_wall = chain.rest_angle / (_FRAMES_A_SPACING * math.sqrt(spacings))
@@ -196,7 +198,7 @@ class SweepTrial(CheckedQuantities):
 
 
 class SentWall(NamedTuple):
-    """Motion of a chain with a wall; track and crossings of this wall."""
+    """Recorded motion of a chain with a wall, and the track and the crossings of this wall."""
 
     recording: Recording
     track: Track

@@ -14,7 +14,8 @@ from soliton_linkage.linkage.chain import Array
 _FEWEST_READINGS = 4
 """Smallest number of readings [1]; it is one more than the number of unknowns."""
 _SHORTEST_STEP = 0.05
-"""Smallest |command - pressure| in the initial guess, divided by the largest one [1]."""
+"""Smallest |command - pressure| of a reading that the initial guess uses, divided by the largest
+|command - pressure| [1]."""
 
 
 @dataclass(frozen=True)

@@ -40,8 +40,8 @@ _WIDEST = 3.0
 _LONGEST = 4.0
 """Largest ratio of the rotor length r to the rotor spacing a, as in the paper [1]."""
 _APART = 1.6
-"""Smallest number of rotors per wall in a cell with several walls, divided by the smallest number
-in a cell with one wall [1]."""
+"""Factor between the smallest numbers of rotors per wall, in a cell with several walls and in a
+cell with one wall [1]; walls need space between them."""
 _SEVERAL = (1, 1, 1, 2, 4)
 """Numbers of walls from which a random cell draws with equal probability [1]."""
 
@@ -71,8 +71,8 @@ class AccuracyCell:
     wrong_reading: float = 0.0
     """Error of one random encoder in the last frame of a record [rad]; 0 means no error."""
     disorder: float = 0.0
-    """Standard deviation of the relative deviations from `chain` [1]; the analyser ignores
-    them."""
+    """Standard deviation of the relative deviations of rotors and springs from `chain` [1]; the
+    analyser does not know these deviations."""
     impulses: int = 0
     """Total number of impulses on the wall in all records [1]."""
     impulses_known: bool = False
@@ -188,7 +188,7 @@ def hard_cells() -> list[AccuracyCell]:
 
 
 def _of_model(chains: dict[str, Chain]) -> list[AccuracyCell]:
-    """Return cells in which a single effect dominates the stated standard deviations."""
+    """Return cells in which one effect alone determines most of the stated standard deviations."""
     edge, narrow = chain_of(40, 0.9, 0.2), chain_of(30, 1.1, 4.39)
     slow, wide = chain_of(40, 1.1, 1.25 * 2 / math.sin(1.1)), chain_of(30, 0.8, 1.6)
     at_rest = [('35', edge, 35.0), ('37', edge, 37.0), ('spinner', narrow, 27.0)]

@@ -43,7 +43,8 @@ _QUICK_EVERY = 4
 _QUICK_FRAMES = 400
 """Largest number of frames per wall in a quick study [1]."""
 _FEWEST_FRAMES = 10
-"""Smallest number of frames with the wall in the middle that suffices for a mean width [1]."""
+"""Smallest number of frames with the wall in the middle of the chain [1]; fewer give no mean
+width."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class ContractedWall:
     speed: float
     """Speed [speed of sound]."""
     speed_deviation: float
-    """Standard deviation of the speed [1]."""
+    """Standard deviation of the speed [speed of sound]."""
     width: float
     """Width relative to the width at rest [1]."""
     width_deviation: float
@@ -68,7 +69,8 @@ class Walls:
     chain: Chain
     kicks: tuple[float, ...]
     reference: Mapping[float, tuple[float, float]]
-    """Noiseless speed [a sqrt(k_e / M)] and noiseless relative width [1] of the wall, by kick."""
+    """For each kick, speed [a sqrt(k_e / M)] and relative width [1] of the wall, measured without
+    noise."""
 
 
 @dataclass(frozen=True)
@@ -106,14 +108,14 @@ class ContractionStudy:
         write_table(lines, folder / f'{name}.md', list(lines))
 
     def duration(self, walls: int, kick: int) -> float:
-        """Return the recording time [time units] for given indices of chain and kick."""
+        """Return the recording time [time units] for the indices of a chain and of its kick."""
         chain, kicks = self.walls[walls].chain, self.walls[walls].kicks
         return crossing_duration(chain, kicks[kick])
 
     def passage(self, walls: int, kick: int) -> ContractedWall:
-        """Simulate a kick, for given indices of chain and kick.
+        """Simulate a kick; return speed and width of the wall.
 
-        Return speed and width of the wall.
+        `walls` is the index of the chain, and `kick` the index of the kick of this chain.
         """
         chain, kicks = self.walls[walls].chain, self.walls[walls].kicks
         generator = np.random.default_rng([self.seed, walls, kick])
@@ -140,10 +142,11 @@ def passage_of(
     """Measure speed and width of a wall on its first passage through the middle of the chain.
 
     `times` [s] has shape (T,). Frames with several walls or without walls are not used. The speed
-    is the slope of a line fitted to the positions. The standard deviations of the first and the
-    last position determine that of the slope, because an error that all positions share does not
-    change the slope. The width is the mean of all widths. The standard deviation of the mean is
-    the smallest stated one, because successive widths are correlated. Raises ValueError for fewer
+    is the slope of a line fitted to the positions. The standard deviation of the slope is
+    computed from the errors of the first and the last position, because an error that all
+    positions share does not change the slope. The width is the mean of the widths in all frames.
+    Because successive widths are correlated, the smallest standard deviation that the analyser
+    states for a width is used as the standard deviation of the mean. Raises ValueError for fewer
     than ten frames.
     """
     both = zip(times, frames, strict=True)
@@ -170,7 +173,10 @@ def passage_of(
 
 
 def rest_width(chain: Chain) -> float:
-    """Return the relative width [1] by tanh fits to static walls, averaged over two spacings."""
+    """Return the mean width of fitted tanh profiles, divided by the theoretical width at rest [1].
+
+    The profiles are fitted to static walls at 20 positions within two rotor spacings.
+    """
     middle = chain.number_of_rotors // 2 - 1
     walls = (static_wall(chain, middle + position) for position in np.arange(0, 2, 0.1))
     found = [find_solitons(chain, wall) for wall in walls]

@@ -3,7 +3,7 @@
 
 The Cramer-Rao bound of the position is sigma / Lambda [rotor spacings] for independent angle noise
 of standard deviation sigma [rad]. Lambda is the arc length of the zero-energy orbit per rotor
-spacing [rad]. Positions are proportional to the arc length, as in `UniformOrbit`.
+spacing [rad]. A position is the arc length divided by Lambda, as in `UniformOrbit`.
 """
 
 from __future__ import annotations
@@ -33,10 +33,11 @@ _FROM_EDGE = 2.0
 """Smallest distance of a tested wall from an edge [wall widths]; a closer edge changes the shape
 of the wall by over 2 %."""
 _LOST_WIDTHS = 2.0
-"""Largest position error of a successful estimate [wall widths]."""
+"""Largest position error of a successful estimate [wall widths], unless `_LOST_BOUNDS` allows a
+larger one."""
 _LOST_BOUNDS = 6.0
-"""Largest error of a successful estimate [Cramer-Rao bounds]; `_LOST_WIDTHS` applies if it is
-larger."""
+"""Largest position error of a successful estimate [Cramer-Rao bounds], unless `_LOST_WIDTHS`
+allows a larger one."""
 _QUANTILE = 0.975
 """Probability below the upper end of a 95 % interval [1]."""
 
@@ -63,11 +64,11 @@ class EstimatorTrial:
     coarse_start: float
     """Largest error of the initial guess for a fit [rotor spacings]."""
     cold_every: int
-    """Number of frames per test of the slow search without a guess [1]."""
+    """Only one of this number of frames is used to test the slow search without a guess [1]."""
 
 
 Estimator = Callable[[UniformOrbit, Array, float], Estimate]
-"""Estimator: function of the orbit, the angles [rad], shape (N,), and an arc length guess
+"""Estimator: function of the orbit, the angles [rad], shape (N,), and a guess of the arc length
 [rad]."""
 
 

@@ -63,7 +63,10 @@ class FrameStudy:
         draw_bias(biases).save(folder, 'bias_by_position')
 
     def sample(self, chain: int, noise: int, chunk: int) -> dict[str, Array]:
-        """Return error and margin of each frame of a chunk [rotor spacings], by estimator."""
+        """Return error and margin of each frame of a chunk [rotor spacings], by estimator.
+
+        `chain`, `noise` and `chunk` are indices.
+        """
         frames = min(_CHUNK, self.trial.frames - chunk * _CHUNK)
         trial = replace(self.trial, frames=frames, noise=self.noises[noise])
         generator = np.random.default_rng([self.seed, chain, noise, chunk])

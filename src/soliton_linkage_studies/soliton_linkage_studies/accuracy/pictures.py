@@ -59,7 +59,8 @@ _STYLES = dict(zip(ESTIMATORS, cycle(zip(COLOURS, MARKERS, strict=True)), strict
 _SIZE = 6
 """Marker size [points]."""
 _OFFSET = 0.15
-"""Horizontal offset between the estimators of a chain [distances between chains]."""
+"""Horizontal offset between the points of different estimators for one chain, relative to the
+distance between chains [1]."""
 _SIGNIFICANT = 3.0
 """Smallest bias that counts as different from 0 [standard errors]; 0.3 % of the cases without bias
 exceed it."""
@@ -73,7 +74,10 @@ _BEYOND = 'position beyond an even rotor [rotor spacings]'
 
 
 def draw_accuracy(lines: Sequence[Line]) -> FigureReport:
-    """Draw the ratio of deviation to bound, the bias and the coverage, one column per noise."""
+    """Draw the accuracy of the estimators, in one column per noise.
+
+    The rows are the ratio of standard deviation to Cramer-Rao bound, the bias and the coverage.
+    """
     noises = sorted({line.noise for line in lines})
     chains = list(dict.fromkeys(line.chain for line in lines))
     width = 1.5 + 0.6 * (len(chains) + 1) * len(noises)
@@ -158,7 +162,7 @@ def _dress(column: Sequence[Axes], noise: float, names: Sequence[str]) -> None:
 
 
 def _dashes(name: str) -> Literal['-', ':']:
-    """Return the line style. The search without a guess is dotted, because lines overlap."""
+    """Return the line style: dotted for the search without a guess, so that no line is hidden."""
     return ':' if name == ORBIT_COLD else '-'
 
 

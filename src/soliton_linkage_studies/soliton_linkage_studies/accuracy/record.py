@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of the recursive estimator as a function of the number of frames, at constant velocity.
 
-The bounds are those of a line fitted to the positions in n frames of period dt. A position has the
-variance s^2 = (sigma / Lambda)^2, for the angle noise sigma and the arc length Lambda per rotor
-spacing. The variance of the position in the last frame is at least 2 (2 n - 1) / (n (n + 1)) s^2,
-and the variance of the velocity at least 12 / (n (n^2 - 1) dt^2) s^2.
+The bounds are the variances of a line that is fitted to the positions in n frames of period dt. A
+position has the variance s^2 = (sigma / Lambda)^2, for the angle noise sigma and the arc length
+Lambda per rotor spacing. The variance of the position in the last frame is at least 2 (2 n - 1) /
+(n (n + 1)) s^2, and the variance of the velocity at least 12 / (n (n^2 - 1) dt^2) s^2.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ Relative error of the velocity. Blue lines are root mean squares over {runs} run
 are the standard deviations stated by the estimator. Dotted black lines are the Cramér-Rao bound.
 """
 _CLEAR = 8.0
-"""Distance that the path of a wall keeps from both edges, if possible [rotor spacings]."""
+"""Distance between the path of a wall and both edges [rotor spacings]; it is smaller if the chain
+is too short."""
 _QUICK_RUNS = 4
 """Largest number of runs per chain in a quick study [1]."""
 _SHOWN = 60

@@ -33,14 +33,15 @@ from soliton_linkage_studies.settings import Section
 from soliton_linkage_studies.sweep.table import fingerprint
 
 _LOST_WIDTHS = 2.0
-"""Threshold [wall widths]: a wall counts as lost if its position error exceeds all three
-thresholds."""
+"""Threshold of the position error of a lost wall [wall widths]. A wall counts as lost if its error
+exceeds all three of this threshold, `_LOST` and `_LOST_DEVIATIONS`."""
 _LOST = 1.0
 """Threshold of the position error of a lost wall [rotor spacings]."""
 _LOST_DEVIATIONS = 6.0
 """Threshold of the position error of a lost wall [stated standard deviations]."""
 _LARGEST_DEVIATION = 0.25
-"""Threshold [chain lengths]: a wall counts as false if its stated standard deviation is larger."""
+"""Threshold of the stated standard deviation of a position [chain lengths]; a wall with a larger
+one counts as false."""
 _FALSE_MISFIT = 0.5
 """Threshold [rad]: a reported wall counts as false if the root mean square misfit of the rotors
 near it is larger."""
@@ -51,7 +52,8 @@ _SCENES = 8
 _LONGER = 2
 """Number of frames of a scene, divided by the number of frames of a record [1]."""
 _NEAR = 3.0
-"""In half of the records, largest distance of the wrong reading from the wall [rotor spacings]."""
+"""Largest distance between the wall and the rotor with the wrong reading [rotor spacings], in half
+of the records; in the other half, the rotor is random."""
 
 
 def records(cell: AccuracyCell, frames: int, random: np.random.Generator) -> Iterator[Scores]:

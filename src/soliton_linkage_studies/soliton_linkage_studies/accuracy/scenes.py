@@ -5,8 +5,8 @@ The static wall nearest to a frame gives the position of the wall. The position 
 the shorter of two times: one period of the slowest phonon, and the time in which the wall passes a
 rotor. The rate is the slope of a line that is fitted to the positions in three times the averaging
 time. For slow walls, whose speed varies between rotors, and for damped and driven rotors, a cubic
-replaces the line. Under force terms, the curvature of the cubic corrects the average. No average
-extends across an impulse.
+replaces the line. In chains with force terms, the effect of the acceleration on the average is
+subtracted, with the acceleration from the cubic. No average extends across an impulse.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ _SAMPLES = 200
 _LEGS = 2.0
 """Longest path of a kicked wall before the scene starts [passages from edge to edge]."""
 _CHAINS = 200
-"""Largest number of disordered chains that are drawn until a wall can pass through a chain [1]."""
+"""Largest number of disordered chains that are drawn until one lets a wall pass [1]."""
 _IMPULSE_REACH = 1.5
 """Largest distance between the wall and a rotor that receives an impulse [rotor spacings]."""
 # Scenes with several walls:
@@ -125,7 +125,10 @@ def _without_walls(angles: Array, kinetic: Array) -> WallScene:
 
 
 def frames_beside(speed: float, cell: AccuracyCell) -> int:
-    """Return the number of averaged frames on each side, for a wall speed [rotor spacings/s]."""
+    """Return how many frames before a frame, and how many after it, its average position includes.
+
+    `speed` is the wall speed [rotor spacings/s].
+    """
     time = 1 / max(abs(speed), gap(cell.chain) / (2 * math.pi))
     return max(round(time / (cell.period * cell.chain.time_unit) / 2), 1)
 
@@ -139,10 +142,12 @@ def averages_and_slopes(
 ) -> tuple[Array, Array]:
     """Return a moving average and a slope for each value.
 
-    An average uses `beside` values on each side. A slope uses three times as many. No window
-    extends across the indices `breaks`. Slopes are those of fitted lines or, if `cubic` is true,
-    of fitted cubics. An acceleration x'' biases the average of 2 b + 1 values by x'' b (b + 1) /
-    6. If `forced` is true, the bias for the x'' of the cubic is subtracted.
+    The average at a value includes `beside` values before it and `beside` values after it. The
+    slope is fitted to three times as many values on both sides, by a line or, if `cubic` is true,
+    by a cubic. `breaks` are indices at which the values are divided; no average and no fit
+    extends across them. A second derivative x'' per squared index biases the average of 2 b + 1
+    values by x'' b (b + 1) / 6. If `forced` is true, this bias is subtracted, with x'' from the
+    cubic.
     """
     means, slopes = np.empty_like(values), np.empty_like(values)
     for begin, end in pairwise([0, *(breaks or []), len(values)]):
@@ -174,7 +179,7 @@ def _convolved(values: Array, weights: Array) -> Array:
 @dataclass(frozen=True)
 class _Start:
     springs: Springs
-    """Simulation of the chain with its deviations, at the start."""
+    """Simulation of the chain, including its deviations, in the initial state."""
     orbit: Orbit
     arc: float
     """Approximate arc length of the wall along its orbit [rad]."""
@@ -298,7 +303,10 @@ def _apply_impulse(
 
 
 def _orbit(cell: AccuracyCell, random: np.random.Generator) -> Orbit:
-    """Return the orbit of a true chain; raise ArithmeticError if all drawn chains block walls."""
+    """Return the orbit of the cell's chain, with random deviations if the cell has disorder.
+
+    Raises ArithmeticError if all drawn chains block walls.
+    """
     if not cell.disorder:
         return _uniform_orbit(cell.chain)
     for _ in range(_CHAINS):

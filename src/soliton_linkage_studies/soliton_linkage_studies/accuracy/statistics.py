@@ -58,8 +58,8 @@ _LARGER = 1.1
 _USEFUL = 2.0
 """Root mean square normalised error below which stated positions count as useful [1]."""
 _FEWER = 0.01
-"""Decrease of the number of lost walls [1] above which errors are not compared, because the errors
-belong to different walls."""
+"""Threshold of the decrease of the lost walls per frame, from the earlier to the new table [1].
+Above it, position errors are not compared, because they belong to different walls."""
 _ERRORS = ('position_rms', 'position_rms_error', 'rate_rms', 'rate_rms_error', 'error_rms')
 _COMPARED = (*_ERRORS, *_FAILURES, 'frames', 'failure', 'position_beyond_4', 'walls_looked_for')
 
@@ -284,7 +284,10 @@ def _less_consistent(name: str, row: Row, old: Row, useful: bool) -> list[str]:
 
 
 def _more_failures(name: str, row: Row, old: Row) -> list[str]:
-    """Report significantly more failures; lost walls include errors above 4 stated deviations."""
+    """Return one line if failures of a kind are significantly more frequent than in the old row.
+
+    For lost walls, position errors above 4 stated standard deviations also count as failures.
+    """
     share, earlier = _rate(row, name), _rate(old, name)
     misplaced = _large_errors(row), _large_errors(old)
     if name == 'lost' and math.isfinite(sum(misplaced)):

@@ -66,7 +66,7 @@ class WallPath:
     resting: Array
     """Angles of the window at `rest_position` [rad], shape (M,)."""
     rest_position: float
-    """Wall position of least energy."""
+    """Wall position of least energy [rotor spacings]."""
     left: Array
     """Angles of an even and an odd rotor far to the left of the wall [rad], shape (2,)."""
 
@@ -142,7 +142,10 @@ class WallPath:
         return math.sqrt(float(residual @ residual) / max(len(residual), 1))
 
     def _near(self, angles: Array, position: float, within: float) -> tuple[Array, Array]:
-        """Return angle differences from a static wall and its derivatives, both near this wall."""
+        """Return the differences of `angles` from a static wall, and the derivatives of this wall.
+
+        Both contain only the rotors that are nearer to `position` than `within`.
+        """
         first, wall, slope = self.window(position)
         low, high = max(first, 0), min(first + len(wall), len(angles))
         near = np.abs(np.arange(low, high) - position) < within
@@ -192,7 +195,8 @@ _SETTLING = (60.0, 400.0)
 _ABSORPTION = 0.5
 """Damping that absorbs phonons at the rotors outside a settling wall [1 / time unit]."""
 _BROKEN = 0.15
-"""Threshold [swings of a rotor]: a wall counts as destroyed if its misfit is larger."""
+"""Threshold of the misfit of a destroyed wall, relative to the angle by which a passing wall turns
+a rotor [1]."""
 _STEP = 0.5
 """Interval between position measurements of a settling wall [time units]."""
 _SLOWER = 0.8
@@ -284,7 +288,7 @@ def _positions(
 def add_motion(wall: SteadyWall, shift: int, angles: Array, rates: Array, sense: int) -> None:
     """Shift a moving wall by `shift` rotors, and add its offsets and rates to a static wall.
 
-    `sense` is 1 if the wall moves to the right.
+    `sense` is 1 if the wall moves to the right, and -1 if it moves to the left.
     """
     numbers = np.arange(len(wall.offsets)) + wall.first + shift
     inside = (numbers >= 0) & (numbers < len(angles))
@@ -302,6 +306,9 @@ def left_of(chain: Chain, charge: int) -> Array:
 
 
 def is_broken(path: WallPath, chain: Chain, angles: Array, position: float, within: float) -> bool:
-    """Return whether the rotors nearer to a position than `within` [spacings] form no wall."""
+    """Return whether the rotors near a position do not form a wall at this position.
+
+    The function compares the rotors nearer to `position` than `within` [rotor spacings].
+    """
     swing = math.pi if chain.motion is Motion.SPINNER else 2 * chain.rest_angle
     return path.misfit(angles, position, within) > _BROKEN * swing

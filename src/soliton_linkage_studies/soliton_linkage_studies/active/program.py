@@ -121,7 +121,10 @@ class ActiveStudy:
 
     @property
     def drives(self) -> dict[tuple[str, int], WallDrive]:
-        """Effect of the motors on each wall that has a path, by chain and charge of the wall."""
+        """Effect of the motors on walls, by name of the chain and charge of the wall.
+
+        Anti-kinks without a path of stable states are omitted.
+        """
         found = {}
         for name, chain in self.chains.items():
             for charge in (1, -1):

@@ -33,7 +33,7 @@ from soliton_linkage_studies.experiments import record_kick
 _LENS = (1100.0, 1100.0), (641.3, 357.2), (-0.12, 0.05, 5e-4, -3e-4, 0.0)
 """Focal lengths [pixels], principal point [pixels] and distortion [1] of the lens of a phone."""
 CAMERA = Camera(1280, 720, *_LENS, row_time=25e-6, exposure=0.004)
-"""Camera with the lens and the rolling shutter of a phone [pixels, s]."""
+"""Camera with the lens and the rolling shutter of a phone: lengths in [pixels], times in [s]."""
 PERIOD = 1 / 60
 """Time between successive pictures [s]."""
 SIMULATED = 0.002

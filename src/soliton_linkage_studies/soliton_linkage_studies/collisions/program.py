@@ -179,7 +179,10 @@ def _draw_critical(report: FigureReport, axes: Axes, series: dict[str, list[Row]
 
 
 def _outcome(row: Row) -> int | None:
-    """Return the number of overlaps before escape, at most 4; None if captured, -1 if broken."""
+    """Return the number of overlaps before the walls escaped, at most 4.
+
+    Returns None for a captured pair, and -1 if the anti-kink was destroyed.
+    """
     after = escaped_after(row)
     if row.run and row.run.broken:
         return -1

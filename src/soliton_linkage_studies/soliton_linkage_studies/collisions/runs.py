@@ -86,8 +86,8 @@ class Collision:
     def reach(self) -> float:
         """Reach of a wall [rotor spacings]: twice the penetration depth l.
 
-        The tails are e^(-x / l). For lean ratios d << 1 and walls of width w, the reach is w in
-        flippers and 2 w in spinners.
+        The tails of a wall decay as e^(-x / l). For lean ratios d << 1 and walls of width w, the
+        reach is w in flippers and 2 w in spinners.
         """
         return 2 * penetration_depth(self.ring) / self.ring.spacing
 
@@ -214,7 +214,7 @@ def initial_state(task: Collision) -> State:
 
 
 def ring_order_field(ring: Chain, angles: Array) -> Array:
-    """Return the order field of a ring, shape (..., N), for the family +1 of uniform states."""
+    """Return the order field of a ring, shape (..., N): +1 where it leans right, -1 where left."""
     theta = staggered(angles)
     if ring.motion is Motion.SPINNER:
         return np.asarray(np.cos(theta - ring.rest_angle))
@@ -231,7 +231,10 @@ def find_walls(ring: Chain, times: Array, angles: Array) -> WallPaths:
 
 
 def _crossings(fields: Array, rotors: NDArray[np.int64]) -> Array:
-    """Return the interpolated zero of the field between a rotor and the next one, shape (T,)."""
+    """Return the zero of the order field between two rotors in each frame, shape (T,).
+
+    The zero is interpolated linearly between the given rotor of a frame and the next rotor.
+    """
     frame = np.arange(len(fields))
     before, after = fields[frame, rotors], fields[frame, rotors + 1]
     change = np.where(before == after, 1.0, before - after)
@@ -281,7 +284,10 @@ def _outcome(task: Collision, path: WallPaths, state: State, drift: float) -> Co
 
 
 def _turns(ring: Chain, path: WallPaths, state: State) -> int:
-    """Return the turns of a spinner's rotor midway between the walls, minus 1/2; otherwise 0."""
+    """Return the number of full turns of the rotor midway between the walls; 0 for flippers.
+
+    At the start, this rotor is half a turn ahead of the uniform state; this counts as 0 turns.
+    """
     if ring.motion is not Motion.SPINNER:
         return 0
     rotor = round((path.kinks[-1] + path.anti_kinks[-1]) / 2)

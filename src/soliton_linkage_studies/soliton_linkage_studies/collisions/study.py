@@ -27,7 +27,7 @@ _SETTINGS = {
 }
 """Numeric settings of a collision, with their smallest and largest values."""
 _QUICK_EVERY = 40
-"""Interval between the speeds that a quick study uses [1]."""
+"""A quick study uses only every fortieth speed [1]."""
 _QUICK_HALVINGS = 2
 """Number of bisections in a quick study [1]."""
 _HALVINGS = 13
