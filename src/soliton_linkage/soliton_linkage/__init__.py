@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Physics and analysis of a topological rotor linkage; arrays in, frozen dataclasses out.
+"""Physics and analysis of a topological rotor linkage, as functions of arrays.
 
 In this example a kick at the first edge sends a soliton through the chain and back:
 
@@ -12,7 +12,7 @@ In this example a kick at the first edge sends a soliton through the chain and b
 >>> [crossing.direction for crossing in sl.find_crossings(chain, track)]
 [1, -1]
 
-The package has these folders. Each imports only from the folders above it:
+The package has these folders:
 
 ============== ==============================================================================
 linkage        the chain: parameters, deviations, gravity, encoders, recorded motion
@@ -26,9 +26,10 @@ identification estimation of the parameters of a chain from recorded angles
 steering       controlled motion of a soliton
 ============== ==============================================================================
 
-A *wall* is a domain wall: rotors on opposite sides of it lean in opposite directions. A *soliton*
-is a moving wall. The *orbit* is the closed curve of all zero-energy configurations. In one *cycle*
-the chain moves once along the whole orbit.
+Modules import only from their own folder and from folders above it in this table. A *wall* is a
+domain wall: rotors on opposite sides of it lean in opposite directions. A *soliton* is a moving
+wall. The *orbit* is the closed curve of all zero-energy configurations. In one *cycle* the chain
+moves once along the whole orbit.
 
 Angles are the angles phi [rad] unless a name contains `staggered`. The last axis of an array
 contains the rotors. Docstrings of constants state sensitivities: 0.5x means half the value of the

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Command `soliton-linkage`; its sub-commands come from the studies and from other packages.
 
-A sub-command is an entry point in the group `soliton_linkage.commands`: a function of the
-arguments. It returns the exit code: 0 after success, 1 after an error, 2 after Ctrl-C or for an
-invalid command line. The help text of a sub-command is the first line of its module's docstring.
+A sub-command is an entry point in the group `soliton_linkage.commands`. It refers to a function,
+whose parameter is the list of arguments. The function returns the exit code: 0 after success, 1
+after an error, 2 after Ctrl-C or for an invalid command line. The help text of a sub-command is
+the first line of the docstring of its module.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ _FAILURES = (ArithmeticError, LookupError, OSError, RuntimeError, ValueError)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the sub-command that the first argument names, or list all; return the exit code."""
+    """Run the sub-command that the first argument names, or list them; return the exit code."""
     given = sys.argv[1:] if arguments is None else list(arguments)
     words = words_before() or given
     commands = {found.name: found for found in sorted(entry_points(group=_GROUP))}
@@ -95,7 +96,7 @@ def _parser(commands: Mapping[str, EntryPoint]) -> PlainParser:
 
 
 def _summary(command: EntryPoint) -> str:
-    """Read the first line of the docstring of a command's module without importing the module."""
+    """Return the first line of the docstring of a command's module without importing it."""
     if command.dist is None:
         return ''
     path = Path(str(command.dist.locate_file(command.module.replace('.', '/') + '.py')))

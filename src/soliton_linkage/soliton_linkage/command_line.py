@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Command lines with one-line error messages and completion of words by the shell.
+"""Command lines with error messages of one line, and with completion of words by the shell.
 
 In bash, `eval "$(register-python-argcomplete soliton-linkage)"` activates completion.
 """
@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 _ASKED = '_ARGCOMPLETE'
-"""Environment variable that marks a completion request; its value is the number of words of the
-program name."""
+"""Environment variable that marks a completion request. Its value is the number of words in the
+name of the program."""
 _ROS_FLAGS = ('-r', '--remap', '-p', '--param', '--params-file', '--log-level')
 _NEGATIVE = re.compile(r'-(\d|\.\d|inf|nan)')
 
@@ -42,14 +42,17 @@ class PlainParser(argparse.ArgumentParser):
 
 
 def words_before() -> list[str]:
-    """Return the words between program and completed word; [] without a completion request."""
+    """Return the words between the name of the program and the word that the shell completes.
+
+    Without a completion request, the result is empty.
+    """
     if _ASKED not in os.environ:
         return []
     return os.environ['COMP_LINE'][: int(os.environ['COMP_POINT'])].split(' ')[1:-1]
 
 
 def skip_word() -> None:
-    """Skip the sub-command, so that the parser of the sub-command completes the line."""
+    """Skip the sub-command in a completion request, so that its own parser completes the line."""
     if _ASKED in os.environ:
         os.environ[_ASKED] = str(int(os.environ[_ASKED]) + 1)
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cache of compiled loops: one checked file for each loop, signature and processor.
+"""Cache of compiled loops, with one checked file for each loop, signature and processor.
 
 The cache of numba has three faults. An empty or truncated index file raises an error at import.
-Two processes can write two loops to one file. After a change of a function, loops of other modules
-that call this function are not compiled again. This cache uses private members of numba, because
-numba has no public interface for caches.
+Two processes can write different loops to the same file. After a change of a function, numba does
+not recompile the loops of other modules that call this function. This cache uses private members
+of numba, because numba has no public interface for it.
 """
 
 from __future__ import annotations
@@ -33,17 +33,20 @@ _CONSTANTS = (bool, int, float, str, tuple, frozenset)
 
 
 class LoopCache(FunctionCache):  # type: ignore[misc]
-    """Cache of one loop; a damaged or outdated file is ignored and replaced."""
+    """Cache of one loop.
+
+    A damaged or outdated file is ignored and replaced.
+    """
 
     def __init__(self, function: Callable[..., Any], options: object) -> None:
-        """Raise RuntimeError if no folder is writable."""
+        """Create the cache; raise RuntimeError if no folder is writable."""
         super().__init__(function)
         self._options = repr(options)
         name = re.sub(r'-\d+(?=\.py)', '', self._impl.filename_base)  # omit the line number
         self._cache_file = _LoopFiles(Path(self.cache_path), name)
 
     def _index_key(self, sig: Any, codegen: Any) -> tuple[str, str]:
-        """Return the text that determines the file name, and the key that determines the code."""
+        """Return the text that determines the file name, and a key that changes with the code."""
         target = repr((sig, codegen.magic_tuple()))
         versions = f'numba {numba.__version__} llvmlite {version("llvmlite")}'
         return target, f'{target} {versions} {self._options} {_code_digest(self._py_func)}'
@@ -57,7 +60,11 @@ class LoopCache(FunctionCache):  # type: ignore[misc]
 
 
 class _LoopFiles:
-    """Files of one loop; a file contains a checksum of its rest, one of the key, and data."""
+    """Files of one loop.
+
+    Each file contains a checksum of the rest of the file, a checksum of the key, and the compiled
+    loop.
+    """
 
     def __init__(self, folder: Path, name: str) -> None:
         self._folder = folder
@@ -97,7 +104,7 @@ class _LoopFiles:
 
 @functools.cache
 def report_once(text: str) -> None:
-    """Log a warning about the cache, but only the first one in each process."""
+    """Log a warning about the cache if it is the first one in this process."""
     if report_once.cache_info().currsize == 0:
         logging.getLogger(__name__).warning(text)
 
@@ -124,7 +131,7 @@ def _code_digest(function: Any) -> str:
 
 
 def _instructions(function: Any) -> list[Any]:
-    """Return the contents of a function's code objects, but no docstring and line numbers."""
+    """Return the contents of a function's code objects, without docstring and line numbers."""
     return [
         (
             code.co_code.hex(),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Display of the progress of a long computation as one line on stderr.
+"""Display of the progress of a long computation, as one line on stderr.
 
 The package tqdm is not used, because it writes carriage returns into log files and cannot shorten
 the title.
@@ -12,15 +12,17 @@ import sys
 import time
 
 _BAR_WIDTH = 30
-"""Width of the bar [characters]."""
+"""Largest width of the progress bar [characters]."""
 _MINIMUM_BAR_WIDTH = 10
-"""Smallest width of the progress bar [characters]; on a short line, the title is cut instead."""
+"""Smallest width of the progress bar [characters]. If the line is too short for it, the title is
+cut."""
 _TERMINAL_INTERVAL = 0.1
-"""Shortest time between two updates in a terminal [s]; faster updates flicker."""
+"""Shortest time between two updates in a terminal [s]; more frequent updates flicker."""
 _LOG_INTERVAL = 2.0
 """Shortest time between two lines in a log file [s]."""
 _DEFAULT_COLUMNS = 80
-"""Line width if stderr is not a terminal, or if the terminal reports no width [characters]."""
+"""Assumed line width if stderr is not a terminal, or if the terminal reports no
+width [characters]."""
 
 
 def line_width() -> int:
@@ -37,7 +39,10 @@ class ProgressLine:
     """Progress display: one line that is updated in a terminal, separate lines in a log file."""
 
     def __init__(self, title: str, total: float) -> None:
-        """Prepare to show the progress from 0 to `total`; if `total` is 0, no bar is shown."""
+        """Prepare to show the progress from 0 to `total`.
+
+        If `total` is 0, no bar is shown.
+        """
         self.total = total
         self._title = title
         self._terminal = sys.stderr.isatty()
@@ -46,11 +51,11 @@ class ProgressLine:
 
     @property
     def due(self) -> bool:
-        """Whether the next update may be shown."""
+        """Whether enough time has passed since the last update to show the next one."""
         return time.monotonic() - self._shown_at >= self._interval
 
     def show(self, done: float, remark: str = '') -> None:
-        """Show the progress if an update is due; cut the title if the line is too short."""
+        """Show the progress and a remark if an update is due; cut a title that is too long."""
         if not self.total:
             self.show_text(f'{self._title}: {remark}' if remark else self._title)
             return
@@ -75,7 +80,7 @@ class ProgressLine:
         self._write(f'{text}\n' if self._terminal else text)
 
     def end(self, remark: str) -> None:
-        """Replace the progress line by a final remark."""
+        """Replace the progress line by a final remark, which remains."""
         self._write(remark)
         if self._terminal:
             sys.stderr.write('\n')

@@ -2,7 +2,8 @@
 """Models of the actuators at the edges: interface, implementations and a registry by name.
 
 To add a model, write a frozen dataclass with the methods of `Actuator` and fields made by
-`quantity`, and add it to `ACTUATORS`. The parameter `actuator` of the node selects it.
+`quantity`, and add it to `ACTUATORS`. The parameter `actuator` of the node selects a model by its
+name in `ACTUATORS`.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ class PneumaticActuator(CheckedQuantities):
     """Soft actuator with first-order pressure dynamics; raises ValueError for invalid parameters.
 
     The pressure p [Pa] approaches a higher command with the time constant `filling_time`, and a
-    lower one with `venting_time`. The torque k p, proportional to the pressure, is limited to
-    `saturation_torque`.
+    lower one with `venting_time`. The torque is the pressure times `torque_per_pressure`, limited
+    to at most `saturation_torque` in both directions.
     """
 
     filling_time: float = quantity(0.03, 'time constant of a rising pressure', 's', 1e-4, 1e3)
@@ -57,13 +58,13 @@ class PneumaticActuator(CheckedQuantities):
     ) -> tuple[float, float]:
         """Return the pressure [Pa] after `time` [s], and the integral of the pressure [Pa s].
 
-        The command is u = target + slope t. With the time constant tau, the lag e = u - p obeys
-        de/dt = slope - e / tau, so that
+        The command at the time t is u = target + slope t [Pa], and `pressure` is the pressure at
+        t = 0. With the time constant tau, the lag e = u - p obeys de/dt = slope - e / tau, so that
 
             e(t) = e(0) E + slope tau (1 - E),    E = exp(-t / tau),
 
-        until e changes its sign at t = tau ln(1 - e(0) / (slope tau)). Then the other time
-        constant acts.
+        until e changes its sign at t = tau ln(1 - e(0) / (slope tau)). From then on, the other
+        time constant acts.
         """
         lag = target - pressure
         constant = self._time_constant(lag if lag else slope)
@@ -81,7 +82,11 @@ class PneumaticActuator(CheckedQuantities):
     def response(
         self, pressure: float, command: Profile, start: float, end: float
     ) -> tuple[float, float]:
-        """Return the pressure [Pa] at `end`, and the integral of the pressure since `start`."""
+        """Return the pressure [Pa] at `end`, and its integral from `start` to `end` [Pa s].
+
+        `pressure` is the pressure at `start`. The times `start` and `end` [s] refer to the time
+        axis of `command`.
+        """
         integral = 0.0
         for line in command.segments(start, end):
             first, last = float(line.first), float(line.last)
@@ -93,8 +98,8 @@ class PneumaticActuator(CheckedQuantities):
     def responses(self, pressure: float, times: Array, commands: Array) -> Array:
         """Return the pressure [Pa] at the instants `times` [s].
 
-        `pressure` is the pressure at the first instant. Each element of `commands` [Pa] acts until
-        the next instant.
+        `pressure` is the pressure at the first instant. Each element of `commands` [Pa] acts from
+        its instant to the next instant.
         """
         pressures = [pressure]
         for step, target in zip(np.diff(times).tolist(), commands.tolist(), strict=False):
@@ -113,8 +118,9 @@ class PneumaticActuator(CheckedQuantities):
     def pulse_command(self, impulse: float, duration: float) -> float:
         """Return the commanded pressure [Pa] of a pulse with a duration [s] and impulse [N m s].
 
-        For a duration T, the impulse is k u [T + (tau_2 - tau_1) (1 - exp(-T / tau_1))]. The time
-        constants are tau_1 towards the command u and tau_2 back to 0.
+        With a commanded pressure u and the duration T, the impulse is k u [T + (tau_2 - tau_1) (1
+        - exp(-T / tau_1))], where k is `torque_per_pressure`. tau_1 is the time constant from 0 to
+        u, and tau_2 the time constant from u back to 0.
         """
         towards, back = self._time_constant(impulse), self._time_constant(-impulse)
         effective_duration = duration - (back - towards) * math.expm1(-duration / towards)
@@ -137,8 +143,8 @@ class PneumaticActuator(CheckedQuantities):
 class Actuator(Protocol):
     """Interface of an actuator at an edge.
 
-    The level of an actuator, for example a pressure [Pa], approaches the command and determines
-    the torque [N m] along the unit zero mode. At rest, level and torque are 0.
+    An actuator has a level, for example a pressure [Pa]. The level approaches the command and
+    determines the torque [N m] along the unit zero mode. At rest, level and torque are 0.
     """
 
     def check_command(self, command: float) -> None:
@@ -147,13 +153,17 @@ class Actuator(Protocol):
     def response(
         self, level: float, command: Profile, start: float, end: float
     ) -> tuple[float, float]:
-        """Return the level at `end` [s], and the integral of the level since `start`."""
+        """Return the level at `end` [s], and the integral of the level since `start`.
+
+        `level` is the level at `start`. The times `start` and `end` [s] refer to the time axis of
+        `command`.
+        """
 
     def torque(self, level: float) -> SupportsFloat:
         """Return the torque at a level [N m]."""
 
     def is_saturated(self, level: float) -> bool:
-        """Return whether the torque at a level is reduced to the torque limit."""
+        """Return whether the torque limit reduces the torque at a level."""
 
     def pulse_command(self, impulse: float, duration: float) -> float:
         """Return the command of a pulse with a given duration [s] and impulse [N m s]."""

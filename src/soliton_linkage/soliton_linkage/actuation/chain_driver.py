@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Driver that converts the commands to one chain into torques for each frame."""
+"""Driver that converts the commands for a chain into torques for each frame."""
 
 from __future__ import annotations
 
@@ -26,12 +26,13 @@ class _PendingCommand:
 
 
 class ChainDriver:
-    """Driver of all actuators of a chain: it converts commands into torques and records kicks.
+    """Driver of all actuators of a chain, which converts commands into torques and records kicks.
 
-    A command starts at the next frame. The torques of a frame are means of the commands over the
-    next interval, which is assumed to be as long as the last one. The last torques of a joint
-    command are held for `timeout` [s]. If an interval between frames exceeds `longest_gap` [s],
-    the torques before this interval are reported as cut short.
+    A command starts at the next frame. Its `source` is the topic of the command, for the reports.
+    At each frame, the driver returns the mean torques over the interval to the next frame. It
+    assumes that this interval is as long as the previous one. After the end of a joint command,
+    its last torques are held for `timeout` [s]. If an interval between frames exceeds
+    `longest_gap` [s], the current torques are reported as cut short.
     """
 
     def __init__(
@@ -53,7 +54,7 @@ class ChainDriver:
 
     @property
     def busy(self) -> bool:
-        """Whether the driver needs the next frame, for torques or for a pending report."""
+        """Whether the driver needs the next frame, because torques act or a report is pending."""
         return bool(self._pending) or self._driving or self.record.open
 
     @property
@@ -62,14 +63,15 @@ class ChainDriver:
         return self._driving
 
     def command(self, source: str, command: EdgeCommand, side: Edge) -> None:
-        """Start a command with a duration at an edge; replace the previous edge command."""
+        """Start a command with a duration at an edge, in place of the previous edge command."""
         begin = partial(self._drive.command, command, side)
         self._pending.append(_PendingCommand(source, begin, command))
 
     def play(self, source: str, command: EdgeCommand, rotor: int, limit: float) -> None:
-        """Start a waveform on a rotor with torques up to `limit` [N m]; replace the edge command.
+        """Start a waveform on a rotor, in place of the previous edge command.
 
-        Raises ValueError if the command has no waveform, and the errors of `EdgeCommand.profile`.
+        The torques are limited to `limit` [N m]. Raises ValueError if the command has no waveform,
+        and the errors of `EdgeCommand.profile`.
         """
         if command.waveform is None:
             raise ValueError(f'a {command.kind.value} is no waveform; call command')
@@ -78,14 +80,14 @@ class ChainDriver:
         self._pending.append(_PendingCommand(source, begin, command))
 
     def hold(self, source: str, rotors: Rotors, torques: Array) -> None:
-        """Apply constant torques [N m] to some rotors until the next command or the timeout."""
+        """Apply constant torques [N m] to some rotors until their next command or the timeout."""
         begin = partial(self._drive.joints.hold, rotors, torques)
         self._pending.append(_PendingCommand(source, begin))
 
     def follow(
         self, source: str, rotors: Rotors, times: Array, torques: Array, delay: float
     ) -> None:
-        """Apply a torque trajectory [N m] with a delay [s]; see `JointDrive.follow`."""
+        """Apply a trajectory of torques [N m] after a delay [s]; see `JointDrive.follow`."""
         begin = partial(self._drive.joints.follow, rotors, times + delay, torques)
         self._pending.append(_PendingCommand(source, begin))
 

@@ -16,25 +16,27 @@ from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.chain import Array, Chain
 
 _LARGEST_ANGLE = math.pi
-"""Largest amplitude of an imposed angle [rad]; half a turn reaches every orientation."""
+"""Largest allowed amplitude of an imposed angle [rad]. Half a turn reaches every orientation."""
 
 
 class CommandKind(enum.Enum):
-    """Kind of a command; it determines the meaning and the unit of the value."""
+    """Kind of a command, which determines the meaning and the unit of the value."""
 
     KICK = 'kick'
     """Instantaneous change of the speed along the unit zero mode [rad/s]."""
     PRESSURE = 'pressure'
-    """Pressure in the chamber [Pa]; another actuator model has another quantity and unit."""
+    """Pressure in the chamber [Pa]. With another actuator model, this is another quantity with
+    another unit."""
     PULSE = 'pulse'
-    """Torque along the unit zero mode [N m]; it bypasses the actuator model."""
+    """Torque along the unit zero mode [N m], which does not depend on the actuator model."""
     WAVEFORM = 'waveform'
-    """Torque [N m] or angle [rad] of a single rotor; it bypasses the actuator model."""
+    """Torque [N m] or angle [rad] of a single rotor, which does not depend on the actuator
+    model."""
 
 
 @dataclass(frozen=True)
 class EdgeLimits:
-    """Limits of the commands that bypass the actuator model."""
+    """Limits of the kicks and pulses, which do not depend on the actuator model."""
 
     speed: float
     """Largest speed of a kick [rad/s]."""
@@ -44,11 +46,12 @@ class EdgeLimits:
 
 @dataclass(frozen=True)
 class EdgeCommand:
-    """Command to the actuator at an edge; raises ValueError for times that the kind forbids.
+    """Command to the actuator at an edge.
 
-    The commanded quantity rises from 0 to `value` in `ramp_up` [s], is constant for `duration`
-    [s], and falls to 0 in `ramp_down` [s]. A pressure with duration 0 acts until the next command.
-    A command of the kind WAVEFORM multiplies its `waveform` by `value`.
+    Raises ValueError for a duration or ramps that the kind does not allow. The commanded quantity
+    rises from 0 to `value` in `ramp_up` [s], is constant for `duration` [s], and falls to 0 in
+    `ramp_down` [s]. A pressure with duration 0 acts until the next command. For the kind WAVEFORM,
+    the commanded quantity is `value` times the `waveform`.
     """
 
     edge: Edge
@@ -97,12 +100,15 @@ class EdgeCommand:
 
     @property
     def held(self) -> bool:
-        """Whether the command is a pressure with duration 0; it acts until the next command."""
+        """Whether the command is a pressure with duration 0, which acts until the next command."""
         return self.kind is CommandKind.PRESSURE and not self.duration
 
     @property
     def vents(self) -> bool:
-        """Whether the commanded pressure is 0; both edges always allow this pressure."""
+        """Whether the command is a pressure of 0.
+
+        This command is allowed at both edges, wherever the wall is.
+        """
         return self.kind is CommandKind.PRESSURE and self.value == 0
 
     @property
@@ -118,7 +124,10 @@ class EdgeCommand:
         return trapezoid(self.value, self.ramp_up, duration, self.ramp_down)
 
     def check(self, limits: EdgeLimits, actuator: Actuator) -> None:
-        """Raise ValueError for a value beyond the limits; `RotorDrive` limits waveform torques."""
+        """Raise ValueError for a value beyond the limits.
+
+        Torques of waveforms are not checked, because `RotorDrive` limits them.
+        """
         if self.kind is CommandKind.PRESSURE:
             actuator.check_command(self.value)
         elif self.kind is CommandKind.KICK:
@@ -133,8 +142,8 @@ class EdgeCommand:
         """Return the angular impulses of an instantaneous command [N m s], shape (N,).
 
         With the unit zero mode m and the moments of inertia I_n, a kick of speed v has the
-        impulses I_n v m_n. A pulse of torque tau has the impulses tau T m_n with the frame period
-        T [s]. Raises ValueError for a pulse if T is None.
+        impulses I_n v m_n. A pulse of torque tau has the impulses tau T m_n, where T is the frame
+        `period` [s]. Raises ValueError for a pulse if `period` is None.
         """
         if self.kind is CommandKind.KICK:
             return np.asarray(chain.moments_of_inertia * self.value * mode)
@@ -146,7 +155,7 @@ class EdgeCommand:
         return np.asarray(period * self.value * mode)
 
     def as_pressure(self, chain: Chain, actuator: Actuator, duration: float) -> EdgeCommand:
-        """Return the pressure command of a `duration` [s] with the same impulse as this kick."""
+        """Return a pressure command with a `duration` [s] and the same impulse as this kick."""
         impulse = chain.moment_of_inertia * self.value
         pressure = actuator.pulse_command(impulse, duration)
         return EdgeCommand(self.edge, CommandKind.PRESSURE, pressure, duration)

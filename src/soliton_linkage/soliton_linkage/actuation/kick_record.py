@@ -13,8 +13,9 @@ from soliton_linkage.dynamics.work import TorqueLedger
 from soliton_linkage.linkage.chain import Array
 
 _DELIVERY_TIMEOUT = 10**9 // 2
-"""Longest wait for the delivery totals of the simulator [ns], counted in stamps of frames; even
-the slowest simulator publishes many frames in this time."""
+"""If the simulator does not deliver the totals of a kick within this time [ns], the kick is
+reported without waiting for them. The time is measured by the stamps of frames. Even the slowest
+simulator publishes many frames in this time."""
 
 
 @dataclass(frozen=True)
@@ -37,14 +38,17 @@ class DeliveryTotals:
 
 @dataclass(frozen=True)
 class KickReport:
-    """Report of one kick, or of one episode: an interval in which torques act without a pause."""
+    """Report of one kick or of one episode.
+
+    An episode is an interval in which torques act without a pause.
+    """
 
     stamp: int
     """Stamp of the frame at which the kick or the torques started [ns]."""
     source: str
     """Topics of the commands, separated by commas."""
     command: EdgeCommand | None
-    """Command to the edge actuator; None if only joint commands act."""
+    """Command to the edge actuator, or None if only joint commands act."""
     duration: float
     """Time during which torques acted [s]."""
     impulse: Array
@@ -52,13 +56,13 @@ class KickReport:
     work: float
     """Work on the chain [J]."""
     peak_torque: float
-    """Largest norm of the vector of all torques [N m]."""
+    """Largest norm of the vector of the torques on all rotors [N m]."""
     saturated: bool
-    """Whether the torque of an actuator was reduced to its limit."""
+    """Whether the torque of an actuator was reduced to its limit at some time."""
     cut_short: bool
-    """Whether the command ended early, or was rejected."""
+    """Whether the command ended early or was rejected."""
     measured: bool
-    """Whether the simulator measured impulse and work; otherwise they were computed."""
+    """Whether the simulator measured impulse and work, so that they were not computed."""
 
 
 @dataclass(eq=False)
@@ -84,10 +88,11 @@ class _Impulse:
 
 
 class KickRecord:
-    """Record of the impulses and torques sent to the rotors; `report` receives each finished kick.
+    """Record of the impulses and torques that were sent to the rotors.
 
-    Without `DeliveryTotals`, impulse and work are computed. The computation assumes that torques
-    that were sent after frame k act from frame k + 1 to frame k + 2.
+    The function `report` is called with the report of each finished kick or episode. If the
+    simulator does not publish `DeliveryTotals`, impulse and work are computed. The computation
+    assumes that torques which were sent after frame k act from frame k + 1 to frame k + 2.
     """
 
     def __init__(self, number_of_rotors: int, report: Callable[[KickReport], None]) -> None:
@@ -111,13 +116,16 @@ class KickRecord:
 
     @property
     def waiting(self) -> int:
-        """Number of sent impulses without a measurement by the simulator."""
+        """Number of sent impulses that the simulator has not measured yet."""
         return len(self._impulses)
 
     def kicked(
         self, stamp: int, source: str, command: EdgeCommand, impulses: Array, work: float
     ) -> None:
-        """Record sent impulses [N m s], shape (N,), and their work at the current rates [J]."""
+        """Record sent impulses [N m s], shape (N,), and their work at the current rates [J].
+
+        `stamp` is the stamp of the current frame [ns], and `source` is the topic of the command.
+        """
         kick = _Impulse(stamp, source, command, impulses, work)
         if self.measured:
             self._impulses.append(kick)
@@ -125,7 +133,10 @@ class KickRecord:
             self._report_impulses([kick], kick.work, measured=False)
 
     def begin(self, stamp: int, source: str, command: EdgeCommand | None) -> None:
-        """Start an episode of torques, or add a source to the current episode."""
+        """Start an episode of torques at a stamp [ns], or add a source to the current episode.
+
+        `command` is the edge command, or None for a joint command.
+        """
         if self._episode is None:
             before = None if self._ended else self.delivered
             self._episode = _TorqueEpisode(stamp, TorqueLedger(self._rotors), before)
@@ -139,7 +150,10 @@ class KickRecord:
             self._episode.cut_short = True
 
     def end(self, stamp: int, cut_short: bool = False, superseded: bool = False) -> None:
-        """End the episode at a stamp [ns]; `superseded` means that another episode follows."""
+        """End the episode at a stamp [ns].
+
+        `superseded` means that another episode follows without a pause.
+        """
         if self._episode is not None:
             self._episode.ended, self._episode.superseded = stamp, superseded
             self._episode.cut_short |= cut_short
@@ -153,7 +167,7 @@ class KickRecord:
             self._episode.saturated |= saturated
 
     def frame(self, stamp: int, angles: Array) -> None:
-        """Process a frame with its stamp [ns] and its angles [rad], shape (N,)."""
+        """Process a frame with a stamp [ns] and the angles [rad], shape (N,)."""
         if self._frame is not None:
             before, angles_before = self._frame
             episode, torques = self._acting
@@ -187,7 +201,7 @@ class KickRecord:
             self._close(None)
 
     def _settle(self, stamp: int) -> None:
-        """Report kicks whose measurement is overdue or not expected."""
+        """Report kicks whose measurement is overdue at a stamp [ns], or not expected."""
         late = [kick for kick in self._impulses if stamp - kick.stamp > _DELIVERY_TIMEOUT]
         if late:
             del self._impulses[: len(late)]

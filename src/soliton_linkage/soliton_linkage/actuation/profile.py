@@ -13,7 +13,7 @@ import numpy as np
 from soliton_linkage.linkage.chain import Array
 
 RESOLUTION = 1e-9
-"""Resolution of the stamps [s]; a profile counts as ended if less than this time remains."""
+"""Resolution of the stamps [s]. A profile has ended if less than this time remains."""
 
 
 @dataclass(frozen=True)
@@ -33,10 +33,11 @@ class Segment:
 
 @dataclass(frozen=True)
 class Profile:
-    """Piecewise linear function of time, 0 before the first point and constant after the last.
+    """Piecewise linear function of time.
 
-    Two points at one instant define a jump. Raises ValueError for decreasing instants, for
-    infinite or NaN entries, and if the arrays differ in length.
+    The value is 0 before the first point and constant after the last point. Two points at one
+    instant define a jump. Raises ValueError for decreasing instants, for infinite or NaN entries,
+    and if the arrays differ in length.
     """
 
     times: Array
@@ -62,7 +63,7 @@ class Profile:
 
     @property
     def held(self) -> bool:
-        """Whether the value after the last point differs from 0."""
+        """Whether the value after the last point differs from 0, so that it is held."""
         return bool(np.any(self.values[-1]))
 
     def after(self, time: float) -> Array:
@@ -94,7 +95,10 @@ class Profile:
         return np.asarray(np.sum(means, axis=0))
 
     def _between(self, following: int, time: float) -> Array:
-        """Return the value at an instant [s] between point `following` and the previous point."""
+        """Return the value at an instant [s].
+
+        The instant is between the points `following` - 1 and `following`.
+        """
         if following == 0:
             return np.zeros(self.values.shape[1:])
         if following == len(self.times):
@@ -110,9 +114,10 @@ AT_REST = Profile(np.zeros(1), np.zeros(1))
 
 
 def trapezoid(value: float, ramp_up: float, duration: float, ramp_down: float) -> Profile:
-    """Return a profile that rises from 0 to a value, holds the value, and falls back to 0.
+    """Return a profile that rises from 0 to a value, keeps this value, and falls back to 0.
 
-    The three phases have durations in [s]. An infinite `duration` holds the value forever.
+    The three arguments after `value` are the durations of these phases [s]. If `duration` is
+    infinite, the profile keeps the value forever.
 
     >>> pulse = trapezoid(2.0, ramp_up=0.1, duration=0.3, ramp_down=0.1)
     >>> round(float(pulse.integral(0.0, 1.0)), 9)

@@ -12,22 +12,23 @@ from soliton_linkage.actuation.waveform import DrivenQuantity
 from soliton_linkage.linkage.chain import Array, Chain
 
 _STIFFNESS = 0.3
-"""Natural frequency of the angle servo times the frame period [1]. For a burst of 40 rad/s, the
-error of the angle is 0.3 % of the amplitude at 500 frames per second and 3 % at 250; at 100, the
-servo fails. Sensitivity at 500 frames per second: at 0.5x, the error is 0.7 %; at 2x, 0.2 %."""
+"""Natural frequency of the angle servo, multiplied by the frame period [1]. For a burst of 40
+rad/s, the error of the angle is 0.3 % of the amplitude at 500 frames per second and 3 % at 250
+frames per second; at 100 frames per second, the servo fails. Sensitivity at 500 frames per second:
+at 0.5x, the error is 0.7 %; at 2x, 0.2 %."""
 
 
 class RotorDrive:
     """Drive of one rotor by a waveform; a new command replaces the previous one.
 
-    To impose an angle q_ref(t) on the angle q, the drive applies the following torque, up to a
-    limit. I is the moment of inertia, tau_springs the torque of the springs, and T the frame
-    period.
+    If the waveform is an angle q_ref(t), which the rotor angle q must follow, the drive applies
+    the following torque, up to a limit. I is the moment of inertia, tau_springs the torque of the
+    springs, T the frame period, and w the natural frequency of the servo.
 
         tau = I q_ref'' - tau_springs + I [w^2 (q_ref - q) + 2 w (q_ref' - q')],    w = 0.3 / T.
 
-    A torque acts from the next frame on. Therefore tau_springs, q and q' are extrapolated to the
-    next frame.
+    A torque that is sent after a frame acts from the next frame on. Therefore tau_springs, q and
+    q' are extrapolated to the next frame.
     """
 
     def __init__(self, chain: Chain) -> None:
@@ -44,13 +45,16 @@ class RotorDrive:
         return self._profile is not None
 
     def unfinished(self, time: float) -> bool:
-        """Return whether the waveform continues after an instant [s]."""
+        """Return whether the waveform continues after the instant `time` [s]."""
         return self._profile is not None and time < self._started + self._profile.end - RESOLUTION
 
     def command(
         self, profile: Profile, quantity: DrivenQuantity, rotor: int, limit: float, time: float
     ) -> None:
-        """Start a waveform on a rotor at `time` [s], with torques up to `limit` [N m]."""
+        """Start a waveform on a rotor at `time` [s], with torques up to `limit` [N m].
+
+        `profile` is the waveform of the `quantity`.
+        """
         self._profile, self._rotor, self._limit = profile, rotor, limit
         self._started, self._servo = time, None
         if quantity is DrivenQuantity.ANGLE:
@@ -100,7 +104,12 @@ class _AngleServo:
         """Torque sent after the previous frame [N m]; it acts from the current frame on."""
 
     def torque(self, angle: float, springs: float, since: float, period: float) -> float:
-        """Return the torque [N m] that acts from the next frame on."""
+        """Return the torque [N m] that acts from the next frame on.
+
+        In the current frame, which is `since` [s] after the start of the waveform, the rotor has
+        the angle `angle` [rad] and the springs exert the torque `springs` [N m]. The next frame is
+        `period` [s] later.
+        """
         if self._start is None:
             self._start = angle
         angle_before, springs_before = self._before or (angle, springs)

@@ -18,10 +18,11 @@ from soliton_linkage.linear.rigidity import Edge, mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain
 
 _REST_LEVEL = 1e-6
-"""Threshold of the level, relative to the largest level since the command [1]. An actuator below
-it counts as at rest, because an exponential decay never reaches 0."""
+"""An actuator counts as at rest if its level is at most this fraction of the largest level since
+the command [1], because an exponential decay never reaches 0."""
 _SIGNS = {Edge.FIRST: 1.0, Edge.LAST: -1.0}
-"""Sign of the torque of each edge actuator [1]: +1 moves a wall towards the last rotor."""
+"""Sign of the torque of each edge actuator [1]; the sign +1 moves a wall towards the last
+rotor."""
 
 
 @dataclass(frozen=True)
@@ -31,14 +32,14 @@ class MeanTorque:
     torque: float
     """Mean torque along the unit zero mode, positive towards the last rotor [N m]."""
     saturated: bool
-    """Whether the torque of an actuator was reduced to its limit."""
+    """Whether the torque of an actuator is reduced to its limit."""
 
 
 class EdgeDrive:
     """Torque of the actuators at both edges and of a torque pulse, as a function of time.
 
-    A command replaces the previous one, and the previous actuator returns to rest. Times [s] must
-    not decrease.
+    A command replaces the previous one. The actuator of the previous command then returns to rest.
+    From call to call, times [s] must not decrease.
     """
 
     def __init__(self, actuator: Actuator) -> None:
@@ -60,11 +61,11 @@ class EdgeDrive:
         return self._ends[Edge.FIRST].level, self._ends[Edge.LAST].level
 
     def unfinished(self, time: float) -> bool:
-        """Return whether a command with a finite duration is still active at an instant [s]."""
+        """Return whether a command with a finite duration is still active at `time` [s]."""
         return time < self._over < math.inf
 
     def command(self, command: EdgeCommand, side: Edge, time: float) -> None:
-        """Start a command with a duration at the first or last edge, at an instant [s]."""
+        """Start a command with a duration at the first or last edge at `time` [s]."""
         self.drop(time)
         profile = command.profile
         if command.kind is CommandKind.PULSE:
@@ -74,7 +75,7 @@ class EdgeDrive:
         self._started, self._over = time, math.inf if command.held else time + profile.end
 
     def drop(self, time: float) -> None:
-        """Release the actuators and end the pulse at an instant [s]."""
+        """Release the actuators and end the pulse at `time` [s]."""
         for end in self._ends.values():
             end.command(AT_REST, time)
         self._pulse, self._over = None, -math.inf
@@ -150,8 +151,8 @@ class _Command:
 class JointDrive:
     """Torques of the joint actuators as functions of time [s].
 
-    A command replaces the torques of the rotors that it names. The last torques of a command are
-    held for `timeout` [s]; a timeout of 0 means no limit.
+    A command replaces the torques of the rotors that it names. After its end, the last torques of
+    a command are held for `timeout` [s]. With a timeout of 0, they are held without limit.
     """
 
     def __init__(self, number_of_rotors: int, timeout: float) -> None:
@@ -165,15 +166,16 @@ class JointDrive:
         return bool(self._commands)
 
     def hold(self, rotors: Rotors, torques: Array, time: float) -> None:
-        """Apply constant torques [N m], shape (len(rotors),), to rotors from `time` [s] on."""
+        """Apply constant torques [N m], shape (len(rotors),), to `rotors` from `time` [s] on."""
         self._command(rotors, np.zeros(1), torques[None, :], time)
 
     def follow(self, rotors: Rotors, times: Array, torques: Array, time: float) -> None:
-        """Apply a torque trajectory, linear between its points, from the instant `time` [s] on.
+        """Apply a trajectory of torques from `time` [s] on.
 
-        `times` [s] are relative to `time`. `torques` [N m] have the shape (points, len(rotors)).
-        If the first of `times` is positive, the torques change linearly from the current ones to
-        the first point. If the first time is negative, earlier points are omitted.
+        Between its points, the trajectory is linear. `times` [s] are relative to `time`.
+        `torques` [N m] have the shape (points, len(rotors)). If the first of these times is
+        positive, the torques change linearly from the current torques to the first point. Points
+        at negative times are in the past and have no effect.
         """
         now = self._now(time)[rotors]
         if times[0] > 0:
@@ -181,7 +183,10 @@ class JointDrive:
         self._command(rotors, times, torques, time)
 
     def mean_torques(self, start: float, end: float) -> Array:
-        """Return the mean torques from `start` to `end` [N m], shape (N,); drop ended commands."""
+        """Return the mean torques from `start` to `end` [N m], shape (N,).
+
+        Commands that have ended are removed.
+        """
         torques = np.zeros(self._number)
         self._commands = [each for each in self._commands if start < each.ends - RESOLUTION]
         for command in self._commands:
@@ -223,7 +228,7 @@ class DriveTorques:
 class TorqueDrive:
     """Sum of the torques of the edge actuators, the joint actuators and a waveform.
 
-    `timeout` [s] is the timeout of `JointDrive`.
+    `timeout` [s] is explained in `JointDrive`.
     """
 
     def __init__(self, chain: Chain, actuator: Actuator, timeout: float) -> None:
@@ -238,23 +243,26 @@ class TorqueDrive:
         return self.edges.active or self.joints.active or self._rotor.active
 
     def edge_command_unfinished(self, time: float) -> bool:
-        """Return whether an edge command of finite duration is active at an instant [s]."""
+        """Return whether a finite edge command or a waveform is active at `time` [s]."""
         return self.edges.unfinished(time) or self._rotor.unfinished(time)
 
     def command(self, command: EdgeCommand, side: Edge, time: float) -> None:
-        """Start an edge command at `time` [s] in place of an earlier edge command or waveform."""
+        """Start an edge command at `time` [s] in place of the last edge command or waveform."""
         self._rotor.drop()
         self.edges.command(command, side, time)
 
     def play(
         self, profile: Profile, quantity: DrivenQuantity, rotor: int, limit: float, time: float
     ) -> None:
-        """Start a waveform on a rotor, with torques up to `limit`, in place of an edge command."""
+        """Start a waveform on a rotor at `time` [s] in place of the edge command or waveform.
+
+        The torques are limited to `limit` [N m].
+        """
         self.edges.drop(time)
         self._rotor.command(profile, quantity, rotor, limit, time)
 
     def torques(self, angles: Array, start: float, end: float) -> DriveTorques:
-        """Return the exact mean torques from `start` to `end` [s] for angles at `start` [rad]."""
+        """Return the mean torques from `start` to `end` [s], for the `angles` at `start` [rad]."""
         torques = self.joints.mean_torques(start, end)
         edge = self.edges.mean_torque(start, end)
         if edge.torque:

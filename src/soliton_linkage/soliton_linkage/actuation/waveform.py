@@ -13,10 +13,11 @@ from soliton_linkage.actuation.profile import Profile
 from soliton_linkage.linkage.chain import Array
 
 _POINTS_PER_PERIOD = 64
-"""Number of profile points per period of the highest frequency [1]; the interpolation error is 0.1
+"""Number of profile points per period of the highest frequency [1]. The interpolation error is 0.1
 % of the amplitude. Sensitivity: at 0.5x, the error is four times as large."""
 _MOST_POINTS = 200_000
-"""Largest number of profile points [1]; the start of a waveform takes 1 ms per 4000 points."""
+"""Largest allowed number of profile points [1]. The start of a waveform takes 1 ms per 4000
+points."""
 
 
 class WaveShape(enum.Enum):
@@ -25,9 +26,9 @@ class WaveShape(enum.Enum):
     BURST = 'burst'
     """Sine with a given number of periods."""
     CHIRP = 'chirp'
-    """Sine whose frequency changes linearly."""
+    """Sine whose frequency changes linearly with time."""
     NOISE = 'noise'
-    """Random function whose frequencies lie in a given band."""
+    """Random function of time whose frequencies lie in a given band."""
     TABLE = 'table'
     """Given samples, equally spaced in time."""
 
@@ -37,7 +38,7 @@ class WaveWindow(enum.Enum):
 
     LINEAR = 'linear'
     HANN = 'hann'
-    """Raised cosine."""
+    """Ramps in the shape of a raised cosine."""
 
 
 class DrivenQuantity(enum.Enum):
@@ -51,18 +52,21 @@ class DrivenQuantity(enum.Enum):
 
 @dataclass(frozen=True)
 class Waveform:
-    """Waveform of an `EdgeCommand`; raises ValueError for numbers that the shape forbids."""
+    """Waveform of an `EdgeCommand`.
+
+    Raises ValueError for numbers that the shape does not allow.
+    """
 
     shape: WaveShape = WaveShape.BURST
     quantity: DrivenQuantity = DrivenQuantity.TORQUE
     joint: str = ''
-    """Name of the driven joint; an empty name means the rotor at the edge."""
+    """Name of the driven joint. An empty name means the rotor at the edge."""
     window: WaveWindow = WaveWindow.LINEAR
     frequency: float = 0.0
-    """Angular frequency of a burst, initial angular frequency of a chirp, or lowest angular
+    """Angular frequency of a burst, first angular frequency of a chirp, or lowest angular
     frequency of noise [rad/s]."""
     last_frequency: float = 0.0
-    """Final angular frequency of a chirp, or highest angular frequency of noise [rad/s]."""
+    """Last angular frequency of a chirp, or highest angular frequency of noise [rad/s]."""
     cycles: float = 0.0
     """Number of periods of a burst [1]."""
     seed: int = 0
@@ -94,15 +98,20 @@ class Waveform:
             )
 
     def length(self, given: float) -> float:
-        """Return the total duration [s]: the time of a burst of `cycles`, otherwise `given`."""
+        """Return the total duration of the waveform [s].
+
+        For a burst, it is the duration of its `cycles`, and otherwise the `given` duration.
+        """
         if self.shape is WaveShape.BURST:
             return 2 * math.pi * self.cycles / self.frequency
         return given
 
     def profile(self, amplitude: float, length: float, ramps: tuple[float, float]) -> Profile:
-        """Return the profile of the waveform for a total duration `length` [s].
+        """Return the waveform as a profile with a total duration `length` [s].
 
-        Raises ValueError for too many points or too long ramps.
+        The profile is `amplitude` times the waveform. `ramps` are the durations of the rise at the
+        start and of the fall at the end [s]. Raises ValueError for too many points or too long
+        ramps.
         """
         if not 0 < length < math.inf:
             raise ValueError(
@@ -144,7 +153,7 @@ class Waveform:
         return np.sin((self.frequency + slope * times / 2) * times)
 
     def _noise(self, times: Array) -> Array:
-        """Return Gaussian noise with all frequencies of the band, normalised to a peak of 1."""
+        """Return Gaussian noise with frequencies in the band, normalised so that its peak is 1."""
         step = 2 * math.pi / float(times[-1])
         first, last = self.frequency / step, self.last_frequency / step
         numbers = np.arange(len(times) // 2 + 1)

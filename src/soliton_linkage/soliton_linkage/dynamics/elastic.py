@@ -30,18 +30,19 @@ class ElasticSettings(SimulationSettings):
     """Tuning of `ElasticSimulation`."""
 
     longest_step: float = 5.0
-    """Longest step of scipy's solvers, times the fastest rate of the chain [1]. DOP853 is stable
-    up to 6. Sensitivity: at 0.5x, the computation takes 1.6 times as long with a soliton and twice
-    as long at rest; at 2x, equally long with a soliton and half as long at rest."""
+    """Longest step of scipy's solvers, multiplied by the fastest vibration or decay rate of the
+    chain [1]. DOP853 is stable up to 6. Sensitivity: at 0.5x, the computation takes 1.6 times as
+    long with a soliton in the chain and twice as long for a chain at rest; at 2x, equally long
+    with a soliton and half as long at rest."""
     symplectic_fraction: float = 0.1
-    """Tolerance of `SymplecticNystrom`, relative to the tolerance of the simulation [1]. For a
+    """Tolerance of `SymplecticNystrom`, divided by the tolerance of the simulation [1]. For a
     kicked chain of 12 rotors, the error is then 7e-10 rad, as with DOP853. Sensitivity: with 1,
     the error is 13 times as large and the steps are 1.4 times as long."""
     rotors_per_step: int = 400
-    """Number of method steps in one solver step, times the number of rotors [1]. A solver step
-    takes 0.05 to 0.07 ms, and the node runs other callbacks between solver steps. Sensitivity: at
-    0.5x, a frame of 40 rotors takes 20 to 60 % longer; at 2x, the frame takes 10 to 30 % less, but
-    one solver step takes 0.12 ms."""
+    """Largest number of method steps in one solver step, multiplied by the number of rotors [1]. A
+    solver step takes 0.05 to 0.07 ms, and the node runs other callbacks between solver steps.
+    Sensitivity for a chain of 40 rotors: at 0.5x, the computation of a frame takes 20 to 60 %
+    longer; at 2x, it takes 10 to 30 % less, but one solver step takes 0.12 ms."""
 
 
 DEFAULTS = ElasticSettings()
@@ -117,14 +118,18 @@ class ElasticSimulation(Simulation):
         return solver, longest_step
 
     def _after_step(self) -> None:
-        """Double the number of method steps per solver step, up to its limit."""
+        """Double the number of method steps per solver step, up to the limit of the settings."""
         if isinstance(self._solver, SymplecticNystrom):
             most = max(1, self._settings.rotors_per_step // self.chain.number_of_rotors)
             self._solver.together = min(2 * self._solver.together, most)
 
 
 def absolute_tolerances(motion: EquationOfMotion, tolerance: float) -> Array:
-    """Return the absolute tolerance of each variable of a solver for a `tolerance` [rad]."""
+    """Return the absolute tolerance of each variable of a solver.
+
+    With these tolerances, the error of a step, as a norm over all angles, is at most
+    `tolerance` [rad].
+    """
     # The solver compares the mean error of all variables with the tolerance. In a long chain
     # most rotors rest and have no error. Without the division by sqrt(N) they would reduce the
     # mean so much that a large error of the rotors in the wall is accepted.
@@ -144,7 +149,7 @@ def simulate(
 ) -> Recording:
     """Record the free motion of a chain of springs for `duration` [s].
 
-    The recording has a frame every `period` [s]. For `tolerance` [rad] and the errors see
-    `Simulation`. Raises ArithmeticError if the solver fails.
+    The recording has a frame every `period` [s]. The docstring of `Simulation` explains
+    `tolerance` [rad] and the errors. Raises ArithmeticError if the solver fails.
     """
     return ElasticSimulation(chain, angles, rates, period, tolerance).record(duration)

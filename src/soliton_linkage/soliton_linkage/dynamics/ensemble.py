@@ -25,14 +25,16 @@ from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.linkage.recording import Recording
 
 Reduction = Callable[[Chain, Recording], Any]
-"""Function that computes the result for a chain from a recording of the chain."""
+"""Function that computes the result for a chain from a recording of this chain."""
 
 _ROTORS_TOGETHER = 640
-"""Number of rotors in one batch, which one core simulates [1]. A smaller ensemble uses one core.
-Sensitivity for 256 chains of 20 rotors with an error of 1e-5 rad: at 0.25x, 0.5x and 2x, the time
-is 1.4, 1.2 and 0.9 times as long. With smaller errors the time changes by less than 15 %."""
+"""Largest number of rotors in one batch of chains [1]. One core simulates a batch. An ensemble
+with fewer rotors therefore uses only one core. Sensitivity for 256 chains of 20 rotors with an
+error of 1e-5 rad: at 0.25x, 0.5x and 2x, the computation takes 1.4, 1.2 and 0.9 times as long.
+With smaller errors the time changes by less than 15 %."""
 _EQUAL = ('friction_rate', 'on_site_order', 'on_site_phase')
-"""Parameters of force terms; their values are equal in all chains of one simulation."""
+"""Names of the parameters of force terms that must have the same value in all chains of a
+batch."""
 _SWITCHES = {
     'damping': 'dampings',
     'dry_friction': 'dry_frictions',
@@ -40,11 +42,12 @@ _SWITCHES = {
     'non_reciprocity': 'non_reciprocities',
     'on_site_torque': 'on_site_torques',
 }
-"""Chain parameters whose value 0 switches off a force term, and names of the arrays that contain
-the values of all rotors or springs."""
+"""Names of the chain parameters that switch off a force term with the value 0, each with the name
+of the `Chain` array of this parameter for all rotors or springs."""
 _OF_SPRINGS = {'spacings': [0.0], 'offsets': [0.0], 'rest_lengths': [1e9], 'stiffnesses': [0.0]}
-"""Chain arrays of springs, each with the value of an absent spring; the large rest length prevents
-a computed spring length of 0."""
+"""Names of the `Chain` arrays with one value per spring, each with its value for the spring of
+stiffness 0 between two chains. The large rest length ensures that the computed length of this
+spring is not 0."""
 
 
 def joined(chains: Sequence[Chain]) -> Chain:
@@ -99,13 +102,14 @@ def simulate_many(
 ) -> Iterator[Any]:
     """Simulate many chains for `duration` [s], and yield the result for each chain in order.
 
-    `chains` is one chain for all initial states in `starts`, or one chain for each state. `reduce`
-    computes the result from a recording of the initial state and of `frames` instants at equal
-    intervals. Chains are simulated while the caller consumes the results. By default, threads use
-    all cores; `executor` is another pool, for example `client.get_executor()` of Dask. The error
-    of each step, as a norm over a chain, is at most `tolerance` [rad]. Successive chains with free
-    ends and the same force terms are simulated in batches. Raises ArithmeticError if a motion
-    cannot be integrated, and ValueError for chains with feedback.
+    `chains` is one chain for all initial states in `starts`, or contains one chain for each state.
+    `reduce` computes the result from a recording, which contains the initial state and the states
+    at `frames` instants at equal intervals. Chains are simulated while the caller consumes the
+    results. By default, threads use all cores. `executor` replaces these threads by another pool,
+    for example `client.get_executor()` of Dask. The error of each step, as a norm over a chain, is
+    at most `tolerance` [rad]. Successive chains with free ends and the same force terms are
+    simulated in batches. Raises ArithmeticError if a motion cannot be integrated, and ValueError
+    for chains with feedback.
 
     >>> import soliton_linkage as sl
     >>> chains = [sl.Chain(number_of_rotors=8, stiffness=k) for k in (40.0, 50.0)]
@@ -136,7 +140,7 @@ def _batches(pairs: Iterator[tuple[Chain, State]]) -> Iterator[list[tuple[Chain,
 
 
 def _terms(chain: Chain) -> tuple[Any, ...]:
-    """Return the parameters that are equal in all chains of a batch."""
+    """Return the values that must be equal in all chains of a batch."""
     acting = (bool(getattr(chain, name)) for name in _SWITCHES)
     return (chain.periodic, *acting, *(getattr(chain, name) for name in _EQUAL))
 
@@ -146,7 +150,10 @@ def _streamed(
     batches: Iterator[list[tuple[Chain, State]]],
     executor: Executor | None,
 ) -> Iterator[Any]:
-    """Yield the results of batches in order; at most two batches per core are in progress."""
+    """Yield the results of batches in order.
+
+    At most two batches per core are waiting or in progress.
+    """
     cores = os.cpu_count() or 1
     own = None if executor else ThreadPoolExecutor(cores)
     pool = executor or own

@@ -35,13 +35,13 @@ from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 class EquationOfMotion:
     """Right-hand side for `scipy.integrate.solve_ivp` with the state (angles, rates, W).
 
-    M r^2 phi_ddot is the sum of the torques of all terms, and W_dot the sum of the powers that the
+    M r^2 phi_ddot is the sum of the torques of all terms. W_dot is the sum of the powers that the
     terms dissipate.
 
     The dissipated energy W [J] is part of the state only if a term is dissipative or active. The
-    terms are springs, `torques`, gravity, `forces`, and the terms that `of_chain` returns.
-    `Simulation` adds the torques of `Chain.feedback`, which are constant between frames, to
-    `torques`. Raises ValueError for invalid torques and invalid fixed rotors.
+    terms are the springs, `torques`, gravity, `forces`, and the terms that `of_chain` returns. If
+    a `Simulation` creates the equation, `torques` includes the torques of `Chain.feedback`, which
+    are constant between frames. Raises ValueError for invalid torques and invalid fixed rotors.
     """
 
     chain: Chain
@@ -51,9 +51,9 @@ class EquationOfMotion:
     fixed: tuple[int, ...] = ()
     """Indices of the rotors that do not turn."""
     forces: tuple[Term | TorqueFunction, ...] = ()
-    """Terms in addition to springs, torques, gravity and the terms of the chain."""
+    """Terms in addition to the springs, `torques`, gravity and the terms of the chain."""
     start: float = 0.0
-    """Time offset [s] that is added to the solver time for Python functions in `forces`."""
+    """Python functions in `forces` receive the solver time plus this offset [s]."""
 
     def __post_init__(self) -> None:
         if self.torques is not None:
@@ -72,7 +72,7 @@ class EquationOfMotion:
 
     @cached_property
     def loads(self) -> tuple[Term, ...]:
-        """Terms other than springs, active terms last."""
+        """All terms except the springs; the active terms are the last ones."""
         loads: list[Term] = []
         if self.torques is not None and self.torques.any():
             loads.append(HeldTorques(self.torques))
@@ -84,11 +84,11 @@ class EquationOfMotion:
 
     @cached_property
     def terms(self) -> tuple[Term, ...]:
-        """All terms, springs first."""
+        """All terms; the first one is the torque of the springs."""
         return (SpringTorques(self.chain), *self.loads)
 
     def table(self, terms: Sequence[Term]) -> TermTable:
-        """Return the kinds and parameters of those given terms that are compiled."""
+        """Return the kinds and parameters of the compiled terms among the given terms."""
         return term_table([t for t in terms if isinstance(t, CompiledTerm)], self.rotors)
 
     @cached_property
@@ -135,7 +135,7 @@ class EquationOfMotion:
         return max(self.fastest_vibration, 2 * self.fastest_decay)
 
     def external_energy(self, angles: Array) -> float:
-        """Return the energy of the terms other than springs, such as gravity [J]."""
+        """Return the energy of all terms except the springs, for example of gravity [J]."""
         return sum(term.energy(angles) for term in self.loads)
 
     @property

@@ -25,8 +25,8 @@ class State:
 def leaning(chain: Chain, lean: int) -> State:
     """Return a state that leans right (`lean` = 1) or left (-1), at rest with relaxed springs.
 
-    If the deviations of the chain do not allow such a state, return an equilibrium of the spring
-    torques. Raises ValueError if no equilibrium is found.
+    If the deviations of the chain do not allow such a state, the result is an equilibrium of the
+    spring torques. Raises ValueError if no equilibrium is found.
     """
     # These imports load scipy, which modules that only use `State` do not need.
     from soliton_linkage.linear.statics import equilibrium, rest_state
@@ -41,11 +41,12 @@ def leaning(chain: Chain, lean: int) -> State:
 def with_soliton(chain: Chain, site: float, velocity: float) -> State:
     """Return a wall of charge +1 at a site coordinate [rotor spacings] with a velocity [m/s].
 
-    The angles are those of `static_wall` with `leg` 0. For a velocity v, the rates are Lambda v /
-    a times the zero mode, with the arc length Lambda per rotor spacing a. This state is exact for
-    rigid bars. With springs the wall contracts and radiates, so that its speed decreases. The
-    decrease in the example chains is 0.4 to 4 % at 0.2 c and 3 to 42 % at 0.6 c, with the speed of
-    sound c. Raises ValueError for a velocity that is not finite, and the errors of `static_wall`.
+    The angles are those of `static_wall` with `leg` 0. For a velocity v, the rates are the zero
+    mode times Lambda v / a, where Lambda is the arc length of the zero-energy orbit per rotor
+    spacing a. This state is exact for rigid bars. With springs the wall contracts and radiates, so
+    that its speed decreases. In the example chains, the speed decreases by 0.4 to 4 % at 0.2 c and
+    by 3 to 42 % at 0.6 c, where c is the speed of sound. Raises ValueError for a velocity that is
+    not finite, and the errors of `static_wall`.
     """
     from soliton_linkage.solitons.static_wall import site_arc, static_wall
 
@@ -59,8 +60,8 @@ def with_soliton(chain: Chain, site: float, velocity: float) -> State:
 def with_pair(chain: Chain, kink: float, anti_kink: float) -> State:
     """Return a kink and an anti-kink, both at rest, at given sites [rotor spacings].
 
-    Outside the pair, the chain leans left if `kink` > `anti_kink`. Raises the errors of
-    `static_wall`.
+    Outside the pair, the chain leans left if `kink` > `anti_kink`, and otherwise right. Raises the
+    errors of `static_wall`.
     """
     from soliton_linkage.solitons.anti_kink import continuum_anti_kink
     from soliton_linkage.solitons.static_wall import static_wall

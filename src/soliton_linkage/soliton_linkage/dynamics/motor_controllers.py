@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Feedback law of motors: torques from measured angles, constant between two frames.
+"""Feedback law of motors: torques from measured angles, which are constant between frames.
 
 Let q_n be the coordinate of rotor n (see `Chain.signs`) in the frame `delay` frames ago, and q_ref
-the `reference` of `Feedback`. Let v_n be the change of q_n since the frame before, divided by the
-time between these two frames. The torque on the coordinate of rotor n is
+the `reference` of `Feedback`. Let v_n be the change of q_n from the previous frame to this frame,
+divided by the time between them. The torque on the coordinate of rotor n is
 
     -K (q_n - q_ref) - D v_n + K_l (q_{n-1} - q_n) + K_r (q_{n+1} - q_n)
     + D_l (v_{n-1} - v_n) + D_r (v_{n+1} - v_n),
 
-with the gains of `Feedback`: K and D of the own rotor, K_l and D_l of the left neighbour, K_r and
-D_r of the right neighbour. Differences of coordinates are wrapped to the interval from -pi to pi.
-At a free end the terms of the missing neighbour are 0. All gains of a motor are multiplied by 1
-plus the relative deviation of the motor. The torque is limited to `Feedback.limit`.
+with the gains of `Feedback`: K and D for the rotor itself, K_l and D_l for its left neighbour, K_r
+and D_r for its right neighbour. Differences of coordinates are wrapped to the interval from -pi to
+pi. At a free end, the terms of the missing neighbour are omitted. All gains of a motor are
+multiplied by 1 plus the relative deviation of `feedback` for this motor. The absolute value of the
+torque is limited to `Feedback.limit`.
 
 `Simulation` and the node `serial_encoders` compute the same law, so that a chain with motors can
 be simulated and built with the same parameters.
@@ -27,7 +28,7 @@ from soliton_linkage.linkage.chain import Array, Chain, wrapped
 
 
 class MotorControllers:
-    """Controllers of the motors of a chain; they know only the angles of received frames."""
+    """Controllers of the motors of a chain, which receive only the angles in each frame."""
 
     def __init__(self, chain: Chain) -> None:
         self._chain = chain
@@ -49,7 +50,7 @@ class MotorControllers:
 
 
 def feedback_torques(chain: Chain, angles: Array, rates: Array) -> Array:
-    """Return the torques of the law for a delay of 0 [N m], shape (N,).
+    """Return the torques of the law in the module docstring for a delay of 0 [N m], shape (N,).
 
     `angles` [rad] and `rates` [rad/s] have the shape (N,).
     """

@@ -2,8 +2,8 @@
 """Motion of a chain of rigid bars, the limit of infinitely stiff springs.
 
 The configurations phi in which all bars have their rest length form a curve. The tangent of this
-curve is the zero mode t(phi), normalised to sum_n I_n t_n^2 = 1. With the speed s along the curve
-[J^(1/2)] and the kinetic energy T,
+curve is the zero mode t(phi), normalised so that sum_n I_n t_n^2 = 1 with the moments of inertia
+I_n. With the speed s along the curve [J^(1/2)] and the kinetic energy T,
 
     dphi/dt = s t(phi),    ds/dt = t(phi) . torques,    T = s^2 / 2.
 """
@@ -28,7 +28,8 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 
 _FLUSHED = -1100
-"""Binary exponent below which components of the zero mode are set to 0 [1]."""
+"""Smallest binary exponent of a component of the zero mode, relative to the largest component [1].
+A component with this exponent is 0."""
 
 
 @dataclass(frozen=True)
@@ -36,16 +37,16 @@ class RigidSettings(SimulationSettings):
     """Tuning of `RigidSimulation`."""
 
     max_bar_error: float = 1e-6
-    """Largest relative error of the length of a bar in the initial state [1]."""
+    """Initial states with a larger relative error of the length of a bar are rejected [1]."""
     jammed: float = 1e-5
-    """Threshold of the smallest singular value of the rigidity matrix, in units of r [1]; below
-    it, a failed step reports jammed bars."""
+    """If the smallest singular value of the rigidity matrix is below this times r [1], the error
+    message of a failed step reports jammed bars."""
     longest_step: float = 100.0
-    """Longest solver step in frame periods [1]. Sensitivity: no effect on run time and energy
-    drift at 0.5x or 2x."""
+    """Longest solver step, divided by the frame period [1]. Sensitivity: no effect on run time and
+    energy drift at 0.5x or 2x."""
     max_corrections: int = 3
-    """Largest number of energy corrections after a step [1]. Sensitivity: no effect on the energy
-    drift with 1 or 6."""
+    """Largest number of corrections of the energy after a step [1]. Sensitivity: no effect on the
+    energy drift with 1 or 6."""
 
 
 DEFAULTS = RigidSettings()
@@ -54,9 +55,9 @@ DEFAULTS = RigidSettings()
 class RigidSimulation(Simulation):
     """Simulation of a chain in which each spring is a rigid bar of the same rest length.
 
-    Rates and impulses are projected onto the zero mode; bar lengths and energy are exact after
-    each step. Raises ValueError for fixed rotors, for periodic ends, and for initial angles that
-    the bars do not allow. Raises ArithmeticError if the bars jam.
+    Rates and impulses are projected onto the zero mode. After each step, corrections make the bar
+    lengths and the energy exact. Raises ValueError for fixed rotors, for periodic ends, and for
+    initial angles that the bars do not allow. Raises ArithmeticError if the bars jam.
     """
 
     def __init__(
@@ -80,9 +81,9 @@ class RigidSimulation(Simulation):
     def link_torques(self) -> Array:
         """Torque of the bars on each rotor in the current frame [N m], shape (N,).
 
-        With the rigidity matrix R, the torque is R^T s. The bar forces s solve R I^-1 R^T s =
-        -(l_ddot + R I^-1 torques), where l_ddot are the second derivatives of the lengths for
-        phi_ddot = 0. Raises ValueError if the bars jam.
+        With the rigidity matrix R, the torque is R^T s. The bar forces s are the solution of R
+        I^-1 R^T s = -(l_ddot + R I^-1 torques), where l_ddot are the second derivatives of the
+        lengths for phi_ddot = 0. Raises ValueError if the bars jam.
         """
         chain, angles, rates = self.chain, self.angles, self.rates
         first, second = rigidity_bands(chain, angles)
@@ -163,10 +164,11 @@ class RigidSimulation(Simulation):
         self._solver.f = self._solver.fun(self._solver.t, state)
 
     def _corrected(self, state: Array) -> tuple[Array, float, float]:
-        """Return exact angles, the speed, and the dissipated energy of a solver state.
+        """Return the angles, speed and dissipated energy of a solver state, with corrected errors.
 
-        Angles and speed change along the gradient of the energy, (-t . torques, s). This also
-        works at turning points, where the speed s is 0.
+        In the corrected state, all bars have their rest length, and the energy balance is exact.
+        To correct the energy, angles and speed are changed along the gradient of the energy, (-t .
+        torques, s). This also works at turning points, where the speed s is 0.
         """
         chain = self.chain
         angles, speed, dissipated = state[:-2].copy(), float(state[-2]), float(state[-1])
@@ -204,7 +206,7 @@ class RigidSimulation(Simulation):
         return super()._stuck(f'the bars jam ({complaint})' if jammed else complaint)
 
     def _energy_scale(self) -> float:
-        """Return the kinetic energy plus the scales of potentials and of constant torques [J]."""
+        """Return kinetic energy plus the sizes of potential energies and constant torques [J]."""
         moving = float(self.chain.kinetic_energy(self.rates))
         held = np.abs(self.torques) + np.abs(self.feedback_torques)
         return moving + self.motion.external_scale + float(held.sum())
@@ -216,10 +218,10 @@ class RigidSimulation(Simulation):
 
 
 def _centripetal(chain: Chain, angles: Array, rates: Array) -> Array:
-    """Return minus the second derivative of each bar length for zero angular accelerations.
+    """Return minus the second derivative of each bar length, for zero angular accelerations.
 
-    The result [m/s^2] has shape (bars,). The derivative is (x_dot^2 + y_dot^2 + x x_ddot + y
-    y_ddot) / l for the vector (x, y) between the masses.
+    The result [m/s^2] has shape (bars,). The second derivative is (x_dot^2 + y_dot^2 + x
+    x_ddot + y y_ddot) / l for the vector (x, y) between the masses and its length l.
     """
     horizontal, vertical = chain.positions(angles)
     x, y = chain.spacings + np.diff(horizontal), np.diff(vertical)
@@ -232,6 +234,7 @@ def _centripetal(chain: Chain, angles: Array, rates: Array) -> Array:
 def mode_of_bars(angles: Array, lengths: Array, spacings: Array, inertias: Array) -> Array:
     """Return the zero mode with sum_n I_n t_n^2 = 1 [kg^(-1/2) m^(-1)], shape (N,).
 
+    `lengths` and `spacings` [m] are the rotor lengths and the distances between the pivots.
     Intermediate results do not overflow or underflow.
     """
     rotors = angles.size

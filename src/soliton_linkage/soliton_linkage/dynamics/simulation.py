@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Base class of the simulations, which compute the state of a chain at exact instants."""
+"""Base class of the simulations, which compute the state of a chain at equally spaced instants."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 from soliton_linkage.linkage.recording import Recording
 
 SMALLEST_RELATIVE_TOLERANCE = 100 * float(np.finfo(np.float64).eps)
-"""Smallest relative tolerance that scipy's solvers accept [1]. With it, the absolute tolerance
-limits the error even for large unwrapped angles."""
+"""Smallest relative tolerance that scipy's solvers accept [1]. Because it is so small, the
+absolute tolerance limits the error even for large unwrapped angles."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,8 @@ class SimulationSettings:
     """Tuning of every simulation."""
 
     max_steps: int = 1000
-    """Largest number of solver steps per `Chain.time_unit` in one frame [1]."""
+    """Largest number of solver steps in a frame, divided by 1 + `period` / `Chain.time_unit`
+    [1]."""
 
 
 DEFAULTS = SimulationSettings()
@@ -38,14 +39,15 @@ DEFAULTS = SimulationSettings()
 class Simulation(ABC):
     """Simulation of a chain with gravity, applied torques, kicks and the chain's own force terms.
 
-    Frame k is the state k * `period` [s] after the start. Kicks, torques and changes of gravity
-    act at the current frame. The torques of `Chain.feedback` are computed at each frame and are
-    constant until the next. The error per step, as a norm over all rotors, is at most `tolerance`
-    [rad] in the angles and `tolerance` / `chain.time_unit` in the rates. `kicks` is the number of
-    kicks so far, and `kick_work` their work [J].
+    Frame k is the state at the time k * `period` [s] after the start. Kicks, torques and changes
+    of gravity act from the current frame on. The torques of `Chain.feedback` are computed at each
+    frame and are constant until the next frame. In each solver step, the error of the angles, as a
+    norm over all rotors, is at most `tolerance` [rad], and the error of the rates is at most
+    `tolerance` / `chain.time_unit`. `kicks` is the number of kicks so far, and `kick_work` is the
+    sum of their work [J].
 
     The simulation starts from `angles` [rad] and `rates` [rad/s], by default from rest. Rotors in
-    `fixed` do not turn. `forces` are additional terms of the equation of motion, or functions
+    `fixed` do not turn. `forces` contains additional terms of the equation of motion, or functions
     f(time, angles, rates) -> torques [N m]. Raises ValueError for invalid arguments.
     """
 
@@ -110,7 +112,7 @@ class Simulation(ABC):
 
     @property
     def motion(self) -> EquationOfMotion:
-        """Current equation of motion; its torques include the torques of the feedback."""
+        """Current equation of motion; its torques include the feedback torques."""
         if self._equation is None:
             torques = self.torques + self.feedback_torques
             self._equation = EquationOfMotion(
@@ -158,7 +160,7 @@ class Simulation(ABC):
         self._restart()
 
     def hold(self, torques: Array) -> None:
-        """Apply constant torques [N m], shape (N,), from the current frame until the next call."""
+        """Apply constant torques [N m], shape (N,), from the current frame to the next `hold`."""
         checked = self.chain.check_angles(torques, 'torque')
         if np.array_equal(checked, self.torques):
             return
@@ -183,7 +185,7 @@ class Simulation(ABC):
 
     @property
     def steps_per_frame(self) -> float:
-        """Smallest possible number of solver steps per frame [1]; 0 just after a restart."""
+        """Number of solver steps per frame with the longest step [1]; 0 just after a restart."""
         return 0.0 if self._stale else self.period / self._longest_step
 
     @property
@@ -194,7 +196,7 @@ class Simulation(ABC):
 
     @property
     def ready(self) -> bool:
-        """Whether the next frame is computed."""
+        """Whether the next frame has been computed."""
         return self._ahead < len(self._batch)
 
     def step(self) -> None:
@@ -233,7 +235,7 @@ class Simulation(ABC):
             self.feedback_torques = self._feedback()
 
     def record(self, duration: float) -> Recording:
-        """Record all frames for `duration` [s], from the current frame to the last, inclusive."""
+        """Record the current frame and all following frames for `duration` [s]."""
         if not (math.isfinite(duration) and duration >= 0):
             raise ValueError(f'duration = {duration} s must be a finite number of 0 or more')
         start = self.frame
@@ -249,11 +251,14 @@ class Simulation(ABC):
 
     @abstractmethod
     def _allowed(self, angles: Array, rates: Array) -> tuple[Array, Array]:
-        """Return the nearest angles and rates that the mechanics allow, or raise ValueError."""
+        """Return the nearest angles and rates that the mechanics allow.
+
+        Raises ValueError if there are none.
+        """
 
     @abstractmethod
     def _packed(self) -> Array:
-        """Return the solver state of the current frame, with a dissipated energy of 0."""
+        """Return the solver state of the current frame, in which the dissipated energy is 0."""
 
     @abstractmethod
     def _unpacked(self, state: Array) -> tuple[Array, Array, float]:
@@ -265,7 +270,7 @@ class Simulation(ABC):
 
     @abstractmethod
     def _after_step(self) -> None:
-        """Adjust the solver, or the state of the solver, after a step."""
+        """Adjust the solver or its state after a solver step."""
 
     def _finite_energy(self) -> float:
         with np.errstate(over='ignore', invalid='ignore'):
@@ -289,8 +294,8 @@ class Simulation(ABC):
     def _dissipated_at(self, angles: Array, dissipated: float) -> float:
         """Return the energy dissipated since the last restart of the solver [J].
 
-        `angles` [rad] are the current angles. `dissipated` is the part that the solver has
-        integrated [J]. The other part is minus the work of the feedback.
+        The result is the energy `dissipated` [J] that the solver has integrated, minus the work of
+        the feedback torques until the current `angles` [rad].
         """
         return dissipated - work_of_torques(self.feedback_torques, angles - self._feedback_from)
 
@@ -309,7 +314,10 @@ class Simulation(ABC):
         )
 
     def _restart_with(self, before: float) -> None:
-        """Restart the solver after a change of the forces; the energy change counts as work."""
+        """Restart the solver after a change of the forces; count the energy change as work.
+
+        `before` is the energy before the change [J].
+        """
         self._restart()
         gained = self.energy - before
         self._work += gained
@@ -337,7 +345,7 @@ def scipy_solver(
 ) -> OdeSolver:
     """Return a solver of scipy without an end time.
 
-    `tolerances` are absolute, and `longest_step` is in [s].
+    `tolerances` are the absolute tolerances, and `longest_step` [s] is the longest step.
     """
     return method(
         right_hand_side,

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Terms of the equation of motion: each adds a torque on every rotor.
+"""Terms of the equation of motion; each of them adds a torque to every rotor.
 
 A compiled term has rows of parameters and a compiled kernel, which all simulations call. To add a
 term, write a subclass of `CompiledTerm`, a kernel, and a line in `sum_terms`. A Python function
 `f(time, angles, rates) -> torques` is a term for scipy's solvers only.
 
 A kernel reads angles, rates, cosines and sines from rows of `work`, shape (rows, P + VECTOR), and
-adds torques [N m] to the row TORQUES; the N rotors are padded with zeros to P, a multiple of
-VECTOR. A kernel uses indices, because views of rows are slow: numba counts references to them.
+adds torques [N m] to the row TORQUES. The N rotors are padded with zeros to P, a multiple of
+VECTOR. A kernel accesses elements by indices, because views of rows are slow: numba counts
+references to them.
 """
 
 from __future__ import annotations
@@ -41,8 +42,9 @@ VECTOR = 8
 """Largest number of doubles in a vector register."""
 
 ANGLES, RATES, COSINES, SINES, TORQUES, TORQUES_ON_RIGHT, ACTIVE = range(7)
-"""Rows of `work`. Element n + 1 of TORQUES_ON_RIGHT is the torque of spring n on its right rotor,
-n + 1. ACTIVE contains the torques of active terms; TORQUES also includes these torques."""
+"""Indices of the rows of `work`. Element n + 1 of TORQUES_ON_RIGHT is the torque that spring n
+exerts on its right rotor, n + 1. ACTIVE contains the torques of active terms, which are also
+included in TORQUES."""
 
 SPRINGS, GRAVITY, CONSTANT, LINEAR_DAMPING, DRY_FRICTION = range(5)
 QUADRATIC_DAMPING, ON_SITE, NON_RECIPROCAL = range(5, 8)
@@ -53,9 +55,9 @@ class Term(ABC):
     """One summand of the torque on each rotor in the equation of motion."""
 
     dissipative = False
-    """Whether the negative power of the term counts as dissipated energy."""
+    """Whether minus the work of the term counts as dissipated energy."""
     active = False
-    """Whether the torques depend on the angles without a potential energy. The negative work of
+    """Whether the torques depend on the angles, but have no potential energy. Minus the work of
     these torques counts as dissipated energy."""
 
     @abstractmethod
@@ -69,11 +71,15 @@ class Term(ABC):
 
 
 class CompiledTerm(Term):
-    """Term whose compiled kernel reads the rates if the term is dissipative, else the angles."""
+    """Term with a compiled kernel.
+
+    The kernel reads the rates if the term is dissipative, otherwise the angles.
+    """
 
     kind: int
     rows: Array
-    """Parameters of the kernel, shape (parameters, N), or (parameters, 1) for equal rotors."""
+    """Parameters of the kernel, shape (parameters, N), or (parameters, 1) if all rotors are
+    equal."""
 
     def add(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
         """Add the torques of the kernel; return the dissipated power [W]."""
@@ -133,7 +139,10 @@ class HeldTorques(CompiledTerm):
 
 
 class LinearDamping(CompiledTerm):
-    """Torques -c phi_dot. `dampings` is c [N m s/rad] for each rotor, shape (N,)."""
+    """Torques -c phi_dot of linear damping.
+
+    `dampings` is c [N m s/rad] for each rotor, shape (N,).
+    """
 
     kind, dissipative = LINEAR_DAMPING, True
 
@@ -160,7 +169,10 @@ class DryFriction(CompiledTerm):
 
 
 class QuadraticDamping(CompiledTerm):
-    """Torques -c phi_dot abs(phi_dot). `dampings` is c [N m s^2/rad^2], shape (N,)."""
+    """Torques -c phi_dot abs(phi_dot) of quadratic damping.
+
+    `dampings` is c [N m s^2/rad^2], shape (N,).
+    """
 
     kind, dissipative = QUADRATIC_DAMPING, True
 
@@ -171,9 +183,9 @@ class QuadraticDamping(CompiledTerm):
 class OnSitePotential(CompiledTerm):
     """Torques of a potential that is periodic in each angle, as in the Frenkel-Kontorova model.
 
-    With the largest torques A_n, the order m and the phase q_0, the potential is V = sum_n (A_n /
-    m) [1 - cos(m (q_n - q_0))]. The coordinate is q = s phi + (1 - s) pi / 2 with s =
-    `Chain.signs`.
+    The potential is V = sum_n (A_n / m) [1 - cos(m (q_n - q_0))], where A_n is the largest torque,
+    m the order and q_0 the phase of the on-site potential. The coordinate of a rotor is
+    q = s phi + (1 - s) pi / 2 with s = `Chain.signs`.
     """
 
     kind = ON_SITE
@@ -197,11 +209,11 @@ class OnSitePotential(CompiledTerm):
 class NonReciprocal(CompiledTerm):
     """Torques of motors that break reciprocity: the same torque on both rotors of a bond.
 
-    With the coordinates q of `OnSitePotential`, the motors apply the torque kappa (q_n - q_{n+1})
-    to q_n and to q_{n+1}. The difference is wrapped to the range from -pi to pi. In terms of D =
-    phi_n + sigma phi_{n+1} - (1 + sigma) pi / 2, with sigma = 1 for flippers and -1 for spinners,
-    the torques are kappa D on rotor n and -sigma kappa D on rotor n + 1. Source: Brandenbourger et
-    al., Nature Communications 10, 4608 (2019).
+    With the coordinates q of `OnSitePotential`, the motors of a bond apply the torque kappa (q_n -
+    q_{n+1}) to both q_n and q_{n+1}. The difference is wrapped to the range from -pi to pi. In
+    terms of the angles, with D = phi_n + sigma phi_{n+1} - (1 + sigma) pi / 2 and sigma = 1 for
+    flippers, -1 for spinners, the torques are kappa D on rotor n and -sigma kappa D on rotor
+    n + 1. Source: Brandenbourger et al., Nature Communications 10, 4608 (2019).
     """
 
     kind, active = NON_RECIPROCAL, True
@@ -237,7 +249,7 @@ class TermTable(NamedTuple):
 
 
 def term_table(terms: Sequence[CompiledTerm], rotors: int) -> TermTable:
-    """Return the table of terms that act on a number of rotors."""
+    """Return the table of the given terms for a chain with a number of rotors."""
     kinds, first = np.empty((len(terms), 2), dtype=np.int64), 0
     parameters = np.zeros((sum(len(term.rows) for term in terms), padded_size(rotors)))
     for index, term in enumerate(terms):
@@ -259,9 +271,9 @@ def padded_size(rotors: int) -> int:
 
 @compile_loop
 def sum_terms(work: Array, rotors: int, kinds: NDArray[np.int64], parameters: Array) -> float:
-    """Set the torques to the sum of all terms; return the dissipated power [W].
+    """Set the torques in `work` to the sum of all terms; return the dissipated power [W].
 
-    The first terms must be the springs, and the last ones the active terms.
+    If there are springs, they must be the first term. Active terms must be the last ones.
     """
     prefer_wide_vectors()
     power, start = 0.0, 0
@@ -306,7 +318,7 @@ def _estimating(function: Callable[[float], float]) -> Callable[[float], float]:
 
 @_estimating
 def _inverse_root_estimate(w: float) -> float:
-    """Return an estimate of 1 / sqrt(w), in single precision, improved by a Newton step."""
+    """Return an estimate of 1 / sqrt(w) in single precision."""
     return float(np.float32(1) / np.sqrt(np.float32(w)))
 
 
@@ -325,15 +337,17 @@ def tension(w: float) -> float:
 
 @inlined
 def _set_springs(work: Array, rotors: int, rows: Array, first: int) -> None:
-    """Set the torques of the springs between rotors with cosines c, c' and sines s, s'.
+    """Set the torques of the springs between neighbouring rotors.
 
-    With the rows offset, slope', slope, product, lever, lever' and cross,
+    The left rotor has the cosine c and sine s, the right rotor has c' and s'. The parameter rows
+    are offset, slope', slope, product, lever, lever' and cross:
 
         l^2 / lbar^2 = w = offset + slope' s' - slope s - product (s s' + c c'),
         torque on the left  = (1 - 1 / sqrt(w)) [lever c - cross (s c' - c s')],
         torque on the right = (1 - 1 / sqrt(w)) [cross (s c' - c s') - lever' c'].
 
-    The last spring joins the last rotor to the first; with free ends, its levers are 0.
+    With periodic ends, the last spring joins the last rotor to the first. With free ends, its
+    levers are 0.
     """
     prefer_wide_vectors()
     work[COSINES, rotors], work[SINES, rotors] = work[COSINES, 0], work[SINES, 0]

@@ -2,8 +2,8 @@
 """Work of impulses and torques on a chain.
 
 A kick with the impulses J does the work J . (phi_dot before + phi_dot after) / 2. Constant torques
-tau do the work tau . (phi(t_1) - phi(t_0)) between two frames at t_0 and t_1, for any motion in
-between.
+tau do the work tau . (phi(t_1) - phi(t_0)) between two frames at t_0 and t_1, whatever the motion
+between them is.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ def work_of_kick(impulses: Array, before: Array, after: Array) -> float:
 
 
 def work_of_impulse(chain: Chain, rates: Array, impulses: Array) -> float:
-    """Return the work [J] of impulses J [N m s] on the rotors of a chain of springs, shape (N,).
+    """Return the work [J] of impulses J [N m s], shape (N,), on the rotors of a chain of springs.
 
-    The rates phi_dot [rad/s] change by J / I. Therefore the work is J . phi_dot + sum_n J_n^2 / (2
-    I_n).
+    With the moments of inertia I, the rates phi_dot [rad/s] change by J / I. Therefore the work is
+    J . phi_dot + sum_n J_n^2 / (2 I_n).
     """
     return float(impulses @ (rates + impulses / (2 * chain.moments_of_inertia)))
 
@@ -43,20 +43,20 @@ class TorqueTotals:
     work: float
     """Work on the chain [J]."""
     peak_torque: float
-    """Largest norm of the vector of all torques [N m]."""
+    """Largest norm of the vector of the torques on all rotors [N m]."""
     duration: float
     """Time during which a torque acted [s]."""
 
 
 class TorqueLedger:
-    """Running `TorqueTotals` of torques that are constant between frames."""
+    """Sum of `TorqueTotals` over frames, with torques that are constant between frames."""
 
     def __init__(self, number_of_rotors: int) -> None:
         self._totals = TorqueTotals(np.zeros(number_of_rotors), 0.0, 0.0, 0.0)
 
     @property
     def totals(self) -> TorqueTotals:
-        """Totals so far."""
+        """Totals of all torques that have been added."""
         return self._totals
 
     def add(self, torques: Array, turned: Array, time: float) -> None:

@@ -17,13 +17,13 @@ from soliton_linkage.linkage.quantities import quantity
 
 _MECHANICS = ('elastic', 'rigid')
 _LEANS = {'left_leaning': -1, 'right_leaning': 1}
-"""Sign of the staggered angles in each uniform state [1]."""
+"""Sign of the staggered angles in each uniform state."""
 _SOLITON, _PAIR = 'soliton', 'pair'
 
 
 @dataclass(frozen=True)
 class WorldParameters:
-    """Parameters of the simulation, except those of chain and gravity."""
+    """Parameters of the simulation, except the parameters of the chain and of gravity."""
 
     mechanics: str = quantity(
         'elastic', 'whether rotors are joined by springs or by rigid bars', choices=_MECHANICS
@@ -59,7 +59,7 @@ class WorldParameters:
 
 
 class World:
-    """Factory of the simulations of one chain; raises ValueError for unsuitable states."""
+    """Factory of simulations of one chain; methods raise ValueError for unsuitable states."""
 
     def __init__(
         self, chain: Chain, joint_names: Sequence[str], parameters: WorldParameters, period: float
@@ -99,7 +99,7 @@ class World:
 def joint_numbers(
     parameter: str, joints: Sequence[str], joint_names: Sequence[str]
 ) -> tuple[int, ...]:
-    """Return sorted numbers of joints given by name or number; ValueError if one is unknown."""
+    """Return sorted numbers of joints that are given by name or number; ValueError if unknown."""
     numbers = {str(rotor): rotor for rotor in range(len(joint_names))}
     numbers |= {name: rotor for rotor, name in enumerate(joint_names)}
     for joint in joints:

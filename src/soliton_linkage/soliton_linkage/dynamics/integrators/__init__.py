@@ -19,4 +19,5 @@ INTEGRATORS: dict[str, type[OdeSolver]] = {
     'BDF': BDF,
     'LSODA': LSODA,
 }
-"""Solvers of `EquationOfMotion`. The keys are the names that `ElasticSimulation` accepts."""
+"""Classes of the solvers for an `EquationOfMotion`. The keys are the names that
+`ElasticSimulation` accepts."""

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled loops of `nystrom_steps`; the docstring of that module contains the equations.
 
-A drift rotates a rotor by a small angle. Polynomials give the cosine and sine of this angle, so
-that the compiler can vectorise all loops. `work` has the rows of the module `terms` and the rows
-below.
+A drift rotates a rotor by a small angle. Polynomials approximate the cosine and sine of this
+angle, so that the compiler can vectorise all loops. The array `work` has the rows of the module
+`terms` and, after them, the rows below.
 """
 
 from __future__ import annotations
@@ -31,23 +31,24 @@ from soliton_linkage.linkage.chain import Array
 Numbers = NDArray[np.int64]
 
 TURNS, RATES_BEFORE, MEAN_OF_TURN, MEAN, SAVED = range(7, 12)
-"""Rows of `work`. TURNS is the rotation of each rotor in a drift [rad]. The next three rows are
-used in drifts with nonlinear damping. SAVED is the first of four rows with a copy of the rows
-ANGLES to SINES."""
+"""Rows of `work`. TURNS is the rotation of each rotor in a drift [rad]. In drifts with
+nonlinear damping, RATES_BEFORE contains the rates before the drift [rad/s], MEAN the mean
+acceleration for the change of the rates, and MEAN_OF_TURN the mean acceleration for the
+rotation [rad/s^2]. SAVED is the first of four rows with a copy of the rows ANGLES to SINES."""
 
 WORK_ROWS = SAVED + 4
 """Number of rows of `work`."""
 
 LARGEST_TURN = 0.5
-"""Largest rotation in a drift [rad]; up to it, the series in `turned` have only rounding
-errors."""
+"""Largest allowed rotation in a drift [rad]. Up to this rotation, the series in `turned` have no
+errors except rounding errors."""
 
 
 class Forces(NamedTuple):
-    """Terms and inertias of the rotors."""
+    """Terms of the equation of motion, and moments of inertia of the rotors."""
 
     kinds: Numbers
-    """Kinds of the terms that depend on the angles, see `TermTable`."""
+    """Kinds of the terms that depend on the angles; see `TermTable`."""
     parameters: Array
     damping_kinds: Numbers
     """Kinds of the terms that depend on the rates."""
@@ -55,7 +56,8 @@ class Forces(NamedTuple):
     inverse_inertias: Array
     """1 / (M r^2) of each rotor [1/(kg m^2)], 0 for fixed rotors and padding, shape (P,)."""
     half_inertias: Array
-    """M r^2 / 2 of each rotor [kg m^2], shape (P,), or (0,) without damping and active terms."""
+    """M r^2 / 2 of each rotor [kg m^2], shape (P,), or (0,) if there are no damping and active
+    terms."""
     active: bool
     """Whether the last term that depends on the angles is active."""
 
@@ -65,7 +67,7 @@ PlainForces = tuple[Numbers, Array, Numbers, Array, Array, Array, bool]
 
 
 class Step(NamedTuple):
-    """Coefficients for steps of one length."""
+    """Durations and damping coefficients of a step of a given length."""
 
     drifts: Array
     """Durations of the drifts [s], shape (15,)."""
@@ -73,9 +75,9 @@ class Step(NamedTuple):
     """Durations for which the torques of the kicks act [s], shape (14,)."""
     decays: Array
     """Coefficients of linear damping, shape (2, 2, 15, P), or (2, 2, 15, 0) without linear
-    damping. The first index selects a half or a whole step. With the second index 0, an element is
-    the rate after a drift divided by the rate before it [1]. With the second index 1, it is the
-    rotation in the drift divided by the rate before it [s]."""
+    damping. The first index is 0 for half a step and 1 for a whole step. The elements with the
+    second index 0 are the rate after a drift divided by the rate before it [1]. The elements with
+    the second index 1 are the rotation in the drift divided by the rate before it [s]."""
 
 
 PlainStep = tuple[Array, Array, Array]
@@ -85,7 +87,7 @@ PlainStep = tuple[Array, Array, Array]
 class Checks(NamedTuple):
     """Tolerances, and indices of the steps whose error is measured.
 
-    The error of a step is the root mean square of the errors of all variables y, divided by
+    The error of a step is the root mean square, over all variables y, of the error of y divided by
     absolute + relative abs(y), as in scipy's solvers.
     """
 
@@ -94,7 +96,7 @@ class Checks(NamedTuple):
     relative: float
     """Relative tolerance [1]."""
     measured: Numbers
-    """Indices of the steps whose error is measured, counted from 1."""
+    """Indices of the steps whose error is measured; the first step has the index 1."""
 
 
 PlainChecks = tuple[Array, float, Numbers]
@@ -103,7 +105,10 @@ PlainChecks = tuple[Array, float, Numbers]
 
 @inlined
 def turned(c: float, s: float, x: float) -> tuple[float, float]:
-    """Return cosine and sine after a rotation by x; the series allow |x| up to LARGEST_TURN."""
+    """Return the cosine and sine of an angle after a rotation by x [rad].
+
+    `c` and `s` are the cosine and sine before the rotation, and |x| is at most LARGEST_TURN.
+    """
     z = x * x
     y = z * z
     odd = (-1 / 5040 + z * (1 / 362880)) + y * (-1 / 39916800 + z * (1 / 6227020800))
@@ -116,7 +121,7 @@ def turned(c: float, s: float, x: float) -> tuple[float, float]:
 
 @inlined
 def turn(work: Array, rates: int, time: float) -> None:
-    """Rotate each rotor by `time` times the rotor's element in the row `rates` of `work`."""
+    """Rotate each rotor by `time` times the element of this rotor in the row `rates` of `work`."""
     prefer_wide_vectors()
     for n in range(work.shape[1] - VECTOR):
         x = time * work[rates, n]
@@ -126,7 +131,7 @@ def turn(work: Array, rates: int, time: float) -> None:
 
 @inlined
 def kick(work: Array, forces: Forces, time: float) -> None:
-    """Change the rates by torques that act for a time [s]."""
+    """Change the rates by the torques in `work`, which act for a time [s]."""
     for n in range(forces.inverse_inertias.size):
         torque = work[TORQUES, n] + work[TORQUES_ON_RIGHT, n]
         work[RATES, n] += time * forces.inverse_inertias[n] * torque
@@ -134,7 +139,11 @@ def kick(work: Array, forces: Forces, time: float) -> None:
 
 @inlined
 def decay(work: Array, forces: Forces, decays: Array, stage: int) -> float:
-    """Apply linear damping in a drift: update RATES, set TURNS, return the lost energy [J]."""
+    """Apply linear damping in a drift: update RATES, set TURNS, return the dissipated energy [J].
+
+    `decays` contains the coefficients of `Step.decays` for a half or a whole step, and `stage` is
+    the index of the drift.
+    """
     dissipated = 0.0
     for n in range(forces.half_inertias.size):
         rate, factor = work[RATES, n], decays[0, stage, n]
@@ -146,7 +155,11 @@ def decay(work: Array, forces: Forces, decays: Array, stage: int) -> float:
 
 @inlined
 def damp(work: Array, rotors: int, forces: Forces, time: float) -> float:
-    """Apply any damping in a drift by a Runge-Kutta step; see `decay`."""
+    """Apply damping of any kind in a drift by a Runge-Kutta step; see `decay`.
+
+    `time` is the duration of the drift [s]. The function updates and returns the same quantities
+    as `decay`.
+    """
     size = forces.half_inertias.size
     for n in range(size):
         work[RATES_BEFORE, n] = work[RATES, n]
@@ -198,7 +211,7 @@ def take_step(work: Array, rotors: int, forces: Forces, step: Step, share: float
 
 @inlined
 def too_fast(work: Array, rotors: int, limit: float) -> bool:
-    """Return whether a rate exceeds a limit [rad/s] or is NaN."""
+    """Return whether the rate of a rotor exceeds a limit [rad/s] or is NaN."""
     found = 0
     for n in range(rotors):
         found += not abs(work[RATES, n]) <= limit
@@ -207,7 +220,7 @@ def too_fast(work: Array, rotors: int, limit: float) -> bool:
 
 @inlined
 def copy(work: Array, start: int, end: int) -> None:
-    """Copy four rows of `work`, from row `start` on, to the rows from row `end` on."""
+    """Copy the rows `start` to `start` + 3 of `work` into the rows `end` to `end` + 3."""
     for row in range(4):
         for n in range(work.shape[1]):
             work[end + row, n] = work[start + row, n]
@@ -215,14 +228,21 @@ def copy(work: Array, start: int, end: int) -> None:
 
 @inlined
 def copy_state(source: Array, target: Array) -> None:
-    """Copy a state; the assignment of a slice would take seconds to compile."""
+    """Copy a state.
+
+    The loop is used because the assignment of a slice takes seconds to compile.
+    """
     for n in range(source.size):
         target[n] = source[n]
 
 
 @inlined
 def scaled_difference(before: Array, whole: Array, halves: Array, checks: Checks) -> float:
-    """Return the error of a step as defined in `Checks` [1], from the states before and after."""
+    """Return the error of a step as defined in `Checks` [1].
+
+    `before` is the state before the step, `whole` the state after the step, and `halves` the state
+    after two half steps.
+    """
     squares = 0.0
     for n in range(whole.size):
         size = max(abs(before[n]), abs(halves[n]))
@@ -232,7 +252,10 @@ def scaled_difference(before: Array, whole: Array, halves: Array, checks: Checks
 
 @inlined
 def store(states: Array, row: int, work: Array, rotors: int, dissipated: float) -> None:
-    """Store in a row of `states` the state after a step."""
+    """Store the state after a step in a row of `states`.
+
+    `dissipated` is the energy that the step dissipates [J].
+    """
     for n in range(rotors):
         states[row, n] = work[ANGLES, n]
         states[row, rotors + n] = work[RATES, n]
@@ -289,9 +312,9 @@ def interpolate(
     times: Array,
     output: Array,
 ) -> None:
-    """Fill `output` with the states at given times; see `NystromSteps.interpolated`.
+    """Fill `output` with the states at the given times; see `NystromSteps.interpolated`.
 
-    `circular` contains cosines and sines of the angles in `states`, shape (2, states, N).
+    `circular` contains the cosines and sines of the angles in `states`, shape (2, states, N).
     """
     forces, step = Forces(*plain_forces), Step(*plain_step)
     rotors = states.shape[1] // 2
@@ -331,7 +354,11 @@ def load(work: Array, state: Array, circular: Array) -> None:
 def put_knot(
     work: Array, forces: Forces, state: Array, unit: float, knots: Array, knot: int
 ) -> None:
-    """Set angles and dissipated energy at a knot, and their derivatives by time / `unit` [s]."""
+    """Set the values of the angles and of the dissipated energy at a knot, and two derivatives.
+
+    The derivatives are with respect to the time divided by `unit` [s]. The knots are the start,
+    the middle and the end of a step.
+    """
     never_inlined()
     rotors, first = state.size // 2, 3 * knot
     active_before = sum_terms(work, rotors, forces.kinds, forces.parameters)
@@ -361,7 +388,7 @@ def put_knot(
 
 @inlined
 def fit(knots: Array) -> None:
-    """Compute coefficients of x^0 to x^8 from value, slope and curvature at x = -1, 0 and 1."""
+    """Replace value, slope and curvature at x = -1, 0 and 1 by the coefficients of x^0 to x^8."""
     for n in range(knots.shape[1]):
         value, slope, curvature = knots[3, n], knots[4, n], knots[5, n]
         before, after = knots[0, n] - value, knots[6, n] - value
@@ -382,7 +409,10 @@ def fit(knots: Array) -> None:
 
 @inlined
 def evaluate(knots: Array, rotors: int, x: float, unit: float, output: Array) -> None:
-    """Evaluate the polynomials at x, the time since the middle of the step over `unit` [s]."""
+    """Evaluate the polynomials at x and put the state into `output`.
+
+    x is the time since the middle of the step, divided by `unit` [s], which is half a step.
+    """
     prefer_wide_vectors()
     for n in range(knots.shape[1]):
         value = slope = 0.0

@@ -6,16 +6,16 @@ A step of length h is a symmetric sequence of drifts and kicks,
     drift(a_15 h) kick(b_14 h) drift(a_14 h) ... kick(b_1 h) drift(a_1 h).
 
 A kick applies the torques that depend on the angles, and a drift those that depend on the rates.
-With linear damping c, gamma = c / (M r^2), a drift is the exact solution
+With linear damping c and gamma = c / (M r^2), a drift is the exact solution
 
     phi_dot(t) = phi_dot e^(-gamma t),    phi(t) = phi + phi_dot (1 - e^(-gamma t)) / gamma.
 
-With other damping, a drift is a Runge-Kutta step of order 4. Without damping a step is symplectic
-and reversible. With linear damping it reduces volumes in phase space as the true motion does, so
-that the sum of energy and dissipated energy has no trend.
+With damping of another kind, a drift is a Runge-Kutta step of order 4. Without damping a step is
+symplectic and reversible. With linear damping, a step reduces volumes in phase space exactly as
+the motion does. Therefore the sum of energy and dissipated energy has no trend.
 
-The coefficients are those of the method SRKN_14^a of order 6, for a quadratic kinetic energy: S.
-Blanes and P. C. Moan, J. Comput. Appl. Math. 142 (2002) 313.
+The coefficients belong to the method SRKN_14^a of order 6 for systems with a quadratic kinetic
+energy. Source: S. Blanes and P. C. Moan, J. Comput. Appl. Math. 142 (2002) 313.
 """
 
 from __future__ import annotations
@@ -48,8 +48,9 @@ from soliton_linkage.linkage.chain import Array
 ORDER = 6
 """Order of the method: the error of a step of length h is proportional to h^7."""
 STABLE_STEP = 3.14
-"""Longest stable step, in units of 1 / omega for vibrations of angular frequency omega [1].
-Slightly above pi, vibrations grow by less than 0.1 % per step; above 6.15, without bound."""
+"""Longest stable step, multiplied by the angular frequency of the fastest vibration [1]. If the
+product is slightly above pi, vibrations grow by less than 0.1 % per step; above 6.15, they grow
+without bound."""
 
 _HALF_OF_DRIFTS = (
     0.0378593198406116,
@@ -60,7 +61,7 @@ _HALF_OF_DRIFTS = (
     0.106417700369543,
     -0.00879424312851058,
 )
-"""a_1 to a_7 of the paper."""
+"""Coefficients a_1 to a_7 from the paper."""
 _HALF_OF_KICKS = (
     0.09171915262446165,
     0.183983170005006,
@@ -69,14 +70,14 @@ _HALF_OF_KICKS = (
     0.143761127168358,
     0.328567693746804,
 )
-"""b_1 to b_6 of the paper."""
+"""Coefficients b_1 to b_6 from the paper."""
 _LAST_KICK = 0.5 - sum(_HALF_OF_KICKS)
-"""b_7; the kicks b_1 to b_7 of half a step add up to 1/2."""
+"""Coefficient b_7. The coefficients b_1 to b_7 of half a step add up to 1/2."""
 
 DRIFTS = np.array([*_HALF_OF_DRIFTS, 1 - 2 * sum(_HALF_OF_DRIFTS), *_HALF_OF_DRIFTS[::-1]])
-"""a_1 to a_15."""
+"""Coefficients a_1 to a_15."""
 KICKS = np.array([*_HALF_OF_KICKS, _LAST_KICK, _LAST_KICK, *_HALF_OF_KICKS[::-1]])
-"""b_1 to b_14."""
+"""Coefficients b_1 to b_14."""
 
 
 @dataclass(frozen=True)
@@ -84,31 +85,34 @@ class SolverSettings:
     """Tuning of `SymplecticNystrom`."""
 
     rotors_per_call: int = 16_000
-    """Number of steps in one call of the compiled loops, times the number of rotors [1].
-    Sensitivity: at 0.5x or 2x, the solver is 10 % slower."""
+    """Largest number of steps in one call of the compiled loops, multiplied by the number of
+    rotors [1]. Sensitivity: at 0.5x or 2x, the solver is 10 % slower."""
     safety: float = 0.8
-    """Largest rotation of the fastest rotor in one drift, as a fraction of LARGEST_TURN [1].
-    Sensitivity: at 0.5x, 60 % more force evaluations if a rotor spins fast; with 1, a rotor that
-    accelerates within the step stops the integration."""
+    """Largest allowed rotation of the fastest rotor in the longest drift, as a fraction of
+    LARGEST_TURN [1]. Sensitivity: at 0.5x, 60 % more force evaluations if a rotor spins fast; with
+    1, a rotor that accelerates within the step stops the integration."""
     aim: float = 0.3
-    """Ratio of the expected error to the tolerance for a new step length [1]. Sensitivity: at
-    0.5x, 10 % more force evaluations and half the error; at 2x, 10 % fewer and twice the error."""
+    """A new step length is chosen so that the expected error is this fraction of the
+    tolerance [1]. Sensitivity: at 0.5x, 10 % more force evaluations and half the error; at 2x, 10
+    % fewer and twice the error."""
     min_growth: float = 1.25
-    """Smallest factor by which the step length increases [1]. Sensitivity: with 1.13 or 1.5, the
-    number of force evaluations changes by 6 %."""
+    """The step length increases only if the measured error allows a length that is larger by this
+    factor [1]. Sensitivity: with 1.13 or 1.5, the number of force evaluations changes by 6 %."""
     max_shrinkage: float = 0.95
-    """Threshold of the ratio of the suggested to the first step length [1]; a smaller ratio
-    shortens the step. Sensitivity: no effect from 0.9 to 0.975."""
+    """The first step length is shortened if the measured error suggests a length below this
+    fraction of it [1]. Sensitivity: no effect from 0.9 to 0.975."""
     measured_every: int = 32
-    """Number of steps between two error measurements [1]. Sensitivity: at 0.5x, 6 % more force
-    evaluations; at 2x, 3 % fewer."""
+    """Number of steps from one error measurement to the next [1]. Sensitivity: at 0.5x, 6 % more
+    force evaluations; at 2x, 3 % fewer."""
     steps_until_exact: int = 1000
-    """Number of steps between two exact computations of the cosines and sines [1]; rounding errors
-    accumulate in between."""
+    """Number of steps after which the cosines and sines are computed exactly again [1], because
+    rounding errors accumulate."""
     shortest: float = 1e-6
-    """Shortest step, as a fraction of the longest stable step [1]; the solver fails below it."""
+    """If the step length falls below this fraction of the longest stable step [1], the solver
+    fails."""
     trials: int = 60
-    """Number of step lengths that the solver tries before it fails [1]; one to three are usual."""
+    """If this number of step lengths has been tried without success [1], the solver fails. One to
+    three trials are usual."""
 
 
 DEFAULTS = SolverSettings()
@@ -118,10 +122,11 @@ _NONE: Numbers = np.empty(0, dtype=np.int64)
 
 
 def steps_to_measure(taken: int, count: int, every: int) -> Numbers:
-    """Return the indices of the steps, from 1 to `count`, whose error is measured.
+    """Return the indices of the steps, among the next `count`, whose error is measured.
 
-    The error is measured in the steps 1, 4 and 16 after a change of the length, and in every
-    `every`-th step. `taken` steps of the current length are already taken.
+    The first of these steps has the index 1. The error is measured in the steps 1, 4 and 16 after
+    a change of the step length, and in every `every`-th step. `taken` is the number of steps since
+    this change.
     """
     regular = np.arange(every - taken % every, count + 1, every)
     early = [step for step in (1, 4, 16) if taken < step <= taken + count]
@@ -129,7 +134,7 @@ def steps_to_measure(taken: int, count: int, every: int) -> Numbers:
 
 
 class NystromSteps:
-    """Method steps along the motion of an `EquationOfMotion` whose terms are all compiled."""
+    """Method steps along the motion of an `EquationOfMotion`, whose terms must all be compiled."""
 
     def __init__(self, motion: EquationOfMotion, settings: SolverSettings = DEFAULTS) -> None:
         self._motion = motion
@@ -157,9 +162,9 @@ class NystromSteps:
     ) -> tuple[Array, float]:
         """Take up to `count` steps of `length` [s]; return all states and the largest error.
 
-        The error of a step is the difference from two half steps, divided by the tolerance. The
-        states, (steps taken + 1, len(state)), end before a step whose error exceeds 1, or in which
-        a drift rotates a rotor by more than LARGEST_TURN.
+        The error of a step is defined in `Checks`, from the difference between the step and two
+        half steps. The states have the shape (steps taken + 1, len(state)). They end before a step
+        whose error exceeds 1, or in which a drift rotates a rotor by more than LARGEST_TURN.
         """
         rotors = self._motion.rotors
         states = np.empty((count + 1, len(state)))
@@ -180,10 +185,10 @@ class NystromSteps:
         return states[: done + 1], error
 
     def interpolated(self, states: Array, length: float, times: Array) -> Array:
-        """Return the states at given times; a time is a number of steps since the first state.
+        """Return the states at given times, which count the steps since the first state.
 
-        The result has shape (times, len(state)). Polynomials of degree 8 fit angle, rate and
-        acceleration at the start, middle and end of a step.
+        The result has shape (times, len(state)). In each step, polynomials of degree 8 fit the
+        angle, rate and acceleration at the start, the middle and the end of the step.
         """
         angles = states[:, : self._motion.rotors]
         output = np.empty((len(times), states.shape[1]))
@@ -214,7 +219,7 @@ class NystromSteps:
 
 
 def zeros_in_line(rows: int, columns: int) -> Array:
-    """Return zeros, shape (rows, columns), in memory that starts with a cache line."""
+    """Return zeros, shape (rows, columns), in memory that begins at the start of a cache line."""
     size, line = rows * columns, 64
     room = np.full(size + VECTOR, 0.0)
     first = -room.ctypes.data % line // room.itemsize

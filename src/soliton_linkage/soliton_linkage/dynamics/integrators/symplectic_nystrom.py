@@ -3,7 +3,7 @@
 
     solve_ivp(motion, (0, 100), motion.state(angles, rates), method=SymplecticNystrom)
 
-integrates the `EquationOfMotion` motion.
+integrates `motion`, which is an `EquationOfMotion`.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ from soliton_linkage.dynamics.integrators.nystrom_steps import (
 from soliton_linkage.linkage.chain import Array, Chain
 
 _LONGEST_DRIFT = float(np.abs(DRIFTS).max())
-"""Longest drift, as a fraction of the step [1]."""
+"""Duration of the longest drift, as a fraction of the step [1]."""
 
 
 class SymplecticNystrom(OdeSolver):
     """Symplectic Runge-Kutta-Nystrom method of order 6 for `EquationOfMotion`.
 
-    The solver chooses a step length whose error, in the norm of scipy's solvers, is below atol +
-    rtol abs(y). The solver keeps this length as long as possible, because the energy error is
-    bounded only while the length is constant. The error is the difference between a step and two
-    half steps. The solver measures the error in the first, fourth and sixteenth step of each
-    length, and then in every 32nd step. Steps with a too large error are repeated with a shorter
-    length. If the error is far below the tolerance, the length increases.
+    The solver chooses a step length for which the error of a step, in the norm of scipy's solvers,
+    is below atol + rtol abs(y). The solver keeps this length as long as possible, because the
+    energy error is bounded only while the length is constant. The error is the difference between
+    a step and two half steps. The solver measures the error in the first, fourth and sixteenth
+    step of each length, and then in every 32nd step. Steps whose error is too large are repeated
+    with a shorter length. If the error is far below the tolerance, the length increases.
 
     `length` is the length of a method step [s], and `together` the largest number of method steps
     in one solver step. Raises TypeError for a right-hand side that is not an `EquationOfMotion`,
@@ -49,7 +49,7 @@ class SymplecticNystrom(OdeSolver):
     """
 
     _tried = 4
-    """Number of steps after which the first step length is accepted [1]; the error of the last of
+    """Number of steps after which the first step length is accepted [1]. The error of the last of
     these steps is measured."""
 
     n: int
@@ -110,7 +110,7 @@ class SymplecticNystrom(OdeSolver):
 
     @classmethod
     def load(cls) -> None:
-        """Compile or load all loops by taking two steps, so that no simulation has to wait."""
+        """Compile or load all loops by taking two steps; later simulations start at once."""
         motion = EquationOfMotion(Chain(number_of_rotors=2))
         few_rows = SolverSettings(rotors_per_call=1)
         solver = cls(motion, 0.0, np.zeros(4), math.inf, settings=few_rows)
@@ -165,7 +165,7 @@ class SymplecticNystrom(OdeSolver):
     def _checked(self, step: float, count: int) -> tuple[Array, float]:
         """Take up to `count` method steps; return the accepted states and the largest error.
 
-        If a measured error exceeds 1, the steps up to the previous measurement are accepted.
+        If a measured error exceeds 1, only the steps up to the previous measurement are accepted.
         """
         every = self._settings.measured_every
         measured = steps_to_measure(self._since_change, count, every)
@@ -203,7 +203,7 @@ class SymplecticNystrom(OdeSolver):
         self._even_from, self._even_steps = float(self.t), 0
 
     def _longest_from(self, state: Array) -> float:
-        """Return the longest step [s] that is stable and turns no rotor beyond LARGEST_TURN."""
+        """Return the longest stable step whose drifts turn no rotor beyond LARGEST_TURN [s]."""
         rotors = self._motion.rotors
         fastest = float(np.abs(state[rotors : 2 * rotors]).max())
         turning = _LONGEST_DRIFT * fastest / (self._settings.safety * LARGEST_TURN)
