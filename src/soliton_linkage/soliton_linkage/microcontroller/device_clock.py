@@ -7,9 +7,9 @@ receiver's clock, with
     y = a + b x + d,    d >= 0,
 
 where a is the sum of the clock offset and the smallest delay, b the drift, and d the additional
-delay. The line a + b x contains one edge of the lower convex hull of all (x, y): the edge at the
-mean of x (S. Moon, P. Skelly and D. Towsley, INFOCOM 1999, doi:10.1109/INFCOM.1999.749287). Each
-time interval gives one point (x, y).
+delay. The line a + b x contains one edge of the lower convex hull of the points (x, y), namely the
+edge at the mean of x (Moon, Skelly and Towsley, INFOCOM 1999, doi:10.1109/INFCOM.1999.749287). Of
+each time interval, only the message with the smallest delay is such a point.
 """
 
 from __future__ import annotations
@@ -30,38 +30,40 @@ _INTERVALS = 64
 """Number of intervals in the fit [1]; at 0.5x, the error doubles; at 2x, a fit takes 4 times as
 long."""
 _FIRST_INTERVAL = 1 / 16
-"""Duration of the first intervals [s]; the drift is known after two intervals."""
+"""Duration of the first intervals [s]; it is short, because the drift is known only after two
+intervals."""
 _LONGEST_INTERVAL = 2.0
-"""Duration of later intervals [s]; at 0.5x, the line follows a warming clock faster."""
+"""Longest duration of later intervals [s]; at 0.5x, the line follows the drift of a warming clock
+faster."""
 LARGEST_DRIFT = 0.01
 """Largest accepted drift of a clock [1]; the resonator of an Arduino Uno has half this drift."""
 _FROM_THE_FUTURE = 0.25
-"""Largest time by which a measurement may be later than its arrival [s]; a larger one means that
-the clock has restarted."""
+"""By the estimated clock, the time of a measurement may be later than its arrival by up to this
+[s]. A larger difference means that the controller's clock has restarted."""
 _FROM_THE_PAST = 10.0
-"""Largest accepted delay [s]; a larger one means that the clock has stopped."""
+"""Largest accepted delay [s]; a larger delay means that the controller's clock has stopped."""
 _SMALLEST_JUMP = 1e-3
 """Smallest jump of a clock that is detected [s]; at 2x, undetected jumps bias the drift more."""
 _EARLY, _LATE = 3.0, 10.0
-"""Largest plausible distances of a delay below and above the fitted line [medians of the
-delay]."""
+"""A delay is plausible if it is below the fitted line by at most the first number, or above it by
+at most the second number, times the median of the delays above the line [1]."""
 _UNUSUAL = 8.0
-"""Threshold of the difference from a multiple of the median interval, relative to the median of
-such differences [1]; in messages without a checksum, an interval with a larger difference is
-unusual."""
+"""For messages without a checksum: an interval is unusual if its difference from a multiple of the
+median interval is larger than this times the median of such differences [1]."""
 _ABOVE_OTHERS = 2.0
-"""The same threshold for messages with a checksum, relative to the largest of such differences
-[1]."""
+"""For messages with a checksum: an interval is unusual if this difference is larger than this
+number times the largest of the other differences [1]."""
 _CLOCK_RESOLUTION = 1e-4
-"""Smallest difference that makes an interval unusual [s]; it equals 25 ticks of micros() of an
-Arduino."""
+"""An interval is unusual only if its difference from a multiple of the median interval is larger
+than this [s], which is 25 ticks of micros() of an Arduino."""
 _REMEMBERED = 128
 """Number of messages whose delays and intervals are compared [1]; at 0.25x, a rare interval seems
 unusual, and at 4x, a jump by less than an interval is corrected later."""
 _WRONG_TIMES = _REMEMBERED // 16
-"""Largest accepted number of wrong times among the compared messages without a checksum [1]."""
+"""Among the compared messages without a checksum, up to this many may have a wrong time [1]."""
 _CONFIRMATIONS = 3
-"""Number of implausible times, consistent with each other, that prove a jump or a restart."""
+"""Number of successive implausible times that prove a jump or a restart of the clock if they are
+consistent with each other."""
 
 
 class DelayEnvelope:
@@ -127,10 +129,12 @@ class DeviceClock:
     """Conversion of times of the controller's clock to increasing stamps of the host's clock.
 
     The estimate uses the fact that no message arrives before it is sent. Three successive
-    implausible times that are consistent with each other restart the estimate of offset and drift;
-    other implausible times are rejected. The estimate is also restarted if all recent delays are
-    much longer than the smallest delay, because then the smallest delay belongs to a wrong time or
-    to the time before a jump.
+    implausible times that are consistent with each other restart the estimate of offset and drift.
+    Other implausible times are rejected.
+
+    The estimate is also restarted if all recent delays are much longer than the smallest delay
+    since its start. The smallest delay then comes from a wrong time, or from a message before a
+    jump of the clock.
     """
 
     def __init__(self) -> None:
@@ -139,7 +143,8 @@ class DeviceClock:
         self.jumps = 0
         """Number of jumps of the controller's clock by less than 0.25 s."""
         self.delay = 0.0
-        """Delay of the last measurement minus the smallest delay of all measurements [s]."""
+        """Delay of the last measurement in excess of the smallest delay, which the fitted line
+        gives [s]."""
         self._last: int | None = None
         self._stamp = -1
         self.reset()
@@ -193,7 +198,10 @@ class DeviceClock:
         return self._stamp
 
     def _advance(self, time: int, arrival: int, checked: bool) -> None:
-        """Advance to a time of the controller, or restart; ValueError for implausible times."""
+        """Advance to a time of the controller, or restart the estimate.
+
+        Raise ValueError if the time is implausible and does not prove a restart or a jump.
+        """
         assert self._last is not None
         passed = (time - self._last) % CLOCK_RANGE
         if not passed:
@@ -244,7 +252,10 @@ class DeviceClock:
         return -max(tolerance * _EARLY / _LATE, _SMALLEST_JUMP) <= late <= tolerance
 
     def _is_only_late(self, elapsed: int, arrival: int, checked: bool) -> bool:
-        """Return whether a time far from the line is late after a usual interval."""
+        """Return whether a delay is above the line and follows a usual interval.
+
+        In this case, only the arrival of the message is late, and its time is correct.
+        """
         intervals = np.array([(elapsed - self._elapsed) / 1e6, *self._intervals])
         usual = float(np.median(intervals))
         unusual, *others = np.abs(intervals - usual * np.maximum(np.round(intervals / usual), 1))
@@ -252,7 +263,7 @@ class DeviceClock:
         return self._late(elapsed, arrival) > 0 and unusual <= max(limit, _CLOCK_RESOLUTION)
 
     def _all_late(self, checked: bool) -> bool:
-        """Return whether all recent delays are long, apart from a few of wrong times."""
+        """Return whether all recent delays are long; a few may be short because of wrong times."""
         if len(self._delays) < _REMEMBERED:
             return False
         least = sorted(self._delays)[0 if checked else _WRONG_TIMES]

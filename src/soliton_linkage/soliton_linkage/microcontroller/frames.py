@@ -2,8 +2,8 @@
 """Text and binary frames on a serial line to a microcontroller (docs/serial.md).
 
 A binary frame consists of a header, values, and the CRC-32 of zlib. Consistent overhead byte
-stuffing removes the zero bytes of the frame (S. Cheshire and M. Baker, IEEE/ACM Transactions on
-Networking 7, 159 (1999), doi:10.1109/90.769765). A zero byte ends the frame.
+stuffing removes the zero bytes of the frame (Cheshire and Baker, IEEE/ACM Transactions on
+Networking 7, 159, 1999, doi:10.1109/90.769765). A zero byte ends the frame.
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ _HEADER = struct.Struct('<cBHI')
 """Binary header of 8 bytes: letter of the frame kind, version, frame number, time [us]."""
 _CHECKSUM = struct.Struct('<I')
 _LONGEST_BLOCK = 254
-"""Longest block of data without a zero byte in byte stuffing [bytes]."""
+"""Longest block of data without a zero byte that byte stuffing encodes as one block [bytes]."""
 _TEXT_CHECKSUM = re.compile(rb'\*([0-9A-Fa-f]{8})')
 _REAL = re.compile(r'[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?')
 _WHOLE = re.compile(r'[-+]?\d{1,15}')
-"""Integer that a floating-point number of 64 bits represents exactly."""
+"""Pattern of the integers that a floating-point number of 64 bits represents exactly."""
 _COUNTER = re.compile(r'\d{1,20}')
 _MISSING = '-'
 
 
 class FrameKind(Enum):
-    """Kind of a frame: counts [1] or angles [rad] of the encoders, or a command."""
+    """Kind of a frame: encoder counts [1], encoder angles [rad], a message, or a command."""
 
     COUNTS = 'counts'
     RADIANS = 'radians'
@@ -112,7 +112,7 @@ def encode_text(frame: SerialFrame) -> bytes:
 
 
 def decode_text(line: bytes) -> SerialFrame:
-    """Return the frame in a line; ValueError if invalid."""
+    """Return the frame that a line of text encodes; raise ValueError if it is invalid."""
     content = line = line.removesuffix(b'\r')
     checksum = _TEXT_CHECKSUM.fullmatch(line, len(line) - 9) if len(line) > 9 else None
     if checksum:
@@ -173,7 +173,7 @@ def _packed(values: Array, type_: np.dtype[Any]) -> bytes | None:
 
 
 def decode_binary(piece: bytes) -> SerialFrame:
-    """Return the frame that `piece`, without its end byte, encodes; ValueError if invalid."""
+    """Return the frame that bytes without the end byte encode; ValueError if invalid."""
     whole = unstuff(piece)
     if len(whole) < _HEADER.size + _CHECKSUM.size:
         least = _HEADER.size + _CHECKSUM.size
@@ -240,19 +240,19 @@ class FrameDecoder:
         self.protocol: Protocol | None = None
         self.frames = 0
         self.corrupted = 0
-        """Number of invalid frames in the protocol of the last valid frame."""
+        """Number of invalid frames; only the protocol of the last valid frame counts."""
         self.complaint = ''
         """Error message about the last invalid frame."""
         self.reset()
 
     def reset(self) -> None:
-        """Prepare for another controller, but keep the counts of frames."""
+        """Prepare for another controller, but keep the numbers of valid and invalid frames."""
         self.protocol = None
         self._checked = False
         self._lines, self._pieces = _Splitter(_LINE_END), _Splitter(_FRAME_END)
 
     def feed(self, chunk: bytes) -> list[SerialFrame]:
-        """Return the frames whose ends are in a chunk of bytes, in the order of the ends."""
+        """Return the frames that end in a chunk of bytes, in the order in which they end."""
         ended = [(end, Protocol.TEXT, line) for end, line in self._lines.feed(chunk)]
         ended += [(end, Protocol.BINARY, piece) for end, piece in self._pieces.feed(chunk)]
         ended.sort(key=lambda each: each[0])

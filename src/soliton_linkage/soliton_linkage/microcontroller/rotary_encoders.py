@@ -58,7 +58,7 @@ class RotaryEncoders:
                 )
 
     def check_fit(self, rotors: int) -> None:
-        """Raise ValueError if the number of values does not match the number of rotors."""
+        """Raise ValueError if the number of values of a field does not match the rotors."""
         for name, least in (('counts_per_turn', 1), ('signs', 0), ('offsets', 0)):
             given = len(getattr(self, name))
             if given not in (least, rotors):
@@ -89,8 +89,9 @@ class AngleReader:
     def read(self, frame: SerialFrame) -> Array:
         """Return the angle of each rotor [rad], (N,), NaN if missing.
 
-        If readings wrap, each rotor has turned by less than half a turn since its last valid
-        reading. Raises ValueError unless the frame has a reading for each rotor.
+        If the readings wrap after a turn, the result is correct if each rotor has turned by less
+        than half a turn since its last valid reading. Raises ValueError unless the frame has a
+        reading for each rotor.
         """
         self.check(frame)
         angles = frame.values * self._radians[frame.kind] - self._offsets
@@ -135,7 +136,11 @@ class AngleStream:
         self._numbers.clear()
 
     def reconnect(self) -> None:
-        """Prepare for a controller that may have restarted; reset a clock without an estimate."""
+        """Prepare for a controller that may have restarted.
+
+        If the clock has no estimate of its scatter yet, it is reset, because it could not detect a
+        restart.
+        """
         if math.isnan(self.clock.scatter):
             self.reset()
 
@@ -168,7 +173,11 @@ class AngleStream:
         return StampedAngles(stamp, self._reader.read(frame))
 
     def _count_lost(self, number: int) -> None:
-        """Count lost frames from several frame numbers, so that one wrong number has no effect."""
+        """Update the number of lost frames, given the number of the latest frame.
+
+        The number is compared with those of several previous frames, so that one wrong number has
+        no effect.
+        """
         totals = [
             lost + missing
             for earlier, arrived, lost in self._numbers

@@ -46,7 +46,7 @@ class ControllerSettings:
 
 
 class SimulatedController:
-    """Simulated controller of a chain; it executes each command for the stated duration."""
+    """Simulated controller of a chain; it executes each command for the duration in its frame."""
 
     def __init__(
         self,

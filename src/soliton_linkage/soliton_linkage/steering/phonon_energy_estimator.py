@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimate of the phonon energy from the rates, valid in chains with unmodelled deviations.
 
-The rates orthogonal to the tangent t of the orbit are due to phonons and noise. The energy of
-phonons is twice the mean kinetic energy of the phonons, so that
+The rates orthogonal to the tangent t of the orbit are due to phonons and noise. The energy of the
+phonons is twice their mean kinetic energy. Therefore,
 
-    E = < I |phi_dot - t (t . phi_dot)|^2 > - I (N - 1) sigma^2
+    E = < I |phi_dot - t (t^T phi_dot)|^2 > - I (N - 1) sigma^2
 
-for rates phi_dot and moments of inertia I. The noise sigma of a rate follows from third
-differences of rates between frames; their variance is 20 sigma^2.
+with the rates phi_dot and the moment of inertia I of a rotor. The standard deviation sigma of a
+rate is estimated from third differences of the rates in successive frames, which have the variance
+20 sigma^2.
 """
 
 from __future__ import annotations
@@ -46,7 +47,8 @@ class PhononEnergyEstimator:
         """Add a frame with its time [s] and its rates [rad/s], (N,).
 
         The wall is at the arc length `arc` [rad]. Frames that are not later than the previous one
-        are ignored. If the time decreases by more than the averaging time, the estimate restarts.
+        are ignored. If the time of a frame is earlier than the previous one by more than the
+        averaging time, the estimate restarts.
         """
         if time < self._time - self._memory:
             self._rates.clear()

@@ -3,8 +3,8 @@
 
 A wall with the rate w = ds/dt of its arc length exerts the force I w^2 t_n'(s) on rotor n with the
 moment of inertia I. The force is orthogonal to the orbit, whose tangent t has the Fourier
-components t_n(q) = int t_n e^(iqs) ds. If q w exceeds the gap omega_0, a component radiates about
-the fraction |q t_n(q)|^2 of the energy of the wall.
+components t_n(q) = int t_n e^(iqs) ds. A component radiates phonons if its frequency q w exceeds
+the phonon gap omega_0. It then radiates about the fraction |q t_n(q)|^2 of the energy of the wall.
 """
 
 from __future__ import annotations
@@ -20,12 +20,13 @@ from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.steering.settings import DEFAULTS, SteeringSettings
 
 _SAMPLES = 2048
-"""Number of samples of the tangent while a wall passes a rotor [1]; with this number, the spectrum
-decays to 0."""
+"""Number of samples of the tangent while a wall passes a rotor [1]; with so many samples, the
+spectrum decays to 0 at the highest q."""
 _PEAK = 15 / 8
 """Ratio of the largest rate to the mean rate of a trajectory from rest to rest [1]."""
 _EXTENSION = 1.1
-"""Factor by which the duration is increased until the trajectory is slow enough [1]."""
+"""The duration is multiplied by this factor repeatedly, until the trajectory is slow enough
+[1]."""
 
 
 @dataclass(frozen=True)
@@ -121,9 +122,10 @@ def adiabatic_rate(orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> float
 
 
 def bandwidth(orbit: Orbit, period: float, settings: SteeringSettings = DEFAULTS) -> float:
-    """Return the bandwidth of the feedback [rad/s]; the frame period [s] is NaN if unknown.
+    """Return the bandwidth of the feedback [rad/s] for a frame period [s], which may be NaN.
 
-    The bandwidth is far below the phonon gap and the frame rate, because of noise and late frames.
+    A frame period of NaN is unknown. The bandwidth is far below the phonon gap because of noise,
+    and far below the frame rate because of late frames.
     """
     limit = settings.bandwidth_share * gap(orbit.chain)
     return limit if math.isnan(period) else min(limit, settings.bandwidth_step / period)
@@ -134,8 +136,8 @@ def trajectory_to(
 ) -> ReferenceTrajectory:
     """Return a trajectory from a reference point at `start` [s] to rest at an arc length [rad].
 
-    The duration is `shortest` [s], or longer if the rate would otherwise exceed both `rate`
-    [rad/s] and the initial rate.
+    The duration is `shortest` [s]. It is longer if the largest rate would otherwise exceed both
+    the limit `rate` [rad/s] and the initial rate of `point`.
     """
     duration = max(shortest, _PEAK * abs(goal - point.arc) / rate)
     limit = max(rate, abs(point.rate)) * (1 + 1e-9)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tuned parameters of the steering, with the sensitivity of moves to each parameter.
 
-Sensitivities were measured with flippers, wobbling flippers and spinners of 12 rotors. The frames
-had a period of 10 ms and a noise of 0.01 to 0.02 rad, with friction and deviations of 3 to 6 %.
-Each parameter was halved (0.5x) and doubled (2x) separately.
+The sensitivities were measured with flippers, wobbling flippers and spinners of 12 rotors. These
+chains had friction, and deviations of 3 to 6 %. Frames had a period of 10 ms, and angles a noise
+of 0.01 to 0.02 rad. Each parameter was halved (0.5x) and doubled (2x) separately.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from soliton_linkage.linkage.quantities import CheckedQuantities, quantity
 class SteeringSettings(CheckedQuantities):
     """Tuned parameters of the steering; raises ValueError for values out of range.
 
-    The `Quantity` of each field contains its meaning and range. b [rad/s] is the bandwidth.
+    The `Quantity` of each field contains its meaning and range. In the docstrings of the fields, b
+    [rad/s] is the bandwidth of the feedback.
     """
 
     tolerance: float = quantity(

@@ -37,11 +37,12 @@ from soliton_linkage.steering.torque_allocation import TorqueAllocation
 from soliton_linkage.steering.wall_observer import WallEstimate, WallObserver
 
 _BANDWIDTH_EXPONENT = 1 / 5
-"""Exponent e in b ~ q^e [1]; with it, the torques due to noise do not depend on q."""
+"""Exponent e of the bandwidth b ~ q^e [1]; with this value, the torques due to noise do not depend
+on q."""
 _MAX_EXTENSIONS = 8
-"""Number of durations that are tried for a trajectory of a moving wall [1]."""
+"""Largest number of durations that are tried for the trajectory of a moving wall [1]."""
 _EXTENSION = 1.5
-"""Ratio of a tried duration to the previous one [1]; a longer trajectory needs less force."""
+"""Ratio of each tried duration to the previous one [1]; a longer trajectory needs less force."""
 
 
 class Outcome(enum.Enum):
@@ -270,9 +271,9 @@ class Steering:
         self._resting_since = None
 
     def _jumped(self, last: WallEstimate, found: WallEstimate) -> bool:
-        """Return whether a wall moved farther than its rate and `max_error` allow.
+        """Return whether a wall moved farther between two estimates than is plausible.
 
-        The limit is `max_error` plus twice the distance at the estimated rate.
+        The limit is `max_error` plus twice the distance that it moves at the estimated rate.
         """
         distance = abs(math.remainder(found.arc - last.arc, self.orbit.length))
         explained = 2 * abs(last.rate) * (found.time - last.time)
@@ -303,8 +304,9 @@ class Steering:
     ) -> ReferenceTrajectory:
         """Return a trajectory that the actuators can follow to a goal [rad].
 
-        For a moving wall try increasing durations from `shortest` [s] on. If none is feasible,
-        return the last trajectory.
+        For a moving wall, increasing durations are tried, and the first one is `shortest` [s]. If
+        the actuators can follow none of the trajectories, return the last one. The trajectory
+        starts at `point`, and `rate` is the largest rate of the arc length [rad/s].
         """
         for _ in range(_MAX_EXTENSIONS):
             trajectory = trajectory_to(goal, estimate.time, point, rate, shortest)
@@ -315,13 +317,13 @@ class Steering:
         return trajectory
 
     def _reference(self, estimate: WallEstimate) -> ReferencePoint:
-        """Return the reference at the time of the estimate; without a trajectory, the estimate."""
+        """Return the reference at the time of an estimate; if there is none, the estimate."""
         if self._trajectory is None:
             return ReferencePoint(estimate.arc, estimate.rate, 0.0)
         return self._trajectory.at(estimate.time)
 
     def _nearest_arc(self, site: float, arc: float) -> float:
-        """Return, of all arc lengths [rad] of a wall at the site, the one nearest to `arc`."""
+        """Return the arc length nearest to `arc` [rad] at which a wall is at the site."""
         legs = range(self.orbit.number_of_legs)
         distances = [self.orbit.arc_at(site, leg) - arc for leg in legs]
         return arc + min((math.remainder(each, self.orbit.length) for each in distances), key=abs)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Torques of actuators that exert a given force on a wall; each actuator acts on one rotor.
 
-A force F along the orbit, with the tangent t, needs torques tau with t . tau = F. The torques of
+A force F along the orbit, with the tangent t, needs torques tau with t^T tau = F. The torques of
 least norm on a set S of rotors are tau_n = F t_n / q with the coupling q = sum of t_n^2 over S. If
 S is not the whole chain, the torques also deflect the rotors against the springs by dphi, with
 spring forces f and the rigidity matrix R:
@@ -26,10 +26,11 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.orbit import Orbit
 
 _SAMPLES_PER_SITE = 4
-"""Number of samples of a path per rotor spacing [1]; t_n^2 varies smoothly between samples."""
+"""Number of positions per rotor spacing at which a path is checked [1]; t_n^2 varies smoothly
+between them."""
 _MIN_COUPLING = 1e-12
-"""Coupling q below which actuators have no effect [1], because the orbit sets |t_n| < 1e-6 to
-0."""
+"""Actuators have no effect if their coupling q is smaller than this [1], because the orbit
+replaces values |t_n| < 1e-6 by 0."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +59,9 @@ class Reach:
 class TorqueAllocation:
     """Allocation of torques to actuators on the given rotors, or on every rotor if none are given.
 
-    The limits apply to the torque of each actuator [N m] and to the deflection of a rotor against
-    the springs [rad]. Raises ValueError for a rotor that is not in the chain.
+    `torque_limit` limits the torque of each actuator [N m], and `strain_limit` limits the
+    deflection of a rotor against the springs [rad]. Raises ValueError for a rotor that is not in
+    the chain.
     """
 
     def __init__(
@@ -121,7 +123,11 @@ class TorqueAllocation:
         return float((tangents[:, self._actuated] ** 2).sum(axis=1).min())
 
     def reach(self, arc: float, force: float) -> Reach:
-        """Return the sites, on one leg, to which a force can move a wall from an arc length."""
+        """Return the sites to which a force [N m] can move a wall from an arc length [rad].
+
+        A wall passes each site of the chain once in a leg of the orbit; only the current leg
+        counts.
+        """
         orbit = self.orbit
         here, leg = orbit.site(arc), orbit.leg(arc)
         last = orbit.chain.number_of_rotors - 1

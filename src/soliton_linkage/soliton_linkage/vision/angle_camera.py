@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measurement of angles in pictures of a chain with markers.
 
-The angle of a rotor is the direction from its pivot to the dot on its mass. A fitted dot is a mean
-over the exposure time T of its row. Let t_row be the middle of this exposure, t the middle of the
-exposure of the pivots, omega the rate and alpha the acceleration of the rotor. The angle at t is
+The angle of a rotor is the direction from its pivot to the dot on its mass. The fitted position of
+a dot is a mean over the exposure time T of its row of pixels. Let t_row be the middle of this
+exposure, t the middle of the exposure of the pivots, omega the rate and alpha the acceleration of
+the rotor. The angle at t is
 
     phi(t) = phi_measured - alpha T^2 / 24 + omega (t - t_row) + alpha (t - t_row)^2 / 2.
 """
@@ -27,11 +28,13 @@ from soliton_linkage.vision.plane import ChainPlane
 from soliton_linkage.vision.rotor_tracks import Pivots, RotorTracks
 
 _DOT_DEVIATION = 0.7
-"""Assumed standard deviation of the position of a dot in the assignment [pixels]."""
+"""Standard deviation of the position of a dot that the assignment of dots to rotors assumes
+[pixels]."""
 _SEARCHED = 5.0
-"""Largest error of a predicted angle for which the dot is found [standard deviations]."""
+"""A dot is found if its angle differs from the predicted angle by less than this [standard
+deviations]."""
 _MIN_RADIUS = 1.5
-"""Smallest radius of dots that can be fitted [pixels]."""
+"""Dots with a smaller radius than this cannot be fitted [pixels]."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,8 @@ class AngleFrame:
     angles: Array
     """Unwrapped angles phi [rad], (N,)."""
     deviations: Array
-    """Standard deviations of the angles due to noise and marker positions [rad], (N,)."""
+    """Standard deviations of the angles due to errors of the dots and of the positions of the
+    frame markers [rad], (N,)."""
     masses: Array
     """Centres of the dots on the masses [pixels], (N, 2)."""
     pivots: Array
@@ -51,7 +55,8 @@ class AngleFrame:
     frame_dots: Array
     """Centres of the dots of the frame markers [pixels], (K, 2)."""
     status: str
-    """Text that states why rotors are hidden and whether the print scale is wrong; else empty."""
+    """Text that states why rotors are hidden, or that the print scale is wrong; empty if
+    neither."""
 
     @property
     def seen(self) -> int:

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Assignment of dots to rotors by maximum likelihood over the whole chain.
 
-In this hidden Markov model, a state of a rotor is one of its candidate dots or "hidden". The
-likelihoods depend on the distances of the dots from the circle around the pivot, the predicted
-angle, the colour, and the lengths of bonds. Viterbi's algorithm finds the best sequence. A cost is
-minus twice the log of a likelihood.
+In this hidden Markov model along the chain, the state of a rotor is one of its candidate dots or
+"hidden". The likelihood of a dot depends on its colour, on its distance from the circle around the
+pivot, on the predicted angle, and on the distances from the dots of the neighbouring rotors.
+Viterbi's algorithm finds the most likely sequence of states. A cost is minus twice the log of a
+likelihood.
 """
 
 from __future__ import annotations
@@ -19,20 +20,22 @@ from soliton_linkage.linkage.chain import Array
 HIDDEN = -1
 """Dot number of a hidden rotor."""
 _CANDIDATES = 6
-"""Largest number of candidate dots of a rotor."""
+"""Largest number of dots that are considered for one rotor."""
 _HIDDEN_COST = 14.0
-"""Cost of the state "hidden" [1]; a dot with an error of 3 standard deviations costs less, one
-with 4 costs more."""
+"""Cost of the state "hidden" [1]. It is between the costs of dots with errors of 3 and of 4
+standard deviations."""
 _MAX_ANGLE_COST = 30.0
-"""Limit of the cost of an unexpected angle [1]; after a kick, the prediction of the angle is
-wrong."""
+"""Limit of the cost of a difference from the predicted angle [1], because the prediction is wrong
+after a kick."""
 _MAX_BOND_COST = 12.0
-"""Limit of the cost of a bond [1], so that a wrong dot of one rotor does not hide the next
-rotor."""
+"""Limit of the cost of an unexpected bond length [1]. Without it, a wrong dot of one rotor would
+make the next rotor hidden."""
 _PIVOT_COST = 8.0
-"""Additional cost of a dot at a pivot [1]; one such dot in fifty is a mass."""
+"""Additional cost of a dot at the pivot of any rotor [1]; about one in fifty such dots is the dot
+of a mass."""
 _MAX_LENGTH_ERROR = 4.0
-"""Largest error of the rotor length for a candidate dot [standard deviations]."""
+"""A dot is a candidate for a rotor if its distance from the pivot differs from the rotor length by
+less than this [standard deviations]."""
 
 
 @dataclass(frozen=True)
@@ -57,11 +60,12 @@ class Prediction:
 def assign_dots(
     points: Array, point_deviations: Array, colour_costs: Array, predicted: Prediction
 ) -> NDArray[np.intp]:
-    """Return the dot number of each rotor, or `HIDDEN`, (N,).
+    """Return the number of the dot on the mass of each rotor, or `HIDDEN`, (N,).
 
-    `points`, (2, K, 2), are the positions of K dots [m], computed for the heights of even rotors
-    and of odd rotors. `point_deviations`, (K,), are their standard deviations [m]. `colour_costs`,
-    (K, C), is the cost of each colour.
+    `points`, (2, K, 2), contains the positions of K dots [m] twice, because they depend on the
+    height of a dot: first for the height of even rotors, then for that of odd rotors.
+    `point_deviations`, (K,), are the standard deviations of the positions [m]. `colour_costs`, (K,
+    C), contains the cost of each of C colours for each dot.
     """
     rotors = len(predicted.pivots)
     if not points.shape[1]:
@@ -111,7 +115,11 @@ def _bond_costs(points: Array, predicted: Prediction) -> Array:
 
 
 def _viterbi(costs: Array, bond_costs: Array) -> NDArray[np.intp]:
-    """Return the likeliest candidate number of each rotor, (N,); the last number means hidden."""
+    """Return the number of the most likely candidate of each rotor, (N,), W if hidden.
+
+    `costs`, (N, W), are the costs of the W candidates of each rotor. `bond_costs`, (N - 1, W, W),
+    are those of each pair of candidates of two neighbours.
+    """
     rotors, width = costs.shape
     own = np.column_stack([costs, np.full(rotors, _HIDDEN_COST)])
     steps = np.zeros((rotors - 1, width + 1, width + 1))

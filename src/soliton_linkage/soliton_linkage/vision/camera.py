@@ -24,18 +24,19 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.vision.opencv import Picture, opencv
 
 _MAX_PIXELS = 32_768
-"""Largest accepted width and height of a picture [pixels]; sensors have fewer."""
+"""Largest accepted width and height of a picture [pixels]; no sensor has more."""
 _COEFFICIENTS = 8
 """Number of distortion coefficients of the model rational_polynomial."""
 _MAX_ITERATIONS, _TOLERANCE = 50, 1e-6
-"""Largest number of iterations [1], and largest last step [pixels], in the inversion of the lens
-model. After 5 iterations, the error at wide angles is 0.8 pixels."""
+"""The iterative inversion of the lens model ends after this number of iterations [1], or when a
+step is smaller than this [pixels]. After 5 iterations, the error at wide angles would still be 0.8
+pixels."""
 _MIN_PICTURES, _MAX_PICTURES = 3, 60
 """Smallest and largest number of pictures for a calibration [1]; fewer pictures do not separate
 focal lengths and distortion."""
 _MIN_MOVE = 0.02
-"""Smallest mean displacement of the corners between two used pictures, relative to the picture
-width [1]."""
+"""A picture is used for the calibration if the mean displacement of the corners since the last
+used picture, relative to the picture width, is at least this [1]."""
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@
 Each rotor is a dark bar. The moments of the darkness of a bar give the middle and the length of
 the bar, and a fitted line gives the axis. The pivots are those ends of the bars that lie on one
 common line. The camera must face the chain with rotor 0 on the left, and bonds must be thinner
-than rotors. The stated errors of the angles are the errors due to pixel noise, multiplied by the
-ratio of observed to expected changes of the lengths.
+than rotors. The stated standard deviations of the angles are those due to pixel noise, multiplied
+by the ratio of observed to expected changes of the measured lengths of the bars.
 """
 
 from __future__ import annotations
@@ -24,19 +24,21 @@ from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage.vision.rotor_tracks import RotorTracks
 
 _AREA_RANGE = (0.4, 1.8)
-"""Accepted area of a rotor, relative to the median [1]; touching rotors are larger."""
+"""Smallest and largest accepted area of a rotor in the picture, relative to the median area of all
+rotors [1]; two rotors that touch have a larger area."""
 _MIN_ASPECT = 2.0
-"""Smallest ratio of length to width of a rotor whose axis is defined [1]."""
+"""The axis of a rotor is defined if its ratio of length to width is at least this [1]."""
 _MAX_PIVOT_SHIFT = 0.35
 """Largest accepted shift of a pivot since the first picture, relative to the spacing [1]."""
 _ITERATIONS = 3
-"""Number of iterations in the search for a direction [1]; each reduces the error to a tenth or
+"""Number of iterations in the fit of a direction [1]; each reduces the error to a tenth or
 less."""
 _RANK_TOLERANCE = 1e-3
-"""Threshold of the relative variation of arm heights [1]; below it, the arm length is not
-fitted."""
+"""The arm length is not fitted if the ends of the arms have nearly equal heights above the line of
+the pivots. This is the smallest relative singular value that counts [1]."""
 _MIN_NOISE = 0.3
-"""Lower limit of the noise of a pixel, from the rounding of grey levels [grey levels]."""
+"""Lower limit of the noise of a pixel [grey levels]; the rounding of grey levels causes this
+noise."""
 _MAX_MEASUREMENTS = 1000
 """Largest number of pictures over which the length of a rotor is averaged."""
 _MIN_AREA = 12
@@ -114,7 +116,8 @@ class DarkRotors:
     ) -> float:
         """Return the ratio of the observed errors to those due to pixel noise [1].
 
-        The observed errors are changes of the measured lengths.
+        The observed errors are the differences of the measured lengths from their means. `which`
+        selects bars, and `rotors` are the numbers of the rotors to which these bars belong.
         """
         lengths = np.hypot(*bars.halves[which].T)
         known = self._counts[rotors] > 0
@@ -177,9 +180,11 @@ def _bar(
 
 
 def _fit_axis(points: Array, weights: Array, axis: Array, reach: float) -> tuple[Array, float]:
-    """Return the direction of a line through points (P, 2), and its error per grey level [rad].
+    """Return the direction of a line through points, (P, 2), and its error per grey level [rad].
 
-    Weights decrease to zero at `reach`, so that pixels do not enter the fit abruptly.
+    The error per grey level is that for a pixel noise of one grey level. `axis` is an approximate
+    direction. The weights are multiplied by a factor that decreases to zero at the distance
+    `reach` from the middle, so that pixels do not enter the fit abruptly.
     """
     for _ in range(_ITERATIONS):
         normal = np.array([-axis[1], axis[0]])
@@ -194,7 +199,7 @@ def _fit_axis(points: Array, weights: Array, axis: Array, reach: float) -> tuple
 
 
 def _find_pivots(bars: _Bars) -> tuple[Array, Array, Array]:
-    """Return pivots and arms [pixels], (K, 2), and the direction of the chain."""
+    """Return pivots and arms of K bars [pixels], (K, 2), and the direction of the chain."""
     pivots, arms = bars.middles, bars.halves
     middle, along = _line(pivots)
     for _ in range(_ITERATIONS):

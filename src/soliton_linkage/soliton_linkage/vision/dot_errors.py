@@ -4,10 +4,10 @@
 A mass stays on a circle around its pivot. Changes of its distance from the pivot are therefore
 errors, and errors along the circle are assumed to be equally large. A codec repeats pixels exactly
 where changes are below a threshold. A dot with repeated pixels may therefore have moved (dead
-zone). In videos with a dead zone, the errors are estimated from fast dots: the sixth divided
-differences of their angles contain only errors. Let s^2 be the variance of resting dots, e^2 that
-of moving dots, and t the typical number of repetitions. A dot that was repeated n times has the
-variance
+zone). In videos with a dead zone, the errors are estimated from fast dots. The sixth divided
+differences of their angles contain only errors, because true angles vary smoothly. Let s^2 be the
+variance of resting dots, e^2 that of moving dots, and t the typical number of repetitions. A dot
+that was repeated n times has the variance
 
     s^2 + (e^2 - s^2) / (1 + n / t).
 """
@@ -26,17 +26,17 @@ from soliton_linkage.vision.opencv import Picture
 MEMORY = 300
 """Number of pictures after which the weight of a value has decreased to 1/e."""
 _PRIOR_WEIGHT = 30.0
-"""Weight of the expected mean square, as an equivalent number of values [1]."""
+"""Weight of the expected mean square in the estimate; it counts like this number of values [1]."""
 _MAX_VALUE = 5.0
-"""Limit of a value, relative to the root mean square [1]; larger values probably belong to other
-dots."""
+"""Values that exceed this times the root mean square are limited or ignored [1], because they
+probably belong to other dots."""
 _MOVING = 0.1
-"""Displacement between two pictures above which a dot counts as moving [pixels]; noise is a tenth
-of this."""
+"""A dot counts as moving if its displacement between two pictures is larger than this [pixels];
+noise displaces it by a tenth of this."""
 _ORDER = 6
 """Order of the divided differences [1]; this order reduces slow waves to a thousandth."""
 _RECORDED_STEP = 0.4
-"""Displacement between two pictures [pixels] that every usable video records; smaller
+"""Every usable video records a displacement of this size between two pictures [pixels]. Smaller
 displacements may be lost in the dead zone."""
 
 
@@ -51,20 +51,23 @@ class FadingMeanSquare:
         self._squares = self._count = 0.0
 
     def add(self, values: Array, expected: float = 1.0) -> None:
-        """Add the values of one picture, (K,), without outliers."""
+        """Add the values of one picture, (K,), except for outliers.
+
+        `expected` is the expected mean square, from which outliers are determined.
+        """
         valid = values[np.isfinite(values)]
         valid = valid[valid**2 < _MAX_VALUE**2 * self.value(expected)]
         self._squares = _faded(self._squares) + float(valid @ valid)
         self._count = _faded(self._count) + len(valid)
 
     def add_weighted(self, values: Array, weights: Array) -> None:
-        """Add the values of one picture, (K,); the weights, (K,), are numbers of pictures."""
+        """Add the values of one picture, (K,), of which each counts `weights` times, (K,)."""
         squares = np.minimum(values**2, _MAX_VALUE**2 * self.value())
         self._squares = _faded(self._squares) + float(weights @ squares)
         self._count = _faded(self._count) + float(weights.sum())
 
     def value(self, expected: float = 1.0) -> float:
-        """Return the weighted mean of the added squares and the expected mean square."""
+        """Return the estimated mean square: a weighted mean of added squares and `expected`."""
         return (self._squares + _PRIOR_WEIGHT * expected) / (self._count + _PRIOR_WEIGHT)
 
 
@@ -75,7 +78,10 @@ class RepeatDetector:
         self._before: Picture | None = None
 
     def compare(self, grey: Picture, centres: Array, radius: float) -> NDArray[np.bool_]:
-        """Return for each dot, (N,), whether pixels within `radius` [pixels] are unchanged."""
+        """Return whether the pixels of each dot are the same as in the previous picture, (N,).
+
+        The pixels of a dot are those up to `radius` [pixels] from its centre in each direction.
+        """
         before, self._before = self._before, grey.copy()
         repeated = np.zeros(len(centres), dtype=bool)
         if before is None:
@@ -99,8 +105,8 @@ class DotMeasurements:
     noise: Array
     """Standard deviations of the angles due to pixel noise [rad]."""
     length_errors: Array
-    """Errors of the distances from the pivots, over their standard deviations due to pixel noise
-    [1]."""
+    """Errors of the distances from the pivots, divided by their standard deviations due to pixel
+    noise [1]."""
     pixels_per_radian: Array
     """Displacements of the centres per change of the angles [pixels/rad]."""
     displacements: Array
@@ -118,7 +124,7 @@ class ErrorScale:
         self._repeats, self._before = np.zeros(rotors), np.full(rotors, np.nan)
 
     def update(self, dots: DotMeasurements) -> Array:
-        """Add a picture; return the ratio of each error to the error due to pixel noise, (N,)."""
+        """Add a picture; return the error of each dot divided by that due to pixel noise, (N,)."""
         moving = dots.displacements > _MOVING
         self._resting.add(dots.length_errors[~dots.repeated & ~moving])
         self._moving.add(dots.length_errors[~dots.repeated & moving])
@@ -153,7 +159,7 @@ class DeadZone:
 
     @property
     def present(self) -> bool:
-        """Whether the video has a dead zone: recently, the codec has repeated only some dots."""
+        """Whether the video has a dead zone: recently, the codec repeated some dots, not all."""
         return self._since < MEMORY
 
     def add_repeated(self, repeated: NDArray[np.bool_], seen: NDArray[np.bool_]) -> None:
@@ -165,7 +171,11 @@ class DeadZone:
         self._since = 0 if repeated.any() and (seen & ~repeated).any() else self._since + 1
 
     def add(self, dots: DotMeasurements, jumps: float) -> None:
-        """Add a picture. Before dots have moved, the expected variance ratio is `jumps` [1]."""
+        """Add a picture.
+
+        Until fast dots have been observed, the variance of moving dots, divided by that due to
+        pixel noise, is assumed to be `jumps` [1].
+        """
         self._times = np.append(self._times[1:], dots.time)
         self._angles = np.vstack([self._angles[1:], dots.angles])
         self._length_errors = np.vstack([self._length_errors[1:], dots.length_errors])
@@ -179,9 +189,10 @@ class DeadZone:
         self._across.add(self._length_errors[_ORDER // 2, always])
 
     def variances(self, resting: float, jumps: float) -> Array:
-        """Return the variance of each dot relative to pixel noise [1], (N,).
+        """Return the variance of each dot, divided by that due to pixel noise [1], (N,).
 
-        `resting` is the ratio for resting dots, and `jumps` the ratio for jumping dots.
+        `resting` is this ratio for dots at rest, and `jumps` the ratio that is assumed for moving
+        dots before fast dots have been observed.
         """
         along = self._along.value(jumps)
         along *= max(1.0, self._across.value() / self._across_difference.value())
@@ -190,7 +201,10 @@ class DeadZone:
 
 
 def _difference_weights(times: Array) -> Array:
-    """Return normalised weights of the divided difference of values at times, (T,)."""
+    """Return the weights, (T,), with which values at T times give their divided difference.
+
+    The sum of the squared weights is 1.
+    """
     apart = times[:, None] - times
     np.fill_diagonal(apart, times[-1] - times[0])
     weights = 1 / np.prod(apart / (times[-1] - times[0]), axis=1)

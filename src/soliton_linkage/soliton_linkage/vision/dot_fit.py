@@ -35,17 +35,20 @@ _PARAMETERS = 8
 _LABEL_MARGIN = 1.4
 """Width of the excluded margin of a label [pixels]; it is more than twice the blur."""
 _MAX_DISTANCE = 4.0
-"""Largest distance of a fitted pixel from the edge of the dot [pixels]."""
+"""Only pixels up to this distance outside the edge of the dot are fitted [pixels]."""
 _MAX_ITERATIONS = 6
 """Largest number of iterations [1]; it suffices for initial errors of less than a pixel."""
 _TOLERANCE = 3e-4
-"""Step of the centre at convergence [pixels]; the remaining error is a hundredth of the noise."""
+"""The fit ends when a step of the centre is smaller than this [pixels]; the remaining error is a
+hundredth of the noise."""
 _MAX_STEP = 0.7
-"""Longest step of the centre [pixels]; for longer steps, the model is not linear."""
+"""Longest step of the centre [pixels]; longer steps are shortened, because the model is not linear
+over them."""
 _OFFSETS = 5
 """Number of offsets s_k along the path of a moving dot."""
 _HALF_WIDTH = 4.0
-"""Half width of an edge in the tables [blurs]; beyond it, errors are 3e-5."""
+"""The tables extend to this distance from an edge on both sides [blurs]; the error of the constant
+values beyond it is 3e-5."""
 _STEPS = 64
 """Number of points of the tables per blur; interpolation errors are below 1e-5."""
 _DISTANCES = np.arange(2 * int(_HALF_WIDTH) * _STEPS + 1) / _STEPS - _HALF_WIDTH
@@ -55,7 +58,8 @@ _COVERS: Array = erfc(_DISTANCES / math.sqrt(2)) / 2
 _EDGES: Array = np.exp(-(_DISTANCES**2) / 2) / math.sqrt(2 * math.pi)
 """Negative derivative of the covered fraction by the distance [1]."""
 _MIN_SMEAR = 0.3
-"""Displacement during the exposure below which a dot counts as resting [pixels]."""
+"""A dot counts as resting if its displacement during the exposure is smaller than this
+[pixels]."""
 
 
 @compiled(const_u1_2d, f8_1d, f8_1d)
@@ -78,7 +82,11 @@ def begin_loop(grey: NDArray[np.uint8], dot: Array, state: Array) -> None:
 def _cover(
     x: float, y: float, offsets: int, dot: Array, radius: float, blur: float
 ) -> tuple[float, float, float, float, float]:
-    """Return the covered share T at (x, y), and its derivatives by x, y, R and b."""
+    """Return the covered share T of the pixel at (x, y), and its derivatives by x, y, R and b.
+
+    x and y are relative to the centre of the dot. `offsets` is the number of offsets s_k, and
+    `dot` is a row of the argument `dots` of `fit_loop`.
+    """
     sxx, sxy, syx, syy, smear_x, smear_y = dot[4:]
     cover = by_x = by_y = by_radius = by_blur = 0.0
     for k in range(offsets):
@@ -139,7 +147,8 @@ def normal_loop(
 ) -> tuple[float, float]:
     """Compute the normal equations; return the sums of squared residuals and of weights.
 
-    With `last`, the matrix with squared weights is stored in `squared`.
+    The equations are stored in `normal` and `right`. If `last`, the matrix for squared weights,
+    from which the covariance is computed, is stored in `squared`.
     """
     height, width = grey.shape
     white, contrast, by_column, by_row, x0, y0, radius, blur = state
@@ -201,8 +210,9 @@ def solve_loop(matrix: Array, right: Array) -> None:
 def fit_loop(grey: NDArray[np.uint8], dots: Array, found: Array) -> None:
     """Fit dots and store the results in `found`; both have one row per dot.
 
-    Rows of `dots`: initial centre (2), radius, radius of fitted pixels, S (4), smear (2). Rows of
-    `found`: centre (2), level of the label, contrast, covariance (xx, xy, yy), residual.
+    A row of `dots` contains the initial centre (2), the radius, the radius of the fitted area, S
+    (4), and the displacement during the exposure (2). A row of `found` contains the centre (2),
+    the grey level of the label, the contrast, the covariance (xx, xy, yy) and the residual.
     """
     state, right = np.empty(_PARAMETERS), np.empty(_PARAMETERS)
     normal = np.empty((_PARAMETERS, _PARAMETERS))
@@ -264,10 +274,11 @@ class FittedDots:
 def fit_dots(
     grey: NDArray[np.uint8], starts: Array, outlines: Array, dot_share: float, smears: Array
 ) -> FittedDots:
-    """Fit K dots near `starts` [pixels], (K, 2), with their paths `smears` [pixels], (K, 2).
+    """Fit K dots near the positions `starts` [pixels], (K, 2).
 
-    `outlines`, (K, 2, 2), map each dot to the unit circle [1/pixel]. `dot_share` is the radius of
-    a dot divided by the radius of its label [1].
+    `smears`, (K, 2), are the displacements of the dots during the exposure [pixels]. `outlines`,
+    (K, 2, 2), are the matrices that map the outline of each dot to the unit circle [1/pixel].
+    `dot_share` is the radius of a dot divided by the radius of its label [1].
     """
     radii = 1 / np.sqrt(np.abs(np.linalg.det(outlines)))
     shapes = (radii[:, None, None] * outlines).reshape(-1, 4)

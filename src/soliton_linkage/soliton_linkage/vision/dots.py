@@ -17,15 +17,17 @@ MIN_CONTRAST = 20.0
 """Smallest contrast of a fitted dot [grey levels of 256]; it is a tenth of the contrast in good
 light."""
 _THRESHOLD = 0.3 * MIN_CONTRAST
-"""Smallest difference between a dark spot and its surroundings [grey levels]."""
+"""A spot counts as dark if it is darker than its surroundings by this [grey levels]."""
 _AREAS = (0.2, 4.0)
-"""Accepted area of a dark spot, relative to the area of a resting dot [1]."""
+"""Smallest and largest accepted area of a dark spot, relative to the area of a resting dot [1]."""
 _MAX_RELATIVE_RESIDUAL, _MAX_RESIDUAL = 2.0, 0.02
-"""Limits of the residual of a dot, relative to the median residual and to the contrast [1]."""
+"""A dot is rejected if its residual is larger than the first factor times the median residual of
+all dots, plus the second factor times its contrast [1]."""
 _MAX_SHIFT = 2.5
-"""Largest distance of a dot from its dark spot, without half the smear [pixels]."""
+"""Largest distance of a fitted dot from the dark spot that led to it [pixels], if the dot is at
+rest; half its displacement during the exposure is added."""
 _GREY_SATURATION = 0.25
-"""Saturation above which a dot is certainly not black [1]."""
+"""A dot with a larger saturation than this is certainly not black [1]."""
 _HUE_DEVIATION = 0.5
 """Standard deviation of a measured hue [rad]."""
 MAX_COLOUR_COST = 20.0
@@ -55,8 +57,8 @@ def find_dots(
     """Return the dots in a region (left, top, right, bottom) [pixels].
 
     A dot must be nearer than `reaches`, (M,) [pixels], to one of the positions `predicted`, (M,
-    2). The fit of the dot uses the outline, (M, 2, 2), and the smear, (M, 2) [pixels], of this
-    position (see `fit_dots`).
+    2). The dot is fitted with the outline, `outlines`, (M, 2, 2), and the displacement during the
+    exposure, `smears`, (M, 2) [pixels], of the nearest position (see `fit_dots`).
     """
     radius = float(np.median(np.abs(np.linalg.det(outlines)))) ** -0.5
     left, top, right, bottom = region

@@ -2,7 +2,8 @@
 """Plane of the chain from the markers on the frame, and detection of camera motions.
 
 ArUco markers are detected in the first picture and after each motion of the camera. The dots of
-the markers are fitted in every picture, and averaged while the camera is at rest.
+the markers are fitted in every picture, and their centres are averaged while the camera is at
+rest.
 """
 
 from __future__ import annotations
@@ -24,22 +25,26 @@ from soliton_linkage.vision.plane import ChainPlane, fit_plane
 class PlacingErrors:
     """Errors of angles due to errors in the stated positions of the frame markers.
 
-    To first order, displacements of markers displace the point (x, z) of the fitted plane by the
-    field
+    To first order, errors of the positions of markers displace the point (x, z) of the fitted
+    plane by the vector u with eight parameters p0 to p7:
 
         u_x = p0 + p1 x + p2 z + p6 x^2 + p7 x z,
         u_z = p3 + p4 x + p5 z + p6 x z + p7 z^2.
     """
 
     def __init__(self, dots: Array, markers: NDArray[np.intp]) -> None:
-        """Prepare for K visible dots [m], (K, 2), of numbered markers, (K,)."""
+        """Prepare for K visible dots [m], (K, 2), and the number of the marker of each, (K,)."""
         self._centre, self._scale = dots.mean(axis=0), float(np.ptp(dots, axis=0).max())
         moved = np.kron(markers[:, None] == np.unique(markers), np.eye(2))
         fields = self._fields(dots).reshape(-1, 8)
         self._parameters = np.linalg.lstsq(fields, moved, rcond=None)[0]
 
     def deviations(self, pivots: Array, arms: Array) -> Array:
-        """Return standard deviations of angles per standard deviation of markers [rad/m], (N,)."""
+        """Return the standard deviations of the angles per standard deviation of markers [rad/m].
+
+        `arms`, (N, 2), are the vectors [m] from the pivots, (N, 2), to the masses. The result has
+        shape (N,).
+        """
         change = self._fields(pivots + arms) - self._fields(pivots)
         across = np.stack([arms[:, 1], -arms[:, 0]], axis=1) / np.sum(arms**2, axis=1)[:, None]
         turns = np.einsum('ni,nij->nj', across, change) @ self._parameters
@@ -54,27 +59,30 @@ class PlacingErrors:
 
 
 _MAX_PICTURES = 1000
-"""Largest number of averaged pictures, so that the mean follows slow motions of the frame."""
+"""Largest number of pictures over which the centres of dots are averaged, so that the mean follows
+slow motions of the frame."""
 _FIT_PERIOD = 30
-"""Period of the fits of the plane [pictures]; the plane is also fitted to each early picture."""
+"""Number of pictures from one fit of the plane to the next. In the first pictures, the plane is
+fitted in each picture."""
 FEWEST_DOTS = 6
 """Smallest number of dots that defines a plane and its residual."""
 _MOTION_THRESHOLD = 6.0
-"""Mean shift of the dots above which the camera counts as moved [standard deviations]."""
+"""The camera counts as moved if the mean shift of the dots is larger than this [standard
+deviations] and than `_MIN_MOTION`."""
 _MIN_MOTION = 0.1
 """Smallest shift that counts as a motion of the camera [pixels]; flickering lamps shift dots by
 less."""
 _MIN_OUTLIER = 0.5
-"""Difference from the common shift above which a dot counts as hidden [pixels]."""
+"""A dot counts as hidden if its shift differs from the common shift of all dots by more than this
+[pixels]."""
 _MAX_RESIDUAL = 0.12
-"""Largest residual of a visible dot, relative to its contrast [1]; partly hidden dots exceed
-it."""
+"""A dot counts as visible if its residual, relative to its contrast, is smaller than this [1];
+partly hidden dots have larger residuals."""
 _MAX_SCALE_ERROR = 0.02
-"""Threshold of the relative difference between print size and distances [1]; larger ones are
-reported."""
+"""A difference between 1 and `print_scale` is reported if it is larger than this [1]."""
 _SEARCH_PERIOD = 60
-"""Period of the search for missing markers [pictures]; a search takes as long as one picture
-period."""
+"""Number of pictures from one search for missing markers to the next; a search takes as long as
+the time between two pictures."""
 
 
 class FrameMarkers:
@@ -86,11 +94,14 @@ class FrameMarkers:
         self.deviation = 0.0
         """Standard deviation of the position of the plane in the picture [pixels]."""
         self.fit_error = 0.0
-        """Standard deviation of the constant error of a fitted centre [pixels]."""
+        """Standard deviation of the part of the error of a fitted centre that is the same in all
+        pictures [pixels]."""
         self.placing: PlacingErrors | None = None
-        """Errors due to the positions of the frame markers; None until the plane is known."""
+        """Errors of angles due to errors in the positions of the frame markers; None until the
+        plane is known."""
         self.print_scale = 1.0
-        """Size of the printed markers divided by the size in the layout [1]."""
+        """Size of the printed markers relative to their distances, divided by the same ratio in
+        the layout [1]."""
         self.seen = 0
         """Number of visible dots in the latest picture."""
         self.moves = 0
@@ -108,7 +119,7 @@ class FrameMarkers:
 
     @property
     def complaint(self) -> str:
-        """Error message if the printed sizes do not match the distances, otherwise empty."""
+        """Error message if the sizes of frame markers do not match their distances, else empty."""
         if abs(self.print_scale - 1) < _MAX_SCALE_ERROR:
             return ''
         return (
@@ -234,7 +245,11 @@ def _spreads(dots: Array) -> tuple[float, float]:
 
 
 def _shape_error(dots: Array, expected: Array) -> float:
-    """Return the root mean square error of the shapes of markers, (M, 4, 2) [pixels]."""
+    """Return the root mean square error of the shapes of M markers [pixels].
+
+    `dots` and `expected`, (M, 4, 2), are the measured and the expected centres of the four dots of
+    each marker. Position, orientation and size of a marker are not part of its shape.
+    """
     one, other = (
         np.ascontiguousarray(each).view(np.complex128)[..., 0] for each in (dots, expected)
     )

@@ -29,7 +29,7 @@ white ring."""
 COLOURS = ((0, 0, 0), (200, 30, 40), (0, 120, 60), (30, 60, 190))
 """Red, green and blue [0 to 255] of the dots: the first row is for pivots, the rest for masses."""
 _LABEL_OF_SPACING, _LABEL_OF_ROTOR = 0.45, 0.9
-"""Limits of the diameter of a label, relative to the spacing and relative to the rotor length
+"""Diameter of a label: the smaller one of these fractions of the spacing and of the rotor length
 [1]."""
 _MARKER_OF_SPACING = 0.9
 """Side of a frame marker, relative to the spacing [1]."""
@@ -37,7 +37,8 @@ _MIN_DISTANCE = 1.05
 """Smallest distance between the centres of frame markers, relative to the side of their paper
 [1]."""
 _LABEL_GAP = 0.25
-"""Gap between the paper of a frame marker and the next label, relative to the spacing [1]."""
+"""Gap between the paper of a frame marker and the nearest label of a mass, relative to the spacing
+[1]."""
 
 
 @document_fields
@@ -77,7 +78,7 @@ class MarkerSettings:
 
 @dataclass(frozen=True)
 class MarkerLayout:
-    """Markers of a chain at (x, z), with x along the chain from rotor 0 and z upwards."""
+    """Markers of a chain; positions (x, z) have x along the chain from pivot 0 and z upwards."""
 
     chain: Chain
     settings: MarkerSettings = MarkerSettings()
@@ -101,7 +102,7 @@ class MarkerLayout:
 
     @cached_property
     def heights(self) -> Array:
-        """Heights of the dots of each rotor above the plane, towards the camera [m], (N,)."""
+        """Heights of dots above the plane of the frame markers, towards the camera [m], (N,)."""
         odd = np.arange(self.chain.number_of_rotors) % 2
         return np.where(odd, self.settings.odd_height, self.settings.even_height)
 
@@ -140,7 +141,7 @@ class MarkerLayout:
 
     @cached_property
     def frame_dots(self) -> Array:
-        """Centres of the dots beyond `frame_corners`, in the same order [m], (M, 4, 2)."""
+        """Centres of the dots outside the `frame_corners`, in the same order [m], (M, 4, 2)."""
         return self._squares(self.frame_marker_size / 2 + self.label_radius)
 
     @cached_property

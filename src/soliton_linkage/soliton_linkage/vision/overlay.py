@@ -28,7 +28,7 @@ _WALL_DEVIATIONS = 2.0
 _OPACITY = 0.35
 """Opacity of the band around a wall [1]."""
 _SHIFT = 4
-"""Number of fractional bits of coordinates in OpenCV."""
+"""Number of fractional bits of the coordinates that are passed to OpenCV."""
 
 
 class WallMark(NamedTuple):
@@ -45,7 +45,10 @@ class WallMark(NamedTuple):
 def draw_overlay(
     picture: Picture, frame: AngleFrame, names: Sequence[str], walls: Sequence[WallMark] = ()
 ) -> Picture:
-    """Return a copy of a picture with rings, lines, names (or numbers) and walls."""
+    """Return a copy of a picture on which markers, rotors, their names, and walls are drawn.
+
+    Numbers replace the names if a name is longer than the spacing of the rotors.
+    """
     cv2 = opencv()
     drawn = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR) if picture.ndim == 2 else picture.copy()
     pen = _Pen(cv2, drawn)

@@ -13,35 +13,41 @@ from soliton_linkage.vision.layout import MarkerLayout
 _MEMORY = 3
 """Number of measurements from which rate and acceleration are computed."""
 _MAX_GAP = 0.25
-"""Longest time between measurements from which a rate is computed [s]."""
+"""A rate is computed only from measurements in a time that is shorter than this [s]."""
 _ACCELERATION = 300.0
 """Typical acceleration of a resting rotor during a kick [rad/s^2]."""
 _INITIAL_RATE = 10.0
 """Standard deviation of the rate of a rotor before its second measurement [rad/s]."""
 _MIN_DEVIATION = 0.03
-"""Standard deviation of a predicted angle at the time of its last measurement [rad]."""
-_MAX_DEVIATION = 1.5
-"""Largest standard deviation of a predicted angle that determines the whole turns of a rotor
+"""Standard deviation of a predicted angle if no time has elapsed since its last measurement
 [rad]."""
+_MAX_DEVIATION = 1.5
+"""The predicted angle of a rotor determines its whole turns only if the standard deviation of the
+prediction is smaller than this [rad]."""
 _UNMEASURED = 0.07
-"""Relative standard deviation of configured lengths [1]; typical for handmade parts."""
+"""Relative standard deviation of configured lengths [1]; it is typical of handmade parts."""
 _MEASURED_ROTOR, _MEASURED_BOND = 0.02, 0.03
-"""Relative standard deviations of measured rotor lengths and of measured bonds [1]; bonds may be
-springs."""
+"""Relative standard deviations of measured rotor lengths, and of measured lengths of bonds [1];
+the latter is larger, because bonds may be springs."""
 _MAX_LENGTH_ERROR = 0.2
-"""Largest relative difference between the measured and the configured length [1]."""
+"""A measured length is ignored if its relative difference from the configured length is larger
+than this [1]."""
 _MIN_MEASUREMENTS, _MAX_MEASUREMENTS = 5, 300
-"""Smallest and largest number of pictures in the mean of a length."""
+"""A mean length is used if it has been measured in the first number of pictures; it extends at
+most over the second number of pictures."""
 _PIVOT_TOLERANCE = 0.25
 """Largest distance of a pivot from its expected position, relative to the spacing [1]."""
 _SPACING_TOLERANCE = 0.4
-"""Largest error of the distance between two pivots, relative to the spacing [1]."""
+"""The distance between two pivots may differ from a multiple of the spacing by at most this
+fraction of the spacing [1]."""
 _MIN_VISIBLE = 0.8
-"""Fraction of the pivots that must be visible before pivots are numbered [1]."""
+"""The pivots are numbered as soon as this fraction of them has been visible [1]."""
 _MAX_PIVOT_PICTURES = 1000
-"""Largest number of pictures in a mean position, so that the mean follows slow motions."""
+"""Largest number of pictures over which the position of a pivot is averaged, so that the mean
+follows slow motions."""
 _MAX_BLACK_COST = 4.0
-"""Largest colour cost of a black dot [1]; it equals two standard deviations."""
+"""A dot counts as black if the cost of this colour is at most this [1]; it is the cost of an error
+of two standard deviations."""
 
 
 class RotorTracks:
@@ -125,7 +131,7 @@ class RotorTracks:
         return rates, acceleration, np.where(two, errors, max(_INITIAL_RATE, fastest))
 
     def unwrap(self, times: Array, angles: Array) -> Array:
-        """Return angles to which the whole turns have been added [rad], (N,).
+        """Return the angles [rad], (N,), increased by the whole turns that the rotors have made.
 
         In a spinner, a rotor that was hidden for long receives the turns of its neighbours,
         because a wall turns all rotors in one sense. Rotors of flippers make no whole turns.
@@ -185,9 +191,11 @@ class Pivots:
         self._counts = np.zeros(0)
 
     def update(self, points: Array, colour_costs: Array) -> None:
-        """Add K dots with colour costs, (K, C).
+        """Add the dots of a picture, and update the positions of the pivots.
 
-        `points`, (2, K, 2), are their positions for the heights of even and of odd rotors [m].
+        `points`, (2, K, 2), contains the positions of the K dots [m] twice, for the height of even
+        rotors and for that of odd rotors. `colour_costs`, (K, C), contains the cost of each of C
+        colours for each dot.
         """
         black = colour_costs[:, 0] <= _MAX_BLACK_COST
         if self.known.any():

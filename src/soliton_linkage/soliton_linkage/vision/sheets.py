@@ -146,7 +146,10 @@ def _sheet(paper: str, title: str) -> tuple[Figure, Any]:
 
 
 def _grid(paper: str, size: float, what: str) -> Array:
-    """Return the centres of markers of a size [m] on a sheet, row by row [m], (K, 2)."""
+    """Return the centres of K markers that fit on a sheet, row by row [m], (K, 2).
+
+    `size` is the size of a marker [m], and `what` describes the markers in an error message.
+    """
     width, height = size + _GAP, size + 2 * _GAP
     across, up = PAPERS[paper]
     columns = int((across - 2 * _MARGIN) / width)

@@ -20,15 +20,16 @@ _TICKS = 90_000
 _SILENT = 0
 """Log level at which OpenCV writes no messages."""
 _GAP = 1.6
-"""Ratio of an interval to the typical interval [1]; above it, pictures count as missing."""
+"""Pictures count as missing in an interval that is longer than this times the typical interval
+[1]."""
 _MEMORY = 31
 """Number of recent intervals from which the typical interval is computed."""
 _PERCENTILE = 75
-"""Percentile of recent intervals that is the typical interval [%]; it is high because frame rates
-of phones vary."""
+"""This percentile of the recent intervals is used as the typical interval [%]. It is high because
+the frame rates of phones vary."""
 _CUT = 3.0
-"""Threshold of the ratio of the missing length to the longest interval [1]; a film above it counts
-as incomplete."""
+"""A film counts as incomplete if the time that is missing at its end is longer than this times the
+longest interval between pictures [1]."""
 _SOUND = 1.0
 """Largest time by which the sound may be longer than the pictures of a film [s]."""
 _SYNC, _PACKET = b'G', 188
@@ -138,8 +139,8 @@ def write_video(
 ) -> int:
     """Write an H.264 video; return the number of pictures.
 
-    `quality` is the constant rate factor (CRF), better if lower. With `alone`, each picture is a
-    key frame, so that small motions are not lost.
+    `quality` is the constant rate factor (CRF); a lower one gives better pictures. If `alone`,
+    each picture is a key frame, so that small motions are not lost.
     """
     av: Any = pyav()
     count = 0
@@ -164,7 +165,11 @@ def write_video(
 def _checked(
     path: Path, pictures: Iterator[TimedPicture], length: float, slack: float
 ) -> Iterator[TimedPicture]:
-    """Yield the pictures; raise ValueError if the film lacks more than `slack` [s] of `length`."""
+    """Yield the pictures of a film; raise ValueError if the film is incomplete.
+
+    `length` is the stated duration of the film [s], and `slack` is the time by which it may be
+    longer than the pictures [s].
+    """
     last, interval = 0.0, 0.0
     for taken in pictures:
         last, interval = taken.time, max(interval, taken.time - last)
@@ -198,8 +203,8 @@ def _opened_camera(number: int) -> Any:
 def _start(path: Path, created: str, length: float) -> float:
     """Return the time of the first picture, counted from the epoch [s].
 
-    The time is the creation time of the file, or the time of the file's last change minus the
-    length of the film.
+    The time is the creation time `created` that the film states. If it states none, the time is
+    that of the last change of the file minus the duration `length` of the film [s].
     """
     try:
         return datetime.datetime.fromisoformat(created.replace('Z', '+00:00')).timestamp()
