@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Build of soliton_linkage_nodes: by colcon as an ament_python package, or by pip."""
+"""Build of the package soliton_linkage_nodes, by colcon (as an ament_python package) or by pip."""
 
 import sys
 import tempfile
@@ -30,7 +30,7 @@ EXECUTABLES = [] if {'install', 'develop'}.isdisjoint(sys.argv) else [*NODES, *P
 
 
 def files(*patterns):
-    """Return the files that match the patterns, by their folder under share/."""
+    """Return pairs of an installation folder under share/ and the list of files for it."""
     found = {}
     for pattern in patterns:
         for path in sorted(HOME.glob(pattern)):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Launch several chains, each in its own namespace, with optional recorders.
+"""Launch several chains, each in its own namespace, optionally with recorders.
 
-By default, the number of processes is the number of cores.
+By default, the chains are distributed over as many processes as there are cores.
 """
 
 import os
@@ -22,11 +22,15 @@ NAMED = {path.stem: path for path in sorted(EXAMPLES.glob('*.yaml'))}
 BAGS = ('each', 'one')
 SUITE = ('simulator', 'edge_actuator', 'soliton_analyser', 'soliton_steering')
 RESPAWN = {'respawn': True, 'respawn_delay': 1.0, 'respawn_max_retries': 100}
-"""Restart of an ended process after 1 s. The limit ends the attempts if it cannot start."""
+"""Arguments of launch by which a process that ends is restarted after 1 s. After 100 restarts it
+is not restarted again, because it probably cannot start."""
 
 
 def chains_of(path):
-    """Return the namespaces in a parameter file. Raises ValueError if it has none."""
+    """Return the namespaces of the chains in a parameter file.
+
+    Raises ValueError if the file has none.
+    """
     sections = yaml.safe_load(path.read_text(encoding='utf-8'))
     firsts = [section.strip('/').split('/')[0] for section in sections]
     chains = [name for name in dict.fromkeys(firsts) if not name.startswith('*')]
@@ -36,7 +40,7 @@ def chains_of(path):
 
 
 def recorder(record, chains, path):
-    """Return a recorder that writes all topics of these chains to one bag."""
+    """Return a recorder that writes all topics of these chains to the bag `record`."""
     pattern = f'^/({"|".join(chains)})/'
     return Node(
         package=PACKAGE,
@@ -49,7 +53,10 @@ def recorder(record, chains, path):
 
 
 def suite(chains, record, path):
-    """Return one process with the nodes of these chains, and their recorders if `record`."""
+    """Return one process that runs the nodes of these chains.
+
+    If `record` is not empty, it also runs a recorder for each chain.
+    """
     nodes = [*SUITE, *(['bag_recorder'] if record else [])]
     rules = [
         f'{chain}/bag_recorder:{rule}'
@@ -67,14 +74,20 @@ def suite(chains, record, path):
 
 
 def shared(chains, processes):
-    """Return the chains of each process. Raises ValueError if their number is invalid."""
+    """Distribute the chains over processes; return the list of chains of each process.
+
+    Raises ValueError if the number of processes is invalid.
+    """
     if not (processes.isdecimal() and int(processes)):
         raise ValueError(f'processes:={processes} must be a whole number above 0')
     return [chains[first :: int(processes)] for first in range(min(int(processes), len(chains)))]
 
 
 def processes(context):
-    """Return the processes with the chains and, if requested, a recorder of all chains."""
+    """Return the processes that run the chains.
+
+    If one bag for all chains was requested, its recorder is included.
+    """
     given, record, bags, number = (
         context.perform_substitution(LaunchConfiguration(name))
         for name in ('chains', 'record', 'bags', 'processes')
@@ -89,7 +102,7 @@ def processes(context):
 
 
 def generate_launch_description():
-    """Return the launch arguments and the processes."""
+    """Return the declared launch arguments, and the function that creates the processes."""
     chains = f'parameters: {", ".join(NAMED)}, or the path of a parameter file'
     cores = str(len(os.sched_getaffinity(0)))
     arguments = [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Launch an analyser, and play a bag with a recorded chain to it until the bag ends."""
+"""Launch an analyser, and play a recorded bag to it until the bag ends."""
 
 from pathlib import Path
 
@@ -23,14 +23,17 @@ NAMED = {path.name: path for path in sorted(BAGS.iterdir()) if path.is_dir()}
 
 
 def analysed_topics(bag):
-    """Return the topics of a bag that the analyser needs, with the optional ones it has."""
+    """Return the topics that the analyser needs, and the optional topics that are in the bag."""
     with open_bag(bag) as reader:
         found = [full_name(reader, name) for name in OPTIONAL]
         return ['chain', 'joint_states', *filter(None, found)]
 
 
 def nodes(context):
-    """Return the analyser and the player. When the player ends, the launch stops."""
+    """Return the analyser and the player of the bag.
+
+    When the player ends, the whole launch ends.
+    """
     given, rate = (
         context.perform_substitution(LaunchConfiguration(name)) for name in ('bag', 'rate')
     )
@@ -53,7 +56,7 @@ def nodes(context):
 
 
 def generate_launch_description():
-    """Return the launch arguments and the nodes."""
+    """Return the declared launch arguments, and the function that creates the nodes."""
     bag = f'bag to play: {", ".join(NAMED)}, or the path of a bag'
     rate = 'playback rate relative to the recording'
     return LaunchDescription(

@@ -24,13 +24,15 @@ PACKAGE = 'soliton_linkage_nodes'
 CONFIGURATIONS = Path(get_package_share_directory(PACKAGE), 'config')
 NAMED = {path.stem: path for path in sorted(CONFIGURATIONS.glob('*.yaml'))}
 IN_ORDER = ('bag_recorder', 'soliton_analyser', 'soliton_steering', 'edge_actuator')
-"""Nodes that subscribe, in the order of their start, before the publisher of joint states."""
+"""Nodes that start one after the other, in this order. The publisher of the joint states starts
+after them, because they subscribe to its messages."""
 RESPAWN = {'respawn': True, 'respawn_delay': 1.0, 'respawn_max_retries': 100}
-"""Restart of an ended process after 1 s. The limit ends the attempts if it cannot start."""
+"""Arguments of launch by which a process that ends is restarted after 1 s. After 100 restarts it
+is not restarted again, because it probably cannot start."""
 
 
 def nodes(context):
-    """Return the first node, and handlers with which the first start of each launches the next."""
+    """Return the first node, and handlers that start each other node after its predecessor."""
     config, namespace, record, port = (
         context.perform_substitution(LaunchConfiguration(name))
         for name in ('config', 'namespace', 'record', 'port')
@@ -63,7 +65,7 @@ def nodes(context):
 
 
 def generate_launch_description():
-    """Return the launch arguments and the nodes, in one namespace."""
+    """Return the launch arguments, the visualisation, and the function that creates the nodes."""
     config = f'parameters: {", ".join(NAMED)}, or the path of a parameter file'
     arguments = [
         ('config', 'flipper', config, None),

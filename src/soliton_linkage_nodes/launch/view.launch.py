@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Launch the visualisation, robot_state_publisher if installed, and a viewer."""
+"""Launch the visualisation and a viewer, and robot_state_publisher if it is installed."""
 
 import re
 import shutil
@@ -49,7 +49,7 @@ def installed(package):
 
 
 def layout_in(namespace, view):
-    """Return the path of a viewer layout whose topics are in a namespace."""
+    """Return the path of the layout for a viewer, in which the topics have the `namespace`."""
     path = CONFIGURATIONS / 'views' / LAYOUTS[view]
     prefix = namespace.strip('/')
     if not prefix:
@@ -62,7 +62,10 @@ def layout_in(namespace, view):
 
 
 def frames(namespace, config):
-    """Return the publisher of the link frames, if robot_state_publisher is installed."""
+    """Return a list with the node that publishes the coordinate frames of the links.
+
+    It is empty if robot_state_publisher is not installed.
+    """
     if not installed('robot_state_publisher'):
         return []
     return [
@@ -79,7 +82,7 @@ def frames(namespace, config):
 
 
 def rviz(namespace, layout):
-    """Return RViz."""
+    """Return RViz or, if it is not installed, a message that explains how to install it."""
     if not installed('rviz2'):
         return [LogInfo(msg='view:=rviz needs RViz; run: sudo apt install ros-jazzy-rviz2')]
     given = {'namespace': namespace, 'arguments': ['-d', layout], 'remappings': FRAMES}
@@ -87,7 +90,10 @@ def rviz(namespace, layout):
 
 
 def foxglove(namespace, layout):
-    """Return foxglove_bridge. If it is not installed, return the Foxglove server of this suite."""
+    """Return foxglove_bridge or, if it is not installed, the Foxglove server of this suite.
+
+    If neither can run, a message explains how to install one of them.
+    """
     if installed('foxglove_bridge'):
         served = {'package': 'foxglove_bridge', 'executable': 'foxglove_bridge'}
         served['parameters'] = [{'address': ADDRESS, 'port': PORT}]
@@ -102,7 +108,10 @@ def foxglove(namespace, layout):
 
 
 def plotjuggler(namespace, layout):
-    """Return PlotJuggler, version 4 if it is installed."""
+    """Return PlotJuggler, in version 4 if it is installed.
+
+    If there is none, a message explains how to install it.
+    """
     arguments = ['--layout', layout]
     if shutil.which('plotjuggler4'):
         return [ExecuteProcess(cmd=['plotjuggler4', *arguments])]
@@ -114,7 +123,7 @@ def plotjuggler(namespace, layout):
 
 
 def rqt(namespace, layout):
-    """Return rqt."""
+    """Return rqt or, if it is not installed, a message that explains how to install it."""
     if not installed('rqt_gui'):
         packages = 'ros-jazzy-rqt ros-jazzy-rqt-common-plugins ros-jazzy-rqt-robot-monitor'
         return [LogInfo(msg=f'view:=rqt needs rqt; run: sudo apt install {packages}')]
@@ -129,7 +138,7 @@ VIEWERS = {'rviz': rviz, 'foxglove': foxglove, 'plotjuggler': plotjuggler, 'rqt'
 
 
 def view_of(context):
-    """Return the visualisation, the frame publisher and the viewer."""
+    """Return the visualisation, the publisher of coordinate frames, and the selected viewer."""
     config, namespace, view = (
         context.perform_substitution(LaunchConfiguration(name))
         for name in ('config', 'namespace', 'view')
@@ -147,7 +156,7 @@ def view_of(context):
 
 
 def generate_launch_description():
-    """Return the launch arguments and the nodes."""
+    """Return the declared launch arguments, and the function that creates the nodes."""
     config = f'parameters: {", ".join(NAMED)}, or the path of a parameter file'
     arguments = [
         ('config', 'flipper', config, None),

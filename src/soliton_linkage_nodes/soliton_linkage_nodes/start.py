@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Entry points of all nodes and programs.
 
-During the import of a program, which takes seconds on a busy machine, a signal ends the process at
-once. A KeyboardInterrupt would print a traceback or be suppressed by a library.
+The import of a program takes seconds on a busy machine. A signal during the import ends the
+process at once. With the default handler of Python, the KeyboardInterrupt would print a traceback,
+or a library would suppress it.
 """
 
 from __future__ import annotations
@@ -14,11 +15,12 @@ from functools import partial
 from importlib import import_module
 
 INTERRUPTED = 130
-"""Exit code after Ctrl-C, as in shells: 128 + SIGINT."""
+"""Exit code after Ctrl-C, as in shells: 128 + number of SIGINT."""
 CLOSED_PIPE = 141
-"""Exit code if the reader of the standard output has gone, as in shells: 128 + SIGPIPE."""
+"""Exit code if the process that reads the standard output has closed it, as in shells: 128 +
+number of SIGPIPE."""
 _THREADS = 'OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'
-"""Environment variables of the number of threads of linear algebra."""
+"""Environment variables that set the number of threads of linear algebra libraries."""
 
 
 def _start(program: str) -> None:

@@ -52,16 +52,16 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
 
 _MOST_CAMERAS = 63
-"""Largest device number of a camera on Linux [1]."""
+"""Largest number of a camera on Linux [1]."""
 _LONGEST_STATE_AGE = 1.0
-"""Age above which a `soliton_state` is not drawn into pictures [s]."""
+"""A `soliton_state` that is older than this is not drawn into the pictures [s]."""
 _STOP_LIMIT = 5.0
-"""Longest wait for the camera thread [s], which may be waiting for a picture."""
+"""Longest wait for the end of the camera thread [s]. The thread may be waiting for a picture."""
 
 
 @dataclass(frozen=True)
 class CameraEncodersParameters:
-    """Parameters of the source of the pictures and of the overlay."""
+    """Parameters for the source of the pictures and for the overlay."""
 
     pictures_from: str = quantity(
         'image',
@@ -85,11 +85,11 @@ class CameraEncodersParameters:
 class CameraEncoders(ManagedNode):
     """Node that measures the angles of the rotors in camera pictures.
 
-    It takes pictures from a camera of this machine or from `image` or `image/compressed`. It
-    subscribes to `camera_info` and `soliton_state`. It publishes `joint_states` [rad], with the
-    exposure time as stamp and NaN for hidden rotors. It also publishes `joint_state_deviations`
-    [rad], `/diagnostics`, `camera_overlay` while a node subscribes, and `chain` if parameters
-    describe the chain.
+    The pictures come from a camera of this machine, from `image` or from `image/compressed`. It
+    also subscribes to `camera_info` and `soliton_state`. It publishes `joint_states` [rad]. Their
+    stamp is the time of the exposure, and the angle of a hidden rotor is NaN. It also publishes
+    `joint_state_deviations` [rad] and `/diagnostics`, `camera_overlay` if it has a subscriber, and
+    `chain` if parameters describe the chain.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -139,7 +139,7 @@ class CameraEncoders(ManagedNode):
         self.get_logger().info(f'measuring {self._source.description} in {self._pictures_name}')
 
     def activate(self) -> None:
-        """Start the camera thread."""
+        """Start the camera thread if the pictures come from a camera of this machine."""
         if self.settings.pictures_from == 'camera':
             self._closing = threading.Event()
             self._camera_thread = threading.Thread(
@@ -156,7 +156,10 @@ class CameraEncoders(ManagedNode):
         self._reset_measurement()
 
     def measure(self, stamp: int, picture: Picture) -> None:
-        """Publish the angles in a picture exposed at `stamp` [ns]; ValueError if rejected."""
+        """Measure and publish the angles in a picture.
+
+        `stamp` is the time of its exposure [ns]. Raises ValueError if the picture is rejected.
+        """
         if self._measurement is None or self._named is None:
             return
         begin = time.perf_counter()
@@ -199,7 +202,7 @@ class CameraEncoders(ManagedNode):
             self.diagnostics.fail(str(error))
 
     def _subscribe_to_pictures(self) -> str:
-        """Subscribe to the pictures, and return a description of their source."""
+        """Subscribe to the selected source of pictures, and return its description."""
         if self.settings.pictures_from == 'camera':
             return f'pictures of camera {self.settings.camera}'
         guarded = self.diagnostics.guarded

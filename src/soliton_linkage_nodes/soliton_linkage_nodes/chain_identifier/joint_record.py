@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Record of joint states, impulses and tilts for the identification of a chain."""
+"""Record of joint states, impulses and tilts, from which a chain is identified."""
 
 from __future__ import annotations
 
@@ -27,11 +27,12 @@ from soliton_linkage_nodes.messages.frame_reader import FrameReader
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
 _MOST_IMPULSES = 10_000
-"""Largest number of stored impulses, and of stored tilts [1]."""
+"""Largest number of impulses of each kind, and of tilts, that are stored [1]."""
 _MOST_UNMATCHED = 100
-"""Largest number of stored messages of `joint_state_deviations` that have no stored frame [1]."""
+"""Largest number of stored messages of `joint_state_deviations` whose frame is not stored [1]."""
 _Impulses = deque[tuple[int, Array | None]]
-"""Stamp [ns] and angular impulses [N m s], shape (N,); None means that only the time is known."""
+"""Stamp [ns] and angular impulses [N m s] of shape (N,) for each time at which impulses acted. The
+impulses are None if only the time is known."""
 
 
 def _no_impulses() -> _Impulses:
@@ -39,12 +40,15 @@ def _no_impulses() -> _Impulses:
 
 
 class JointRecord:
-    """Record of frames, impulses and tilts. Delivered impulses replace commanded ones."""
+    """Record of frames, impulses and tilts of a chain.
+
+    If delivered impulses were received, the commanded impulses are not used.
+    """
 
     def __init__(self, joint_names: Sequence[str], most: int) -> None:
-        """Create a record of at most `most` frames.
+        """Create a record that stores at most `most` frames.
 
-        Without `joint_names`, the first message names the joints.
+        If `joint_names` is empty, the names in the first message are used.
         """
         self.joint_names = tuple(joint_names)
         self.frames = 0
@@ -63,12 +67,18 @@ class JointRecord:
         return len(self._angles)
 
     def add(self, joints: JointStates) -> None:
-        """Store the frames that a message completes, but no late frame; ValueError if invalid."""
+        """Add a message, and store the frames that are complete with it.
+
+        Late frames are not stored. Raises ValueError if the message or a frame is invalid.
+        """
         for frame in self._assembler.add(joints):
             self._keep(frame)
 
     def finish(self) -> None:
-        """Store the last frame although it is incomplete; ValueError if it is invalid."""
+        """Store the last frame, although some of its joints may be missing.
+
+        Raises ValueError if it is invalid.
+        """
         for frame in self._assembler.flush():
             self._keep(frame)
 
@@ -83,7 +93,7 @@ class JointRecord:
         self.frames += 1
 
     def add_deviations(self, joints: JointStates) -> None:
-        """Store the standard deviations of the angles in a frame; ValueError if invalid."""
+        """Store the standard deviations of a frame's angles; ValueError if they are invalid."""
         named = self._reader is not None
         self._deviations[joints.stamp] = self._read(joints)
         if not named:
@@ -92,7 +102,10 @@ class JointRecord:
             self._drop_unmatched_deviations()
 
     def add_command(self, message: RotorImpulses | JointState, received: int) -> None:
-        """Store commanded impulses or torques; `received` [ns] replaces a missing stamp."""
+        """Store commanded impulses, or the time of commanded torques.
+
+        If the message has no stamp, the time `received` [ns] replaces it.
+        """
         stamp = time_from_msg(message.header.stamp) or received
         if isinstance(message, RotorImpulses):
             self._add_impulses(self._commanded_impulses, stamp, message)
@@ -100,7 +113,7 @@ class JointRecord:
             self._commanded_torques.append((stamp, None))
 
     def add_delivered_impulses(self, message: RotorImpulses) -> None:
-        """Store the impulses in a message of `delivered_impulses`."""
+        """Store the impulses of a `delivered_impulses` message."""
         stamp = time_from_msg(message.header.stamp)
         self._add_impulses(self._delivered_impulses, stamp, message)
 
@@ -114,11 +127,14 @@ class JointRecord:
                 self._delivered_torques.append((now.stamp, impulses))
 
     def add_tilt(self, tilt: float, received: int) -> None:
-        """Store a tilt of the chain [rad] that begins at `received` [ns]."""
+        """Store that the chain has a tilt [rad] from the time `received` [ns] on."""
         self._tilts.append((received, tilt))
 
     def readings(self, gravity: Gravity = NO_GRAVITY) -> Readings:
-        """Return the record for an identification; `gravity` acts until the first tilt."""
+        """Return the record in the form that an identification needs.
+
+        `gravity` describes gravity and tilt before the first stored tilt.
+        """
         begin = next(iter(self._angles), 0)
         unknown = np.full(len(self.joint_names), np.nan)
         deviations = [self._deviations.get(stamp, unknown) for stamp in self._angles]

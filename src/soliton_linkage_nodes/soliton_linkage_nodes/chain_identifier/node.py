@@ -43,7 +43,7 @@ from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
 
 _POLL_PERIOD = 0.1
-"""Poll interval for the result of an identification [s]."""
+"""Interval between two checks whether an identification has ended [s]."""
 
 
 @dataclass(frozen=True)
@@ -89,11 +89,11 @@ class ChainIdentifierParameters:
 class ChainIdentifier(ManagedNode):
     """Node that estimates every length of a chain from the angles of its joints.
 
-    It subscribes to `joint_states`, `joint_state_deviations` and `tilt`, and to the impulses on
-    `delivered_impulses` and `delivery`. If no impulses arrive there, the node uses the commands on
-    `rotor_impulses` and `rotor_torques`. It publishes `identified_chain` and `/diagnostics`.
-    `~/identify` starts an identification, `~/save` writes the last result to the file `output`,
-    `~/forget` drops all frames.
+    It subscribes to `joint_states`, `joint_state_deviations` and `tilt`, and to
+    `delivered_impulses` and `delivery`, which report the impulses on the chain. If no impulses are
+    reported, the node uses the commands on `rotor_impulses` and `rotor_torques`. It publishes
+    `identified_chain` and `/diagnostics`. `~/identify` starts an identification, `~/save` writes
+    the last result to the file `output`, and `~/forget` discards all frames.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {ChainIdentifierParameters: '', ManagedParameters: ''}
@@ -146,7 +146,7 @@ class ChainIdentifier(ManagedNode):
 
     @property
     def frames(self) -> int:
-        """Number of frames received since the start or the last call of `~/forget`."""
+        """Number of frames received since the activation or the last call of `~/forget`."""
         return self._record.frames
 
     def _new_record(self) -> JointRecord:

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameter file of an identified chain. Every node of the suite accepts this file."""
+"""Parameter file of an identified chain.
+
+The parameters in the file are accepted by every node of the suite.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ from soliton_linkage.identification.result import Identification
 from soliton_linkage_nodes.messages.conversions import default_joint_names
 
 _NODES = ('edge_actuator', 'soliton_analyser', 'soliton_steering', 'visualisation')
-"""Nodes whose parameter `chain_from` the file sets."""
+"""Nodes for which the file sets the parameter `chain_from`."""
 _PARAMETERS = ('spacing', 'rotor_length', 'rest_angle', 'mass', 'stiffness', 'damping')
 _MEANINGS = {
     'spacing': 'distances from each rotor to the next',
@@ -28,7 +31,10 @@ _MEANINGS = {
 def write_parameters(
     found: Identification, joint_names: Sequence[str], source: str, path: Path
 ) -> None:
-    """Write the parameter file; its first line names the source of the identification."""
+    """Write the parameter file of an identified chain.
+
+    Its first line names the `source` of the data.
+    """
     path.write_text('\n'.join(_lines(found, joint_names, source)) + '\n', encoding='utf-8')
 
 

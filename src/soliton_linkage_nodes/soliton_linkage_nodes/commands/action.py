@@ -23,7 +23,7 @@ _STATUS = {
 
 
 def main(arguments: list[str]) -> int:
-    """Run the specified verb and return its exit code."""
+    """Run the verb of the command line and return its exit code."""
     verbs = Verbs('action', __doc__)
     listing = verbs.add('list', _list, 'print the names of all actions')
     listing.add_argument('-t', '--show-types', action='store_true', help='also print the types')
@@ -84,9 +84,12 @@ def _send_goal(visitor: Visitor, options: argparse.Namespace) -> int:
 
 
 def _note_interrupt() -> threading.Event:
-    """Return an event that the next Ctrl-C sets. A second Ctrl-C interrupts the command.
+    """Return an event that the next Ctrl-C sets.
 
-    A KeyboardInterrupt inside the executor of rclpy could block all later callbacks of the node.
+    After it, another Ctrl-C raises KeyboardInterrupt.
+
+    The first Ctrl-C must not raise it, because inside the executor of rclpy it could block all
+    later callbacks of the node.
     """
     interrupted = threading.Event()
 

@@ -11,11 +11,11 @@ from ament_index_python.packages import PackageNotFoundError, get_package_share_
 from soliton_linkage.command_line import PlainParser, complete
 
 _NESTED = re.compile(r'(?P<package>\w+/)?(?P<name>[A-Z]\w*)(\[[^]]*\])?\s+\w+')
-"""Field whose type is a message, such as `std_msgs/Header header`."""
+"""Pattern of a field whose type is a message, such as `std_msgs/Header header`."""
 
 
 def main(arguments: list[str]) -> int:
-    """Run the verb `show`, and return its exit code."""
+    """Run the verb `show` and return its exit code."""
     parser = PlainParser(prog='soliton-linkage interface', description=__doc__)
     verbs = parser.add_subparsers(metavar='VERB', required=True)
     show = verbs.add_parser('show', help='print a definition, with the fields of nested messages')

@@ -11,7 +11,7 @@ from soliton_linkage_nodes.commands.visitor import Verbs, Visitor
 
 
 def main(arguments: list[str]) -> int:
-    """Run the specified verb and return its exit code."""
+    """Run the verb of the command line and return its exit code."""
     verbs = Verbs('lifecycle', __doc__)
     verbs.add('get', _get, 'print the state of a node').add_argument('node')
     setting = verbs.add('set', _set, 'request a transition of a node')

@@ -15,7 +15,7 @@ from soliton_linkage_nodes.commands.visitor import Verbs, Visitor, full_name
 
 
 def main(arguments: list[str]) -> int:
-    """Run the specified verb and return its exit code."""
+    """Run the verb of the command line and return its exit code."""
     verbs = Verbs('node', __doc__)
     verbs.add('list', _list, 'print the names of all nodes')
     info = verbs.add('info', _info, 'print the topics, services and actions of a node')

@@ -18,7 +18,7 @@ from soliton_linkage_nodes.runtime.parameter_values import LARGEST_INTEGER, reje
 
 
 def main(arguments: list[str]) -> int:
-    """Run the specified verb and return its exit code."""
+    """Run the verb of the command line and return its exit code."""
     verbs = Verbs('param', __doc__)
     for name, verb, summary in (
         ('list', _list, 'print the names of the parameters of a node'),
@@ -77,7 +77,11 @@ def _set(visitor: Visitor, options: argparse.Namespace) -> None:
 
 
 def _parse(text: str, descriptor: ParameterDescriptor) -> ParameterValue:
-    """Return a value in YAML as a message. For a number, 1e-3 is accepted too."""
+    """Return the message with a parameter value that is given as YAML text.
+
+    For a parameter of type double, texts such as 1e-3, which YAML does not read as a number, are
+    accepted too.
+    """
     if descriptor.type == ParameterType.PARAMETER_DOUBLE:
         with contextlib.suppress(ValueError):
             return ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=float(text))
@@ -90,7 +94,10 @@ def _parse(text: str, descriptor: ParameterDescriptor) -> ParameterValue:
 
 
 def _is_sendable(value: Any) -> bool:
-    """Return whether a message can contain a value, unlike a mapping or an integer of 65 bits."""
+    """Return whether a parameter message can contain a value.
+
+    It cannot contain a mapping or an integer of more than 64 bits.
+    """
     fits = not isinstance(value, int) or abs(value) <= LARGEST_INTEGER
     return fits and isinstance(value, (bool, int, float, str))
 

@@ -14,7 +14,7 @@ PROGRAMS = sorted(name for name, value in vars(start).items() if isinstance(valu
 
 
 def main(arguments: list[str]) -> int:
-    """Run the program that the first argument names, with the remaining arguments."""
+    """Run the program that the first argument names, and pass the other arguments to it."""
     parser = PlainParser(
         prog='soliton-linkage run',
         usage='%(prog)s PROGRAM ...',

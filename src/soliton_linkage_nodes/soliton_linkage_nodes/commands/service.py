@@ -12,7 +12,7 @@ from soliton_linkage_nodes.messages.fields import interface_type, read, to_yaml
 
 
 def main(arguments: list[str]) -> int:
-    """Run the specified verb and return its exit code."""
+    """Run the verb of the command line and return its exit code."""
     verbs = Verbs('service', __doc__)
     listing = verbs.add('list', _list, 'print the names of all services')
     listing.add_argument('-t', '--show-types', action='store_true', help='also print the types')

@@ -17,13 +17,15 @@ from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 
 _QOS = QoSProfile(depth=1000)
-"""Requested quality of service, lowered to best effort if a publisher offers no more."""
+"""Requested quality of service. If a publisher offers only best effort, best effort is
+requested."""
 _LINGER = 0.1
-"""Time for which the publisher exists after its last message [s], so that the message is sent."""
+"""After the last message, the publisher still exists for this time [s], so that the message is
+sent."""
 
 
 def main(arguments: list[str]) -> int:
-    """Run the specified verb and return its exit code."""
+    """Run the verb of the command line and return its exit code."""
     verbs = Verbs('topic', __doc__)
     listing = verbs.add('list', _list, 'print the names of all topics that are not hidden')
     listing.add_argument('-t', '--show-types', action='store_true', help='also print the types')

@@ -19,28 +19,29 @@ from soliton_linkage.command_line import PlainParser, complete
 from soliton_linkage_nodes.runtime.guarded import SERVICE_QOS
 
 _FOUND_WITHIN = 10.0
-"""Default of the longest wait for a name [s]. A discovery usually takes less than 1 s, sometimes 3
-s, and longer on a busy machine."""
+"""Default of the longest wait until a name appears in the ROS graph [s]. A discovery usually takes
+less than 1 s, sometimes 3 s, and longer on a busy machine."""
 _ALL_ANNOUNCED = 3.2
-"""Shortest wait for a list of names [s]. Each process announces itself every 3 s."""
+"""Shortest wait for a complete list of names [s]. It exceeds 3 s, because each process announces
+itself every 3 s."""
 _SETTLED = 1.0
-"""Time without a change after which a list of names counts as complete [s]."""
+"""A list of names counts as complete after it has not changed for this time [s]."""
 ANSWER_LIMIT = 10.0
 """Longest wait for the response of a service [s]."""
 _SPIN = 0.05
-"""Interval of checks of a condition while no messages arrive [s]."""
+"""Longest time between two checks of a condition [s]."""
 
 Found = TypeVar('Found')
 NamesAndTypes = Sequence[tuple[str, list[str]]]
 
 
 class Visitor:
-    """Temporary node in the ROS graph, and the executor of this node."""
+    """Temporary node in the ROS graph, with its own executor."""
 
     def __init__(
         self, limit: float = _FOUND_WITHIN, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        """Create the node. `limit` is the longest wait for a name in the graph [s]."""
+        """Create the node. `limit` is the longest wait until a name appears in the graph [s]."""
         self.limit = limit
         self._clock = clock
         self.node = rclpy.create_node(
@@ -57,11 +58,11 @@ class Visitor:
         self.node.destroy_node()
 
     def spin(self, seconds: float = _SPIN) -> None:
-        """Execute one callback, if one becomes ready within `seconds` [s]."""
+        """Execute one callback, if one is ready within `seconds`."""
         self._executor.spin_once(timeout_sec=seconds)
 
     def until(self, condition: Callable[[], Any], seconds: float | None = None) -> bool:
-        """Execute callbacks until a condition is true; return False after `seconds` [s]."""
+        """Execute callbacks until `condition()`; return False after `seconds`, default `limit`."""
         deadline = self._clock() + (self.limit if seconds is None else seconds)
         while not condition():
             if self._clock() > deadline:
@@ -70,13 +71,16 @@ class Visitor:
         return True
 
     def rest(self, seconds: float) -> None:
-        """Execute callbacks for the duration `seconds` [s]."""
+        """Execute callbacks for `seconds`."""
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0:
             self.spin(min(left, _SPIN))
 
     def settled(self, there: Callable[[], Found]) -> Found:
-        """Call `there` until the returned list no longer changes, and return the list."""
+        """Call `there` repeatedly until its result no longer changes, and return the result.
+
+        It is called for at least 3.2 s and at most `limit` [s].
+        """
         begun = self._clock()
         found, end = there(), begun + _ALL_ANNOUNCED
         while self._clock() < min(end, begun + self.limit):
@@ -87,7 +91,11 @@ class Visitor:
         return found
 
     def type_name(self, kind: str, name: str, there: Callable[[], NamesAndTypes]) -> str:
-        """Return the type of a topic or service. Raises RuntimeError for an unknown name."""
+        """Return the type of the topic or service `name`.
+
+        `kind` is 'topic' or 'service', and `there` returns the present names and types. Raises
+        RuntimeError if the name does not appear in time.
+        """
         full = self.node.resolve_topic_name(name)
         found: dict[str, list[str]] = {}
 
@@ -102,7 +110,10 @@ class Visitor:
         return found[full][0]
 
     def call(self, service_type: Any, name: str, request: Any) -> Any:
-        """Call a service and return its response. Raises RuntimeError if either is missing."""
+        """Call a service and return its response.
+
+        Raises RuntimeError if the service does not exist or does not respond in time.
+        """
         client = self.node.create_client(service_type, name, qos_profile=SERVICE_QOS)
         if not self.until(client.service_is_ready):
             name = service_type.__name__
@@ -115,7 +126,8 @@ class Visitor:
     def call_node(self, node: str, service_type: Any, **request: Any) -> Any:
         """Call a standard service of a node, such as GetState, and return its response.
 
-        Raises RuntimeError if the node has no such service or the service does not respond.
+        Raises RuntimeError if the node has no such service or the service does not respond in
+        time.
         """
         name = re.sub(r'(?<!^)(?=[A-Z])', '_', service_type.__name__).lower()
         try:
@@ -128,7 +140,7 @@ class Visitor:
 
 
 def full_name(node: str) -> str:
-    """Return the name of a node with its namespace; the default namespace is `/`."""
+    """Return the name of a node with a namespace; if it has none, `/` is added."""
     return node if node.startswith('/') else f'/{node}'
 
 
@@ -136,7 +148,7 @@ def full_name(node: str) -> str:
 def visiting(
     limit: float = _FOUND_WITHIN, clock: Callable[[], float] = time.monotonic
 ) -> Iterator[Visitor]:
-    """Create a visitor for the duration of a `with` block."""
+    """Yield a visitor, which is destroyed at the end of the block."""
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
         visitor = Visitor(limit, clock)
@@ -152,14 +164,14 @@ Verb = Callable[[Visitor, argparse.Namespace], int | None]
 
 
 class Verbs:
-    """Verbs of a command."""
+    """Verbs of a command, each with its own command line."""
 
     def __init__(self, command: str, description: str | None) -> None:
         self._parser = PlainParser(prog=f'soliton-linkage {command}', description=description)
         self._verbs = self._parser.add_subparsers(metavar='VERB', required=True)
 
     def add(self, name: str, verb: Verb, summary: str) -> argparse.ArgumentParser:
-        """Add a verb and return its parser, to which further arguments can be added."""
+        """Add a verb and return its parser. Further arguments can be added to the parser."""
         parser: argparse.ArgumentParser = self._verbs.add_parser(
             name, help=summary, description=f'{summary[0].upper()}{summary[1:]}.'
         )
@@ -171,7 +183,7 @@ class Verbs:
         return parser
 
     def run(self, arguments: list[str]) -> int:
-        """Parse the arguments, run the verb with a temporary node and return the exit code."""
+        """Parse the arguments, run the verb with a temporary node, and return the exit code."""
         complete(self._parser)
         options = self._parser.parse_args(arguments)
         with visiting(options.timeout) as visitor:

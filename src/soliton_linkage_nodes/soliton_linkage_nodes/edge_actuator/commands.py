@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands to the actuators. Each command is executed completely or rejected."""
+"""Commands to the actuators of a chain. Each command is either executed completely or rejected."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 _MOST_KICKS_WAITING = 50
-"""Largest number of kicks that wait for the simulator [1]. The limit is half the queue depth of
-`rotor_impulses`, so that no accepted kick is lost."""
+"""Largest number of kicks that have not yet been executed by the simulator [1]. It is half the
+queue depth of `rotor_impulses`, so that no accepted kick is lost."""
 
 
 @dataclass(frozen=True)
 class ActuatedChain:
-    """Chain with the actuators of its joints, and the driver of these actuators."""
+    """Chain, the actuators of its joints, and the driver that computes their torques."""
 
     named: NamedChain
     joints: JointActuators
@@ -46,7 +46,10 @@ class ActuatedChain:
 
 
 class Commands:
-    """Commands to a chain. Each method rejects an invalid command with a ValueError."""
+    """Execution of the commands to a chain.
+
+    Each method raises ValueError if its command is invalid. `source` is the topic of the command.
+    """
 
     def __init__(
         self,
@@ -55,7 +58,7 @@ class Commands:
         frames: LatestFrames,
         publishers: ActuatorPublishers,
     ) -> None:
-        """Create the object without a chain. Commands are rejected until `chain` is set."""
+        """Create the object without a chain. All commands are rejected until `chain` is set."""
         self.settings = settings
         self.chain: ActuatedChain | None = None
         self._actuator = actuator
@@ -64,9 +67,10 @@ class Commands:
         self._publishers = publishers
 
     def nudge(self, source: str, message: Float64) -> None:
-        """Apply a kick at `nudge_edge`.
+        """Apply a kick at the edge that the parameter `nudge_edge` selects.
 
-        The parameter `nudge_as` can replace the kick by a pressure of equal impulse.
+        If the parameter `nudge_as` is 'pressure', a pressure with the same impulse replaces the
+        kick.
         """
         kick = EdgeCommand(Edge(self.settings.nudge_edge), CommandKind.KICK, message.data)
         if self.settings.nudge_as == CommandKind.KICK.value:
@@ -103,10 +107,12 @@ class Commands:
         chain.driver.hold(source, rotors, torques)
 
     def trajectory(self, source: str, message: JointTrajectory) -> None:
-        """Apply torques that are interpolated linearly between the points of a trajectory.
+        """Apply torques to joints.
 
-        A trajectory without points ends the torques of its joints. If the trajectory also names no
-        joints, it ends all torques.
+        Between the points of a trajectory, they are interpolated linearly.
+
+        A trajectory without points ends the torques of the joints that it names. If it names no
+        joints either, it ends the torques of all joints.
         """
         chain = self._ready()
         if not message.points:
@@ -167,7 +173,11 @@ class Commands:
         chain.driver.play(source, replace(command, edge=side), int(rotor), limit)
 
     def _ready(self, at_once: bool = False) -> ActuatedChain:
-        """Return the chain. Raises ValueError if the chain or a subscriber is missing."""
+        """Return the chain that receives a command.
+
+        `at_once` is whether the command is a kick. Raises ValueError if the chain is unknown or no
+        node subscribes to the topic of the effect.
+        """
         self._publishers.check_connected(at_once)
         if self.chain is None:
             raise ValueError('the chain is unknown; publish chain or set chain_from to parameters')

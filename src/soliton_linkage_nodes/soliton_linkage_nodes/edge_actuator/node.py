@@ -38,19 +38,19 @@ from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.subscriptions import CountedSubscription, StreamSubscription
 
 _POLL_INTERVAL = 0.02
-"""Poll interval for the frames of an idle chain [s], shorter than `state_timeout`. Polls also keep
-the code path of a kick in the caches of the processor."""
+"""Poll interval for the frames of an idle chain [s]. It is shorter than the usual `state_timeout`.
+The short interval also keeps the code of a kick in the caches of the processor."""
 _IDLE_AFTER = 1.0
-"""Time without commands after which the chain counts as idle [s]."""
+"""A chain without commands for this time is idle [s]."""
 
 
 class EdgeActuator(ManagedNode):
     """Node that converts commands to impulses and torques, and reports their effect.
 
-    The node subscribes to the commands `nudge` [rad/s], `edge_command`, `joint_commands` [N m],
+    It subscribes to the commands `nudge` [rad/s], `edge_command`, `joint_commands` [N m],
     `~/commands` [N m] and `~/joint_trajectory` [N m]. It also subscribes to `joint_states` and
-    `delivery`, and to `chain` unless parameters specify the chain. The node publishes
-    `rotor_impulses` [N m s], `rotor_torques` [N m], `last_kick` (latched) and `/diagnostics`.
+    `delivery`, and to `chain` unless parameters specify the chain. It publishes `rotor_impulses`
+    [N m s], `rotor_torques` [N m], `last_kick` (latched) and `/diagnostics`.
 
     Each joint that the parameter `joints` names has a parameter `torque_limits.<joint>` [N m]. The
     parameter `actuator` selects the type of actuator.
@@ -59,7 +59,7 @@ class EdgeActuator(ManagedNode):
     PARAMETERS = PARAMETERS
 
     def declare_parameters_of_node(self) -> None:
-        """Declare the common parameters, the torque limits and the parameters of the actuator."""
+        """Declare the parameters of the node, of the torque limits and of the actuator type."""
         settings = declare(self, EdgeActuatorParameters)
         self._torque_limits = declare_torque_limits(self, settings)
         self.actuator = declare(self, actuator_type(settings.actuator))
@@ -84,7 +84,7 @@ class EdgeActuator(ManagedNode):
         )
 
     def deactivate(self) -> None:
-        """End all torques and drop all commands that are not finished."""
+        """End all torques, and abandon the commands that are not finished."""
         chain = self.commands.chain
         if chain is not None:
             if chain.driver.busy:
@@ -93,7 +93,7 @@ class EdgeActuator(ManagedNode):
         self.output.flush()
 
     def follow_parameters(self) -> None:
-        """Apply the parameters of nudges, which can change while the node runs."""
+        """Apply the parameters of nudges, which can be changed while the node runs."""
         self.commands.settings = current(self, EdgeActuatorParameters)
 
     def _create_subscriptions(self) -> None:
@@ -181,24 +181,24 @@ class EdgeActuator(ManagedNode):
             raise
 
     def _dispatch_while_busy(self) -> None:
-        """Receive each frame immediately until the driven chain is idle again."""
+        """Make the executor receive each frame immediately until the chain is idle again."""
         now, chain = time.monotonic(), self.commands.chain
         if chain is not None and chain.driver.busy:
             self._busy_until = now
         self._joint_states.dispatch(now - self._busy_until < _IDLE_AFTER)
 
     def _catch_up(self) -> None:
-        """Receive the frames that have arrived since the last poll of an idle chain."""
+        """Receive the frames that have arrived since the last poll, if the chain is idle."""
         if not self._joint_states.dispatched:
             for serialized in self._joint_states.take_waiting():
                 if self.active:
                     self.frames.take(serialized)
 
     def _poll(self) -> None:
-        """Receive waiting frames, and run the computations of a kick without applying a kick.
+        """Receive waiting frames, and compute a kick for the newest frame without applying it.
 
-        Without these computations, the code of a kick would leave the processor's caches, and a
-        kick would take twice as long.
+        Without this computation, the code of a kick would leave the caches of the processor, and
+        the next kick would take twice as long.
         """
         self._dispatch_while_busy()
         self._catch_up()

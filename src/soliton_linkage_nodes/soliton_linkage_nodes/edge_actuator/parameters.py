@@ -19,7 +19,7 @@ from soliton_linkage_nodes.runtime.parameters import declare
 
 @dataclass(frozen=True)
 class EdgeActuatorParameters:
-    """Parameters of the node, without the parameters of chain and actuators."""
+    """Parameters of the node. Those of the chain and of the actuators are separate."""
 
     actuator: str = quantity('pneumatic', 'kind of the actuators at the edges')
     nudge_edge: str = quantity(
@@ -69,13 +69,16 @@ PARAMETERS: dict[type, str] = {
     ChainSourceParameters: '',
     **CHAIN_PARAMETERS,
 }
-"""Dataclasses of the node's parameters, each with the prefix of its parameters' names."""
+"""Dataclasses with the parameters of the node, and the prefix of the parameter names of each
+class."""
 
 
 def declare_torque_limits(node: Node, settings: EdgeActuatorParameters) -> Mapping[str, float]:
-    """Declare a parameter `torque_limits.<joint>` for each of `joints`; return the limits [N m].
+    """Declare a parameter `torque_limits.<joint>` for each joint that `joints` names.
 
-    Raises ValueError for an invalid or duplicate name.
+    Returns the limit of each of these joints [N m].
+
+    Raises ValueError if a name is invalid or occurs twice.
     """
     own = settings.torque_limit
     fields = [

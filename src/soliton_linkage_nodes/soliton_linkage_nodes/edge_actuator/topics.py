@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Joint states that an edge actuator has received, and the publishers of the actuator."""
+"""Latest joint states for an edge actuator, and the publishers of the actuator."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, Freshness
 
 
 class LatestFrames:
-    """Last two messages of joint states. A message is decoded only when it is read."""
+    """Last two messages of joint states. A message is decoded only if it is needed."""
 
     def __init__(self, longest: float, watch: Callable[[int, Array], None]) -> None:
         """Create an object without frames.
 
-        Reading fails if the latest joint states arrived more than `longest` [s] ago. `watch` is
-        called for each frame that is read, with its stamp [ns] and angles [rad].
+        The frames count as too old if the latest message arrived more than `longest` [s] ago.
+        `watch` is called with stamp [ns] and angles [rad] of each frame that is read for the first
+        time.
         """
         self.freshness = Freshness(longest)
         self.taken = 0
@@ -41,13 +42,13 @@ class LatestFrames:
         self._latest: bytes | None = None
 
     def take(self, serialized: bytes) -> None:
-        """Store a message of joint states that is serialized as CDR bytes."""
+        """Store a serialized message of joint states."""
         self._previous, self._latest = self._latest, serialized
         self.taken += 1
         self.freshness.renew()
 
     def check_fresh(self) -> bytes:
-        """Return the latest joint states as CDR bytes; ValueError if these bytes are too old."""
+        """Return the latest message; ValueError if it is too old or none has arrived."""
         if self._latest is None or self.freshness.stale:
             raise ValueError(
                 f'no fresh joint_states: {self.freshness}, the limit is {self._longest:g} s; '
@@ -56,7 +57,7 @@ class LatestFrames:
         return self._latest
 
     def read(self, named: NamedChain) -> tuple[Frame, int]:
-        """Return the latest frame and its stamp [ns]; ValueError if the frame is too old."""
+        """Return the latest frame and its stamp [ns]; ValueError if it is too old or invalid."""
         joints = self._decoder.decode(self.check_fresh())
         frame = frame_from_msg(named, joints)
         if self._watched != self.taken:
@@ -66,17 +67,23 @@ class LatestFrames:
 
     @property
     def stamp_before(self) -> int | None:
-        """Stamp of the frame before the latest frame [ns], or None without such a frame."""
+        """Stamp of the frame before the latest frame [ns], or None if there is none."""
         return None if self._previous is None else self._decoder.stamp(self._previous)
 
     def period(self, stamp: int) -> float | None:
-        """Return the time [s] from the previous frame to `stamp` [ns]; None without that frame."""
+        """Return the time from the frame before the latest one to `stamp` [ns], in [s].
+
+        Returns None without such a frame, or if `stamp` is not later.
+        """
         before = self.stamp_before
         return None if before is None or stamp <= before else (stamp - before) / SECOND
 
 
 class ActuatorPublishers:
-    """Publishers of `rotor_impulses`, `rotor_torques` and `last_kick`; stamps are node times."""
+    """Publishers of `rotor_impulses`, `rotor_torques` and `last_kick`.
+
+    The stamps of impulses and torques are the time of the node's clock.
+    """
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -87,7 +94,7 @@ class ActuatorPublishers:
 
     @property
     def now(self) -> int:
-        """Current time of the node's clock [ns]."""
+        """Present time of the node's clock [ns]."""
         return int(self._node.get_clock().now().nanoseconds)
 
     @property
@@ -102,13 +109,13 @@ class ActuatorPublishers:
 
     @property
     def measured(self) -> bool:
-        """Whether any node publishes `delivery`, the measured effect of commands."""
+        """Whether a node publishes `delivery`, which contains the measured effect of commands."""
         return bool(self._node.count_publishers(interfaces.DELIVERY.name))
 
     def check_connected(self, at_once: bool) -> None:
-        """Raise ValueError if the required topic has no subscriber.
+        """Raise ValueError if no node subscribes to the topic of a command's effect.
 
-        The required topic is `rotor_impulses` if `at_once`, otherwise `rotor_torques`.
+        This topic is `rotor_impulses` for a kick (`at_once`), otherwise `rotor_torques`.
         """
         publisher = self._impulses if at_once else self._torques
         if not publisher.get_subscription_count():
@@ -131,7 +138,7 @@ class ActuatorPublishers:
         self._last_kick.publish(last_kick_to_msg(named, kick))
 
     def flush(self) -> None:
-        """Wait briefly until the subscribers have acknowledged the last torques."""
+        """Wait at most 0.5 s until the subscribers have acknowledged the last torques."""
         interfaces.wait_for_acknowledgements(self._torques)
 
     def _buffers_of(self, named: NamedChain) -> tuple[ImpulseBuffer, TorqueBuffer]:

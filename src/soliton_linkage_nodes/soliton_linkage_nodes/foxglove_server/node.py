@@ -18,9 +18,9 @@ from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 from soliton_linkage_nodes.runtime.process import run
 
 _PERIOD = 0.02
-"""Poll interval for requests of clients [s]."""
+"""Interval between two checks for requests of clients [s]."""
 _SEARCH_PERIOD = 0.5
-"""Poll interval for new topics and services of the graph [s]."""
+"""Interval between two searches for new topics and services in the ROS graph [s]."""
 _LOOPBACK = ('127.0.0.1', '::1', 'localhost')
 
 
@@ -39,8 +39,8 @@ class FoxgloveServerParameters:
 class FoxgloveServer(GuardedNode):
     """Node that serves the ROS graph to Foxglove and Lichtblick, as foxglove_bridge does.
 
-    The node subscribes to the topics that its clients select. It publishes the messages that
-    clients send, and `/diagnostics`.
+    It subscribes to the topics that its clients select. It publishes `/diagnostics` and the
+    messages that clients send.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {FoxgloveServerParameters: ''}

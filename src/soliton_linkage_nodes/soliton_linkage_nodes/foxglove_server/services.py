@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services of the ROS graph, offered to the clients of the server."""
+"""Services of the ROS graph that the server offers to its clients."""
 
 from __future__ import annotations
 
@@ -26,19 +26,22 @@ from soliton_linkage_nodes.runtime.guarded import SERVICE_QOS
 from soliton_linkage_nodes.runtime.serialization import serialize
 
 Queue = Callable[[Callable[[], None]], None]
-"""Function that queues a callback for the executor of the node."""
+"""Function that queues a callback for execution by the executor of the node."""
 Reject = Callable[[str, str], None]
-"""Function that reports a rejected name and the reason."""
+"""Function that logs a rejected topic or service, given its name and the reason."""
 
 
 class OfferedService:
-    """A service of the graph that clients may call."""
+    """Service of the ROS graph that clients may call."""
 
     def __init__(self, node: Node, name: str, type_: str, queue: Queue, reject: Reject) -> None:
-        """Create the description for clients. Raises ValueError if the type is not installed."""
+        """Create the description of the service for clients.
+
+        Raises ValueError if its type is not installed.
+        """
         self.name, self.type = name, type_
         self.answer_timeout = 10.0
-        """Longest time for a response of the service [s]."""
+        """Longest wait for the response of the service [s]."""
         # The name of the type comes from an untrusted source. Therefore only ROS packages are
         # imported.
         request, response = (
@@ -56,7 +59,7 @@ class OfferedService:
         self._waiting: list[tuple[ServiceRequest, Future[bytes]]] = []
 
     def poll(self) -> None:
-        """Send the waiting requests if the service is available."""
+        """Send the requests that wait for the service, if it is available."""
         if not self._waiting:
             return
         if self._client is None:
@@ -70,7 +73,7 @@ class OfferedService:
             self._waiting = [each for each in self._waiting if not each[1].done()]
 
     def close(self) -> None:
-        """Destroy the ROS client of the service. Waiting requests fail with an error."""
+        """Destroy the ROS client of the service. Requests that still wait fail with an error."""
         for _, answer in self._waiting:
             _set_result(answer, ValueError(f'{self.name} ended'))
         self._waiting.clear()
@@ -78,7 +81,10 @@ class OfferedService:
             self._node.destroy_client(self._client)
 
     def _respond(self, request: ServiceRequest) -> bytes:
-        """Return the response of the service. A thread of the server calls this method."""
+        """Forward a request of a client to the service, and return its response.
+
+        This method is called by a thread of the server.
+        """
         answer: Future[bytes] = Future()
         self._queue(lambda: self._waiting.append((request, answer)))
         try:
@@ -104,16 +110,23 @@ class OfferedService:
 
 
 class OfferedServices:
-    """All services of the ROS graph, except services of this node and of actions."""
+    """All services of the ROS graph that clients may call.
+
+    Services of this node and of actions are not included.
+    """
 
     def __init__(self, node: Node, server: WebSocketServer, queue: Queue, reject: Reject) -> None:
-        """Offer services to a server's clients; call `reject` for services of unknown type."""
+        """Create the object.
+
+        The services are offered on `server`. `reject` is called for each service whose type is not
+        installed.
+        """
         self.services: dict[str, OfferedService] = {}
         self._node, self._server, self._queue, self._reject = node, server, queue, reject
         self._rejected: dict[str, Sequence[str]] = {}
 
     def search(self) -> None:
-        """Offer new services, and withdraw services that no longer exist."""
+        """Offer services that have appeared, and withdraw services that no longer exist."""
         listed: list[tuple[str, list[str]]] = self._node.get_service_names_and_types()
         # The graph also lists services that have clients but no server.
         found = {name: types for name, types in listed if self._node.count_services(name)}

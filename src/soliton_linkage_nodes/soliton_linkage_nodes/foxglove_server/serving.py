@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Websocket server of the Foxglove SDK, and the processing of its clients' requests.
+"""Websocket server of the Foxglove SDK, and the execution of requests of its clients.
 
-The SDK calls callbacks on its own threads. These callbacks only queue work for the executor of the
-node.
+The SDK calls the callbacks of a listener on its own threads. These callbacks only queue functions
+that the executor of the node calls.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from soliton_linkage_nodes.runtime.interfaces import Topic, command_qos
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 
 _DEPTH = 1000
-"""Queue depth of a subscription [messages]: 1 s at 1000 messages per second."""
+"""Queue depth of a subscription [messages], enough for 1 s at 1000 messages per second."""
 
 
 class OutgoingTopic:
-    """Channel that sends the messages of a topic and their definition to clients."""
+    """Channel by which clients receive the messages of a topic and their type definition."""
 
     def __init__(self, node: Node, name: str, type_: str, context: Context) -> None:
-        """Offer the topic to clients; ValueError if the topic's type is not installed."""
+        """Offer a topic to clients; ValueError if its type is not installed."""
         self.name, self.type = name, type_
         self.sent = 0
         self._topic = Topic(name, message_class(type_), QoSProfile(depth=_DEPTH))
@@ -48,14 +48,14 @@ class OutgoingTopic:
 
     @property
     def subscribed(self) -> bool:
-        """Whether a client subscribes to the topic."""
+        """Whether a client has subscribed to the topic."""
         return self._subscription is not None
 
     def poll(self, new_client: bool, adapt: bool) -> None:
-        """Subscribe to the topic if a client subscribes to it, otherwise end the subscription.
+        """Subscribe to the topic while a client subscribes to its channel.
 
-        For a `new_client`, latched messages are requested again. With `adapt`, the quality of
-        service follows the publishers.
+        If a `new_client` has subscribed, latched messages are requested again for it. With
+        `adapt`, the quality of service is adapted to the publishers.
         """
         if not self._channel.has_sinks():
             self._unsubscribe()
@@ -69,7 +69,7 @@ class OutgoingTopic:
                 self._subscription.resubscribe()
 
     def close(self) -> None:
-        """Withdraw the topic."""
+        """End the subscription and withdraw the topic."""
         self._unsubscribe()
         self._channel.close()
 
@@ -84,10 +84,14 @@ class OutgoingTopic:
 
 
 class OutgoingTopics:
-    """Channels of all topics of the ROS graph."""
+    """Channels for all topics of the ROS graph."""
 
     def __init__(self, node: Node, context: Context, reject: Callable[[str, str], None]) -> None:
-        """Offer the topics in a context of the SDK; call `reject` for topics of unknown type."""
+        """Create the object.
+
+        The topics are offered in a `context` of the SDK. `reject` is called for each topic whose
+        type is not installed.
+        """
         self.topics: dict[str, OutgoingTopic] = {}
         self._sent_by_withdrawn = 0
         self._node, self._context, self._reject = node, context, reject
@@ -95,11 +99,11 @@ class OutgoingTopics:
 
     @property
     def sent(self) -> int:
-        """Number of messages of all topics sent to clients."""
+        """Number of messages that were sent to clients, for all topics together."""
         return self._sent_by_withdrawn + sum(topic.sent for topic in self.topics.values())
 
     def search(self) -> None:
-        """Offer new topics, and withdraw topics that have neither publishers nor subscribers."""
+        """Offer new topics, and withdraw topics that have no publisher and no subscriber."""
         found: dict[str, list[str]] = dict(self._node.get_topic_names_and_types())
         for name, topic in list(self.topics.items()):
             if topic.type not in found.get(name, ()) or self._is_deserted(name):
@@ -124,23 +128,26 @@ class OutgoingTopics:
         self.topics.clear()
 
     def _is_deserted(self, name: str) -> bool:
-        """Return whether no other node publishes on a topic or subscribes to it."""
+        """Return whether a topic has no publisher, and no subscriber outside this node."""
         own = name in self.topics and self.topics[name].subscribed
         others: Any = self._node.count_subscribers(name) - own
         return not (others or self._node.count_publishers(name))
 
 
 _ENCODINGS = ('cdr', 'json')
-"""Encodings that clients may use for published messages."""
+"""Encodings in which clients may publish messages."""
 Key = tuple[int, int]
-"""Number of a client and number of one of its channels."""
+"""Number of a client, and number of one of the client's channels."""
 
 
 class IncomingTopic:
-    """A topic on which a client publishes."""
+    """Topic on which a client publishes."""
 
     def __init__(self, node: Node, topic: str, type_name: str, encoding: str) -> None:
-        """Create the publisher. Raises ValueError for an invalid encoding, type or topic name."""
+        """Create the publisher.
+
+        Raises ValueError if the encoding, the type or the name of the topic is invalid.
+        """
         if encoding not in _ENCODINGS:
             raise ValueError(f'encoding {encoding!r} must be one of {", ".join(_ENCODINGS)}')
         self.name = topic
@@ -154,7 +161,7 @@ class IncomingTopic:
             raise ValueError(f'{type_name} cannot be published: {reason}') from error
 
     def publish(self, data: bytes) -> None:
-        """Publish the data of a client; ValueError unless they are a message of the type."""
+        """Publish a message of a client; ValueError if `data` is no message of the type."""
         if self._encoding == 'json':
             message: Any = built(self._type, load_json(data.decode(errors='replace')))
         else:
@@ -170,12 +177,12 @@ class IncomingTopic:
 
 
 class Serving:
-    """Server that connects its clients to the topics and services of the graph."""
+    """Server that connects its clients to the topics and services of the ROS graph."""
 
     def __init__(
         self, node: Node, address: tuple[str, int], read_only: bool, queue: Queue, reject: Reject
     ) -> None:
-        """Start the server at a host and a port; OSError if the server cannot start."""
+        """Start the server at a host and a port; OSError if it cannot start."""
         self.published = 0
         self._node, self._reject = node, reject
         self._incoming: dict[Key, IncomingTopic] = {}
@@ -200,7 +207,7 @@ class Serving:
         self.services = None if read_only else OfferedServices(node, self._server, queue, reject)
 
     def poll(self, searching: bool) -> None:
-        """Process requests of clients; with `searching`, also search for topics and services."""
+        """Execute requests of clients. With `searching`, also search for topics and services."""
         if searching:
             self.outgoing.search()
         if self.services is not None:
@@ -212,30 +219,33 @@ class Serving:
             topic.poll(name in new_clients, searching)
 
     def close(self) -> None:
-        """End all connections."""
+        """End all connections and stop the server."""
         if self.services is not None:
             self.services.close()
         self._server.stop()
         self.outgoing.close()
 
     def note_subscription(self, topic: str) -> None:
-        """Record that a further client has subscribed to a topic."""
+        """Record that another client has subscribed to a topic."""
         self._new_clients.add(topic)
 
     def advertise(self, key: Key, topic: str, type_name: str, encoding: str) -> None:
-        """Create the publisher for a topic on which a client wants to publish, or reject it."""
+        """Create the publisher of a topic on which a client wants to publish.
+
+        An invalid topic is rejected.
+        """
         try:
             self._incoming[key] = IncomingTopic(self._node, topic, type_name, encoding)
         except ValueError as error:
             self._reject(topic, str(error))
 
     def unadvertise(self, key: Key) -> None:
-        """Destroy the publisher for a topic of a client."""
+        """Destroy the publisher of a client's channel."""
         if key in self._incoming:
             self._incoming.pop(key).close()
 
     def publish(self, key: Key, data: bytes) -> None:
-        """Publish a message of a client, or reject it."""
+        """Publish a message of a client. An invalid message is rejected."""
         topic = self._incoming.get(key)
         if topic is None:
             return

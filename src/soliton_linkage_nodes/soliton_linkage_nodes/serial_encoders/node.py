@@ -44,19 +44,21 @@ from soliton_linkage_nodes.serial_encoders.port import ReopenedPort, describe_po
 from soliton_linkage_nodes.serial_encoders.valves import ValveParameters, Valves
 
 _CLOCK_READINGS = 3
-"""Largest number of attempts to read two clocks at the same time [1]."""
+"""Largest number of attempts to read two clocks without an interruption between the readings
+[1]."""
 _CLOCK_READING_LIMIT = 20_000
-"""Longest duration of an uninterrupted reading of two clocks [ns], ten times the usual
-duration."""
+"""A reading of two clocks that takes longer than this was interrupted [ns]. The limit is ten times
+the usual duration."""
 _WARNING_PERIOD = 1.0
-"""Shortest time between warnings about restarts of the controller [s]."""
+"""Shortest time between two warnings about restarts or jumps of the controller's clock [s]."""
 _LONGEST_DELAY = 0.5
-"""Delay above which the node warns [s]; the analyser skips frames with longer delays."""
+"""If frames are later than this, the node warns [s]. The analyser skips frames with a longer
+delay."""
 
 
 @dataclass(frozen=True)
 class SerialEncodersParameters:
-    """Parameters of the serial port to which the controller is connected."""
+    """Parameters of the serial port of the controller."""
 
     port: str = quantity(
         '', 'serial port of the controller, such as /dev/ttyACM0 or a path in /dev/serial/by-id'
@@ -91,10 +93,11 @@ class _LineCounts(NamedTuple):
 class SerialEncoders(ManagedNode):
     """Node that publishes the angles of a microcontroller and sends torques to its valves.
 
-    It publishes `joint_states` [rad] with the time of the measurement and NaN for missing rotors.
-    It also publishes the impulses of the valves on `delivered_impulses` [N m s] before each frame,
-    `/diagnostics`, and `chain` if parameters describe the chain. It subscribes to `rotor_torques`
-    [N m], to which it adds the feedback of the chain.
+    It publishes `joint_states` [rad]. Their stamp is the time of the measurement, and the angle of
+    a missing rotor is NaN. Before each frame it publishes the impulses of the valves on
+    `delivered_impulses` [N m s]. It also publishes `/diagnostics`, and `chain` if parameters
+    describe the chain. It subscribes to `rotor_torques` [N m]. If the chain has feedback, the
+    torques of the feedback are added.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -110,7 +113,7 @@ class SerialEncoders(ManagedNode):
         super().__init__('serial_encoders', **kwargs)
 
     def configure(self) -> None:
-        """Read the chain, and create publishers and subscriptions."""
+        """Read the parameters, and create publishers and subscriptions."""
         pyserial()
         self.settings = current(self, SerialEncodersParameters)
         if not self.settings.port:
@@ -164,7 +167,7 @@ class SerialEncoders(ManagedNode):
             )
 
     def deactivate(self) -> None:
-        """Close the valves and the port."""
+        """Close the valves, and then the port."""
         self._command_timer.cancel()
         if self.valves is not None and not self.valves.closed:
             self.valves.release()

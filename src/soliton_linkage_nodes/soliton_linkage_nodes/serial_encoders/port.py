@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Serial port that a thread reads, and reopens after a loss of the connection."""
+"""Serial port that a thread reads. If the connection is lost, the thread opens the port again."""
 
 from __future__ import annotations
 
@@ -20,17 +20,18 @@ from typing import Any
 from soliton_linkage_nodes.runtime.pacing import raise_priority
 
 _READ_TIMEOUT = 0.1
-"""Longest wait for input before the thread checks whether to close the port [s]."""
+"""Longest wait for input until the thread checks whether the port must be closed [s]."""
 _WRITE_TIMEOUT = 0.05
-"""Longest time for writing a command [s]: half of the controller's default hold time."""
+"""Longest time that writing a command may take [s], half of the default hold time of the
+controller."""
 _REOPEN_INTERVAL = 0.2
-"""Interval between two attempts to reopen a lost port [s]."""
+"""Time between two attempts to open a lost port again [s]."""
 _READ_SIZE = 2**16
-"""Largest number of bytes per read; it exceeds the buffer of the system."""
+"""Largest number of bytes that one call reads [1]. It exceeds the buffer size of the system."""
 
 
 def pyserial() -> ModuleType:
-    """Return the module of pyserial; ValueError if it is not installed."""
+    """Return the module `serial` of pyserial; ValueError if it is not installed."""
     try:
         return import_module('serial')
     except ImportError as error:
@@ -52,7 +53,7 @@ def describe_ports() -> str:
 
 
 class ReopenedPort:
-    """Serial port that a thread reads and reopens after a loss."""
+    """Serial port that a thread reads, and opens again after the connection was lost."""
 
     def __init__(
         self,
@@ -66,9 +67,10 @@ class ReopenedPort:
     ) -> None:
         """Open the port and start the thread; ValueError if the port cannot be opened.
 
-        The thread calls `take` with bytes and their monotonic arrival time [ns]. The thread calls
-        `changed` with the reason of a loss, and with '' when the port is open again. With
-        `hang_up`, DTR is released when the port closes.
+        The thread calls `take` with the bytes that have arrived, and their time of arrival on the
+        monotonic clock [ns]. If the connection is lost, it calls `changed` with the reason, and
+        with '' when the port is open again. With `hang_up`, the DTR line is released when the port
+        closes.
         """
         self._serial = pyserial()
         self._path, self._baud_rate = path, baud_rate
@@ -91,7 +93,7 @@ class ReopenedPort:
         return self._port is not None
 
     def write(self, data: bytes) -> None:
-        """Send bytes if the port is open; OSError if they cannot be sent."""
+        """Send bytes if the port is open; OSError if this fails."""
         port = self._port
         if port is None:
             return
@@ -164,7 +166,7 @@ def _remedy(error: Exception, path: str) -> str:
 
 
 def _reason(error: Exception) -> str:
-    """Return the error of the operating system, or else the error of pyserial, in one line."""
+    """Return the error of the operating system or, without one, of pyserial, in one line."""
     for each in (error.__context__, error):
         if isinstance(each, OSError) and each.strerror:
             return str(each.strerror)

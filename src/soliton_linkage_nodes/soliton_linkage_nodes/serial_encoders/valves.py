@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands to the valves or motors of a microcontroller, and the impulses that they deliver."""
+"""Commands to the valves or motors of a microcontroller, and the impulses that result."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.microcontroller.frames import SEQUENCES, FrameKind, SerialFrame
 
 _MOST_COMMANDS = 1000
-"""Largest number of commands whose impulses are not read yet [1]: 10 s at 100 Hz."""
+"""Largest number of commands whose impulses are not yet read [1], enough for 10 s at 100 Hz."""
 
 
 @dataclass(frozen=True)
 class ValveParameters:
-    """Conversion of rotor_torques to commands for the valves."""
+    """Parameters for the conversion of rotor_torques to commands for the valves."""
 
     torque_per_pressure: tuple[float, ...] = quantity(
         (),
@@ -54,7 +54,7 @@ class ValveParameters:
     )
 
     def check_fit(self, rotors: int) -> None:
-        """Raise ValueError if the values do not match the number of rotors or each other."""
+        """Raise ValueError if the parameters do not fit the number of rotors or each other."""
         given = self.torque_per_pressure
         if len(given) not in (0, 1, rotors):
             raise ValueError(
@@ -74,7 +74,10 @@ class ValveParameters:
 
 
 class Valves:
-    """Torques for the valves; repeated commands transmit these torques until they time out."""
+    """Torques that the valves shall apply.
+
+    Commands to the controller must be repeated until these torques time out.
+    """
 
     def __init__(self, parameters: ValveParameters, rotors: int) -> None:
         parameters.check_fit(rotors)
@@ -85,14 +88,21 @@ class Valves:
         self._torques = self._feedback = self._sent = np.zeros(rotors)
         self._until = self._feedback_until = 0.0
         self._acting: deque[tuple[float, float, Array]] = deque(maxlen=_MOST_COMMANDS)
-        """Start [s], latest end [s] and torques [N m] of each command."""
+        """Time of sending [s], time at which the controller would close the valves [s], and
+        torques [N m] of each command."""
 
     def hold(self, torques: Array, now: float) -> None:
-        """Set torques [N m], shape (N,), that end `command_timeout` after the time `now` [s]."""
+        """Set the torques [N m], shape (N,), from the time `now` [s] on.
+
+        They end after `command_timeout`, unless they are set again.
+        """
         self._torques, self._until = torques, now + self._parameters.command_timeout
 
     def feed_back(self, torques: Array, now: float) -> None:
-        """Add the torques of the feedback [N m], shape (N,), for one hold time from `now` [s]."""
+        """Set the torques of the feedback [N m], shape (N,), which are added to the others.
+
+        They end after the hold time, counted from `now` [s].
+        """
         self._feedback, self._feedback_until = torques, now + self._parameters.hold
 
     def release(self) -> None:
@@ -100,7 +110,7 @@ class Valves:
         self._torques = self._feedback = np.zeros_like(self._torques)
 
     def command(self, now: float) -> SerialFrame:
-        """Return the next command to the controller, for the time `now` [s]."""
+        """Return the command to the controller with the torques at the time `now` [s]."""
         self._sent = self._torques if now < self._until else np.zeros_like(self._torques)
         values = self._sent + self._feedback * (now < self._feedback_until)
         self.closed = not values.any()
@@ -118,7 +128,10 @@ class Valves:
         self._acting.append((now, now + self._parameters.hold, self._sent))
 
     def delivered(self, until: float) -> Array:
-        """Return impulses [N m s], (N,), from the last call to `until` [s], without feedback."""
+        """Return the impulses of the torques since the last call [N m s], shape (N,).
+
+        The interval ends at `until` [s]. The torques of the feedback are not included.
+        """
         impulses = np.zeros_like(self._torques)
         while self._acting and self._acting[0][0] < until:
             begin, end, torques = self._acting.popleft()

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node that simulates a chain instead of a real one, and publishes the joint states."""
+"""Node that simulates a chain, in place of a real chain, and publishes its joint states."""

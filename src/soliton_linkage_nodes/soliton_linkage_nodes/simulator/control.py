@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Control of a simulation: one thread advances it, and other threads send commands to it."""
+"""Control of a simulation, which one thread advances while other threads send commands."""
 
 from __future__ import annotations
 
@@ -17,9 +17,11 @@ from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage_nodes.runtime.guarded import describe_error
 
 _LEAST_PROGRESS = 1e-3
-"""Smallest fraction of a frame that must be computed in a trial [1]."""
+"""A reset is rejected if a smaller fraction of its first frame than this is computed in a trial
+[1]."""
 _MOST_KICKS = 10_000
-"""Largest number of kicks that wait for the next frame [1]; a topic carries as many in 1 s."""
+"""Largest number of kicks that wait for the next frame [1]. It is as large as the number that a
+topic transports in 1 s."""
 
 
 @dataclass(frozen=True)
@@ -32,11 +34,11 @@ class SimulationStatus:
     """Number of commands that wait for the next frame."""
     paused: bool
     failure: str | None
-    """Error that stopped the simulation until a reset, or None."""
+    """Error because of which the simulation is paused until a reset, or None."""
     energy: float
     """Energy of the current frame [J]."""
     energy_drift: float
-    """Energy error of the solver, divided by the largest energy so far [1]."""
+    """Error of the energy that the solver causes, relative to the largest energy so far [1]."""
     dissipated: float
     """Energy dissipated by the damping since the last reset [J]."""
 
@@ -49,12 +51,13 @@ class _Pending:
 
 
 class SimulationControl:
-    """Simulation that publishes its frames one by one and applies commands between them.
+    """Simulation that publishes one frame after the other and applies commands in between.
 
-    All waiting kicks, the latest torques and the latest gravity act at the time of the next
-    published frame. A frame contains the rates after its kicks. If the next frame cannot be
-    computed, the simulation is paused until a reset. The computation of a frame may take seconds.
-    Of the methods that other threads call, only `step` waits for the computation.
+    All waiting kicks, the latest torques and the latest gravity act from the time of the next
+    published frame on. The angular velocities in a frame are those after its kicks. If the next
+    frame cannot be computed, the simulation pauses until a reset. The computation of a frame may
+    take seconds. Other threads may call all methods except `tick`. Only `step` waits until a
+    computation has ended.
     """
 
     def __init__(
@@ -67,13 +70,14 @@ class SimulationControl:
         announce: Callable[[int, Array], None] = lambda frame, impulses: None,
         longest_trial: float = 1.0,
     ) -> None:
-        """Create a simulation that starts in a state.
+        """Create a simulation that starts in the state `state`.
 
-        `begin` creates a simulation from a state and the gravity. `command_timeout` is the
-        simulated time after which torques end [s], 0 for never. For each frame, `announce` is
-        called with the frame number and the sum of the impulses [N m s] at the frame, then
-        `publish` with the frame number and the simulation. A reset is rejected if less than a
-        thousandth of its first frame is computed in `longest_trial` [s] of processor time.
+        `begin` creates a simulation from a state and the gravity. Torques end after the simulated
+        time `command_timeout` [s], unless it is 0. For each frame, `announce` is called if kicks
+        act at it, with the frame number and the sum of their impulses [N m s]. Then `publish` is
+        called with the frame number and the simulation. A reset computes its first frame for at
+        most `longest_trial` [s] of processor time. It is rejected if less than a thousandth of the
+        frame is then computed.
         """
         self._begin = begin
         self._gravity = gravity
@@ -105,19 +109,19 @@ class SimulationControl:
 
     @property
     def simulation(self) -> Simulation:
-        """Simulation since the last reset. Read the simulation only while it is paused."""
+        """Simulation that began with the last reset. It may be read only while it is paused."""
         return self._simulation
 
     @property
     def state(self) -> State:
-        """State of the chain at the next published frame."""
+        """State of the chain in the next frame that is published."""
         with self._lock:
             return State(self._simulation.angles, self._simulation.rates)
 
     def tick(self) -> bool:
-        """Apply the waiting commands, publish the current frame and compute the next frame.
+        """Apply the waiting commands, publish a frame and compute the next one.
 
-        Returns False, and publishes no frame, if the simulation is paused or stopped.
+        Returns False, without a frame, if the simulation is paused or stopped.
         """
         with self._frame_in_work:
             if self._abandoned is self._simulation:
@@ -130,7 +134,10 @@ class SimulationControl:
             return True
 
     def kick(self, impulses: Array) -> str | None:
-        """Apply impulses [N m s], shape (N,), at the next frame; return a rejection or None."""
+        """Apply impulses [N m s], shape (N,), at the next frame.
+
+        Returns the reason of a rejection, or None.
+        """
         with self._lock:
             if len(self._commands.kicks) >= _MOST_KICKS:
                 return f'{_MOST_KICKS} kicks already wait for the next frame; wait for a frame'
@@ -139,23 +146,32 @@ class SimulationControl:
             return None
 
     def hold(self, torques: Array) -> None:
-        """Apply torques [N m], shape (N,), until other torques replace them or they time out."""
+        """Apply torques [N m], shape (N,), from the next frame on.
+
+        They act until other torques replace them or `command_timeout` has passed.
+        """
         with self._lock:
             self._commands.torques = torques
             self._commands.count += 1
 
     def set_gravity(self, gravity: Gravity) -> None:
-        """Set the gravity from the next frame on; a reset does not change it."""
+        """Set the gravity from the next frame on. A reset does not change it."""
         with self._lock:
             self._gravity = gravity
 
     def set_non_reciprocity(self, value: float) -> None:
-        """Set the non-reciprocity [N m/rad] from the next frame on; a reset does not change it."""
+        """Set the non-reciprocity of the motors [N m/rad] from the next frame on.
+
+        A reset does not change it.
+        """
         with self._lock:
             self._non_reciprocity = value
 
     def pause(self, paused: bool) -> str | None:
-        """Pause the simulation immediately, or let it continue; return a rejection or None."""
+        """Pause the simulation immediately, or end the pause.
+
+        Returns the reason of a rejection, or None.
+        """
         with self._lock:
             if not paused and self._failure is not None:
                 return self._failure
@@ -163,7 +179,10 @@ class SimulationControl:
             return None
 
     def step(self, periods: int) -> str | None:
-        """Publish some frames of the paused simulation; return a rejection, a failure or None."""
+        """Publish `periods` frames of the paused simulation.
+
+        Returns the reason of a rejection or failure, or None.
+        """
         if self._stopping:
             return 'the simulation is stopped; activate the simulator first'
         if not self._paused:
@@ -178,10 +197,12 @@ class SimulationControl:
             return self._failure
 
     def reset(self, state: State) -> None:
-        """Drop all waiting commands and put the chain into a state. The time continues.
+        """Put the chain into a state, and drop all waiting commands.
 
-        If the mechanics do not allow the state or no frame can be computed from the state,
-        ValueError is raised and nothing changes.
+        The simulated time is not reset.
+
+        Raises ValueError, without any effect, if the mechanics do not allow the state or its first
+        frame cannot be computed.
         """
         simulation = self._begin(state, self._gravity)
         simulation.set_non_reciprocity(self._non_reciprocity)
@@ -194,11 +215,11 @@ class SimulationControl:
                 self._failure, self._paused = None, False
 
     def stop(self) -> None:
-        """Interrupt the computation of a frame, and publish no frame before `resume`."""
+        """Interrupt the computation of a frame. No frame is published until `resume` is called."""
         self._stopping = True
 
     def resume(self) -> None:
-        """Continue after `stop`, with the frame whose computation was interrupted."""
+        """Continue after `stop` with the computation that was interrupted."""
         self._stopping = False
 
     def _begin_frame(self) -> Simulation:
@@ -211,7 +232,10 @@ class SimulationControl:
         return self._simulation
 
     def _finish_frame(self, simulation: Simulation) -> None:
-        """Advance to the next frame; the lock is free meanwhile."""
+        """Compute the next frame.
+
+        The lock is not held during the computation, so that other threads can send commands.
+        """
         failure: Exception | None = None
         self._abandoned = simulation
         try:
@@ -256,7 +280,10 @@ class SimulationControl:
 
 
 def _try(simulation: Simulation, limit: float) -> None:
-    """Compute the first frame for at most `limit` [s] of processor time, as in `reset`."""
+    """Compute the first frame after a reset for at most `limit` [s] of processor time.
+
+    Raises ValueError if the computation fails or would take too long.
+    """
     deadline = time.thread_time() + limit
     try:
         while not simulation.ready and time.thread_time() < deadline:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Publishers of a simulator for frames, for the chain and for the effects of commands."""
+"""Publishers of a simulator for its frames, its chain and the effects of commands."""
 
 from __future__ import annotations
 
@@ -24,16 +24,22 @@ from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
 
 
 class SensedJoints:
-    """Serialized joint states from simulated encoders; missing joints are omitted.
+    """Serialized joint states as simulated encoders measure them.
 
-    The angles contain the known offsets and the encoder errors. The rates contain the encoder
-    errors. The torques are exact.
+    Joints without an encoder are omitted.
+
+    The angles include the known encoder offsets and the errors of the encoders. The angular
+    velocities include the errors of the encoders. The torques are exact.
     """
 
     def __init__(
         self, named: NamedChain, period: float, errors: EncoderErrors, missing: Collection[int]
     ) -> None:
-        """Create the message for a frame `period` [s]; omit joints with numbers in `missing`."""
+        """Create the message.
+
+        `period` is the time between two frames [s], and `missing` contains the rotor numbers of
+        the joints that are omitted.
+        """
         shown = [rotor for rotor in range(named.rotors) if rotor not in missing]
         names = tuple(named.joint_names[rotor] for rotor in shown)
         self._shown = np.array(shown, dtype=np.intp) if missing else None
@@ -44,20 +50,21 @@ class SensedJoints:
         self._simulation: Simulation | None = None
 
     def __len__(self) -> int:
-        """Return the size of the message in bytes."""
+        """Return the size of the serialized message [B]."""
         return len(self._buffer)
 
     def change(self, errors: EncoderErrors) -> None:
-        """Change the errors of the encoders from the next frame on."""
+        """Set the errors of the encoders from the next frame on."""
         if self._known_offsets:
             offsets = np.add(self._known_offsets, errors.offsets or 0.0)
             errors = replace(errors, offsets=tuple(offsets.tolist()))
         self._encoders.errors = errors
 
     def fill(self, stamp: int, frame: int, simulation: Simulation) -> bytearray:
-        """Return the message of the simulation's current frame with a `stamp` [ns].
+        """Return the message for the present frame of a simulation, with a `stamp` [ns].
 
-        The next call overwrites the message. A reset restarts the encoders' rate estimates.
+        The next call overwrites the message. After a reset of the simulation, the encoders
+        estimate the angular velocities without earlier frames.
         """
         angles, rates = simulation.angles, simulation.rates
         if not self._encoders.errors.none:
@@ -72,15 +79,15 @@ class SensedJoints:
 
 
 class DeliveryPublisher:
-    """Publisher of `delivery`, the total impulses and work that have acted on the chain.
+    """Publisher of `delivery`: the total impulses and the total work that the chain has received.
 
-    A message is published at each frame before which impulses or torques acted. Torques are
-    constant over a frame period, so that torque times change of angle is the exact work. A reset
-    keeps the totals.
+    A message is published at a frame if impulses or torques have acted since the frame before it.
+    Torques are constant between two frames, so that torque times change of the angle is exactly
+    the work. A reset of the simulation does not change the totals.
     """
 
     def __init__(self, node: Node, number_of_rotors: int, stamp: int) -> None:
-        """Publish totals of zero with `stamp` [ns]."""
+        """Create the publisher, and publish totals of zero with the stamp `stamp` [ns]."""
         self._publisher = interfaces.DELIVERY.publisher(node)
         self._delivered = DeliveryTotals(stamp, 0, 0.0, False, 0.0, np.zeros(number_of_rotors))
         self._simulation: Simulation | None = None
@@ -90,7 +97,11 @@ class DeliveryPublisher:
         self._publisher.publish(delivery_to_msg(self._delivered))
 
     def add(self, stamp: int, simulation: Simulation) -> None:
-        """Add the effects in the frame period before `stamp` [ns], but no impulses at `stamp`."""
+        """Add the impulses and torques that have acted since the previous frame.
+
+        `stamp` is the stamp of the present frame [ns]; impulses that act at this frame are added
+        with the next one.
+        """
         if simulation is not self._simulation:
             self._simulation = simulation
             self._angles, self._torques = simulation.angles, 0 * self._torques
@@ -118,7 +129,7 @@ class FramePublisher:
         self, node: Node, named: NamedChain, joints: SensedJoints, settings: SimulatorParameters
     ) -> None:
         self.epoch: int | None = None
-        """Stamp of the first frame [ns], None before this frame."""
+        """Stamp of the first frame [ns], None before this frame is published."""
         self.stamp = 0
         """Stamp of the last frame [ns]."""
         self._node = node
@@ -134,16 +145,19 @@ class FramePublisher:
 
     @property
     def subscribers(self) -> int:
-        """Number of subscribers of the joint states."""
+        """Number of subscribers of `joint_states`."""
         return int(self._joint_states.get_subscription_count())
 
     @property
     def depth(self) -> int:
-        """Number of frames that the queue of a subscriber can hold."""
+        """Queue depth of `joint_states` [frames]."""
         return int(self._joint_states.qos_profile.depth)
 
     def begin(self) -> None:
-        """Publish the chain once, and set the stamp of the first frame to the current time."""
+        """Publish the chain, and set the stamp of the first frame to the present time.
+
+        Later calls have no effect.
+        """
         if self.epoch is not None:
             return
         self.epoch = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
@@ -158,16 +172,19 @@ class FramePublisher:
             self._chain.publish(chain_to_msg(named, time_to_msg(stamp)))
 
     def flush(self) -> None:
-        """Wait briefly until the subscribers have acknowledged the last frames."""
+        """Wait at most 0.5 s until the subscribers have acknowledged the last frames."""
         interfaces.wait_for_acknowledgements(self._joint_states)
 
     def announce(self, frame: int, impulses: Array) -> None:
-        """Publish the impulses [N m s] that act at a frame, before the frame itself."""
+        """Publish the impulses [N m s], shape (N,), that act at the frame number `frame`.
+
+        It is called before this frame is published.
+        """
         buffer = self._impulse_buffer.fill(self._stamp_of(frame), impulses)
         publish_buffer(self._impulses, buffer)
 
     def publish(self, frame: int, simulation: Simulation) -> None:
-        """Publish the current frame of a simulation, which has the number `frame`."""
+        """Publish the present frame of a simulation. Its number is `frame`."""
         stamp = self.stamp = self._stamp_of(frame)
         if self._clock is not None:
             self._clock.publish(interfaces.CLOCK.type(clock=time_to_msg(stamp)))

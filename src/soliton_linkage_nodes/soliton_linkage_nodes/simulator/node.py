@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulator node, which simulates a chain instead of a real one."""
+"""Simulator node, which replaces a real chain."""
 
 from __future__ import annotations
 
@@ -36,7 +36,8 @@ from soliton_linkage_nodes.simulator.parameters import PARAMETERS, SimulatorPara
 from soliton_linkage_nodes.simulator.services import SimulationServices, serve_standard
 
 _SLOWEST = 1e-6
-"""Smallest real-time factor [1]; at a frame rate of 300 Hz, it gives one frame per hour."""
+"""Smallest real-time factor, except 0 [1]. At a frame rate of 300 Hz, one frame per hour is then
+published."""
 _NON_RECIPROCITY = 'chain.non_reciprocity'
 _POLL_INTERVAL = 0.02
 """Poll interval while waiting for subscribers [s]."""
@@ -45,14 +46,14 @@ _POLL_INTERVAL = 0.02
 class Simulator(ManagedNode):
     """Node that publishes the angles of a simulated chain at a fixed rate.
 
-    The node publishes `joint_states` [rad, rad/s, N m], `chain` (latched), `delivery` (latched)
-    and `/diagnostics`. If `publish_clock` is true, the node also publishes `/clock`. If impulses
-    act at a frame, the node publishes them on `delivered_impulses` [N m s] before the frame.
+    It publishes `joint_states` [rad, rad/s, N m], `chain` (latched), `delivery` (latched) and
+    `/diagnostics`. If the parameter `publish_clock` is true, it also publishes `/clock`. If
+    impulses act at a frame, it publishes them on `delivered_impulses` [N m s] before the frame.
 
-    The node subscribes to `rotor_impulses` [N m s], `rotor_torques` [N m] and `tilt` [rad]. A
-    message on `tilt` sets the parameter `gravity.tilt`. The node serves `~/pause`, `~/step` and
-    `~/reset`. If the package simulation_interfaces is installed, the node also serves the services
-    of this package. A changed parameter takes effect at the next frame.
+    It subscribes to `rotor_impulses` [N m s], `rotor_torques` [N m] and `tilt` [rad]. A message on
+    `tilt` sets the parameter `gravity.tilt`. It serves `~/pause`, `~/step` and `~/reset`. If the
+    package simulation_interfaces is installed, it also serves the services of this package. A
+    changed parameter takes effect at the next frame.
     """
 
     PARAMETERS = PARAMETERS
@@ -93,7 +94,10 @@ class Simulator(ManagedNode):
         self._start_timer.cancel()
 
     def activate(self) -> None:
-        """Publish the chain, and start or continue the loop when there are enough subscribers."""
+        """Start the simulation loop as soon as there are enough subscribers, or continue it.
+
+        Before the first frame, the chain is published.
+        """
         self.control.resume()
         self._start_timer.reset()
         self._begin()
@@ -108,12 +112,12 @@ class Simulator(ManagedNode):
 
     @property
     def frame_rate(self) -> float:
-        """Rate at which frames are due [Hz], infinite at a real-time factor of 0."""
+        """Rate of the frames [Hz], infinite if the real-time factor is 0."""
         return self.loop.rate if self.configured else math.inf
 
     @property
     def failure(self) -> Exception | None:
-        """Error that has ended the simulation loop, or None without an error."""
+        """Error that has ended the simulation loop, or None."""
         return self.loop.failure if self.configured else None
 
     def _begin(self) -> None:
@@ -172,7 +176,7 @@ class Simulator(ManagedNode):
             )
 
     def follow_parameters(self) -> None:
-        """Apply the parameters of gravity, motors, encoders and real-time factor."""
+        """Apply the changed parameters of gravity, motors, encoders and the real-time factor."""
         motors = self.get_parameter(_NON_RECIPROCITY).value
         if motors != self.named.chain.non_reciprocity:
             chain = replace(self.named.chain, non_reciprocity=motors)
@@ -184,7 +188,7 @@ class Simulator(ManagedNode):
         self.loop.rate = self._pace(self.get_parameter('real_time_factor').value)
 
     def _pace(self, real_time_factor: float) -> float:
-        """Return the frames per second of clock time [Hz]; infinite at a real-time factor of 0."""
+        """Return the frames per second of real time [Hz], infinite at a real-time factor of 0."""
         if real_time_factor == 0:
             return math.inf
         return max(real_time_factor, _SLOWEST) * self.settings.publish_rate
@@ -210,12 +214,13 @@ def main() -> None:
 
 
 _FRAMES_OVERDUE = 3
-"""A report without new frames warns if more than this number of frames were due since the last
-report [1]. Normally, up to 3 are due: one at each end of the interval and a late one."""
+"""If no frame was published since the last report although more than this number were due, the
+report warns [1]. In normal operation, up to 3 are due: one at each end of the interval, and one
+that is late."""
 
 
 class SimulationReport:
-    """Report of a simulation; rates are averages since the previous report."""
+    """Report of a simulation. Rates are averages over the time since the previous report."""
 
     def __init__(
         self,
@@ -224,7 +229,7 @@ class SimulationReport:
         settings: SimulatorParameters,
         complain: Callable[[str], object],
     ) -> None:
-        """Create the report, which calls `complain` once for each fault of the simulation."""
+        """Create the report. It calls `complain` once for each fault of the simulation."""
         self._control = control
         self._loop = loop
         self._publish_rate = settings.publish_rate
@@ -234,7 +239,7 @@ class SimulationReport:
         self._before = (time.monotonic(), 0, 0)
 
     def __call__(self, world: Mapping[str, Any]) -> Report:
-        """Return the current report, with the additional values `world`."""
+        """Return the present report. The values `world` are added to it."""
         status, punctuality = self._control.status, self._loop.punctuality
         now = time.monotonic()
         before, frames_before, missed_before = self._before
@@ -261,7 +266,11 @@ class SimulationReport:
         return Report(message, {**figures, **world}, warning=bool(fault or late))
 
     def _message(self, status: SimulationStatus, late: int, slow: bool) -> tuple[str, str]:
-        """Return the message of the report, and the fault to log ('' without a fault)."""
+        """Return the message of the report and the fault to be logged, or '' without a fault.
+
+        `late` is the number of new missed deadlines. `slow` is whether no frame was computed in
+        time.
+        """
         if status.failure:
             return (f'paused, {status.failure}',) * 2
         if slow:
@@ -285,7 +294,7 @@ class SimulationReport:
 
 
 def describe_simulation(chain: Chain, settings: SimulatorParameters) -> str:
-    """Return a log message that describes the chain, the mechanics and the frame rate."""
+    """Return a text for the log about the chain, the mechanics and the frame rate."""
     elastic = settings.mechanics == 'elastic'
     how = f'elastic, integrator {settings.integrator}' if elastic else settings.mechanics
     return f'simulating {describe_chain(chain)}, {how}, at {settings.publish_rate:g} Hz'

@@ -15,7 +15,10 @@ from soliton_linkage_nodes.runtime.managed import ManagedParameters
 
 @dataclass(frozen=True)
 class SimulatorParameters(WorldParameters):
-    """Parameters of the simulator, without parameters of chain, gravity and sensors."""
+    """Parameters of the simulator.
+
+    Those of the chain, the gravity and the sensors are separate.
+    """
 
     publish_rate: float = quantity(
         500.0, 'rate of joint_states in simulated time', 'Hz', 1.0, 10_000.0
@@ -60,4 +63,5 @@ PARAMETERS: dict[type, str] = {
     EncoderErrors: 'sensors.',
     **CHAIN_PARAMETERS,
 }
-"""Dataclasses of the node's parameters, each with the prefix of its parameters' names."""
+"""Dataclasses with the parameters of the node, and the prefix of the parameter names of each
+class."""

@@ -25,7 +25,7 @@ _STANDARD_FEATURES = (
 class SimulationServices:
     """Services `~/pause`, `~/step` and `~/reset` of a simulation.
 
-    `step` and `reset` return None, or the reason of a rejection; a rejected request has no effect.
+    `step` and `reset` return the reason of a rejection, or None. A rejected request has no effect.
     """
 
     def __init__(
@@ -37,7 +37,10 @@ class SimulationServices:
         period: float,
         most_periods: int,
     ) -> None:
-        """Create the services for a frame `period` [s] and steps of up to `most_periods`."""
+        """Create the services.
+
+        `period` is the time between two frames [s]. A step has at most `most_periods` frames.
+        """
         self.control = control
         self._named = named
         self._world = world
@@ -48,7 +51,7 @@ class SimulationServices:
         node.create_service(Reset, '~/reset', self._on_reset)
 
     def step(self, periods: int) -> str | None:
-        """Publish a number of frames of the paused simulation."""
+        """Publish `periods` frames of the paused simulation."""
         if not 1 <= periods <= self._most_periods:
             return (
                 f'periods = {periods} must lie in the range 1 to {self._most_periods}, '
@@ -57,7 +60,7 @@ class SimulationServices:
         return self.control.step(periods)
 
     def reset(self, request: Any) -> str | None:
-        """Put the chain into the state that a `Reset.Request` specifies."""
+        """Put the chain into the state that a `Reset.Request` describes."""
         try:
             self.control.reset(self._state(request))
         except ValueError as error:
@@ -105,7 +108,7 @@ def _answer(response: Any, complaint: str | None, message: str) -> Any:
 
 
 def serve_standard(node: Node, services: SimulationServices) -> StandardServices | None:
-    """Create the services of simulation_interfaces, if that package is installed."""
+    """Create the services of simulation_interfaces; None if this package is not installed."""
     try:
         messages = importlib.import_module('simulation_interfaces.msg')
         types = importlib.import_module('simulation_interfaces.srv')
@@ -124,10 +127,10 @@ def serve_standard(node: Node, services: SimulationServices) -> StandardServices
 
 
 class StandardServices:
-    """Services of simulation_interfaces, which pause, step and reset the simulation.
+    """Services of the package simulation_interfaces, which pause, step and reset the simulation.
 
-    A stop request pauses and resets the simulation. Afterwards, the state is "stopped" until the
-    next frame.
+    The state "stopped" of the package means paused and reset here. After a request for this state,
+    the simulation is "stopped" until the next frame, and later "paused".
     """
 
     def __init__(self, services: SimulationServices, messages: Any, types: Any) -> None:
@@ -138,7 +141,7 @@ class StandardServices:
         self._stopped_at: int | None = None
 
     def get_simulator_features(self, _request: Any, response: Any) -> Any:
-        """Return the features of the standard that this node supports."""
+        """Return the features of simulation_interfaces that this node supports."""
         known = self._messages.SimulatorFeatures
         response.features.features = [getattr(known, name) for name in _STANDARD_FEATURES]
         return response
@@ -149,7 +152,7 @@ class StandardServices:
         return self._answered(response, None)
 
     def set_simulation_state(self, request: Any, response: Any) -> Any:
-        """Continue, pause or stop the simulation."""
+        """Continue, pause or stop the simulation, as the request demands."""
         known, wanted = self._messages.SimulationState, request.state.state
         if wanted not in (known.STATE_PLAYING, known.STATE_PAUSED, known.STATE_STOPPED):
             reason = f'state = {wanted} must be playing, paused or stopped'
@@ -167,11 +170,14 @@ class StandardServices:
         return self._answered(response, complaint)
 
     def step_simulation(self, request: Any, response: Any) -> Any:
-        """Publish a number of frames of the paused simulation."""
+        """Publish the requested number of frames of the paused simulation."""
         return self._answered(response, self._services.step(request.steps))
 
     def reset_simulation(self, request: Any, response: Any) -> Any:
-        """Put the chain into its initial state. A request to reset the time is rejected."""
+        """Put the chain into its initial state.
+
+        A request that also resets the time is rejected.
+        """
         scopes = self._types.ResetSimulation.Request
         if request.scope not in (scopes.SCOPE_STATE, scopes.SCOPE_STATE | scopes.SCOPE_SPAWNED):
             reason = (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Soliton analyser, which estimates the solitons, topology, energies and orbit phase of frames."""
+"""Soliton analyser, which estimates solitons, topology, energies and orbit phase of frames."""
 
 from __future__ import annotations
 
@@ -42,9 +42,10 @@ from soliton_linkage_nodes.runtime.subscriptions import (
 )
 
 _LONGEST_ASSEMBLY = 1.0
-"""Longest wait of an incomplete frame for its missing joints [s], if no other frame begins."""
+"""An incomplete frame that waits for missing joints is analysed after one to two times this time
+[s], unless another frame begins earlier."""
 _FRAMES_BEFORE_REPORT = 100
-"""Number of frames after which the node warns of joints without angles [1]."""
+"""The node warns of joints without angles after this number of frames [1]."""
 
 
 @dataclass(frozen=True)
@@ -83,11 +84,11 @@ class AnalyserParameters:
 class SolitonAnalyser(ManagedNode):
     """Node that estimates solitons, topology, energies and the orbit phase for each frame.
 
-    The node subscribes to `joint_states` [rad, rad/s] and, unless parameters specify the chain, to
-    `chain`. It also subscribes to `joint_state_deviations` [rad], which contain the standard
-    deviations of the angles, and to `delivered_impulses` [N m s], which change the velocity of a
-    wall. The node publishes `soliton_state`, `soliton_events` and `/diagnostics`. Events are
-    births, reflections and collisions of walls.
+    It subscribes to `joint_states` [rad, rad/s] and, unless parameters specify the chain, to
+    `chain`. It also subscribes to `joint_state_deviations` [rad], the standard deviations of the
+    angles, and to `delivered_impulses` [N m s], which change the velocity of a wall. It publishes
+    `soliton_state`, `soliton_events` and `/diagnostics`. Events are births, reflections and
+    collisions of walls.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -153,18 +154,21 @@ class SolitonAnalyser(ManagedNode):
         self.get_logger().info(f'analysing {name} of {self._source.description}')
 
     def deactivate(self) -> None:
-        """Drop the messages that wait for a chain."""
+        """Drop the messages that are stored until the chain is known."""
         self.waiting.clear()
 
     def _on_chain(self, named: NamedChain) -> None:
-        """Set the chain, and process the messages that were stored until the chain was known."""
+        """Set the chain, and process the messages that were stored while it was unknown."""
         self._analysis.set_chain(named)
         while self.waiting:
             act, serialized = self.waiting.popleft()
             act(serialized)
 
     def take(self, serialized: bytes) -> None:
-        """Analyse joint states and publish the result, or store them until the chain is known."""
+        """Analyse a message of joint states and publish the result.
+
+        If the chain is unknown, the message is stored.
+        """
         # Impulses and standard deviations must be processed before the frame to which they belong,
         # but messages of different topics arrive in any order.
         if self.settings.stamps == 'arrival':
@@ -174,7 +178,11 @@ class SolitonAnalyser(ManagedNode):
         self._act_or_wait(self._analyse, serialized)
 
     def _act_or_wait(self, act: Callable[[bytes], None], serialized: bytes) -> None:
-        """Process a message, or store it, in the order of arrival, until the chain is known."""
+        """Call `act` with a message.
+
+        If the chain is unknown, the message is stored until it is known; stored messages are
+        processed in the order of their arrival.
+        """
         chain_may_come = self._source.parameters.chain_from != 'nowhere'
         if self._analysis.analyser is None and chain_may_come:
             self.waiting.append((act, serialized))
@@ -215,7 +223,7 @@ class SolitonAnalyser(ManagedNode):
         self._frames += 1
 
     def _end_assembly(self) -> None:
-        """Analyse an incomplete frame after its longest wait; warn of joints without angles."""
+        """Analyse a frame that has been incomplete for too long; warn of joints without angles."""
         if not self.active:
             return
         assembler, before = self._analysis.assembler, self._waiting_since
@@ -267,16 +275,18 @@ def main() -> None:
 
 
 _MISFIT_OVER_NOISE = 3.0
-"""Ratio of the misfit to the noise of the angles above which the node may warn [1]."""
+"""The node does not warn of a misfit that is smaller than this number times the noise of the
+angles [1]."""
 _CONTRADICTION_CONFIDENCE = 0.999
-"""Confidence above which the node warns if the motion class contradicts the parameters [1]."""
+"""If the measured motion class contradicts the parameters, the node warns only if its confidence
+exceeds this [1]."""
 
 
 def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bool]:
-    """Return a description of the state of the analysis, and whether it is a warning.
+    """Return a text about the state of the analysis, and whether it is a warning.
 
-    The description warns of a misfit above `misfit_limit` [rad] that neither noise nor phonons
-    explain.
+    It warns of a misfit that exceeds `misfit_limit` [rad] and is not explained by noise or
+    phonons.
     """
     analyser, latest = analysis.analyser, analysis.latest
     if analyser is None or latest is None:
@@ -309,10 +319,10 @@ def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bo
 
 
 def _likely_error(analyser: FrameAnalyser) -> str:
-    """Describe the likeliest cause of a misfit.
+    """Return a text about the most probable cause of a misfit.
 
-    Rotors far from the wall have the rest angle and reveal an error of the rest angle. Errors of
-    parameters other than the rest angle change only the shape of the wall.
+    Rotors far from the wall have the rest angle, so that their angles reveal an error of the rest
+    angle. Errors of other parameters change only the shape of the wall.
     """
     error = analyser.rest_angle_error
     if error:
@@ -321,7 +331,7 @@ def _likely_error(analyser: FrameAnalyser) -> str:
 
 
 def _disagreement(latest: Analysis) -> str:
-    """Return a warning, or '', about a motion class that contradicts the parameters."""
+    """Return a warning if the measured motion class contradicts the parameters, otherwise ''."""
     specified, measured = latest.motion, latest.measured_motion
     certain = measured.confidence > _CONTRADICTION_CONFIDENCE
     shown = measured.motion
@@ -335,10 +345,10 @@ def _disagreement(latest: Analysis) -> str:
 
 
 def _swing(analysis: JointStateAnalysis) -> float:
-    """Return the largest root mean square angle of phonons that agrees with the rates [rad].
+    """Return the largest rms angle of phonons that agrees with the angular velocities [rad].
 
-    The angle is w / omega_0 with the root mean square rate w [rad/s] and the lowest phonon
-    frequency omega_0.
+    This is w / omega_0, where w is the root mean square angular velocity [rad/s] and omega_0 the
+    lowest phonon frequency [rad/s].
     """
     frame, analyser = analysis.frame, analysis.analyser
     if frame is None or frame.rates is None or not isinstance(analyser, Analyser):
@@ -351,7 +361,7 @@ def _swing(analysis: JointStateAnalysis) -> float:
 
 
 def figures(analysis: JointStateAnalysis) -> dict[str, Any]:
-    """Return the values of the analysis for `/diagnostics`, by name."""
+    """Return named values of the analysis for `/diagnostics`."""
     analyser, latest = analysis.analyser, analysis.latest
     if analyser is None or latest is None:
         return {}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Server of the action move_soliton. At most one goal is active at a time."""
+"""Server of the action move_soliton. It has at most one active goal at a time."""
 
 from __future__ import annotations
 
@@ -17,11 +17,14 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import ACTION_QOS, GuardedNode
 
 _FEEDBACK_PERIOD = 0.1
-"""Shortest time between two feedback messages [s]; it suffices for a display."""
+"""Shortest time between two feedback messages [s]. The rate is sufficient for a display."""
 
 
 class MoveServer(ActionServer):
-    """Action server whose goals end when `conclude` is called, not when a callback returns."""
+    """Action server of move_soliton.
+
+    A goal ends when `conclude` is called, whereas in rclpy it ends when a callback returns.
+    """
 
     def __init__(
         self,
@@ -29,7 +32,10 @@ class MoveServer(ActionServer):
         take: Callable[[ServerGoalHandle], None],
         cancel: Callable[[ServerGoalHandle], CancelResponse],
     ) -> None:
-        """Create the server; it calls `take` with accepted and `cancel` with cancelled goals."""
+        """Create the server.
+
+        It calls `take` with each accepted goal, and `cancel` with each goal that a client cancels.
+        """
         name, calls = interfaces.MOVE_SOLITON, {'handle_accepted_callback': self._take}
         super().__init__(
             node, MoveSoliton, name, lambda _: None, cancel_callback=cancel, **calls, **ACTION_QOS
@@ -38,14 +44,14 @@ class MoveServer(ActionServer):
         self.goal: ServerGoalHandle | None = None
         self.begun = 0
         self.start = math.nan
-        """Position of the soliton at the start of the last goal [rotor spacings]."""
+        """Position of the soliton when the last goal became active [rotor spacings]."""
         self.ended: MoveResult | None = None
-        """Result of the last goal that was active and has ended, or None."""
+        """Result of the active goal that has ended last, or None."""
         self._node_of_server = node
         self._feedback_time = -math.inf
 
     def notify_execute(self, goal_handle: ServerGoalHandle, execute_callback: Any) -> None:
-        """Do nothing, because other callbacks of the node execute the goal."""
+        """Do nothing, because the goal is carried out by other callbacks of the node."""
 
     def _take(self, handle: ServerGoalHandle) -> None:
         try:
@@ -57,12 +63,18 @@ class MoveServer(ActionServer):
             self.end(handle, MoveResult(Outcome.NOT_HELD, failure, math.nan))
 
     def begin(self, handle: ServerGoalHandle, position: float) -> None:
-        """Set the active goal, with the position of the soliton [rotor spacings]."""
+        """Make a goal the active goal.
+
+        `position` is the present position of the soliton [rotor spacings].
+        """
         self.goal, self.start = handle, position
         self.begun += 1
 
     def publish_feedback(self, wall: WallState | None, phonon_energy: float) -> None:
-        """Publish feedback on the active goal, unless the last feedback is younger than 0.1 s."""
+        """Publish feedback about the active goal, at most every 0.1 s.
+
+        `phonon_energy` is in [J].
+        """
         now = time.monotonic()
         due = now - self._feedback_time >= _FEEDBACK_PERIOD
         if due and self.goal is not None and wall is not None:
@@ -72,14 +84,14 @@ class MoveServer(ActionServer):
             self.goal.publish_feedback(feedback)
 
     def conclude(self, ended: MoveResult) -> None:
-        """End the active goal with a result. Without an active goal nothing happens."""
+        """End the active goal with the result `ended`. If no goal is active, nothing happens."""
         handle, self.goal = self.goal, None
         if handle is not None:
             self.ended = ended
             self.end(handle, ended)
 
     def end(self, handle: ServerGoalHandle, ended: MoveResult) -> None:
-        """Set the terminal state of a goal and send its result."""
+        """End a goal with the result `ended`, and send the result to the client."""
         if ended.outcome is Outcome.REACHED:
             handle.succeed()
         elif ended.outcome is Outcome.STOPPED and handle.is_cancel_requested:

@@ -67,18 +67,20 @@ PARAMETERS: dict[type, str] = {
     ChainSourceParameters: '',
     **CHAIN_PARAMETERS,
 }
-"""Dataclasses of the node's parameters, each with the prefix of its parameters' names."""
+"""Dataclasses with the parameters of the node, and the prefix of the parameter names of each
+class."""
 
 
 class SteeredChain:
-    """Steering of the soliton of a chain, with an estimate of the phonon energy."""
+    """Steering of the soliton in a chain, and an estimate of the phonon energy."""
 
     def __init__(self, named: NamedChain, settings: SolitonSteeringParameters) -> None:
-        """Create the steering. Raises ValueError if the chain cannot be steered."""
+        """Create the steering of a chain. Raises ValueError if the chain cannot be steered."""
         self.named = named
         rotors = _rotors(named, settings.actuated_joints)
         self.limitation = ''
-        """Reason why the deviations from the uniform chain are ignored, or ''."""
+        """Reason why the deviations of the chain's lengths are ignored, or '' if they are not
+        ignored."""
         try:
             orbit = orbit_of(named.chain)
         except (ValueError, ArithmeticError) as error:
@@ -91,7 +93,7 @@ class SteeredChain:
 
     @property
     def wall(self) -> WallState | None:
-        """State of the soliton, None if no soliton is detected."""
+        """State of the soliton, or None if no soliton is detected."""
         return self.steering.wall
 
     @property
@@ -101,19 +103,24 @@ class SteeredChain:
 
     @property
     def phonon_energy(self) -> float:
-        """Estimated energy of the phonons [J]."""
+        """Estimated energy of the phonons in the chain [J]."""
         return self._phonons.energy
 
     def reset(self) -> None:
-        """Discard all frames. Call this method only while no wall is held."""
+        """Discard all frames received so far.
+
+        This method must not be called while a soliton is moved or held.
+        """
         self.steering.reset()
         self._phonons = PhononEnergyEstimator(self.steering.orbit)
 
     def observe(self, stamp: int, frame: Frame) -> tuple[Array | None, MoveResult | None]:
-        """Process a frame with a stamp [ns]. Return the torques and the result of a move.
+        """Process a frame with a stamp [ns].
 
-        The torques [N m], shape (N,), are None if no soliton is moved or held. The result is None
-        if no move has ended at this frame.
+        Returns the torques to be applied, and the result of the move.
+
+        The torques [N m] have shape (N,). They are None if no soliton is moved or held. The result
+        is None unless the move has ended at this frame.
         """
         if self._epoch is None:
             self._epoch = stamp
@@ -137,29 +144,29 @@ def _rotors(named: NamedChain, joints: tuple[str, ...]) -> tuple[int, ...]:
 
 
 _POLL_INTERVAL = 0.02
-"""Interval between checks of the age of the joint states [s]; short compared with
+"""Interval between two checks of the age of the joint states [s], short compared with
 `state_timeout`."""
 _OBSERVER_FRAMES = 200
-"""Number of frames before a move that initialise the observer [1]; at 1000 Hz, they cover the
-observer's memory."""
+"""Before a move, the observer is initialised with at most this number of recent frames [1]. At
+1000 Hz, they span the time that the observer remembers."""
 _REPORT_FRAMES = 8
-"""Number of frames for the report on a free wall [1]: one for the position, four for the phonon
-energy."""
+"""Number of recent frames from which a report determines the position and the phonon energy of a
+free soliton [1]. One frame is needed for the position, and four for the phonon energy."""
 
 
 class SolitonSteering(ManagedNode):
-    """Node that moves the soliton along the chain with torques along the instantaneous zero mode.
+    """Node that moves the soliton along the chain by torques along the instantaneous zero mode.
 
-    The node serves the action `move_soliton` and the service `~/release`. It subscribes to
+    It serves the action `move_soliton` and the service `~/release`. It subscribes to
     `joint_states` and, unless parameters specify the chain, to `chain`. While it moves or holds a
-    soliton, it publishes `rotor_torques` [N m]. It always publishes `/diagnostics`. All times in
-    the control loop are stamps of the joint states.
+    soliton, it publishes `rotor_torques` [N m]. It always publishes `/diagnostics`. The control
+    loop uses the stamps of the joint states as time.
     """
 
     PARAMETERS = PARAMETERS
 
     def configure(self) -> None:
-        """Create the topics, the action and the service."""
+        """Create the topics, the action server and the service."""
         self.settings = current(self, SolitonSteeringParameters)
         self.chain: SteeredChain | None = None
         self.freshness = Freshness(self.settings.state_timeout)
@@ -207,11 +214,14 @@ class SolitonSteering(ManagedNode):
         interfaces.wait_for_acknowledgements(self.torques)
 
     def cleanup(self) -> None:
-        """Destroy the server of the action."""
+        """Destroy the action server."""
         self.server.destroy()
 
     def _on_chain(self, named: NamedChain) -> None:
-        """Set the chain. If the chain has changed, release the soliton and end its move."""
+        """Set the chain.
+
+        If it differs from the previous chain, release the soliton and end its move.
+        """
         if self.chain is None or named != self.chain.named:
             self._release('the chain has changed')
             self._recent.clear()
@@ -222,7 +232,10 @@ class SolitonSteering(ManagedNode):
 
     @property
     def holding(self) -> bool:
-        """Whether the node moves or holds a soliton, which requires each frame immediately."""
+        """Whether a soliton is moved or held.
+
+        In this case, the node needs each frame immediately.
+        """
         return self.chain is not None and self.chain.steering.holding
 
     def _on_joint_states(self, serialized: bytes) -> None:
@@ -244,12 +257,12 @@ class SolitonSteering(ManagedNode):
         self._joint_states.dispatch(self.holding)
 
     def _read(self, chain: SteeredChain, serialized: bytes) -> tuple[int, Frame]:
-        """Return stamp [ns] and frame of joint states; ValueError if they do not fit the chain."""
+        """Return stamp [ns] and frame of a message; ValueError if it does not fit the chain."""
         joints = self._decoder.decode(serialized)
         return joints.stamp, frame_from_msg(chain.named, joints)
 
     def _keep(self, frames: list[bytes]) -> None:
-        """Store frames for a later move while no soliton is held; check the newest frame."""
+        """Store frames for the next move while no soliton is held. The newest frame is checked."""
         if not (frames and self.active):
             return
         self._recent.extend(frames)
@@ -259,7 +272,10 @@ class SolitonSteering(ManagedNode):
             self.freshness.renew()
 
     def _observe_recent(self, frames: int) -> None:
-        """Estimate position and velocity of a free wall from the last `frames` frames."""
+        """Estimate position and velocity of a soliton that is not held.
+
+        The last `frames` stored frames are used.
+        """
         if self.chain is None or self.holding:
             return
         self._keep_frames(self._joint_states.take_waiting())
@@ -290,7 +306,10 @@ class SolitonSteering(ManagedNode):
         self.diagnostics.publish()
 
     def _start_move(self, request: MoveSoliton.Goal) -> MoveResult | None:
-        """Start the move that a client requests. Return None, or the result of a rejection."""
+        """Start the move that a client requests.
+
+        Returns None, or the result with the reason if the move is rejected.
+        """
         unreachable, unseen = Outcome.OUT_OF_REACH, Outcome.NO_SOLITON
         if not self.active:
             reason = 'the steering is not active; activate it first'
@@ -316,7 +335,7 @@ class SolitonSteering(ManagedNode):
         return response
 
     def _on_watch(self) -> None:
-        """Process the waiting frames; release a held soliton if the joint states have stopped."""
+        """Process waiting frames; release a held soliton if no joint states arrive any more."""
         waiting = self._joint_states.take_waiting()
         if not self.holding:
             self._keep_frames(waiting)
@@ -326,7 +345,10 @@ class SolitonSteering(ManagedNode):
             self._release(f'joint_states have stopped: {self.freshness}')
 
     def _release(self, reason: str, outcome: Outcome = Outcome.SOLITON_LOST) -> bool:
-        """Release the soliton and end its move. Return False if no soliton is moved or held."""
+        """Release the soliton and end its move with `outcome`.
+
+        Returns False if no soliton is moved or held.
+        """
         if self.chain is None or not self.chain.steering.holding:
             return False
         site = self.site
@@ -356,9 +378,9 @@ def main() -> None:
 
 
 def report(chain: SteeredChain | None, silent: bool, server: MoveServer) -> Report:
-    """Return the report on a chain and its moves.
+    """Return the report about a chain and the moves of its soliton.
 
-    `silent` means that the joint states have stopped.
+    `silent` is whether joint states have stopped arriving.
     """
     goal, ended = server.goal, server.ended
     wall = None if chain is None or silent else chain.wall

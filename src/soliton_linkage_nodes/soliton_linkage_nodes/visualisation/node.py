@@ -32,13 +32,13 @@ from soliton_linkage_nodes.visualisation.publishers import (
 )
 
 _MOST_BUSY = 0.5
-"""Largest fraction of the time that may be used for drawing [1]; slow pictures are drawn less
-often."""
+"""Largest fraction of the time that drawing may take [1]. If pictures are slow, they are drawn
+less often."""
 _LONGEST_REST = 1.0
-"""Longest pause after a slow picture [s]; the first picture is slow, because it imports
-matplotlib."""
+"""Longest pause after a slow picture [s]. It is limited because the first picture is always slow,
+since matplotlib is imported for it."""
 _SEARCH_PERIOD = 0.5
-"""Poll interval for new publishers [s]."""
+"""Time between two searches for new publishers [s]."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Visualisation(GuardedNode):
     The node subscribes to `joint_states`, `soliton_state`, `last_kick`, `/diagnostics` and, unless
     parameters specify the chain, to `chain`. It publishes `robot_description` (URDF, latched) and
     `/diagnostics`. It also publishes `markers`, `soliton_pose` (the pose of the first soliton) and
-    `kymograph`, each only while the topic has a subscriber.
+    `kymograph`. Each of them is drawn only while it has a subscriber.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -108,7 +108,7 @@ class Visualisation(GuardedNode):
             drawing.set_chain(named)
 
     def _draw(self) -> None:
-        """Draw the newest messages, except in the pause after a slow picture."""
+        """Draw the newest messages, unless drawing pauses after a slow picture."""
         begin = time.monotonic()
         if begin < self._rest_until:
             return
@@ -144,7 +144,7 @@ class Visualisation(GuardedNode):
         return Report('drawing', values)
 
     def destroy_node(self) -> None:
-        """Destroy this node and the second node, which has the subscriptions."""
+        """Destroy this node, and the second node that has the subscriptions."""
         self._inbox.destroy_node()
         super().destroy_node()
 

@@ -27,12 +27,12 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, subscribe_newest
 
 _FRESH = 1.0
-"""Difference between the stamps of solitons and angles above which the solitons are hidden [s]."""
+"""Solitons are not drawn if their stamp differs from that of the angles by more than this [s]."""
 _SILENT = 3.0
-"""Age above which a report is hidden [s]; nodes report once per second."""
+"""A report that is older than this is not shown [s]. Nodes report once per second."""
 _MOST_REPORTS = 100
-"""Largest number of messages of `/diagnostics` read at once [1]; many nodes publish fewer in 1
-s."""
+"""Largest number of messages of `/diagnostics` that one call of `take` reads [1]. Many nodes
+together publish fewer in 1 s."""
 _LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
 
 
@@ -40,19 +40,23 @@ class ObservedChain:
     """Newest angles, solitons, last kick and node reports of a chain."""
 
     def __init__(self, inbox: Node, owner: Node) -> None:
-        """Subscribe with `inbox`, which no executor spins, to the topics of the node `owner`."""
+        """Subscribe to the topics of the node `owner`.
+
+        `inbox` is the node with the subscriptions; it must not be added to an executor.
+        """
         self.named: NamedChain | None = None
         self.angles: Array = np.zeros(0)
-        """Angles [rad], shape (N,), NaN for missing joints; empty before the first frame."""
+        """Angles [rad], shape (N,). A missing joint has NaN. Before the first frame the array is
+        empty."""
         self.stamp = Time()
         """Stamp of the angles."""
         self.frame = FRAME
-        """Coordinate frame of the message with the angles."""
+        """Name of the coordinate frame in the message with the angles."""
         self.frames = 0
         self.states = 0
         self.state_stamp = Time()
         self.numbers: Numbers = {}
-        """Quantities of the latest soliton state."""
+        """Named values of the latest soliton state."""
         joints = owner.resolve_topic_name(interfaces.JOINT_STATES.name)
         self._joints = NewestFrame(inbox, joints)
         self._states, self._kicks = (
@@ -68,7 +72,7 @@ class ObservedChain:
 
     @property
     def age(self) -> float:
-        """Time since the angles were received [s]."""
+        """Time since the arrival of the angles [s]."""
         return time.monotonic() - self._taken_at
 
     @property
@@ -78,12 +82,12 @@ class ObservedChain:
 
     @property
     def walls(self) -> list[Wall]:
-        """Solitons of the latest state; none if stamps of state and angles differ by over 1 s."""
+        """Solitons of the latest state, [] if its stamp and that of the angles differ by 1 s."""
         apart = self.seconds - time_from_msg(self.state_stamp) / SECOND
         return self._walls if abs(apart) < _FRESH else []
 
     def set_chain(self, named: NamedChain) -> None:
-        """Set the chain to which later messages belong."""
+        """Set the chain to which the following messages belong."""
         self.named = named
         self._reader = FrameReader(named.joint_names, named.encoder_offsets)
         self._joints.set_joints(named.joint_names)
@@ -114,7 +118,7 @@ class ObservedChain:
             self.frames += 1
 
     def describe(self) -> str:
-        """Describe the orbit phase, the energies and the reports of the nodes, as far as known."""
+        """Return a text with orbit phase, energies and reports of nodes, as far as known."""
         numbers, lines = self.numbers, []
         if math.isfinite(numbers.get('phase', math.nan)):
             lines.append(
@@ -137,10 +141,10 @@ class ObservedChain:
         return '\n'.join(lines)
 
     def kick(self, shown: float) -> Array | None:
-        """Return the impulses of the last kick [N m s], shape (N,), or None.
+        """Return the impulses of the last kick [N m s], shape (N,), None if it is not shown now.
 
-        The impulses are shown for `shown` [s] after the end of the kick; 0 means until the next
-        kick.
+        A kick is shown until `shown` [s] after its end. If `shown` is 0, it is shown until the
+        next kick.
         """
         if self._kick is None or self.named is None:
             return None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Publishers of markers, pose and kymograph, which draw only while a node subscribes."""
+"""Publishers of markers, pose and kymograph, which draw only while there is a subscriber."""
 
 from __future__ import annotations
 
@@ -31,28 +31,31 @@ from soliton_linkage_nodes.visualisation.scene import ChainScene
 Pixels = NDArray[np.uint8]
 
 _COLUMN_RATE = 30.0
-"""Pixel columns per second of displayed time [Hz]; 30 Hz is the usual refresh rate of viewers."""
+"""Number of pixel columns per second of the displayed time [Hz]. It equals the usual refresh rate
+of viewers."""
 _HEIGHT = 400
-"""Smallest number of rows of a picture [1]; viewers would enlarge and blur smaller pictures."""
+"""Smallest number of pixel rows of a picture [1]. Viewers would enlarge and blur a smaller
+picture."""
 _MOST_ROWS = 1000
-"""Largest number of rotors in a picture [1], about the number of rows of a screen. In longer
-chains, only every second rotor is displayed, or every third one, and so on."""
+"""Largest number of rotors in a picture [1], about the number of pixel rows of a screen. Of a
+longer chain, only every n-th rotor is shown."""
 _LEVELS = 2048
-"""Number of colours [1]; it is large, because the colour varies strongly near the rest state."""
+"""Number of colours [1]. It is large because the colour varies strongly near the rest state."""
 _BLANK, _TRACK, _BORDER = 217, 0, 255
-"""Grey levels of missing data, of the track of a wall, and of its border [1]; displacements have
-other levels."""
+"""Grey levels for missing data, for the track of a wall, and for the border of the track [1].
+Displacements are not drawn in these colours."""
 _HALF_BORDER, _HALF_TRACK = 2, 1
-"""Half widths of the border and of the track [rows]."""
+"""Half widths of the border and of the track [pixel rows]."""
 _JUMP = 0.25
-"""Step of a wall between two columns above which the step counts as a reset [chain lengths]."""
+"""If a wall moves farther than this between two columns, it is drawn as after a reset, without a
+connecting line [chain lengths]."""
 
 
 class Kymograph:
-    """Buffer of the displacements of the last `length` [s], and their picture.
+    """Displacements of the rotors in the last `length` [s], and a picture of them.
 
-    Time runs to the right, and rotor 0 is at the bottom. Rotors that lean right are purple, rotors
-    that lean left are orange.
+    In the picture, time runs to the right, and rotor 0 is at the bottom. Rotors that lean to the
+    right are purple, and rotors that lean to the left are orange.
     """
 
     def __init__(self, chain: Chain, length: float) -> None:
@@ -65,9 +68,9 @@ class Kymograph:
         self._table: Pixels | None = None
 
     def add(self, stamp: float, angles: Array, walls: Sequence[float]) -> None:
-        """Add angles [rad], shape (N,), and walls [rotor spacings] at `stamp` [s].
+        """Add angles [rad], shape (N,), and wall positions [rotor spacings] at `stamp` [s].
 
-        If the stamp is earlier than the previous stamp, the buffer is emptied first.
+        If `stamp` is earlier than the previous stamp, all earlier displacements are discarded.
         """
         if self._stamps and stamp < self._stamps[-1]:
             for kept in (self._stamps, self._leans, self._walls):
@@ -80,7 +83,7 @@ class Kymograph:
         self._walls.append(tuple(walls))
 
     def picture(self) -> Pixels:
-        """Return the picture as RGB values, shape (rows, columns, 3)."""
+        """Return the picture as RGB values of shape (rows, columns, 3)."""
         if self._table is None:
             # Import matplotlib only if a picture is needed, because it takes 0.5 s and 25 MB.
             from soliton_linkage_studies.palette import lean_colour_table
@@ -105,7 +108,12 @@ class Kymograph:
         return picture
 
     def _draw_track(self, picture: Pixels, shown: NDArray[np.intp], rows: float) -> None:
-        """Draw the walls, connected between columns with the same number of walls."""
+        """Draw the positions of the walls.
+
+        `shown` is the index of the stored time for each pixel column, and `rows` the number of
+        pixel rows per rotor. Between columns with the same number of walls, the positions are
+        connected.
+        """
         xs, ys = [np.zeros(0, dtype=np.intp)], [np.zeros(0)]
         columns = [
             (x, self._walls[column]) for x, column in enumerate(shown.tolist()) if column >= 0
@@ -127,11 +135,11 @@ class Kymograph:
 
 _WALLS = 'solitons'
 _OPACITY = 0.4
-"""Opacity of the box around a soliton [1]; rotors remain visible through the box."""
+"""Opacity of the box around a soliton [1], at which the rotors remain visible."""
 
 
 class DrawingPublisher:
-    """Base class of publishers that publish drawings of a chain."""
+    """Base class for publishers of a drawing of the chain."""
 
     name: str
 
@@ -142,7 +150,7 @@ class DrawingPublisher:
         self._drawn = -1
 
     def set_chain(self, named: NamedChain) -> None:
-        """Set the chain that is drawn, and clear the drawing."""
+        """Set the chain that is drawn, and discard the drawing of the previous chain."""
 
     def count_since(self) -> int:
         """Return the number of messages published since the previous call."""
@@ -151,7 +159,10 @@ class DrawingPublisher:
         return fresh
 
     def _wanted(self, number: int) -> bool:
-        """Return whether a subscriber of the topic has not received a drawing yet."""
+        """Return whether a drawing must be published.
+
+        This is the case for a new `number` if there is a subscriber, and for each new subscriber.
+        """
         subscribers = self.publisher.get_subscription_count()
         more, self._subscribers = subscribers > self._subscribers, subscribers
         if not subscribers or (number == self._drawn and not more):
@@ -170,7 +181,10 @@ class MarkerPublisher(DrawingPublisher):
     name = 'markers'
 
     def __init__(self, publisher: Publisher, kick_shown: float) -> None:
-        """Create the publisher. A kick is shown for `kick_shown` [s] after its end."""
+        """Create the object that publishes with `publisher`.
+
+        A kick is shown for `kick_shown` [s] after its end.
+        """
         super().__init__(publisher)
         self._kick_shown = kick_shown
         self._scene: ChainScene | None = None
@@ -178,13 +192,13 @@ class MarkerPublisher(DrawingPublisher):
         self._clear = False
 
     def set_chain(self, named: NamedChain) -> None:
-        """Set the chain that is drawn, and clear the markers of the previous chain."""
+        """Set the chain that is drawn, and delete the markers of the previous chain."""
         self._clear = self._scene is not None
         self._scene = ChainScene(named.chain)
         self._walls = 0
 
     def draw(self, chain: ObservedChain) -> None:
-        """Publish markers for the newest messages that describe the chain."""
+        """Publish markers that show the newest messages, if a subscriber needs them."""
         scene = self._scene
         if scene is None or not len(chain.angles) or not self._wanted(chain.frames):
             return
@@ -220,7 +234,7 @@ class PosePublisher(DrawingPublisher):
     name = 'soliton_pose'
 
     def draw(self, chain: ObservedChain) -> None:
-        """Publish the pose of the first soliton, if its position is known."""
+        """Publish the first soliton's pose if its position is known and a subscriber needs it."""
         if not chain.walls or not self._wanted(chain.states):
             return
         position, deviation, _ = chain.walls[0]
@@ -235,7 +249,11 @@ class KymographPublisher(DrawingPublisher):
     name = 'kymograph'
 
     def __init__(self, publisher: Publisher, length: float, rate: float) -> None:
-        """Create the publisher. Pictures show the last `length` [s], at most at `rate` [Hz]."""
+        """Create the object that publishes with `publisher`.
+
+        A picture shows the last `length` [s]. At most `rate` pictures per second are published
+        [Hz].
+        """
         super().__init__(publisher)
         self._length, self._period = length, 1 / rate
         self._kymograph: Kymograph | None = None

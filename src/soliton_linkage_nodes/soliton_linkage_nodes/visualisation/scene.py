@@ -14,43 +14,46 @@ from soliton_linkage.linear.rigidity import Edge, resolved_edge_mode
 from soliton_linkage.linkage.chain import Array, Chain
 
 _LONGEST = 1.2
-"""Length of the longest arrow, relative to the larger of rotor length and spacing [1]."""
+"""Length of the longest arrow, relative to the rotor length or the spacing, whichever is larger
+[1]."""
 _SHORTEST_ARROW = 0.02
-"""Length below which arrows are not drawn, relative to the longest arrow [1]."""
+"""Arrows that are shorter than this fraction of the longest arrow are not drawn [1]."""
 _HEAD = (0.3, 0.15)
-"""Length and half width of an arrow head, relative to the length of the arrow [1]."""
+"""Length and half width of the head of an arrow, relative to the length of the arrow [1]."""
 _WALL_HEIGHT = 2.5
-"""Height of the box around a wall, relative to the longest rotor [1]; above 2, the box is higher
-than the rotors."""
+"""Height of the box around a wall, relative to the length of the longest rotor [1]. If it is above
+2, the box is higher than the rotors."""
 _LETTERS = 40
-"""Ratio of the length of a chain to the height of letters [1]; a line of text is half as long as
-the chain."""
+"""The height of letters is the length of the chain divided by this [1]. A line of text is then
+half as long as the chain."""
 _AT_REST = 1e-4
-"""Lower limit for the relative extension at which the colour scale ends [1]."""
+"""The colour scale of the springs ends at a relative extension of at least this [1], so that a
+chain at rest has no bright colours."""
 _DECAY = 0.98
-"""Factor by which the upper limit of the colour scale decreases from picture to picture [1]."""
+"""From picture to picture, the end of the colour scale decreases at most by this factor [1]."""
 
 
 class Shape(NamedTuple):
-    """Lines between points 0 and 1, 2 and 3, and so on, or spheres at the points."""
+    """Lines from point 0 to 1, from point 2 to 3 and so on, or spheres at all points."""
 
     name: str
     points: Array
-    """Positions [m], shape (K, 3)."""
+    """Positions of the points [m], shape (K, 3)."""
     colours: Array
-    """Red, green, blue and opacity of each point [1], shape (K, 4)."""
+    """Red, green, blue and opacity at each point [1], shape (K, 4)."""
     width: float
-    """Width of lines, or diameter of spheres [m]."""
+    """Width of the lines, or diameter of the spheres [m]."""
     spheres: bool = False
 
 
 class WallBox(NamedTuple):
-    """Box that shows a wall and the standard deviation of its position."""
+    """Box that shows a wall and, by its length, the standard deviation of its position."""
 
     position: float
     """Position of the wall along the chain [m]."""
     length: float
-    """Size along the chain [m]: four standard deviations, but at least the width of a rod."""
+    """Length along the chain [m]. It is four standard deviations, but at least the width of a
+    rod."""
     height: float
     """Vertical size [m]."""
 
@@ -64,20 +67,23 @@ class ChainScene:
         """Width of the lines that represent rotors [m]."""
         middle, length = float(chain.pivots[-1]) / 2, float(chain.pivots[-1]) + chain.spacing
         self.lettering = length / _LETTERS
-        """Height of letters [m]."""
+        """Height of the letters [m]."""
         self._wall_height = _WALL_HEIGHT * float(chain.rotor_lengths.max())
         self.above = (middle, 0.0, self._wall_height + 2 * self.lettering)
-        """Position of the text [m]."""
+        """Position of the text above the chain [m]."""
         self._size = _LONGEST * max(chain.rotor_length, chain.spacing)
         self._largest = 0.0
 
     def masses(self, angles: Array) -> Array:
-        """Return the positions of the masses [m], shape (N, 3)."""
+        """Return the positions of the masses [m], shape (N, 3). `angles` [rad] has shape (N,)."""
         horizontal, vertical = self.chain.positions(angles)
         return np.array([self.chain.pivots + horizontal, np.zeros_like(vertical), vertical]).T
 
     def shapes(self, angles: Array) -> list[Shape]:
-        """Return the shapes of the chain at angles [rad], shape (N,); NaN rotors are omitted."""
+        """Return the shapes that draw the chain.
+
+        `angles` [rad] has shape (N,); rotors with the angle NaN are omitted.
+        """
         masses = self.masses(angles)
         known = np.isfinite(angles)
         return [
@@ -88,11 +94,15 @@ class ChainScene:
         ]
 
     def kick(self, angles: Array, impulses: Array) -> Shape:
-        """Return arrows at the masses that show the impulses on the rotors [N m s], shape (N,)."""
+        """Return arrows at the masses for the impulses on the rotors [N m s], shape (N,)."""
         return self._arrows('last_kick', self.masses(angles), angles, impulses, PURPLE)
 
     def boxes(self, walls: Sequence[tuple[float, float]]) -> list[WallBox]:
-        """Return boxes of walls, given by position and standard deviation [m]; omit NaN walls."""
+        """Return the boxes of walls.
+
+        `walls` contains position [m] and standard deviation [m] of each wall; walls with NaN are
+        omitted.
+        """
         return [
             WallBox(position, max(4 * deviation, self.width), self._wall_height)
             for position, deviation in walls
@@ -108,7 +118,10 @@ class ChainScene:
         return Shape('rotors', ends, np.repeat(colours[known], 2, axis=0), self.width)
 
     def _springs(self, masses: Array, angles: Array) -> Shape:
-        """Return the springs: extended red, compressed blue, at rest length grey."""
+        """Return the springs as lines.
+
+        Extended springs are red, compressed ones blue, and springs at rest length grey.
+        """
         extensions = self.chain.spring_extensions(angles)
         known = np.isfinite(extensions)
         largest = float(np.abs(extensions[known]).max(initial=0.0))
@@ -129,7 +142,10 @@ class ChainScene:
         return self._arrows('zero_mode', masses, angles, mode, GREEN)
 
     def _arrows(self, name: str, masses: Array, angles: Array, sizes: Array, colour: str) -> Shape:
-        """Return arrows along the motion of the masses, with lengths in proportion to `sizes`."""
+        """Return arrows in the direction in which the masses can move.
+
+        Their lengths are proportional to `sizes`, shape (N,).
+        """
         largest = float(np.abs(sizes).max(initial=0.0))
         shown = np.isfinite(angles) & (np.abs(sizes) > _SHORTEST_ARROW * largest)
         ahead = np.array([np.cos(angles), np.zeros_like(angles), -np.sin(angles)]).T[shown]
