@@ -38,7 +38,7 @@ constant, and 2x twice its value. The symbols of the equations are:
 ========== ======================= ==========================================================
 symbol     name                    meaning
 ========== ======================= ==========================================================
-N          number_of_rotors        rotors n = 0 ... N-1, joined by N-1 springs
+N          number_of_rotors        rotors n = 0 to N-1, joined by N-1 springs
 a          spacing                 distance between neighbouring pivots [m]
 r          rotor_length            distance from pivot to mass [m]
 theta_bar  rest_angle              staggered angle of the right-leaning ground state [rad]

@@ -42,12 +42,12 @@ _SWITCHES = {
     'non_reciprocity': 'non_reciprocities',
     'on_site_torque': 'on_site_torques',
 }
-"""Names of the chain parameters that switch off a force term with the value 0, each with the name
-of the `Chain` array of this parameter for all rotors or springs."""
+"""Names of chain parameters, each with the name of the `Chain` array that contains its values for
+all rotors or springs. If such a parameter is 0, the chain does not have the force term."""
 _OF_SPRINGS = {'spacings': [0.0], 'offsets': [0.0], 'rest_lengths': [1e9], 'stiffnesses': [0.0]}
-"""Names of the `Chain` arrays with one value per spring, each with its value for the spring of
-stiffness 0 between two chains. The large rest length ensures that the computed length of this
-spring is not 0."""
+"""Names of the `Chain` arrays with one value per spring, each with its value for the springs that
+connect two chains in `joined`. The large rest length ensures that the computed length of these
+springs is not 0."""
 
 
 def joined(chains: Sequence[Chain]) -> Chain:

@@ -5,7 +5,7 @@ The configurations phi in which all bars have their rest length form a curve. Th
 curve is the zero mode t(phi), normalised so that sum_n I_n t_n^2 = 1 with the moments of inertia
 I_n. With the speed s along the curve [J^(1/2)] and the kinetic energy T,
 
-    dphi/dt = s t(phi),    ds/dt = t(phi) . torques,    T = s^2 / 2.
+    dphi/dt = s t(phi),    ds/dt = t(phi)^T torques,    T = s^2 / 2.
 """
 
 from __future__ import annotations
@@ -167,7 +167,7 @@ class RigidSimulation(Simulation):
         """Return the angles, speed and dissipated energy of a solver state, with corrected errors.
 
         In the corrected state, all bars have their rest length, and the energy balance is exact.
-        To correct the energy, angles and speed are changed along the gradient of the energy, (-t .
+        To correct the energy, angles and speed are changed along the gradient of the energy, (-t^T
         torques, s). This also works at turning points, where the speed s is 0.
         """
         chain = self.chain

@@ -185,7 +185,7 @@ class Simulation(ABC):
 
     @property
     def steps_per_frame(self) -> float:
-        """Number of solver steps per frame with the longest step [1]; 0 just after a restart."""
+        """Number of solver steps per frame if each is the longest [1]; 0 just after a restart."""
         return 0.0 if self._stale else self.period / self._longest_step
 
     @property

@@ -55,10 +55,10 @@ class Term(ABC):
     """One summand of the torque on each rotor in the equation of motion."""
 
     dissipative = False
-    """Whether minus the work of the term counts as dissipated energy."""
+    """Whether the energy that the term removes counts as dissipated energy."""
     active = False
-    """Whether the torques depend on the angles, but have no potential energy. Minus the work of
-    these torques counts as dissipated energy."""
+    """Whether the torques depend on the angles, but have no potential energy. The energy that
+    these torques remove counts as dissipated energy."""
 
     @abstractmethod
     def add(self, torques: Array, time: float, angles: Array, rates: Array) -> float:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Work of impulses and torques on a chain.
 
-A kick with the impulses J does the work J . (phi_dot before + phi_dot after) / 2. Constant torques
-tau do the work tau . (phi(t_1) - phi(t_0)) between two frames at t_0 and t_1, whatever the motion
+A kick with the impulses J does the work J^T (phi_dot before + phi_dot after) / 2. Constant torques
+tau do the work tau^T (phi(t_1) - phi(t_0)) between two frames at t_0 and t_1, whatever the motion
 between them is.
 """
 
@@ -16,7 +16,10 @@ from soliton_linkage.linkage.chain import Array, Chain
 
 
 def work_of_kick(impulses: Array, before: Array, after: Array) -> float:
-    """Return the work [J] of impulses [N m s] that change the rates [rad/s], shape (N,) each."""
+    """Return the work [J] of impulses [N m s] that change the rates from `before` to `after`.
+
+    The rates have the unit rad/s. The arrays have the shape (N,).
+    """
     return float(np.add.reduce(impulses * (before + after))) / 2
 
 
@@ -24,7 +27,7 @@ def work_of_impulse(chain: Chain, rates: Array, impulses: Array) -> float:
     """Return the work [J] of impulses J [N m s], shape (N,), on the rotors of a chain of springs.
 
     With the moments of inertia I, the rates phi_dot [rad/s] change by J / I. Therefore the work is
-    J . phi_dot + sum_n J_n^2 / (2 I_n).
+    J^T phi_dot + sum_n J_n^2 / (2 I_n).
     """
     return float(impulses @ (rates + impulses / (2 * chain.moments_of_inertia)))
 

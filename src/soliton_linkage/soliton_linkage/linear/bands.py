@@ -124,7 +124,7 @@ def penetration_depth(chain: Chain) -> float:
     """Return the decay length of the zero mode [m], ell = a / ln|q+ / q-|; 0 for d = 1.
 
     The logarithm is 2 artanh(min(d, 1/d)) with the lean ratio d. The paper (section 1) has
-    ell ~ 1 / sin(theta_bar). For small d, ell indeed tends to a / (2 d):
+    ell ~ 1 / sin(theta_bar). This agrees for small d, because ell then tends to a / (2 d):
 
     >>> wide = Chain(rest_angle=0.1)
     >>> round(penetration_depth(wide) / wide.spacing, 2), round(1 / (2 * wide.lean_ratio), 2)
@@ -190,7 +190,7 @@ def wobble_exponents(chain: Chain) -> tuple[complex, complex]:
 
 
 def continuum_tail(chain: Chain) -> Tail:
-    """Return the tail that decays more slowly, of the two tails of `wobble_exponents`.
+    """Return the tail that decays more slowly, of the two tails that `wobble_exponents` describes.
 
     For d > 1 / sqrt(2), the tail oscillates. Its decay length is then ub = r sin(theta_bar), and
     its wave number increases with d towards sqrt(8) / a. The oscillation is an artefact of the

@@ -22,8 +22,8 @@ from soliton_linkage.linear.statics import unstretched
 from soliton_linkage.linkage.chain import Array, Chain
 
 _MOST_STRETCH = 1e-6
-"""A spring counts as relaxed if its extension is at most this fraction of its rest length [1]. The
-relative error of the frequencies is equally large."""
+"""A spring counts as relaxed if its extension is at most this fraction of its rest length [1].
+Then the relative error of the frequencies is at most equally large."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def phonon_energies(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> tuple[
 def phonon_energy(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> float:
     """Return the energy that is not in the zero mode [J], in a time O(N).
 
-    The energy is E = sum_n (k_e / 2) (R dphi)_n^2 + T(phi_dot - t (t . I phi_dot) / (t . I t)).
+    The energy is E = sum_n (k_e / 2) (R dphi)_n^2 + T(phi_dot - t (t^T I phi_dot) / (t^T I t)).
     Here dphi is the displacement from the result of `unstretched`, R the rigidity matrix and t the
     zero mode of that result, I the moments of inertia, and T the kinetic energy of given rates. E
     is the sum of `phonon_energies` without the first energy. For a moving wall, E therefore

@@ -37,7 +37,7 @@ class Edge(enum.Enum):
     def resolved(self, chain: Chain, angles: Array) -> Edge:
         """Return FIRST or LAST; in place of NEAREST, return the edge nearer to the zero mode.
 
-        The zero mode at `angles` [rad] is compared by its `mode_centre`.
+        The position of the zero mode is its `mode_centre` at the configuration `angles` [rad].
         """
         return self if self is not Edge.NEAREST else _nearest(zero_mode(chain, angles))
 
@@ -76,9 +76,9 @@ def dynamical_matrix(chain: Chain, angles: Array) -> csr_array:
 def zero_modes(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
     """Return orthonormal zero modes t [1], which satisfy R t = 0, as columns, shape (N, N_0).
 
-    N_0, the number N_ss of states of self-stress, the number of rotors N and the number of springs
-    satisfy N_0 - N_ss = N - springs (paper, section 1). Singular values below `tolerance` times
-    the largest singular value count as 0. Takes a time O(N^3).
+    The number N_0 of zero modes and the number N_ss of states of self-stress satisfy
+    N_0 - N_ss = N - `number_of_springs` (paper, section 1). Singular values below `tolerance` times the
+    largest singular value count as 0. Takes a time O(N^3).
     """
     return _null_space(rigidity_matrix(chain, angles).toarray(), tolerance)
 
@@ -102,9 +102,9 @@ def zero_mode(chain: Chain, angles: Array) -> Array:
     """Return the zero mode at a configuration: the unit vector t [1] with R t = 0, shape (N,).
 
     The recursion t_{n+1} = -(A_n / B_n) t_n with the levers A and B of `rigidity_bands` has no
-    cancellation and takes a time O(N). Each t_n has the sign of the product (-1)^n A_0 ... A_{n-1}
-    B_n ... B_{N-2}, which is a maximal minor of R. With this choice of sign, t is continuous along
-    a motion of the chain. Raises ValueError for periodic ends.
+    cancellation and takes a time O(N). The sign of t is chosen so that t_n has the sign of (-1)^n
+    prod_{j < n} A_j prod_{j >= n} B_j, which is a maximal minor of R. With this choice of sign, t
+    is continuous along a motion of the chain. Raises ValueError for periodic ends.
 
     >>> chain = Chain(number_of_rotors=10)
     >>> leaning_left = chain.uniform_state(-1)

@@ -60,9 +60,8 @@ class Chain:
     """Parameters of a chain. Raises ValueError for invalid values.
 
     With periodic ends, a spring joins the last rotor to a periodic image of the first rotor.
-    `deviations` contains the relative differences between single rotors or springs and the other
-    parameters, which describe all rotors and springs. `feedback` contains the gains of motors with
-    controllers.
+    `deviations` contains the relative deviations of single rotors or springs from the other
+    parameters. `feedback` contains the parameters of the motor controllers.
     """
 
     number_of_rotors: int = quantity(40, 'number of rotors', '', 2, 100_000)
@@ -199,7 +198,7 @@ class Chain:
 
     @cached_property
     def signs(self) -> Array:
-        """Sign dq/dphi for each rotor; the coordinate q is theta in flippers, phi in spinners."""
+        """Sign dq/dphi of each rotor, +1 or -1; q is theta in flippers and phi in spinners."""
         signs = np.ones(self.number_of_rotors)
         if self.motion is not Motion.SPINNER:
             signs[1::2] = -1.0

@@ -113,7 +113,7 @@ def _spread(of: str) -> Any:
 @document_fields
 @dataclass(frozen=True)
 class Disorder(CheckedQuantities):
-    """Relative standard deviation of each quantity, and seed, of random deviations.
+    """Standard deviations of random relative deviations, one for each quantity, and their seed.
 
     Raises ValueError for values out of range.
     """

@@ -67,7 +67,7 @@ class Encoders:
     where q is the resolution, noise the standard deviation, n a normal random number that depends
     only on the seed and the frame, previous the reading in the previous frame, and period the time
     between two frames [s]. If the previous call did not read the previous frame, the rate is 0.
-    Raises ValueError if the number of offsets is not the number of rotors.
+    Raises ValueError if offsets are given for another number of rotors.
     """
 
     def __init__(self, number_of_rotors: int, period: float, errors: EncoderErrors) -> None:

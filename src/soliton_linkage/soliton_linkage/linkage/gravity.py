@@ -14,7 +14,7 @@ from soliton_linkage.linkage.quantities import CheckedQuantities, document_field
 @document_fields
 @dataclass(frozen=True)
 class Gravity(CheckedQuantities):
-    """Uniform gravity, from the direction -z rotated towards +x by `tilt`.
+    """Uniform gravity in the direction -z, rotated towards +x by `tilt`.
 
     Raises ValueError for values out of range.
     """

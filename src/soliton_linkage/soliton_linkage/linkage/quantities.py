@@ -10,7 +10,8 @@ from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar
 
 LARGEST_SEED = 10**9
-"""Largest allowed random seed. It fits into an integer parameter of a node, which has 64 bits."""
+"""Largest allowed random seed. An integer parameter of a node has 64 bits, which is enough for
+this seed."""
 
 LARGEST_ANGLE = 1e9
 """Largest allowed unwrapped angle [rad]. Double precision resolves 1e-7 rad at this angle, which

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 TINY = float(np.finfo(np.float64).tiny)
-"""If a spring is shorter than this [m], its levers are divided by this in place of its length.
-They are then 0 for masses that coincide."""
+"""If a spring is shorter than this [m], the formulas of its levers divide by this in place of its
+length. Therefore the levers are 0 for masses that coincide."""
 
 
 def spring_between(

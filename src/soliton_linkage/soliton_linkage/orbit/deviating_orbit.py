@@ -3,7 +3,7 @@
 
 Each configuration of this orbit corresponds to one configuration on the orbit of the uniform
 chain, which has no deviations. Two configurations correspond if the same bond has half of |t|^2 on
-its left, where t is the zero mode of each configuration. The configurations at which legs end also
+its left, where t is the zero mode at the configuration. The configurations at which legs end also
 correspond. Between corresponding configurations, a monotonic cubic spline converts the arc length
 on one orbit to the arc length on the other. The site coordinate of a wall is the site coordinate
 of the corresponding configuration of the uniform chain.
@@ -75,7 +75,7 @@ class DeviatingOrbit(Orbit):
 
     @property
     def wall_extent(self) -> float:
-        """Longest stretch of the orbit in which a rotor moves [rad]; see `Orbit`."""
+        """Length of the longest part of the orbit in which one rotor moves [rad]; see `Orbit`."""
         return self._uniform.wall_extent * self.site_arc / self._uniform.site_arc
 
     def site(self, arc: float) -> float:
@@ -150,8 +150,9 @@ class DeviatingOrbit(Orbit):
     def _relaxed(self, leg: int) -> tuple[Array, Array]:
         """Return the `background` of a leg.
 
-        Without a wall, a chain still has one free motion. The result is the configuration in which
-        the edge rotor is nearest to its angle in the uniform chain.
+        In a chain without a wall, the relaxed configurations form a curve. The result is the
+        configuration on this curve in which the edge rotor is nearest to its angle in the uniform
+        chain.
         """
         last = self.chain.number_of_rotors - 1
         left, right = self._uniform.background(self._uniform.leg_arcs(leg)[0])

@@ -87,7 +87,7 @@ class Orbit(ABC):
     @property
     @abstractmethod
     def wall_extent(self) -> float:
-        """Longest stretch of the orbit in which a rotor moves [rad].
+        """Length of the longest part of the orbit in which one rotor moves [rad].
 
         The rotor moves while a wall passes it or is reflected at it.
         """
@@ -146,7 +146,7 @@ class Orbit(ABC):
         return np.asarray((ahead - behind) / (2 * _STEP))
 
     def free_rate(self, arc: float) -> float:
-        """Return the rate ds/dt of free motion, relative to the one with equal rotors [1].
+        """Return the rate ds/dt of free motion, relative to the rate for equal rotors [1].
 
         The kinetic energy sum_n (I_n / 2) (t_n ds/dt)^2 of free motion is conserved, where t is
         the tangent and I_n is the moment of inertia of rotor n. Therefore, with the moment of

@@ -28,11 +28,11 @@ have not converged. More attempts do not improve the convergence."""
 _ACCURACY = 1e-11
 """A series has converged if its last two coefficients are below this [rad]."""
 _STILL = 2e-11
-"""A rotor counts as immobile if its tangent is not above this in a piece [1]. It is the rounding
-error of a series."""
+"""A rotor counts as immobile if its tangent is not above this in a piece [1]. The limit is the
+rounding error of a series."""
 _DEPTHS_BESIDE = 25
-"""Distance from the seed up to which rotors are computed on each side [penetration depths]. The
-tangent decays to e^-25 within this distance, which is below `_STILL`."""
+"""Distance from the seed up to which rotors are computed on each side [penetration depths]. Within
+this distance, the tangent decays to e^-25, which is below `_STILL`."""
 _ROTORS_BESIDE = 6
 """Number of additional rotors on each side of a seed [1], because the penetration depth can be
 close to 0."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Orbit of a chain of any length without deviations, composed from the orbit of a short chain.
 
-When the wall is in the middle of the short chain, its passage by two rotors is a period that
-repeats in a longer chain, shifted by two rotors each time. The orbit of the short chain is
+While the wall passes the two middle rotors of the short chain, its motion is one period. A longer
+chain repeats this period, shifted by two rotors each time. The orbit of the short chain is
 integrated from the middle of one leg, through the reflection at the last rotor, to the middle of
 the next leg. The rest of the orbit, with the reflection at the first rotor, is the mirror image of
 this part. `static_wall` defines the site coordinate.
@@ -95,7 +95,7 @@ class UniformOrbit(Orbit):
 
     @property
     def wall_extent(self) -> float:
-        """Longest stretch of the orbit in which a rotor moves [rad]; see `Orbit`."""
+        """Length of the longest part of the orbit in which one rotor moves [rad]; see `Orbit`."""
         swing = self._starts[1] - (self.chain.number_of_rotors - 1) * self.site_arc
         return self._short.number_of_rotors * self.site_arc + swing
 
@@ -233,9 +233,9 @@ class _ShortOrbit:
     def _tangent(self, angles: Array) -> Array:
         """Return the unit zero mode in the direction of the orbit [1], shape (N,).
 
-        The components t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2} are products of the levers A
-        and B. Their computation is faster than `zero_mode`. The levers are divided by the larger
-        one of the `couplings`, so that products rarely overflow.
+        Up to a factor, the component t_n is the product (-1)^n prod_{j < n} A_j prod_{j >= n} B_j
+        of levers A and B. These products are faster than `zero_mode`. The levers are divided by
+        the larger one of the `couplings`, so that products rarely overflow.
         """
         first, second = rigidity_bands(self._chain, angles)
         mode = self._signs.copy()

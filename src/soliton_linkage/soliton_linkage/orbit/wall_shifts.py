@@ -11,18 +11,18 @@ t_{n+1} / t_n = -A_n / B_n, the deviations change ln(S_b / (1 - S_b)) by
 
     dQ = -sum_n w_n d ln|A_n / B_n|,   w_n = min(S_n / S_b, (1 - S_n) / (1 - S_b)).
 
-This change depends on the angles and the lengths: dQ = Q_phi . dphi + Q_p . p. Let ds_b be the
-error of the arc length at which the wall is at bond b. It is the solution of Q_phi . t ds_b = -dQ.
+This change depends on the angles and the lengths: dQ = Q_phi^T dphi + Q_p^T p. Let ds_b be the
+error of the arc length at which the wall is at bond b. It is the solution of Q_phi^T t ds_b = -dQ.
 Let s_b be the arc length at which the wall is at bond b, and Phi'' the curvature of the orbit. The
 time that a wall in free motion takes from bond b to bond b + 1 has the relative change
 
-    (ds_{b+1} - ds_b) / (s_{b+1} - s_b) - Phi'' . dphi + sum_n t_n^2 (p_n + m_n / 2),
+    (ds_{b+1} - ds_b) / (s_{b+1} - s_b) - Phi''^T dphi + sum_n t_n^2 (p_n + m_n / 2),
 
-where p_n is the relative deviation of the length of rotor n, and m_n the relative deviation of
-its mass. The three terms are the change of the arc length between the bonds, the change of the arc
+where p_n is the relative deviation of the length of rotor n, and m_n the relative deviation of its
+mass. The three terms are the change of the arc length between the bonds, the change of the arc
 element, and the change of the inertia. The code does not compute the matrix R^+ E with the
-pseudo-inverse R^+ of R, because q . R^+ E = u . E for any vector q, where u is the solution of
-(R R^T) u = R q. Deviations of the stiffnesses have no effect on an orbit without energy.
+pseudo-inverse R^+ of R, because q^T R^+ E = u^T E for any vector q, where u is the solution of (R
+R^T) u = R q. Deviations of the stiffnesses have no effect on an orbit without energy.
 """
 
 from __future__ import annotations

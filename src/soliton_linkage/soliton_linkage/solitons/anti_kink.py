@@ -30,8 +30,8 @@ _CONVERGED = 1e-7
 _LONGEST = 0.3
 """A Newton step is scaled down so that no angle changes by more than this [rad]."""
 _BUCKLING = 1e-6
-"""An eigenvalue counts as negative if it is below minus this, relative to the largest diagonal
-element of the matrix [1]. The limit exceeds the rounding errors."""
+"""An eigenvalue counts as negative if it is below 0 by more than this fraction of the largest
+diagonal element of the matrix [1]. The limit exceeds the rounding errors."""
 
 
 @lru_cache(maxsize=8)
@@ -39,7 +39,7 @@ def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
     """Return K sites of an anti-kink [rotor spacings] and the angles at each site [rad], (K, N).
 
     The sites cover two rotor spacings from `begin` on. After them, the path repeats, shifted by
-    two rotors. The sites are proportional to the arc length of the path from its begin. The
+    two rotors. The sites are proportional to the arc length from the start of the path. The
     anti-kink must be far from the edges. Raises ArithmeticError if the anti-kink is pinned.
     """
     angles, multiplier = continuum_anti_kink(chain, begin), 0.0
@@ -88,7 +88,7 @@ def constraint_field(chain: Chain, angles: Array) -> tuple[Array, Array, Array]:
     """Return the fields F_n and their first and second derivatives dF_n/dphi_n, (N,) each.
 
     For flippers F_n is (3 m - m^3) / 2 with the `order_field` m, and for spinners it is cos(theta
-    - theta_bar). Far from the anti-kink, the first derivative is 0 for both.
+    - theta_bar). Far from the anti-kink, dF_n/dphi_n is 0 in both cases.
     """
     theta, sense = staggered(angles), np.where(np.arange(len(angles)) % 2, -1.0, 1.0)
     if chain.motion is Motion.SPINNER:
@@ -141,11 +141,11 @@ def _constrained_minimum(
 
 
 def _is_stable(diagonal: Array, beside: Array, along: Array) -> bool:
-    """Return whether x . H x > 0 for all x orthogonal to a vector b.
+    """Return whether x^T H x > 0 for all x orthogonal to a vector b.
 
     H is a tridiagonal matrix. `along` is b, `diagonal` is the diagonal of H, and `beside` contains
     the elements next to the diagonal. By Haynsworth's theorem, H bordered by b has as many
-    negative eigenvalues as H, plus one if b . H^-1 b > 0. The result is true if the bordered
+    negative eigenvalues as H, plus one if b^T H^-1 b > 0. The result is true if the bordered
     matrix has exactly one negative eigenvalue.
     """
     limit = -_BUCKLING * float(np.abs(diagonal).max())

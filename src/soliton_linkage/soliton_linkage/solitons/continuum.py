@@ -8,7 +8,8 @@ width at rest and c the speed of sound:
     w = w_0 / gamma,    gamma = 1 / sqrt(1 - v^2 / c^2),
     E = (gamma - 1) M_eff c^2 + (1 - Q) E_s,    E_s = M_eff c^2.
 
-Signs and factors are valid for the chain. The docstrings state where the paper has other ones.
+Signs and factors are those of the modelled chain. The docstrings state where the paper has
+different signs or factors.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ _HARDEST_KICK = 1e9
 
 @dataclass(frozen=True)
 class WallTheory(ABC):
-    """Theory of relativistic walls in a uniform chain, exact for very small or large lean ratio d.
+    """Theory of relativistic walls in a uniform chain, exact for very small or large lean ratio.
 
     If `exact_sound` is true, c is the exact speed of sound of the chain, which agrees better with
     simulated walls. E_s = M_eff c^2 then holds only in the limit of very small or large d.
@@ -254,10 +255,10 @@ class FlipperTheory(WallTheory):
 class SpinnerTheory(WallTheory):
     """Sine-Gordon theory of the walls of a spinner. Raises ValueError for a flipper.
 
-    Across a wall, the rotation psi [rad] increases from 0 to pi. With psi, phi increases for
-    `turn` = +1, and decreases for `turn` = -1. theta is theta_bar + turn psi on rotors 0, 2, ...
-    (the odd sites of the paper), and theta_bar - turn psi on the others. With I = M r^2, ub = r
-    sin(theta_bar) and K = k_e r^4 a^2 sin(2 theta_bar)^2 / lbar^2, the Lagrangian is
+    Across a wall, the rotation psi [rad] increases from 0 to pi. When psi increases, phi increases
+    for `turn` = +1, and decreases for `turn` = -1. theta is theta_bar + turn psi on the even
+    rotors (the odd sites of the paper), and theta_bar - turn psi on the odd rotors. With I = M
+    r^2, ub = r sin(theta_bar) and K = k_e r^4 a^2 sin(2 theta_bar)^2 / lbar^2, the Lagrangian is
 
         L = (1 / a) integral dx {(I / 2) psi_t^2 - (K / 2) [psi_x - sin(psi) / ub]^2}.
 

@@ -30,8 +30,8 @@ _MOST_BESIDE = 49_000
 """If a wall needs more rotors than this on each side [1], the chain is rejected. The limit follows
 from the largest number of rotors of a `Chain`."""
 _MOST_STEPS = 100_000
-"""Largest number of solver steps along an orbit [1]. A chain with d near d_c needs one or two
-thousand steps."""
+"""Largest number of solver steps along an orbit [1]. A chain whose lean ratio d is near d_c needs
+one or two thousand steps."""
 _TRANSITION = 1e-9
 """If |d - d_c| / d_c is below this [1], the chain is rejected, because rounding errors could then
 change the sense of rotation."""
@@ -57,8 +57,8 @@ def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False)
     other side in leg 1. If `inverted` is true, the chain is assembled upside down, with pi - phi
     in place of phi. In a chain with deviations, the rotor nearest to the wall has the same angle
     as without deviations, and the other angles follow from the lengths of the bars. Raises
-    ValueError for a chain of two rotors or with periodic ends, a site outside 0 ... N - 1, an
-    unknown leg, bars of impossible length, and the errors of `site_arc`.
+    ValueError for a chain of two rotors or with periodic ends, a site outside the range 0 to
+    N - 1, an unknown leg, bars of impossible length, and the errors of `site_arc`.
 
         >>> import soliton_linkage as sl
         >>> chain = sl.Chain(number_of_rotors=20)
@@ -89,8 +89,8 @@ def site_arc(chain: Chain) -> float:
 
     Lambda is the integral of sqrt(sum_n dphi_n^2) over one rotor spacing of the chain without
     deviations. A slow wall has the speed v = a |phi_dot| / Lambda, where |phi_dot| is the norm of
-    the rates of all rotors. Raises ValueError if d differs from d_c by less than 1e-9 d_c, and for
-    d below 2e-4.
+    the rates of all rotors. Raises ValueError for a lean ratio d that differs from d_c by less
+    than 1e-9 d_c or is below 2e-4.
 
         >>> chain = Chain(rest_angle=0.97)
         >>> round(site_arc(chain) * chain.rotor_length / chain.spacing, 6)
@@ -180,7 +180,11 @@ def bar_branches(chain: Chain, leg: int, inverted: bool) -> tuple[Array, Array]:
 
 
 def toggled_edges(chain: Chain, leg: int) -> tuple[bool, bool]:
-    """Return whether the first, and the last rotor has toggled, unlike in an infinite chain."""
+    """Return whether the first, and whether the last rotor has toggled.
+
+    A toggled rotor is not at the rest angle that it would have in an infinite chain, but at its
+    other rest angle.
+    """
     if chain.motion is Motion.SPINNER:
         return False, False
     return (leg in (2, 3)) == (chain.lean_ratio <= 1), leg in (1, 2)
@@ -237,7 +241,7 @@ def _uniform_state(chain: Chain, lean: int, inverted: bool) -> Array:
 
 
 def _seed_angle(chain: Chain, seed: int, beyond: float, leg: int, inverted: bool) -> float:
-    """Return the angle of the rotor `seed` with the wall `beyond` rotor spacings past it [rad]."""
+    """Return the angle of rotor `seed` when the wall is `beyond` rotor spacings past it [rad]."""
     if chain.motion is not Motion.SPINNER:
         leg = 0
     elif inverted:

@@ -36,7 +36,7 @@ class Track:
 
 @dataclass(frozen=True)
 class Crossing:
-    """Passage of a soliton from the outer fifth of the chain at one end to the other one."""
+    """Passage of a soliton from one outer fifth of the chain to the other outer fifth."""
 
     start: float
     """Time of the last frame with the soliton in the outer fifth at one end [s]."""

@@ -56,8 +56,8 @@ class Forces(NamedTuple):
     inverse_inertias: Array
     """1 / (M r^2) of each rotor [1/(kg m^2)], 0 for fixed rotors and padding, shape (P,)."""
     half_inertias: Array
-    """M r^2 / 2 of each rotor [kg m^2], shape (P,), or (0,) if there are no damping and active
-    terms."""
+    """M r^2 / 2 of each rotor [kg m^2], shape (P,), or (0,) if there is neither a damping nor an
+    active term."""
     active: bool
     """Whether the last term that depends on the angles is active."""
 

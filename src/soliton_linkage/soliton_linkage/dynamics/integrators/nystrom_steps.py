@@ -6,7 +6,7 @@ A step of length h is a symmetric sequence of drifts and kicks,
     drift(a_15 h) kick(b_14 h) drift(a_14 h) ... kick(b_1 h) drift(a_1 h).
 
 A kick applies the torques that depend on the angles, and a drift those that depend on the rates.
-With linear damping c and gamma = c / (M r^2), a drift is the exact solution
+With linear damping c and gamma = c / (M r^2), a drift is the exact solution without other torques,
 
     phi_dot(t) = phi_dot e^(-gamma t),    phi(t) = phi + phi_dot (1 - e^(-gamma t)) / gamma.
 
@@ -15,7 +15,7 @@ symplectic and reversible. With linear damping, a step reduces volumes in phase 
 the motion does. Therefore the sum of energy and dissipated energy has no trend.
 
 The coefficients belong to the method SRKN_14^a of order 6 for systems with a quadratic kinetic
-energy. Source: S. Blanes and P. C. Moan, J. Comput. Appl. Math. 142 (2002) 313.
+energy. Source: Blanes and Moan, Journal of Computational and Applied Mathematics 142 (2002) 313.
 """
 
 from __future__ import annotations
@@ -185,7 +185,7 @@ class NystromSteps:
         return states[: done + 1], error
 
     def interpolated(self, states: Array, length: float, times: Array) -> Array:
-        """Return the states at given times, which count the steps since the first state.
+        """Return the states at given `times`, which are counted in steps since the first state.
 
         The result has shape (times, len(state)). In each step, polynomials of degree 8 fit the
         angle, rate and acceleration at the start, the middle and the end of the step.
