@@ -28,10 +28,10 @@ class _PendingCommand:
 class ChainDriver:
     """Driver of all actuators of a chain, which converts commands into torques and records kicks.
 
-    A command starts at the next frame. Its `source` is the topic of the command, for the reports.
-    At each frame, the driver returns the mean torques over the interval to the next frame. It
-    assumes that this interval is as long as the previous one. After the end of a joint command,
-    its last torques are held for `timeout` [s]. If an interval between frames exceeds
+    A command starts at the next frame. Its `source` is the topic of the command, which the reports
+    contain. At each frame, the driver returns the mean torques over the interval to the next
+    frame. It assumes that this interval is as long as the previous one. After the end of a joint
+    command, its last torques are held for `timeout` [s]. If an interval between frames exceeds
     `longest_gap` [s], the current torques are reported as cut short.
     """
 

@@ -201,7 +201,7 @@ class KickRecord:
             self._close(None)
 
     def _settle(self, stamp: int) -> None:
-        """Report kicks whose measurement is overdue at a stamp [ns], or not expected."""
+        """Report the kicks for which no more measurement is expected at a stamp [ns]."""
         late = [kick for kick in self._impulses if stamp - kick.stamp > _DELIVERY_TIMEOUT]
         if late:
             del self._impulses[: len(late)]

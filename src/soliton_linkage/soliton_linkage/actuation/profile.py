@@ -27,7 +27,7 @@ class Segment:
 
     @property
     def duration(self) -> float:
-        """Duration [s]."""
+        """Duration of the segment [s]."""
         return self.end - self.start
 
 

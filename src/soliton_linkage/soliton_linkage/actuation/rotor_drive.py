@@ -53,7 +53,8 @@ class RotorDrive:
     ) -> None:
         """Start a waveform on a rotor at `time` [s], with torques up to `limit` [N m].
 
-        `profile` is the waveform of the `quantity`.
+        `profile` is the torque [N m] or the angle [rad] as a function of time. `quantity` selects
+        which of the two it is.
         """
         self._profile, self._rotor, self._limit = profile, rotor, limit
         self._started, self._servo = time, None

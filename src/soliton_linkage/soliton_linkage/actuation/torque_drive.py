@@ -151,8 +151,8 @@ class _Command:
 class JointDrive:
     """Torques of the joint actuators as functions of time [s].
 
-    A command replaces the torques of the rotors that it names. After its end, the last torques of
-    a command are held for `timeout` [s]. With a timeout of 0, they are held without limit.
+    A command replaces the torques of the rotors that it names. The last torques of a command are
+    held for `timeout` [s] after its end. With a timeout of 0, they are held without limit.
     """
 
     def __init__(self, number_of_rotors: int, timeout: float) -> None:

@@ -77,8 +77,8 @@ def zero_modes(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
     """Return orthonormal zero modes t [1], which satisfy R t = 0, as columns, shape (N, N_0).
 
     The number N_0 of zero modes and the number N_ss of states of self-stress satisfy
-    N_0 - N_ss = N - `number_of_springs` (paper, section 1). Singular values below `tolerance` times the
-    largest singular value count as 0. Takes a time O(N^3).
+    N_0 - N_ss = N - `number_of_springs` (paper, section 1). Singular values below `tolerance`
+    times the largest singular value count as 0. Takes a time O(N^3).
     """
     return _null_space(rigidity_matrix(chain, angles).toarray(), tolerance)
 
