@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Test cells of the analyser: each combines a chain, its walls and the errors of its encoders."""
+"""Test cells of the analyser: each combines a chain, its walls and the errors of its encoders.
+
+The time unit is sqrt(M / k_e) with the mass M of a rotor and the stiffness k_e of a spring.
+"""
 
 from __future__ import annotations
 
@@ -234,7 +237,7 @@ def _of_model(chains: dict[str, Chain]) -> list[AccuracyCell]:
 
 
 def _with_forces(chain: Chain) -> dict[str, Chain]:
-    """Return one chain for each force term, by the name of the term.
+    """Return one chain for each force term; keys are the names of the terms.
 
     During a record, each term changes the speed of a wall by up to a half.
     """

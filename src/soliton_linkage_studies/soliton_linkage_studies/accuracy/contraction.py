@@ -63,7 +63,7 @@ class ContractedWall:
 
 @dataclass(frozen=True)
 class Walls:
-    """Chain, and the kicks [a sqrt(k_e / M)] that start its walls."""
+    """Chain, and the strengths [a sqrt(k_e / M)] of the kicks that start its walls."""
 
     name: str
     chain: Chain
@@ -125,7 +125,7 @@ class ContractionStudy:
 
 
 def measured_passage(chain: Chain, times: Array, angles: Array) -> ContractedWall:
-    """Analyse frames, and measure the speed and the width of their wall in mid-chain.
+    """Analyse frames; measure speed and width of the wall while it is in the middle of the chain.
 
     `times` [s] has shape (T,), the noisy `angles` [rad] have shape (T, N). Raises ValueError if
     the wall is in the middle in fewer than ten frames.

@@ -92,7 +92,7 @@ def estimators_of(chain: Chain) -> dict[str, Estimator]:
 def errors(
     chain: Chain, trial: EstimatorTrial, generator: np.random.Generator
 ) -> dict[str, Array]:
-    """Return error and margin of each tested frame [rotor spacings], by estimator.
+    """Return for each estimator error and margin in each tested frame [rotor spacings].
 
     Each array has shape (tested frames, 2). A margin is half the width of the stated 95 %
     interval. Walls are at random positions within `inner_positions`, on random legs. The error is
@@ -121,7 +121,7 @@ def errors(
 
 
 def bias_by_position(chain: Chain, points: int) -> tuple[Array, dict[str, Array]]:
-    """Return the noiseless errors of each estimator over one period of the chain.
+    """Return the errors of each estimator without noise, at positions over two rotor spacings.
 
     Returns wall positions relative to an even rotor, then the errors by estimator. All arrays have
     shape (points,) and the unit [rotor spacings]. The walls are computed by `static_wall`,
@@ -156,7 +156,7 @@ def _tanh_fit(orbit: UniformOrbit, angles: Array, _guess: float) -> Estimate:
 
 
 def _orbit_estimate(orbit: UniformOrbit, fit: NearestPoint) -> Estimate:
-    """Return the estimate from a fit to the orbit, with a margin by Student's t distribution."""
+    """Return the estimate from a fit to the orbit; the margin is from Student's t distribution."""
     freedom = len(orbit.segment(fit.arc).angles) - 1
     deviation = fit.misfit / math.sqrt(fit.information) / orbit.site_arc
     margin = float(stdtrit(freedom, _QUANTILE)) * deviation

@@ -63,7 +63,7 @@ class FrameStudy:
         draw_bias(biases).save(folder, 'bias_by_position')
 
     def sample(self, chain: int, noise: int, chunk: int) -> dict[str, Array]:
-        """Return error and margin of each frame of a chunk [rotor spacings], by estimator.
+        """Return for each estimator error and margin in each frame of a chunk [rotor spacings].
 
         `chain`, `noise` and `chunk` are indices.
         """

@@ -41,7 +41,7 @@ is too short."""
 _QUICK_RUNS = 4
 """Largest number of runs per chain in a quick study [1]."""
 _SHOWN = 60
-"""Number of frame counts at which errors are evaluated [1], before equal counts are merged."""
+"""Number of frame counts at which errors are evaluated [1]; equal counts are evaluated once."""
 _FEWEST = 3
 """Smallest frame count at which errors are evaluated [1]; a line through two frames has no
 residuals."""

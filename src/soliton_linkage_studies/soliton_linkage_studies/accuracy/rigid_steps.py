@@ -41,7 +41,7 @@ _QUANTITIES = ('length', 'energy')
 
 @dataclass(frozen=True)
 class RigidSteps:
-    """Study of step errors: chains, initial speed, gravity and number of steps."""
+    """Study of the errors after many steps: chains, initial speed, gravity and number of steps."""
 
     chains: tuple[Chain, ...]
     steps: int

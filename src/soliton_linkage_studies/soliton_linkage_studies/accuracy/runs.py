@@ -267,7 +267,7 @@ class CellStudy:
         return [str(row), cell.name, *cell_values(cell), *measured, failure]
 
     def described(self) -> dict[str, Any]:
-        """Return all data that determine the rows, with a fingerprint of the estimator code."""
+        """Return all data that determine the rows, with a hash of the code of the estimator."""
         return {
             'seed': self.seed,
             'frames': self.frames,

@@ -52,7 +52,7 @@ _FROM_EDGE = 1.0
 _BEGIN = 2.0
 """Smallest distance between a wall and an edge at the start of a scene [rotor spacings]."""
 _SAMPLES = 200
-"""Number of orbit samples near the first edge [1], in which the rest state is searched."""
+"""Number of orbit samples near the first edge [1], among which the rest state is searched."""
 _LEGS = 2.0
 """Longest path of a kicked wall before the scene starts [passages from edge to edge]."""
 _CHAINS = 200
@@ -88,7 +88,8 @@ class WallScene:
     """Velocities of the walls [rotor spacings / s], shape (T, K)."""
     charges: tuple[int, ...]
     legs: Array
-    """Number of the passage from edge to edge, shape (T,); -1 unless there is exactly one wall."""
+    """Leg of the orbit (number of the passage from edge to edge), shape (T,); -1 unless there is
+    exactly one wall."""
     scored: NDArray[np.bool_]
     """Whether a wall is scored, shape (T, K). Walls near an edge are not scored."""
     impulse_frames: tuple[int, ...] = ()

@@ -60,7 +60,7 @@ class WallPath:
 
     charge: int
     base: int
-    """Lowest wall position of the spline, which covers two spacings."""
+    """Lowest wall position of the spline [rotor spacings]; the spline covers two spacings."""
     spline: CubicSpline | None
     """Angles of the window [rad], shape (M,), at a wall position; None for a pinned wall."""
     resting: Array
@@ -169,7 +169,7 @@ def nearest_arc(orbit: Orbit, angles: Array, arc: float) -> float:
 
 @cache
 def wall_path(chain: Chain, charge: int, leg: int = 0) -> WallPath:
-    """Return the path of a wall far from the edges; `leg` selects the leg of a spinner's kink."""
+    """Return the path of a wall far from the edges; `leg` is the orbit leg of a spinner's kink."""
     beside = extent(chain)
     window = replace(chain, number_of_rotors=2 * beside + 3, deviations=NO_DEVIATIONS)
     positions = np.linspace(beside, beside + 2, _SAMPLES)

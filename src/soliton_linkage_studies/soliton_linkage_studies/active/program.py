@@ -258,10 +258,10 @@ def _draw_velocities(
 def _line_through_middle(
     run: ActiveRun, chain: Chain, charge: int, velocity: float
 ) -> tuple[Array, Array]:
-    """Return times [s] and sites of a line with a given velocity [rotor spacings/s].
+    """Return times [s] and sites [rotor spacings] of a line that shows a velocity in the plot.
 
-    The line covers the second half of the motion of the first wall with the given charge, and ends
-    at the last site of this wall.
+    `velocity` is this velocity [rotor spacings/s]. The line covers the second half of the motion
+    of the first wall with the given charge, and ends at the last site of this wall.
     """
     found: dict[float, float] = {}
     for time, angles in zip(run.recording.times, run.recording.angles, strict=True):

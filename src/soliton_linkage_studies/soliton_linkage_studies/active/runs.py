@@ -7,7 +7,7 @@ their power equals the power that the linear damping c dissipates:
 
     kappa x_dot g(x) = c x_dot^2 sum_n t_n^2,    g = sum_n (q_n - q_{n+1}) (t_n + t_{n+1}).
 
-The sum of the squares is the same at all sites. Therefore the terminal velocity is v = (kappa / c)
+The sum of t_n^2 is the same at all sites. Therefore the terminal velocity is v = (kappa / c)
 <g> / sum_n t_n^2 with the mean <g> over two rotor spacings. For wide walls <g> / sum_n t_n^2 tends
 to 2, with the same sign for kinks and anti-kinks. The elastic energy V(x) of an anti-kink depends
 on its site. The anti-kink is pinned if kappa g < dV/dx at one site or more.
@@ -49,7 +49,8 @@ class WallDrive:
     ratio: float
     """Terminal velocity divided by kappa / c [rotor spacings]."""
     pinning: float
-    """Non-reciprocity below which a resting wall is pinned [N m/rad], 0 for kinks."""
+    """Smallest non-reciprocity that moves a resting wall [N m/rad]; 0 for kinks, which are not
+    pinned."""
 
 
 def wall_drive(chain: Chain, charge: int) -> WallDrive:

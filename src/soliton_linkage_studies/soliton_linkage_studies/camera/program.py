@@ -60,7 +60,7 @@ class FilmStudy:
         return [str(row), name, str(clip), *(f'{figure:.9g}' for figure in run.figures)]
 
     def described(self) -> dict[str, Any]:
-        """Return all settings that determine the rows, and a fingerprint of the vision code."""
+        """Return all settings that determine the rows, and a hash of the code of `vision`."""
         return {
             'films': {name: str(task) for name, task in self.films.items()},
             'clips': self.clips,

@@ -93,9 +93,10 @@ def draw_speeds(rows: Sequence[Row]) -> FigureReport:
 def _panels(
     caption: str, count: int, most: int, size: tuple[float, float, float], label: str
 ) -> tuple[FigureReport, Any]:
-    """Return a report and `count` panels, at most `most` in a row; `label` is the vertical axis.
+    """Return a report and `count` panels, at most `most` in a row.
 
-    `size` [inches] is the width and the height of a panel, and the height of the legend.
+    `label` is the label of the vertical axes. `size` [inches] is the width and the height of a
+    panel, and the height of the legend.
     """
     columns = min(most, count)
     lines = -(-count // columns)

@@ -37,7 +37,8 @@ _NEAR = 7.0
 _LEAVING = 5.0
 """Smallest distance at which the speed after a collision is measured [reaches]."""
 _FRAMES = 10
-"""Number of frames in which sound crosses a reach [1]; an overlap lasts at least as long."""
+"""Number of frames in which sound crosses a reach [1]; an overlap of walls lasts at least this
+long."""
 _CORE = 4.0
 """Half width of a wall [reaches]; it contains all but e^(-16) of the energy."""
 _LUMP = 8.0

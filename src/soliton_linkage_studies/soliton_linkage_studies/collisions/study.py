@@ -180,7 +180,10 @@ def read_collision_study(settings: Section, quick: bool) -> CollisionStudy:
 
 
 def _named(settings: Section, key: str) -> dict[str, Section]:
-    """Return the sections below a key by name; raise ValueError if the key has no sections."""
+    """Return the sections below a key, with their names as keys.
+
+    Raises ValueError if `key` has no sections.
+    """
     found = settings.section(key).sections()
     if not found:
         raise settings.error(key, 'is empty; give one or more named sections')
