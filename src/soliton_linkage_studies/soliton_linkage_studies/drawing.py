@@ -87,7 +87,8 @@ def limits(
 ) -> tuple[float, float, float, float]:
     """Return the limits left, right, bottom and top [m] of a picture of a chain.
 
-    `projections` adds space for the displacement arrows, `lowered` [m] adds space at the bottom.
+    If `projections` is true, space for the displacement arrows is added. `lowered` [m] is added at
+    the bottom.
     """
     margin = _MARGIN * chain.spacing
     reach = float(chain.rotor_lengths.max()) + margin

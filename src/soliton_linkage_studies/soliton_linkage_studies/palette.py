@@ -69,7 +69,7 @@ MOTION_COLOURS = {motion: shades[0] for motion, shades in _SHADES.items()}
 
 
 def chain_colours(chains: Sequence[Chain]) -> list[str]:
-    """Return a shade of the class colour for each chain, the purest for the largest lean ratio."""
+    """Return a shade of the class colour for each chain; the purest has the largest lean ratio."""
     order = sorted(range(len(chains)), key=lambda number: -chains[number].lean_ratio)
     found: dict[int, str] = {}
     for number in order:

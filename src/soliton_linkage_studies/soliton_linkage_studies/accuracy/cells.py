@@ -43,8 +43,8 @@ _WIDEST = 3.0
 _LONGEST = 4.0
 """Largest ratio of the rotor length r to the rotor spacing a, as in the paper [1]."""
 _APART = 1.6
-"""Factor between the smallest numbers of rotors per wall, in a cell with several walls and in a
-cell with one wall [1]; walls need space between them."""
+"""Smallest number of rotors per wall in a cell with several walls, relative to the smallest number
+of rotors of a cell with one wall [1]."""
 _SEVERAL = (1, 1, 1, 2, 4)
 """Numbers of walls from which a random cell draws with equal probability [1]."""
 
@@ -55,7 +55,7 @@ class AccuracyCell:
 
     name: str
     chain: Chain
-    """True chain, without the random deviations of `disorder`."""
+    """True chain; if `disorder` is above 0, random deviations are added to it."""
     noise: float
     """Standard deviation of the noise of each angle [rad]."""
     speed: float

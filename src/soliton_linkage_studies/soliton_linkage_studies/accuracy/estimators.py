@@ -64,7 +64,7 @@ class EstimatorTrial:
     coarse_start: float
     """Largest error of the initial guess for a fit [rotor spacings]."""
     cold_every: int
-    """Only one of this number of frames is used to test the slow search without a guess [1]."""
+    """The slow search without a guess is tested in one of this number of frames [1]."""
 
 
 Estimator = Callable[[UniformOrbit, Array, float], Estimate]

@@ -79,9 +79,9 @@ class ForcedSprings(Springs):
         self._simulation = ElasticSimulation(chain, angles, rates, period, tolerance=_TOLERANCE)
 
     def advance(self, damping: Array | None = None) -> None:
-        """Advance by one frame period. Changes of the attribute `rates` count as impulses.
+        """Advance by one frame period.
 
-        `damping` must be None, because the chain contains the damping.
+        If the caller has changed the attribute `rates`, the change acts as an impulse. `damping` must be None, because the chain contains the damping.
         """
         assert damping is None
         simulation = self._simulation

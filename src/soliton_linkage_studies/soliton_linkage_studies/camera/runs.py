@@ -50,7 +50,7 @@ inaccurate plane and inaccurate pivots."""
 _HAND_EVERY, _HAND_FOR = 10.0, 0.7
 """Time between two hands that cover part of the view, and duration of each hand [s]."""
 _TURN = 0.01
-"""Rotation of the rotors for finite differences of the pixels [rad]."""
+"""Rotation of the rotors with which the derivatives of the pixels are computed [rad]."""
 
 
 @dataclass(frozen=True)

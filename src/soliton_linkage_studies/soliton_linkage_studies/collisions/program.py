@@ -219,7 +219,7 @@ smaller."""
 _SPACETIME_COLUMNS = 3
 """Number of space-time panels in a row [1]."""
 _TURNS = {-2: '−1', -1: '−½', 0: '0', 1: '+½', 2: '+1'}
-"""Label of the turns of a rotor, by the number of half turns."""
+"""Labels of the turns of a rotor; keys are numbers of half turns."""
 
 
 def draw_pictures(collisions: Mapping[str, Collision]) -> FigureReport:

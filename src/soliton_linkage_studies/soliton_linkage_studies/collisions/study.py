@@ -86,7 +86,7 @@ class Entry:
     part: str
     """Name of the part of the study, which is a key of the settings."""
     series: str
-    """Name of the series of rows in the settings."""
+    """Name of the series, in the settings, to which the row belongs."""
     task: Collision | WindowEdge
     name: str = ''
     """Name of the window edge, or an empty text for a collision."""
@@ -100,7 +100,7 @@ class CollisionStudy:
     pictures: dict[str, Collision]
     """Collisions that are drawn as space-time diagrams, by title."""
     settings: dict[str, Any]
-    """Settings that determine the entries, in types of YAML."""
+    """Settings that determine the entries, as types that YAML can store."""
     name: str = 'runs'
 
     @property
@@ -132,7 +132,7 @@ class CollisionStudy:
         return [str(row), *labels, *values, failure]
 
     def described(self) -> dict[str, Any]:
-        """Return all settings on which the rows depend, in types of YAML."""
+        """Return all settings on which the rows depend, as types that YAML can store."""
         return self.settings
 
 
@@ -293,7 +293,7 @@ class BounceWindow:
     first: float
     last: float
     fastest: CollisionRun
-    """Collision of the window with the largest final speed of the walls."""
+    """Collision in this window after which the walls have the largest speed."""
 
     @property
     def phase(self) -> float:

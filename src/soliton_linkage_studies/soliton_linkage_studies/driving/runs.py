@@ -273,7 +273,7 @@ class StiffnessTask:
     """Task to compare springs with rigid bars during the first crossing of the wall."""
 
     chain: Chain
-    """Chain with the stiffness of the springs."""
+    """Chain whose springs have the tested stiffness."""
     rates: tuple[float, ...]
     """Angular velocities after the kick of the right-leaning chain [rad/s]."""
     duration: float

@@ -42,7 +42,7 @@ _WIDTH = 9.0
 _TITLE = 0.4
 """Height of a title above a panel, with margin [inches]."""
 _SAMPLES = 400
-"""Number of frames in which a rigid chain runs once through its orbit [1]."""
+"""Number of frames in one cycle of a chain of rigid bars [1]."""
 _LEGEND = 0.3
 """Height of the legend below the panels [inches]."""
 
@@ -124,7 +124,7 @@ def _compare(
 
 
 def _cycle(chain: Chain) -> tuple[float, float]:
-    """Return the numbers of round trips and of rotor turns in one pass through the rigid orbit."""
+    """Return the numbers of round trips of the wall and of turns of a rotor in one cycle."""
     start = chain.uniform_state(-1)
     length = UniformOrbit(chain).length
     simulation = RigidSimulation(chain, start, zero_mode(chain, start), period=length / _SAMPLES)

@@ -44,7 +44,7 @@ class Tabulated(Rows, Protocol):
         """Number of rows."""
 
     def described(self) -> dict[str, Any]:
-        """Return all data that determine the rows, in the types of YAML."""
+        """Return all data that determine the rows, as types that YAML can store."""
 
 
 class Table:
