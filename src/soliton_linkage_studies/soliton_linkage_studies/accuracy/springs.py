@@ -81,7 +81,8 @@ class ForcedSprings(Springs):
     def advance(self, damping: Array | None = None) -> None:
         """Advance by one frame period.
 
-        If the caller has changed the attribute `rates`, the change acts as an impulse. `damping` must be None, because the chain contains the damping.
+        If the caller has changed the attribute `rates`, the change acts as an impulse. `damping`
+        must be None, because the chain contains the damping.
         """
         assert damping is None
         simulation = self._simulation
