@@ -53,7 +53,8 @@ class Adjustment:
     """Covariance of the P unknowns of `lengths`, shape (P, P). The mean spacing has no variance,
     because it is the unit of length."""
     information: Array
-    """Fisher information of the readings on the unknowns, without the prior, shape (P, P)."""
+    """Fisher information of the readings on the same unknowns, shape (P, P); the prior is not
+    included."""
     tolerances: Tolerances
     noise: float
     """Standard deviation of a reading [rad], computed from the misclosures of all bonds."""
@@ -65,7 +66,7 @@ class Adjustment:
 
     @property
     def deviations(self) -> Array:
-        """Standard deviation of each unknown, (P,)."""
+        """Standard deviation of each of the P unknowns, (P,)."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 

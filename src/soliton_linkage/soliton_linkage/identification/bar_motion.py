@@ -8,8 +8,8 @@ tangent t, and a mass-weighted speed u, the equations of motion are
     sqrt(I) du/dt = sum_n m_n r_n g sin(phi_n + tilt) t_n
                     - c ds/dt - b tanh(ds/dt / w) sum_n |t_n|,
 
-with the masses m_n, the rotor lengths r_n, gravity g, the damping c, and the dry friction b, which
-is nearly constant above the rate w.
+with the masses m_n, the rotor lengths r_n, gravity g, the damping c, and the dry friction b, whose
+torque is nearly constant at rates above w.
 
 Errors dp of the lengths change the angles of the orbit by -R^T (R R^T)^-1 (df/dp) dp, where f are
 the misclosures of the bonds (see `bundle`) and R = df/dphi. Errors e of the encoder offsets shift
@@ -231,9 +231,9 @@ def bar_motion(
     """Estimate masses, drag and gravity from free motions; return None if this is not possible.
 
     The result is None if no free motion has enough frames or if other forces act. The units are
-    the mean spacing and the mean mass. `covariance` is that of the unknowns of `lengths`, and
-    `noise` is the standard deviation of a reading [rad]. Gravity is estimated unless
-    `gravity_known`.
+    the mean spacing and the mean mass. `covariance` is the covariance of the unknowns of
+    `lengths`, and `noise` is the standard deviation of a reading [rad]. Gravity is estimated
+    unless `gravity_known`.
     """
     orbit = orbit_of(lengths.chain(Chain()))
     intervals = free_intervals(readings.times, readings.interruptions)

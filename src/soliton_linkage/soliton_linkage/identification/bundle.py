@@ -109,7 +109,10 @@ class CholeskyFactor(NamedTuple):
 
 
 def cholesky_factor(first: Array, second: Array, variances: Array) -> CholeskyFactor:
-    """Return the Cholesky factor of M, given R [m/rad], (N - 1, T), and S [rad^2], (N, T)."""
+    """Return the Cholesky factor of M for the variances S of the readings [rad^2], (N, T).
+
+    `first` and `second`, (N - 1, T), are the elements of R (see `Misclosures`).
+    """
     own = first**2 * variances[:-1] + second**2 * variances[1:]
     between = second[:-1] * first[1:] * variances[1:-1]
     diagonal, below = np.empty_like(own), np.zeros_like(own)
@@ -143,9 +146,10 @@ class Bundle:
     ) -> None:
         """Start with readings [rad], (T, N), NaN if missing.
 
-        `relative_deviations` are the standard deviations of the readings, divided by that of a
-        typical reading [1]. `repeat_counts` contains, for each reading, the number of equal
-        readings in its run; all readings of a run together have the weight of one reading.
+        `relative_deviations` are the standard deviations of the readings, divided by the standard
+        deviation of a typical reading [1]. `repeat_counts` contains, for each reading, the number
+        of equal readings in its run; all readings of a run together have the weight of one
+        reading.
         """
         self._readings = np.ascontiguousarray(readings.T)
         self._seen = np.isfinite(self._readings)
@@ -198,7 +202,7 @@ class Bundle:
         return NormalEquations(matrix, vector, squares)
 
     def close(self) -> float:
-        """Take a Newton step that closes the bonds.
+        """Move the angles by one Newton step, towards angles with which all bonds close.
 
         Return the largest change of an angle [rad].
         """

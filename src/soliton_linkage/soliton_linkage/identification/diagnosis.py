@@ -16,14 +16,15 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.passage import find_obstacles
 
 _LARGEST_SPREADS = 0.2, 0.25
-"""Largest plausible relative standard deviations [1]: first that of lengths of one kind, then that
-of masses and stiffnesses."""
+"""Largest plausible relative standard deviations [1]: the first one applies to lengths of one
+kind, the second one to masses and stiffnesses."""
 _USUAL_OF_ROTOR, _USUAL_OF_FRAMES = 1.3, 0.3
 """Typical values of two measures [1]. The first is the mean square residual of the worst rotor,
-divided by that of all rotors. The second is the fraction of the sum of squared residuals that is
-due to the worst tenth of the frames."""
+divided by the mean square residual of all rotors. The second is the fraction of the sum of squared
+residuals that is due to the worst tenth of the frames."""
 _FAR_SPACING = 1.5
-"""Ratio of a spacing to the median spacing [1] above which the spacing is reported."""
+"""A spacing is reported if it is larger or smaller than the median spacing by more than this
+factor [1]."""
 _SCALE_PARTS = {'rotor_length', 'spacing', 'rest_length'}
 _MOST_NAMED = 4
 """Largest number of weakly observable combinations that are described one by one [1]."""
@@ -41,8 +42,8 @@ def check_explained(
     """Raise ValueError with the most likely causes if the model does not explain the readings.
 
     `model` is the name of the fitted model. `noise` is the residual noise, divided by the reading
-    noise [1]. `spreads` are two relative standard deviations [1]: that of lengths of one kind, and
-    that of masses and stiffnesses. `residuals` has shape (T, N).
+    noise [1]. `spreads` are the relative standard deviation of lengths of one kind, and the one of
+    masses and stiffnesses [1]. `residuals` has shape (T, N).
     """
     lengths, masses = spreads
     faults = []

@@ -140,7 +140,7 @@ class FreeMotion:
 def split_chain(unknowns: Array) -> dict[str, Array]:
     """Return views of the unknowns of a chain in a dictionary, with the names of kinds as keys.
 
-    The names are those of the fields of `Deviations`, and `offset`, `friction` and `gravity`.
+    The names are the fields of `Deviations`, and `offset`, `friction` and `gravity`.
     """
     at = unknown_slices((len(unknowns) + 3 - FORCE_UNKNOWNS) // (UNKNOWNS_PER_ROTOR + 2))
     damping, friction, gravity = np.split(unknowns[at.forces], FORCE_UNKNOWNS)

@@ -69,7 +69,7 @@ def identify(
 
     The mean spacing is estimated from the effect of gravity unless `spacing_known`. The mean mass
     is estimated if the recording contains impulses of known size. Values that the recording does
-    not determine are those of `given`.
+    not determine are copied from `given`.
 
     `tolerance` is the prior standard deviation of the log of a length [1]; if it is None, it is
     estimated. `progress` is called with the fraction of the work that is done [1].

@@ -52,9 +52,9 @@ def fit_around_kicks(
 ) -> tuple[_Fitted, list[float]]:
     """Find unrecorded kicks and fit springs to the motions between them; return fit and times [s].
 
-    The times are those of the kicks. The function `fit` fits springs to readings, and returns a
-    text if springs do not fit. `noise` is the reading noise and `bar_noise` the residual noise of
-    the fit of bars [rad].
+    The result contains the times of the kicks. The function `fit` fits springs to readings, and
+    returns a text if springs do not fit. `noise` is the reading noise, and `bar_noise` is the
+    residual noise of a fit of rigid bars [rad].
     """
     kicks: list[float] = []
     fitted = fit(some)
@@ -98,10 +98,10 @@ def _possible_kicks(some: Readings, fitted: _Fitted, noise: float) -> Iterator[f
 def largest_step(some: Readings, noise: float) -> tuple[float, float]:
     """Return the time [s] and the size of the largest sudden change of the speed of a chain.
 
-    The speed is that of all angles along their common path. The size is relative to the root mean
-    square speed [1]; it is 0 if there are too few frames. A kick changes the speed at once,
-    whereas unequal masses and springs change it slowly. Changes at known impulses and at changes
-    of the tilt are ignored. `noise` is the reading noise [rad].
+    The speed is the rate at which the vector of all angles moves along its path. The size is
+    relative to the root mean square speed [1]; it is 0 if there are too few frames. A kick changes
+    the speed at once, whereas unequal masses and springs change it slowly. Changes at known
+    impulses and at changes of the tilt are ignored. `noise` is the reading noise [rad].
     """
     times, angles = some.times, some.filled
     if len(times) < 2 * _FEWEST:

@@ -20,7 +20,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 UNKNOWNS_PER_ROTOR = 4
 """Number of unknowns per rotor: r, o, a and l."""
 UNKNOWNS_PER_BOND = 6
-"""Number of unknowns that affect the misclosure of a bond."""
+"""Number of unknowns that affect a bond: r and o of both rotors, and a and l."""
 _LONGEST_STEP = 0.2
 """Largest change of the log of a length [1] or of an offset [rad] in one step; a longer step is
 shortened."""
@@ -56,7 +56,7 @@ class Lengths:
         )
 
     def scaled(self, spacing: float) -> Lengths:
-        """Return the lengths scaled to a mean spacing [m]."""
+        """Return the lengths, scaled so that the mean spacing is `spacing` [m]."""
         scale = spacing / float(self.spacings.mean())
         return Lengths(
             scale * self.rotor_lengths,
@@ -101,7 +101,7 @@ def split(unknowns: Array) -> tuple[Array, Array, Array, Array]:
 def split_lengths(unknowns: Array) -> dict[str, Array]:
     """Return views of the unknowns in a dictionary, with the names of the kinds as keys.
 
-    The names are those of the fields of `Deviations`, and `offset`.
+    The names are the fields of `Deviations` that describe lengths, and `offset`.
     """
     names = 'rotor_length', 'offset', 'spacing', 'rest_length'
     return dict(zip(names, split(unknowns), strict=True))
@@ -177,7 +177,7 @@ class Tolerances:
         return information
 
     def is_close(self, other: Tolerances, fraction: float) -> bool:
-        """Return whether both tolerances differ from `other` by at most a fraction [1]."""
+        """Return whether both tolerances differ from `other` by at most this fraction [1]."""
         return (
             abs(self.lengths - other.lengths) <= fraction * other.lengths
             and abs(self.offsets - other.offsets) <= fraction * other.offsets

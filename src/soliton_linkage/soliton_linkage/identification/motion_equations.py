@@ -45,9 +45,9 @@ class Eliminated(NamedTuple):
 def eliminated(matrix: Array, size: int, noise: float, damping: float) -> Eliminated:
     """Eliminate the initial state of a window from its normal equations.
 
-    `matrix` is the result of `window_matrix`. Its first `size` unknowns are those of the chain,
-    the others those of the initial state. `noise` is the standard deviation of a reading [rad],
-    and `damping` is the relative increase of the diagonal (Levenberg-Marquardt) [1].
+    `matrix` is the result of `window_matrix`. Its first `size` unknowns belong to the chain, the
+    others to the initial state. `noise` is the standard deviation of a reading [rad], and
+    `damping` is the relative increase of the diagonal (Levenberg-Marquardt) [1].
     """
     matrix = matrix / noise**2
     states = np.eye(len(matrix) - size)
@@ -63,9 +63,9 @@ def solver(
     """Return a function that solves the normal equations of the chain and of all initial states.
 
     The function maps the right side of the equations to their solution. Both contain first the
-    unknowns of the chain, and then those of the initial state of each window. The chain changes
-    only along the columns of `basis`. `information` is the information of the prior on the chain,
-    and `damping` is the relative increase of the diagonal (Levenberg-Marquardt) [1].
+    unknowns of the chain, and then the unknowns of each initial state. The chain changes only
+    along the columns of `basis`. `information` is the information of the prior on the chain, and
+    `damping` is the relative increase of the diagonal (Levenberg-Marquardt) [1].
     """
     matrix = basis.T @ (information + np.sum([each.matrix for each in parts], axis=0)) @ basis
     matrix += damping * np.diag(np.diag(matrix))
@@ -143,9 +143,9 @@ class Record(NamedTuple):
     ) -> tuple[Array, ...]:
         """Return weights, weighted rates and weighted residuals of B frames, (B, N) each.
 
-        The frames are those of the window or, if given, those with the numbers `some`. Their
-        states, (B, 2, N), are computed unless they are given. The weight of a reading is the
-        inverse of its relative deviation, or 0 if it is missing.
+        By default, the frames are all frames of the window; otherwise, `some` contains their
+        numbers. The states of these frames, (B, 2, N), are computed unless `states` contains them.
+        The weight of a reading is the inverse of its relative deviation, or 0 if it is missing.
         """
         frames = window.frames if some is None else some
         if states is None:
@@ -208,7 +208,7 @@ def estimated_stamps(
     The delay of a frame is estimated from its residuals: a delay causes residuals that are
     proportional to the rates. Errors of the model cause apparent delays that vary slowly from
     frame to frame. Therefore the variance of the stamp errors is computed from second differences
-    of the delays.
+    of the delays, in which slow variations nearly vanish.
     """
     delays, weights = np.zeros((2, len(stamps)))
     sums, squares = 0.0, 0.0

@@ -75,8 +75,8 @@ _FITTING = 0.5
 less than this [rad]. The difference is the norm over all rotors, as root mean square over the
 frames."""
 UNEXPLAINED = 1.5
-"""Ratio of residual noise to reading noise above which the model does not match the readings
-[1]."""
+"""A model does not match the readings if its residual noise is larger than this times the reading
+noise [1]."""
 _SIGNIFICANT = 3.0
 """Two values of the squared noise differ significantly if their difference is larger than this
 [standard deviations]."""
@@ -216,7 +216,7 @@ class MotionFitter:
         )
 
     def sampled(self, found: MotionFit) -> MotionFit:
-        """Return the result of `fit` with a covariance inflated to the scatter of samples."""
+        """Return `found`, from `fit`, with its covariance inflated to the scatter of samples."""
         samples = self._samples(self._found)
         covariance = inflated_covariance(found.covariance, samples, found.motion.slices)
         return replace(found, covariance=covariance)
@@ -410,9 +410,10 @@ class MotionFitter:
 def inflated_covariance(covariance: Array, samples: Array, at: UnknownSlices) -> Array:
     """Return a covariance, (P, P), that is inflated to the scatter of S samples, (S, P).
 
-    `at` contains the indices of the unknowns of each kind. All lengths are inflated by one factor,
-    all stiffnesses by another one, and all masses by a third one, because unknowns of one kind
-    compensate each other if the likelihood has a curved valley.
+    `at` contains the indices of the unknowns of each kind. The standard deviations of all lengths
+    are multiplied by one factor, those of all stiffnesses by another one, and those of all masses
+    by a third one, because unknowns of one kind compensate each other if the likelihood has a
+    curved valley.
     """
     variances, factors = np.diag(covariance), np.ones(len(covariance))
     for part in (at.lengths, at.stiffnesses, at.masses):

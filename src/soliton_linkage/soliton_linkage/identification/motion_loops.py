@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled loops that integrate a free motion, its sensitivities, and the gradient of a sum.
+"""Compiled loops that integrate a free motion, its sensitivities, and its adjoint.
 
 The classical Runge-Kutta method integrates the angles phi. The sensitivities of the angles to the
 unknowns q, X = dphi/dq and V = X', satisfy

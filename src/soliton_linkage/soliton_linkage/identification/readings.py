@@ -202,7 +202,7 @@ def rounding_noise(readings: Array) -> float:
 def repeat_counts(readings: Array) -> Array:
     """Return, for each reading, the length of the run of equal readings that contains it.
 
-    The variance of the rounding error grows with this length.
+    All readings of a run have the same rounding error, so that together they count as one reading.
     """
     counts = np.ones_like(readings)
     for column, values in zip(counts.T, readings.T, strict=True):
@@ -214,7 +214,7 @@ def repeat_counts(readings: Array) -> Array:
 
 
 _NEAR = 100
-"""Number of frames that are kept before each impulse, and also after each impulse."""
+"""Number of frames before each impulse, and also after it, that `informative_frames` returns."""
 _NEAR_IMPULSES = 0.5
 """Largest fraction of the kept frames that may be near impulses [1]."""
 _AVERAGED = 8

@@ -40,7 +40,8 @@ class Identification:
     noise: float
     """Standard deviation of a reading [rad], computed from the residuals of the model."""
     reading_noise: float
-    """Standard deviation of a reading [rad], computed from its changes between frames."""
+    """Standard deviation of a reading [rad], computed from the changes of the readings between
+    frames."""
     bond_noise: Array
     """Standard deviation of a reading [rad], computed from the residuals at each bond, (N -
     1,)."""
@@ -68,7 +69,7 @@ class Identification:
 
     @property
     def worst_bonds(self) -> tuple[int, ...]:
-        """Numbers of the bonds, sorted by decreasing noise."""
+        """Numbers of the bonds, sorted by decreasing `bond_noise`."""
         return tuple(np.argsort(-self.bond_noise).tolist())
 
 

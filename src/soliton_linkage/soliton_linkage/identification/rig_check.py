@@ -40,7 +40,7 @@ _NOISY = 3.0
 """A rotor counts as noisy if its noise is larger than this times the noise of the median rotor
 [1]."""
 _SMALLEST_NOISE = 2e-3
-"""Noise of a reading below which no rotor counts as noisy [rad]."""
+"""No rotor with a smaller noise than this counts as noisy [rad]."""
 _LEAST_SEEN = 0.99
 """Smallest acceptable fraction of the frames in which a rotor has a reading [1]."""
 _LARGEST_STRETCH = 0.02
@@ -165,7 +165,7 @@ def is_at_edge(angles: Array, first: bool) -> bool:
 
 
 def first_turn(rest: Array, angles: Array) -> tuple[int, float] | None:
-    """Return the rotor that first turns from `rest` [rad], (N,), and its rotation [rad].
+    """Return the first rotor that leaves its angle in `rest` [rad], (N,), and its rotation [rad].
 
     The result is None if no rotor turns.
     """

@@ -163,7 +163,7 @@ class MotionPrior:
     def evaluate(self, motion: FreeMotion) -> tuple[Array, Array]:
         """Return the information of the prior, and the differences of a chain from the prior mean.
 
-        Both are those of the Q - 2 N unknowns of the chain. The prior of lengths and stiffnesses
+        Both concern the Q - 2 N unknowns of the chain. The prior of lengths and stiffnesses
         concerns only their scatter about the mean of their kind.
         """
         at, rotors = motion.slices, len(motion.masses)
@@ -195,8 +195,8 @@ class MotionPrior:
     ) -> MotionPrior:
         """Return the prior with standard deviations that are estimated from a fitted chain.
 
-        `covariance` is that of the unknowns of the chain. If `tolerance` is not None, it is kept
-        as the standard deviation of the log lengths [1].
+        `covariance` is the covariance of the unknowns of the chain. If `tolerance` is not None, it
+        is kept as the standard deviation of the log lengths [1].
         """
         at = motion.slices
         lengths = covariance[at.lengths, at.lengths]
@@ -211,7 +211,7 @@ class MotionPrior:
 def observable_changes(motion: FreeMotion, gravity_known: bool) -> Array:
     """Return an orthonormal basis of the changes that keep the mean spacing and the mean log mass.
 
-    The changes are those of the Q - 2 N unknowns of the chain. If `gravity_known`, they also keep
+    The changes concern the Q - 2 N unknowns of the chain. If `gravity_known`, they also keep
     gravity.
     """
     at, rotors = motion.slices, len(motion.masses)

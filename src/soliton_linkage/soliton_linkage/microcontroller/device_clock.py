@@ -38,8 +38,8 @@ faster."""
 LARGEST_DRIFT = 0.01
 """Largest accepted drift of a clock [1]; the resonator of an Arduino Uno has half this drift."""
 _FROM_THE_FUTURE = 0.25
-"""By the estimated clock, the time of a measurement may be later than its arrival by up to this
-[s]. A larger difference means that the controller's clock has restarted."""
+"""A measurement may seem to be later than its arrival by up to this [s]. A larger difference means
+that the controller's clock has restarted."""
 _FROM_THE_PAST = 10.0
 """Largest accepted delay [s]; a larger delay means that the controller's clock has stopped."""
 _SMALLEST_JUMP = 1e-3

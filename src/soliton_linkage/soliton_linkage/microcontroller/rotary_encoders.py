@@ -175,8 +175,8 @@ class AngleStream:
     def _count_lost(self, number: int) -> None:
         """Update the number of lost frames, given the number of the latest frame.
 
-        The number is compared with those of several previous frames, so that one wrong number has
-        no effect.
+        The number is compared with the numbers of several previous frames, so that one wrong
+        number has no effect.
         """
         totals = [
             lost + missing

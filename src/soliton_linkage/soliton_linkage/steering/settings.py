@@ -28,8 +28,8 @@ class SteeringSettings(CheckedQuantities):
     tolerance, up to 0.6 s earlier. The holding accuracy does not change."""
 
     latency: int = quantity(1, 'delay from a frame until its torques act', 'frames', 0)
-    """Sensitivity: an error of 2 frames has no effect. With an error of 5 frames, a wall may be
-    lost."""
+    """Sensitivity: if the latency has an error of 2 frames, there is no effect. With an error of 5
+    frames, a wall may be lost."""
 
     radiated_share: float = quantity(
         1e-5, 'fraction of the energy of a soliton that one rotor may radiate', '', 1e-12, 1.0
@@ -71,15 +71,15 @@ class SteeringSettings(CheckedQuantities):
     period_memory: float = quantity(
         50.0, 'number of frames over which the frame period is averaged', 'frames', 1.0
     )
-    """Sensitivity: at 0.5x or 2x, there is no effect for regular frames. For a frame period of
-    50 ms that varies by a third, the duration of a move changes by 2 %."""
+    """Sensitivity: at 0.5x or 2x, there is no effect if the frame period is constant. For a frame
+    period of 50 ms that varies by a third, the duration of a move changes by 2 %."""
 
     min_duration: float = quantity(
         10.0, 'shortest duration of a reference trajectory times the bandwidth', '', 1.0
     )
     """Sensitivity: at 0.5x, short moves take 0.6 times as long and have the same errors; at 2x, up
     to 1.8 times as long. The required torques grow as the inverse square of this parameter, so
-    that a smaller value makes goals unreachable."""
+    that some goals become unreachable if it is smaller."""
 
     force_reserve: float = quantity(
         2.0, 'ratio of the available force to the force of the trajectory', '', 1.0
@@ -137,9 +137,9 @@ class SteeringSettings(CheckedQuantities):
     min_noise: float = quantity(
         3e-3, 'lower limit of the noise of an angle in the observer', 'rad', 1e-9
     )
-    """Without this limit, the filter regards the start of an impulse in exact frames as noise; an
-    impulse of 6 to 10 rad/s then displaces a wall 1.4 times as far. Sensitivity: no effect at 0.5x
-    and 2x."""
+    """Without this limit, the filter would regard the start of an impulse as noise if the frames
+    have no noise. An impulse of 6 to 10 rad/s would then displace a wall 1.4 times as far.
+    Sensitivity: no effect at 0.5x and 2x."""
 
     phonon_periods: float = quantity(
         4.0,

@@ -63,9 +63,9 @@ class Outcome(enum.Enum):
 class MoveResult:
     """Result of a move.
 
-    `outcome` is the result, or the reason for the rejection; `message` describes it with values
-    and limits. `site` is the final site coordinate of the wall [rotor spacings], NaN if no wall is
-    detected.
+    `outcome` is the result, or the reason for the rejection. `message` describes the outcome with
+    values and limits. `site` is the final site coordinate of the wall [rotor spacings], NaN if no
+    wall is detected.
     """
 
     outcome: Outcome

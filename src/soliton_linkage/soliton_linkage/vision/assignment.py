@@ -63,7 +63,7 @@ def assign_dots(
     """Return the number of the dot on the mass of each rotor, or `HIDDEN`, (N,).
 
     `points`, (2, K, 2), contains the positions of K dots [m] twice, because they depend on the
-    height of a dot: first for the height of even rotors, then for that of odd rotors.
+    height of a dot: first for the height of even rotors, then for the height of odd rotors.
     `point_deviations`, (K,), are the standard deviations of the positions [m]. `colour_costs`, (K,
     C), contains the cost of each of C colours for each dot.
     """
@@ -118,7 +118,7 @@ def _viterbi(costs: Array, bond_costs: Array) -> NDArray[np.intp]:
     """Return the number of the most likely candidate of each rotor, (N,), W if hidden.
 
     `costs`, (N, W), are the costs of the W candidates of each rotor. `bond_costs`, (N - 1, W, W),
-    are those of each pair of candidates of two neighbours.
+    are the costs of each pair of candidates of two neighbours.
     """
     rotors, width = costs.shape
     own = np.column_stack([costs, np.full(rotors, _HIDDEN_COST)])

@@ -157,7 +157,7 @@ def _bar(
     level: float,
     noise: float,
 ) -> tuple[Array, Array, Array] | None:
-    """Return middle, half length and standard deviations of a bar; None if it is too round."""
+    """Return middle, half-length vector and standard deviations of a bar; None if too round."""
     left, top, width, height = (int(each) for each in statistics[:4])
     rows = slice(max(top - 2, 0), top + height + 2)
     columns = slice(max(left - 2, 0), left + width + 2)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Errors of dots beyond pixel noise: compression, repeated pixels and the dead zone of a video.
+"""Errors of dots that are not pixel noise: compression, repeated pixels and dead zone of a video.
 
 A mass stays on a circle around its pivot. Changes of its distance from the pivot are therefore
 errors, and errors along the circle are assumed to be equally large. A codec repeats pixels exactly
@@ -124,7 +124,7 @@ class ErrorScale:
         self._repeats, self._before = np.zeros(rotors), np.full(rotors, np.nan)
 
     def update(self, dots: DotMeasurements) -> Array:
-        """Add a picture; return the error of each dot divided by that due to pixel noise, (N,)."""
+        """Add a picture; return the ratio of the error of each dot to its pixel noise, (N,)."""
         moving = dots.displacements > _MOVING
         self._resting.add(dots.length_errors[~dots.repeated & ~moving])
         self._moving.add(dots.length_errors[~dots.repeated & moving])
@@ -173,8 +173,8 @@ class DeadZone:
     def add(self, dots: DotMeasurements, jumps: float) -> None:
         """Add a picture.
 
-        Until fast dots have been observed, the variance of moving dots, divided by that due to
-        pixel noise, is assumed to be `jumps` [1].
+        Until fast dots have been observed, the variance of moving dots, divided by the variance
+        due to pixel noise, is assumed to be `jumps` [1].
         """
         self._times = np.append(self._times[1:], dots.time)
         self._angles = np.vstack([self._angles[1:], dots.angles])
@@ -189,7 +189,7 @@ class DeadZone:
         self._across.add(self._length_errors[_ORDER // 2, always])
 
     def variances(self, resting: float, jumps: float) -> Array:
-        """Return the variance of each dot, divided by that due to pixel noise [1], (N,).
+        """Return the variance of each dot divided by the variance due to pixel noise [1], (N,).
 
         `resting` is this ratio for dots at rest, and `jumps` the ratio that is assumed for moving
         dots before fast dots have been observed.

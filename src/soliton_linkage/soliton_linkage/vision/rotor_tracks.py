@@ -94,10 +94,10 @@ class RotorTracks:
         )
 
     def length_errors(self, lengths: Array) -> Array:
-        """Return errors of measured lengths [m], (N,); NaN after few measurements.
+        """Return errors of measured lengths [m], (N,); NaN before `_MIN_MEASUREMENTS` pictures.
 
-        An error is the difference from the mean of n lengths, divided by sqrt(1 + 1 / n), because
-        this mean also has an error.
+        An error is the difference from the mean of n earlier lengths. It is divided by sqrt(1 + 1
+        / n), because this mean also has an error.
         """
         counts = np.maximum(self._length_counts, 1.0)
         errors = (lengths - self.lengths) / np.sqrt(1 + 1 / counts)
@@ -194,8 +194,8 @@ class Pivots:
         """Add the dots of a picture, and update the positions of the pivots.
 
         `points`, (2, K, 2), contains the positions of the K dots [m] twice, for the height of even
-        rotors and for that of odd rotors. `colour_costs`, (K, C), contains the cost of each of C
-        colours for each dot.
+        rotors and for the height of odd rotors. `colour_costs`, (K, C), contains the cost of each
+        of C colours for each dot.
         """
         black = colour_costs[:, 0] <= _MAX_BLACK_COST
         if self.known.any():

@@ -204,7 +204,7 @@ def _start(path: Path, created: str, length: float) -> float:
     """Return the time of the first picture, counted from the epoch [s].
 
     The time is the creation time `created` that the film states. If it states none, the time is
-    that of the last change of the file minus the duration `length` of the film [s].
+    the last change of the file minus the duration `length` of the film [s].
     """
     try:
         return datetime.datetime.fromisoformat(created.replace('Z', '+00:00')).timestamp()
