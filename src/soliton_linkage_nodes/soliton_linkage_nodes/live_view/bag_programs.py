@@ -35,7 +35,7 @@ _MOST_STEPS = 20
 """After a seek, a paused replay plays at most this many messages until a frame and its state
 arrive [1]."""
 _STEP_INTERVAL = 0.02
-"""Time to receive each of these messages [s]."""
+"""Pause after each of these messages, in which the page receives it [s]."""
 _RESULTS = {
     'pause': 'paused',
     'resume': 'resumed',

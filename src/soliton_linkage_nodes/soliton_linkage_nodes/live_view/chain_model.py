@@ -128,7 +128,7 @@ class ChainModel:
         self._update_derived()
 
     def extend_history(self, joints: JointStates, numbers: Mapping[str, float]) -> None:
-        """Add joint states to the history that the page has skipped, at most one every 1/30 s.
+        """Add to the history joint states that the page has not shown, at most one every 1/30 s.
 
         `numbers` are the values of their soliton_state.
         """

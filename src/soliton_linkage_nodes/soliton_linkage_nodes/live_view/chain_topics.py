@@ -198,9 +198,9 @@ class ChainTopics:
     def _show_frame(self, fresh: bool) -> None:
         """Show the newest frame and the newest state that have equal stamps.
 
-        If none have had equal stamps for 2 s, it shows the newest of each. If no analyser
-        publishes, it shows the newest frame without a state. `fresh` is whether a frame has just
-        arrived.
+        If no frame and state with equal stamps have arrived for 2 s, it shows the newest of each.
+        If no analyser publishes, it shows the newest frame without a state. `fresh` is whether a
+        frame has just arrived.
         """
         now = time.monotonic()
         if fresh and self._shown_at == -math.inf:

@@ -31,7 +31,8 @@ _MIDDLE = (0.3, 0.7)
 _TIMEOUT = 60.0
 """Longest wait in each step of an experiment [s], for example for a passage of the soliton."""
 _CONNECTION_TIME = 10.0
-"""Time in which a rejected kick is repeated [s]; a new actuator is not connected at once."""
+"""A rejected kick is repeated for this time [s], because a new actuator is not connected at
+once."""
 _NODES = ('simulator', 'edge_actuator', 'soliton_analyser')
 _TURN = 1.0
 """If the angle of a rotor has changed by more than this after two passages of the soliton, the

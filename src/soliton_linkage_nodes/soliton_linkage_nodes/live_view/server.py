@@ -171,8 +171,8 @@ class PageServer:
 def tick_period(wanted: float, spent: float, share: float) -> float:
     """Return the time until the next tick [s].
 
-    It is `wanted` [s], or longer if `spent` [s], the processor time since the last tick, would
-    exceed a `share` of it.
+    It is at least `wanted` [s], and long enough that the processor time since the last tick,
+    `spent` [s], is only a `share` of it.
     """
     return max(wanted, min(spent / share, _LONGEST_PERIOD))
 
@@ -191,8 +191,9 @@ class Gate:
     """Middleware that rejects requests and streams that do not come from the live page.
 
     Without the middleware, another web page in the same browser could send commands to the chain
-    (DNS rebinding). A request must contain the token, if one is set. Otherwise its host name must
-    be one of this machine. If it has an origin, the origin must be this server.
+    (DNS rebinding). If a token is set, a request must contain it. If no token is set, the host
+    name in the request must be one of this machine. If the request states its origin, the origin
+    must be this server.
     """
 
     def __init__(self, guarded: ASGIApp, token: str = '') -> None:

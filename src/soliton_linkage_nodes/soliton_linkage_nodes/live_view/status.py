@@ -19,7 +19,7 @@ _DROP_AGE = 30.0
 """Age above which a report is ignored [s]."""
 _LONGEST_DELAY = 0.2
 """The page warns if soliton_state is delayed by more than this [s] and by more than
-`_FRAMES_BEHIND`."""
+`_FRAMES_BEHIND` frames."""
 _ENDING = ('bag_player', 'bag_recorder')
 """Nodes that end in normal operation. The page does not warn if their reports are missing."""
 _FRAMES_BEHIND = 2

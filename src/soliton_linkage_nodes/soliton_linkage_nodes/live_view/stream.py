@@ -72,7 +72,7 @@ async def carry_out(view: View, name: str, arguments: Mapping[str, Any]) -> str:
 class BrowserStream:
     """Connection to one browser.
 
-    When the browser has drawn a frame, it receives the newest frame.
+    As soon as the browser has drawn a frame, the newest frame is sent to it.
     """
 
     def __init__(self, socket: WebSocket, source: View) -> None:

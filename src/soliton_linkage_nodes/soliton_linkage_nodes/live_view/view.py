@@ -63,7 +63,7 @@ class View:
 
     @property
     def versions(self) -> list[int]:
-        """Version numbers of `descriptions`. If these change, one of the numbers changes too."""
+        """Numbers of which at least one changes whenever `descriptions` changes."""
         return [self.replay.played, *(c.model.version for c in self.chains.values())]
 
     def descriptions(self) -> dict[str, Any]:

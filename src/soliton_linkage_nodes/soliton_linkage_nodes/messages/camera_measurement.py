@@ -139,7 +139,7 @@ def median_deviation(frame: AngleFrame) -> float:
 def walls_on_overlay(
     solitons: tuple[AnalysedSoliton, ...], spacing: float, since: float = 0.0
 ) -> list[WallMark]:
-    """Return marks for the overlay at the positions that solitons have after the time `since` [s].
+    """Return marks for the overlay at the positions of solitons after the time `since` [s].
 
     `spacing` is the distance between neighbouring pivots [m].
     """

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fast CDR decoding and encoding of messages with a stamp, joint names and arrays of doubles.
 
-A general decoder needs most of its time for the joint names. This decoder compares their bytes
-with those of the previous message. If they are equal, it decodes only the stamp and the arrays.
-The encoder keeps one encoded message and overwrites only its stamp and arrays.
+A general decoder needs most of its time for the joint names. This decoder compares the bytes of
+the names with those of the previous message. If they are equal, it decodes only the stamp and the
+arrays. The encoder keeps one encoded message and overwrites only its stamp and arrays.
 """
 
 from __future__ import annotations

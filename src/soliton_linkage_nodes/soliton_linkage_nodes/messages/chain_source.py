@@ -76,7 +76,7 @@ def declare_chain(node: Node) -> NamedChain:
 
 
 def chain_of(read: Callable[[Any], Any]) -> NamedChain:
-    """Return the chain of the parameter dataclasses, each of which `read` returns for its type."""
+    """Return the chain; `read` returns an instance of each parameter dataclass."""
     chain: Chain = read(Chain)
     given: Deviations = read(Deviations)
     disorder: Disorder = read(Disorder)

@@ -132,7 +132,8 @@ def efforts_from_msg(
 ) -> tuple[Rotors, Array]:
     """Return the commanded rotors and their torques [N m].
 
-    Raises ValueError if the message is not accepted. `source` is its name in the error.
+    Raises ValueError if the message is not accepted. `source` is the name of the message in the
+    error.
     """
     if message.position or message.velocity:
         raise ValueError(
@@ -149,7 +150,8 @@ def efforts_from_array(
 ) -> tuple[Rotors, Array]:
     """Return all rotors with actuators and their torques [N m].
 
-    Raises ValueError if the message is not accepted. `source` is its name in the error.
+    Raises ValueError if the message is not accepted. `source` is the name of the message in the
+    error.
     """
     torques = np.asarray(message.data, dtype=np.float64)
     return actuators.checked(f'{source}.data', actuators.names, torques)
@@ -161,7 +163,7 @@ def trajectory_from_msg(
     """Return rotors, times [s] and torques [N m] of a trajectory.
 
     The torques have shape (points, rotors). Raises ValueError if the message is not accepted.
-    `source` is its name in the error.
+    `source` is the name of the message in the error.
     """
     if not message.joint_names:
         raise ValueError(f'{source} has points but no joints; fill joint_names')

@@ -77,7 +77,10 @@ class Frame:
 
 
 class JointStates(NamedTuple):
-    """Fields of a JointState message, without the efforts. Both arrays may be empty."""
+    """Fields of a JointState message, without the efforts.
+
+    The arrays of positions and velocities may be empty.
+    """
 
     seconds: int
     nanoseconds: int

@@ -116,7 +116,10 @@ _UNITS = {
 
 
 def state_to_msg(analysis: Analysis, joints: JointStates) -> msg.SolitonState:
-    """Return the SolitonState message of an analysed frame. `joints` is this frame."""
+    """Return the SolitonState message of an analysed frame.
+
+    `joints` contains the joint states of this frame.
+    """
     stamp = Time(sec=joints.seconds, nanosec=joints.nanoseconds)
     topology = _topology(analysis.topology, analysis.edge_rotors)
     motion, measured = analysis.motion, analysis.measured_motion
@@ -200,8 +203,8 @@ EVENT_COLUMNS = (
     *('ids_before', 'ids_after', 'charge_before', 'charge_after'),
     *('energy_before [J]', 'energy_after [J]', 'collisions'),
 )
-"""Columns of a table of events, one of them for each row. If a cell contains several wall ids,
-they are separated by spaces."""
+"""Column names of a table of events. Each row describes one event. If a cell contains several wall
+ids, they are separated by spaces."""
 
 
 def events_to_msgs(

@@ -24,8 +24,8 @@ from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 _PICTURES = ('.jpg', '.jpeg', '.png', '.tif', '.tiff', '.bmp')
 _STRIDE = 10
-"""Of a film, one of this number of pictures is used [1], because the search for the board in a
-picture takes 0.1 s."""
+"""In a film, only one in this number of pictures is used [1], because the search for the board in
+a picture takes 0.1 s."""
 _BOARD = {
     '--columns': (Quantity('columns of inner corners', '', 2, 100), 8, int),
     '--rows': (Quantity('rows of inner corners', '', 2, 100), 5, int),

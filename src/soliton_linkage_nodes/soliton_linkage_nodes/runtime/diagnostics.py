@@ -25,7 +25,10 @@ _NUMBERS = re.compile(r'[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b|\bnan\b)')
 
 
 class LogThrottle:
-    """Filter that logs a message at most once per period; numbers in the message may differ."""
+    """Filter that logs equal messages at most once per period.
+
+    Messages that differ only in numbers count as equal.
+    """
 
     def __init__(self, log: Callable[[str], object], period: float) -> None:
         self._log = log
@@ -119,7 +122,7 @@ class Diagnostics:
         """Return a callback that calls `take` and does not raise its errors.
 
         ValueError and ArithmeticError count as a rejected message of `source`, and other errors as
-        failures of the node. Only MemoryError is raised.
+        failures of the node. A MemoryError is raised again.
         """
 
         @wraps(take)

@@ -145,7 +145,8 @@ SUITE_TOPICS = (
 )
 """Topics that the nodes exchange. A recorder stores them by default."""
 DISPLAY_TOPICS = (ROBOT_DESCRIPTION, MARKERS, SOLITON_POSE, KYMOGRAPH)
-"""Topics for viewers. Nodes compute their messages from those of `SUITE_TOPICS`."""
+"""Topics for viewers. Nodes compute the contents of these topics from the messages of
+`SUITE_TOPICS`."""
 CAMERA_TOPICS = (IMAGE, COMPRESSED_IMAGE, CAMERA_INFO, CAMERA_OVERLAY)
 """Topics of a camera that measures the joint states in place of encoders."""
 

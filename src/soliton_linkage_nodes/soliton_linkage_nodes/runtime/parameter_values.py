@@ -53,8 +53,8 @@ def type_complaint(kind: Parameter.Type, value: Any) -> str:
 def limits(descriptor: ParameterDescriptor) -> Quantity:
     """Return the range and the choices of a parameter, from its descriptor.
 
-    A descriptor with a limit at one end only has infinity, or the largest integer, at the other
-    end. Such an end is returned as None.
+    If a parameter has a limit at one end only, its descriptor contains infinity or the largest
+    integer at the other end. Such an end is returned as None.
     """
     ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
     ends = (ranges[0].from_value, ranges[0].to_value) if ranges else (math.inf, math.inf)

@@ -41,9 +41,10 @@ _CONVERTING: WeakSet[Node] = WeakSet()
 
 
 def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Parameters:
-    """Declare a parameter for each field with a quantity of a dataclass; return an instance.
+    """Declare the fields of a dataclass as parameters, and return an instance with their values.
 
-    `prefix` precedes the field names. Raises ValueError if a value is not allowed.
+    Fields without a quantity are not declared. `prefix` precedes the field names. Raises
+    ValueError if a value is not allowed.
     """
     quantities = described_fields(parameters)
     if quantities and all(node.has_parameter(prefix + name) for name in quantities):

@@ -97,7 +97,7 @@ def stop_on_signals() -> threading.Event:
 
 
 def interrupt_on_signals() -> None:
-    """Make SIGINT and SIGTERM raise KeyboardInterrupt, which ends also a long computation."""
+    """Make SIGINT and SIGTERM raise KeyboardInterrupt, which also ends a long computation."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
 

@@ -14,8 +14,8 @@ _SILENCE = 0.5
 """Shortest silence of the selected publisher after which it is replaced by another one [s]. The
 ROS graph cannot replace this time limit, because it still lists a killed publisher for 20 s."""
 _SILENT_PERIODS = 5
-"""A publisher also counts as silent only after this number of its message periods [1], so that
-slow publishers are not replaced."""
+"""In addition, a publisher counts as silent only after this number of its message periods [1].
+Slow publishers are therefore not replaced."""
 _MEMORY = 20
 """The period of a publisher is averaged over about this many messages [1]."""
 _GAP_RATIO = 3.0
@@ -233,7 +233,7 @@ as a message with new parts arrives."""
 
 
 class StreamArbitration:
-    """Publisher arbitration for a stream whose parts, such as joints, have own publishers."""
+    """Publisher arbitration for a stream whose joints or other parts have different publishers."""
 
     def __init__(self, lost: int = 0, foreign: int = 0) -> None:
         self._counts = [lost, foreign, 0]

@@ -62,8 +62,8 @@ class AdaptiveSubscription:
     ) -> None:
         """Subscribe to a topic.
 
-        Without `take`, messages wait until `waiting` or `newest` takes them, and the node must not
-        be added to an executor, which would drop them.
+        Without `take`, messages wait until `waiting` or `newest` takes them. The node must then
+        not be added to an executor, because it would drop them.
         """
         self.topic = topic
         self.sequence: int | None = None
@@ -225,7 +225,7 @@ class StreamSubscription:
 
         With `latest`, only the newest waiting message is passed to `take`. `on_takeover` is called
         when another publisher replaces a silent one. `parts` returns the names of the parts in a
-        message. `assemble` combines such partial messages: it returns the messages that are
+        message. `assemble` combines such partial messages. It returns the messages that are
         complete with this one, and `take` gets these.
         """
         self.skipped = 0

@@ -73,11 +73,11 @@ class SimulationControl:
         """Create a simulation that starts in the state `state`.
 
         `begin` creates a simulation from a state and the gravity. Torques end after the simulated
-        time `command_timeout` [s], unless it is 0. For each frame, `announce` is called if kicks
-        act at it, with the frame number and the sum of their impulses [N m s]. Then `publish` is
-        called with the frame number and the simulation. A reset computes its first frame for at
-        most `longest_trial` [s] of processor time. It is rejected if less than a thousandth of the
-        frame is then computed.
+        time `command_timeout` [s], unless it is 0. If kicks act at a frame, `announce` is called
+        with the frame number and the sum of their impulses [N m s]. For each frame, `publish` is
+        then called with the frame number and the simulation. A reset computes its first frame for
+        at most `longest_trial` [s] of processor time. It is rejected if less than a thousandth of
+        the frame is then computed.
         """
         self._begin = begin
         self._gravity = gravity

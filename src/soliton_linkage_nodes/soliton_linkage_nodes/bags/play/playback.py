@@ -65,9 +65,10 @@ class PlaybackRange:
 
 
 def playback_range(reader: Reader, start_offset: float, playback_until: float) -> PlaybackRange:
-    """Return the range between two times since the start of the bag [s].
+    """Return the range from `start_offset` to `playback_until`.
 
-    If `playback_until` is 0, the range ends at the end of the bag.
+    Both times are counted from the start of the bag [s]. If `playback_until` is 0, the range ends
+    at the end of the bag.
     """
     empty = not reader.message_count
     origin, last = (0, 0) if empty else (reader.start_time, reader.end_time)

@@ -97,7 +97,7 @@ class Lockstep:
             self._sent = b''
 
     def settle(self, stopped: Callable[[], bool]) -> None:
-        """Wait until all frames are answered, given up or `stopped()`."""
+        """Wait until all frames are answered or given up, or until `stopped()`."""
         self._wait(0, stopped)
 
     def _wait(self, most: int, stopped: Callable[[], bool]) -> None:

@@ -102,7 +102,7 @@ class Tables:
     ) -> Iterator[tuple[Any, ...]]:
         """Yield the values in the given columns for each row of a table.
 
-        `rest` is the end of the SELECT statement, in which each ? stands for one of the `values`.
+        `rest` is the end of the SELECT statement. Its placeholders receive the `values`.
         """
         self._check(table, columns)
         quoted = ['"{}"'.format(name.replace('"', '""')) for name in columns]
