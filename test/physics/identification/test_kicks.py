@@ -10,7 +10,7 @@ from passages import FLIPPER, read, unequal
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.dynamics.initial_states import leaning
 from soliton_linkage.identification.identification import identify
-from soliton_linkage.identification.kicks import largest_step
+from soliton_linkage.identification.kicks import largest_steps
 from soliton_linkage.identification.readings import Readings, RecordedImpulse
 from soliton_linkage.linear.rigidity import Edge, edge_mode, zero_mode
 from soliton_linkage.linkage.chain import Chain
@@ -47,7 +47,7 @@ def kicked(seed: int, size: float) -> tuple[Chain, Readings]:
     return chain, Readings(PERIOD * np.arange(len(whole)), read(whole, seed)[0])
 
 
-@pytest.mark.parametrize('size', [-0.18, 0.25])
+@pytest.mark.parametrize('size', [-0.1, 0.25])
 @pytest.mark.parametrize('seed', [0, 1, 2])
 def test_a_kick_is_named_and_errors_agree_with_the_stated_deviations(seed, size):
     chain, readings = kicked(seed, size)
@@ -80,10 +80,10 @@ def test_exact_readings_of_several_passages_give_true_deviations_and_no_kick():
 
 def test_the_largest_step_of_the_speed_is_the_kick_unless_the_kick_is_known():
     readings = kicked(0, 0.3)[1]
-    time, step = largest_step(readings, 0.01)
+    time, step = next(largest_steps(readings, 0.01))
     assert time == pytest.approx(BEFORE, abs=NEAR)
     assert step == pytest.approx(0.3, abs=0.08)
     known = replace(readings, impulses=[RecordedImpulse(BEFORE)])
-    time, _ = largest_step(known, 0.01)
+    time, _ = next(largest_steps(known, 0.01))
     assert abs(time - BEFORE) > NEAR
-    assert largest_step(readings.select(np.arange(10)), 0.01)[1] == 0.0
+    assert next(largest_steps(readings.select(np.arange(10)), 0.01))[1] == 0.0

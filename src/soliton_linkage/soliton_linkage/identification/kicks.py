@@ -17,18 +17,19 @@ from soliton_linkage.identification.windows import ARRIVAL
 from soliton_linkage.linkage.chain import Array
 
 _MOST_KICKS = 3
-"""Largest number of unrecorded kicks that are searched [1]; each search requires another fit."""
+"""Largest number of unrecorded kicks that are searched [1]; each kick requires another fit."""
+_CANDIDATES = 5
+"""Number of steps of the speed at which a kick is tried [1]."""
 _KICK_FRAMES = 7
 """Number of successive frames whose residuals are averaged in the search for a kick."""
 _BEFORE_KICK = 0.06
 """Frames less than this before an estimated kick are not used [s]. Frames less than `ARRIVAL`
 after the kick are not used either."""
 _SUSPICIOUS = 1.05
-"""A kick is suspected if the ratio of residual noise to reading noise is larger than this [1]."""
+"""Smallest ratio of the residual noise of bars to that of springs between kicks, for which a kick
+explains why springs without a kick fit no better than bars [1]."""
 _KICKED = 5.5
-"""A kick is suspected if a mean residual of `_KICK_FRAMES` frames is larger than this [standard
-deviations]. It is accepted if it improves the likelihood by more than chance would, with the same
-threshold."""
+"""Increase of the likelihood above which a kick is assumed [standard deviations]."""
 _STEP_NOISE = 0.02
 """Speeds are averaged over so many frames that noise causes steps with this standard deviation,
 relative to the root mean square speed [1]. Sensitivity: in 14 of 16 recordings with a random kick,
@@ -37,9 +38,8 @@ _FEWEST = 8
 """Smallest number of frames before a step, and also after it, from which the speeds are computed
 [1]."""
 _SMALLEST_STEP = 0.08
-"""A kick is suspected at a step of the speed that is larger than this, relative to the root mean
-square speed [1]. Elastic vibrations also cause steps of 7 % to 15 %. Therefore a kick is accepted
-only if a fit confirms it."""
+"""Smallest relative step of the speed at which a kick is searched if springs fit no better than
+bars [1]."""
 _AT_REST = 1e-3
 """Smallest speed by which changes of the speed are divided, relative to the root mean square speed
 [1]; it prevents a division by 0 while the chain is at rest."""
@@ -59,53 +59,55 @@ def fit_around_kicks(
     kicks: list[float] = []
     fitted = fit(some)
     while len(kicks) < _MOST_KICKS:
-        for time in _possible_kicks(some, fitted, noise):
-            around = [RecordedImpulse(time - _BEFORE_KICK), RecordedImpulse(time)]
-            without = replace(some, impulses=[*some.impulses, *around])
-            better = fit(without)
-            if _explains_more(better, fitted, bar_noise, some.angles.size):
-                break
-        else:
+        time = _possible_kick(some, fitted, noise)
+        if time is None:
+            break
+        around = [RecordedImpulse(time - _BEFORE_KICK), RecordedImpulse(time)]
+        without = replace(some, impulses=[*some.impulses, *around])
+        better = fit(without)
+        if isinstance(better, str):
+            break
+        if isinstance(fitted, str) and bar_noise < _SUSPICIOUS * better[1].noise:
             break
         some, fitted = without, better
         kicks.append(time)
     return fitted, kicks
 
 
-def _explains_more(better: _Fitted, fitted: _Fitted, bar_noise: float, readings: int) -> bool:
-    if isinstance(better, str):
-        return False
-    after, rotors = better[1].noise, better[1].residuals.shape[1]
+def _possible_kick(some: Readings, fitted: _Fitted, noise: float) -> float | None:
+    steps = list(largest_steps(some, noise))
     if isinstance(fitted, str):
-        return bar_noise > _SUSPICIOUS * after
-    gain = 2 * readings * math.log(fitted[1].noise / after)
-    spreads = fitted[1].prior.mass_deviation / better[1].prior.mass_deviation
-    gain += 2 * (2 * rotors - 3) * math.log(spreads)
+        time, size = steps[0]
+        return time if abs(size) > _SMALLEST_STEP else None
+    fitter, fit = fitted
+    times = np.array([*(time for time, _ in steps), some.times[_worst_frame(fit)]])
+    frames = np.searchsorted(some.times, [times - _BEFORE_KICK, times + ARRIVAL])
+    gains = [fitter.gain_by_kick(*each) for each in frames.T.tolist()]
     # By chance, an additional initial state reduces the sum of squares by 2 N, with variance 4 N.
-    return bool(gain > 2 * rotors + _KICKED * math.sqrt(4 * rotors))
+    rotors = fit.residuals.shape[1]
+    significant = max(gains) > 2 * rotors + _KICKED * math.sqrt(4 * rotors)
+    return float(times[np.argmax(gains)]) if significant else None
 
 
-def _possible_kicks(some: Readings, fitted: _Fitted, noise: float) -> Iterator[float]:
-    time, step = largest_step(some, noise)
-    if abs(step) > _SMALLEST_STEP:
-        yield time
-    if not isinstance(fitted, str):
-        frame, excess = _worst_frames(fitted[1])
-        if excess >= 1 or fitted[1].noise >= _SUSPICIOUS * noise:
-            yield float(some.times[frame])
+def largest_steps(some: Readings, noise: float) -> Iterator[tuple[float, float]]:
+    """Yield times [s] and sizes of the largest sudden changes of the speed, largest first.
 
-
-def largest_step(some: Readings, noise: float) -> tuple[float, float]:
-    """Return the time [s] and the size of the largest sudden change of the speed of a chain.
-
-    The speed is the rate at which the vector of all angles moves along its path. The size is
+    The speed is the rate at which the vector of all angles moves along its path. A size is
     relative to the root mean square speed [1]; it is 0 if there are too few frames. A kick changes
     the speed at once, whereas unequal masses and springs change it slowly. Changes at known
     impulses and at changes of the tilt are ignored. `noise` is the reading noise [rad].
     """
+    times, steps = _steps(some, noise)
+    for _ in range(_CANDIDATES):
+        frame = int(np.argmax(np.abs(steps)))
+        yield float(times[frame]), float(steps[frame])
+        steps[np.abs(times - times[frame]) < _BEFORE_KICK + ARRIVAL] = 0.0
+
+
+def _steps(some: Readings, noise: float) -> tuple[Array, Array]:
     times, angles = some.times, some.filled
     if len(times) < 2 * _FEWEST:
-        return float(times[0]), 0.0
+        return times[:1], np.zeros(1)
     interval = float(np.median(np.diff(times)))
     paths = np.linalg.norm(angles[_FEWEST:] - angles[:-_FEWEST], axis=1)
     speed = math.sqrt(float(np.mean((paths / (times[_FEWEST:] - times[:-_FEWEST])) ** 2)))
@@ -113,7 +115,7 @@ def largest_step(some: Readings, noise: float) -> tuple[float, float]:
     uncertainty = noise / (interval * speed * _STEP_NOISE)
     count = max(_FEWEST, round((24 * uncertainty**2) ** (1 / 3)))
     if len(times) < 2 * count:
-        return float(times[0]), 0.0
+        return times[:1], np.zeros(1)
     rates = _slopes(times, angles, count)
     before, after = rates[:-count], rates[count:]
     means = (before + after) / 2
@@ -122,8 +124,7 @@ def largest_step(some: Readings, noise: float) -> tuple[float, float]:
     ends = np.sort(some.interruptions)
     first = np.searchsorted(ends, times[: len(steps)] - ARRIVAL)
     steps[first != np.searchsorted(ends, times[2 * count - 1 :])] = 0.0
-    frame = int(np.argmax(np.abs(steps)))
-    return float(times[frame + count]), float(steps[frame])
+    return times[count : count + len(steps)], steps
 
 
 def _slopes(times: Array, angles: Array, count: int) -> Array:
@@ -135,7 +136,6 @@ def _slopes(times: Array, angles: Array, count: int) -> Array:
     return np.asarray(np.einsum('tnc,tc->tn', windows, weights))
 
 
-def _worst_frames(fitted: MotionFit) -> tuple[int, float]:
+def _worst_frame(fitted: MotionFit) -> int:
     means = np.abs(uniform_filter1d(fitted.residuals, _KICK_FRAMES, axis=0))
-    frame = int(np.argmax(means.max(axis=1)))
-    return frame, float(means[frame].max() * math.sqrt(_KICK_FRAMES) / (_KICKED * fitted.noise))
+    return int(np.argmax(means.max(axis=1)))

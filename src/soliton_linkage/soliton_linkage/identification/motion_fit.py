@@ -10,13 +10,18 @@ would need 10 GB for 3000 frames of 40 rotors.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from soliton_linkage.identification.bundle import covariance_in
-from soliton_linkage.identification.free_motion import FreeMotion, UnknownSlices, states_at
+from soliton_linkage.identification.free_motion import (
+    FreeMotion,
+    UnknownSlices,
+    propagate,
+    states_at,
+)
 from soliton_linkage.identification.lengths import Tolerances
 from soliton_linkage.identification.motion_equations import (
     Eliminated,
@@ -214,6 +219,33 @@ class MotionFitter:
             self._prior,
             math.sqrt(self._record.stamps.variance) * self._noise,
         )
+
+    def gain_by_kick(self, before: int, after: int) -> float:
+        """Return the decrease of -2 log likelihood if a kick acts between two frames [1].
+
+        The motion before the frame `before` and the motion from the frame `after` on have separate
+        initial states; the frames between are not used.
+        """
+        found = self._windows
+        parts = [part for each in found for part in self._parted(each, before, after)]
+        if len(parts) != len(found) + 1:
+            return 0.0
+        self._windows = tuple(parts)
+        cost = self._cost(self._windows)[0]
+        self._improve(_STEPS, _COARSE * self._unknowns)
+        cost -= self._cost(self._windows)[0]
+        self._windows = found
+        return cost
+
+    def _parted(self, window: FreeWindow, before: int, after: int) -> Iterator[FreeWindow]:
+        frames = window.frames
+        if not (frames.start < before and after < frames.stop):
+            yield window
+            return
+        some = slice(frames.start, after + 1)
+        yield FreeWindow(slice(frames.start, before), window.motion)
+        motion = propagate(window.motion, self._record.times[some])[1]
+        yield FreeWindow(slice(after, frames.stop), motion)
 
     def sampled(self, found: MotionFit) -> MotionFit:
         """Return `found`, from `fit`, with its covariance inflated to the scatter of samples."""
