@@ -10,18 +10,13 @@ would need 10 GB for 3000 frames of 40 rotors.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from soliton_linkage.identification.bundle import covariance_in
-from soliton_linkage.identification.free_motion import (
-    FreeMotion,
-    UnknownSlices,
-    propagate,
-    states_at,
-)
+from soliton_linkage.identification.free_motion import FreeMotion, UnknownSlices, states_at
 from soliton_linkage.identification.lengths import Tolerances
 from soliton_linkage.identification.motion_equations import (
     Eliminated,
@@ -43,6 +38,7 @@ from soliton_linkage.identification.windows import (
     MotionPrior,
     merge_windows,
     observable_changes,
+    windows_around,
 )
 from soliton_linkage.linkage.chain import Array
 
@@ -227,25 +223,14 @@ class MotionFitter:
         initial states; the frames between are not used.
         """
         found = self._windows
-        parts = [part for each in found for part in self._parted(each, before, after)]
-        if len(parts) != len(found) + 1:
+        self._windows = windows_around(found, self._record.times, before, after)
+        if len(self._windows) == len(found):
             return 0.0
-        self._windows = tuple(parts)
         cost = self._cost(self._windows)[0]
         self._improve(_STEPS, _COARSE * self._unknowns)
         cost -= self._cost(self._windows)[0]
         self._windows = found
         return cost
-
-    def _parted(self, window: FreeWindow, before: int, after: int) -> Iterator[FreeWindow]:
-        frames = window.frames
-        if not (frames.start < before and after < frames.stop):
-            yield window
-            return
-        some = slice(frames.start, after + 1)
-        yield FreeWindow(slice(frames.start, before), window.motion)
-        motion = propagate(window.motion, self._record.times[some])[1]
-        yield FreeWindow(slice(after, frames.stop), motion)
 
     def sampled(self, found: MotionFit) -> MotionFit:
         """Return `found`, from `fit`, with its covariance inflated to the scatter of samples."""

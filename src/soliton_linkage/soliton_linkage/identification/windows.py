@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from soliton_linkage.identification.adjustment import observable_basis
-from soliton_linkage.identification.free_motion import FreeMotion
+from soliton_linkage.identification.free_motion import FreeMotion, propagate
 from soliton_linkage.identification.lengths import Tolerances, to_unknowns
 from soliton_linkage.linkage.chain import Array
 
@@ -114,6 +114,25 @@ def merge_windows(
         merged.append(window)
         count = 1
     return tuple(merged)
+
+
+def windows_around(
+    windows: Sequence[FreeWindow], times: Array, before: int, after: int
+) -> tuple[FreeWindow, ...]:
+    """Divide the window that contains all frames from `before` to `after`; omit these frames.
+
+    `times` [s] are the times of all frames. The result has the same windows if none contains them.
+    """
+    parts: list[FreeWindow] = []
+    for window in windows:
+        begin, end = window.frames.start, window.frames.stop
+        if begin < before and after < end:
+            parts.append(FreeWindow(slice(begin, before), window.motion))
+            _, motion = propagate(window.motion, times[begin : after + 1])
+            parts.append(FreeWindow(slice(after, end), motion))
+        else:
+            parts.append(window)
+    return tuple(parts)
 
 
 INITIAL_MASS_DEVIATION = 0.1
