@@ -60,6 +60,7 @@ def main() -> None:
             page = browser.new_page(viewport=SIZE)
             page.goto(address)
             page.wait_for_function('() => window.live && live.drawn > 10')
+            page.get_by_label('hide the first steps').click()
             # The picture shows the whole page.
             height = page.evaluate('document.documentElement.scrollHeight')
             page.set_viewport_size({**SIZE, 'height': height})
@@ -116,13 +117,18 @@ def film(page: Any, folder: Path) -> None:
     page.wait_for_timeout(1e3 * (shown - time.monotonic()))
     page.evaluate(f'live.act("move", {{rotor: {LEFT}, speed: {SPEED}}})')
     begun = time.monotonic()
-    number = 0
+    number = late = 0
     while (elapsed := (time.monotonic() - begun) / SLOWNESS) < LENGTH:
         page.wait_for_timeout(max(0.0, 1e3 * SLOWNESS * (number / RATE - elapsed)))
         page.screenshot(path=folder / f'{number:03}.png')
         number += 1
+        late += page.locator('#live-health .late').count()
+    if late:
+        sys.exit(
+            f'live_pictures: {late} pictures warn of late frames; repeat it on a quiet computer'
+        )
     picture = Image.open(folder / f'{number // 2:03}.png').convert('RGB')
-    picture.quantize(COLOURS, dither=Image.Dither.NONE).save(HERE / 'live.png', optimize=True)
+    picture.quantize(256, dither=Image.Dither.NONE).save(HERE / 'live.png', optimize=True)
     palette = (
         f'split[a][b];[a]palettegen=max_colors={COLOURS}:stats_mode=diff[p];'
         '[b][p]paletteuse=dither=none'
