@@ -168,7 +168,7 @@ def test_late_messages_are_accepted_at_irregular_intervals(kind):
     clock = DeviceClock()
     line = Line(60.0, 100e-6, late, 10**7, INTERVALS[kind])
     errors, rejected = plausible_stamps(clock, line, checked=True)
-    assert len(rejected) < 1e-3 * len(line.times)
+    assert not rejected
     assert (clock.jumps, clock.restarts) == (0, 0)
     assert np.abs(errors[200:]).max() < 1e-3
 

@@ -64,6 +64,9 @@ _WRONG_TIMES = _REMEMBERED // 16
 _CONFIRMATIONS = 3
 """Number of successive implausible times that prove a jump or a restart of the clock if they are
 consistent with each other."""
+_FRESH = 0.75
+"""Smallest time between arrivals, relative to the time between measurements [1], at which messages
+have not waited for a stalled receiver."""
 
 
 class DelayEnvelope:
@@ -216,8 +219,10 @@ class DeviceClock:
         if accepted and self._is_near_line(elapsed, arrival):
             self._suspects.clear()
         else:
-            accepted = accepted and self._is_only_late(elapsed, arrival, checked)
-            if self._suspects or not accepted:
+            late_only = accepted and self._is_only_late(elapsed, arrival, checked)
+            # A checksum proves that the time of a late message is right, unless the clock jumped.
+            accepted = late_only or (accepted and checked and self._late(elapsed, arrival) > 0)
+            if self._suspects or not late_only:
                 self._suspects.append((time, arrival))
         # After a restart or a jump, the time may be smaller than before.
         signed = (passed + CLOCK_RANGE // 2) % CLOCK_RANGE - CLOCK_RANGE // 2
@@ -278,7 +283,7 @@ class DeviceClock:
             return False
         times, arrivals = np.diff(np.array(self._suspects, dtype=np.int64), axis=0).T
         passed = times % CLOCK_RANGE / 1e6
-        if arrivals.sum() / _SECOND < passed.sum() / 2:
+        if arrivals.sum() / _SECOND < _FRESH * passed.sum():
             # The messages have waited and arrive together.
             return False
         limits = [self._tolerance(int(gap)) for gap in arrivals]
