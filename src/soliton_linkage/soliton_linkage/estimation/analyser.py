@@ -57,8 +57,6 @@ from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.solitons.static_wall import site_arc
 
-_LEAST_NOISE = 1e-6
-"""Lower limit of the angle noise [rad] that the fit of a wall width assumes."""
 _FASTEST = 1e9
 """Largest valid rate of a rotor [rad/s]; larger rates count as unknown."""
 _UNKNOWN_WIDTH = math.nan, math.nan
@@ -321,8 +319,7 @@ class Analyser:
         if frame.others or self._widths is None:
             return _UNKNOWN_WIDTH
         angles = math.pi - frame.seen if estimate.upside_down else frame.seen
-        noise = max(estimate.noise, _LEAST_NOISE)
-        return self._widths.update(angles, estimate.site, estimate.leg, noise)
+        return self._widths.update(angles, estimate.site, estimate.leg, estimate.noise)
 
     def _report(
         self,

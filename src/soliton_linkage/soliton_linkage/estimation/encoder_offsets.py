@@ -32,9 +32,6 @@ _FEWEST_ROTORS = 5
 """Least number of block means for an estimate of the common error of all rest angles [1]."""
 _WAVE_TIME = 10.0
 """Assumed correlation time of waves [time units of the chain]."""
-_EVENNESS = 4e-3
-"""Standard deviation of the mean residuals [rad] that the motion of the wall causes at far rotors
-of a uniform chain."""
 _LEAST_DISTANCE = 0.01
 """Threshold of the residual [rad]; a rotor above it may have an unknown offset."""
 _LEAST_ERROR = 3e-4
@@ -283,7 +280,7 @@ class FarFieldResiduals:
         sizes = np.abs(added[np.isfinite(added)])
         freedoms = max(FREEDOMS_OF_MEDIAN * len(sizes), 3.0)
         by_noise = (1 + tail**2) * noise**2
-        excess = robust_deviation(sizes) ** 2 - by_noise - _EVENNESS**2
+        excess = robust_deviation(sizes) ** 2 - by_noise
         if excess <= self._settings.significance * math.sqrt(2 / freedoms) * by_noise:
             return 0.0
         return math.sqrt(excess * freedoms / (freedoms - 2))

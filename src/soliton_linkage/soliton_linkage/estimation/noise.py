@@ -6,16 +6,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from soliton_linkage.compiling import compiled, const_f8_1d, f8, f8_1d, i8, records
+from soliton_linkage.compiling import compiled, const_f8_1d, f8, i8
 from soliton_linkage.estimation.measurement import LinearisedMeasurement
-from soliton_linkage.estimation.settings import (
-    DEFAULTS,
-    EstimationSettings,
-    NoiseSettings,
-    record_dtype,
-)
+from soliton_linkage.estimation.settings import DEFAULTS, EstimationSettings, NoiseSettings
 from soliton_linkage.linear.bands import band_edges
 from soliton_linkage.linkage.chain import Array, Chain
 
@@ -51,30 +45,11 @@ def robust_deviation(sizes: Array) -> float:
     return DEVIATION_PER_MEDIAN * median(sizes) if len(sizes) else 0.0
 
 
-Records = NDArray[np.void]
-Estimate = tuple[float, float, float, float, float, float]
-
-_SQUARES = ('squares', 'freedoms', 'recent_squares', 'recent_freedoms')
-PAIRS = ('products', 'pairs', 'wall', 'wall_weights', 'wall_squared_weights')
-NOISE = np.dtype([(name, np.float64) for name in (*_SQUARES, *PAIRS)])
-"""Record of sums over all frames; older frames have less weight.
-
-squares, freedoms: squared residuals [rad^2] and their degrees of freedom [1].
-recent_squares, recent_freedoms: these two sums over the recent frames only.
-products, pairs: products of residuals in successive frames [rad^2] and their number [1].
-wall: products of residuals, weighted by the squared tangent t^2 [rad^2].
-wall_weights, wall_squared_weights: sums of the weights in `wall` and of their squares [1].
-"""
-_SUMS = records(NOISE, writable=True)
-_READ_SUMS = records(NOISE)
-_NUMBERS = records(record_dtype(NoiseSettings))
-
-
-@compiled(const_f8_1d, const_f8_1d, const_f8_1d, const_f8_1d, i8, f8_1d)
+@compiled(const_f8_1d, const_f8_1d, const_f8_1d, const_f8_1d, i8)
 def products_in_time(
-    oldest: Array, older: Array, latest: Array, tangent: Array, first: int, found: Array
-) -> None:
-    """Set the sums of p, t^2 p, f and f^2 over the rotors.
+    oldest: Array, older: Array, latest: Array, tangent: Array, first: int
+) -> tuple[float, float, float, float]:
+    """Return the sums of p, t^2 p, f and f^2 over the rotors.
 
     p = x (4 x' - x'') / 3 and f = t^2 - t^4 for the tangent t of the orbit and the residuals x, x'
     and x'' of a rotor in the latest, the older and the oldest frame [rad], shape (N,).
@@ -89,77 +64,7 @@ def products_in_time(
         wall += square * product
         weights += weight
         squared += weight * weight
-    found[0], found[1], found[2], found[3] = total, wall, weights, squared
-
-
-@compiled(f8, f8, f8, f8)
-def _noise_bound(
-    square: float, squared_weights: float, largest: float, significance: float
-) -> float:
-    """Return Bernstein's bound of a sum of weighted products of noise [rad^2].
-
-    With the noise variance `square`, a product has the variance 17 / 9 square^2.
-    """
-    deviation = significance * math.sqrt(17 / 9 * squared_weights)
-    return square * (deviation + significance**2 / 2 * largest)
-
-
-@compiled(_READ_SUMS, _NUMBERS, f8)
-def estimate(noise: Records, settings: Records, given: float) -> Estimate:
-    """Return the variance of the noise and five further numbers.
-
-    `given` is a known variance [rad^2], else 0.
-
-    The numbers are a lower bound of the variance [rad^2]; the mean squares of recent residuals, of
-    persistent residuals, and of persistent residuals near the wall [rad^2]; and the degrees of
-    freedom [1].
-    """
-    sums, significance = noise[0], settings[0]['significance']
-    freedoms, recent = sums['freedoms'], sums['recent_freedoms']
-    total = sums['squares'] / freedoms if freedoms else 0.0
-    scatter = sums['recent_squares'] / recent if recent else 0.0
-    bound = _noise_bound(total, sums['pairs'], 1.0, significance)
-    significant = sums['products'] > bound and bound > 0
-    persistent = sums['products'] / sums['pairs'] if significant else 0.0
-    wall_bound = _noise_bound(total, sums['wall_squared_weights'], 0.25, significance)
-    excess = sums['wall'] / sums['wall_weights'] if sums['wall'] > wall_bound else 0.0
-    excess = min(excess, LARGEST_EXCESS * scatter)
-    # The recent residuals contain the noise, so that a larger estimate is out of date.
-    most_recent = scatter * (1 + significance * math.sqrt(2 / max(recent, 1.0)))
-    white = max(min(total - persistent, most_recent), settings[0]['least_noise'] ** 2)
-    margin = 1 + significance * math.sqrt(2 / max(freedoms, 1.0))
-    variance = white if white > given * margin else given
-    most = (sums['products'] + bound) / sums['pairs'] if sums['pairs'] else total
-    least = variance if given else max(total - most, 0.0)
-    return variance, least, scatter, persistent, excess, freedoms
-
-
-@compiled(_SUMS, _NUMBERS, f8, i8, f8, i8, const_f8_1d)
-def learn(
-    noise: Records,
-    settings: Records,
-    given: float,
-    freedoms: int,
-    squares: float,
-    pairs: int,
-    products: Array,
-) -> Estimate:
-    """Add the squares and the `products_in_time` of a frame; return the `estimate`."""
-    sums, numbers = noise[0], settings[0]
-    fade = 1 - 1 / numbers['memory']
-    sums['squares'] = fade * sums['squares'] + squares
-    sums['freedoms'] = fade * sums['freedoms'] + freedoms
-    recent = math.exp(-1 / numbers['recent_frames'])
-    sums['recent_squares'] = recent * sums['recent_squares'] + squares
-    sums['recent_freedoms'] = recent * sums['recent_freedoms'] + freedoms
-    if pairs:
-        total, wall, weights, squared = products[0], products[1], products[2], products[3]
-        sums['products'] = fade * sums['products'] + total
-        sums['pairs'] = fade * sums['pairs'] + pairs
-        sums['wall'] = fade * sums['wall'] + wall
-        sums['wall_weights'] = fade * sums['wall_weights'] + weights
-        sums['wall_squared_weights'] = fade**2 * sums['wall_squared_weights'] + squared
-    return estimate(noise, settings, given)
+    return total, wall, weights, squared
 
 
 class FrameNoise:
@@ -167,20 +72,19 @@ class FrameNoise:
 
     Noise is independent from frame to frame, and persistent residuals are not. Let c_1 and c_2 be
     the mean products of the residuals of a rotor one and two frames apart. The mean square of the
-    persistent residuals is (4 c_1 - c_2) / 3.
+    persistent residuals is (4 c_1 - c_2) / 3. In all sums, older frames have less weight.
     """
 
     def __init__(self, given: float | None, settings: NoiseSettings = DEFAULTS.noise) -> None:
         """Start with the standard deviation of the noise [rad]; None means that it is unknown."""
-        self._settings = settings.record
+        self._settings = settings
         self._given = 0.0 if given is None else given**2
-        self._sums, self._products = np.zeros(1, NOISE), np.zeros(4)
-        self._freedoms = 0.0
-        self.variance = self._given
-        self.least = 0.0
-        """Lower bound of the variance of the noise [rad^2]; 0 while unknown."""
+        self._recent_fade = math.exp(-1 / settings.recent_frames)
+        self._squares = self._freedoms = self._recent_squares = self._recent_freedoms = 0.0
+        self._products = self._pairs = self._wall = self._weights = self._squared_weights = 0.0
         self._earlier: tuple[LinearisedMeasurement, ...] = ()
-        self.discard_persistence()
+        self.variance = self._given
+        self._estimate()
 
     @property
     def deviation(self) -> float:
@@ -194,43 +98,64 @@ class FrameNoise:
 
     def update(self, view: LinearisedMeasurement) -> None:
         """Update the estimates with the residuals of a frame."""
-        pairs = 0
+        fade, recent = 1 - 1 / self._settings.memory, self._recent_fade
+        self._squares = fade * self._squares + view.squares
+        self._freedoms = fade * self._freedoms + view.degrees_of_freedom
+        self._recent_squares = recent * self._recent_squares + view.squares
+        self._recent_freedoms = recent * self._recent_freedoms + view.degrees_of_freedom
         if len(self._earlier) == 2:
             oldest, older = self._earlier
-            pairs = min(each.degrees_of_freedom for each in (oldest, older, view))
-            products_in_time(
-                oldest.inlying,
-                older.inlying,
-                view.inlying,
-                view.tangent,
-                view.first,
-                self._products,
+            total, wall, weights, squared = products_in_time(
+                oldest.inlying, older.inlying, view.inlying, view.tangent, view.first
             )
+            frames = (oldest, older, view)
+            self._products = fade * self._products + total
+            self._pairs = fade * self._pairs + min(each.degrees_of_freedom for each in frames)
+            self._wall = fade * self._wall + wall
+            self._weights = fade * self._weights + weights
+            self._squared_weights = fade**2 * self._squared_weights + squared
         self._earlier = *self._earlier[-1:], view
-        self._set(
-            learn(
-                self._sums,
-                self._settings,
-                self._given,
-                view.degrees_of_freedom,
-                view.squares,
-                pairs,
-                self._products,
-            )
-        )
+        self._estimate()
 
     def discard_persistence(self) -> None:
         """Discard the persistent residuals, because the corrected encoder offsets have changed."""
         self._earlier = ()
-        self._sums['squares'] = self.variance * self._freedoms
-        for name in PAIRS:
-            self._sums[name] = 0.0
-        self._set(estimate(self._sums, self._settings, self._given))
+        self._squares = self.variance * self._freedoms
+        self._products = self._pairs = self._wall = self._weights = self._squared_weights = 0.0
+        self._estimate()
 
-    def _set(self, found: Estimate) -> None:
-        self.variance, self.least, self.scatter, self.persistent, self.excess, self._freedoms = (
-            found
-        )
+    def _estimate(self) -> None:
+        significance, freedoms = self._settings.significance, self._freedoms
+        recent = self._recent_freedoms
+        total = self._squares / freedoms if freedoms else 0.0
+        self.scatter = self._recent_squares / recent if recent else 0.0
+        """Mean square of the recent residuals [rad^2]."""
+        bound = self._noise_bound(total, self._pairs, 1.0)
+        significant = self._products > bound > 0
+        self.persistent = self._products / self._pairs if significant else 0.0
+        """Mean square of the persistent residuals [rad^2]; 0 if not significant."""
+        beside = self._wall > self._noise_bound(total, self._squared_weights, 0.25)
+        excess = self._wall / self._weights if beside else 0.0
+        self.excess = min(excess, LARGEST_EXCESS * self.scatter)
+        """Mean square of the persistent residuals near the wall [rad^2]; 0 if not significant."""
+        # The recent residuals contain the noise, so that a larger estimate is out of date.
+        most_recent = self.scatter * (1 + significance * math.sqrt(2 / max(recent, 1.0)))
+        white = min(total - self.persistent, most_recent)
+        white = max(white, self._settings.least_noise**2)
+        margin = 1 + significance * math.sqrt(2 / max(freedoms, 1.0))
+        self.variance = white if white > self._given * margin else self._given
+        most = (self._products + bound) / self._pairs if self._pairs else total
+        self.least = self.variance if self._given else max(total - most, 0.0)
+        """Lower bound of the variance of the noise [rad^2]; 0 while unknown."""
+
+    def _noise_bound(self, square: float, squared_weights: float, largest: float) -> float:
+        """Return Bernstein's bound of a sum of weighted products of noise [rad^2].
+
+        With the noise variance `square`, a product has the variance 17 / 9 square^2.
+        """
+        significance = self._settings.significance
+        deviation = significance * math.sqrt(17 / 9 * squared_weights)
+        return square * (deviation + significance**2 / 2 * largest)
 
 
 @compiled(const_f8_1d, const_f8_1d, const_f8_1d, f8)
