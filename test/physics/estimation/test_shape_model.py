@@ -78,6 +78,24 @@ def test_a_kink_and_an_anti_kink_are_located_with_the_stated_deviation(name):
     assert max(map(abs, errors)) < 4
 
 
+def test_a_wall_keeps_its_velocity_when_another_wall_appears():
+    chain, speed, rng = CHAINS['wobbler'], 0.02, np.random.default_rng(1)
+    still = staggered(static_wall(chain, 30.3))[1:-1][::-1]
+    uniform = np.full(len(still), still[0])
+    analyser = Analyser(replace(chain, number_of_rotors=2 * len(still)), NOISE)
+    for frame in range(110):
+        moving = staggered(static_wall(chain, 20 + speed * frame))[1:-1]
+        theta = np.concatenate([moving, uniform if frame < 100 else still])
+        noise = NOISE * rng.standard_normal(len(theta))
+        found = analyser.analyse(frame * 4_000_000, staggered(theta) + noise)
+        assert found is not None
+        if frame >= 100:
+            kink, _ = found.solitons
+            error = kink.velocity - speed / 0.004 * chain.spacing
+            assert kink.id == 1
+            assert abs(error) < 4 * kink.velocity_deviation < 0.2 * kink.velocity
+
+
 class Run(NamedTuple):
     """Frames of a collision."""
 

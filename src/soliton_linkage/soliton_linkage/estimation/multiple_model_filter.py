@@ -194,6 +194,12 @@ class MultipleModelFilter:
         self.expected_rate += change
         self._refresh()
 
+    def set_rate(self, rate: float, deviation: float) -> None:
+        """Set the rate of all filters [rad/s] and its standard deviation [rad/s]."""
+        self.filters['state'][:, RATE] = rate
+        self.filters['covariance'][:, RATE, RATE] = deviation**2
+        self._refresh()
+
     def add_rate_noise(self, variance: float, elapsed: float) -> None:
         """Add the process noise [rad^2/s^2] that the rate has accumulated over a time [s]."""
         covariances = self.filters['covariance']

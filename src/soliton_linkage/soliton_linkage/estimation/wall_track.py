@@ -219,6 +219,8 @@ class WallTrack:
         if self._motion is None:
             arc, given = measured.rotor * self._arc, self._settings.filter
             self._motion = MultipleModelFilter(arc, variance, self._scale, self._arc, given)
+            if math.isfinite(self.rate_deviation):
+                self._motion.set_rate(self.rate * self._arc, self.rate_deviation * self._arc)
         else:
             expected = self._motion.expected / self._arc
             apart = self._line.separation(measured.rotor, self._line.wrap(expected))
@@ -235,7 +237,7 @@ class WallTrack:
         """Discard the estimated motion of the wall."""
         self._motion, self.frames = None, 0
         self._variance = 0.0
-        self.rate = math.nan
+        self.rate = self.rate_deviation = math.nan
 
 
 class Encounter:
