@@ -238,10 +238,14 @@ def _print(text: str) -> None:
 _PAGE = """<!DOCTYPE html>
 <html lang="en">
 <meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
 <title>A soliton in a film</title>
 <style>
 body {{ font-family: sans-serif; margin: 1em; color: #3a3a3a; }}
-main {{ display: grid; grid-template-columns: 1fr 1fr; gap: 1em; }}
+main {{
+  display: grid; gap: 1em;
+  grid-template-columns: repeat(auto-fit, minmax(min(100%, 30em), 1fr));
+}}
 figure {{ margin: 0; }}
 video, img {{ width: 100%; }}
 </style>
