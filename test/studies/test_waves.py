@@ -8,8 +8,12 @@ import numpy as np
 import pytest
 import yaml
 
+from soliton_linkage.estimation import Analyser
+from soliton_linkage.estimation.estimates import TrackingStatus
 from soliton_linkage.linear.bands import band_edges
 from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.orbit.deviating_orbit import orbit_of
+from soliton_linkage_studies.accuracy.walls import nearest_arc
 from soliton_linkage_studies.waves import program
 from soliton_linkage_studies.waves.program import (
     Burst,
@@ -56,6 +60,25 @@ def test_packets_of_the_band_pull_the_kink_and_others_do_not():
     inside = moved.pop(39.0)
     assert inside < -1
     assert max(map(abs, moved.values())) < 1e-2
+
+
+@pytest.mark.parametrize('amplitude', [0.03, 0.05])
+def test_the_analyser_places_a_kink_in_a_wave_packet_as_stated(amplitude):
+    random, noise = np.random.default_rng(1), 0.01
+    run = WaveTask(SPINNER, Burst(33.5, 60.0, amplitude), 12.0, 20.3, frames=3000)()
+    analyser, orbit = Analyser(SPINNER), orbit_of(SPINNER)
+    arc, scores = orbit.arc_at(20.3, 0), []
+    for time, angles in zip(run.recording.times, run.recording.angles, strict=True):
+        arc = nearest_arc(orbit, angles, arc)
+        noisy = angles + noise * random.standard_normal(len(angles))
+        analysis = analyser.analyse(round(1e9 * time), noisy)
+        if analysis.status is TrackingStatus.TRACKING:
+            (wall,) = analysis.solitons
+            error = wall.position - orbit.site(arc) * SPINNER.spacing
+            scores.append(error / wall.position_deviation)
+    assert len(scores) > 0.95 * len(run.recording.times)
+    assert np.mean(np.abs(scores) > 3) < 0.01
+    assert 0.7 < np.sqrt(np.mean(np.square(scores))) < 1.2
 
 
 def test_a_kink_has_a_zero_mode_local_modes_and_no_barrier_at_any_site():

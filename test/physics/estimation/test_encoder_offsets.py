@@ -122,3 +122,27 @@ def test_a_persistent_outlier_in_an_even_chain_is_a_wrong_reading():
         reported = tracker.update(0.004 * frame, noisy)
     stated = reported.site_deviation * orbit.site_arc
     assert stated < 0.1 * off
+
+
+@pytest.mark.parametrize('period', [47, 200])
+def test_a_rotor_that_oscillates_far_from_the_wall_has_no_offset(period):
+    orbit, random = UniformOrbit(chain_of(SPINNER, ROTORS)), np.random.default_rng(7)
+    angles = orbit.configuration(orbit.arc_at(float(BOND), 0))
+    tracker, corrected = OrbitFilter(orbit), 0
+    for frame in range(1500):
+        noisy = angles + SMALL_NOISE * random.standard_normal(ROTORS)
+        noisy[1] += math.sin(2 * math.pi * frame / period)
+        tracker.update(0.004 * frame, noisy)
+        corrected += bool(tracker.offsets.corrections[1])
+    assert not corrected
+
+
+def test_the_offset_of_an_encoder_that_slips_is_found():
+    orbit, random = UniformOrbit(chain_of(SPINNER, ROTORS)), np.random.default_rng(8)
+    angles = orbit.configuration(orbit.arc_at(float(BOND), 0))
+    tracker = OrbitFilter(orbit)
+    for frame in range(800):
+        noisy = angles + SMALL_NOISE * random.standard_normal(ROTORS)
+        noisy[1] += 0.3 * (frame > 300)
+        tracker.update(0.004 * frame, noisy)
+    assert tracker.offsets.corrections[1] == pytest.approx(0.3, abs=SMALL_NOISE)

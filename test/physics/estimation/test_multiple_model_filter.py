@@ -195,3 +195,24 @@ def test_the_rate_of_a_damped_wall_agrees_with_its_stated_deviation():
             motion.update(arc, 1e-4)
         scores.append((motion.rate - 9.0 * math.exp(-decay * times[-1])) / motion.rate_deviation)
     assert np.sqrt(np.mean(np.square(scores))) < 1.7
+
+
+def test_a_resting_wall_that_waves_start_to_move_is_tracked():
+    acceleration, noise, scores = 1.0, 0.01, []
+    for seed in range(10):
+        random = np.random.default_rng(seed)
+        motion = MultipleModelFilter(0.0, noise**2, 50.0, SITE_ARC)
+        for frame in range(1000):
+            time = 0.004 * (frame - 700)
+            arc = acceleration / 2 * max(time, 0.0) ** 2
+            motion.set_wave_acceleration(acceleration if time > 0 else 0.0, 0.3)
+            motion.predict(0.004, at_edge=False)
+            motion.update(arc + noise * random.standard_normal(), noise**2, calm=float(time < 0))
+            rate_error = motion.rate - acceleration * time
+            if time > 0:
+                scores.append(
+                    ((motion.arc - arc) / motion.arc_deviation, rate_error / motion.rate_deviation)
+                )
+    of_seeds = np.reshape(scores, (10, -1, 2))
+    assert (np.sqrt(np.mean(of_seeds**2, axis=(0, 1))) < 2).all()
+    assert (np.sqrt(np.mean(of_seeds[:, 75:] ** 2, axis=(0, 1))) < 1.2).all()

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from chains import FLIPPER, SPINNER, WOBBLER, chain_of
 
+from soliton_linkage.estimation.orbit_model import ComplianceCorrection
 from soliton_linkage.linear.bands import speed_of_sound
+from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.solitons.tanh_fit import find_solitons
 from soliton_linkage_studies.accuracy.cells import AccuracyCell
 from soliton_linkage_studies.accuracy.scenes import averages_and_slopes, scene_of
@@ -116,6 +118,38 @@ def test_an_acceleration_does_not_bias_the_average_position_under_a_force():
     frames = np.arange(200)
     track = 0.01 * frames + 2e-3 * frames**2
     means, slopes = averages_and_slopes(track, 10, cubic=True, forced=True)
-    inner = slice(30, -30)
+    inner = slice(70, -70)
     assert means[inner] == pytest.approx(track[inner])
     assert slopes[inner] == pytest.approx(np.gradient(track)[inner])
+
+
+@pytest.mark.parametrize('period', [21, 42])
+def test_the_ripple_between_rotors_is_not_in_the_slope_under_a_force(period):
+    frames = np.arange(600)
+    track = 0.6 * frames - 4e-4 * frames**2 + 0.1 * np.sin(2 * np.pi * frames / period)
+    _, slopes = averages_and_slopes(track, 10, cubic=True, forced=True)
+    inner = slice(70, -70)
+    ripple = 0.1 * 2 * np.pi / period
+    assert np.abs(slopes - 0.6 + 8e-4 * frames)[inner].max() < 0.2 * ripple
+
+
+def test_the_slope_of_a_wall_that_stops_is_correct_before_and_after_the_stop():
+    left = np.maximum(300.0 - np.arange(600), 0.0)
+    track = -1e-3 * left**2
+    means, slopes = averages_and_slopes(track, 10, cubic=True, forced=True)
+    inner = slice(70, -70)
+    assert means[inner] == pytest.approx(track[inner], abs=1e-4)
+    assert slopes[inner] == pytest.approx(2e-3 * left[inner], abs=1e-3)
+
+
+@pytest.mark.parametrize(('example', 'speed'), [(WOBBLER, 0.1), (WOBBLER, 0.15), (SPINNER, 0.1)])
+def test_the_analyser_predicts_the_ripple_of_the_site(example, speed):
+    cell = cell_of(example, 40, speed=speed)
+    scene = scene_of(cell, 800, np.random.default_rng(2))
+    sites, rate = scene.instants[:, 0], float(np.median(np.abs(scene.site_rates)))
+    assert scene.scored.all()
+    frames = np.arange(len(sites))
+    ripple = np.std(sites - np.polyval(np.polyfit(frames, sites, 3), frames))
+    orbit = orbit_of(cell.chain)
+    variance = ComplianceCorrection(orbit).ripple(rate * orbit.site_arc)
+    assert np.sqrt(variance) == pytest.approx(ripple, rel=0.25)

@@ -62,13 +62,17 @@ class EncoderOffsets:
         self.update(np.full(rotors, np.nan), np.zeros(rotors), 1.0)
 
     def update(
-        self, residuals: Array, sides: Array, variance: float, persistent: float = 0.0
+        self,
+        residuals: Array,
+        sides: Array,
+        variance: float,
+        persistent: float | Array = 0.0,
     ) -> None:
         """Update the offsets with residuals [rad], shape (N,), NaN if unknown.
 
         Sides [1], shape (N,), are +1 before, -1 beyond and 0 near the wall. `variance` is the
         variance of the noise of a residual, and `persistent` the variance of an error that is
-        equal in all frames [rad^2].
+        equal in all frames, a number or shape (N,) [rad^2].
         """
         given = self.settings
         known = np.isfinite(residuals)
@@ -139,6 +143,7 @@ class FarFieldResiduals:
         self._sums, self._apart, self._beside = np.zeros((3, rotors))
         self._read, self._means, self._residuals = np.full((3, rotors), np.nan)
         self._uneven, self._first = False, True
+        self._unsteady = np.zeros(rotors)
         self.disorder = 0.0
         """Disorder: standard deviation of the angles [rad] due to unmodelled deviations from the
         uniform chain."""
@@ -200,8 +205,12 @@ class FarFieldResiduals:
         speed = (self._highest - self._lowest) * self._time_unit / max(self._time, 1e-12)
         # Springs deform a wall if the wall is at an edge or fast; test other walls only.
         inside = self._lowest > _FROM_EDGE and self._highest < len(sides) - 1 - _FROM_EDGE
-        self._beside = np.where(inside & (sides == 0), np.abs(means) - speed**2, 0.0)
         changed, self._means = means - self._means, means.copy()
+        squares = np.where(np.isfinite(changed), changed**2 / 2, self._unsteady)
+        self._unsteady += (squares - self._unsteady) / _FEWEST_MEANS
+        # The residual of an oscillating rotor changes from block to block; an offset does not.
+        unsteady = np.maximum(self._unsteady - 4 * noise, 0.0)
+        self._beside = np.where(inside & (sides == 0), np.abs(means) - speed**2, 0.0)
         changed[np.isnan(innovations)] = np.nan
         first, self._first = self._first, False
         if _trimmed_mean(innovations[known] ** 2) > strong:
@@ -218,7 +227,8 @@ class FarFieldResiduals:
         noise += waves * max(_WAVE_TIME * self._time_unit / self._time, 1.0)
         # If most rotors seem to have an offset, deviations of rotors and springs are the cause.
         passed = (offsets.weights > 0).all(axis=0)
-        persistent = _LEAST_ERROR**2 + robust_deviation(np.abs(offsets.values[passed])) ** 2
+        typical = robust_deviation(np.abs(offsets.values[passed]))
+        persistent = unsteady + _LEAST_ERROR**2 + typical**2
         strange = np.abs(innovations) > given.significance * (predicted + math.sqrt(noise))
         means[strange] = np.nan
         offsets.update(means, sides, noise, persistent)

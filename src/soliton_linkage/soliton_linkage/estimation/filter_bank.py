@@ -57,7 +57,7 @@ STATUS = np.dtype(
         (name, np.float64)
         for name in (
             *('base', 'site_arc', 'least_impulse', 'bias_decay', 'variance', 'elapsed'),
-            *('at_edge', 'rate', 'log_odds', 'frames', 'impulses'),
+            *('at_edge', 'rate', 'log_odds', 'frames', 'impulses', 'wave_noise', 'ripple'),
         )
     ]
 )
@@ -74,6 +74,9 @@ rate: rate of the mixture of all filters [rad/s].
 log_odds: log odds against the steady filter [1].
 frames: number of frames since the last restart from an impulse [1].
 impulses: number of restarts from an impulse [1].
+wave_noise: spectral density of the process noise of the rate that waves add to a filter, divided
+    by the rate noise of this filter [rad^2/s^3].
+ripple: variance that the periodic ripple of the rate adds to the bias of each filter [rad^2].
 """
 _FILTERS = records(FILTER, writable=True)
 _STATUS = records(STATUS, writable=True)
@@ -160,12 +163,13 @@ def predict(
         each['likelihood'] *= remembered
         transform(transition, covariance, product)
         noise = each['edge_rate_noise'] if at_edge else each['rate_noise']
-        added = speed**3 / site * elapsed * noise
+        added = (speed**3 / site + status[0]['wave_noise']) * elapsed * noise
         covariance[ARC, ARC] += elapsed**2 / 3 * added
         covariance[ARC, RATE] += ratio * elapsed / 2 * added
         covariance[RATE, ARC] = covariance[ARC, RATE]
         covariance[RATE, RATE] += ratio**2 * added
-        covariance[BIAS, BIAS] += each['bias_variance'] * (1 - kept**2)
+        biased = each['bias_variance'] + status[0]['ripple']
+        covariance[BIAS, BIAS] += biased * (1 - kept**2)
     return expected_measurement(filters)
 
 

@@ -8,9 +8,10 @@ In a time step dt, with the normal noise dB, the state changes by
 
     ds = w dt,   dw = sqrt(q) dB,   b' = a b + noise of variance m^2 (1 - a^2),
 
-with a = exp(-|w| dt / (Lambda / 2) - dt / tau) and q = e^2 |w|^3 / Lambda. Lambda is the arc
+with a = exp(-|w| dt / (Lambda / 2) - dt / tau) and q = e^2 (|w|^3 / Lambda + Q). Lambda is the arc
 length per rotor spacing, e the relative change of the rate per rotor spacing, and m the standard
-deviation of the bias.
+deviation of the bias. Q is the process noise due to waves, which also move a wall at rest. The
+variance m^2 includes the ripple of the rate between rotors.
 
 Filters with different e and m are weighted by the likelihood of recent measurements. The steady
 filter has e = m = 0 and uses the whole record. If the measurements contradict the steady filter,
@@ -97,7 +98,7 @@ class MultipleModelFilter:
         odds, least_impulse = -_FIRST_ODDS, (_LEAST_IMPULSE * scale) ** 2
         decay = scale / settings.bias_time
         constants = self._base, site_arc, least_impulse, decay
-        self._status[0] = *constants, variance, 0, 0, 0, odds, 0, 0
+        self._status[0] = *constants, variance, 0, 0, 0, odds, 0, 0, 0, 0
         self._known: _Summary | None = None
         set_weights(self.filters, settings.record, self._base, odds)
         self._refresh()
@@ -164,12 +165,15 @@ class MultipleModelFilter:
         ratio: float = 1.0,
         acceleration: float = 0.0,
         bandwidth: float = 0.0,
+        ripple: float = 0.0,
     ) -> None:
         """Predict all filters over the time `elapsed` [s].
 
         The known motion multiplies the rate by `ratio` [1]. `acceleration` is the modelled
-        acceleration [rad/s^2], and `bandwidth` the bandwidth of the disturbance [rad/s].
+        acceleration [rad/s^2], and `bandwidth` the bandwidth of the disturbance [rad/s]. `ripple`
+        is the variance that a periodic ripple of the rate adds to each bias [rad^2].
         """
+        self._status['ripple'] = ripple
         rate, gained = self.rate, (acceleration + self.disturbance) * elapsed
         self._known = None
         self.expected, self.expected_variance = predict(
@@ -208,6 +212,16 @@ class MultipleModelFilter:
         covariances[:, ARC, RATE] += variance * elapsed / 2
         covariances[:, RATE, ARC] += variance * elapsed / 2
         self._refresh()
+
+    def set_wave_acceleration(self, acceleration: float, duration: float) -> None:
+        """Set the acceleration by waves [rad/s^2] and the time for which it persists [s].
+
+        It is the acceleration in the model with the largest process noise; the other models
+        include a share of it, in proportion to their relative change of the rate.
+        """
+        largest = max(self._settings.rate_changes, default=0.0)
+        if largest:
+            self._status['wave_noise'] = (acceleration / largest) ** 2 * duration
 
     def update(
         self, arc: float, variance: float, degrees_of_freedom: float = math.inf, calm: float = 1.0

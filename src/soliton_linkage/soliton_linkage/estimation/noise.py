@@ -121,7 +121,10 @@ class FrameNoise:
         """Discard the persistent residuals, because the corrected encoder offsets have changed."""
         self._earlier = ()
         self._squares = self.variance * self._freedoms
-        self._products = self._pairs = self._wall = self._weights = self._squared_weights = 0.0
+        self._products = self._wall = self._weights = self._squared_weights = 0.0
+        # Earlier frames count as pairs without persistence, so that all means are over the same
+        # frames.
+        self._pairs = self._freedoms
         self._estimate()
 
     def _estimate(self) -> None:
@@ -281,10 +284,12 @@ class ResidualVariance:
         """Number of frames since the current wall was acquired."""
         self.at_edge = False
         """Whether the wall is at an edge."""
+        self.excluded = 0.0
+        """Mean square shift of the arc length by outliers, if waves cause them [rad^2]."""
 
     def start(self, view: LinearisedMeasurement) -> None:
         """Restart with the first frame of a new wall, but keep `way` and `at_edge`."""
-        self.frames = 0
+        self.frames, self.excluded = 0, 0.0
         self.noise = FrameNoise(self._given_noise, self._settings.noise)
         self.noise.update(view)
 
@@ -292,6 +297,12 @@ class ResidualVariance:
         """Update the estimates with the residuals of a frame."""
         self.noise.update(view)
         self.frames += 1
+        square = 0.0
+        if view.outliers and self.field > self.noise.variance:
+            near = slice(view.first, view.first + len(view.tangent))
+            ignored = np.nan_to_num((1 - view.weights[near]) * view.residuals[near])
+            square = (1 - self.noise.variance / self.field) * float(view.tangent @ ignored) ** 2
+        self.excluded += (square - self.excluded) / self._settings.noise.recent_frames
 
     def of_rotor(self) -> float:
         """Return the variance of the difference between a rotor and the orbit [rad^2]."""
@@ -317,14 +328,19 @@ class ResidualVariance:
         fleeting = max(noise.scatter - noise.variance, field) * outliers
         return noise.variance / view.information + persistent + fleeting
 
+    @property
+    def field(self) -> float:
+        """Mean square amplitude of waves near the wall [rad^2]."""
+        noise = self.noise
+        return max(noise.scatter - noise.variance, noise.excess, 0.0)
+
     def calm(self, rate: float) -> float:
         """Return the weight, 0 to 1, of the assumption that waves do not disturb the wall.
 
         Waves with the amplitude phi [rad] change the rate, per time unit of the chain, by the
         share phi / rate.
         """
-        noise = self.noise
-        field = max(noise.scatter - noise.variance, noise.excess, 0.0)
+        noise, field = self.noise, self.field
         steady = rate**2 * noise.variance
         disturbed = self._settings.tracking.wave_weight * field * (noise.variance + field)
         return steady / (steady + disturbed) if disturbed else 1.0

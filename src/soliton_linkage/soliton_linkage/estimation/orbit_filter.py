@@ -100,6 +100,7 @@ class OrbitFilter:
             term_table([each for each in of_chain(chain) if each.active is active], rotors)
             for active in (False, True)
         ]
+        self._phonon_period = 2 * math.pi / gap(chain)
         self._edge = _EDGE_ROTORS + penetration_depth(chain) / chain.spacing
         self._deviates = chain.deviations != NO_DEVIATIONS
         self._likelihood = FrameLikelihood(swing, settings.likelihood)
@@ -336,7 +337,9 @@ class OrbitFilter:
         if self._deviates:
             ratio *= self.orbit.free_rate(ahead) / self.orbit.free_rate(arc)
         acceleration += self._acceleration(arc + rate * elapsed / 2, rate, elapsed)
-        motion.predict(elapsed, self._variance.at_edge, ratio, acceleration, self.bandwidth)
+        ripple = self._compliance.ripple_bias(rate) * self.orbit.site_arc**2
+        at_edge = self._variance.at_edge
+        motion.predict(elapsed, at_edge, ratio, acceleration, self.bandwidth, ripple)
 
     def _acceleration(self, arc: float, rate: float, elapsed: float) -> float:
         """Return the acceleration sum(tau t) / sum(I t^2) along the orbit [rad/s^2].
@@ -374,6 +377,10 @@ class OrbitFilter:
             late = motion.expected_rate**2 * self.jitter.variance
             variance = self._variance.of_arc(view) + late
             calm = self._variance.calm(motion.expected_rate * self.orbit.chain.time_unit)
+            # Waves of amplitude x push a wall by forces of the order x^2.
+            motion.set_wave_acceleration(
+                self._variance.field / self.orbit.chain.time_unit**2, self._phonon_period
+            )
             motion.update(view.arc, variance, noise.degrees_of_freedom, calm)
 
     def _report(self, time: float, status: TrackingStatus) -> None:
@@ -383,7 +390,7 @@ class OrbitFilter:
         # Persistent residuals and unknown disorder shift the nearest point of the orbit. A wrong
         # stamp also causes an error of the arc length. Add the variances of these errors.
         by_disorder, rate_disorder = self._model.disorder_deviations(arc)
-        field = _FIELD_SHARE**2 * noise.excess
+        field = _FIELD_SHARE**2 * noise.excess + self._variance.excluded
         by_springs = self._compliance.unpredicted_change(rate)
         added = field + by_disorder**2 + rate**2 * self.jitter.variance
         added += (by_springs * orbit.site_arc / (2 * math.pi)) ** 2

@@ -234,6 +234,13 @@ _SECOND_ORDER = 0.5
 """Square root of a measured relative error [1]: the error of the predicted rate change,
 `rate_ratio` minus 1, of the fastest slow wall."""
 
+_RADIATION = 0.2
+"""Relative bandwidth of the resonance of a fast wall with the slowest phonon [1]. The radiated
+phonons damp the resonance. The simulated ripple agrees with this value within a factor of 2."""
+_RIPPLE_SHARE = 0.3
+"""Variance of a bias that replaces a ripple, divided by the variance of the ripple and by its
+period [1/rotor spacing]."""
+
 
 class ComplianceCorrection:
     """Correction of the rate of a wall: the compliance of the chain changes this rate."""
@@ -250,6 +257,12 @@ class ComplianceCorrection:
         self._mu = [[_mu(even, even.arc_at(site, leg)) for site in sites] for leg in (0, 1)]
         self._mean = float(np.mean(self._mu))
         self._spread = float(np.std(self._mu))
+        odd, even = (
+            np.std([mu[:_SAMPLES] + sign * mu[_SAMPLES:] for mu in np.array(self._mu)])
+            for sign in (-1, 1)
+        )
+        self._site_period = 2 if odd > even else 1
+        self._resonance = gap(chain) * self._site_period * orbit.site_arc / (2 * math.pi)
         self._adiabatic = _SLOW * gap(chain) * orbit.site_arc / (2 * math.pi)
         lowest_order = math.sqrt(_LOWEST_ORDER / (3 * np.max(self._mu)))
         self._fastest = min(self._adiabatic, lowest_order)
@@ -297,6 +310,29 @@ class ComplianceCorrection:
         if abs(rate) <= self._fastest:
             return change * (_SECOND_ORDER * relative) ** 2
         return change * min(1 / relative, 1.0) ** 4
+
+    def ripple(self, rate: float) -> float:
+        """Return the variance of the site of a wall due to the ripple of its rate [spacings^2].
+
+        The compliance depends on the site with a period of p rotor spacings. The rate of a wall
+        therefore ripples with the frequency at which the wall passes p rotors. The deformation of
+        the wall follows like an oscillator with the frequency of the slowest phonon. The variance
+        of slow walls is 0, because `rate_ratio` predicts their rate.
+        """
+        if abs(rate) <= self._fastest:
+            return 0.0
+        square, ratio = 3 * rate * rate, abs(rate) / self._resonance
+        change = 0.5 * square * self._spread / (1 + square * self._mean)
+        change /= math.hypot(1 - ratio * ratio, _RADIATION * ratio)
+        return (change * self._site_period / (2 * math.pi)) ** 2
+
+    def ripple_bias(self, rate: float) -> float:
+        """Return the variance of a bias of the site that replaces the ripple [spacings^2].
+
+        The bias of the filters, with its correlation length, disturbs a fit over three periods as
+        much as the ripple does.
+        """
+        return _RIPPLE_SHARE * self._site_period * self.ripple(rate)
 
 
 def _mu(orbit: Orbit, arc: float) -> float:

@@ -6,7 +6,9 @@ the shorter of two times: one period of the slowest phonon, and the time in whic
 rotor. The rate is the slope of a line that is fitted to the positions in three times the averaging
 time. For slow walls, whose speed varies between rotors, and for damped and driven rotors, a cubic
 replaces the line. In chains with force terms, the effect of the acceleration on the average is
-subtracted, with the acceleration from the cubic. No average extends across an impulse.
+subtracted, with the acceleration from the cubic. There the cubic is twice as long as the line,
+because a cubic of the same length follows the ripple of the speed between rotors. Near a stop of
+the wall, position and rate are not averaged. No average extends across an impulse.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from scipy.signal import savgol_coeffs
 
 from soliton_linkage.linear.bands import gap, speed_of_sound
@@ -55,6 +58,11 @@ _SAMPLES = 200
 """Number of orbit samples near the first edge [1], among which the rest state is searched."""
 _LEGS = 2.0
 """Longest path of a kicked wall before the scene starts [passages from edge to edge]."""
+_WINDOWS, _FORCED_WINDOWS = 3, 6
+"""Length of the window of a slope without and with force terms, divided by that of an average
+[1]."""
+_STOPPED = 0.02
+"""Threshold of the speed of a wall that counts as stopped, divided by its largest speed [1]."""
 _CHAINS = 200
 """Largest number of disordered chains that are drawn until one lets a wall pass [1]."""
 _IMPULSE_REACH = 1.5
@@ -148,14 +156,15 @@ def averages_and_slopes(
     by a cubic. `breaks` are indices at which the values are divided; no average and no fit
     extends across them. A second derivative x'' per squared index biases the average of 2 b + 1
     values by x'' b (b + 1) / 6. If `forced` is true, this bias is subtracted, with x'' from the
-    cubic.
+    cubic; the cubic then uses six times as many values, and near a stop, values and differences
+    replace averages and slopes.
     """
     means, slopes = np.empty_like(values), np.empty_like(values)
     for begin, end in pairwise([0, *(breaks or []), len(values)]):
         if end > begin:
             piece = values[begin:end]
             about = min(beside, len(piece) - 1)
-            wide = min(3 * beside, len(piece) - 1)
+            wide = min((_FORCED_WINDOWS if forced else _WINDOWS) * beside, len(piece) - 1)
             means[begin:end] = _convolved(piece, np.full(2 * about + 1, 1 / (2 * about + 1)))
             order = min(3 if cubic else 1, max(2 * wide - 1, 0))
             weights = savgol_coeffs(2 * wide + 1, order, deriv=1, use='dot')
@@ -163,7 +172,20 @@ def averages_and_slopes(
             if forced:
                 curvature = savgol_coeffs(2 * wide + 1, order, deriv=2, use='dot')
                 means[begin:end] -= _convolved(piece, curvature) * about * (about + 1) / 6
+                near, differences = _near_stop(piece, wide)
+                means[begin:end][near] = piece[near]
+                slopes[begin:end][near] = differences[near]
     return means, slopes
+
+
+def _near_stop(values: Array, beside: int) -> tuple[NDArray[np.bool_], Array]:
+    """Return whether the wall stops or starts within `beside` values, and all differences."""
+    differences = np.gradient(values)
+    still = np.abs(differences) < _STOPPED * np.abs(differences).max()
+    window = 2 * beside + 1
+    stopped = still.astype(np.float64)
+    changes = minimum_filter1d(stopped, window) < maximum_filter1d(stopped, window)
+    return changes, differences
 
 
 def _convolved(values: Array, weights: Array) -> Array:
@@ -196,7 +218,9 @@ def _single_wall(
     chain, last = cell.chain, cell.chain.number_of_rotors - 1
     springs.rates += cell.phonons / chain.time_unit * random.standard_normal(last + 1)
     beside = frames_beside(start.speed, cell)
-    margin = 3 * beside
+    # A force changes the speed within the fit, so that the slope of a fitted line would be wrong.
+    forced = isinstance(springs, ForcedSprings)
+    margin = (_FORCED_WINDOWS if forced else _WINDOWS) * beside
     total = frames + 2 * margin
     at = sorted(random.choice(np.arange(1, total - 1), impulse_count, replace=False).tolist())
     angles: list[Array] = []
@@ -215,8 +239,6 @@ def _single_wall(
         kinetic.append(float(springs.chain.kinetic_energy(springs.rates)))
         raw.append(arc)
     slow = abs(start.speed) < _SLOW * gap(chain) / (2 * math.pi)
-    # A force changes the speed within the fit, so that the slope of a fitted line would be wrong.
-    forced = isinstance(springs, ForcedSprings)
     cubic = slow or cell.damping > 0 or forced
     means, slopes = averages_and_slopes(np.array(raw), beside, at, cubic, forced)
     kept = slice(margin, total - margin)
