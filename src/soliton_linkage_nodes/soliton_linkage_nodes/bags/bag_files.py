@@ -55,9 +55,9 @@ class BagFiles(LimitedReader):
 
     It yields messages in the order of their receive times.
 
-    MCAP channels with the same topic name, type and encoding are treated as one topic. Information
-    about topics that the files lack is taken from metadata.yaml. The methods raise ValueError if
-    the bag is damaged or exceeds the limits.
+    MCAP channels with the same topic name, type and encoding are treated as one topic. If the
+    files lack the QoS profiles or the type hash of a topic, these are taken from metadata.yaml.
+    The methods raise ValueError if the bag is damaged or exceeds the limits.
     """
 
     def __init__(self, path: Path) -> None:

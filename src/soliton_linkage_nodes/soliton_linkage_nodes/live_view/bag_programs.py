@@ -35,7 +35,7 @@ _MOST_STEPS = 20
 """After a seek, a paused replay plays at most this many messages until a frame and its state
 arrive [1]."""
 _STEP_INTERVAL = 0.02
-"""Pause after each of these messages, in which the page receives it [s]."""
+"""The replay waits this long after each of these messages, so that the page can receive it [s]."""
 _RESULTS = {
     'pause': 'paused',
     'resume': 'resumed',
@@ -130,7 +130,10 @@ class BagRecording(_BagProgram):
         return ''
 
     async def start(self, namespace: str, snapshot: float = 0.0) -> str:
-        """Start a recorder, and wait until it is connected to all publishers of the chain."""
+        """Start a recorder, and wait until it is connected to all publishers of the chain.
+
+        The arguments are those of `begin`.
+        """
         name = self.begin(namespace, snapshot)
         while self.running and not (self.report and self.report.message.startswith('recording')):
             await asyncio.sleep(_POLL_INTERVAL)

@@ -34,7 +34,7 @@ _MINUTE = 60.0
 """The HTML file that a user can save shows at most this much of the past [s]."""
 _MINUTE_COLUMNS = round(_MINUTE / _HISTORY_PERIOD)
 _MINUTE_NUMBERS = 1_800_000
-"""Largest number of angles in this file [1] (7 MB of memory)."""
+"""Largest number of angles in this HTML file [1] (7 MB of memory)."""
 _HISTORY_NUMBERS = 400_000
 """Largest number of values in the history [1] (1.6 MB). The history of a long chain is therefore
 shorter."""
@@ -128,7 +128,9 @@ class ChainModel:
         self._update_derived()
 
     def extend_history(self, joints: JointStates, numbers: Mapping[str, float]) -> None:
-        """Add to the history joint states that the page has not shown, at most one every 1/30 s.
+        """Add joint states to the history, unless its last ones are less than 1/30 s earlier.
+
+        This method is for joint states that the page skips.
 
         `numbers` are the values of their soliton_state.
         """
@@ -147,12 +149,15 @@ class ChainModel:
         self._state_received_at = self._clock()
 
     def clear_state(self) -> None:
-        """Delete the values of soliton_state, because the next frame has no state."""
+        """Delete the values of the last soliton_state.
+
+        It is called before a frame for which no soliton_state is known.
+        """
         self.numbers, self._solitons = {}, []
         self._state_received_at = -math.inf
 
     def update_rate(self, sequence: int | None) -> None:
-        """Update the rate of joint_states from a message's sequence number, if it is known."""
+        """Update the rate of joint_states from the sequence number of a message, if it has one."""
         now = self._clock()
         if sequence is None:
             return
@@ -272,7 +277,7 @@ class ChainModel:
 
 
 def overview(lean: Array) -> Floats:
-    """Return the leans of the rotors for the overview of a chain, with the unit of `lean`.
+    """Return the leans of the rotors for the overview of a chain, in the unit of `lean`.
 
     For more than 2048 rotors, it returns the smallest and the largest lean in each of 1024 groups
     of rotors. The lean of a rotor is the displacement of its tip along the chain.

@@ -103,7 +103,7 @@ class CameraTopic:
         self.pictures += 1
 
     def adapt(self) -> None:
-        """Adapt the subscription to new publishers."""
+        """Adapt the quality of service of the subscription to new publishers."""
         if self._subscription is not None:
             self._subscription.adapt()
             self._publishers = len(self._subscription.publishers)
@@ -128,7 +128,7 @@ class CameraTopic:
 
 
 class ChainTopics:
-    """Subscriptions to the topics of one chain; its namespace ends with a slash."""
+    """Subscriptions to the topics of one chain; the namespace of the chain ends with a slash."""
 
     def __init__(self, node: Node, namespace: str) -> None:
         self.namespace = namespace
@@ -233,7 +233,7 @@ class ChainTopics:
                 del kept[stamp]
 
     def adapt(self) -> None:
-        """Adapt the subscriptions to new publishers."""
+        """Adapt the quality of service of the subscriptions to new publishers."""
         for topic in (self._joints, self._states, self._kicks, self.camera):
             topic.adapt()
         self.publishers = self._joints.publishers

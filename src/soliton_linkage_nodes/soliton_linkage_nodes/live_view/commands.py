@@ -126,7 +126,7 @@ class ChainCommands:
         )
 
     async def pull(self, pull: Pull, updated: Callable[[], Awaitable[None]]) -> str:
-        """Release a held soliton, and pull a rotor by hand; `updated` waits for the next frame."""
+        """Release a held soliton, then pull a rotor by hand; `updated` waits for a new frame."""
         self.check_writable()
         chain = self._finder.chains.get(self.namespace)
         named = chain.model.named if chain else None
@@ -221,7 +221,7 @@ class ChainCommands:
         """Move the soliton to the site coordinate `rotor` [rotor spacings].
 
         At `speed` 0 [rotor spacings/s], soliton_steering chooses the speed. `position` is the
-        present site coordinate.
+        present site coordinate of the soliton [rotor spacings].
         """
         self.check_writable()
         goal = views.move_goal(rotor, speed)
@@ -259,8 +259,8 @@ class ChainCommands:
     def follow(self, received_at: float, figures: Mapping[str, str]) -> None:
         """Update the shown move from a report of soliton_steering.
 
-        Such reports are the only source for moves of other clients. `received_at` is the time of
-        reception [s], and `figures` are the values of the report.
+        Moves that other clients have requested are known from these reports only. `received_at` is
+        the time of reception [s], and `figures` are the values of the report.
         """
         if received_at <= self._reported_at or 'moves begun' not in figures:
             return
@@ -396,7 +396,7 @@ class ChainCommands:
         raise ValueError(f'{node} has no parameter services; it may have ended')
 
     async def _result_of(self, send: Callable[[], Any]) -> Any:
-        """Return the result of the future that `send` creates, on the executor's thread."""
+        """Call `send` on the executor's thread, and return the result of the future it returns."""
         loop = asyncio.get_running_loop()
         result: asyncio.Future[Any] = loop.create_future()
 
@@ -427,9 +427,9 @@ class ChainCommands:
 
 
 def _new_rejection(before: NodeReport | None, report: NodeReport | None, topic: str) -> str:
-    """Return the reason if `report` counts a rejection that `before` does not, otherwise ''.
+    """Return the reason of a new rejection of a message on `topic`, or '' if there is none.
 
-    Only a rejection of a message on `topic` is returned.
+    A rejection is new if `report` counts more rejections than the earlier report `before`.
     """
     if report is None:
         return ''

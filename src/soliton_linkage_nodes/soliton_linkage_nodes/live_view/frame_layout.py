@@ -46,7 +46,7 @@ FIELDS = (
     'goal',  # goal of the current move [rotor spacings]
 )
 ARRAYS = (
-    'overview',  # lean u of each rotor [m]; in long chains, smallest and largest u of each group
+    'overview',  # tip displacement u of each rotor along the chain [m]; see chain_model.overview
     'angles',  # angles of the shown rotors [rad]; empty if too many rotors are shown
     'extensions',  # extension of the spring after each shown rotor [m]
     'mode',  # component of the zero mode at each shown rotor [1]
@@ -61,6 +61,7 @@ class Column(NamedTuple):
     """Stamp of the angles [s], stamp of the state [s], soliton position [rotor spacings], and the
     `ENERGIES` [J]."""
     overview: Floats
+    """Array of this name, as in `ARRAYS`."""
 
 
 def pack(numbers: Mapping[str, float], arrays: Mapping[str, Array | Floats]) -> bytes:
@@ -86,12 +87,13 @@ def unpack(frame: bytes) -> tuple[dict[str, float], dict[str, Floats]]:
 
 
 def pack_history(chain: int, columns: Iterable[Column]) -> bytes:
-    """Return a history message of the chain with the index `chain`.
+    """Return the history message of a chain, which contains its past states `columns`.
 
-    It begins with these doubles: kind, chain index, number of columns, number of leans in a
-    column, number of other values in a column. The other values of all columns follow as doubles,
-    and then the leans of all columns as float32. Only columns with as many leans as the latest
-    column are included.
+    `chain` is the index of the chain in the status. The message begins with these doubles: kind,
+    chain index, number of columns, length of the `overview` of a column, and length of the
+    `numbers` of a column. The `numbers` of all columns follow as doubles, and then the `overview`
+    of all columns as float32. A column is left out if its `overview` has another length than that
+    of the latest column.
     """
     kept = list(columns)
     height = kept[-1].overview.size if kept else 0

@@ -35,8 +35,8 @@ _CONNECTION_TIME = 10.0
 once."""
 _NODES = ('simulator', 'edge_actuator', 'soliton_analyser')
 _TURN = 1.0
-"""If the angle of a rotor has changed by more than this after two passages of the soliton, the
-rotor counts as spinning [rad]."""
+"""If two passages of the soliton, there and back, have turned a rotor by more than this in total,
+the rotor counts as spinning [rad]."""
 
 
 class Sample(NamedTuple):

@@ -40,7 +40,9 @@ class Pull:
         self.x, self.z = float(x), float(z)
 
     def torque(self, chain: Chain, angles: Array, rates: Array | None, limit: float) -> float:
-        """Return the torque on the pulled rotor [N m], at most `limit`.
+        """Return the torque on the pulled rotor [N m].
+
+        Its absolute value is at most `limit` [N m].
 
         The `angles` [rad] and `rates` [rad/s] of all rotors have shape (N,).
         """

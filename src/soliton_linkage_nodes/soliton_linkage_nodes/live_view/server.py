@@ -35,8 +35,8 @@ _PICTURES = Path(__file__).parent / 'docs' / 'pictures'
 _START_TIMEOUT = 30.0
 """Time limit for the start of the server [s]. NiceGUI needs several seconds on a busy machine."""
 _LONGEST_PERIOD = 0.2
-"""To reduce the processor load, the time between two calls of `tick` is increased to at most this
-[s]."""
+"""The time between two calls of `tick` is increased while the processor load is high, but to no
+more than this [s]."""
 _LARGEST_MESSAGE = 65536
 """Largest accepted message from a browser [bytes]."""
 _COOKIE = 'soliton_linkage_live_view'
@@ -171,8 +171,8 @@ class PageServer:
 def tick_period(wanted: float, spent: float, share: float) -> float:
     """Return the time until the next tick [s].
 
-    It is at least `wanted` [s], and long enough that the processor time since the last tick,
-    `spent` [s], is only a `share` of it.
+    It is `wanted` [s], or longer so that the processor time since the last tick, `spent` [s], is
+    only the fraction `share` of it. It is not made longer than 0.2 s for this purpose.
     """
     return max(wanted, min(spent / share, _LONGEST_PERIOD))
 

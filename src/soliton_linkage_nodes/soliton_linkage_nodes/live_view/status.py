@@ -131,8 +131,8 @@ def status(
 ) -> str:
     """Return the status of all chains as JSON.
 
-    By namespace, `commands` contains the commands and `why` the `reasons` of each chain. `more`
-    contains further entries of the status.
+    `commands` and `why` map the namespace of each chain to its commands and to its `reasons`.
+    `more` contains further entries of the status.
     """
     chains = []
     for namespace, chain in finder.chains.items():

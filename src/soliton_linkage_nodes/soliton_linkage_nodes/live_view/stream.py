@@ -139,7 +139,10 @@ class BrowserStream:
         await self._socket.send_bytes(packed)
 
     def _skipped(self, chain: ChainTopics) -> list[Column]:
-        """Return the history after the last sent frame, without the newest column."""
+        """Return the columns of the history since the last call, without the newest column.
+
+        The browser receives the newest state as a frame.
+        """
         last = self._sent_stamps.get(chain.namespace, math.inf)
         self._sent_stamps[chain.namespace] = chain.model.stamp
         skipped = list(

@@ -40,7 +40,8 @@ class View:
         self.replay = BagReplay(self.catalogue, logs, finder, read_only)
         self.status = ''
         self.reasons: dict[str, dict[str, str]] = {}
-        """Reason why a control is disabled ('' if enabled), by namespace and control."""
+        """For each namespace, a mapping from controls to the reason why the control is disabled,
+        '' if it is enabled."""
         self._node = node
         self._failures: list[str] = []
         self._packed: dict[tuple[int, int, int], bytes] = {}
@@ -63,7 +64,7 @@ class View:
 
     @property
     def versions(self) -> list[int]:
-        """Numbers of which at least one changes whenever `descriptions` changes."""
+        """Version numbers of the descriptions, at least one of which changes with each change."""
         return [self.replay.played, *(c.model.version for c in self.chains.values())]
 
     def descriptions(self) -> dict[str, Any]:

@@ -317,7 +317,8 @@ class Lag:
     def too_long(self, sent: int) -> bool:
         """Add a message with source time `sent` [ns]; return whether the lag is too long.
 
-        This is the case after the lag has exceeded `longest` for `longest` seconds.
+        This is the case if the lag has been at least `longest` [s], the limit given to the
+        constructor, without interruption for longer than this same time.
         """
         now = time.monotonic()
         apart = time.time_ns() - sent

@@ -27,7 +27,8 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, subscribe_newest
 
 _FRESH = 1.0
-"""Solitons are not drawn if their stamp differs from that of the angles by more than this [s]."""
+"""Solitons are not drawn if their stamp differs from that of the angles by this time or more
+[s]."""
 _SILENT = 3.0
 """A report that is older than this is not shown [s]. Nodes report once per second."""
 _MOST_REPORTS = 100
@@ -82,7 +83,7 @@ class ObservedChain:
 
     @property
     def walls(self) -> list[Wall]:
-        """Solitons of the latest state, [] if its stamp and that of the angles differ by 1 s."""
+        """Solitons of the latest state, [] if its stamp differs from `stamp` by 1 s or more."""
         apart = self.seconds - time_from_msg(self.state_stamp) / SECOND
         return self._walls if abs(apart) < _FRESH else []
 

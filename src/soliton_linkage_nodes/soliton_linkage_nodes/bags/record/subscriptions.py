@@ -79,7 +79,12 @@ class RecordedSubscription:
             self.starts.add(number, sent, info['received_timestamp'] - self._wanted_since)
 
     def may_lack(self, until: int) -> bool:
-        """Return whether messages of a stream sent before `until` [ns] may still arrive."""
+        """Return whether to wait for more messages that were sent before the time `until` [ns].
+
+        This is the case if the last two received messages were sent in the second before `until`.
+        The topic is then a stream, and a message that was sent after `until` will end the wait
+        soon.
+        """
         return self._sent < until < self._sent_before + _STREAM_PERIOD
 
     @property

@@ -115,8 +115,9 @@ def topic_of(channel: Channel, schemas: Mapping[int, Schema]) -> StoredTopic:
 def channel_of(topic: StoredTopic, schema: int) -> Channel:
     """Return the channel of a topic.
 
-    `schema` is the number of its schema. For topics in CDR, it has entries for QoS and type hash
-    even if they are empty, because rosbag2 requires them.
+    `schema` is the number of the schema of the topic. If the topic is in CDR, the metadata of the
+    channel has entries for QoS and type hash even if these entries are empty, because rosbag2
+    requires them.
     """
     own = {_PROFILES: topic.profiles, _DIGEST: topic.digest}
     if topic.serialization != CDR:

@@ -40,7 +40,10 @@ class Shown(Protocol):
 
 
 async def attempt(name: str, action: Action, long: bool = False) -> bool:
-    """Carry out an action and show its answer. A `long` action may take more than 2 s."""
+    """Carry out an action and show its answer; return whether it has succeeded.
+
+    A `long` action may take more than 2 s.
+    """
     number = next(_numbers)
     show_answer(number, name, long=long)
     good = True
@@ -118,7 +121,7 @@ def value_of(entry: ui.number) -> float:
 class ControlGroup:
     """Controls under one heading.
 
-    They are disabled by the entry `reason_of` of the `reasons` of a chain.
+    `reason_of` is the key under which the status of a chain contains the reason to disable them.
     """
 
     def __init__(self, title: str, reason_of: str) -> None:
