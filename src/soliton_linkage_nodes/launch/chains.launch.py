@@ -86,7 +86,7 @@ def shared(chains, processes):
 def processes(context):
     """Return the processes that run the chains.
 
-    If one bag for all chains was requested, its recorder is included.
+    If one bag for all chains was requested, the recorder of this bag is included.
     """
     given, record, bags, number = (
         context.perform_substitution(LaunchConfiguration(name))

@@ -79,8 +79,8 @@ def decompress_file(packed: BinaryIO, plain: Path, limits: BagLimits) -> str | N
 
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 _BLOCK_IN = 4096
-"""Bytes that a decompressor receives in one call [B]. The number is small because, if they are
-damaged, the output of this call is lost."""
+"""Bytes that a decompressor receives in one call [B]. The number is small because a damaged byte
+causes the loss of the whole output of this call."""
 _BLOCK_OUT = 2**20
 """Largest number of bytes that a decompressor returns in one call [B]."""
 

@@ -58,7 +58,7 @@ def storage_of(path: Path) -> str | None:
 
 
 def explain_no_bag(path: Path) -> str:
-    """Return an error message if a path cannot be that of a bag, otherwise ''."""
+    """Return an error message if there is no bag of rosbag2 at a path, otherwise ''."""
     bag = f'bag {str(path)!r}'
     if not path.exists():
         return f'{bag} does not exist; give the path of a bag directory'

@@ -78,7 +78,7 @@ _LONGEST_SLEEP = 0.1
 """Longest sleep of the loop before it checks whether it was stopped or its rate was changed
 [s]."""
 _IDLE = 0.005
-"""Pause after a call that had no work, in a loop at an infinite rate [s]."""
+"""Pause of a loop at an infinite rate after a call that returned False [s]."""
 _PRIORITY_LIMIT = 10**7
 """A call that is later than this [ns], ten periods at 1000 Hz, runs without real-time priority."""
 

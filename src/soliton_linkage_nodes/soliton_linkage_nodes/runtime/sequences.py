@@ -19,8 +19,8 @@ Slow publishers are therefore not replaced."""
 _MEMORY = 20
 """The period of a publisher is averaged over about this many messages [1]."""
 _GAP_RATIO = 3.0
-"""A message whose time since a publisher's last message is wrong by more than this factor is
-probably from another publisher [1]."""
+"""If the time from the last message of a publisher to a new message differs from the expected time
+by more than this factor, the new message is probably from another publisher [1]."""
 _NANOSECOND = 1e-9
 """One nanosecond [s]."""
 _OFFSET_WINDOW = 10.0
@@ -62,8 +62,8 @@ class SequenceGaps:
 class _Newcomer:
     """First received message of a publisher.
 
-    `elapsed` is the time from the subscription to this message, and `period` the estimated message
-    period [ns].
+    `number` is its sequence number and `sent` its source time [ns]. `elapsed` is the time from the
+    subscription to this message [ns], and `period` the estimated message period [ns].
     """
 
     number: int
@@ -80,7 +80,12 @@ class MissedStarts:
 
     @property
     def missed(self) -> int:
-        """Number of missed messages, without those sent before the subscription existed."""
+        """Number of messages that were sent after the subscription and before the first received
+        one.
+
+        If the earlier messages of a publisher need more time than has passed from the subscription
+        to its first received message, none of them is counted.
+        """
         before = ((each.number - 1, each) for each in self._newcomers)
         return sum(count for count, each in before if count * each.period <= each.elapsed)
 

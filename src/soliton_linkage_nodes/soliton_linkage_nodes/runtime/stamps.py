@@ -68,7 +68,7 @@ of at most 100 ppm."""
 class ClockMonitor:
     """Monitor of the offset of stamps from the clock, for diagnostics only.
 
-    The offset is the smallest difference between arrival time and stamp.
+    The offset is the smallest value of arrival time minus stamp since the last call of `figures`.
     """
 
     def __init__(self) -> None:
@@ -85,7 +85,7 @@ class ClockMonitor:
     def figures(self) -> dict[str, float]:
         """Return named values for diagnostics: the offset [s] and its drift [ppm].
 
-        They are estimated from the messages since the last call; without messages, {} is returned.
+        They are estimated from the messages since the last call. Without messages, {} is returned.
         """
         if self._least is None:
             return {}

@@ -82,7 +82,7 @@ class AdaptiveSubscription:
 
     @property
     def as_requested(self) -> bool:
-        """Whether reliability and durability are those of `topic`, without an adaptation."""
+        """Whether reliability and durability are those of `topic`, not adapted to publishers."""
         return _same_offer(self.qos, self.topic.qos)
 
     @property
@@ -199,12 +199,13 @@ def subscribe_newest(
 
 
 class StreamSubscription:
-    """Subscription of a node to a stream of messages from one publisher at a time.
+    """Subscription of a node to a stream, whose messages are taken from one publisher at a time.
 
     Publishers that send different parts of the stream, such as different joints, are all used. If
     several publishers send the same parts, the first one is used until it becomes silent.
-    Diagnostics state the number of publishers and of lost messages. When the lag exceeds
-    `longest_lag` [s], only the newest waiting message is used.
+    Diagnostics state the number of publishers and of lost messages. If messages are at least
+    `longest_lag` [s] later than usual, for longer than this same time, only the newest waiting
+    message is used.
     """
 
     def __init__(
@@ -225,8 +226,9 @@ class StreamSubscription:
 
         With `latest`, only the newest waiting message is passed to `take`. `on_takeover` is called
         when another publisher replaces a silent one. `parts` returns the names of the parts in a
-        message. `assemble` combines such partial messages. It returns the messages that are
-        complete with this one, and `take` gets these.
+        message, such as joint names. `assemble` is called with each message. If a message contains
+        only some parts, it stores it. It returns the messages that are now complete, each of which
+        is passed to `take`.
         """
         self.skipped = 0
         """Number of received messages that were skipped, because of a lag or because of

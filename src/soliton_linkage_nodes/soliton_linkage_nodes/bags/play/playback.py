@@ -103,9 +103,11 @@ class PlaybackThread:
     """Thread that publishes each message of a bag when it is due.
 
     At the start it calls `prepare(True)`, publishes the last latched messages from before the
-    range, and calls `prepare(False)`. Before each message, it calls `publish_clock` with the
-    message's receive time [ns]. `finished` is set at the end of the range, but not after a stop.
-    `rounds` is the number of times that the range was started, and `jumps` the number of seeks.
+    range, and calls `prepare(False)`. The calls of `prepare` wait for the subscribers of the
+    latched topics (True) and of all other topics (False). Before each message, the thread calls
+    `publish_clock` with the message's receive time [ns]. `finished` is set at the end of the
+    range, but not after a stop. `rounds` is the number of times that the range was started, and
+    `jumps` the number of seeks.
     """
 
     def __init__(

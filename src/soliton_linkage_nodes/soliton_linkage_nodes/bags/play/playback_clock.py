@@ -145,9 +145,10 @@ class PlaybackClock:
         return sought
 
     def wait_for(self, stamp: int, meanwhile: Callable[[], None] = lambda: None) -> NextAction:
-        """Wait until the message with the receive time `stamp` [ns] is due, or a seek or stop.
+        """Wait until a message is due, or until a seek or a stop is requested.
 
-        During the wait, `meanwhile` is called ten times per second.
+        `stamp` is the receive time of the message [ns]. During the wait, `meanwhile` is called ten
+        times per second.
         """
         while True:
             with self._changed:

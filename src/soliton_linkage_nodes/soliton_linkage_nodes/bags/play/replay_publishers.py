@@ -283,7 +283,7 @@ class ReplayPublishers:
     def _wait_for_acknowledgements(self, *topics: str) -> None:
         """Wait until the subscribers of these topics have acknowledged all messages.
 
-        Otherwise, a full queue would drop messages.
+        Without this wait, a full queue would drop messages.
         """
         deadline = time.monotonic() + _LONGEST_DELIVERY
         for topic in topics:

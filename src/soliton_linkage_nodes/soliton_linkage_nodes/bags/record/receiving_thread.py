@@ -48,7 +48,9 @@ class RecordingMetadata:
     def texts(self, losses: Mapping[str, int], missed: Mapping[str, int]) -> dict[str, str]:
         """Return the custom data.
 
-        `losses` and `missed` are the numbers of lost and of missed messages of each topic.
+        For each topic, `losses` is the number of messages that were published while recording but
+        are not in the bag, and `missed` the number that were sent before their publisher was
+        connected.
         """
         return {
             'lost_messages': json.dumps(losses),
@@ -78,10 +80,11 @@ class DiscoveryTimes:
     announcement: float = 3.2
     """Shortest duration of the discovery [s], so that every process announces itself once."""
     quiet: float = 1.0
-    """All publishers count as discovered if nothing has changed for this time [s]."""
+    """All publishers count as discovered if the numbers of known and of connected publishers have
+    not changed for this time [s]."""
     longest: float = 10.0
-    """If a publisher is not connected after this time [s], it is ignored, because it may have been
-    killed."""
+    """After this time [s], the recorder no longer waits for a publisher that is not connected,
+    because it may have been killed."""
 
 
 class DiscoveryWait:
@@ -91,14 +94,16 @@ class DiscoveryWait:
         self, times: DiscoveryTimes = DiscoveryTimes(), clock: Callable[[], float] = time.monotonic
     ) -> None:
         self.missing: list[str] = []
-        """Topics that had a publisher without a connection at the last call of `done`."""
+        """Topics that had a publisher without a connection to the recorder at the last call of
+        `done`."""
         self._times = times
         self._clock = clock
         self._begun = self._since = clock()
         self._known: list[tuple[str, int, int]] = []
 
     def done(self, subscriptions: Sequence[RecordedSubscription]) -> bool:
-        """Return whether all publishers are connected, or the longest wait is over."""
+        """Return whether all publishers were found and are connected, or the longest wait is over.
+        """
         now = self._clock()
         known = [(each.source.name, each.publishers, each.connected) for each in subscriptions]
         if known != self._known:
@@ -113,10 +118,10 @@ _POLL_INTERVAL = 0.05
 """Time between two rounds, in each of which all waiting messages are taken from the middleware
 [s]."""
 _DISCOVERY_INTERVAL = 0.01
-"""Time between two queries whether an awaited topic has appeared [s]. A query takes at most 0.1
+"""Time between two queries of the ROS graph for awaited topics [s]. A query takes at most 0.1
 ms."""
 _LONGEST_ROUND = 5.0
-"""Longest wait of `settle` for two rounds of the thread [s]. They usually take 0.1 s."""
+"""Longest wait of `settle` for two rounds of the thread [s]. Two rounds usually take 0.1 s."""
 _LONGEST_TRANSPORT = 2.0
 """Longest wait of `settle` for messages that are still in transport [s]. Usually a later message
 of the same publisher ends the wait earlier."""

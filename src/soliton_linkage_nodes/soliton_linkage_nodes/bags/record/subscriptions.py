@@ -93,9 +93,10 @@ class RecordedSubscription:
         return self._subscription.changed
 
     def adapt(self, query: bool) -> list[ReceivedMessage]:
-        """Subscribe again if publishers offer a lower QoS; return the messages that were waiting.
+        """Subscribe again if the publishers require another QoS; return the messages that waited.
 
-        The publishers are queried if they may have changed or if `query` is set.
+        The publishers are looked up in the ROS graph if they may have changed or if `query` is
+        set.
         """
         unsettled = not self._subscription.as_requested or self.connected != self.publishers
         if not (self._subscription.changed or unsettled or query):
@@ -140,7 +141,10 @@ class TopicFinder:
 
     @property
     def appeared(self) -> bool:
-        """Whether an awaited topic has a publisher, or topics have changed since `find` ran."""
+        """Whether `find` may find new topics.
+
+        This is the case if an awaited topic has a publisher or the list of all topics has changed.
+        """
         new = self._regex is not None and self._names() != self._searched
         return new or any(map(self._node.count_publishers, self.awaited))
 
@@ -208,7 +212,7 @@ _MOST_KEPT = 512 * 2**20
 
 
 class RecordingBuffer:
-    """Buffer of messages for snapshots, and of each latched topic's last message in a pause."""
+    """Buffer for the messages of a snapshot and for the last message of each latched topic."""
 
     def __init__(
         self, snapshot: float = 0.0, paused: bool = False, most_kept: int = _MOST_KEPT

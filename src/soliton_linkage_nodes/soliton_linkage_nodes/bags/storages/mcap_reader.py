@@ -32,8 +32,8 @@ _MESSAGE_COST = 250
 """Approximate memory that a message takes while it waits to be yielded, in addition to its data
 [B]."""
 _MOST_WAITING = 4
-"""The messages of chunks that overlap in time may take this number times `max_unpacked` of memory
-[1]."""
+"""If chunks overlap in time, their messages wait in memory until they can be yielded in order.
+They may take this number times `max_unpacked` [1]."""
 _LONGEST_RUN = 2**20
 """Largest size of a run of consecutive messages outside of chunks [B]. A run is read as a
 whole."""
@@ -185,7 +185,7 @@ class IndexedMcap(LimitedReader):
     def _add_part(self, part: _Stretch, in_run: bool) -> None:
         """Add a chunk, or a message outside of chunks if `in_run` is set.
 
-        Consecutive messages outside of chunks are joined to a run.
+        If such a message directly follows another one, both are joined to a run.
         """
         last = self._parts[-1] if self._parts and in_run else part
         follows = last.offset not in self._after and last.offset + last.size == part.offset

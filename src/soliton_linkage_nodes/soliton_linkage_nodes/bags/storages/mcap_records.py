@@ -150,7 +150,7 @@ def message_head(
 def chunk_record(
     records: bytes | memoryview, start: int, end: int, codec: str
 ) -> tuple[bytes, bytes | memoryview]:
-    """Return the head and the content of a chunk record.
+    """Return the head of a chunk record, and its content, compressed by `codec`.
 
     `start` and `end` are the first and the last receive time of its messages [ns].
     """
@@ -184,9 +184,10 @@ def attachment_index_record(body: Bytes, offset: int, length: int) -> bytes:
 
 
 def data_is_intact(data: Bytes, end: int) -> bool:
-    """Return whether the data before the record at `end` is intact.
+    """Return whether the first `end` bytes of `data` agree with the checksum that follows them.
 
-    This record contains the checksum; without a checksum, the data counts as intact.
+    The checksum is in the record at `end`. If it is 0, there is no checksum, and the data counts
+    as intact.
     """
     begin = end + RECORD_HEADER.size
     checksum = int.from_bytes(data[begin : begin + 4], 'little')
@@ -194,7 +195,7 @@ def data_is_intact(data: Bytes, end: int) -> bool:
 
 
 def attachment_is_intact(body: Bytes) -> bool:
-    """Return whether the checksum of an attachment is correct; also true without a checksum."""
+    """Return whether an attachment agrees with its checksum; True if it has no checksum."""
     size = len(body) - extra_bytes(Opcode.ATTACHMENT, body) - 4
     checksum = int.from_bytes(body[size : size + 4], 'little')
     return not checksum or crc32(body[:size]) == checksum
@@ -304,8 +305,9 @@ _LAYOUTS: dict[int, tuple[int, tuple[int, ...], int]] = {
     Opcode.SUMMARY_OFFSET: (17, (), 0),
     Opcode.DATA_END: (4, (), 0),
 }
-"""For each opcode: size of the numbers at the start of the body [B], sizes of the length fields of
-the texts or data that follow [B], and size of the numbers at the end [B]."""
+"""Layout of the body of a record for each opcode: total size of the numbers at the start [B]; for
+each text or data field after them, the size of its length field [B]; and total size of the numbers
+at the end [B]."""
 
 
 def extra_bytes(opcode: int, body: Bytes) -> int:

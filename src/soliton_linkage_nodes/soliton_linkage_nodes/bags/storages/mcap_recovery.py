@@ -290,13 +290,15 @@ _HEAD = re.compile(rb'[\x01-\x0f](?=.{5}\x00\x00\x00)', re.DOTALL)
 _SHORTEST, _LONGEST = 4, 2**40
 """Smallest and largest plausible size of the body of a record [B]."""
 _WINDOW = 2**26
-"""After a search through this number of bytes of the file, their memory is released [B]."""
+"""Each time that this number of bytes of the file has been searched, their memory is released
+[B]."""
 
 
 def _may_follow(data: Bytes, offset: int) -> bool:
-    """Return whether, after a record that ends at `offset`, the file may be intact.
+    """Return whether the bytes at `offset`, the end of a record, may continue an intact file.
 
-    A record or the magic bytes may begin at `offset`, or the file ends there.
+    This is the case if they may be the head of a record or the magic bytes, or if the file ends
+    there.
     """
     rest = data[offset : offset + mcap.RECORD_HEADER.size]
     if len(rest) < mcap.RECORD_HEADER.size:

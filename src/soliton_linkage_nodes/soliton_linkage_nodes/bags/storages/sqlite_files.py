@@ -30,12 +30,13 @@ from soliton_linkage_nodes.bags.stored_topic import StoredTopic, completed
 _LEAST_ROW = 4
 """Size of the shortest row of a table [B]. A file of n bytes therefore has at most n / 4 rows."""
 _PATIENCE = 4.0
-"""Time limit for the search for a row [s]. The time for reading the whole file is added to it."""
+"""Time limit for the search for a row [s], to which the time for reading the whole file is
+added."""
 _SLOWEST_DISK = 20e6
-"""Read rate of the slowest disk that is assumed for this time [B/s]."""
+"""Assumed read rate of a slow disk [B/s], from which the time for reading the file is computed."""
 _CHECK_EVERY = 20_000
-"""Number of instructions that SQLite executes between two checks of the time limit [1]. They take
-less than 1 ms."""
+"""Number of instructions that SQLite executes between two checks of the time limit [1]. So many
+instructions take less than 1 ms."""
 _LONGEST_SQL = 20_000
 """Longest accepted definition of a table [characters]. The definitions in bags have 200
 characters."""
