@@ -49,7 +49,7 @@ class Line:
     def stamps(self, clock: DeviceClock) -> Array:
         """Stamps less the times of measurements and the least delay [s]."""
         stamps = [
-            clock.stamp(int(time), int(arrival), checked=True)
+            clock.stamp(int(time), int(arrival))
             for time, arrival in zip(self.times, self.arrivals, strict=True)
         ]
         assert (np.diff(stamps) > 0).all()
