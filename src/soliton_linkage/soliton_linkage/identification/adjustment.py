@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Least-squares estimate of the lengths and encoder offsets with which all bonds close.
 
-A bond closes if the ends of its two rotors are one rest length apart. A bond has two limits (see
-`_room`), and it stops walls if its lengths are beyond one of them.
+A bond closes if the ends of its two rotors are one rest length apart. The lengths of a bond must
+observe two limits (see `_room`). A bond that violates one of them stops walls.
 """
 
 from __future__ import annotations
@@ -59,8 +59,8 @@ class Adjustment:
     noise: float
     """Standard deviation of a reading [rad], computed from the misclosures of all bonds."""
     bond_noise: Array
-    """Standard deviation of a reading [rad], computed from the misclosures of each bond
-    separately, shape (N - 1,)."""
+    """Standard deviation of a reading [rad] as each bond alone would give it, computed from the
+    misclosures of this bond, shape (N - 1,)."""
     residuals: Array
     converged: bool
 
@@ -81,9 +81,10 @@ def adjust(
     `tolerance` is the prior standard deviation of the log of a length [1]; if it is None, it is
     estimated.
 
-    If a bond is collinear with a rotor in a frame, two configurations of this frame close all
-    bonds. Therefore, after convergence, the configurations of all frames are computed again from
-    the readings, and the iteration continues if these configurations fit better.
+    Near a frame in which a bond is collinear with a rotor, two different configurations close all
+    bonds, and the iteration may have followed the wrong one. Therefore, after convergence, the
+    configurations of all frames are computed again from the readings, and the iteration continues
+    if they fit the readings better.
     """
     for _ in range(_RESTARTS):
         found = _adjust_once(readings, start, tolerance, relative_deviations)
@@ -189,7 +190,7 @@ _CHANCE = 3.0
 """Bonds that are closer than this to a limit are reported, and bonds that exceed a limit by less
 than this are corrected [standard deviations]."""
 _MARGIN = 1e-3
-"""A correction moves a bond to this distance on the permitted side of its limit, relative to the
+"""A correction leaves a bond on the permitted side of its limit, at a distance of this times the
 spacing of the bond [1]."""
 _ROUNDS = 5
 """Largest number of rounds of corrections [1]. Another round is necessary if a correction has
@@ -199,10 +200,10 @@ moved a neighbouring bond beyond its limit."""
 def passable(lengths: Lengths, covariance: Array) -> Lengths:
     """Return the most likely lengths with which no bond stops a wall (see `solitons.passage`).
 
-    The unknowns p of the lengths have the covariance C, (P, P). Their correction is dp = C G^T (G
-    C G^T)^-1 s, where s contains how far bonds are beyond their limits, and G the derivatives of
-    the distances of these bonds from their limits. A bond is not corrected if it is so far beyond
-    a limit that noise cannot be the cause.
+    The P unknowns p of `lengths` have the covariance C, (P, P). They are corrected by dp = C G^T
+    (G C G^T)^-1 s. For the bonds beyond a limit, s contains the distances that are missing, and G
+    the derivatives of the distances of `_room` by p. A bond is not corrected if it is so far
+    beyond a limit that noise cannot be the cause.
     """
     for _ in range(_ROUNDS):
         room, slopes = _room(lengths)
@@ -220,7 +221,7 @@ def passable(lengths: Lengths, covariance: Array) -> Lengths:
 
 
 def near_limit_bonds(lengths: Lengths, covariance: Array) -> dict[int, float]:
-    """Return, for each bond near a limit, the probability that it exceeds the limit [1]."""
+    """Return the probability that a bond is beyond its limit [1], for each bond near a limit."""
     room, slopes = _room(lengths)
     distances = (room / _deviations(slopes, covariance)).reshape(2, -1).min(axis=0)
     near = np.flatnonzero((distances > 0) & (distances < _CHANCE))
@@ -232,12 +233,13 @@ def _deviations(slopes: Array, covariance: Array) -> Array:
 
 
 def _room(lengths: Lengths) -> tuple[Array, Array]:
-    """Return the distances of K bonds from both limits [m], (2 K,), and their derivatives.
+    """Return the distances of K bonds from two limits [m], (2 K,), and the derivatives.
 
     A bond has the rest length l, the spacing a and the rotor lengths r_n and r_(n+1). The first
-    distance is l - a - |r_n - r_(n+1)|. The second one is a + l - r_n - r_(n+1), or minus this if
-    it is negative for most bonds. A bond is beyond a limit if the distance is negative. The
-    derivatives by the P unknowns have shape (2 K, P).
+    distance is l - a - |r_n - r_(n+1)|. The second distance is a + l - r_n - r_(n+1). If it is
+    negative for most bonds, as in spinners, its sign is reversed for all bonds. A bond is beyond a
+    limit if the distance is negative. The derivatives of the distances by the P unknowns have
+    shape (2 K, P).
     """
     r, a, rest = lengths.rotor_lengths, lengths.spacings, lengths.rest_lengths
     left, right = r[:-1], r[1:]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Masses of rotors that rigid bars connect, relative to the mean mass, from their free motion.
+"""Relative masses of the rotors of a chain of rigid bars, from the free motion of the chain.
 
 The angles phi of the rotors move along a curve, the orbit. With its arc length s [rad], its unit
 tangent t, and a mass-weighted speed u, the equations of motion are
@@ -46,8 +46,8 @@ _GRID = 0.03
 """Step between the arc lengths of `_OrbitTable` [rad]. Sensitivity: at 0.5x, the estimated masses
 change by 1e-4 of the mean mass."""
 _SLIDING = 0.1
-"""Rate w above which dry friction is nearly constant [rad/s]; the rotors in a wall turn much
-faster."""
+"""Rate w above which dry friction is nearly constant [rad/s]. Its exact value matters little,
+because the rotors in a wall turn much faster."""
 _ROUNDS = 2
 """Number of times that the standard deviation of the log masses is estimated and the motion is
 fitted again [1]."""
@@ -64,11 +64,12 @@ changes the sum by 10 times as much."""
 _RATE_FRAMES = 8
 """Number of frames at the start of a free motion from which its initial speed is estimated [1]."""
 _STEP = 1e-4
-"""Step for numerical derivatives by an unknown, relative to the unknown or to its prior standard
-deviation, whichever is larger [1]."""
+"""Step of the numerical derivatives by an unknown, divided by the absolute value of the unknown or
+by its prior standard deviation, whichever is larger [1]."""
 _INFORMED = 1e-9
-"""A combination of unknowns is neglected if its variance, relative to the largest one, is smaller
-than this [1], because such a variance is a rounding error."""
+"""A combination of length errors is neglected if its variance, relative to the variance of the
+most uncertain combination, is smaller than this [1], because such a variance is a rounding
+error."""
 
 
 def _acceleration(
@@ -117,10 +118,10 @@ def move_along(
     begin: Array,
     arcs: Array,
 ) -> None:
-    """Integrate K motions along an orbit, and store their arc lengths [rad] in `arcs`, (T, K).
+    """Integrate K motions along an orbit; store arc lengths [rad] at the T `times` in `arcs`.
 
-    `begin`, (2, K), contains the initial arc lengths and speeds u. `drags`, (2, K), contains
-    damping and dry friction.
+    `arcs` has the shape (T, K). `begin`, (2, K), contains the initial arc lengths and speeds u.
+    `drags`, (2, K), contains damping and dry friction.
 
     The forces are tabulated at G arc lengths. `grid` contains the first of these arc lengths, the
     step between them, and the rate w. `roots`, (G, K), contains sqrt(I), `gravity`, (G, K), the
@@ -230,10 +231,10 @@ def bar_motion(
 ) -> BarMotion | None:
     """Estimate masses, drag and gravity from free motions; return None if this is not possible.
 
-    The result is None if no free motion has enough frames or if other forces act. The units are
-    the mean spacing and the mean mass. `covariance` is the covariance of the unknowns of
-    `lengths`, and `noise` is the standard deviation of a reading [rad]. Gravity is estimated
-    unless `gravity_known`.
+    The result is None if no free motion has enough frames, or if the residuals are so large that
+    other forces probably acted. The units are the mean spacing and the mean mass. `covariance` is
+    the covariance of the unknowns of `lengths`, and `noise` is the standard deviation of a reading
+    [rad]. Gravity is estimated unless `gravity_known`.
     """
     orbit = orbit_of(lengths.chain(Chain()))
     intervals = free_intervals(readings.times, readings.interruptions)

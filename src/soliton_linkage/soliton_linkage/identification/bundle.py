@@ -165,8 +165,8 @@ class Bundle:
         ]
         self.angles = np.array(interpolated) - lengths.offsets[:, None]
         self.normal: NormalEquations
-        """Normal equations at the angles; only bundles that `closed` has returned have this
-        attribute."""
+        """Normal equations, linearised at the estimated angles. Only bundles that `closed` has
+        returned have this attribute."""
 
     def closed(self, lengths: Lengths) -> Bundle:
         """Return a bundle with other lengths, whose angles are corrected until all bonds close."""
@@ -180,7 +180,7 @@ class Bundle:
 
     @property
     def conditions(self) -> float:
-        """Number of independent conditions on the readings; a frame with n readings adds n - 1."""
+        """Number of independent conditions on the readings: n - 1 per frame with n readings."""
         return float(np.sum(self._weights.sum(axis=0) - self._weights.max(axis=0)))
 
     def normal_equations(self) -> NormalEquations:

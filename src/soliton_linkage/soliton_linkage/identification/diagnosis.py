@@ -19,12 +19,13 @@ _LARGEST_SPREADS = 0.2, 0.25
 """Largest plausible relative standard deviations [1]: the first one applies to lengths of one
 kind, the second one to masses and stiffnesses."""
 _USUAL_OF_ROTOR, _USUAL_OF_FRAMES = 1.3, 0.3
-"""Typical values of two measures [1]. The first is the mean square residual of the worst rotor,
-divided by the mean square residual of all rotors. The second is the fraction of the sum of squared
-residuals that is due to the worst tenth of the frames."""
+"""Typical values of two ratios [1]; a ratio above its value makes a cause more likely. The first
+ratio is the mean square residual of the worst rotor, divided by the mean square residual of all
+rotors. The second ratio is the part of the sum of squared residuals that is due to the worst tenth
+of the frames."""
 _FAR_SPACING = 1.5
-"""A spacing is reported if it is larger or smaller than the median spacing by more than this
-factor [1]."""
+"""A spacing is reported if it is more than this times the median spacing, or less than the median
+spacing divided by this [1]."""
 _SCALE_PARTS = {'rotor_length', 'spacing', 'rest_length'}
 _MOST_NAMED = 4
 """Largest number of weakly observable combinations that are described one by one [1]."""
@@ -41,9 +42,9 @@ def check_explained(
 ) -> None:
     """Raise ValueError with the most likely causes if the model does not explain the readings.
 
-    `model` is the name of the fitted model. `noise` is the residual noise, divided by the reading
-    noise [1]. `spreads` are the relative standard deviation of lengths of one kind, and the one of
-    masses and stiffnesses [1]. `residuals` has shape (T, N).
+    `model` is the name of the fitted model. `noise` is the noise computed from the `residuals`,
+    (T, N), divided by the reading noise [1]. `spreads` contains two estimates of relative standard
+    deviations [1]: one for lengths of one kind, and one for masses and stiffnesses.
     """
     lengths, masses = spreads
     faults = []
@@ -98,7 +99,7 @@ def length_warnings(chain: Chain) -> list[str]:
 
 
 def obstacle_warnings(chain: Chain, lengths: Lengths, covariance: Array) -> list[str]:
-    """Return warnings about bonds that may stop walls, and about bonds close to this limit."""
+    """Return warnings about bonds that may stop walls, or that are close to a limit for this."""
     warnings = [
         f'bond {each.bond} may stop a soliton: its spring of {each.rest_length:.4g} m '
         f'{each.reason}'
@@ -121,8 +122,8 @@ def weakly_observable(
     """Return a text for each combination of unknowns that the readings determine only weakly.
 
     `information`, (P, P), is the information of the readings on the P unknowns, which can change
-    only along the K columns of `basis`, (P, K). `split` returns the unknowns of each kind by its
-    name.
+    only along the K columns of `basis`, (P, K). `split` maps an array of unknowns to a dictionary
+    from the name of each kind of unknowns to the unknowns of this kind.
     """
     values, vectors = np.linalg.eigh(basis.T @ information @ basis)
     weak = [

@@ -19,30 +19,33 @@ from soliton_linkage.linkage.chain import Array
 _MOST_KICKS = 3
 """Largest number of unrecorded kicks that are searched [1]; each kick requires another fit."""
 _CANDIDATES = 5
-"""Number of steps of the speed at which a kick is tried [1]."""
+"""Number of sudden changes of the speed, the largest ones, at which a kick is tried [1]."""
 _KICK_FRAMES = 7
 """Number of successive frames whose residuals are averaged in the search for a kick."""
 _BEFORE_KICK = 0.06
 """Frames less than this before an estimated kick are not used [s]. Frames less than `ARRIVAL`
 after the kick are not used either."""
 _SUSPICIOUS = 1.05
-"""Smallest ratio of the residual noise of bars to that of springs between kicks, for which a kick
-explains why springs without a kick fit no better than bars [1]."""
+"""If springs without a kick fit no better than rigid bars, a kick is accepted only if it reduces
+the residual noise: the noise of the bars must be at least this times the noise of the springs with
+the kick [1]."""
 _KICKED = 5.5
-"""Increase of the likelihood above which a kick is assumed [standard deviations]."""
+"""A kick is assumed if it decreases -2 log likelihood by more than chance does on average, plus
+this times the standard deviation of the decrease by chance [1]."""
 _STEP_NOISE = 0.02
-"""Speeds are averaged over so many frames that noise causes steps with this standard deviation,
-relative to the root mean square speed [1]. Sensitivity: in 14 of 16 recordings with a random kick,
-the largest step is the kick; at 2x, in 12; at 0.5x, in 14."""
+"""Before and after a possible kick, the speed is averaged over so many frames that noise changes
+the speed with this standard deviation, relative to the root mean square speed [1]. Sensitivity: in
+14 of 16 recordings with a random kick, the largest step is the kick; at 2x, in 12; at 0.5x, in
+14."""
 _FEWEST = 8
-"""Smallest number of frames before a step, and also after it, from which the speeds are computed
-[1]."""
+"""Smallest number of frames over which the speed is averaged before a possible kick, and also
+after it [1]."""
 _SMALLEST_STEP = 0.08
-"""Smallest relative step of the speed at which a kick is searched if springs fit no better than
-bars [1]."""
+"""If springs fit no better than bars, a kick is tried only at a change of the speed by more than
+this, relative to the root mean square speed [1]."""
 _AT_REST = 1e-3
-"""Smallest speed by which changes of the speed are divided, relative to the root mean square speed
-[1]; it prevents a division by 0 while the chain is at rest."""
+"""Changes of the speed are divided by the speed, but at least by this times the root mean square
+speed [1], because the speed is 0 while the chain is at rest."""
 
 _Fitted = tuple[MotionFitter, MotionFit] | str
 
@@ -50,11 +53,10 @@ _Fitted = tuple[MotionFitter, MotionFit] | str
 def fit_around_kicks(
     some: Readings, fit: Callable[[Readings], _Fitted], noise: float, bar_noise: float
 ) -> tuple[_Fitted, list[float]]:
-    """Find unrecorded kicks and fit springs to the motions between them; return fit and times [s].
+    """Find unrecorded kicks; return a fit of springs between them, and the times of the kicks [s].
 
-    The result contains the times of the kicks. The function `fit` fits springs to readings, and
-    returns a text if springs do not fit. `noise` is the reading noise, and `bar_noise` is the
-    residual noise of a fit of rigid bars [rad].
+    The function `fit` fits springs to readings, and returns a text if springs do not fit. `noise`
+    is the reading noise, and `bar_noise` is the residual noise of a fit of rigid bars [rad].
     """
     kicks: list[float] = []
     fitted = fit(some)
@@ -92,10 +94,11 @@ def _possible_kick(some: Readings, fitted: _Fitted, noise: float) -> float | Non
 def largest_steps(some: Readings, noise: float) -> Iterator[tuple[float, float]]:
     """Yield times [s] and sizes of the largest sudden changes of the speed, largest first.
 
-    The speed is the rate at which the vector of all angles moves along its path. A size is
-    relative to the root mean square speed [1]; it is 0 if there are too few frames. A kick changes
-    the speed at once, whereas unequal masses and springs change it slowly. Changes at known
-    impulses and at changes of the tilt are ignored. `noise` is the reading noise [rad].
+    The speed is the rate at which the vector of all angles moves along its path. The size is the
+    change of the speed, divided by the root mean square speed [1]; it is 0 if there are too few
+    frames. A kick changes the speed at once, whereas unequal masses and springs change it slowly.
+    Changes at known impulses and at changes of the tilt are ignored. `noise` is the reading noise
+    [rad].
     """
     times, steps = _steps(some, noise)
     for _ in range(_CANDIDATES):
@@ -128,7 +131,7 @@ def _steps(some: Readings, noise: float) -> tuple[Array, Array]:
 
 
 def _slopes(times: Array, angles: Array, count: int) -> Array:
-    """Return the slopes of the lines that fit `count` successive angles, (T - count + 1, N)."""
+    """Return slopes of lines, each fitted to `count` angles of a rotor, (T - count + 1, N)."""
     weights = sliding_window_view(times, count)
     weights = weights - weights.mean(axis=1, keepdims=True)
     weights = weights / np.sum(weights**2, axis=1, keepdims=True)

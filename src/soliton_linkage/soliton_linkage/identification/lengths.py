@@ -45,7 +45,7 @@ class Lengths:
         return len(self.rotor_lengths)
 
     def changed(self, change: Array) -> Lengths:
-        """Return the lengths after a change of the unknowns, (P,), limited to `_LONGEST_STEP`."""
+        """Return the lengths after a change of the P unknowns, shortened to `_LONGEST_STEP`."""
         largest = float(np.abs(change).max(initial=0.0))
         rotor, offset, spacing, rest = split(change * min(1.0, _LONGEST_STEP / max(largest, 1e-9)))
         return Lengths(
@@ -108,8 +108,8 @@ def split_lengths(unknowns: Array) -> dict[str, Array]:
 
 
 _PASSING = 0.2
-"""A wall is near a bond if sin(phi_{n+1}) - sin(phi_n) differs from its median by more than this
-fraction of the typical largest difference [1]."""
+"""In a frame, a wall is near a bond if sin(phi_{n+1}) - sin(phi_n) differs from its median over
+all frames by more than this times the largest such difference of a typical bond [1]."""
 
 
 def initial_lengths(angles: Array) -> Lengths:
@@ -187,7 +187,7 @@ class Tolerances:
     def estimated(lengths: Lengths, covariance: Array, given: float | None) -> Tolerances:
         """Return tolerances estimated from lengths and the covariance of their unknowns, (P, P).
 
-        If `given` is not None, it is returned as the tolerance of the lengths [1].
+        If `given` is not None, the tolerance of the lengths is not estimated, but `given` [1].
         """
         rotor, offset, spacing, rest = split(np.diag(covariance))
         squares = [

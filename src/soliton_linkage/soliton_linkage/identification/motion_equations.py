@@ -63,9 +63,9 @@ def solver(
     """Return a function that solves the normal equations of the chain and of all initial states.
 
     The function maps the right side of the equations to their solution. Both contain first the
-    unknowns of the chain, and then the unknowns of each initial state. The chain changes only
-    along the columns of `basis`. `information` is the information of the prior on the chain, and
-    `damping` is the relative increase of the diagonal (Levenberg-Marquardt) [1].
+    unknowns of the chain, and then the unknowns of each initial state. The unknowns of the chain
+    change only along the columns of `basis`. `information` is the information of the prior on the
+    chain, and `damping` is the relative increase of the diagonal (Levenberg-Marquardt) [1].
     """
     matrix = basis.T @ (information + np.sum([each.matrix for each in parts], axis=0)) @ basis
     matrix += damping * np.diag(np.diag(matrix))
@@ -119,8 +119,9 @@ class StampErrors(NamedTuple):
     def whitened(self, pulls: Array, values: Array) -> Array:
         """Return whitened residuals or sensitivities, (..., B, N), of B frames.
 
-        They are transformed so that they are independent also if stamps have errors. The weighted
-        rates of the frames are `pulls`, (B, N).
+        Errors of the stamps correlate the weighted readings of a frame. The result contains linear
+        combinations of the `values` of each frame, chosen so that their errors are independent.
+        `pulls`, (B, N), are the weighted rates of the frames.
         """
         if not self.variance:
             return values
@@ -143,9 +144,10 @@ class Record(NamedTuple):
     ) -> tuple[Array, ...]:
         """Return weights, weighted rates and weighted residuals of B frames, (B, N) each.
 
-        By default, the frames are all frames of the window; otherwise, `some` contains their
-        numbers. The states of these frames, (B, 2, N), are computed unless `states` contains them.
-        The weight of a reading is the inverse of its relative deviation, or 0 if it is missing.
+        The frames are those with the numbers `some`, or by default all frames of the window.
+        `states`, (B, 2, N), are the angles and rates of the motion in these frames; by default,
+        they are computed. The weight of a reading is the inverse of its relative deviation, or 0
+        if it is missing.
         """
         frames = window.frames if some is None else some
         if states is None:
@@ -156,10 +158,9 @@ class Record(NamedTuple):
         return weights, states[:, 1] * weights, np.where(weights > 0, errors * weights, 0.0)
 
     def whitened(self, frames: slice | NDArray[np.intp], pulls: Array, errors: Array) -> Array:
-        """Return the whitened residuals of B frames with respect to the recorded stamps, (B, N).
+        """Return the whitened residuals of B frames for the recorded, uncorrected stamps, (B, N).
 
-        `pulls` and `errors` are the weighted rates and residuals with respect to the estimated
-        times.
+        `pulls` and `errors` are the weighted rates and residuals for the estimated times.
         """
         if self.stamps.variance:
             errors = errors + pulls * self.stamps.delays[frames, None]
@@ -169,7 +170,8 @@ class Record(NamedTuple):
 def window_matrix(window: FreeWindow, record: Record, every: int) -> Array:
     """Return the matrix of the normal equations of a window, for readings of unit variance.
 
-    It is computed from each `every`-th frame and scaled to all frames of the window.
+    To save time, only each `every`-th frame is used, and the matrix is scaled up to all frames of
+    the window.
     """
     motion, rotors = window.motion, np.arange(record.readings.shape[1])
     matrix = np.zeros((motion.size, motion.size))
@@ -201,7 +203,7 @@ def window_gradient(window: FreeWindow, record: Record, states: Array) -> Array:
 def estimated_stamps(
     record: Record, windows: Sequence[FreeWindow], stamps: Array, noise: float
 ) -> Record | None:
-    """Return the record with estimated times, or None if stamp errors are not significant.
+    """Return `record` with corrected times, or None if the errors of stamps are not significant.
 
     `stamps` are the recorded times [s], and `noise` is the standard deviation of a reading [rad].
 

@@ -72,9 +72,9 @@ deviations is 1.4 times as large."""
 _SAMPLED_STEPS = 20
 """Largest number of steps of the fit of a sample [1]; 3 to 10 are usual."""
 _FITTING = 0.5
-"""Windows are merged if the motion of the first one differs from the readings in the second one by
-less than this [rad]. The difference is the norm over all rotors, as root mean square over the
-frames."""
+"""Two windows are merged if the motion of the first window, continued through the second window,
+differs from the readings there by less than this [rad]. The difference is the norm over all
+rotors, as root mean square over the frames."""
 UNEXPLAINED = 1.5
 """A model does not match the readings if its residual noise is larger than this times the reading
 noise [1]."""
@@ -217,10 +217,10 @@ class MotionFitter:
         )
 
     def gain_by_kick(self, before: int, after: int) -> float:
-        """Return the decrease of -2 log likelihood if a kick acts between two frames [1].
+        """Return by how much -2 log likelihood decreases if a kick acts between two frames [1].
 
-        The motion before the frame `before` and the motion from the frame `after` on have separate
-        initial states; the frames between are not used.
+        The frames before `before` and the frames from `after` on are fitted with separate initial
+        states. The frames between are not used.
         """
         found = self._windows
         self._windows = windows_around(found, self._record.times, before, after)
@@ -233,7 +233,7 @@ class MotionFitter:
         return cost
 
     def sampled(self, found: MotionFit) -> MotionFit:
-        """Return `found`, from `fit`, with its covariance inflated to the scatter of samples."""
+        """Return `found`, a result of `fit`, with the covariance increased to that of samples."""
         samples = self._samples(self._found)
         covariance = inflated_covariance(found.covariance, samples, found.motion.slices)
         return replace(found, covariance=covariance)
@@ -425,7 +425,7 @@ class MotionFitter:
 
 
 def inflated_covariance(covariance: Array, samples: Array, at: UnknownSlices) -> Array:
-    """Return a covariance, (P, P), that is inflated to the scatter of S samples, (S, P).
+    """Return a covariance, (P, P), increased to the scatter of S samples of the unknowns, (S, P).
 
     `at` contains the indices of the unknowns of each kind. The standard deviations of all lengths
     are multiplied by one factor, those of all stiffnesses by another one, and those of all masses

@@ -53,9 +53,10 @@ spring = compile_loop(spring_between, inlined=True)
 def accelerate(
     table: Array, forces: Array, angles: Array, rates: Array, work: Array, direct: Array
 ) -> None:
-    """Compute accelerations and derivatives for given angles [rad] and rates [rad/s], (N,) each.
+    """Compute accelerations and their derivatives for angles [rad] and rates [rad/s], (N,) each.
 
-    They are stored in `work` and `direct`. If `direct` is empty, only the accelerations are valid.
+    The results are stored in `work` and `direct`. If `direct` is empty, only the accelerations in
+    `work` are valid.
     """
     rotors, values, inertias = angles.size, work[ACCELERATION], table[INERTIA]
     gravity = forces[ALONG] != 0.0 or forces[DOWN] != 0.0
@@ -157,7 +158,8 @@ def advance_sensitivities(
     """Advance the sensitivities of angles and rates, (Q, 2, N), by one Runge-Kutta step [s].
 
     The sensitivities are `changes`. `works` and `directs` are the results of `advance` for the
-    same step. `own`, (5, N + 2), is working memory; both ends of its row 0 must be 0.
+    same step. `own`, (5, N + 2), is working memory; the first and the last element of its row 0
+    must be 0.
     """
     rotors = changes.shape[2]
     x_at, v_at, acceleration, x_sum, v_sum = own[0], own[1], own[2], own[3], own[4]

@@ -33,16 +33,18 @@ _QUANTILES = 0.02, 0.98
 _WEIGHTINGS = 4
 """Number of successive fits of a curve [1]; each fit uses weights from the previous one."""
 _FLATTEST = 0.1
-"""The weight of a frame is the inverse of a derivative. This value is added to the derivative in
-quadrature, so that no single frame dominates the fit [1]."""
+"""The weight of a frame in the fit of a curve is the inverse of the derivative of the misfit by
+the angles. This value is added to the derivative in quadrature, so that no single frame dominates
+the fit [1]."""
 _BETTER = 0.8
-"""A rotor counts as reversed if its reversal reduces the misfit of the curve to less than this
-fraction [1]."""
+"""The sign of a reading counts as reversed if the misfit with the opposite sign is less than this
+times the misfit with the recorded sign [1]."""
 _AS_GOOD = 1.25
-"""The limit that replaces `_BETTER` if a wall can pass the bond only with the reversal [1]."""
+"""This limit replaces `_BETTER` if a wall can pass the fitted bond only with the opposite sign
+[1]."""
 _IMPASSABLE = 0.95
-"""No wall can pass a bond if `_Curve.room` is smaller than this [1]; noise changes `room` by
-0.03."""
+"""A bond counts as impassable for walls if its `_Curve.room` is smaller than this [1]. The exact
+limit is 1, but noise changes `room` by 0.03."""
 _MOST_NAMED = 4
 """Largest number of absent joints that a message names [1]."""
 _MOST_WRONG = 1 / 4
@@ -50,7 +52,7 @@ _MOST_WRONG = 1 / 4
 
 
 class Mounting(NamedTuple):
-    """Faults in the mounting of an encoder, or its differences from another encoder."""
+    """Faults of one encoder; in a `_Curve`, of the right encoder relative to the left one."""
 
     reversed: bool = False
     turned: bool = False
@@ -68,8 +70,8 @@ class _Curve(NamedTuple):
     mounting: Mounting
     misfit: float
     room: float
-    """Square of the bond length l, divided by the smallest square with which a wall can pass
-    [1]."""
+    """Squared length of the fitted bond, divided by the smallest squared length with which a wall
+    can pass the bond [1]."""
     backward: bool
     """Whether the two joints are exchanged, or both have an error of half a turn (K_1, K_2 <
     0)."""

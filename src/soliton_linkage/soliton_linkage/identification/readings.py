@@ -214,26 +214,28 @@ def repeat_counts(readings: Array) -> Array:
 
 
 _NEAR = 100
-"""Number of frames before each impulse, and also after it, that `informative_frames` returns."""
+"""Number of frames before each impulse, and also after it, that `informative_frames` selects."""
 _NEAR_IMPULSES = 0.5
-"""Largest fraction of the kept frames that may be near impulses [1]."""
+"""Largest fraction of the selected frames that may be near impulses [1]."""
 _AVERAGED = 8
-"""Number of frames over which directions are averaged to find when a rotor turns."""
+"""Number of frames over which the direction exp(i phi) of a rotor is averaged, to find when it
+turns."""
 _TURNING = 0.05
-"""A rotor counts as turning if its mean direction, a complex number, changes by more than this
-[1]."""
+"""A rotor counts as turning if its mean direction over `_AVERAGED` frames differs from the mean
+over the previous `_AVERAGED` frames by more than this [1]."""
 _AT_REST = 0.1
-"""Density of kept frames while all rotors are at rest, relative to the density while a rotor turns
-[1]."""
+"""Number of selected frames per second while all rotors are at rest, relative to the number while
+a rotor turns [1]."""
 _FILLINGS = 5
-"""Number of iterations that limit the density of kept frames to all frames, and distribute the
-excess over the other frames [1]."""
+"""Number of iterations in the computation of the density of selected frames [1]. Where the density
+exceeds the density of all frames, each iteration limits it, and distributes the excess over the
+other times."""
 
 
 def informative_frames(
     times: Array, angles: Array, impulses: Sequence[float], most: int
 ) -> NDArray[np.intp]:
-    """Return at most `most` numbers of frames, dense near impulses and while rotors turn.
+    """Return the numbers of up to `most` frames, mainly near impulses and while rotors turn.
 
     `impulses` are the times of impulses [s].
     """

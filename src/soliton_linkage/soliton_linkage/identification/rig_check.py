@@ -32,8 +32,8 @@ _LARGEST_SLOWNESS = 0.1
 _LATE = 1.5
 """A frame is late or missing if an interval is longer than this times the median interval [1]."""
 _COUNTED_FRAMES = 10
-"""Missing frames are counted from the duration of this many frames; late frames do not matter
-then."""
+"""The number of missing frames follows from the duration of this many frames, so that a single
+late frame does not count as missing."""
 _LARGEST_NOISE = 0.05
 """Largest acceptable noise of a reading [rad]."""
 _NOISY = 3.0
@@ -50,13 +50,13 @@ _LARGEST_OFFSET = 2.9
 _LARGEST_CHANGE = 0.3
 """Largest relative error of a length that is tried [1]."""
 _EXPLAINED = 1 / 3
-"""The error that a correction removes counts as a cause if the root mean square stretch after the
-correction is smaller than this times the stretch before it [1]."""
+"""A correction, for example of a sign, explains the stretches of the bonds if it reduces their
+root mean square to less than this fraction [1]."""
 _EQUALLY_GOOD = 1.5
-"""Another correction is also reported if the stretch after it is smaller than this times the
-stretch after the best correction [1]."""
+"""Another correction is also reported if the root mean square stretch with it is smaller than this
+times the one with the best correction [1]."""
 _MOST_AGAINST = 0.2
-"""Largest fraction of rotors that lean away from a soliton at an edge [1], due to wrong signs."""
+"""If more than this fraction of rotors leans away from an edge, no soliton is at this edge [1]."""
 _MOST_FRAMES = 200
 """Largest number of frames from which the stretches are computed [1]."""
 _MOST_NAMED = 4
@@ -155,9 +155,9 @@ def is_resting(angles: Array) -> bool:
 
 
 def is_at_edge(angles: Array, first: bool) -> bool:
-    """Return whether a soliton is at the first or last edge, given readings of one frame, (N,).
+    """Return whether a soliton is at the first or else the last edge in a frame of readings, (N,).
 
-    A hand can turn the rotor at an edge only then. All rotors lean towards a soliton at an edge.
+    Only then, a hand can turn the rotor at this edge, towards which all rotors lean.
     """
     leans = np.sin(np.deg2rad(angles) if in_degrees(angles) else angles)
     against = int((leans > 0).sum() if first else (leans < 0).sum())
@@ -345,7 +345,7 @@ class _Bonds:
         self._rest = chain.rest_lengths[: chain.number_of_rotors - 1]
 
     def stretches(self, angles: Array, rotor_scale: float | Array = 1.0) -> Array:
-        """Return the median relative stretch of each bond [1], (N - 1,), for angles, (T, N)."""
+        """Return the median over T frames of the relative stretch of each bond [1], (N - 1,)."""
         lengths = self._lengths * rotor_scale
         x = self._pivots + lengths * np.sin(angles)
         apart = np.hypot(np.diff(x, axis=1), np.diff(lengths * np.cos(angles), axis=1))

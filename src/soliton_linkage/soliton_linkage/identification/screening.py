@@ -22,8 +22,8 @@ from soliton_linkage.identification.readings import Readings, repeat_counts, rou
 from soliton_linkage.linkage.chain import Array, staggered, wrapped
 
 _LEANING = 0.5
-"""A rotor clearly leans in a frame if |sin(phi)| is larger than this times its median over all
-frames [1]."""
+"""A rotor clearly leans in a frame if |sin(phi)| is larger than this times the median of
+|sin(phi)| of this rotor over all frames [1]."""
 _FAR_OFF = 2.0
 """If the largest zero error is larger than this, the joints probably have a wrong order [rad]."""
 _LARGEST_ZERO_ERROR = 0.5
@@ -81,8 +81,10 @@ def check_zeros(readings: Array, names: Sequence[str]) -> None:
 def _zero_errors(readings: Array) -> Array:
     """Return approximate errors of the encoder zeros, in staggered angles [rad], (N,).
 
-    A wall turns the rotors of a spinner by half a turn. Therefore their directions at rest on both
-    sides are compared separately with the mean directions of all rotors.
+    In a flipper, a zero error is the mean of the staggered angles before and after the passage of
+    a wall. A wall turns the rotors of a spinner by half a turn. Therefore, in a spinner, the
+    directions of a rotor before and after the passage are compared separately with the mean
+    directions of all rotors.
     """
     sine = np.sin(readings)
     clear = np.abs(sine) > _LEANING * np.median(np.abs(sine), axis=0)
@@ -119,15 +121,17 @@ LEAST_NOISE = 1e-4
 """Smallest noise of a reading that fits and searches for outliers assume [rad]."""
 _OUTLIER = 7.0
 """A reading counts as wrong if it differs from a smooth motion by more than this [standard
-deviations], plus a part that `_OF_RANGE` determines."""
+deviations], plus the term that `_OF_RANGE` defines."""
 _OF_RANGE = 0.3
-"""The allowed difference from a smooth motion is increased by this times the range of the adjacent
-readings times the length of the run of wrong readings [1]."""
+"""While a rotor turns, larger differences from a smooth motion are allowed. The additional
+difference is the product of this [1], the range of the adjacent readings, and the number of
+readings in the run."""
 _BESIDE = 3
-"""Number of adjacent readings before a run of wrong readings, and also after it [1]."""
+"""Number of adjacent readings before a run of readings, and also after it, with which the run is
+compared [1]."""
 _LONGEST_RUN = 3
-"""Longest run of successive wrong readings of a rotor that is removed [1]; a longer run may be a
-slip of the encoder."""
+"""A run of successive wrong readings of a rotor is removed if it is not longer than this [1]; a
+longer run may be a slip of the encoder."""
 _PASSES = 6
 """Largest number of searches for wrong readings [1]; a search finds an error only after larger
 errors near it are removed."""
@@ -149,11 +153,12 @@ def without_outliers(recording: Readings) -> Readings:
 def isolated(angles: Array, limits: Array) -> NDArray[np.bool_]:
     """Return which angles, (T, N), are outliers: short runs of frames that fit no smooth motion.
 
-    Apart from whole turns, the angles of such a run differ by more than the allowed difference
+    Apart from whole turns, all angles of such a run differ by more than the allowed difference
     from a cubic curve through two angles before and two angles after the run. They also differ
     from at least one of two lines through angles before the run, and from at least one of two
-    lines through angles after it. The lines are necessary because the cubic curve does not fit
-    beside a permanent step either; an angle there is near both lines on its own side.
+    lines through angles after it. The lines are necessary because, beside a permanent step,
+    correct angles also differ from the cubic curve. They are near both lines on their side of the
+    step, and therefore do not count as outliers.
 
     `limits` are the allowed differences [rad], (T, N), to which a part is added that is
     proportional to the range of the adjacent angles.
@@ -175,9 +180,10 @@ def isolated(angles: Array, limits: Array) -> NDArray[np.bool_]:
 
 
 def _run_excess(angles: Array, limits: Array, length: int) -> Array:
-    """Return, for each run of L angles, the smallest ratio of difference to limit, (T - L + 1, N).
+    """Return the smallest ratio of difference to limit in each run of L angles, (T - L + 1, N).
 
-    L is `length`. The differences are those that `isolated` describes, and the ratio has no unit.
+    L is `length`. The run is an outlier if the ratio [1] is larger than 1. The docstring of
+    `isolated` explains the differences and the limits.
     """
     count = len(angles) - length + 1
     padded = np.pad(angles, ((_BESIDE, _BESIDE), (0, 0)), 'reflect')
@@ -239,9 +245,11 @@ _JUMP_OVER_NOISE = 10.0
 """Smallest jump that is reported, relative to the noise of a reading [1]. Noise typically causes
 jumps of 2.2; in 20 recordings, none was larger than 7."""
 _SMALLEST_JUMP = 0.1
-"""Smallest jump that is reported [rad]; the speed of a rotor changes less from frame to frame."""
+"""Smallest jump that is reported [rad]. Rotors cause no such jumps, because the change of their
+angle differs less from one frame to the next."""
 _JUMP_OVER_NEIGHBOURS = 3.0
-"""Smallest jump that is reported, relative to the larger jump of the two neighbours [1]."""
+"""A jump is reported only if it is larger than this times the simultaneous jump of each neighbour
+[1]."""
 
 
 def noise_of(readings: Array, relative_deviations: Array) -> float:
@@ -279,7 +287,7 @@ def check_jumps(recording: Readings, noise: float) -> None:
 
 
 def _sudden_changes(readings: Array, frames: int) -> Array:
-    """Return the difference of each change from the changes just before and after it [rad].
+    """Return how much each change differs from the mean of the changes before and after it [rad].
 
     Each change extends over `frames` frames.
     """

@@ -27,9 +27,10 @@ class Stages:
             self._report(done)
 
     def show_decrease(self, first: float, now: float, last: float) -> None:
-        """Report the progress of an iteration from its present error `now`.
+        """Report how far an iteration has come, given its present error `now`.
 
-        The error decreases exponentially from `first` to `last`.
+        The iteration starts with the error `first` and ends with the error `last`. It is assumed
+        that the logarithm of the error decreases at a constant rate.
         """
         if first > now > 0 and first > last:
             self.show(math.log(first / now) / math.log(first / last))

@@ -29,12 +29,13 @@ _MERGED = 4
 """Largest number of windows that are merged at a time [1]; at 2x, the wall that the first motion
 predicts may be too far from the readings."""
 _LONGEST_WINDOW = 1600
-"""Largest number of frames in a merged window. In a window of this length, there is one unknown of
-the initial state for 800 readings. In longer windows, the angles would depend less linearly on the
-unknowns."""
+"""Largest number of frames in a merged window. Such a window is long enough: it has 800 readings
+for each unknown of its initial state. In longer windows, the angles would depend less linearly on
+the unknowns."""
 _DENSE_FRAMES = 0.05
-"""This quantile of the averaged frame intervals is the interval of dense frames [1]; much longer
-intervals are gaps."""
+"""The frame interval without gaps is this quantile of the frame intervals [1], each averaged over
+`_RATE_FRAMES` intervals. Windows end at gaps, which are intervals of more than `_RATE_FRAMES`
+times this frame interval."""
 
 
 class FreeWindow(NamedTuple):
@@ -47,7 +48,7 @@ class FreeWindow(NamedTuple):
 
 
 def free_intervals(times: Array, interruptions: Sequence[float]) -> list[slice]:
-    """Return the frames between successive interruptions [s], where they are enough for a fit."""
+    """Return each run of frames between two interruptions [s] that is long enough for a fit."""
     begins = [-math.inf, *(time + ARRIVAL for time in sorted(interruptions))]
     ends = [*sorted(interruptions), math.inf]
     intervals = [
@@ -98,7 +99,8 @@ def merge_windows(
 ) -> tuple[FreeWindow, ...]:
     """Merge adjacent windows if the motion of the first one also fits the second one.
 
-    `fits` decides this: it receives the merged window, and the frames of the second one.
+    The function `fits` decides this. Its arguments are the merged window, which has the motion of
+    the first one, and the frames of the second one.
     """
     merged: list[FreeWindow] = []
     count = 0
@@ -119,9 +121,11 @@ def merge_windows(
 def windows_around(
     windows: Sequence[FreeWindow], times: Array, before: int, after: int
 ) -> tuple[FreeWindow, ...]:
-    """Divide the window that contains all frames from `before` to `after`; omit these frames.
+    """Divide the window that contains the frames `before` and `after`; omit the frames between.
 
-    `times` [s] are the times of all frames. The result has the same windows if none contains them.
+    The first part ends before the frame `before`, and the second part begins with the frame
+    `after`. `times` [s] are the times of all frames. If no window contains both frames, the result
+    is the unchanged `windows`.
     """
     parts: list[FreeWindow] = []
     for window in windows:
@@ -159,10 +163,11 @@ def force_deviations(inertia: float) -> Array:
 
 
 def estimated_deviation(squares: float, count: int) -> float:
-    """Return the standard deviation of log masses and log stiffnesses [1], within limits.
+    """Return the estimated standard deviation of log masses and log stiffnesses [1].
 
-    It is the square root of their sum of squares divided by `count`, the number of degrees of
-    freedom.
+    The result is sqrt(`squares` / `count`), limited to a plausible range. `squares` is the sum of
+    the squared differences of the logarithms from their means, and `count` is the number of
+    degrees of freedom.
     """
     return min(max(math.sqrt(squares / count), _SMALLEST), _LARGEST)
 
@@ -176,14 +181,15 @@ class MotionPrior:
     mass_deviation: float = INITIAL_MASS_DEVIATION
     """Prior standard deviation of the logarithms of masses and stiffnesses [1]."""
     shift: Array | float = 0.0
-    """Random shift of the prior mean of the unknowns of the chain, (Q - 2 N,), with which a sample
-    of the posterior is computed; otherwise 0."""
+    """Shift of the prior mean of the unknowns of the chain, (Q - 2 N,). It is random in the fit of
+    a sample of the posterior, and otherwise 0."""
 
     def evaluate(self, motion: FreeMotion) -> tuple[Array, Array]:
-        """Return the information of the prior, and the differences of a chain from the prior mean.
+        """Return the information of the prior, and the chain of `motion` minus the prior mean.
 
-        Both concern the Q - 2 N unknowns of the chain. The prior of lengths and stiffnesses
-        concerns only their scatter about the mean of their kind.
+        Both refer to the Q - 2 N unknowns of the chain. The prior does not restrict the mean of
+        the log lengths of one kind or of the log stiffnesses, but only the scatter about this
+        mean.
         """
         at, rotors = motion.slices, len(motion.masses)
         size = at.forces.stop
@@ -202,7 +208,7 @@ class MotionPrior:
         return information, values - self.shift
 
     def sampled(self, motion: FreeMotion, random: np.random.Generator) -> MotionPrior:
-        """Return the prior with a mean that is shifted by a random sample of the prior."""
+        """Return this prior with its mean shifted by a random sample of the prior."""
         values, vectors = np.linalg.eigh(self.evaluate(motion)[0])
         informed = values > _INFORMED * values[-1]
         values, vectors = values[informed], vectors[:, informed]
@@ -212,10 +218,12 @@ class MotionPrior:
     def reestimated(
         self, motion: FreeMotion, covariance: Array, tolerance: float | None
     ) -> MotionPrior:
-        """Return the prior with standard deviations that are estimated from a fitted chain.
+        """Return this prior with standard deviations replaced by estimates from a fitted chain.
 
-        `covariance` is the covariance of the unknowns of the chain. If `tolerance` is not None, it
-        is kept as the standard deviation of the log lengths [1].
+        The standard deviations of lengths, offsets, masses and stiffnesses are estimated from the
+        scatter of these parameters in the chain of `motion`, and from `covariance`, the covariance
+        of the unknowns of this chain. If `tolerance` [1] is not None, it becomes the standard
+        deviation of the log lengths, which is then not estimated.
         """
         at = motion.slices
         lengths = covariance[at.lengths, at.lengths]
@@ -230,8 +238,8 @@ class MotionPrior:
 def observable_changes(motion: FreeMotion, gravity_known: bool) -> Array:
     """Return an orthonormal basis of the changes that keep the mean spacing and the mean log mass.
 
-    The changes concern the Q - 2 N unknowns of the chain. If `gravity_known`, they also keep
-    gravity.
+    The basis vectors, the columns, are changes of the Q - 2 N unknowns of the chain. If
+    `gravity_known`, they also keep gravity.
     """
     at, rotors = motion.slices, len(motion.masses)
     basis = np.eye(at.forces.stop)

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Assignment of dots to rotors by maximum likelihood over the whole chain.
 
-In this hidden Markov model along the chain, the state of a rotor is one of its candidate dots or
-"hidden". The likelihood of a dot depends on its colour, on its distance from the circle around the
-pivot, on the predicted angle, and on the distances from the dots of the neighbouring rotors.
-Viterbi's algorithm finds the most likely sequence of states. A cost is minus twice the log of a
-likelihood.
+The model is a hidden Markov model along the chain, whose steps are the rotors. The state of a
+rotor is one of its candidate dots or "hidden". The likelihood of a dot depends on its colour, on
+its distance from the circle around the pivot, on the predicted angle, and on the distances from
+the dots of the neighbouring rotors. Viterbi's algorithm finds the most likely sequence of states.
+A cost is minus twice the log of a likelihood.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ _MAX_BOND_COST = 12.0
 """Limit of the cost of an unexpected bond length [1]. Without it, a wrong dot of one rotor would
 make the next rotor hidden."""
 _PIVOT_COST = 8.0
-"""Additional cost of a dot at the pivot of any rotor [1]; about one in fifty such dots is the dot
-of a mass."""
+"""Additional cost of a dot at the position of any pivot [1]. Such a dot is probably the dot of
+this pivot; about one in fifty belongs to a mass in front of the pivot."""
 _MAX_LENGTH_ERROR = 4.0
 """A dot is a candidate for a rotor if its distance from the pivot differs from the rotor length by
 less than this [standard deviations]."""

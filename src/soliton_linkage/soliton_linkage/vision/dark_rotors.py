@@ -5,7 +5,8 @@ Each rotor is a dark bar. The moments of the darkness of a bar give the middle a
 the bar, and a fitted line gives the axis. The pivots are those ends of the bars that lie on one
 common line. The camera must face the chain with rotor 0 on the left, and bonds must be thinner
 than rotors. The stated standard deviations of the angles are those due to pixel noise, multiplied
-by the ratio of observed to expected changes of the measured lengths of the bars.
+by a factor. The factor is the observed change of the measured bar lengths between pictures,
+divided by the change that pixel noise would cause.
 """
 
 from __future__ import annotations
@@ -34,8 +35,9 @@ _ITERATIONS = 3
 """Number of iterations in the fit of a direction [1]; each reduces the error to a tenth or
 less."""
 _RANK_TOLERANCE = 1e-3
-"""The arm length is not fitted if the ends of the arms have nearly equal heights above the line of
-the pivots. This is the smallest relative singular value that counts [1]."""
+"""In the fit of the line of the pivots, singular values below this times the largest one are
+neglected [1]. The arm length is then not fitted if the ends of all arms have nearly equal heights
+above this line."""
 _MIN_NOISE = 0.3
 """Lower limit of the noise of a pixel [grey levels]; the rounding of grey levels causes this
 noise."""
@@ -114,7 +116,7 @@ class DarkRotors:
     def _error_factor(
         self, rotors: NDArray[np.intp], bars: _Bars, which: NDArray[np.bool_]
     ) -> float:
-        """Return the ratio of the observed errors to those due to pixel noise [1].
+        """Return the ratio of the observed length errors to those that pixel noise causes [1].
 
         The observed errors are the differences of the measured lengths from their means. `which`
         selects bars, and `rotors` are the numbers of the rotors to which these bars belong.
@@ -157,7 +159,7 @@ def _bar(
     level: float,
     noise: float,
 ) -> tuple[Array, Array, Array] | None:
-    """Return middle, half-length vector and standard deviations of a bar; None if too round."""
+    """Return middle, half-length vector and deviations of a dark spot; None if it is too round."""
     left, top, width, height = (int(each) for each in statistics[:4])
     rows = slice(max(top - 2, 0), top + height + 2)
     columns = slice(max(left - 2, 0), left + width + 2)

@@ -34,7 +34,8 @@ _MOVING = 0.1
 """A dot counts as moving if its displacement between two pictures is larger than this [pixels];
 noise displaces it by a tenth of this."""
 _ORDER = 6
-"""Order of the divided differences [1]; this order reduces slow waves to a thousandth."""
+"""Order of the divided differences [1]. With this order, the contribution of the true, smooth
+motion decreases to a thousandth."""
 _RECORDED_STEP = 0.4
 """Every usable video records a displacement of this size between two pictures [pixels]. Smaller
 displacements may be lost in the dead zone."""
@@ -124,7 +125,7 @@ class ErrorScale:
         self._repeats, self._before = np.zeros(rotors), np.full(rotors, np.nan)
 
     def update(self, dots: DotMeasurements) -> Array:
-        """Add a picture; return the ratio of the error of each dot to its pixel noise, (N,)."""
+        """Add a picture; return the error of each dot divided by its pixel noise, (N,)."""
         moving = dots.displacements > _MOVING
         self._resting.add(dots.length_errors[~dots.repeated & ~moving])
         self._moving.add(dots.length_errors[~dots.repeated & moving])
@@ -159,7 +160,7 @@ class DeadZone:
 
     @property
     def present(self) -> bool:
-        """Whether the video has a dead zone: recently, the codec repeated some dots, not all."""
+        """Whether the video has a dead zone: the codec recently repeated some, not all dots."""
         return self._since < MEMORY
 
     def add_repeated(self, repeated: NDArray[np.bool_], seen: NDArray[np.bool_]) -> None:
@@ -201,7 +202,7 @@ class DeadZone:
 
 
 def _difference_weights(times: Array) -> Array:
-    """Return the weights, (T,), with which values at T times give their divided difference.
+    """Return the weights, (T,), of the values at T times in their divided difference.
 
     The sum of the squared weights is 1.
     """

@@ -31,7 +31,8 @@ _GREY_SATURATION = 0.25
 _HUE_DEVIATION = 0.5
 """Standard deviation of a measured hue [rad]."""
 MAX_COLOUR_COST = 20.0
-"""Largest cost of a wrong colour [1]; it exceeds the cost of a hidden rotor."""
+"""Largest cost of a wrong colour [1]. It exceeds the cost of a hidden rotor, so that no rotor is
+assigned a dot of a clearly wrong colour."""
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,10 @@ from soliton_linkage.vision.layout import MarkerLayout
 _MEMORY = 3
 """Number of measurements from which rate and acceleration are computed."""
 _MAX_GAP = 0.25
-"""A rate is computed only from measurements in a time that is shorter than this [s]."""
+"""A rate is computed only from measurements of which the first and the last are less than this
+apart [s]."""
 _ACCELERATION = 300.0
-"""Typical acceleration of a resting rotor during a kick [rad/s^2]."""
+"""Typical acceleration of a rotor that starts from rest, for example after a kick [rad/s^2]."""
 _INITIAL_RATE = 10.0
 """Standard deviation of the rate of a rotor before its second measurement [rad/s]."""
 _MIN_DEVIATION = 0.03
@@ -33,8 +34,8 @@ _MAX_LENGTH_ERROR = 0.2
 """A measured length is ignored if its relative difference from the configured length is larger
 than this [1]."""
 _MIN_MEASUREMENTS, _MAX_MEASUREMENTS = 5, 300
-"""A mean length is used if it has been measured in the first number of pictures; it extends at
-most over the second number of pictures."""
+"""Two numbers of pictures. The mean length of a rotor or bond is used after it has been measured
+in the first number of pictures. The mean is taken over the second number of pictures at most."""
 _PIVOT_TOLERANCE = 0.25
 """Largest distance of a pivot from its expected position, relative to the spacing [1]."""
 _SPACING_TOLERANCE = 0.4
@@ -115,7 +116,7 @@ class RotorTracks:
         return angles, np.where(measured, np.minimum(deviations, np.pi), np.pi)
 
     def motion(self) -> tuple[Array, Array, Array]:
-        """Return rates [rad/s], accelerations [rad/s^2] and errors of the rates, (N,) each."""
+        """Return rates [rad/s], accelerations [rad/s^2] and typical rate errors, (N,) each."""
         (t0, t1, t2), (a0, a1, a2) = self._times, self._angles
         with np.errstate(invalid='ignore', divide='ignore'):
             slope = (a0 - a1) / (t0 - t1)
@@ -131,10 +132,11 @@ class RotorTracks:
         return rates, acceleration, np.where(two, errors, max(_INITIAL_RATE, fastest))
 
     def unwrap(self, times: Array, angles: Array) -> Array:
-        """Return the angles [rad], (N,), increased by the whole turns that the rotors have made.
+        """Return the angles [rad], (N,), plus the whole turns that the rotors have made.
 
-        In a spinner, a rotor that was hidden for long receives the turns of its neighbours,
-        because a wall turns all rotors in one sense. Rotors of flippers make no whole turns.
+        If a rotor of a spinner was hidden for long, it is assumed to have made as many turns as
+        its neighbours, because a wall turns all rotors in the same sense. Rotors of flippers make
+        no whole turns.
         """
         expected, deviations = self.predict_angles(times)
         known = np.isfinite(angles) & (deviations < _MAX_DEVIATION)

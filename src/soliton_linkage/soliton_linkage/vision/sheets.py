@@ -148,7 +148,7 @@ def _sheet(paper: str, title: str) -> tuple[Figure, Any]:
 def _grid(paper: str, size: float, what: str) -> Array:
     """Return the centres of K markers that fit on a sheet, row by row [m], (K, 2).
 
-    `size` is the size of a marker [m], and `what` describes the markers in an error message.
+    `size` is the side of a marker [m], and error messages call the markers `what`.
     """
     width, height = size + _GAP, size + 2 * _GAP
     across, up = PAPERS[paper]

@@ -167,8 +167,8 @@ def _checked(
 ) -> Iterator[TimedPicture]:
     """Yield the pictures of a film; raise ValueError if the film is incomplete.
 
-    `length` is the stated duration of the film [s], and `slack` is the time by which it may be
-    longer than the pictures [s].
+    `length` is the duration that the film states [s]. It may be longer than the time of the last
+    picture by up to `slack` [s].
     """
     last, interval = 0.0, 0.0
     for taken in pictures:
