@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Picture and film of the live page for the README, recorded with a browser.
 
+The commands
+
     make shell
     python3 docs/live_pictures.py
 
-writes live.png and live.gif into docs/pictures.
+write live.png and live.gif into docs/pictures.
 """
 
 from __future__ import annotations
@@ -71,9 +73,10 @@ def main() -> None:
 
 @contextmanager
 def served(folder: Path) -> Iterator[str]:
-    """Start the live page with a simulated chain and yield its address.
+    """Start the live page with a simulated chain and yield the address of the page.
 
-    The chain moves at 1 / SLOWNESS of real time, because screenshots would delay its frames.
+    The simulated time advances at 1 / SLOWNESS of real time, because screenshots take so much
+    processor time that frames would be late otherwise.
     """
     slow = folder / CONFIGURATION.name
     rate = '    publish_rate:'
@@ -98,7 +101,10 @@ def served(folder: Path) -> Iterator[str]:
 
 
 def film(page: Any, folder: Path) -> None:
-    """Record a move of a soliton back along the chain, after a first move."""
+    """Write live.png and live.gif, which show a move of a soliton from RIGHT to LEFT.
+
+    Before, the soliton is moved from LEFT to RIGHT. `folder` receives the screenshots.
+    """
     page.get_by_role('tab', name='Run').click()
     page.locator('label.q-select:visible:has-text("state")').click()
     page.get_by_role('option', name='soliton', exact=True).click()

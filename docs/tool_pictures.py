@@ -77,7 +77,7 @@ def main() -> None:
 
 @contextmanager
 def running(*programs: str) -> Iterator[None]:
-    """Run nodes of the suite as processes."""
+    """Run nodes of the suite as processes until the `with` block ends."""
     parameters = ['--ros-args', '--params-file', str(CONFIG / 'flipper.yaml')]
     start = 'from soliton_linkage_nodes import start; start.{}()'
     processes = [
@@ -94,7 +94,7 @@ def running(*programs: str) -> Iterator[None]:
 
 
 def run() -> dict[str, list[tuple[float, Any]]]:
-    """Return the messages of each topic with their times of arrival [s]."""
+    """Run the nodes and return the messages of each topic with their times of arrival [s]."""
     rclpy.init()
     user, executor = Node('user'), EventsExecutor()
     executor.add_node(user)
@@ -124,14 +124,18 @@ def run() -> dict[str, list[tuple[float, Any]]]:
 
 
 def numbers(received: dict[str, list[tuple[float, Any]]]) -> dict[str, list[tuple[float, Any]]]:
-    """Return the messages by the full name of their topic."""
+    """Return the messages with the full name of each topic, which begins with /, as the key."""
     return {f'/{name.lstrip("/")}': messages for name, messages in received.items()}
 
 
 def values(
     series: dict[str, list[tuple[float, Any]]], path: str
 ) -> tuple[list[float], list[float]]:
-    """Return times and values of a field, given a path like /soliton_state.solitons[0].rotor."""
+    """Return the times [s] of the messages of a topic, and the values of one of their fields.
+
+    `path` is the topic and the field, for example /soliton_state.solitons[0].rotor. The value is
+    NaN if a message does not have this field.
+    """
     topic, *fields = path.split('.')
     times, found = [], []
     for moment, message in series[topic]:
@@ -149,7 +153,7 @@ def values(
 
 
 def draw_plot(axes: Axes, series: Any, title: str, curves: list[tuple[str, str, str]]) -> None:
-    """Draw curves; each is a field path, a label and a colour."""
+    """Draw curves. Each is a tuple of the path of a field (see `values`), a label and a colour."""
     for path, label, colour in curves:
         axes.plot(*values(series, path), color=colour, label=label, linewidth=1)
     axes.set_title(title, fontsize=8, loc='left', pad=2)
@@ -160,7 +164,7 @@ def draw_plot(axes: Axes, series: Any, title: str, curves: list[tuple[str, str, 
 
 
 def draw_markers(axes: Axes, received: Any) -> None:
-    """Draw the last message with a wall and a kick."""
+    """Draw the last message on `markers` that shows both a wall and a kick."""
     message = next(
         message
         for _, message in reversed(received['markers'])
@@ -196,7 +200,7 @@ def draw_markers(axes: Axes, received: Any) -> None:
 
 
 def draw_image(axes: Axes, received: Any) -> None:
-    """Draw the last picture."""
+    """Draw the last message on `kymograph`."""
     picture = received['kymograph'][-1][1]
     axes.imshow(np.frombuffer(picture.data, np.uint8).reshape(picture.height, picture.width, 3))
     axes.set_aspect('auto')
@@ -204,14 +208,14 @@ def draw_image(axes: Axes, received: Any) -> None:
 
 
 def draw_diagnostics(axes: Axes, received: Any) -> None:
-    """Write the diagnostic message of each node."""
+    """Write the last diagnostic message of each node into the axes."""
     status = {s.name: s.message for _, array in received['/diagnostics'] for s in array.status}
     axes.text(0, 1, '\n'.join(f'{n}: {m}' for n, m in status.items()), fontsize=6, va='top')
     axes.axis('off')
 
 
 def rviz(received: Any) -> Figure:
-    """Draw the markers above the kymograph."""
+    """Return a figure like the view of RViz: the markers, and the kymograph below them."""
     figure = plt.figure(figsize=(9, 4.2), layout='constrained')
     above, below = figure.subplots(2, 1, height_ratios=(1, 1.2))
     draw_markers(above, received)
@@ -220,7 +224,7 @@ def rviz(received: Any) -> Figure:
 
 
 def foxglove(received: Any, series: Any) -> Figure:
-    """Draw the panels of the layout at their positions."""
+    """Return a figure like Foxglove with foxglove.json: each panel at its position."""
     held = json.loads((VIEWS / 'foxglove.json').read_text(encoding='utf-8'))
     figure = plt.figure(figsize=(10, 6))
     panels = held['configById']
@@ -259,7 +263,7 @@ def foxglove(received: Any, series: Any) -> Figure:
 
 
 def plotjuggler(series: Any) -> Figure:
-    """Draw the plots of the first tab."""
+    """Return a figure with the plots of the first tab in plotjuggler.xml."""
     tab = Xml.parse(VIEWS / 'plotjuggler.xml').find('.//Tab')
     areas = list(tab.iter('DockArea'))
     figure = plt.figure(figsize=(8, 4.2), layout='constrained')
@@ -273,7 +277,10 @@ def plotjuggler(series: Any) -> Figure:
 
 
 def rqt(received: Any, series: Any) -> Figure:
-    """Draw the plugins of the perspective."""
+    """Return a figure with the content of each plugin that rqt.perspective opens in rqt.
+
+    The plugins are the kymograph, the plots and the diagnostics monitor.
+    """
     held = json.loads((VIEWS / 'rqt.perspective').read_text(encoding='utf-8'))
     plugins = held['groups']['pluginmanager']['groups'].items()
     figure = plt.figure(figsize=(9, 4), layout='constrained')
@@ -296,7 +303,10 @@ def rqt(received: Any, series: Any) -> Figure:
 
 
 def urdf() -> None:
-    """Render the URDF of a chain with a soliton by MuJoCo, without a display."""
+    """Write urdf.png, in which MuJoCo draws the URDF of a chain with a soliton.
+
+    No display is needed.
+    """
     os.environ |= {'MUJOCO_GL': 'egl', 'PYOPENGL_PLATFORM': 'egl'}
     try:
         import mujoco
@@ -323,7 +333,7 @@ def urdf() -> None:
 
 
 def save(figure: Figure, name: str) -> None:
-    """Write a figure as a PNG."""
+    """Write a figure to docs/pictures/NAME.png, and close the figure."""
     path = PICTURES / f'{name}.png'
     figure.savefig(path, dpi=DPI)
     plt.close(figure)
@@ -331,7 +341,7 @@ def save(figure: Figure, name: str) -> None:
 
 
 def shrink(path: Path) -> None:
-    """Reduce the number of colours of a picture."""
+    """Reduce the number of colours of a picture file to COLOURS, so that the file is small."""
     with Image.open(path) as picture:
         small = picture.convert('RGB').quantize(
             COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE

@@ -11,13 +11,13 @@ from sphinx.application import Sphinx
 
 
 def visit_inline(translator: Any, node: nodes.math) -> None:
-    """Write an inline formula."""
+    """Append an inline formula to the HTML page as MathML."""
     translator.body.append(tex2mathml(node.astext()))
     raise nodes.SkipNode
 
 
 def visit_block(translator: Any, node: nodes.math_block) -> None:
-    """Write a displayed formula."""
+    """Append a displayed formula to the HTML page as MathML."""
     translator.body.append(f'<div class="math">{tex2mathml(node.astext(), as_block=True)}</div>')
     raise nodes.SkipNode
 

@@ -11,7 +11,10 @@ from soliton_linkage.linkage.quantities import Quantity, described_fields
 
 
 def parameter_rows(described: str, prefix: str = '') -> Iterator[tuple[str, str, str, str]]:
-    """Yield name, default, range and meaning of each parameter of MODULE:CLASS, as Markdown."""
+    """Yield name, default, range and meaning of each parameter of a dataclass, as Markdown.
+
+    `described` is MODULE:CLASS. `prefix` is written before each name.
+    """
     module, _, name = described.partition(':')
     parameters = getattr(import_module(module), name)
     quantities = described_fields(parameters)
@@ -25,7 +28,7 @@ def parameter_rows(described: str, prefix: str = '') -> Iterator[tuple[str, str,
 
 
 def shown(default: object) -> str:
-    """Return a default as a parameter file has it."""
+    """Return a default value in the syntax of parameter files, or `empty`."""
     if default in ('', ()):
         return 'empty'
     return str(default).lower() if isinstance(default, bool) else str(default)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversion of docstrings, which are written for the terminal, to reStructuredText."""
+"""Conversion of the docstrings, which are plain text, to reStructuredText."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from sphinx.application import Sphinx
 
 
 def fields_listed(described: Any, lines: list[str]) -> list[str]:
-    """Convert lines `field: meaning` in the docstring of a dataclass or tuple to a list."""
+    """Return the lines of a docstring, with lines `field: meaning` converted to a list.
+
+    `field` is a field of the dataclass or named tuple `described`.
+    """
     if dataclasses.is_dataclass(described):
         names = {field.name for field in dataclasses.fields(described)}
     else:
@@ -29,7 +32,7 @@ def fields_listed(described: Any, lines: list[str]) -> list[str]:
 
 
 def bars_kept(lines: list[str]) -> list[str]:
-    """Escape `|x|`, so that it stays an absolute value."""
+    """Return the lines with | escaped, because reStructuredText would replace `|x|`."""
     return [re.sub(r'(?<!\\)\|', r'\\|', line) for line in lines]
 
 
@@ -41,6 +44,6 @@ def process(
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Connect to autodoc."""
+    """Connect `process` to the event of autodoc that occurs for each docstring."""
     app.connect('autodoc-process-docstring', process)
     return {'parallel_read_safe': True}

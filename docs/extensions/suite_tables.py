@@ -28,13 +28,13 @@ def notebook_text(content: dict[str, Any]) -> str:
 
 
 class ParametersDirective(SphinxDirective):
-    """`{parameters} MODULE:CLASS [PREFIX]`."""
+    """Directive `{parameters} MODULE:CLASS [PREFIX]`: a table of parameters."""
 
     required_arguments = 1
     optional_arguments = 1
 
     def run(self) -> list[nodes.Node]:
-        """Return the table."""
+        """Return the document node of the table, in a list."""
         rows = [
             ('parameter', 'default', 'range', 'meaning'),
             4 * ('---',),
@@ -44,25 +44,25 @@ class ParametersDirective(SphinxDirective):
 
 
 class NotebookDirective(SphinxDirective):
-    """`{notebook} PATH`, from the folder of the page."""
+    """Directive `{notebook} PATH`, where PATH is relative to the folder of the page."""
 
     required_arguments = 1
 
     def run(self) -> list[nodes.Node]:
-        """Return the cells."""
+        """Return the document nodes of the cells."""
         path = beside(self, self.arguments[0])
         content = json.loads(path.read_text(encoding='utf-8'))
         return self.parse_text_to_nodes(notebook_text(content), allow_section_headings=True)
 
 
 class CaptionedDirective(SphinxDirective):
-    """`{captioned} PICTURE`, from the folder of the page."""
+    """Directive `{captioned} PICTURE`, where PICTURE is relative to the folder of the page."""
 
     required_arguments = 1
     option_spec: ClassVar = {'alt': str}
 
     def run(self) -> list[nodes.Node]:
-        """Return the figure."""
+        """Return the document node of the figure, in a list."""
         picture = self.arguments[0]
         text = beside(self, picture).with_suffix('.txt').read_text(encoding='utf-8')
         caption, *more = [' '.join(each.split()) for each in text.strip().split('\n\n')]
@@ -74,7 +74,10 @@ class CaptionedDirective(SphinxDirective):
 
 
 def beside(directive: SphinxDirective, path: str) -> Path:
-    """Return a file that is relative to the folder of the page, and add it as a dependency."""
+    """Return the path of a file that is given relative to the folder of the page.
+
+    Sphinx builds the page again if this file changes.
+    """
     _, absolute = directive.env.relfn2path(path)
     directive.env.note_dependency(absolute)
     return Path(absolute)
