@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures for the pages about viewers: the content of the topics in the layout of each viewer.
 
+The commands
+
     make shell
     python3 docs/tool_pictures.py
 
-runs a chain for 15 s and writes rviz.png, foxglove.png, plotjuggler.png and rqt.png into
+run a chain for 15 s and write rviz.png, foxglove.png, plotjuggler.png and rqt.png into
 docs/pictures. The viewers need not be installed, because matplotlib draws the messages. With the
-argument `urdf` it writes only urdf.png, with MuJoCo.
+argument `urdf`, MuJoCo draws urdf.png, and no other picture is written.
 """
 
 from __future__ import annotations
