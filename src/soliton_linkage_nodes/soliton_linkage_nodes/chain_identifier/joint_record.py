@@ -118,7 +118,7 @@ class JointRecord:
         self._add_impulses(self._delivered_impulses, stamp, message)
 
     def add_delivery(self, message: Delivery) -> None:
-        """Store the impulse of the torques since the previous message of `delivery`."""
+        """Store the impulses that torques have caused since the previous message of `delivery`."""
         before, now = self._delivered, delivery_from_msg(message)
         self._delivered = now
         if before is not None and len(now.impulse_of_torques) == len(self.joint_names):
@@ -133,7 +133,8 @@ class JointRecord:
     def readings(self, gravity: Gravity = NO_GRAVITY) -> Readings:
         """Return the record in the form that an identification needs.
 
-        `gravity` describes gravity and tilt before the first stored tilt.
+        `gravity` contains the gravitational acceleration, and the tilt before the first stored
+        tilt.
         """
         begin = next(iter(self._angles), 0)
         unknown = np.full(len(self.joint_names), np.nan)

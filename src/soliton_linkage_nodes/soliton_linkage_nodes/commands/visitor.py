@@ -140,7 +140,7 @@ class Visitor:
 
 
 def full_name(node: str) -> str:
-    """Return the name of a node with a namespace; if it has none, `/` is added."""
+    """Return the full name of a node; a name without a namespace is in the namespace `/`."""
     return node if node.startswith('/') else f'/{node}'
 
 

@@ -48,7 +48,8 @@ class ActuatedChain:
 class Commands:
     """Execution of the commands to a chain.
 
-    Each method raises ValueError if its command is invalid. `source` is the topic of the command.
+    Each method raises ValueError if its command is invalid. The argument `source` is the name of
+    the topic of the command.
     """
 
     def __init__(
@@ -173,10 +174,11 @@ class Commands:
         chain.driver.play(source, replace(command, edge=side), int(rotor), limit)
 
     def _ready(self, at_once: bool = False) -> ActuatedChain:
-        """Return the chain that receives a command.
+        """Return the chain if a command can act on it now.
 
-        `at_once` is whether the command is a kick. Raises ValueError if the chain is unknown or no
-        node subscribes to the topic of the effect.
+        `at_once` is whether the command is a kick. Raises ValueError if the chain is unknown, or
+        if no node subscribes to `rotor_impulses` (for a kick) or `rotor_torques` (for other
+        commands).
         """
         self._publishers.check_connected(at_once)
         if self.chain is None:

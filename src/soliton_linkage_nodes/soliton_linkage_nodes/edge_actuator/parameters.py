@@ -19,7 +19,10 @@ from soliton_linkage_nodes.runtime.parameters import declare
 
 @dataclass(frozen=True)
 class EdgeActuatorParameters:
-    """Parameters of the node. Those of the chain and of the actuators are separate."""
+    """Parameters of the node.
+
+    Other classes contain the parameters of the chain and of the actuators.
+    """
 
     actuator: str = quantity('pneumatic', 'kind of the actuators at the edges')
     nudge_edge: str = quantity(

@@ -71,9 +71,10 @@ class LatestFrames:
         return None if self._previous is None else self._decoder.stamp(self._previous)
 
     def period(self, stamp: int) -> float | None:
-        """Return the time from the frame before the latest one to `stamp` [ns], in [s].
+        """Return the time [s] from the frame before the latest frame to `stamp` [ns].
 
-        Returns None without such a frame, or if `stamp` is not later.
+        Returns None if there is no frame before the latest one, or if `stamp` is not later than
+        it.
         """
         before = self.stamp_before
         return None if before is None or stamp <= before else (stamp - before) / SECOND
@@ -113,9 +114,10 @@ class ActuatorPublishers:
         return bool(self._node.count_publishers(interfaces.DELIVERY.name))
 
     def check_connected(self, at_once: bool) -> None:
-        """Raise ValueError if no node subscribes to the topic of a command's effect.
+        """Raise ValueError if no node subscribes to the topic on which a command takes effect.
 
-        This topic is `rotor_impulses` for a kick (`at_once`), otherwise `rotor_torques`.
+        This topic is `rotor_impulses` if the command is a kick (`at_once`), otherwise
+        `rotor_torques`.
         """
         publisher = self._impulses if at_once else self._torques
         if not publisher.get_subscription_count():

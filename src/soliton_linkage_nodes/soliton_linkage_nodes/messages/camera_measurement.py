@@ -139,9 +139,10 @@ def median_deviation(frame: AngleFrame) -> float:
 def walls_on_overlay(
     solitons: tuple[AnalysedSoliton, ...], spacing: float, since: float = 0.0
 ) -> list[WallMark]:
-    """Return marks for the overlay at the positions of solitons after the time `since` [s].
+    """Return marks for the overlay at the extrapolated positions of the solitons.
 
-    `spacing` is the distance between neighbouring pivots [m].
+    `since` is the time from the state of the solitons to the picture [s]. `spacing` is the
+    distance between neighbouring pivots [m].
     """
     return [
         WallMark(

@@ -76,7 +76,10 @@ def declare_chain(node: Node) -> NamedChain:
 
 
 def chain_of(read: Callable[[Any], Any]) -> NamedChain:
-    """Return the chain; `read` returns an instance of each parameter dataclass."""
+    """Return the chain that parameters describe.
+
+    `read` returns an instance of a dataclass of parameters, with their values.
+    """
     chain: Chain = read(Chain)
     given: Deviations = read(Deviations)
     disorder: Disorder = read(Disorder)
@@ -187,9 +190,9 @@ _LONGEST_VALUE = 40
 
 
 class ParameterFile:
-    """Values of the parameters in a file, by parameter name.
+    """Parameters in a file.
 
-    The sections of all nodes are combined.
+    `values` maps their names to their values, and combines the sections of all nodes.
     """
 
     def __init__(self, path: Path) -> None:
@@ -214,7 +217,8 @@ class ParameterFile:
     def check(self, prefix: str, groups: Mapping[type, str]) -> None:
         """Raise ValueError if the file has an unknown parameter whose name begins with `prefix`.
 
-        Known names are the fields of the classes in `groups`, each with the prefix of its class.
+        `groups` maps dataclasses to prefixes. A parameter is known if its name is the prefix of a
+        class and the name of a field of this class.
         """
         known = {
             before + name for kind, before in groups.items() for name in described_fields(kind)

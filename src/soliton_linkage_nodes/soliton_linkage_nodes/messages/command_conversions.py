@@ -44,8 +44,8 @@ class JointActuators:
     def checked(self, source: str, names: Sequence[str], torques: Array) -> tuple[Rotors, Array]:
         """Return the rotors of the named joints, and their torques [N m].
 
-        `torques` has shape (..., names). Raises ValueError if a joint has no actuator or a torque
-        exceeds its limit. `source` is the name of the torques in the error.
+        The last axis of `torques` has one entry for each name. Raises ValueError if a joint has no
+        actuator or a torque exceeds its limit. In the error, the torques have the name `source`.
         """
         check_names(source, names)
         index_of = {name: index for index, name in enumerate(self.names)}

@@ -156,7 +156,7 @@ def joint_state(named: NamedChain, stamp: Time, **arrays: Array) -> JointState:
 
 
 def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Frame:
-    """Return the angles, without known encoder offsets, and the rates of all rotors.
+    """Return the angles and the rates of all rotors; known encoder offsets are subtracted.
 
     Raises ValueError if an angle is missing or invalid.
     """

@@ -19,16 +19,16 @@ from soliton_linkage_nodes.runtime.serialization import serialize
 _SHORT_FRAMES = 10
 """After this number of consecutive incomplete frames [1], the assembler no longer waits for the
 missing joints. Sensitivity: at 0.5x, one more frame is incomplete after a pause of an encoder
-board; at 2x, frames stay late for longer if joints are missing."""
+board; at 2x, frames are late for longer after joints have disappeared."""
 
 
 class FrameAssembler:
     """Assembler that merges messages with equal stamps and different joints into frames.
 
-    A frame is complete when it has all joints of the chain. If the chain is unknown, it must have
-    all joints of the earlier assembled frames. When a message with another stamp arrives, the
-    waiting frame ends although it is incomplete. If one message was a complete frame, each
-    following message is taken as a frame, until two messages have the same stamp.
+    A frame is complete when it has all joints of the chain, or all joints of the earlier frames
+    that were merged from several messages. When a message with another stamp arrives, the waiting
+    frame ends although it is incomplete. If such a frame consists of one message, each following
+    message is taken as a frame, until two messages have the same stamp.
     """
 
     def __init__(self, joint_names: Sequence[str] = ()) -> None:

@@ -22,7 +22,9 @@ _LONGEST_ASSEMBLY = 0.3
 
 
 class NewestFrame:
-    """Subscription of a display to the newest frame. The node must not be added to an executor.
+    """Subscription of a display to the newest frame.
+
+    The node of the subscription must not be added to an executor.
 
     The queue holds one message. If a message lacks some joints of the chain, the queue is enlarged
     to 200 messages, from which frames are assembled.
@@ -30,7 +32,7 @@ class NewestFrame:
 
     def __init__(self, node: Node, name: str) -> None:
         self.number: int | None = None
-        """Number of the newest frame in its sequence, or None if unknown."""
+        """Consecutive number of the newest frame, or None if unknown."""
         self._node, self._name = node, name
         self._decoder = JointStateDecoder()
         self._assembler = FrameAssembler()

@@ -142,7 +142,7 @@ def reports_from_msg(message: DiagnosticArray) -> list[NodeReport]:
 
 
 def figure(figures: Mapping[str, str], name: str) -> float:
-    """Return a value of a report as a number, NaN if it is missing or not finite."""
+    """Return the value `name` of a report as a number, NaN if it is missing or not finite."""
     try:
         value = float(figures.get(name, 'nan'))
     except ValueError:

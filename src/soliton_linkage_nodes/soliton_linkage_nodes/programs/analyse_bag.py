@@ -110,7 +110,10 @@ class BagBatch:
 
 
 def summary(states: Iterable[dict[str, str]]) -> list[str]:
-    """Return the cells from `motion` to `mean noise` of a bag's row, from its table of states."""
+    """Return the cells from `motion` to `mean noise` in the row of a bag.
+
+    They are computed from `states`, the rows of the bag's table of states.
+    """
     motions: Counter[str] = Counter()
     stamps: list[int] = []
     tracked = seen = 0
@@ -171,7 +174,7 @@ def analyse_many(study: BagBatch, workers: int, scheduler: str | None = None) ->
 
 
 _MOST_DRAWN = 4000
-"""Largest number of frames in a picture [1]. It exceeds the number of pixels in a row."""
+"""Largest number of frames in a picture [1], more than a row of the picture has pixels."""
 
 
 class PictureFrames:
@@ -187,7 +190,7 @@ class PictureFrames:
         self._kept: list[tuple[int, Array, tuple[AnalysedSoliton, ...]]] = []
 
     def add(self, joints: JointStates, analysis: Analysis) -> None:
-        """Store a frame and its solitons if it is one of every n-th frames."""
+        """Store every n-th frame with its solitons, and ignore the others."""
         if self._count % self._every == 0:
             self._kept.append((joints.stamp, self._reader.read(joints).angles, analysis.solitons))
             if len(self._kept) > _MOST_DRAWN:

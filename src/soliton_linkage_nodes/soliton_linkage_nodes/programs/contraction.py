@@ -46,12 +46,13 @@ _RATE = 250.0
 _SECONDS = 6.0
 """Duration of a recording [s]."""
 _WAY = 0.8
-"""A recording takes this fraction of the duration in the study [1], so that the wall does not
-reach the far edge."""
+"""The recording ends after this fraction of the duration that the study computes for the wall [1],
+so that the wall does not reach the far edge."""
 _POLL_INTERVAL = 0.1
 """Poll interval for the end of the nudge [s]."""
 _UNLIMITED = 1e6
-"""Limit of kicks [rad/s] and of impulses [N m s]. It is so large that it allows any speed."""
+"""Limit of the actuator for kicks [rad/s], and of the simulator for impulses [N m s]. It is so
+large that any speed of the study is allowed."""
 
 
 def record(
@@ -59,8 +60,9 @@ def record(
 ) -> Path:
     """Record a bag with one moving wall and return its path; RuntimeError if a node fails.
 
-    `walls` is the index of the chain in the study, and `kick` is the index of the kick for this
-    chain. The stiffness is chosen so that the wall passes the middle of the chain within 6 s.
+    `walls` is the index of the chain in `study.walls`, and `kick` is the index of the kick in the
+    list of kicks for this chain. The stiffness is chosen so that the wall passes the middle of the
+    chain within 6 s.
     """
     chain, speed = study.walls[walls].chain, study.walls[walls].kicks[kick]
     unit = _SECONDS / (_WAY * study.duration(walls, kick))

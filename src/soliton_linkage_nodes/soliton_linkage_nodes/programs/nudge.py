@@ -30,11 +30,12 @@ _SPEED = Quantity('speed of the kick along the zero mode, positive away from the
 _TIMEOUT = Quantity(
     'longest wait for the actuator, and afterwards for its answer', 's', 0.0, 3600.0
 )
-"""Longest wait for the actuator, and again for its answer, each at most one hour."""
+"""Longest wait for the actuator to be ready, and after the nudge for its answer. Both waits have
+the same limit, at most one hour."""
 _SUBSCRIBERS = Quantity('subscribers to wait for, 2 with actuator and recorder', minimum=1)
 """The program waits for this number of subscribers of the topic nudge, including the actuator."""
 _LONGEST_WAIT = 5.0
-"""Default of the longest wait for the actuator, and again for its answer [s]."""
+"""Default of `_TIMEOUT` [s]."""
 _DISCOVERY_TIME = 1.0
 """After an actuator is found, the program waits this long for other subscribers and for the
 latched `last_kick` of an earlier kick [s]."""
@@ -58,8 +59,8 @@ class NudgeClient(WaitingNode):
         """Nudge with `speed` [rad/s]; return the answer of the actuator, or None if interrupted.
 
         It waits until the topic has `subscribers` subscribers and an actuator is ready, at most
-        `timeout` [s]. Raises ValueError if this is not the case in time, or if the actuator
-        rejects the nudge or does not answer within `timeout`.
+        `timeout` [s], and raises ValueError if this takes longer. After the nudge, it raises
+        ValueError if the actuator rejects it or does not answer within `timeout`.
         """
         deadline = time.monotonic() + timeout
         self.wait(self._actuators, timeout)

@@ -38,12 +38,13 @@ NODES = {
 _SERIAL = 'serial_encoders'
 _PARAMETER_OPTIONS = ('-p', '--param')
 _CHAIN_SOURCE = ('-p', f'{_SERIAL}:chain_from:=parameters')
-"""Argument that is added before the user's arguments, so that serial_encoders publishes the chain
-of its parameters."""
+"""Arguments that are added before the user's arguments, so that serial_encoders publishes the
+chain that its parameters describe, unless the user sets `chain_from`."""
 _EXPONENT = re.compile(r'[-+]?\d+(\.\d*)?[eE][-+]?\d+')
 _NAMESPACE_RULE = '__ns:='
 _JOINT_PREFIX = 'torque_limits.'
-"""Prefix of parameters whose names end with a joint name, so that no node class can list them."""
+"""Prefix of parameters whose names end with the name of a joint. The names are therefore unknown
+before the node runs."""
 
 
 def main() -> None:
@@ -101,12 +102,13 @@ def of_one_chain(arguments: Sequence[str]) -> list[str]:
 def addressed(
     arguments: Sequence[str], classes: Mapping[str, type[ManagedNode]]
 ) -> tuple[list[str], dict[str, list[Parameter]]]:
-    """Separate the parameters of each node from the other arguments of ROS.
+    """Return the arguments that are no parameters of the nodes, and the parameters of each node.
 
     `classes` maps the names of the nodes, which may contain a namespace, to their classes. The
-    result is the list of the other arguments, and the parameters of each node by its name.
+    keys of the returned dictionary are the names of the nodes.
 
-    This is necessary because ROS itself cannot apply a parameter to one node in a namespace.
+    This separation is necessary because ROS itself cannot set a parameter of only one node in a
+    namespace.
     """
     rest: list[str] = []
     given: dict[str, list[Parameter]] = {name: [] for name in classes}
@@ -125,9 +127,9 @@ def addressed(
 
 
 def _known_to_ros(arguments: Sequence[str]) -> list[str]:
-    """Return the arguments without the parameters of nodes with a namespace.
+    """Return the arguments without those that set a parameter of a node in a namespace.
 
-    ROS would reject these parameters.
+    ROS would reject these arguments.
     """
     known: list[str] = []
     for argument in arguments:

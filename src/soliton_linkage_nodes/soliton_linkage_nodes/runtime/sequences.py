@@ -80,8 +80,7 @@ class MissedStarts:
 
     @property
     def missed(self) -> int:
-        """Number of messages that were sent after the subscription and before the first received
-        one.
+        """Number of messages sent after the subscription but before the first received one.
 
         If the earlier messages of a publisher need more time than has passed from the subscription
         to its first received message, none of them is counted.

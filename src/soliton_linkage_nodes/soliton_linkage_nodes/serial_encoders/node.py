@@ -97,7 +97,7 @@ class SerialEncoders(ManagedNode):
     a missing rotor is NaN. Before each frame it publishes the impulses of the valves on
     `delivered_impulses` [N m s]. It also publishes `/diagnostics`, and `chain` if parameters
     describe the chain. It subscribes to `rotor_torques` [N m]. If the chain has feedback, the
-    torques of the feedback are added.
+    torques of the feedback are added to these torques.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {

@@ -99,9 +99,9 @@ class Valves:
         self._torques, self._until = torques, now + self._parameters.command_timeout
 
     def feed_back(self, torques: Array, now: float) -> None:
-        """Set the torques of the feedback [N m], shape (N,), which are added to the others.
+        """Set the torques of the feedback [N m], shape (N,), which are added to those of `hold`.
 
-        They end after the hold time, counted from `now` [s].
+        They end when the hold time of the controller has passed since the time `now` [s].
         """
         self._feedback, self._feedback_until = torques, now + self._parameters.hold
 
@@ -128,9 +128,10 @@ class Valves:
         self._acting.append((now, now + self._parameters.hold, self._sent))
 
     def delivered(self, until: float) -> Array:
-        """Return the impulses of the torques since the last call [N m s], shape (N,).
+        """Return the impulses since the last call that the torques of `hold` have caused.
 
-        The interval ends at `until` [s]. The torques of the feedback are not included.
+        They have shape (N,) [N m s]. The interval ends at `until` [s]. The torques of the feedback
+        are not included.
         """
         impulses = np.zeros_like(self._torques)
         while self._acting and self._acting[0][0] < until:

@@ -17,8 +17,8 @@ from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage_nodes.runtime.guarded import describe_error
 
 _LEAST_PROGRESS = 1e-3
-"""A reset is rejected if a smaller fraction of its first frame than this is computed in a trial
-[1]."""
+"""After a reset, the first frame is computed for a limited time. The reset is rejected if the
+computed fraction of the frame is then smaller than this [1]."""
 _MOST_KICKS = 10_000
 """Largest number of kicks that wait for the next frame [1]. It is as large as the number that a
 topic transports in 1 s."""
@@ -38,7 +38,7 @@ class SimulationStatus:
     energy: float
     """Energy of the current frame [J]."""
     energy_drift: float
-    """Error of the energy that the solver causes, relative to the largest energy so far [1]."""
+    """Error of the solver in the energy, relative to the largest energy so far [1]."""
     dissipated: float
     """Energy dissipated by the damping since the last reset [J]."""
 
@@ -74,10 +74,10 @@ class SimulationControl:
 
         `begin` creates a simulation from a state and the gravity. Torques end after the simulated
         time `command_timeout` [s], unless it is 0. If kicks act at a frame, `announce` is called
-        with the frame number and the sum of their impulses [N m s]. For each frame, `publish` is
-        then called with the frame number and the simulation. A reset computes its first frame for
-        at most `longest_trial` [s] of processor time. It is rejected if less than a thousandth of
-        the frame is then computed.
+        with the frame number and the sum of their impulses [N m s], shape (N,). After it,
+        `publish` is called for each frame with the frame number and the simulation. A reset
+        computes its first frame for at most `longest_trial` [s] of processor time. It is rejected
+        if less than a thousandth of the frame is then computed.
         """
         self._begin = begin
         self._gravity = gravity
@@ -114,7 +114,7 @@ class SimulationControl:
 
     @property
     def state(self) -> State:
-        """State of the chain in the next frame that is published."""
+        """State of the chain in the next frame to be published."""
         with self._lock:
             return State(self._simulation.angles, self._simulation.rates)
 

@@ -63,8 +63,8 @@ class SensedJoints:
     def fill(self, stamp: int, frame: int, simulation: Simulation) -> bytearray:
         """Return the message for the present frame of a simulation, with a `stamp` [ns].
 
-        The next call overwrites the message. After a reset of the simulation, the encoders
-        estimate the angular velocities without earlier frames.
+        The next call overwrites the message. After a reset of the simulation, the simulated
+        encoders estimate the angular velocities from the frames since the reset only.
         """
         angles, rates = simulation.angles, simulation.rates
         if not self._encoders.errors.none:
@@ -82,8 +82,9 @@ class DeliveryPublisher:
     """Publisher of `delivery`: the total impulses and the total work that the chain has received.
 
     A message is published at a frame if impulses or torques have acted since the frame before it.
-    Torques are constant between two frames, so that torque times change of the angle is exactly
-    the work. A reset of the simulation does not change the totals.
+    Torques are constant between two frames. Their work is therefore exactly the sum, over the
+    rotors, of torque times change of the angle. A reset of the simulation does not change the
+    totals.
     """
 
     def __init__(self, node: Node, number_of_rotors: int, stamp: int) -> None:
@@ -99,8 +100,8 @@ class DeliveryPublisher:
     def add(self, stamp: int, simulation: Simulation) -> None:
         """Add the impulses and torques that have acted since the previous frame.
 
-        `stamp` is the stamp of the present frame [ns]; impulses that act at this frame are added
-        with the next one.
+        `stamp` is the stamp of the present frame [ns]. Impulses that act at this frame are added
+        at the next frame.
         """
         if simulation is not self._simulation:
             self._simulation = simulation

@@ -151,7 +151,7 @@ class Simulator(ManagedNode):
         self.control.hold(torques)
 
     def _check_stamp(self, source: str, stamp: int) -> None:
-        """Raise ValueError if a stamp [ns] is far from both the clock and the last frame."""
+        """Raise ValueError if a stamp [ns] is far from the clock and from the last frame's stamp."""
         limit = self.settings.stamp_tolerance
         if not (stamp and limit):
             return
@@ -229,7 +229,10 @@ class SimulationReport:
         settings: SimulatorParameters,
         complain: Callable[[str], object],
     ) -> None:
-        """Create the report. It calls `complain` once for each fault of the simulation."""
+        """Create the report.
+
+        When a new fault of the simulation is found, `complain` is called with its description.
+        """
         self._control = control
         self._loop = loop
         self._publish_rate = settings.publish_rate
@@ -239,7 +242,7 @@ class SimulationReport:
         self._before = (time.monotonic(), 0, 0)
 
     def __call__(self, world: Mapping[str, Any]) -> Report:
-        """Return the present report. The values `world` are added to it."""
+        """Return the present report. The named values `world` are added to its values."""
         status, punctuality = self._control.status, self._loop.punctuality
         now = time.monotonic()
         before, frames_before, missed_before = self._before
@@ -268,8 +271,8 @@ class SimulationReport:
     def _message(self, status: SimulationStatus, late: int, slow: bool) -> tuple[str, str]:
         """Return the message of the report and the fault to be logged, or '' without a fault.
 
-        `late` is the number of new missed deadlines. `slow` is whether no frame was computed in
-        time.
+        `late` is the number of deadlines missed since the last report. `slow` is whether frames
+        were due but none has been published since the last report.
         """
         if status.failure:
             return (f'paused, {status.failure}',) * 2

@@ -17,7 +17,7 @@ from soliton_linkage_nodes.runtime.managed import ManagedParameters
 class SimulatorParameters(WorldParameters):
     """Parameters of the simulator.
 
-    Those of the chain, the gravity and the sensors are separate.
+    Other classes contain the parameters of the chain, the gravity and the sensors.
     """
 
     publish_rate: float = quantity(

@@ -275,11 +275,10 @@ def main() -> None:
 
 
 _MISFIT_OVER_NOISE = 3.0
-"""The node does not warn of a misfit that is smaller than this number times the noise of the
-angles [1]."""
+"""The node warns of a misfit only if it exceeds this number times the noise of the angles [1]."""
 _CONTRADICTION_CONFIDENCE = 0.999
-"""If the measured motion class contradicts the parameters, the node warns only if its confidence
-exceeds this [1]."""
+"""If the measured motion class contradicts the parameters, the node warns only if the confidence
+of the measured class exceeds this [1]."""
 
 
 def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bool]:
@@ -321,8 +320,8 @@ def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bo
 def _likely_error(analyser: FrameAnalyser) -> str:
     """Return a text about the most probable cause of a misfit.
 
-    Rotors far from the wall have the rest angle, so that their angles reveal an error of the rest
-    angle. Errors of other parameters change only the shape of the wall.
+    If the rotors far from the wall do not have the rest angle of the parameters, this rest angle
+    is wrong. Errors of other parameters change only the shape of the wall.
     """
     error = analyser.rest_angle_error
     if error:
@@ -345,7 +344,7 @@ def _disagreement(latest: Analysis) -> str:
 
 
 def _swing(analysis: JointStateAnalysis) -> float:
-    """Return the largest rms angle of phonons that agrees with the angular velocities [rad].
+    """Return an upper limit of the rms angle of phonons, from the angular velocities [rad].
 
     This is w / omega_0, where w is the root mean square angular velocity [rad/s] and omega_0 the
     lowest phonon frequency [rad/s].

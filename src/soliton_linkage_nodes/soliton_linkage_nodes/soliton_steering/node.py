@@ -79,8 +79,8 @@ class SteeredChain:
         self.named = named
         rotors = _rotors(named, settings.actuated_joints)
         self.limitation = ''
-        """Reason why the deviations of the chain's lengths are ignored, or '' if they are not
-        ignored."""
+        """Reason why the steering assumes that all lengths of a kind are equal, or '' if it uses
+        the known deviations of the lengths."""
         try:
             orbit = orbit_of(named.chain)
         except (ValueError, ArithmeticError) as error:
@@ -147,8 +147,8 @@ _POLL_INTERVAL = 0.02
 """Interval between two checks of the age of the joint states [s], short compared with
 `state_timeout`."""
 _OBSERVER_FRAMES = 200
-"""Before a move, the observer is initialised with at most this number of recent frames [1]. At
-1000 Hz, they span the time that the observer remembers."""
+"""Before a move, position and velocity of the soliton are estimated from at most this number of
+recent frames [1]. At 1000 Hz, earlier frames would hardly change the estimate."""
 _REPORT_FRAMES = 8
 """Number of recent frames from which a report determines the position and the phonon energy of a
 free soliton [1]. One frame is needed for the position, and four for the phonon energy."""
@@ -335,7 +335,7 @@ class SolitonSteering(ManagedNode):
         return response
 
     def _on_watch(self) -> None:
-        """Process waiting frames; release a held soliton if no joint states arrive any more."""
+        """Process waiting frames; release a held soliton if joint states have stopped arriving."""
         waiting = self._joint_states.take_waiting()
         if not self.holding:
             self._keep_frames(waiting)

@@ -32,11 +32,11 @@ from soliton_linkage_nodes.visualisation.publishers import (
 )
 
 _MOST_BUSY = 0.5
-"""Largest fraction of the time that drawing may take [1]. If pictures are slow, they are drawn
-less often."""
+"""Largest fraction of the time that the node spends on drawing [1]. If drawing a picture takes
+long, the pause after it is therefore long."""
 _LONGEST_REST = 1.0
-"""Longest pause after a slow picture [s]. It is limited because the first picture is always slow,
-since matplotlib is imported for it."""
+"""Longest pause after a picture [s]. Without a limit, the pause after the first picture would be
+too long, because matplotlib is imported for this picture."""
 _SEARCH_PERIOD = 0.5
 """Time between two searches for new publishers [s]."""
 

@@ -31,24 +31,23 @@ from soliton_linkage_nodes.visualisation.scene import ChainScene
 Pixels = NDArray[np.uint8]
 
 _COLUMN_RATE = 30.0
-"""Number of pixel columns per second of the displayed time [Hz]. It equals the usual refresh rate
-of viewers."""
+"""Number of pixel columns of the picture for one second of the displayed time [Hz], equal to the
+usual refresh rate of viewers."""
 _HEIGHT = 400
-"""Smallest number of pixel rows of a picture [1]. Viewers would enlarge and blur a smaller
-picture."""
+"""Smallest height of a picture [pixel rows]. Viewers would enlarge and blur a lower picture."""
 _MOST_ROWS = 1000
 """Largest number of rotors in a picture [1], about the number of pixel rows of a screen. Of a
 longer chain, only every n-th rotor is shown."""
 _LEVELS = 2048
 """Number of colours [1]. It is large because the colour varies strongly near the rest state."""
 _BLANK, _TRACK, _BORDER = 217, 0, 255
-"""Grey levels for missing data, for the track of a wall, and for the border of the track [1].
-Displacements are not drawn in these colours."""
+"""Grey levels for missing data, for the track of a wall, and for the border of the track [1]. The
+colours of displacements differ from these grey levels."""
 _HALF_BORDER, _HALF_TRACK = 2, 1
 """Half widths of the border and of the track [pixel rows]."""
 _JUMP = 0.25
-"""If a wall moves farther than this between two columns, it is drawn as after a reset, without a
-connecting line [chain lengths]."""
+"""If a wall has moved farther than this between two columns, the chain was probably reset, and no
+line connects the two positions [chain lengths]."""
 
 
 class Kymograph:
@@ -110,9 +109,9 @@ class Kymograph:
     def _draw_track(self, picture: Pixels, shown: NDArray[np.intp], rows: float) -> None:
         """Draw the positions of the walls.
 
-        `shown` is the index of the stored time for each pixel column, and `rows` the number of
-        pixel rows per rotor. Between columns with the same number of walls, the positions are
-        connected.
+        For each pixel column, `shown` is the index of the stored wall positions, -1 for a column
+        before the first stored time. `rows` is the number of pixel rows per rotor. Between columns
+        with the same number of walls, the positions are connected.
         """
         xs, ys = [np.zeros(0, dtype=np.intp)], [np.zeros(0)]
         columns = [
@@ -161,7 +160,8 @@ class DrawingPublisher:
     def _wanted(self, number: int) -> bool:
         """Return whether a drawing must be published.
 
-        This is the case for a new `number` if there is a subscriber, and for each new subscriber.
+        This is the case if there is a subscriber and `number`, the number of the newest message,
+        differs from that of the last drawing, or if there are more subscribers than before.
         """
         subscribers = self.publisher.get_subscription_count()
         more, self._subscribers = subscribers > self._subscribers, subscribers
@@ -251,7 +251,7 @@ class KymographPublisher(DrawingPublisher):
     def __init__(self, publisher: Publisher, length: float, rate: float) -> None:
         """Create the object that publishes with `publisher`.
 
-        A picture shows the last `length` [s]. At most `rate` pictures per second are published
+        A picture shows the last `length` [s]. `rate` is the largest number of pictures per second
         [Hz].
         """
         super().__init__(publisher)

@@ -14,23 +14,23 @@ from soliton_linkage.linear.rigidity import Edge, resolved_edge_mode
 from soliton_linkage.linkage.chain import Array, Chain
 
 _LONGEST = 1.2
-"""Length of the longest arrow, relative to the rotor length or the spacing, whichever is larger
-[1]."""
+"""Length of the longest arrow, relative to the larger of rotor length and spacing [1]."""
 _SHORTEST_ARROW = 0.02
 """Arrows that are shorter than this fraction of the longest arrow are not drawn [1]."""
 _HEAD = (0.3, 0.15)
 """Length and half width of the head of an arrow, relative to the length of the arrow [1]."""
 _WALL_HEIGHT = 2.5
-"""Height of the box around a wall, relative to the length of the longest rotor [1]. If it is above
-2, the box is higher than the rotors."""
+"""Height of the box around a wall, relative to the length of the longest rotor [1]. It is above 2,
+so that the box contains rotors that point up and rotors that point down."""
 _LETTERS = 40
-"""The height of letters is the length of the chain divided by this [1]. A line of text is then
-half as long as the chain."""
+"""The height of the letters is the length of the chain divided by this [1]. A typical line of text
+is then half as long as the chain."""
 _AT_REST = 1e-4
-"""The colour scale of the springs ends at a relative extension of at least this [1], so that a
-chain at rest has no bright colours."""
+"""The colour of a spring is brightest at the largest relative extension in the chain, or at this
+one if it is larger [1]. A chain at rest therefore has no bright colours."""
 _DECAY = 0.98
-"""From picture to picture, the end of the colour scale decreases at most by this factor [1]."""
+"""The extension of the brightest colour decreases from one picture to the next by no more than
+this factor [1]."""
 
 
 class Shape(NamedTuple):
@@ -142,9 +142,10 @@ class ChainScene:
         return self._arrows('zero_mode', masses, angles, mode, GREEN)
 
     def _arrows(self, name: str, masses: Array, angles: Array, sizes: Array, colour: str) -> Shape:
-        """Return arrows in the direction in which the masses can move.
+        """Return arrows that begin at the masses and point in the direction of their motion.
 
-        Their lengths are proportional to `sizes`, shape (N,).
+        Their lengths are proportional to the absolute values of `sizes`, shape (N,). Arrows with a
+        negative size point backwards, to smaller angles.
         """
         largest = float(np.abs(sizes).max(initial=0.0))
         shown = np.isfinite(angles) & (np.abs(sizes) > _SHORTEST_ARROW * largest)

@@ -102,8 +102,7 @@ class DiscoveryWait:
         self._known: list[tuple[str, int, int]] = []
 
     def done(self, subscriptions: Sequence[RecordedSubscription]) -> bool:
-        """Return whether all publishers were found and are connected, or the longest wait is over.
-        """
+        """Return whether all publishers are found and connected, or the longest wait is over."""
         now = self._clock()
         known = [(each.source.name, each.publishers, each.connected) for each in subscriptions]
         if known != self._known:

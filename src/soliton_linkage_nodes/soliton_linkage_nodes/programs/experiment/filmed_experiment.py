@@ -61,16 +61,17 @@ class PositionErrors:
     """Root mean square of the standard deviations that this analyser states for the position
     [rotor spacings]."""
     allowed: float
-    """Cramer-Rao bound of the position for a single frame with the measured angle noise, root mean
-    square over the frames [rotor spacings]."""
+    """Cramer-Rao bound for the position error of an estimate from a single frame, with
+    `angle_noise` and all rotors visible; root mean square over the frames [rotor spacings]."""
     with_true_chain: float
     """Root mean square error of the position that an analyser with the true chain estimates
     [rotor spacings]."""
     hidden: float
-    """Fraction of the angles that were hidden in these frames [1]."""
+    """Fraction of the angles in the frames that were hidden from the camera [1]."""
     by_hidden: float
-    """Root mean square error of the position with the true chain and noise-free angles of the
-    visible rotors, which is caused by hidden rotors alone [rotor spacings]."""
+    """Root mean square error of the position that an analyser with the true chain estimates from
+    the exact angles of the visible rotors [rotor spacings]. This error is caused by the hidden
+    rotors alone."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,8 @@ class FilmedExperimentParameters(BenchParameters):
 def run(configuration: Path, given: Mapping[str, Any], folder: Path) -> str:
     """Run the filmed experiment of a configuration file, and return its result as text.
 
-    `given` contains its parameters by name, and `folder` receives the results.
+    `given` maps the names of the parameters of the experiment to their values. The results are
+    written to `folder`.
 
     Raises ValueError if a parameter is unknown or out of range.
     """

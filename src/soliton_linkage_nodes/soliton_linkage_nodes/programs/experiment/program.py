@@ -35,7 +35,7 @@ from soliton_linkage_nodes.start import INTERRUPTED
 
 _FILMED = 'filmed_experiment'
 _WRITTEN = '.written'
-"""File in the folder of the results that lists their names."""
+"""Name of the file, in the folder of the results, that lists the names of all results."""
 
 
 def main() -> None:
@@ -104,9 +104,9 @@ def _run_filmed(options: argparse.Namespace, given: dict[str, Any]) -> None:
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[Path]:
-    """Delete earlier results in a folder that no other experiment uses, and yield this folder.
+    """Choose a folder that no other experiment uses, delete earlier results in it, and yield it.
 
-    It is `folder` or, if another experiment uses `folder`, the first free one of `folder`_1,
+    The folder is `folder` or, if another experiment uses this, the first unused one of `folder`_1,
     `folder`_2 and so on.
     """
     candidates = (folder.with_name(f'{folder.name}_{n}') if n else folder for n in count())
