@@ -151,7 +151,7 @@ class Simulator(ManagedNode):
         self.control.hold(torques)
 
     def _check_stamp(self, source: str, stamp: int) -> None:
-        """Raise ValueError if a stamp [ns] is far from the clock and from the last frame's stamp."""
+        """Raise ValueError if a stamp [ns] is far both from the clock and from the last frame."""
         limit = self.settings.stamp_tolerance
         if not (stamp and limit):
             return
