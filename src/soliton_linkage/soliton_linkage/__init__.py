@@ -62,7 +62,7 @@ c          speed_of_sound          c in omega^2 = omega_0^2 + c^2 k^2 near the g
 Lambda     site_arc                arc length of the orbit per rotor spacing [rad]
 gamma      lorentz_factor          1 / sqrt(1 - v^2 / c^2) of a wall of velocity v
 E_s        energy_scale            half of the energy of an anti-kink at rest [J]
-Q          charge                  +1: kink, right-leaning before the wall; -1: anti-kink
+Q          charge                  +1: kink (leans right on rotor 0's side); -1: anti-kink
 u          displacement            r sin(theta) [m]
 m          order field             +1 where the chain leans right, -1 where it leans left
 X, w       position, width         of a wall m = -tanh((x - X) / w) [m]

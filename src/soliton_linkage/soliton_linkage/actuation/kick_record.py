@@ -62,7 +62,7 @@ class KickReport:
     cut_short: bool
     """Whether the command ended early or was rejected."""
     measured: bool
-    """Whether the simulator measured impulse and work, so that they were not computed."""
+    """Whether `impulse` and `work` were measured by the simulator; otherwise they are computed."""
 
 
 @dataclass(eq=False)

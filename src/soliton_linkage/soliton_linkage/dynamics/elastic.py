@@ -39,10 +39,11 @@ class ElasticSettings(SimulationSettings):
     kicked chain of 12 rotors, the error is then 7e-10 rad, as with DOP853. Sensitivity: with 1,
     the error is 13 times as large and the steps are 1.4 times as long."""
     rotors_per_step: int = 400
-    """Largest number of method steps in one solver step, multiplied by the number of rotors [1]. A
-    solver step takes 0.05 to 0.07 ms, and the node runs other callbacks between solver steps.
-    Sensitivity for a chain of 40 rotors: at 0.5x, the computation of a frame takes 20 to 60 %
-    longer; at 2x, it takes 10 to 30 % less, but one solver step takes 0.12 ms."""
+    """A solver step of `SymplecticNystrom` consists of several steps of the method. Their number
+    is at most this divided by the number of rotors [1]. Such a solver step takes 0.05 to 0.07 ms,
+    and the node runs other callbacks between solver steps. Sensitivity for a chain of 40 rotors:
+    at 0.5x, the computation of a frame takes 20 to 60 % longer; at 2x, it takes 10 to 30 % less,
+    but one solver step takes 0.12 ms."""
 
 
 DEFAULTS = ElasticSettings()

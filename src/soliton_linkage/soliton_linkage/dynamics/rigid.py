@@ -57,7 +57,8 @@ class RigidSimulation(Simulation):
 
     Rates and impulses are projected onto the zero mode. After each step, corrections make the bar
     lengths and the energy exact. Raises ValueError for fixed rotors, for periodic ends, and for
-    initial angles that the bars do not allow. Raises ArithmeticError if the bars jam.
+    initial angles that the bars do not allow. The methods that advance the simulation raise
+    ArithmeticError if the bars jam.
     """
 
     def __init__(
@@ -83,7 +84,8 @@ class RigidSimulation(Simulation):
 
         With the rigidity matrix R, the torque is R^T s. The bar forces s are the solution of R
         I^-1 R^T s = -(l_ddot + R I^-1 torques), where l_ddot are the second derivatives of the
-        lengths for phi_ddot = 0. Raises ValueError if the bars jam.
+        lengths for phi_ddot = 0. Raises LinAlgError, which is a ValueError, if this equation has
+        no unique solution because the bars are jammed.
         """
         chain, angles, rates = self.chain, self.angles, self.rates
         first, second = rigidity_bands(chain, angles)

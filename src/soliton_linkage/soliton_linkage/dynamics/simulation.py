@@ -185,7 +185,7 @@ class Simulation(ABC):
 
     @property
     def steps_per_frame(self) -> float:
-        """Number of solver steps per frame if each is the longest [1]; 0 just after a restart."""
+        """Solver steps per frame if all have the longest allowed length [1]; 0 after a restart."""
         return 0.0 if self._stale else self.period / self._longest_step
 
     @property
@@ -251,7 +251,7 @@ class Simulation(ABC):
 
     @abstractmethod
     def _allowed(self, angles: Array, rates: Array) -> tuple[Array, Array]:
-        """Return the nearest angles and rates that the mechanics allow.
+        """Return the angles and rates nearest to the given ones that the springs or bars allow.
 
         Raises ValueError if there are none.
         """

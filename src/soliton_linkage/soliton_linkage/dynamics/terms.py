@@ -346,8 +346,8 @@ def _set_springs(work: Array, rotors: int, rows: Array, first: int) -> None:
         torque on the left  = (1 - 1 / sqrt(w)) [lever c - cross (s c' - c s')],
         torque on the right = (1 - 1 / sqrt(w)) [cross (s c' - c s') - lever' c'].
 
-    With periodic ends, the last spring joins the last rotor to the first. With free ends, its
-    levers are 0.
+    With periodic ends, the last spring joins the last rotor to the first. With free ends, the
+    levers of this last spring are 0.
     """
     prefer_wide_vectors()
     work[COSINES, rotors], work[SINES, rotors] = work[COSINES, 0], work[SINES, 0]

@@ -190,7 +190,7 @@ def wobble_exponents(chain: Chain) -> tuple[complex, complex]:
 
 
 def continuum_tail(chain: Chain) -> Tail:
-    """Return the tail that decays more slowly, of the two tails that `wobble_exponents` describes.
+    """Return the more slowly decaying one of the two tails that `wobble_exponents` describes.
 
     For d > 1 / sqrt(2), the tail oscillates. Its decay length is then ub = r sin(theta_bar), and
     its wave number increases with d towards sqrt(8) / a. The oscillation is an artefact of the
@@ -206,8 +206,9 @@ def zero_mode_wave_number(chain: Chain, lean: int = 1) -> complex:
 
     The imaginary part is -1 / ell in the right-leaning and 1 / ell in the left-leaning state,
     where ell is the penetration depth. The real part is 0 for d < 1 and pi / a for d > 1. For
-    small d, the imaginary part tends to -omega_0 / c or omega_0 / c, with the gap omega_0 and the
-    speed of sound c. The paper (section 1) has k = sqrt(-omega_0) / c.
+    small d, 1 / ell tends to omega_0 / c, with the gap omega_0 and the speed of sound c. The
+    imaginary part then tends to -omega_0 / c in the right-leaning and to omega_0 / c in the
+    left-leaning state. The paper (section 1) has k = sqrt(-omega_0) / c.
     """
     plus, minus = couplings(chain, lean)
     depth = penetration_depth(chain)

@@ -131,8 +131,8 @@ def phonon_energy(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> float:
     The energy is E = sum_n (k_e / 2) (R dphi)_n^2 + T(phi_dot - t (t^T I phi_dot) / (t^T I t)).
     Here dphi is the displacement from the result of `unstretched`, R the rigidity matrix and t the
     zero mode of that result, I the moments of inertia, and T the kinetic energy of given rates. E
-    is the sum of `phonon_energies` without the first energy. For a moving wall, E therefore
-    includes its elastic energy. If there are several walls, only their common motion along t is
+    is the sum of `phonon_energies` without the first energy. The elastic energy of a moving wall
+    is therefore a part of E. If there are several walls, only their common motion along t is
     excluded. With periodic ends nothing is excluded, and E is the total energy. Raises the same
     errors as `phonon_energies`.
     """

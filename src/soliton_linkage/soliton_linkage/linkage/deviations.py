@@ -26,7 +26,8 @@ _LOWEST_FRACTIONS = {
     'on_site_torque': -_LARGEST_FRACTION,
     'feedback': -_LARGEST_FRACTION,
 }
-"""Lowest allowed relative deviation [1] of the quantities that may become 0 or negative."""
+"""Lowest allowed relative deviation [1] of the quantities that deviations may make 0 or
+negative."""
 
 
 def _fractions(of: str, each: str) -> Any:

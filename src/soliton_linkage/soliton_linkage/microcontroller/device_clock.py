@@ -27,14 +27,14 @@ _MICROSECOND = 1000
 _SECOND = 10**9
 """Duration of a second [ns]."""
 _INTERVALS = 64
-"""Number of intervals in the fit [1]; at 0.5x, the error doubles; at 2x, a fit takes 4 times as
-long."""
+"""Number of intervals in the fit [1]. Sensitivity: at 0.5x, the error doubles; at 2x, a fit takes
+4 times as long."""
 _FIRST_INTERVAL = 1 / 16
 """Duration of the first intervals [s]; it is short, because the drift is known only after two
 intervals."""
 _LONGEST_INTERVAL = 2.0
-"""Longest duration of later intervals [s]; at 0.5x, the line follows the drift of a warming clock
-faster."""
+"""Longest duration of later intervals [s]. Sensitivity: at 0.5x, the line follows the changing
+drift of a warming clock faster."""
 LARGEST_DRIFT = 0.01
 """Largest accepted drift of a clock [1]; the resonator of an Arduino Uno has half this drift."""
 _FROM_THE_FUTURE = 0.25
@@ -60,13 +60,14 @@ _REMEMBERED = 128
 """Number of messages whose delays and intervals are compared [1]; at 0.25x, a rare interval seems
 unusual, and at 4x, a jump by less than an interval is corrected later."""
 _WRONG_TIMES = _REMEMBERED // 16
-"""Among the compared messages without a checksum, up to this many may have a wrong time [1]."""
+"""Among the compared messages without a checksum, at most this many are expected to have a wrong
+time [1]."""
 _CONFIRMATIONS = 3
 """Number of successive implausible times that prove a jump or a restart of the clock if they are
 consistent with each other."""
 _FRESH = 0.75
-"""Smallest time between arrivals, relative to the time between measurements [1], at which messages
-have not waited for a stalled receiver."""
+"""Implausible times prove nothing if their messages arrive within less than this times the time
+between their measurements [1], because such messages have waited for a stalled receiver."""
 
 
 class DelayEnvelope:
@@ -146,8 +147,8 @@ class DeviceClock:
         self.jumps = 0
         """Number of jumps of the controller's clock by less than 0.25 s."""
         self.delay = 0.0
-        """Delay of the last measurement in excess of the smallest delay, which the fitted line
-        gives [s]."""
+        """Delay of the last measurement minus the smallest delay, which the fitted line gives
+        [s]."""
         self._last: int | None = None
         self._stamp = -1
         self.reset()

@@ -240,7 +240,7 @@ class FrameDecoder:
         self.protocol: Protocol | None = None
         self.frames = 0
         self.corrupted = 0
-        """Number of invalid frames; only the protocol of the last valid frame counts."""
+        """Number of invalid frames in the protocol of the last valid frame."""
         self.complaint = ''
         """Error message about the last invalid frame."""
         self.reset()

@@ -30,8 +30,9 @@ _SAMPLES_A_SITE = 4
 """The search for the arc length at which half of |t|^2 is on the left of a bond begins with this
 number of samples per rotor spacing [1]."""
 _SAME_MODE = 1 - 1e-6
-"""If the cosine of the angle between tangent and zero mode is not above this [1], a rotor moves
-that the tangent does not include. The orbit is then rejected."""
+"""The stored tangent of a piece contains only rotors near the wall. If the cosine of the angle
+between it and the zero mode of the whole chain is not above this [1], a rotor far from the wall
+also moves, and the orbit is rejected."""
 
 
 def orbit_of(chain: Chain) -> Orbit:
@@ -138,7 +139,7 @@ class DeviatingOrbit(Orbit):
         return found
 
     def _check(self) -> None:
-        """Raise ValueError if a rotor far from the wall moves; the wall cannot pass there."""
+        """Raise ValueError if a rotor far from the wall moves; then the wall cannot pass."""
         for piece, end in zip(self._pieces, self._ends, strict=True):
             arc = end - piece.length / 2 - self._origin
             mode = zero_mode(self.chain, self.configuration(arc))
@@ -177,8 +178,8 @@ class DeviatingOrbit(Orbit):
     def _nearest(self, rotor: int, angle: float, turning: float) -> float:
         """Return the arc length [rad] at which an edge rotor is nearest to `angle` [rad].
 
-        The search covers the consecutive pieces with this rotor as the seed around the reflection
-        at the arc length `turning` [rad].
+        The wall is reflected at this rotor at the arc length `turning` [rad]. The search covers
+        the consecutive pieces before and after the reflection in which this rotor is the seed.
         """
         pieces, count = self._pieces, len(self._pieces)
         number = bisect_right(self._ends, (turning + self._origin) % self._ends[-1]) % count

@@ -26,10 +26,11 @@ _MOST_SPLITS = 8
 """Largest number of attempts to find a converged series [1]. Each attempt halves the pieces that
 have not converged. More attempts do not improve the convergence."""
 _ACCURACY = 1e-11
-"""A series has converged if its last two coefficients are below this [rad]."""
+"""A series has converged if the absolute values of its last two coefficients are below this
+[rad]."""
 _STILL = 2e-11
-"""A rotor counts as immobile if its tangent is not above this in a piece [1]. The limit is the
-rounding error of a series."""
+"""A rotor counts as immobile in a piece if the absolute value of its component of the tangent is
+nowhere in the piece above this [1]. The limit is the rounding error of a series."""
 _DEPTHS_BESIDE = 25
 """Distance from the seed up to which rotors are computed on each side [penetration depths]. Within
 this distance, the tangent decays to e^-25, which is below `_STILL`."""

@@ -42,8 +42,8 @@ _SAMPLES_A_STEP = 3
 """Number of spline points per solver step [1]. With this number, interpolation errors are below
 the solver errors."""
 _DEPTHS_OF_EDGE = 8.0
-"""The effect of an edge on the site coordinate is computed up to this distance from the
-edge [penetration depths] plus two rotor spacings. Farther away, site and arc length are
+"""The effect of an edge on the site coordinate is computed up to this distance from the edge
+[penetration depths], increased by two rotor spacings. Farther away, site and arc length are
 proportional, with a relative error of e^-16."""
 _SAMPLES_A_SITE = 16
 """Number of samples near an edge per unit of length [1], where the unit is the rotor spacing or
@@ -260,9 +260,9 @@ class _ShortOrbit:
     def _pieces(self) -> list[_HalfLegs]:
         """Return the pieces of the orbit in order, each from the middle of a leg to the next.
 
-        A reflection at the first rotor is the mirror image of a reflection at the last rotor. For
-        a lean ratio d > 1, leg 2 is the mirror image of leg 0. For d <= 1, leg 3 is the mirror
-        image of leg 1, because `toggled_edges` then counts from the left-leaning state.
+        A reflection at the first rotor is the mirror image of a reflection at the last rotor. A
+        mirror image exchanges the two results of `toggled_edges`. Therefore leg 2 is the mirror
+        image of leg 0 for a lean ratio d > 1, and leg 3 is the mirror image of leg 1 for d <= 1.
         """
         legs = len(self.walls)
         last = [self._followed(leg) for leg in range(0, legs, 2)]

@@ -329,8 +329,9 @@ class SpinnerTheory(WallTheory):
         The `sublattice` is 0 for even and 1 for odd rotors. For a wall of charge Q and width w at
         `position` X [m], cos(theta - theta_bar) = -Q tanh((x - X) / w). At rest, theta' = Q
         sin(theta - theta_bar) / (r sin(theta_bar)). This sign is the one in equation `sgd` of the
-        paper; equation `sg` has the opposite sign. In the family -1, the sign of theta_bar is
-        opposite everywhere, and the right-hand sides of both equations have the opposite sign.
+        paper; equation `sg` has the opposite sign. For the family -1, replace theta_bar by
+        -theta_bar, and reverse the signs of the right-hand sides of the above equations for
+        cos(theta - theta_bar) and theta'.
         """
         if sublattice not in (0, 1):
             raise ValueError(f'sublattice = {sublattice!r} must be 0 (even rotors) or 1 (odd)')

@@ -49,16 +49,17 @@ def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False)
     The site coordinate [rotor spacings] is n if the wall is at rotor n, and n + 1/2 if it is in
     the middle between rotors n and n + 1. In an infinite chain, the site coordinate is
     proportional to the arc length of the zero-energy orbit. A finite chain has the same angles as
-    an infinite one, except for toggled edge rotors. A toggled rotor has swung from one of its two
-    rest angles to the other.
+    an infinite one, except for edge rotors that are at the other one of their two rest angles.
 
-    In flippers, no edge rotor has toggled on `leg` 0 of the `Orbit`, the last one on leg 1, both
-    on leg 2, the first one on leg 3. In spinners, rotors turn over on one side in leg 0 and on the
-    other side in leg 1. If `inverted` is true, the chain is assembled upside down, with pi - phi
-    in place of phi. In a chain with deviations, the rotor nearest to the wall has the same angle
-    as without deviations, and the other angles follow from the lengths of the bars. Raises
-    ValueError for a chain of two rotors or with periodic ends, a site outside the range 0 to
-    N - 1, an unknown leg, bars of impossible length, and the errors of `site_arc`.
+    In flippers with d <= 1, no edge rotor is at its other rest angle in `leg` 0 of the `Orbit`,
+    the last one in leg 1, both in leg 2, and the first one in leg 3. In wobbling flippers, it is
+    the first one in leg 0, both in leg 1, the last one in leg 2, and none in leg 3. In a spinner,
+    a wall turns the rotors over in one direction in leg 0, and in the opposite direction in leg 1.
+    If `inverted` is true, the chain is assembled upside down, with pi - phi in place of phi. In a
+    chain with deviations, the rotor nearest to the wall has the same angle as without deviations,
+    and the other angles follow from the lengths of the bars. Raises ValueError for a chain of two
+    rotors or with periodic ends, a site outside the range 0 to N - 1, an unknown leg, bars of
+    impossible length, and the errors of `site_arc`.
 
         >>> import soliton_linkage as sl
         >>> chain = sl.Chain(number_of_rotors=20)
@@ -180,7 +181,7 @@ def bar_branches(chain: Chain, leg: int, inverted: bool) -> tuple[Array, Array]:
 
 
 def toggled_edges(chain: Chain, leg: int) -> tuple[bool, bool]:
-    """Return whether the first, and whether the last rotor has toggled.
+    """Return whether the first rotor, and whether the last rotor has toggled, in a flipper.
 
     A toggled rotor is not at the rest angle that it would have in an infinite chain, but at its
     other rest angle.

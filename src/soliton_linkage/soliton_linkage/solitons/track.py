@@ -15,7 +15,8 @@ from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.tanh_fit import find_solitons
 
 _EDGE_PART = 0.2
-"""Part of the chain at each end that crossings exclude, because walls are reflected there [1]."""
+"""Fraction of the chain at each end that a crossing does not include, because walls are reflected
+there [1]."""
 
 
 @dataclass(frozen=True)

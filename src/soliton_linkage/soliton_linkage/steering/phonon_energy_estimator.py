@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimate of the phonon energy from the rates, valid in chains with unmodelled deviations.
 
-The rates orthogonal to the tangent t of the orbit are due to phonons and noise. The energy of the
-phonons is twice their mean kinetic energy. Therefore,
+The rates orthogonal to the tangent t of the orbit are due to phonons and noise. On average, half
+of the energy of phonons is kinetic. Therefore,
 
     E = < I |phi_dot - t (t^T phi_dot)|^2 > - I (N - 1) sigma^2
 
@@ -28,7 +28,7 @@ _THIRD_DIFFERENCE = np.array([-1.0, 3.0, -3.0, 1.0])
 
 
 class PhononEnergyEstimator:
-    """Estimator of the phonon energy by a running mean over periods of the slowest phonon."""
+    """Estimator of the phonon energy: a running mean over periods of the slowest phonon."""
 
     def __init__(self, orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> None:
         self._orbit = orbit

@@ -20,8 +20,8 @@ from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.steering.settings import DEFAULTS, SteeringSettings
 
 _SAMPLES = 2048
-"""Number of samples of the tangent while a wall passes a rotor [1]; with so many samples, the
-spectrum decays to 0 at the highest q."""
+"""Number of samples of the tangent while a wall passes a rotor [1]. The samples are so dense that
+the spectrum has decayed to 0 at the highest q."""
 _PEAK = 15 / 8
 """Ratio of the largest rate to the mean rate of a trajectory from rest to rest [1]."""
 _EXTENSION = 1.1
@@ -93,8 +93,8 @@ class ReferenceTrajectory:
 def adiabatic_rate(orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> float:
     """Return the largest rate of the arc length at which a wall radiates little energy [rad/s].
 
-    Up to a certain rate, each of the two middle rotors radiates less than the fraction
-    `radiated_share` of the energy of the wall. The result is `adiabatic_fraction` times this rate.
+    The result is `adiabatic_fraction` times a limit. At rates below the limit, each of the two
+    middle rotors radiates less than the fraction `radiated_share` of the energy of the wall.
     """
     middle = orbit.arc_at(orbit.middle, 0)
     begin, end = orbit.leg_arcs(0)
@@ -122,10 +122,10 @@ def adiabatic_rate(orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> float
 
 
 def bandwidth(orbit: Orbit, period: float, settings: SteeringSettings = DEFAULTS) -> float:
-    """Return the bandwidth of the feedback [rad/s] for a frame period [s], which may be NaN.
+    """Return the bandwidth of the feedback [rad/s] for a frame period [s], NaN if unknown.
 
-    A frame period of NaN is unknown. The bandwidth is far below the phonon gap because of noise,
-    and far below the frame rate because of late frames.
+    The bandwidth is far below the phonon gap, so that noise excites few phonons, and far below the
+    frame rate, so that late frames do not destabilise the feedback.
     """
     limit = settings.bandwidth_share * gap(orbit.chain)
     return limit if math.isnan(period) else min(limit, settings.bandwidth_step / period)
@@ -136,8 +136,8 @@ def trajectory_to(
 ) -> ReferenceTrajectory:
     """Return a trajectory from a reference point at `start` [s] to rest at an arc length [rad].
 
-    The duration is `shortest` [s]. It is longer if the largest rate would otherwise exceed both
-    the limit `rate` [rad/s] and the initial rate of `point`.
+    The duration is `shortest` [s], or longer if the largest rate would otherwise exceed both
+    `rate` [rad/s] and the initial rate of `point`.
     """
     duration = max(shortest, _PEAK * abs(goal - point.arc) / rate)
     limit = max(rate, abs(point.rate)) * (1 + 1e-9)

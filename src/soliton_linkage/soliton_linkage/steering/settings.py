@@ -84,9 +84,9 @@ class SteeringSettings(CheckedQuantities):
     force_reserve: float = quantity(
         2.0, 'ratio of the available force to the force of the trajectory', '', 1.0
     )
-    """The excess is a margin for noise and disturbances. Sensitivity: at 0.5x, the reported reach
-    of actuators at an edge is ln(2) penetration depths longer; at 2x, shorter by the same amount.
-    Accepted moves do not change."""
+    """The excess over 1 is a margin for noise and disturbances. Sensitivity: at 0.5x, the reported
+    reach of actuators at an edge is ln(2) penetration depths longer; at 2x, shorter by the same
+    amount. Accepted moves do not change."""
 
     settling_time: float = quantity(
         3.0,
@@ -94,15 +94,15 @@ class SteeringSettings(CheckedQuantities):
         '',
         0.0,
     )
-    """In this time, errors decay to the fraction (1 + 3) e^-3 = 0.2. Sensitivity: at 0.5x,
-    arrivals are reported 1.5 / b earlier, with up to six times the error; at 2x, 3 / b later, with
-    the same error."""
+    """In the time 3 / b, an error decays to (1 + 3) e^-3 = 0.2 of its initial size. Sensitivity:
+    at 0.5x, arrivals are reported 1.5 / b earlier, with up to six times the error; at 2x, 3 / b
+    later, with the same error."""
 
     settling_timeout: float = quantity(
         30.0, 'longest time to settle after the trajectory, times the bandwidth', '', 0.0
     )
-    """Sensitivity: a wall that never settles is reported after a time proportional to this
-    parameter. All other walls settled before half of this time."""
+    """Sensitivity: the time until a wall that never settles is reported is proportional to this
+    parameter. All other walls settled in less than half of this time."""
 
     max_error: float = quantity(
         1.5,
@@ -111,16 +111,18 @@ class SteeringSettings(CheckedQuantities):
         'rotor spacings',
         1e-3,
     )
-    """Sensitivity: at 0.5x, the reference also restarts for the lag of 0.9 rotor spacings in a
-    disordered chain, and for an impulse of 0.8 rotor spacings. At 2x, the torques before a restart
-    are larger."""
+    """Sensitivity: at 0.5x, the reference also restarts if the soliton lags by 0.9 rotor spacings
+    in a disordered chain, or if an impulse displaces it by 0.8 rotor spacings. At 2x, the torques
+    before a restart are larger."""
 
     max_restarts: int = quantity(
         20, 'number of restarts after which a soliton that does not settle is lost', '', 0
     )
-    """After missing frames, one to three restarts are enough. Sensitivity: a load above the force
-    of the actuators displaces the wall until the wall is released. At 0.5x, the release is 15
-    rotor spacings earlier; at 2x, 30 rotor spacings later."""
+    """The reference restarts if the soliton is farther than `max_error` from it. After missing
+    frames, one to three restarts are enough. If a load exceeds the force of the actuators, it
+    displaces the soliton in spite of the restarts, until this number is reached and the soliton is
+    released. Sensitivity: at 0.5x, this happens 15 rotor spacings earlier; at 2x, 30 rotor
+    spacings later."""
 
     max_gap: float = quantity(
         5.0, 'time without frames after which the soliton may have moved', 'frame periods', 1.0
@@ -147,7 +149,8 @@ class SteeringSettings(CheckedQuantities):
         'periods',
         0.1,
     )
-    """Kinetic and elastic energy of a phonon alternate. Sensitivity: at 0.5x, the oscillation of
+    """The kinetic energy of a phonon oscillates, because it alternates with the elastic energy. An
+    average over whole periods removes this oscillation. Sensitivity: at 0.5x, the oscillation of
     the estimate is twice as large, and the estimate converges twice as fast."""
 
 

@@ -273,7 +273,8 @@ class Steering:
     def _jumped(self, last: WallEstimate, found: WallEstimate) -> bool:
         """Return whether a wall moved farther between two estimates than is plausible.
 
-        The limit is `max_error` plus twice the distance that it moves at the estimated rate.
+        The limit is `max_error` plus twice the distance that the wall moves at the estimated rate
+        between the two estimates.
         """
         distance = abs(math.remainder(found.arc - last.arc, self.orbit.length))
         explained = 2 * abs(last.rate) * (found.time - last.time)
@@ -302,10 +303,10 @@ class Steering:
         rate: float,
         shortest: float,
     ) -> ReferenceTrajectory:
-        """Return a trajectory that the actuators can follow to a goal [rad].
+        """Return a trajectory to a goal [rad] that the actuators can follow.
 
-        For a moving wall, increasing durations are tried, and the first one is `shortest` [s]. If
-        the actuators can follow none of the trajectories, return the last one. The trajectory
+        For a moving wall, longer and longer durations are tried, starting with `shortest` [s]. If
+        the actuators can follow none of these trajectories, return the last one. The trajectory
         starts at `point`, and `rate` is the largest rate of the arc length [rad/s].
         """
         for _ in range(_MAX_EXTENSIONS):
@@ -317,7 +318,7 @@ class Steering:
         return trajectory
 
     def _reference(self, estimate: WallEstimate) -> ReferencePoint:
-        """Return the reference at the time of an estimate; if there is none, the estimate."""
+        """Return the reference at the time of an estimate, or else the estimate itself."""
         if self._trajectory is None:
             return ReferencePoint(estimate.arc, estimate.rate, 0.0)
         return self._trajectory.at(estimate.time)

@@ -110,7 +110,7 @@ class TorqueAllocation:
         return Effort(largest, self._strain(arc, torques))
 
     def can_move(self, start: float, goal: float, force: float) -> bool:
-        """Return whether a force [N m] is available everywhere between two arc lengths [rad]."""
+        """Return whether a force [N m] can be exerted everywhere between two arc lengths [rad]."""
         if self._everywhere and abs(force) <= self.torque_limit:
             return True
         return all(self._is_available(arc, force) for arc in self._path(start, goal))
@@ -125,8 +125,8 @@ class TorqueAllocation:
     def reach(self, arc: float, force: float) -> Reach:
         """Return the sites to which a force [N m] can move a wall from an arc length [rad].
 
-        A wall passes each site of the chain once in a leg of the orbit; only the current leg
-        counts.
+        The wall passes each site once in each leg of the orbit. The result refers to the leg that
+        contains `arc`.
         """
         orbit = self.orbit
         here, leg = orbit.site(arc), orbit.leg(arc)

@@ -354,7 +354,7 @@ def load(work: Array, state: Array, circular: Array) -> None:
 def put_knot(
     work: Array, forces: Forces, state: Array, unit: float, knots: Array, knot: int
 ) -> None:
-    """Set the values of the angles and of the dissipated energy at a knot, and two derivatives.
+    """Store the angles, the dissipated energy, and their first two derivatives at a knot.
 
     The derivatives are with respect to the time divided by `unit` [s]. The knots are the start,
     the middle and the end of a step.
