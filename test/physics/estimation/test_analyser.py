@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation, simulate
+from soliton_linkage.dynamics.initial_states import with_pair
 from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.estimation.analysis import Analysis, UnknownChainAnalyser
 from soliton_linkage.estimation.estimates import AnalysedSoliton, TrackingStatus
@@ -458,3 +459,15 @@ def test_a_wall_at_rest_does_not_remember_unmodelled_torques(sections):
     assert estimates[-1].site == pytest.approx(5.5, abs=1e-3)
     assert estimates[-1].site_deviation < 2e-3
     assert not analyser.offsets.any()
+
+
+def test_two_walls_in_waves_with_a_wrong_reading_are_analysed():
+    chain, random = Chain(40), np.random.default_rng(1)
+    analyser, phases = Analyser(chain), random.uniform(0, 2 * math.pi, 40)
+    start = with_pair(chain, 26.0, 12.0).angles
+    for frame in range(120):
+        angles = start + 0.03 * np.sin(0.2 * frame + phases) + random.normal(0, 0.003, 40)
+        angles[[13, 27]] += 1.5 * (frame > 60)
+        analysis = analyser.analyse(4_000_000 * frame, angles)
+        assert analysis is not None
+        assert len(analysis.solitons) == 2

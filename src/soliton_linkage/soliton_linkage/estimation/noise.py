@@ -297,6 +297,9 @@ class ResidualVariance:
         """Update the estimates with the residuals of a frame."""
         self.noise.update(view)
         self.frames += 1
+
+    def learn_outliers(self, view: LinearisedMeasurement) -> None:
+        """Update the shift of the arc length by outliers with a frame that shows one wall."""
         square = 0.0
         if view.outliers and self.field > self.noise.variance:
             near = slice(view.first, view.first + len(view.tangent))

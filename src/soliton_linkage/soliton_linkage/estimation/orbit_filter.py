@@ -269,6 +269,7 @@ class OrbitFilter:
         leading = self._hypotheses.leader.motion
         self.jitter.update(time, view.arc, self._variance.of_arc(view), leading.rate)
         self._variance.learn(view)
+        self._variance.learn_outliers(view)
         turned = self._hypotheses.leader.upside_down
         if self._model.learn(seen, view, elapsed, noise, turned):
             noise.discard_persistence()
