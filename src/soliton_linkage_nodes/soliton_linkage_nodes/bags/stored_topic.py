@@ -127,7 +127,7 @@ def _not_installed(kind: str, name: str, error: Exception) -> str:
 
 
 def completed(topic: StoredTopic) -> StoredTopic:
-    """Return a topic whose missing definition and hash are those of the installed type.
+    """Return a topic, with a missing definition or hash taken from the installed type.
 
     Only topics with messages in CDR are changed.
     """

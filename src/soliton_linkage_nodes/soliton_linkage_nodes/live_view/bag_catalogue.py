@@ -28,8 +28,8 @@ PLAYED = (
     interfaces.SOLITON_STATE.name,
     interfaces.LAST_KICK.name,
 )
-"""Last parts of the names of the topics that a replay publishes. Command topics are omitted,
-because a replay of commands could drive a real chain."""
+"""Names, without their namespace, of the topics that a replay publishes. Command topics are
+omitted, because a replay of commands could drive a real chain."""
 _MOST_BAGS = 200
 """Largest number of listed bags [1]; older bags are not listed."""
 _TRACK_POINTS = 500

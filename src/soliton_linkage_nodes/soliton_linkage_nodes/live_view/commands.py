@@ -95,7 +95,7 @@ class ChainCommands:
         return publisher.get_subscription_count() if publisher else 0
 
     def serves(self, name: str) -> bool:
-        """Return whether a node serves the action move_soliton or a service in this namespace."""
+        """Return whether a node serves `name`, the action move_soliton or a service."""
         if name == interfaces.MOVE_SOLITON:
             return self._mover is not None and bool(self._mover.server_is_ready())
         client = self._clients.get(f'{self.namespace}{name}')

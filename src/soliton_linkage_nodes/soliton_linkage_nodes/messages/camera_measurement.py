@@ -47,7 +47,7 @@ class CameraReading(NamedTuple):
     """Angles of the rotors in one picture, and the time at which they were exposed."""
 
     stamp: int
-    """Time at which half of the exposure of the pivots' picture row was over [ns]."""
+    """Middle of the exposure of the picture row that shows the pivots [ns]."""
     frame: AngleFrame
 
 

@@ -207,7 +207,7 @@ def _damaged(topic: str, serialized: bytes, type_name: str, error: Exception) ->
 
 
 class _MessageBuffer:
-    """Serialized message whose stamp and last arrays are overwritten for each new message."""
+    """Serialized message, whose stamp and arrays of values each new message overwrites."""
 
     def __init__(self, message: Any, arrays: int) -> None:
         self._bytes = bytearray(serialize(message))

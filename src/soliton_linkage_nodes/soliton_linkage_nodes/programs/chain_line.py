@@ -27,7 +27,7 @@ _UPRIGHT = 1 / 3
 """A rotor is drawn upright if its lean is smaller than this fraction of the lean in the uniform
 state [1]."""
 _DEPTH = 10
-"""Queue depth of joint_states [messages], because a frame may consist of ten messages."""
+"""Queue depth of joint_states [messages]. A frame may consist of so many messages."""
 _FEWEST = 10
 """Smallest number of marks in a line [1]. They are drawn even if a long remark leaves less
 room."""
@@ -122,7 +122,7 @@ class ChainLine:
 
 
 def drawn(leans: Array, solitons: Sequence[float], room: int) -> str:
-    """Return one mark for each rotor, or for each group of rotors in a chain longer than `room`.
+    """Return one mark for each rotor or, if these are more than `room`, for each group of rotors.
 
     `leans` are sin(angle) / sin(rest angle) of the rotors. `solitons` contains the site
     coordinates of the solitons [rotor spacings].

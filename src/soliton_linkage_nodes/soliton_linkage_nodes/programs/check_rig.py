@@ -63,7 +63,8 @@ from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 from soliton_linkage_studies.rig_page import rig_page
 
 _CHAIN_WAIT = 3.0
-"""After the first frame, the program waits at most this long for the topic chain [s]."""
+"""After the first frame, the program waits at most this long for a message on the topic chain
+[s]."""
 _POLL = 0.1
 """Time between two evaluations of a condition [s]. It is long because each evaluation decodes the
 latest messages."""

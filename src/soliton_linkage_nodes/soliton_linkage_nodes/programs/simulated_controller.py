@@ -109,7 +109,7 @@ class RealTimeChain:
         return self._simulation.time
 
     def play(self) -> None:
-        """Apply received commands, send the angles, and simulate the time to the next frame."""
+        """Apply received commands, send the angles, and simulate until the next frame."""
         simulation = self._simulation
         self._controller.receive(simulation.time, self._terminal.read())
         simulation.hold(self._controller.torques(simulation.time))

@@ -116,7 +116,7 @@ class AdaptiveSubscription:
     def adapt(self, before: Callable[[], object] = lambda: None) -> bool:
         """Subscribe again if the publishers require it; return whether they do.
 
-        If they do, `before` is called first.
+        If so, `before` is called before the old subscription ends.
         """
         self.publishers = self._query_publishers()
         qos = self._qos_for_all() if self.publishers else self.qos

@@ -94,7 +94,7 @@ class Simulator(ManagedNode):
         self._start_timer.cancel()
 
     def activate(self) -> None:
-        """Start the simulation loop as soon as there are enough subscribers, or continue it.
+        """Start the simulation loop as soon as there are enough subscribers, or resume it.
 
         Before the first frame, the chain is published.
         """

@@ -109,7 +109,7 @@ class PlaybackClock:
     def burst(self, number: int) -> int:
         """Play `number` messages in a pause, or all if `number` is 0.
 
-        Returns how many were played within `longest_burst`; the rest follow.
+        Returns how many were played within `longest_burst`. The others are played afterwards.
         """
         with self._changed:
             return self._step(number or sys.maxsize, self._longest_burst)

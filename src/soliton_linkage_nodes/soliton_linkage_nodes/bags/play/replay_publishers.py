@@ -239,7 +239,7 @@ class ReplayPublishers:
         self.published += 1
 
     def wait_for_subscribers(self, topics: Iterable[str], limit: float) -> None:
-        """Wait until each topic has a subscriber outside this node, each at most `limit` [s]."""
+        """For each topic, wait at most `limit` [s] until it has a subscriber outside this node."""
         for topic in topics:
             if topic not in self._publishers or self._stopping.is_set():
                 continue

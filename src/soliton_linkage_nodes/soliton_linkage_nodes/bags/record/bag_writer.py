@@ -36,8 +36,8 @@ _CUSTOM_DATA_INTERVAL = 1.0
 longer."""
 _RESERVE = 'space_for_the_index'
 _RESERVE_BYTES = 2**20
-"""Disk space that is reserved for the index [B]. It is sufficient for a day, because a chunk needs
-100 bytes of the index."""
+"""Disk space that is reserved for the index [B]. It is sufficient for 10,000 chunks, each of which
+needs 100 bytes of the index."""
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.pacing import IdlePriority
 
 _LONGEST_TEXT = 1000
-"""Values with longer texts, such as long lists, are not included in the custom data
+"""A value whose text is longer than this, such as a long list, is not included in the custom data
 [characters]."""
 _CHAIN_TYPE = type_name(interfaces.CHAIN.type)
 

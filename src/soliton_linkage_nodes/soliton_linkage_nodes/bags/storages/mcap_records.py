@@ -163,7 +163,8 @@ def chunk_record(
 def message_index_record(channel: int, entries: Sequence[int]) -> bytes:
     """Return the record that lists the messages of a channel in a chunk.
 
-    `entries` contains receive time [ns] and offset [B] of each message in turn.
+    `entries` contains, for each message, its receive time [ns] and then its offset in the chunk
+    [B].
     """
     packed = struct.pack(f'<{len(entries)}Q', *entries)
     return record(Opcode.MESSAGE_INDEX, struct.pack('<H', channel), sized(packed))

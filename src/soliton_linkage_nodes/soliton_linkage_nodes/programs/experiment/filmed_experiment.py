@@ -58,8 +58,8 @@ class PositionErrors:
     """Root mean square error of the soliton position that an analyser with the identified chain
     estimates [rotor spacings]."""
     stated: float
-    """Root mean square of the standard deviations that this analyser states for the position
-    [rotor spacings]."""
+    """Root mean square of the standard deviations that the analyser with the identified chain
+    states for the position [rotor spacings]."""
     allowed: float
     """Cramer-Rao bound for the position error of an estimate from a single frame, with
     `angle_noise` and all rotors visible; root mean square over the frames [rotor spacings]."""
