@@ -52,11 +52,12 @@ PIXELS: Any = {
 }
 """Keywords of `Axes.imshow` for images of displacements or order fields."""
 _MARGIN = 0.35
-"""Margin around the area that the rotors of a chain can reach [rotor spacings]."""
+"""Distance between the area that the rotors of a chain can reach and the border of the picture
+[rotor spacings]."""
 _ROW = 0.3
 """Height of a row of displacement arrows [rotor spacings]."""
 _ARROW = 1.2
-"""Length of an arrow for a mode component of 1, relative to the larger of a and r [1]."""
+"""Length of the arrow for a mode component of 1, divided by the larger of a and r [1]."""
 
 
 def pivot_points(chain: Chain) -> Array:
@@ -77,7 +78,7 @@ def mass_points(chain: Chain, angles: Array) -> Array:
 
 
 def mode_arrows(chain: Chain, angles: Array, mode: Array) -> Array:
-    """Return the displacements r t_n (cos(phi_n), -sin(phi_n)) in a mode t [m], shape (N, 2)."""
+    """Return mass displacements r t_n (cos(phi_n), -sin(phi_n)) [m] of a mode t, shape (N, 2)."""
     horizontal, vertical = chain.positions(angles)
     return np.column_stack([mode * vertical, -mode * horizontal])
 
@@ -87,8 +88,8 @@ def limits(
 ) -> tuple[float, float, float, float]:
     """Return the limits left, right, bottom and top [m] of a picture of a chain.
 
-    If `projections` is true, space for the displacement arrows is added. `lowered` [m] is added at
-    the bottom.
+    If `projections` is true, space for the displacement arrows is added. The bottom is `lowered`
+    [m] further down, because odd rotors may be drawn below the others.
     """
     margin = _MARGIN * chain.spacing
     reach = float(chain.rotor_lengths.max()) + margin
@@ -249,8 +250,9 @@ def move_projections(arrows: Quiver, chain: Chain, angles: Array) -> None:
 def draw_torus(axes: Axes, chain: Chain, curves: Sequence[Array]) -> None:
     """Draw the configuration space of a unit cell as curves on a torus (paper, Fig. 4c).
 
-    Each curve contains staggered angles [rad], shape (K, 2). Opposite sides of the square are the
-    same line. Triangles are the ground states; purple states lean right, orange states lean left.
+    Each curve contains staggered angles [rad], shape (K, 2). Opposite sides of the square plot are
+    the same line on the torus. Triangles are the uniform ground states: purple ones lean right,
+    orange ones lean left.
     """
     for number, curve in enumerate(curves):
         colour = CURVE_COLOURS[number % len(CURVE_COLOURS)]
@@ -322,7 +324,7 @@ def _thickness(chain: Chain) -> float:
 
 
 def _rows(chain: Chain) -> Array:
-    """Return the heights of the displacement arrows [m], shape (N,); they are below all masses."""
+    """Return the z coordinates of the displacement arrows [m], shape (N,), below all masses."""
     rows = math.ceil(chain.rotor_length / chain.spacing)
     row = np.arange(chain.number_of_rotors) % rows
     reach = float(chain.rotor_lengths.max()) + _MARGIN * chain.spacing
@@ -330,13 +332,16 @@ def _rows(chain: Chain) -> Array:
 
 
 def _turned(tilt: float) -> Array:
-    """Return the matrix for points (x, z) @ matrix; a positive tilt [rad] lowers x > 0."""
+    """Return the matrix of points @ matrix that tilts points (x, z).
+
+    A positive tilt [rad] lowers points with x > 0.
+    """
     sine, cosine = math.sin(tilt), math.cos(tilt)
     return np.array([[cosine, -sine], [sine, cosine]])
 
 
 def _between(positions: Array, values: Array, wanted: ArrayLike) -> Array:
-    """Return values at the positions `wanted` by linear interpolation and extrapolation."""
+    """Interpolate the `values` at `positions` linearly to `wanted`; extrapolate at the ends."""
     at = np.asarray(np.ma.filled(wanted, np.nan), dtype=np.float64)
     slopes = np.diff(values)[[0, -1]] / np.diff(positions)[[0, -1]]
     below, above = np.minimum(at - positions[0], 0), np.maximum(at - positions[-1], 0)

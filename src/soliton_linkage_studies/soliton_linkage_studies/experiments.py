@@ -21,16 +21,17 @@ DISTANCE_LABEL = 'n - X [rotor spacings]'
 """Axis label of the distance of a rotor from a wall."""
 
 _ARCTANH_REACH = 0.9
-"""Largest |m| of a fitted rotor [1]; for larger values, arctanh(m) would amplify errors."""
+"""Rotors whose order field m has a larger |m| [1] are not used in the fit of a wall width, because
+arctanh(m) would amplify their errors."""
 _MIDDLE = 0.3
-"""Fraction of a chain, around its middle, in which a wall is measured [1]."""
+"""Fraction of the length of a chain, centred on its middle, in which a wall is measured [1]."""
 _FRAMES = 600
 """Number of frames in a recording of a crossing."""
 _SLACK = 1.1
-"""Recording time, relative to the theoretical crossing time of a slow wall [1]."""
+"""A crossing is recorded for at least this multiple of the `slow_crossing_time` [1]."""
 _TRANSIENT = 1.5
-"""Recording time of the fastest walls, divided by the time in which sound crosses the chain
-[1]."""
+"""A crossing is recorded for at least this multiple of the time in which sound crosses the chain
+[1]. This determines the recording time of fast walls."""
 
 
 def kick_rates(
@@ -69,8 +70,8 @@ def crossing_duration(chain: Chain, kick: float) -> float:
 def slow_crossing_time(chain: Chain, kick: float) -> float:
     """Return the crossing time of a wall in a chain of rigid bars [time units].
 
-    The time is (N - 1) Lambda / v0 for a kick v0. Lambda is the norm of all mass displacements per
-    displacement of the wall.
+    The time is (N - 1) Lambda / v0 for a kick v0. Lambda is the norm of the displacements of all
+    masses, divided by the displacement of the wall.
     """
     way = site_arc(chain) * chain.rotor_length / chain.spacing
     return (chain.number_of_rotors - 1) * way / kick
@@ -93,8 +94,9 @@ class Snapshots:
 def snapshots(chain: Chain, recording: Recording, count: int) -> Snapshots:
     """Return `count` frames of the first passage of the wall through the middle of the chain.
 
-    The wall position is the zero of the order field, interpolated linearly between two rotors
-    (paper, Fig. 5). Raises ValueError if this passage has fewer than `count` frames.
+    The frames are evenly spaced in time. The wall position is the zero of the order field,
+    interpolated linearly between two rotors (paper, Fig. 5). Raises ValueError if this passage has
+    fewer than `count` frames.
     """
     fields, _ = order_field(chain, recording.angles)
     walls = wall_positions(chain, recording)
@@ -112,7 +114,11 @@ def snapshots(chain: Chain, recording: Recording, count: int) -> Snapshots:
 
 
 def first_passage(chain: Chain, positions: Array) -> slice:
-    """Return the frames of the first passage through mid-chain, for wall positions (T,)."""
+    """Return the range of frames in which a wall first passes the middle of the chain.
+
+    `positions` are the wall positions [rotor spacings], shape (T,). The middle is 30 % of the
+    length of the chain.
+    """
     middle = (chain.number_of_rotors - 1) / 2
     inside = np.abs(positions - middle) < _MIDDLE * middle
     entered = int(np.argmax(np.append(inside, True)))
@@ -120,10 +126,11 @@ def first_passage(chain: Chain, positions: Array) -> slice:
 
 
 def static_profile(chain: Chain, middle: float) -> tuple[Array, Array]:
-    """Return the profile of static walls at ten positions per rotor spacing.
+    """Combine static walls at ten positions, from `middle` to `middle` + 0.9, to one profile.
 
-    The profile consists of distances from the wall [rotor spacings] and of the order field m [1],
-    each of shape (K,). Edge rotors are excluded, because each of them has two rest angles.
+    Returns the distances of the rotors from the wall [rotor spacings] and the order field m of
+    these rotors [1], each of shape (K,) for the K inner rotors of all ten walls. Edge rotors are
+    excluded, because each of them has two rest angles.
     """
     rotors, beyond = np.arange(chain.number_of_rotors), np.arange(SNAPSHOTS) / SNAPSHOTS
     fields = [order_field(chain, static_wall(chain, middle + each))[0] for each in beyond]
@@ -140,7 +147,8 @@ def wall_positions(chain: Chain, recording: Recording) -> Array:
 def zero_crossing(field: Array) -> float:
     """Return the position of the first zero of an order field, shape (N,); NaN without a zero.
 
-    Edge rotors are excluded, because the order field differs at their second rest angle.
+    Edge rotors are excluded, because each has a second rest angle, at which the order field has
+    another value.
     """
     negative = np.signbit(field[1:-1])
     crossings = np.flatnonzero(negative[1:] != negative[:-1])

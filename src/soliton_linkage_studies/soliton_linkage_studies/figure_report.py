@@ -28,7 +28,8 @@ _LINE = 95
 """Largest number of characters in a line of a caption."""
 _FUNCTIONS = ('sin', 'cos', 'ln', 'min', 'max')
 _ROUNDING = 1e-11
-"""Smallest relative error in a table [1], about the rounding error of a sum of 1000 terms."""
+"""A relative error that is not above this [1] is written as 0 in a table. The value is about the
+rounding error of a sum of 1000 terms."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,10 @@ class Comparison:
 
 @dataclass
 class FigureReport:
-    """Figure with its caption, its data and the comparisons that become rows of the table."""
+    """Figure with its caption, its drawn points (`rows`) and its comparisons.
+
+    Each comparison becomes one row of the table that compares paper, theory and simulation.
+    """
 
     figure: Figure
     caption: str
@@ -116,7 +120,7 @@ class FigureReport:
     def add_points(
         self, panel: str, series: str, names: tuple[str, str], x: ArrayLike, y: ArrayLike
     ) -> None:
-        """Add points to the data. `names` names the quantities x and y, with their units."""
+        """Add drawn points to `rows`; `names` are the names of x and y, with their units."""
         for across, up in zip(np.ravel(x), np.ravel(y), strict=True):
             self.rows.append((panel, series, float(across), float(up), *names))
 
@@ -130,7 +134,7 @@ class FigureReport:
         form: str = '-',
         **style: Any,
     ) -> None:
-        """Plot points with `Axes.plot`; add them to the data (`where`: panel and series)."""
+        """Plot points with `Axes.plot` and add them to `rows`; `where` names panel and series."""
         axes.plot(x, y, form, **style)
         self.add_points(*where, names, x, y)
 
@@ -146,7 +150,7 @@ class FigureReport:
         self.comparisons.append(Comparison(quantity, paper, theory, measured, stated))
 
     def save(self, folder: Path, name: str) -> None:
-        """Write the figure as PNG and PDF, the caption as a text file and the data as CSV."""
+        """Write the figure as PNG and PDF, the caption as a text file and `rows` as CSV."""
         for suffix in ('png', 'pdf'):
             save_figure(self.figure, folder / f'{name}.{suffix}')
         save_caption(self.caption, folder / f'{name}.txt')
@@ -160,7 +164,7 @@ class FigureReport:
 
 
 def save_page(report: FigureReport, folder: Path, name: str, table: str = 'table.md') -> str:
-    """Write the files of a report and its table; return a text with the table and the folder."""
+    """Save `report`, and its comparisons in the file `table`; return that table as text."""
     report.save(folder, name)
     write_table({name: report.comparisons}, folder / table, [name])
     table = (folder / table).read_text(encoding='utf-8')
@@ -185,7 +189,11 @@ def save_caption(caption: str, path: Path) -> None:
 def write_table(
     drawn: Mapping[str, Sequence[Comparison]], path: Path, order: Sequence[str]
 ) -> None:
-    """Write comparisons as Markdown, sorted by figure; keep rows of other figures in the file."""
+    """Write the comparisons in `drawn`, a mapping from figure names, to a Markdown table.
+
+    If the file exists, its rows of other figures are kept. The rows are in the order of the figure
+    names in `order`; rows of any other figure are removed.
+    """
     rows = _rows_by_figure(path)
     for name, comparisons in drawn.items():
         rows[name] = [_row(name, comparison) for comparison in comparisons]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measurements that a sweep makes on each chain. One measurement returns one table row."""
+"""Measurements that a sweep makes on each chain. Each returns the values of one table row."""
 
 from __future__ import annotations
 
@@ -27,12 +27,14 @@ from soliton_linkage_studies.experiments import kick_rates
 _TOLERANCE = 1e-8
 """Largest integration error of an angle in one step [rad]."""
 _FRAMES_A_SPACING = 4.0
-"""Smallest number of frames while a wall moves by a rotor spacing or by its width, whichever is
-smaller [1]."""
+"""Smallest number of frames in the time in which a wall moves by the smaller of a rotor spacing
+and its own width [1]."""
 _FRAMES_A_SWING = 40.0
-"""Number of frames while an edge rotor swings by the smaller of 1 rad and a / r [1]."""
+"""Number of frames in the time in which an edge rotor turns by the smaller of 1 rad and a / r
+[1]."""
 _DEPARTED = 1.5
-"""Distance from an edge at which a spinner's wall counts as departed [rotor spacings]."""
+"""The wall of a spinner counts as departed from an edge if its distance from it exceeds this
+[rotor spacings]."""
 
 
 @dataclass(frozen=True)
@@ -141,12 +143,13 @@ class _Walker:
 
 
 def _frame_arc(chain: Chain) -> float:
-    """Return the arc length between two frames [rad]. At 1 rad/s it equals the period [s].
+    """Return the arc length in configuration space from one frame to the next [rad].
 
-    The rotors of a flipper turn by 2 theta_bar while the wall moves by its own width, which gives
-    the arc length between frames. This arc length has a lower limit, the arc length that resolves
-    the swing of an edge rotor at a reflection. The amplitude of this swing is the smaller of a / r
-    and 1 rad.
+    The chain moves at 1 rad/s along its path, so that the frame period [s] has the same value. The
+    result is the larger of two arc lengths. The first resolves the motion of the wall; it follows
+    from the rotors of a flipper, which turn by 2 theta_bar while the wall moves by its own width.
+    The second resolves the swing of an edge rotor when a wall is reflected; the amplitude of this
+    swing is the smaller of a / r and 1 rad.
     """
     spacings = 1 + chain.wall_width / chain.spacing
     of_wall = chain.rest_angle / (_FRAMES_A_SPACING * math.sqrt(spacings))
@@ -166,13 +169,14 @@ BLOCKED = 'blocked'
 MECHANICS = ('elastic', 'rigid')
 OUTCOMES = ('returns', 'crosses', 'lost')
 _PIECE = 20
-"""Interval between two checks for the return of the wall [time units]."""
+"""The simulation checks after each piece of this duration [time units] whether the wall has
+returned."""
 _WALL_REACH = 4
-"""Half width that contains 98 % of a wall's energy, divided by the larger of wall width and
-penetration depth [1]."""
+"""Energy within this multiple of the larger of wall width and penetration depth [1] from a wall
+counts as energy of the wall. This range contains 98 % of the energy of a wall."""
 _JUMP = 5
-"""Smallest displacement per frame that means a change of the track to another wall [rotor
-spacings]."""
+"""If a track moves by this or more between two frames [rotor spacings], it has changed to another
+wall."""
 
 Value = float | int | str
 
@@ -234,9 +238,9 @@ def measure_speed(
 ) -> dict[str, Value]:
     """Measure the outcome, the speed and the phonon energy of a wall kicked off the right edge.
 
-    `speed` [a sqrt(k_e / M)] is measured between the outer fifths of the chain. `speed` and
-    `phonons` (`phonon_share`) are NaN without a crossing. `sent` is the result of `send_wall`, if
-    it is known.
+    `speed` [a sqrt(k_e / M)] is measured between the outer fifths of the chain. `phonons` is the
+    result of `phonon_share`. `speed` and `phonons` are NaN if the wall does not cross the chain.
+    `sent` is the result of `send_wall`, if it is known.
     """
     recording, track, crossings = sent or send_wall(chain, trial)
     speed = phonons = math.nan
@@ -272,8 +276,8 @@ def send_walls(trials: Sequence[tuple[Chain, SweepTrial]]) -> list[SentWall | Ex
     """Kick the wall of each elastic chain off the right edge, and simulate until the wall returns.
 
     Chains that have the same time unit and tolerance are simulated together. The frame period is
-    one time unit. A crossing with a jump by five spacings or more is discarded. The result of a
-    chain that cannot be simulated is the error.
+    one time unit. A crossing is discarded if its track jumps by five rotor spacings or more
+    between two frames. If a chain cannot be simulated, its result is the error that was raised.
     """
     results = [_begun(chain, trial) for chain, trial in trials]
 
@@ -310,7 +314,7 @@ def _begun(chain: Chain, trial: SweepTrial) -> SentWall | Exception:
 def _moved(
     chains: Sequence[Chain], sent: Sequence[Any], duration: float, tolerance: float
 ) -> list[Recording | ArithmeticError]:
-    """Continue the motion of each chain by one piece; the result of a chain may be an error."""
+    """Continue the motion of each chain for `duration` [s]; return its recording or its error."""
     starts = [State(one.recording.angles[-1], one.recording.rates[-1]) for one in sent]
     try:
         how: Any = {'frames': _PIECE, 'tolerance': tolerance, 'executor': ThisThread()}
@@ -336,8 +340,8 @@ def _continued(chain: Chain, sent: Any, piece: Any) -> SentWall | ArithmeticErro
 def phonon_share(chain: Chain, recording: Recording, track: Track, crossing: Crossing) -> float:
     """Return the fraction of the energy that is outside the wall at mid-crossing [1].
 
-    Outside means beyond four wall widths and four penetration depths. The result is NaN if fewer
-    than half of the rotors are outside.
+    A rotor is outside if its distance from the wall exceeds four times the larger of wall width
+    and penetration depth. The result is NaN if fewer than half of the rotors are outside.
     """
     under_way = (track.times >= crossing.start) & (track.times <= crossing.end)
     half_way = np.abs(track.sites - (chain.number_of_rotors - 1) / 2)
@@ -362,7 +366,7 @@ def _unbroken(track: Track, crossing: Crossing) -> bool:
 
 
 def _joined(first: object, second: object, names: tuple[str, ...]) -> list[Array]:
-    """Concatenate arrays; the last frame of `first` is also the first frame of `second`."""
+    """Join the named arrays; omit the first frame of `second`, which is the last of `first`."""
     return [np.concatenate([getattr(first, name), getattr(second, name)[1:]]) for name in names]
 
 

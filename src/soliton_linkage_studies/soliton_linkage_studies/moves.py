@@ -40,8 +40,8 @@ _OBSERVATION_TIME = 0.2
 _TIME_LIMIT = 120.0
 """Time limit of a move [s]; a longer move has the outcome NOT_HELD."""
 _SAMPLE_EVERY = 20
-"""Number of frames between two samples [1]; at 250 Hz, the time between samples (80 ms) is a pixel
-of the picture."""
+"""A `MoveRun` contains one of this number of successive frames [1]. At 250 Hz, this is one frame
+per 80 ms, or about one per pixel of the picture."""
 DISORDERED = ('spacing', 'rotor_length', 'mass', 'stiffness', 'rest_length')
 _DRAWS = 100
 """Largest number of attempts to draw a disorder through which a wall can pass [1]."""
@@ -54,7 +54,7 @@ class Condition:
     noise: float
     """Standard deviation of the noise of a measured angle [rad]."""
     decay: float
-    """Rate at which damping reduces the speed of a rotor without springs [1/s]."""
+    """Rate at which damping alone, without any spring, slows down a rotor [1/s]."""
     disorder: float
     """Relative standard deviation of the lengths, of the masses and of the stiffnesses [1]."""
 
@@ -73,7 +73,7 @@ class MoveTask:
     frame_rate: float
     """Frames per second [Hz]."""
     held: float
-    """Time for which the position error is observed after the arrival [s]."""
+    """Time after the arrival during which the position error is observed [s]."""
     torque_limit: float
     """Largest torque of an actuator [N m]."""
 
@@ -123,7 +123,7 @@ class MoveTask:
 
 @dataclass(frozen=True)
 class MoveRun:
-    """Result of a move. The arrays contain a sample of every twentieth frame."""
+    """Result of a move. The arrays contain every twentieth frame."""
 
     outcome: Outcome
     duration: float
@@ -133,12 +133,13 @@ class MoveRun:
     positions: Array
     """Wall position [rotor spacings], shape (T,)."""
     references: Array
-    """Reference position of the wall [rotor spacings], shape (T,); NaN without a trajectory."""
+    """Reference position of the wall [rotor spacings], shape (T,); NaN while the steering has no
+    trajectory."""
     phonon_energies: Array
     """Energy of the phonons [J], shape (T,)."""
     error: float
-    """Largest distance from the goal after the arrival [rotor spacings]; NaN without an
-    arrival."""
+    """Largest distance from the goal after the arrival [rotor spacings]; NaN unless the outcome is
+    REACHED."""
     energy_left: float
     """Energy of the phonons at the end [J]."""
     peak_energy: float
@@ -148,8 +149,8 @@ class MoveRun:
 def _started(task: MoveTask, orbit: UniformOrbit) -> tuple[Chain, Array]:
     """Return the chain of a task with damping and disorder, and its initial angles [rad].
 
-    Deviations are drawn again if they may stop the wall, or if no rest state has a wall at the
-    initial position.
+    The random deviations are drawn again if one of the bonds may block the wall, or if the chain
+    with these deviations has no rest state with a wall at the initial position.
     """
     damping = task.condition.decay * task.chain.moment_of_inertia
     chain = replace(task.chain, damping=damping)
@@ -206,12 +207,12 @@ def read_moves(settings: Section, quick: bool) -> dict[MoveKey, list[MoveTask]]:
 def numbered_tasks(
     tasks: Mapping[MoveKey, Sequence[MoveTask]],
 ) -> dict[tuple[MoveKey, int], MoveTask]:
-    """Return all moves, each with a unique key."""
+    """Return all tasks in one mapping; a key is a `MoveKey` with the number of the move."""
     return {(key, number): task for key, each in tasks.items() for number, task in enumerate(each)}
 
 
 def runs_by_key(numbered: Mapping[tuple[MoveKey, int], MoveRun]) -> dict[MoveKey, list[MoveRun]]:
-    """Group the runs of `numbered_tasks` by chain and condition, in the same order."""
+    """Group runs by chain and condition; `numbered` has the keys that `numbered_tasks` returns."""
     runs: dict[MoveKey, list[MoveRun]] = {}
     for (key, _), run in numbered.items():
         runs.setdefault(key, []).append(run)

@@ -51,11 +51,12 @@ OUTCOME_COLOURS = {'returns': GREEN, 'crosses': SKY, 'lost': DARK}
 LEAN_COLOURS = 'PuOr'
 """Colour map of the displacement u: orange if a rotor leans left, purple if it leans right."""
 _REST = 0.30
-"""Distance of a uniform rest state from the middle of the colour map [1]."""
+"""Distance of the colour of a uniform rest state from the middle of the colour map, whose length
+is 1 [1]."""
 _NEAR_REST = ((0.95, 0.24), (1.0, _REST), (1.02, 0.36), (1.05, 0.41), (1.2, 0.46))
-"""Nodes of the colour scale [1]: displacement relative to the rest displacement, and distance from
-the middle of the map. These nodes stretch the scale near the rest state, so that oscillations of a
-few per cent are visible."""
+"""Nodes of the colour scale [1]: displacement divided by the rest displacement, and distance of
+the colour from the middle of the map. These nodes stretch the scale near the rest state, so that
+oscillations of a few per cent are visible."""
 LEANS_RIGHT, LEANS_LEFT = (to_hex(colormaps[LEAN_COLOURS](0.5 + side * _REST)) for side in (1, -1))
 """Colours of the uniform states that lean right and left."""
 
@@ -69,7 +70,10 @@ MOTION_COLOURS = {motion: shades[0] for motion, shades in _SHADES.items()}
 
 
 def chain_colours(chains: Sequence[Chain]) -> list[str]:
-    """Return a shade of the class colour for each chain; the purest has the largest lean ratio."""
+    """Return for each chain a shade of the colour of its motion class.
+
+    The chain with the largest lean ratio of its class has the pure class colour.
+    """
     order = sorted(range(len(chains)), key=lambda number: -chains[number].lean_ratio)
     found: dict[int, str] = {}
     for number in order:
@@ -85,7 +89,7 @@ def scale_colours(count: int) -> list[str]:
 
 
 def tint(colour: str, share: float) -> str:
-    """Mix a colour with white. `share` is the fraction of the colour [1]."""
+    """Mix a colour with white. `share` is the fraction of `colour` in the mixture [1]."""
     red, green, blue = (share * part + 1 - share for part in to_rgb(colour))
     return to_hex((red, green, blue))
 
@@ -93,8 +97,8 @@ def tint(colour: str, share: float) -> str:
 def lean_colour_scale(chain: Chain) -> tuple[Array, Array]:
     """Return the nodes of the piecewise linear colour scale of a chain.
 
-    The nodes are displacements u [m] and positions on the colour map [1], each of shape (K,). A
-    uniform rest state has the same colour in all chains.
+    The nodes are displacements u [m] and positions on the colour map [1], each of shape (K,). The
+    colours of the two uniform rest states are the same for all chains.
     """
     rest, largest = float(lean_ticks(chain)[3]), float(lean_ticks(chain)[4])
     near = [
@@ -116,7 +120,7 @@ def lean_colour_table(chain: Chain, levels: int) -> NDArray[np.uint8]:
 
 
 def lean_ticks(chain: Chain) -> Array:
-    """Return the displacements u [m] of the ticks: -r, left rest, 0, right rest and r."""
+    """Return displacements u [m] for ticks: -r, -r sin(theta_bar), 0, r sin(theta_bar) and r."""
     rest = chain.rotor_length * float(np.sin(chain.rest_angle))
     largest = float(chain.rotor_lengths.max())
     return np.array([-largest, -rest, 0.0, rest, largest])

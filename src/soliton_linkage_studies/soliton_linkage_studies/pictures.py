@@ -104,7 +104,7 @@ def track_positions(axes: Axes, chain: Chain, track: Track) -> Axes:
 
 
 def track_velocities(axes: Axes, track: Track, crossings: tuple[Crossing, ...]) -> Axes:
-    """Draw the soliton velocity over time with its deviations, and the mean of each crossing."""
+    """Draw soliton velocity and its standard deviation over time, and crossing means."""
     axes.plot(track.times, track.site_rates, color=MEASURED, linewidth=0.8, label='measured')
     _draw_band(axes, track.times, track.site_rates, track.site_rate_deviations)
     for number, crossing in enumerate(crossings):
@@ -179,7 +179,7 @@ def _edges(times: Array) -> tuple[float, float]:
 
 
 _WORST = 3
-"""Number of labelled bonds [1], which are the bonds with the largest residuals."""
+"""This number of bonds, those with the largest residuals, have a label [1]."""
 _CAPTION = """
 Top: relative deviations of each rotor length (blue), pivot spacing (green) and spring or bar
 length (red) from their means, with error bars of one standard deviation. Middle: offset of each

@@ -12,10 +12,11 @@ from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage.linkage.chain import Array
 
 _FEWEST_READINGS = 4
-"""Smallest number of readings [1]; it is one more than the number of unknowns."""
+"""Smallest number of readings of a step response [1]: one more than the unknowns, which are two
+time constants and the initial pressure."""
 _SHORTEST_STEP = 0.05
-"""Smallest |command - pressure| of a reading that the initial guess uses, divided by the largest
-|command - pressure| [1]."""
+"""The initial guess uses the intervals between readings in which |command - pressure| is above
+this fraction of its largest value [1]."""
 
 
 @dataclass(frozen=True)
@@ -102,10 +103,10 @@ def fit_torque(pressures: Array, torques: Array) -> tuple[float, float]:
     """Estimate the torque per pressure [N m/Pa] and the saturation torque [N m].
 
     `pressures` and `torques` contain steady readings, shape (readings,). The model clip(k p,
-    -limit, limit) is fitted by least squares. The limit is finite only if it reduces the sum of
-    squared residuals of a straight line by half or more. An infinite limit means that torques
-    should be read at larger pressures. Raises ValueError for fewer than two readings or if all
-    pressures are 0.
+    -limit, limit) is fitted by least squares. The returned limit is finite only if the sum of
+    squared residuals is then less than half of that of a straight line. If the limit is infinite,
+    the readings show no saturation; add torques that are read at larger pressures. Raises
+    ValueError for fewer than two readings or if all pressures are 0.
     """
     order = np.argsort(np.abs(pressures))
     pressed, twisted = np.abs(pressures[order]), np.sign(pressures[order]) * torques[order]
@@ -139,7 +140,7 @@ def _split_fit(pressed: Array, twisted: Array, linear: int) -> tuple[float, floa
 
 
 def _time_constant(response: StepResponse, sign: int) -> float:
-    """Return an initial guess of a time constant [s]: filling for sign +1, venting for -1."""
+    """Return an initial guess of the filling (sign +1) or venting (sign -1) time [s]."""
     middle = (response.pressures[1:] + response.pressures[:-1]) / 2
     driven = response.commands[:-1] - middle
     reach = sign * driven > _SHORTEST_STEP * np.abs(driven).max()

@@ -134,9 +134,10 @@ def installed_settings(name: str) -> Path | None:
 
 
 def select_names(known: Sequence[str], asked: Sequence[str], option: str = '--only') -> list[str]:
-    """Return the `known` names that `asked` selects, by default all.
+    """Return the names in `known` that `asked` selects, or all of them if `asked` is empty.
 
-    A name may be shortened to its part before the first _. Raises ValueError for an unknown name.
+    A name in `asked` may be only the part of a known name before the first _. Raises ValueError
+    for an unknown name.
     """
     aliases = {name: {name, name.split('_')[0]} for name in known}
     for name in asked:

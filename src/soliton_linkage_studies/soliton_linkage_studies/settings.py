@@ -49,7 +49,7 @@ class Section:
         return _section(self.file, self._full(key), value)
 
     def sections(self) -> dict[str, Section]:
-        """Return the sections below this section by key."""
+        """Return all values of this section by key; each must be a section."""
         return {key: self.section(key) for key in self.values}
 
     def number(

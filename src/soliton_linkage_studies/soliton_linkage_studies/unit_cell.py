@@ -12,10 +12,11 @@ delta = (theta_2 - theta_1) / 2, the condition becomes
     sin(delta) = (r / a) (cos(theta_bar)^2 / cos(s) - cos(s)).
 
 Two symmetries map solutions to solutions: s -> -s, (theta_1, theta_2) -> (-theta_2, -theta_1), and
-delta -> pi - delta, (theta_1, theta_2) -> (theta_2 - pi, theta_1 + pi). For d > d_c, equivalent to
-lbar < 2 r - a and to r sin(theta_bar)^2 > a, no solution has s = 0. The solutions with s > 0 and s
-< 0 are then two separate components, and the cell is a spinner (paper, 'Phase diagram', fig. 4).
-Deviations of single rotors and springs are ignored.
+delta -> pi - delta, (theta_1, theta_2) -> (theta_2 - pi, theta_1 + pi). If the lean ratio d is
+above its critical value d_c, no solution has s = 0. This is the case if r sin(theta_bar)^2 > a or,
+with the rest length lbar of the bar, if lbar < 2 r - a; the two conditions are equivalent. The
+solutions with s > 0 and s < 0 are then two separate components, and the cell is a spinner (paper,
+'Phase diagram', fig. 4). Deviations of single rotors and springs are ignored.
 """
 
 from __future__ import annotations
@@ -33,9 +34,11 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 Integers = NDArray[np.int64]
 
 _ARC_TOLERANCE = 1e-12
-"""Tolerance of the integration along a curve [rad]; close to d_c, rounding errors are as large."""
+"""Tolerance of the integration along a curve [rad]. A smaller one has no use, because for d close
+to d_c rounding errors are of this size."""
 _CLOSED = 1e-6
-"""Largest distance between both ends of a closed curve [turns]."""
+"""A curve counts as closed if its last angles differ from the first ones by whole turns to within
+this [turns]."""
 
 
 def partner_angles(chain: Chain, theta_1: ArrayLike) -> Array:
@@ -61,8 +64,8 @@ def configuration_curves(chain: Chain, points: int = 400) -> tuple[Array, ...]:
     Each curve has shape (points + 1, 2) and contains continuous staggered angles (theta_1,
     theta_2) [rad] in equal steps of arc length. A flipper has one contractible curve, which begins
     at s = 0 and passes first through the right-leaning states. A spinner has two curves;
-    sin(theta_1 + theta_2) is positive on the first. Along each of them theta_1 increases and
-    theta_2 decreases by a turn.
+    sin(theta_1 + theta_2) is positive on the first. Along each curve of a spinner, theta_1
+    increases by one turn and theta_2 decreases by one turn.
     """
     pieces = 2 if chain.motion is Motion.SPINNER else 4
     pieces_done = np.linspace(0, pieces, points + 1)
@@ -133,10 +136,13 @@ def spinner_limit(rest_angles: ArrayLike) -> Array:
 
 
 class _Arc:
-    """Piece of a configuration curve with s >= 0 and |delta| <= pi / 2; the rest is symmetric.
+    """Piece of a configuration curve with s >= 0 and |delta| <= pi / 2.
 
-    On this piece, s and delta increase together, so that theta_2 is a coordinate without folds at
-    any r / a.
+    The other pieces of the curve follow from the symmetries in the module docstring, which also
+    defines s and delta.
+
+    On this piece, s and delta increase together. Therefore theta_2 = s + delta determines the
+    point on the piece at any r / a.
     """
 
     def __init__(self, chain: Chain) -> None:
@@ -164,7 +170,7 @@ class _Arc:
         return -_partners(self._chain, -theta_2)[1][..., 0]
 
     def _rate(self, theta_2: Array) -> Array:
-        """Return dtheta_2 / ds = 1 / sqrt(1 + (dtheta_1 / dtheta_2)^2) with the arc length s."""
+        """Return dtheta_2 / dl = 1 / sqrt(1 + (dtheta_1 / dtheta_2)^2) with the arc length l."""
         chain = self._chain
         theta_2 = np.clip(theta_2, *self._ends)
         theta_1 = self._theta_1(theta_2)
@@ -194,7 +200,7 @@ def _partners(chain: Chain, theta_1: Array) -> tuple[Array, Array]:
 
 
 def _excess(chain: Chain) -> float:
-    """Return r sin(theta_bar)^2 - a [m]; a rounding error of wrong sign becomes 0."""
+    """Return r sin(theta_bar)^2 - a [m], or 0 if it has the wrong sign because of rounding."""
     excess = chain.rotor_length * math.sin(chain.rest_angle) ** 2 - chain.spacing
     spinner = chain.motion is Motion.SPINNER
     return max(excess, 0.0) if spinner else min(excess, 0.0)

@@ -28,9 +28,11 @@ _MAXIMUM_COUNT = 1000
 """Largest number of processes [1]. A larger number is rejected as a typing error."""
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 _CHUNK_DURATION = 1.0
-"""Time for which a worker measures rows in one task [s]; a failure loses these rows."""
+"""A worker that has measured rows for longer than this [s] returns them as one chunk. If it fails
+before, these rows are lost."""
 _CHUNK_GROWTH = 4
-"""Largest ratio of a chunk size to the previous one [1]; the first rows may be unusually fast."""
+"""A chunk has at most this multiple of the rows of the previous chunk [1]. The limit is necessary
+because the first rows may be unusually fast."""
 _CHUNKS_PER_WORKER = 2
 """Number of submitted chunks per worker [1]: one chunk is measured while the next one waits."""
 
@@ -61,9 +63,9 @@ class Processes:
 
     Each process has its own pipe, and shares no thread and no lock with the parent. Therefore the
     parent can be interrupted and a process can be killed at any time. Alternatives were tested
-    with results of 200 kB. After Ctrl-C, `ProcessPoolExecutor` and loky 3.7 did not end within 60
-    s. `distributed.LocalCluster` 2026.8 ended after 13 s with 5 tracebacks, and started in 3.2 s
-    instead of 0.25 s.
+    with tasks whose results have 200 kB. `ProcessPoolExecutor` and loky 3.7 had not ended 60 s
+    after Ctrl-C. `distributed.LocalCluster` 2026.8 ended 13 s after Ctrl-C and printed 5
+    tracebacks. Its start takes 3.2 s; the start of the processes of this class takes 0.25 s.
     """
 
     def __init__(self) -> None:
@@ -100,7 +102,9 @@ class Processes:
         return future
 
     def finished(self) -> Iterator[Future[Any]]:
-        """Yield the future of each task, also of tasks that are submitted meanwhile.
+        """Yield the future of each task when it ends.
+
+        Tasks may be submitted during the iteration.
 
         Raises ChildProcessError if a process has ended unexpectedly.
         """
@@ -182,8 +186,8 @@ def local_processes(count: int) -> Iterator[Processes]:
 def cluster(address: str, timeout: float = 10.0) -> Iterator[Pool]:
     """Connect to the running Dask cluster whose scheduler has the given address.
 
-    Raises ValueError without the package `distributed`, without an answer of the scheduler within
-    the timeout [s], or without a worker.
+    Raises ValueError if the package `distributed` is not installed, if the scheduler does not
+    answer within the timeout [s], or if the cluster has no worker.
     """
     try:
         distributed: Any = importlib.import_module('distributed')
@@ -246,7 +250,9 @@ def measure_rows(pool: Pool, table: Rows, rows: Sequence[int]) -> Iterator[list[
 
 
 def measure_chunk(table: Rows, rows: list[int]) -> Chunk:
-    """Measure rows for about a second; always complete one row or one call of `cells_of`.
+    """Measure `rows` one by one, or in groups with `cells_of`, and stop after about a second.
+
+    At least one row or one group is measured.
 
     Returns the cells of the measured rows, the rows that were not measured, and the duration [s].
     """

@@ -27,7 +27,8 @@ _NOISES = (0.001, 0.1)
 _SPEEDS = (0.02, 0.9)
 """Range of the wall speed [speed of sound]."""
 _PERIODS = (0.05, 0.5)
-"""Range of the frame period [time units]; 1000 to 100 Hz for 0.02 kg and 50 N/m."""
+"""Range of the frame period [time units]. With M = 0.02 kg and k_e = 50 N/m, the frame rate is
+1000 to 100 Hz."""
 _RUNS = (50, 400)
 """Range of the number of frames in a record [1]."""
 _PHONONS = (0.001, 0.03)
@@ -43,10 +44,10 @@ _WIDEST = 3.0
 _LONGEST = 4.0
 """Largest ratio of the rotor length r to the rotor spacing a, as in the paper [1]."""
 _APART = 1.6
-"""Smallest number of rotors per wall in a cell with several walls, relative to the smallest number
-of rotors of a cell with one wall [1]."""
+"""A cell with several walls has at least this multiple of the smallest number of rotors of a cell
+with one wall, for each of its walls [1]."""
 _SEVERAL = (1, 1, 1, 2, 4)
-"""Numbers of walls from which a random cell draws with equal probability [1]."""
+"""The number of walls of a random cell is one of these, drawn with equal probability [1]."""
 
 
 @dataclass(frozen=True)
@@ -176,7 +177,8 @@ def _between(ends: tuple[float, float], random: np.random.Generator) -> float:
 _LEANS = {'flipper': (33, 0.9, 0.7), 'wobbler': (33, 0.8, 1.6), 'spinner': (33, 1.1, 3.4)}
 """Number of rotors, rest angle [rad] and lean ratio d of one chain per motion class."""
 _OTHER = 1.3
-"""Lean ratio of the wrong configured chain, divided by the true lean ratio [1]."""
+"""Lean ratio of the wrong chain with which an analyser is configured, divided by the true lean
+ratio [1]."""
 _FORCED_SPEED = 0.15
 """Initial wall speed in the cells with force terms [speed of sound]."""
 _DISORDERS = (0.01, 0.03, 0.05, 0.1)
@@ -191,7 +193,7 @@ def hard_cells() -> list[AccuracyCell]:
 
 
 def _of_model(chains: dict[str, Chain]) -> list[AccuracyCell]:
-    """Return cells in which one effect alone determines most of the stated standard deviations."""
+    """Return cells in each of which a single effect dominates the stated standard deviations."""
     edge, narrow = chain_of(40, 0.9, 0.2), chain_of(30, 1.1, 4.39)
     slow, wide = chain_of(40, 1.1, 1.25 * 2 / math.sin(1.1)), chain_of(30, 0.8, 1.6)
     at_rest = [('35', edge, 35.0), ('37', edge, 37.0), ('spinner', narrow, 27.0)]
@@ -239,7 +241,7 @@ def _of_model(chains: dict[str, Chain]) -> list[AccuracyCell]:
 def _with_forces(chain: Chain) -> dict[str, Chain]:
     """Return one chain for each force term; keys are the names of the terms.
 
-    During a record, each term changes the speed of a wall by up to a half.
+    Each term changes the speed of a wall by up to 50 % during a record.
     """
     sites = _FORCED_SPEED * speed_of_sound(chain) / chain.spacing
     drag = 0.01 * chain.moment_of_inertia / chain.time_unit

@@ -43,8 +43,8 @@ _QUICK_EVERY = 4
 _QUICK_FRAMES = 400
 """Largest number of frames per wall in a quick study [1]."""
 _FEWEST_FRAMES = 10
-"""Smallest number of frames with the wall in the middle of the chain [1]; fewer give no mean
-width."""
+"""Smallest number of frames with the wall in the middle of the chain [1]; with fewer frames, a
+passage is rejected."""
 
 
 @dataclass(frozen=True)
@@ -69,8 +69,8 @@ class Walls:
     chain: Chain
     kicks: tuple[float, ...]
     reference: Mapping[float, tuple[float, float]]
-    """For each kick, speed [a sqrt(k_e / M)] and relative width [1] of the wall, measured without
-    noise."""
+    """Speed [a sqrt(k_e / M)] and width relative to the width at rest [1] of the wall, measured
+    without noise, for each kick."""
 
 
 @dataclass(frozen=True)
@@ -108,14 +108,15 @@ class ContractionStudy:
         write_table(lines, folder / f'{name}.md', list(lines))
 
     def duration(self, walls: int, kick: int) -> float:
-        """Return the recording time [time units] for the indices of a chain and of its kick."""
+        """Return the recording time of a passage [time units]; arguments as in `passage`."""
         chain, kicks = self.walls[walls].chain, self.walls[walls].kicks
         return crossing_duration(chain, kicks[kick])
 
     def passage(self, walls: int, kick: int) -> ContractedWall:
         """Simulate a kick; return speed and width of the wall.
 
-        `walls` is the index of the chain, and `kick` the index of the kick of this chain.
+        `walls` is the index of the chain in `self.walls`, and `kick` the index of the kick in the
+        kicks of this chain.
         """
         chain, kicks = self.walls[walls].chain, self.walls[walls].kicks
         generator = np.random.default_rng([self.seed, walls, kick])
@@ -142,12 +143,11 @@ def passage_of(
     """Measure speed and width of a wall on its first passage through the middle of the chain.
 
     `times` [s] has shape (T,). Frames with several walls or without walls are not used. The speed
-    is the slope of a line fitted to the positions. The standard deviation of the slope is
-    computed from the errors of the first and the last position, because an error that all
-    positions share does not change the slope. The width is the mean of the widths in all frames.
-    Because successive widths are correlated, the smallest standard deviation that the analyser
-    states for a width is used as the standard deviation of the mean. Raises ValueError for fewer
-    than ten frames.
+    is the slope of a line fitted to the positions. The standard deviation of the slope is computed
+    from the errors of the first and the last position, because an error that all positions share
+    does not change the slope. The width is the mean of the widths in all frames. Its standard
+    deviation is the smallest one that the analyser states for the width in a frame, because the
+    widths in successive frames are correlated. Raises ValueError for fewer than ten frames.
     """
     both = zip(times, frames, strict=True)
     alone = [(time, walls[0]) for time, walls in both if len(walls) == 1]
@@ -175,7 +175,7 @@ def passage_of(
 def rest_width(chain: Chain) -> float:
     """Return the mean width of fitted tanh profiles, divided by the theoretical width at rest [1].
 
-    The profiles are fitted to static walls at 20 positions within two rotor spacings.
+    One profile is fitted to each of 20 static walls, whose positions cover two rotor spacings.
     """
     middle = chain.number_of_rotors // 2 - 1
     walls = (static_wall(chain, middle + position) for position in np.arange(0, 2, 0.1))

@@ -33,11 +33,10 @@ _FROM_EDGE = 2.0
 """Smallest distance of a tested wall from an edge [wall widths]; a closer edge changes the shape
 of the wall by over 2 %."""
 _LOST_WIDTHS = 2.0
-"""Largest position error of a successful estimate [wall widths], unless `_LOST_BOUNDS` allows a
-larger one."""
+"""An estimate fails if its position error is above both this [wall widths] and `_LOST_BOUNDS`."""
 _LOST_BOUNDS = 6.0
-"""Largest position error of a successful estimate [Cramer-Rao bounds], unless `_LOST_WIDTHS`
-allows a larger one."""
+"""An estimate fails if its position error is above both this [Cramer-Rao bounds] and
+`_LOST_WIDTHS`."""
 _QUANTILE = 0.975
 """Probability below the upper end of a 95 % interval [1]."""
 
@@ -64,7 +63,8 @@ class EstimatorTrial:
     coarse_start: float
     """Largest error of the initial guess for a fit [rotor spacings]."""
     cold_every: int
-    """The slow search without a guess is tested in one of this number of frames [1]."""
+    """The search without a guess is tested only in one of this number of frames [1], because it is
+    slow."""
 
 
 Estimator = Callable[[UniformOrbit, Array, float], Estimate]
@@ -92,7 +92,7 @@ def estimators_of(chain: Chain) -> dict[str, Estimator]:
 def errors(
     chain: Chain, trial: EstimatorTrial, generator: np.random.Generator
 ) -> dict[str, Array]:
-    """Return for each estimator error and margin in each tested frame [rotor spacings].
+    """Return the error and the margin of each estimator in each tested frame [rotor spacings].
 
     Each array has shape (tested frames, 2). A margin is half the width of the stated 95 %
     interval. Walls are at random positions within `inner_positions`, on random legs. The error is
@@ -121,10 +121,10 @@ def errors(
 
 
 def bias_by_position(chain: Chain, points: int) -> tuple[Array, dict[str, Array]]:
-    """Return the errors of each estimator without noise, at positions over two rotor spacings.
+    """Return the errors of each estimator at wall positions in two rotor spacings, without noise.
 
-    Returns wall positions relative to an even rotor, then the errors by estimator. All arrays have
-    shape (points,) and the unit [rotor spacings]. The walls are computed by `static_wall`,
+    Returns the wall positions relative to an even rotor, and the errors by estimator. All arrays
+    have shape (points,) and the unit [rotor spacings]. The walls are computed by `static_wall`,
     independently of the orbit.
     """
     orbit = orbit_of(chain)
@@ -156,7 +156,7 @@ def _tanh_fit(orbit: UniformOrbit, angles: Array, _guess: float) -> Estimate:
 
 
 def _orbit_estimate(orbit: UniformOrbit, fit: NearestPoint) -> Estimate:
-    """Return the estimate from a fit to the orbit; the margin is from Student's t distribution."""
+    """Return the estimate of a fit to the orbit; its margin is from Student's t distribution."""
     freedom = len(orbit.segment(fit.arc).angles) - 1
     deviation = fit.misfit / math.sqrt(fit.information) / orbit.site_arc
     margin = float(stdtrit(freedom, _QUANTILE)) * deviation

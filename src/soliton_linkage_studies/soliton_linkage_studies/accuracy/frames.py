@@ -27,12 +27,12 @@ from soliton_linkage_studies.accuracy.statistics import Line, accuracy_of, write
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CHUNK = 250
-"""Number of frames per task [1]; a task takes about one second. The random frames depend on this
-number."""
+"""Number of frames per task [1]; a task takes about one second. With another number, other random
+frames are drawn."""
 _QUICK_FRAMES = 400
 """Largest number of frames per chain and noise in a quick study [1]."""
 _POINTS = 81
-"""Number of wall positions [1]: two rotor spacings with 40 intervals each."""
+"""Number of wall positions [1]: the ends of 40 intervals in each of two rotor spacings."""
 
 
 @dataclass(frozen=True)
@@ -63,9 +63,10 @@ class FrameStudy:
         draw_bias(biases).save(folder, 'bias_by_position')
 
     def sample(self, chain: int, noise: int, chunk: int) -> dict[str, Array]:
-        """Return for each estimator error and margin in each frame of a chunk [rotor spacings].
+        """Return error and margin of each estimator in each frame of a chunk [rotor spacings].
 
-        `chain`, `noise` and `chunk` are indices.
+        `chain` and `noise` are indices of the chains and noises of the study. `chunk` is the
+        number of a chunk.
         """
         frames = min(_CHUNK, self.trial.frames - chunk * _CHUNK)
         trial = replace(self.trial, frames=frames, noise=self.noises[noise])

@@ -162,7 +162,10 @@ def _dress(column: Sequence[Axes], noise: float, names: Sequence[str]) -> None:
 
 
 def _dashes(name: str) -> Literal['-', ':']:
-    """Return the line style: dotted for the search without a guess, so that no line is hidden."""
+    """Return the line style.
+
+    It is dotted for the search without a guess, which otherwise would hide another line.
+    """
     return ':' if name == ORBIT_COLD else '-'
 
 

@@ -36,12 +36,13 @@ Relative error of the velocity. Blue lines are root mean squares over {runs} run
 are the standard deviations stated by the estimator. Dotted black lines are the Cramér-Rao bound.
 """
 _CLEAR = 8.0
-"""Distance between the path of a wall and both edges [rotor spacings]; it is smaller if the chain
-is too short."""
+"""Smallest distance of the path of a wall from the edges [rotor spacings]. If the chain is too
+short, the path is in its middle."""
 _QUICK_RUNS = 4
 """Largest number of runs per chain in a quick study [1]."""
 _SHOWN = 60
-"""Number of frame counts at which errors are evaluated [1]; equal counts are evaluated once."""
+"""Number of frame counts at which errors are evaluated [1]; counts that are equal after rounding
+are evaluated once."""
 _FEWEST = 3
 """Smallest frame count at which errors are evaluated [1]; a line through two frames has no
 residuals."""
@@ -92,7 +93,7 @@ class RecordStudy:
 
         The rows are the position error [rotor spacings], the relative velocity error [1], and the
         stated standard deviations of both. The wall moves on a random leg of the orbit. Its path
-        is eight or more rotors away from both edges, or else as far as possible.
+        is eight or more rotor spacings away from both edges if the chain is long enough.
         """
         # This import is slow, and the other parts of the command do not need it.
         from soliton_linkage.estimation.orbit_filter import OrbitFilter

@@ -34,8 +34,8 @@ _POINTS = 60
 _QUICK_STEPS = 1000
 """Largest number of steps in a quick study [1]."""
 _PERIOD = 0.1
-"""Frame period [time units]; it does not determine the step size, which follows from the
-tolerance."""
+"""Frame period [time units]. It does not affect the step size, because the simulation chooses its
+steps by their error."""
 _QUANTITIES = ('length', 'energy')
 
 

@@ -48,16 +48,17 @@ near it is larger."""
 _CORE = 2.5
 """Largest distance of rotors that count as near a wall [rotor spacings]."""
 _SCENES = 8
-"""Largest number of scenes per cell [1]. Each record is a random section of a scene."""
+"""Largest number of scenes that are simulated per cell [1]. Each record consists of successive
+frames of one scene, from a random frame on."""
 _LONGER = 2
 """Number of frames of a scene, divided by the number of frames of a record [1]."""
 _NEAR = 3.0
-"""Largest distance between the wall and the rotor with the wrong reading [rotor spacings], in half
-of the records; in the other half, the rotor is random."""
+"""With a probability of one half, the rotor with the wrong reading is at most this far from the
+wall [rotor spacings]; otherwise it is any rotor."""
 
 
 def records(cell: AccuracyCell, frames: int, random: np.random.Generator) -> Iterator[Scores]:
-    """Simulate records with `frames` frames in total; yield the scores of each record."""
+    """Simulate and analyse records with `frames` frames in total; yield the scores of each."""
     run = min(cell.run, frames)
     left, template = frames, Analyser(cell.analysed_chain)
     scenes: list[WallScene] = []
@@ -82,7 +83,7 @@ def record(
     frames: range,
     random: np.random.Generator,
 ) -> Scores:
-    """Analyse a record, and return its scores; `template` is an analyser without data."""
+    """Analyse `frames` of `scene` with a copy of `template`, a new analyser; return the scores."""
     analyser, scores = deepcopy(template), Scores()
     if scene.charges:
         sound = speed_of_sound(cell.chain) / cell.chain.spacing
@@ -252,7 +253,7 @@ class CellStudy:
         return len(self.all)
 
     def cells(self, row: int) -> list[str]:
-        """Measure the cell of a row; return its columns as text, with an error message last."""
+        """Measure the cell of a row; return its columns as text, the last one an error message."""
         cell = self.all[row]
         line: dict[str, float] = {}
         failure = ''

@@ -3,12 +3,14 @@
 
 The static wall nearest to a frame gives the position of the wall. The position is averaged over
 the shorter of two times: one period of the slowest phonon, and the time in which the wall passes a
-rotor. The rate is the slope of a line that is fitted to the positions in three times the averaging
-time. For slow walls, whose speed varies between rotors, and for damped and driven rotors, a cubic
-replaces the line. In chains with force terms, the effect of the acceleration on the average is
-subtracted, with the acceleration from the cubic. There the cubic is twice as long as the line,
-because a cubic of the same length follows the ripple of the speed between rotors. Near a stop of
-the wall, position and rate are not averaged. No average extends across an impulse.
+rotor. The velocity is the slope of a line that is fitted to the positions in a time three times as
+long. For slow walls, whose speed varies between rotors, and for damped and driven rotors, a cubic
+replaces the line. In chains with force terms, the average of an accelerated motion differs from
+the position in the middle of the averaging time; this difference is subtracted, with the
+acceleration from the cubic. In these chains the cubic is fitted to a time twice as long as that of
+the line, because a cubic over the same time would follow the variation of the speed between
+rotors. Near the start or the stop of a wall, position and velocity are not averaged. No average
+extends across an impulse.
 """
 
 from __future__ import annotations
@@ -45,24 +47,23 @@ from soliton_linkage_studies.accuracy.walls import (
 )
 
 _SLOW = 0.25
-"""Threshold [rotor spacings]: a wall counts as slow if it moves less in a period of the slowest
-phonon."""
+"""A wall counts as slow if it moves by less than this in a period of the slowest phonon [rotor
+spacings]."""
 _SETTLED = (20, 400)
 """Range of the number of frames between a kick and the start of a scene [1]."""
 # Scenes with one wall:
 _FROM_EDGE = 1.0
 """Smallest distance of a scored wall from an edge [rotor spacings], because edges absorb walls."""
 _BEGIN = 2.0
-"""Smallest distance between a wall and an edge at the start of a scene [rotor spacings]."""
+"""Smallest distance between a wall and an edge in the initial state [rotor spacings]."""
 _SAMPLES = 200
-"""Number of orbit samples near the first edge [1], among which the rest state is searched."""
+"""Number of orbit samples near the first edge [1] that are compared with the rest state."""
 _LEGS = 2.0
-"""Longest path of a kicked wall before the scene starts [passages from edge to edge]."""
+"""Longest path of a wall from its kick to the start of the scene [edge-to-edge passages]."""
 _WINDOWS, _FORCED_WINDOWS = 3, 6
-"""Length of the window of a slope without and with force terms, divided by that of an average
-[1]."""
+"""Frames in the fit of a slope, divided by frames of an average [1]: without and with forces."""
 _STOPPED = 0.02
-"""Threshold of the speed of a wall that counts as stopped, divided by its largest speed [1]."""
+"""A wall counts as stopped if its speed, divided by its largest speed, is below this [1]."""
 _CHAINS = 200
 """Largest number of disordered chains that are drawn until one lets a wall pass [1]."""
 _IMPULSE_REACH = 1.5
@@ -71,13 +72,13 @@ _IMPULSE_REACH = 1.5
 _FEWEST = 20
 """Smallest number of frames of a scene with several walls [1]."""
 _DRAWS = 20
-"""Largest number of scenes that are drawn until the walls of a scene stay intact and apart [1]."""
+"""Largest number of scenes that are drawn until walls stay intact and apart [1]."""
 _SLOWER = 0.7
-"""Factor that multiplies the initial speed of anti-kinks in each further draw [1]."""
+"""Initial anti-kink speed in a further drawn scene, relative to that in the previous one [1]."""
 _JITTER = 0.05
-"""Largest random shift of an initial wall position [distances between walls]."""
+"""Largest random shift of an initial wall position, divided by the distance between walls [1]."""
 _CORE = 3.0
-"""Largest distance of a rotor that is used to check whether a wall is intact [rotor spacings]."""
+"""Rotors within this distance of a wall show whether it is intact [rotor spacings]."""
 
 
 @dataclass(frozen=True)
@@ -101,15 +102,15 @@ class WallScene:
     scored: NDArray[np.bool_]
     """Whether a wall is scored, shape (T, K). Walls near an edge are not scored."""
     impulse_frames: tuple[int, ...] = ()
-    """Number of the first frame after each impulse; the scene begins with frame 0."""
+    """Index of the first frame after each impulse."""
     impulses: tuple[Array, ...] = ()
-    """Angular impulses on the rotors [N m s], shape (N,) for each impulse."""
+    """Angular impulses on the rotors [N m s], shape (N,), for each element of `impulse_frames`."""
 
 
 def scene_of(
     cell: AccuracyCell, frames: int, random: np.random.Generator, impulse_count: int = 0
 ) -> WallScene:
-    """Simulate `frames` frames, or fewer if walls meet. Only a single wall receives impulses."""
+    """Simulate `frames` frames, or fewer if walls meet; impulses act only on a single wall."""
     chain = cell.chain
     if cell.noise_only:
         angles = random.uniform(-math.pi, math.pi, (frames, chain.number_of_rotors))
@@ -151,13 +152,14 @@ def averages_and_slopes(
 ) -> tuple[Array, Array]:
     """Return a moving average and a slope for each value.
 
-    The average at a value includes `beside` values before it and `beside` values after it. The
-    slope is fitted to three times as many values on both sides, by a line or, if `cubic` is true,
-    by a cubic. `breaks` are indices at which the values are divided; no average and no fit
-    extends across them. A second derivative x'' per squared index biases the average of 2 b + 1
-    values by x'' b (b + 1) / 6. If `forced` is true, this bias is subtracted, with x'' from the
-    cubic; the cubic then uses six times as many values, and near a stop, values and differences
-    replace averages and slopes.
+    The average at an index includes the value there, `beside` values before it and `beside` values
+    after it. The slope is that of a line, or of a cubic if `cubic` is true, that is fitted to
+    three times as many values on both sides. No average and no fit extends across an index in
+    `breaks`. If the values have the second derivative x'' with respect to the index, the average
+    over 2 b + 1 values, with b = `beside`, is too large by x'' b (b + 1) / 6. If `forced` is true,
+    `cubic` must be true: the cubic is fitted to six times as many values as an average on both
+    sides, and this error is subtracted with x'' from the cubic. Near a stop of the wall, values
+    and their differences then replace averages and slopes.
     """
     means, slopes = np.empty_like(values), np.empty_like(values)
     for begin, end in pairwise([0, *(breaks or []), len(values)]):
@@ -179,7 +181,7 @@ def averages_and_slopes(
 
 
 def _near_stop(values: Array, beside: int) -> tuple[NDArray[np.bool_], Array]:
-    """Return whether the wall stops or starts within `beside` values, and all differences."""
+    """Return whether a wall starts or stops within `beside` values, and central differences."""
     differences = np.gradient(values)
     still = np.abs(differences) < _STOPPED * np.abs(differences).max()
     window = 2 * beside + 1
@@ -189,7 +191,7 @@ def _near_stop(values: Array, beside: int) -> tuple[NDArray[np.bool_], Array]:
 
 
 def _convolved(values: Array, weights: Array) -> Array:
-    """Convolve values with weights; beyond both ends, values are continued by odd reflection."""
+    """Convolve values with weights; the values are extended by odd reflection at both ends."""
     beside = len(weights) // 2
     if not beside:
         return np.asarray(weights[0] * values)
@@ -202,7 +204,7 @@ def _convolved(values: Array, weights: Array) -> Array:
 @dataclass(frozen=True)
 class _Start:
     springs: Springs
-    """Simulation of the chain, including its deviations, in the initial state."""
+    """Simulation of the chain with its random deviations, at the start of the scene."""
     orbit: Orbit
     arc: float
     """Approximate arc length of the wall along its orbit [rad]."""
@@ -296,7 +298,7 @@ def _started(cell: AccuracyCell, random: np.random.Generator) -> _Start:
 
 
 def _nudged(cell: AccuracyCell, orbit: Orbit, random: np.random.Generator) -> _Start:
-    """Kick a wall off the first edge, and simulate up to two passages from edge to edge."""
+    """Kick a wall off the first edge; simulate up to two passages, a random time."""
     chain = cell.chain
     left = chain.uniform_state(1) + math.pi
     angles = left if chain.motion is Motion.SPINNER else chain.uniform_state(-1)
@@ -316,7 +318,7 @@ def _nudged(cell: AccuracyCell, orbit: Orbit, random: np.random.Generator) -> _S
 def _apply_impulse(
     start: _Start, arc: float, largest: float, random: np.random.Generator
 ) -> Array:
-    """Change the wall speed by at most the fraction `largest`; return angular impulses [N m s]."""
+    """Change the wall speed by a random fraction up to `largest`; return the impulses [N m s]."""
     orbit = start.orbit
     near = np.abs(np.arange(orbit.chain.number_of_rotors) - orbit.site(arc)) < _IMPULSE_REACH
     change = start.speed * random.uniform(-largest, largest)
@@ -326,7 +328,7 @@ def _apply_impulse(
 
 
 def _orbit(cell: AccuracyCell, random: np.random.Generator) -> Orbit:
-    """Return the orbit of the cell's chain, with random deviations if the cell has disorder.
+    """Return the orbit of the chain of a cell, to which the disorder of the cell is added.
 
     Raises ArithmeticError if all drawn chains block walls.
     """
@@ -352,7 +354,7 @@ def _uniform_orbit(chain: Chain) -> Orbit:
 
 
 def _several_walls(cell: AccuracyCell, frames: int, random: np.random.Generator) -> WallScene:
-    """Simulate walls until two of them meet; raise ArithmeticError if they meet too early."""
+    """Simulate walls until two of them meet or one breaks; raise ArithmeticError if too early."""
     for draw in range(_DRAWS):
         begins = 1 if random.integers(2) else -1
         charges = tuple(begins * (-1) ** number for number in range(cell.walls))

@@ -68,7 +68,7 @@ class Springs:
 
 
 class ForcedSprings(Springs):
-    """Simulation of an elastic chain with the force terms of its parameters.
+    """Simulation of an elastic chain that has force terms such as friction or feedback.
 
     This class uses the simulator, because the independent integrator knows only springs and
     damping.

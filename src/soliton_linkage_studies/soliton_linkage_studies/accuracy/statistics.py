@@ -54,12 +54,14 @@ more."""
 _SINGLE_RECORD = 0.3
 """Assumed relative standard error of a root mean square from a single record [1]."""
 _LARGER = 1.1
-"""Ratio above which a new error counts as larger than an earlier one [1]."""
+"""A position error counts as larger than in the earlier table if their ratio is above this [1]."""
 _USEFUL = 2.0
-"""Root mean square normalised error below which stated positions count as useful [1]."""
+"""Stated positions count as useful if the root mean square of their normalised errors is below
+this [1]."""
 _FEWER = 0.01
-"""Threshold of the decrease of the lost walls per frame, from the earlier to the new table [1].
-Above it, position errors are not compared, because they belong to different walls."""
+"""The position errors of a cell in two tables are not compared if the number of lost walls per
+frame is lower by more than this in the new table [1]. The new errors then include walls that were
+lost in the earlier table."""
 _ERRORS = ('position_rms', 'position_rms_error', 'rate_rms', 'rate_rms_error', 'error_rms')
 _COMPARED = (*_ERRORS, *_FAILURES, 'frames', 'failure', 'position_beyond_4', 'walls_looked_for')
 
@@ -80,7 +82,8 @@ class Scores:
     kinetic: list[float] = field(default_factory=list)
     """Errors of the kinetic energy, divided by their stated standard deviations [1]."""
     shifts: list[float] = field(default_factory=list)
-    """Position shifts by a wrong reading, divided by the stated standard deviation [1]."""
+    """Differences between the positions with and without a wrong reading, divided by the stated
+    standard deviation [1]."""
     speed: float = 0.0
     """Speed of the fastest wall of the scene [speed of sound]."""
     frames: int = 0
@@ -284,9 +287,9 @@ def _less_consistent(name: str, row: Row, old: Row, useful: bool) -> list[str]:
 
 
 def _more_failures(name: str, row: Row, old: Row) -> list[str]:
-    """Return one line if failures of a kind are significantly more frequent than in the old row.
+    """Return one line if failures `name` are significantly more frequent than in the old row.
 
-    For lost walls, position errors above 4 stated standard deviations also count as failures.
+    If `name` is 'lost', position errors above 4 stated standard deviations also count.
     """
     share, earlier = _rate(row, name), _rate(old, name)
     misplaced = _large_errors(row), _large_errors(old)
@@ -308,7 +311,7 @@ def _large_errors(row: Row) -> float:
 
 
 def _inconsistency(rms: float) -> float:
-    """Return the logarithm of the factor by which a root mean square is outside `_CONSISTENT`."""
+    """Return |ln| of the ratio of `rms` to the nearest limit of `_CONSISTENT`; 0 inside."""
     if not rms > 0:
         return 0.0
     low, high = _CONSISTENT

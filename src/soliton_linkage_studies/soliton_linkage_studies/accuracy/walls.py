@@ -30,29 +30,29 @@ from soliton_linkage_studies.accuracy.springs import Springs
 _SAMPLES = 65
 """Number of static walls over two spacings [1]; a spline interpolates them to 1e-6 rad."""
 _LONGEST = 0.3
-"""Largest Gauss-Newton step towards the nearest point, as a change of the angles [rad]."""
+"""Largest change of the angles in one Gauss-Newton step towards the nearest point [rad]."""
 _GAUSS_STEPS = 6
 """Largest number of Gauss-Newton steps [1]; two suffice from the point of the previous frame."""
 _CLOSE = 1e-6
-"""Gauss-Newton step below which the search ends [rad]."""
+"""The Gauss-Newton search ends when a step is smaller than this [rad]."""
 
 
 def reach(chain: Chain) -> float:
     """Return the half width of a wall [rotor spacings].
 
-    At larger distances angles change by less than 1 %.
+    At larger distances from the wall, the angles differ from the uniform state by less than 1 %.
     """
     return 2.5 * max(chain.wall_width, penetration_depth(chain)) / chain.spacing + 3
 
 
 def extent(chain: Chain) -> int:
-    """Return the even number of rotors that a path contains on each side of its wall [1]."""
+    """Return the even number of rotors that a path contains on either side of its wall [1]."""
     return 2 * math.ceil((3 * reach(chain)) / 2)
 
 
 @dataclass(frozen=True)
 class WallPath:
-    """Static walls with the same charge in an infinite chain, at all allowed positions.
+    """Static walls of one charge in an infinite chain, at all positions at which a wall can rest.
 
     A wall is stored as the angles of a window, M successive rotors around the wall. Positions are
     relative to the first rotor of the window [rotor spacings].
@@ -60,9 +60,10 @@ class WallPath:
 
     charge: int
     base: int
-    """Lowest wall position of the spline [rotor spacings]; the spline covers two spacings."""
+    """Lowest wall position of `spline` [rotor spacings], which covers two spacings."""
     spline: CubicSpline | None
-    """Angles of the window [rad], shape (M,), at a wall position; None for a pinned wall."""
+    """Spline from a wall position to the angles of the window [rad], shape (M,); None for a pinned
+    wall."""
     resting: Array
     """Angles of the window at `rest_position` [rad], shape (M,)."""
     rest_position: float
@@ -76,7 +77,7 @@ class WallPath:
         return self.spline is None
 
     def window(self, position: float) -> tuple[int, Array, Array]:
-        """Return the window of a wall: first rotor, angles and their derivatives.
+        """Return the first rotor of the window of a wall, the angles in it and their derivatives.
 
         The angles [rad] and their derivatives with respect to the wall position [rad/spacing] have
         shape (M,).
@@ -89,7 +90,7 @@ class WallPath:
         return shift, self.spline(within), self.spline(within, 1)
 
     def nearest_allowed(self, position: float) -> float:
-        """Return the allowed wall position nearest to `position` [rotor spacings]."""
+        """Return the position nearest to `position` at which a wall can rest [rotor spacings]."""
         return self.nearest_minimum(position) if self.pinned else position
 
     def nearest_minimum(self, position: float) -> float:
@@ -97,7 +98,7 @@ class WallPath:
         return self.rest_position + 2 * round((position - self.rest_position) / 2)
 
     def relative_angles(self, rotors: int, position: float) -> Array:
-        """Return the angles minus those of the left domain [rad], shape (rotors,)."""
+        """Return the angles minus those of the state left of the wall [rad], shape (rotors,)."""
         first, angles, _ = self.window(position)
         base = np.tile(self.left, len(angles) // 2 + 1)[: len(angles)]
         added = np.zeros(rotors)
@@ -110,7 +111,7 @@ class WallPath:
         return added
 
     def derivative(self, rotors: int, position: float) -> Array:
-        """Return the derivatives of the angles [rad/spacing], shape (rotors,)."""
+        """Return the derivatives of angles by wall position [rad/spacing], shape (rotors,)."""
         first, _, slope = self.window(position)
         moving = np.zeros(rotors)
         numbers = np.arange(first, first + len(slope))
@@ -191,16 +192,18 @@ def wall_path(chain: Chain, charge: int, leg: int = 0) -> WallPath:
 
 
 _SETTLING = (60.0, 400.0)
-"""Shortest and longest simulated time in which a wall loses its phonons [time units]."""
+"""Limits of the time for which a moving wall is simulated so that its phonons leave it [time
+units]."""
 _ABSORPTION = 0.5
-"""Damping that absorbs phonons at the rotors outside a settling wall [1 / time unit]."""
+"""Decay rate of the rotor rates outside a moving wall, which absorbs the phonons [1 / time
+unit]."""
 _BROKEN = 0.15
-"""Threshold of the misfit of a destroyed wall, relative to the angle by which a passing wall turns
-a rotor [1]."""
+"""A wall counts as destroyed if its misfit, divided by the angle by which a passing wall turns a
+rotor, is above this [1]."""
 _STEP = 0.5
-"""Interval between position measurements of a settling wall [time units]."""
+"""Interval between position measurements of a wall that is losing its phonons [time units]."""
 _SLOWER = 0.8
-"""Factor that multiplies the initial speed after a wall was destroyed [1]."""
+"""After a wall was destroyed, the next one starts with the same speed times this [1]."""
 _TRIES = 25
 """Largest number of initial speeds that are tried [1]; the last one is 1 / 200 of the first."""
 
@@ -222,7 +225,7 @@ class SteadyWall:
 
 
 def launch_speed(chain: Chain, share: float) -> float:
-    """Return the initial speed [spacings/s] of a wall that will settle at the speed `share` c."""
+    """Return the initial speed [spacings/s] of a wall that settles at `share` [speed of sound]."""
     sound = speed_of_sound(chain) / chain.spacing
     return sound * math.sqrt(2 * (1 / math.sqrt(1 - share**2) - 1))
 
@@ -286,9 +289,11 @@ def _positions(
 
 
 def add_motion(wall: SteadyWall, shift: int, angles: Array, rates: Array, sense: int) -> None:
-    """Shift a moving wall by `shift` rotors, and add its offsets and rates to a static wall.
+    """Add the offsets and rates of `wall`, shifted by `shift` rotors, to `angles` and `rates`.
 
-    `sense` is 1 if the wall moves to the right, and -1 if it moves to the left.
+    `angles` must contain a static wall at the shifted position.
+
+    `sense` is 1 if the wall then moves to the right, and -1 if it moves to the left.
     """
     numbers = np.arange(len(wall.offsets)) + wall.first + shift
     inside = (numbers >= 0) & (numbers < len(angles))

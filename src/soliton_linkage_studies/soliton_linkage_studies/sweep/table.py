@@ -152,7 +152,11 @@ def fill_table(
 
 
 def _fill(study: Tabulated, table: Table, missing: list[int], pool: Pool) -> None:
-    """Measure the missing rows; the shown rate includes the start of the processes."""
+    """Measure the missing rows and show progress.
+
+    The shown rows per second are an average over the time since this call, which includes the time
+    until new processes are ready.
+    """
     line = ProgressLine(study.name, study.rows)
     begin, done, elapsed = time.monotonic(), 0, 0.0
     total = study.rows - len(missing)
