@@ -121,7 +121,7 @@ class ActiveStudy:
 
     @property
     def drives(self) -> dict[tuple[str, int], WallDrive]:
-        """Effect of the motors on walls, by name of the chain and charge of the wall.
+        """Effect of the motors on walls; a key is the name of a chain with the charge of a wall.
 
         Anti-kinks without a path of stable states are omitted.
         """
@@ -258,10 +258,10 @@ def _draw_velocities(
 def _line_through_middle(
     run: ActiveRun, chain: Chain, charge: int, velocity: float
 ) -> tuple[Array, Array]:
-    """Return times [s] and sites [rotor spacings] of a line that shows a velocity in the plot.
+    """Return times [s] and sites [rotor spacings] of a line with the slope `velocity`.
 
-    `velocity` is this velocity [rotor spacings/s]. The line covers the second half of the motion
-    of the first wall with the given charge, and ends at the last site of this wall.
+    `velocity` is in [rotor spacings/s]. The line covers the second half of the motion of the first
+    wall with the given charge, and ends at the last site of this wall.
     """
     found: dict[float, float] = {}
     for time, angles in zip(run.recording.times, run.recording.angles, strict=True):

@@ -32,12 +32,13 @@ from soliton_linkage.solitons.static_wall import static_wall
 _SAMPLES = 65
 """Number of samples of the orbit over two rotor spacings [1]; the spline error is 1e-6."""
 _FROM_END = 8
-"""Number of rotors at each end in which the velocity of a wall is not measured [1]."""
+"""The velocity of a wall is measured only if the wall is more than this number of rotors away from
+both ends [1]."""
 _STARTUP = 4.0
-"""Initial time in which the velocity of a wall is not measured, in decay times M r^2 / c [1]."""
+"""The velocity of a wall is measured only after this number of decay times M r^2 / c [1]."""
 _PIECES = 8
-"""Number of pieces of a track [1]; the slopes of the pieces give the standard error of the
-velocity."""
+"""Number of pieces into which a track is divided [1]. The scatter of their slopes gives the
+standard error of the velocity."""
 _TOLERANCE = 1e-11
 """Integration error of an angle per step [rad]; the energy balance is then closed to 1e-6."""
 
@@ -56,7 +57,7 @@ class WallDrive:
 def wall_drive(chain: Chain, charge: int) -> WallDrive:
     """Return the effect of the motors on a kink (charge +1) or an anti-kink (charge -1).
 
-    The wall is in the middle of the chain; its tails have decayed at both ends of the chain.
+    The wall is in the middle of the chain, which must be long enough for its tails to decay.
     Raises ArithmeticError for an anti-kink without a path of stable states.
     """
     begin = chain.number_of_rotors / 2 - 1
@@ -169,8 +170,9 @@ class ActiveTask:
 def follow_charge(found: Sequence[Sequence[tuple[float, int]]], charge: int) -> Array:
     """Track the first wall of a charge; return its site in each frame [rotor spacings].
 
-    In the next frame, the nearest wall of this charge within two rotor spacings counts as this
-    wall. After the wall has vanished, its site is NaN.
+    In each further frame, the tracked wall is the wall of this charge that is nearest to its
+    previous site, but at most two rotor spacings away. After the wall has vanished, its site is
+    NaN.
     """
     sites, last = np.full(len(found), math.nan), math.nan
     for frame, walls in enumerate(found):
@@ -187,8 +189,8 @@ def follow_charge(found: Sequence[Sequence[tuple[float, int]]], charge: int) -> 
 def terminal_velocity(task: ActiveTask, run: ActiveRun) -> tuple[float, float]:
     """Return the terminal velocity of the wall and its standard error [rotor spacings/s].
 
-    The velocity is measured after the startup time and far from the ends of the chain. Velocity
-    and standard error are NaN for fewer than 16 such frames.
+    Only frames after four decay times, and with the wall more than eight rotors away from both
+    ends, are used. Both results are NaN for fewer than 16 of these frames.
     """
     decay = task.chain.moment_of_inertia / task.chain.damping
     last = task.chain.number_of_rotors - 1 - _FROM_END
@@ -205,7 +207,7 @@ def terminal_velocity(task: ActiveTask, run: ActiveRun) -> tuple[float, float]:
 
 
 def moving(chain: Chain, site: float, charge: int, velocity: float) -> tuple[Array, Array]:
-    """Return the angles [rad] and angular velocities [rad/s] of a chain with a moving wall.
+    """Return the angles [rad] and angular velocities [rad/s] of a chain with a wall at `site`.
 
     Angles and velocities have shape (N,). `velocity` is the wall velocity [rotor spacings/s].
     """
@@ -216,7 +218,7 @@ def moving(chain: Chain, site: float, charge: int, velocity: float) -> tuple[Arr
 
 
 _AHEAD = 1e-4
-"""Step of the finite difference of the orbit tangent [rotor spacings]."""
+"""Step of the finite difference that gives the tangent of the orbit [rotor spacings]."""
 
 
 def motorised(chain: Chain, decay: float, ratio: float) -> Chain:
@@ -229,7 +231,8 @@ def outcome(task: ActiveTask, run: ActiveRun) -> str:
     """Return the final state of a wall: 'runs', 'is pinned', 'breaks up' or 'vanishes'.
 
     A wall runs if it reaches the last rotors, or moves by more than one rotor spacing in the last
-    quarter of the simulation. A wall breaks up if the last frame contains further walls.
+    quarter of the simulation. A wall breaks up if the last frame contains more than one wall. A
+    wall vanishes if it is not found in the last frame and was not near the last rotors.
     """
     sites = run.sites[np.isfinite(run.sites)]
     if not len(sites):

@@ -51,7 +51,10 @@ class FilmStudy:
         return len(self.films) * self.clips
 
     def cells(self, row: int) -> list[str]:
-        """Render and measure one clip; the first rows are the first clips of all films."""
+        """Render and measure one clip.
+
+        The first rows are the first clips of all films, then follow their second clips.
+        """
         clip, film = divmod(row, len(self.films))
         name, task = list(self.films.items())[film]
         stretch = float(np.random.default_rng(row).uniform(*_KICKS))
@@ -89,7 +92,7 @@ def read_film_study(settings: Section, quick: bool) -> FilmStudy:
 
 
 def table_of(rows: Sequence[Mapping[str, str]]) -> str:
-    """Return the table of films as Markdown, from the rows of their clips."""
+    """Return the table of films as Markdown; `rows` are the rows of all their clips."""
     lines = []
     for name in dict.fromkeys(row['film'] for row in rows):
         clips = [row for row in rows if row['film'] == name]

@@ -32,7 +32,10 @@ Boxes = NDArray[np.int64]
 
 
 class Pixels(NamedTuple):
-    """Point of the rotor plane that a pixel shows, and blur of the pixel [m], (height, width)."""
+    """For each pixel, the point of the rotor plane that it shows and its blur [m].
+
+    Each array has the shape (height, width).
+    """
 
     x: Array
     z: Array
@@ -43,7 +46,11 @@ _PIXELS = named_tuple(Pixels, f8_2d, f8_2d, f8_2d)
 
 
 def _covered(distance: float, spread: float) -> float:
-    """Return the covered fraction of a pixel whose signed distance from an edge is given [m]."""
+    """Return the fraction of a pixel that a shape covers.
+
+    `distance` is the distance of the pixel from the edge of the shape [m], negative inside the
+    shape. `spread` is the blur of the pixel [m].
+    """
     share = distance / spread
     if share > 4.0:
         return 0.0
@@ -78,7 +85,10 @@ def _shares_of_rotor(
     arm: float,
     spread: float,
 ) -> tuple[float, float, float, float]:
-    """Return the covered fractions (arm, label, dot, background), summed over the exposure."""
+    """Return the fractions of a pixel that show arm, label, dot and background.
+
+    The fractions are sums over the sample times, at which the mass is at `across` and `up` [m].
+    """
     of_arm = of_label = of_dot = of_rest = 0.0
     for k in range(len(across)):
         from_mass = math.hypot(x - across[k], z - up[k])
@@ -111,7 +121,8 @@ def paint_rotors(
 
     The rows of `rotors` are the angles [rad], rates [rad/s] and accelerations [rad/s^2] at time 0,
     then the pivots and the rotor lengths [m]. `shape` contains the radii of labels and dots, and
-    the half width of arms [m]. `moments` contains the sample times of each picture row [s].
+    the half width of arms [m]. `moments` contains the sample times within the exposure of each
+    picture row [s], shape (height, samples).
     """
     label, dot, arm = shape[0], shape[1], shape[2]
     samples = moments.shape[1]
@@ -194,7 +205,7 @@ def paint_bonds(
 def expose(
     canvas: Canvas, light: Canvas, noise: Canvas, shift: int, picture: NDArray[np.uint8]
 ) -> None:
-    """Write a picture: canvas times light, plus noise that is shifted by `shift` [pixels]."""
+    """Write `picture`: canvas times light, plus noise that is shifted by `shift` columns."""
     height, width, colours = canvas.shape
     for row in range(height):
         for column in range(width):

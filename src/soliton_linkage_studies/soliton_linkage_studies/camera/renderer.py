@@ -27,9 +27,9 @@ _BOARD = (172, 180, 176)
 _ARM, _BOND, _WHITE = (70, 74, 80), (120, 110, 90), (246, 246, 242)
 """RGB colours of arms, bonds and paper [0 to 255]."""
 _ARM_WIDTH, _BOND_WIDTH = 0.5, 0.12
-"""Half widths of arms and bonds, relative to the radius of a label [1]."""
+"""Half widths of arms and bonds, divided by the radius of a label [1]."""
 _NOISES = 4
-"""Number of noise images, each of which is used with random shifts."""
+"""Number of noise images, which are used in turn and with random shifts."""
 
 
 @document_fields
@@ -87,13 +87,13 @@ class Renderer:
 
     @cached_property
     def middle_row(self) -> float:
-        """Mean of the picture rows that show the pivots [pixels]."""
+        """Mean picture row of the pivots [pixels]."""
         layout = self._layout
         pivots = np.column_stack([layout.chain.pivots, np.zeros(layout.chain.number_of_rotors)])
         return float(self._plane.pixels(pivots, layout.heights)[:, 1].mean())
 
     def stamp(self, time: float) -> float:
-        """Return the stamp [s]: the middle of the exposure at the mean row of the pivots."""
+        """Return the stamp of a picture [s]: the middle of the exposure of the `middle_row`."""
         camera = self._camera
         return time + camera.exposure / 2 + self.middle_row * camera.row_time
 
@@ -246,7 +246,7 @@ def posed_plane(
     pitch: float = 0.0,
     roll: float = 0.0,
 ) -> ChainPlane:
-    """Return the plane of a chain with the point `middle` straight ahead at `distance` [m].
+    """Return the plane of a chain, whose point `middle` is on the camera axis at `distance` [m].
 
     If `pan`, `pitch` and `roll` [rad] are 0, x points to the right and z up in the picture.
     """

@@ -43,14 +43,15 @@ _TILTS = (0.06, -0.09, 0.01)
 _FILLED = 1.12
 """Width of the picture, divided by the width of the chain with its frame markers [1]."""
 _SWAPPED = 0.1
-"""Threshold [rad]: an angle with a larger error counts as the angle of another rotor."""
+"""A measured angle counts as the angle of another rotor if its error is larger than this [rad]."""
 _SETTLING = 10
 """Number of first pictures that are not evaluated [1], because means over few pictures give an
 inaccurate plane and inaccurate pivots."""
 _HAND_EVERY, _HAND_FOR = 10.0, 0.7
 """Time between two hands that cover part of the view, and duration of each hand [s]."""
 _TURN = 0.01
-"""Rotation of the rotors with which the derivatives of the pixels are computed [rad]."""
+"""The rotors are rotated by plus and minus this angle [rad] to compute the derivatives of the
+pixels with respect to the angle."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +140,7 @@ FIGURES = (
 
 
 def _changes(errors: Array) -> int:
-    """Return the number of times that the error of a rotor changes by a full turn or more."""
+    """Count how often the error of a rotor, rounded to whole turns, changes between pictures."""
     turns = np.rint(errors / (2 * np.pi)).T
     known = (of_rotor[np.isfinite(of_rotor)] for of_rotor in turns)
     return sum(int(np.count_nonzero(np.diff(each))) for each in known)
@@ -169,9 +170,10 @@ def _hands(duration: float) -> tuple[Hand, ...]:
 
 
 def _pixel_bound(task: FilmedTask, layout: MarkerLayout, plane: ChainPlane) -> float:
-    """Return the Cramer-Rao bound of an angle [rad], as a median over rotors.
+    """Return the Cramer-Rao bound of the angle of one rotor [rad], the median over the rotors.
 
-    For one rotor it is sigma / sqrt(sum (dI / dphi)^2) for grey levels I with the noise sigma.
+    The bound is sigma / sqrt(sum (dI / dphi)^2), where the sum is over the pixels of the label,
+    with grey level I and noise sigma.
     """
     cv2 = opencv()
     rest, still = task.chain.uniform_state(1), np.zeros((1, task.chain.number_of_rotors))

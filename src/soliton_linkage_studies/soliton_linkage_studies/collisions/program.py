@@ -93,7 +93,7 @@ def draw_speeds(rows: Sequence[Row]) -> FigureReport:
 def _panels(
     caption: str, count: int, most: int, size: tuple[float, float, float], label: str
 ) -> tuple[FigureReport, Any]:
-    """Return a report and `count` panels, at most `most` in a row.
+    """Return a report with a new figure, and its `count` panels, at most `most` in a row.
 
     `label` is the label of the vertical axes. `size` [inches] is the width and the height of a
     panel, and the height of the legend.
@@ -111,7 +111,7 @@ def _panels(
 
 
 def draw_windows(rows: Sequence[Row]) -> FigureReport:
-    """Draw bounce windows, their sensitivity to settings, and the critical speed against d."""
+    """Draw bounce windows, their sensitivity to settings, and critical speeds against d."""
     figure = Figure(figsize=(13, 7), layout='constrained')
     report = FigureReport(figure, _WINDOWS.format(phi4=PHI4_SPEED))
     grid = figure.add_gridspec(2, 2, width_ratios=(1.7, 1), height_ratios=(2, 1))
@@ -212,10 +212,10 @@ state.
 _SHOWN = 40.0
 """Width of a panel, in units of `Collision.reach` [1]."""
 _AFTERWARDS = 35.0
-"""Time for which a collision is drawn after the walls meet, in units of `Collision.unit` [1]."""
+"""A collision is drawn until this time after the walls meet, in units of `Collision.unit` [1]."""
 _LARGEST = 1.6
-"""Absolute order field at both ends of the colour scale [1]; the largest value is slightly
-smaller."""
+"""The colour scale of the order field ends at plus and minus this value [1]; the largest drawn
+value is slightly smaller."""
 _SPACETIME_COLUMNS = 3
 """Number of space-time panels in a row [1]."""
 _TURNS = {-2: '−1', -1: '−½', 0: '0', 1: '+½', 2: '+1'}

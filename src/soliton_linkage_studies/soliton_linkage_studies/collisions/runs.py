@@ -27,26 +27,32 @@ from soliton_linkage.solitons.continuum import wall_theory
 from soliton_linkage_studies.collisions.travelling_wall import travelling_wall
 
 INITIAL_DISTANCE = 12.0
-"""Initial distance between the walls [reaches]; the attraction is then e^(-24) of the wall
-mass."""
+"""Initial distance between the walls [reaches]. At this distance the attraction between them,
+relative to the wall mass, is e^(-24)."""
 ESCAPED = 8.0
-"""Distance at which walls count as escaped [reaches]; only walls slower than 0.001 c can still
-return."""
+"""Walls that have met count as escaped when their distance exceeds this [reaches]. Only walls
+slower than 0.001 c can then still return."""
 _NEAR = 7.0
-"""Smallest distance at which the speed before a collision is measured [reaches]."""
+"""The speed before a collision is measured until the distance between the walls falls below this
+[reaches]."""
 _LEAVING = 5.0
-"""Smallest distance at which the speed after a collision is measured [reaches]."""
+"""The speed after a collision is measured from the time at which the distance between the walls
+exceeds this [reaches]."""
 _FRAMES = 10
-"""Number of frames in which sound crosses a reach [1]; an overlap of walls lasts at least this
-long."""
+"""Number of frames in the time in which sound crosses a reach [1]. An overlap of two walls lasts
+at least that time, so that no overlap lies between two frames."""
 _CORE = 4.0
-"""Half width of a wall [reaches]; it contains all but e^(-16) of the energy."""
+"""Energy within this distance of a wall counts as energy of the wall [reaches]. All but e^(-16) of
+the energy of a wall is in this range."""
 _LUMP = 8.0
-"""Half width of a captured pair [reaches], twice the oscillation amplitude of its walls."""
+"""Energy within this distance of the middle of the ring counts as energy of a captured pair
+[reaches]. It is twice the amplitude with which the walls of the pair oscillate."""
 _FEWEST = 5
-"""Smallest number of frames for a speed estimate [1]; escaped walls have 30 frames or more."""
+"""With fewer frames than this [1], no speed is estimated. Walls that have escaped have 30 frames
+or more."""
 _TOLERANCE = 1e-10
-"""Angle tolerance of adaptive integrators [rad]; the relative energy error is then 1e-9."""
+"""Tolerance of the angles in adaptive integrators [rad]; it results in a relative energy error of
+1e-9."""
 
 
 @dataclass(frozen=True)
@@ -57,14 +63,16 @@ class Collision:
     speed: float
     """Speed of each wall [speed of sound]."""
     onwards: bool = False
-    """Whether the second wall of a spinner turns the rotors onwards instead of back."""
+    """Whether the second wall turns the rotors of a spinner further in the direction in which the
+    first wall has turned them, instead of back."""
     step: float = 1.0
-    """Longest integration step times the largest phonon frequency [1]."""
+    """Longest integration step multiplied by the largest angular phonon frequency [1]."""
     integrator: str = 'symplectic'
     shift: float = 0.0
-    """Shift of both walls along the ring [rotor spacings]."""
+    """Shift of the initial positions of both walls along the ring [rotor spacings]."""
     patience: float = 120.0
-    """Time limit for an escape [reach / c], added to the time of the path at half speed."""
+    """The simulation ends if the walls have not met, or not escaped after they met, within this
+    time [reach / c] plus the time that walls of half their speed would need for it."""
 
     def __call__(self) -> CollisionRun:
         """Simulate the collision until the walls escape or the time limit is reached."""
@@ -105,20 +113,24 @@ class Collision:
 
 @dataclass(frozen=True)
 class CollisionRun:
-    """Outcome of a collision. Units are the speed of sound and the reach of a wall."""
+    """Outcome of a collision.
+
+    Speeds are divided by the speed of sound c, and lengths by `Collision.reach`.
+    """
 
     escaped: bool
     """Whether both walls escaped."""
     collisions: int
     """Number of overlaps."""
     speed_before: float
-    """Half of the relative speed before the collision."""
+    """Half of the speed at which the walls approach each other before the collision."""
     kink_speed: float
     """Speed of the kink after the collision, away from the anti-kink; 0 for a captured pair."""
     anti_kink_speed: float
     """Speed of the anti-kink after the collision, away from the kink; 0 for a captured pair."""
     between: float
-    """Time between the first two overlaps [reach / c]; NaN for fewer than two overlaps."""
+    """Time between the middles of the first two overlaps [reach / c]; NaN for fewer than two
+    overlaps."""
     closest: float
     """Smallest distance between the walls; 0 if they overlapped."""
     turns: int
@@ -132,13 +144,17 @@ class CollisionRun:
 
     @property
     def speed_after(self) -> float:
-        """Half of the relative speed after the collision."""
+        """Half of the speed at which the walls move apart after the collision."""
         return (self.kink_speed + self.anti_kink_speed) / 2
 
 
 @dataclass(frozen=True)
 class WallPaths:
-    """Paths of both walls: outermost sign changes of the order field; NaN if there are none."""
+    """Paths of both walls.
+
+    The walls are the outermost sign changes of the order field. In frames without a sign change,
+    the positions are NaN.
+    """
 
     times: Array
     """Times of the frames [s], shape (T,)."""
@@ -162,7 +178,7 @@ class WallPaths:
         return WallPaths(*(np.append(*pair) for pair in pairs))
 
     def speeds(self) -> Array:
-        """Return the fitted speeds of both walls [rotor spacings / s], NaN for few frames."""
+        """Return the fitted velocities of both walls [rotor spacings/s]; NaN for few frames."""
         if len(self.times) < _FEWEST:
             return np.full(2, np.nan)
         both = np.stack([self.kinks, self.anti_kinks], axis=1)
@@ -170,7 +186,7 @@ class WallPaths:
 
 
 def simulate_frames(task: Collision) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield successive batches of times, angles and rates, without end.
+    """Yield the times, angles and rates of one or more further frames at a time, without end.
 
     The times [s] have shape (T,). The angles [rad] and rates [rad/s] have shape (T, N).
     """
@@ -215,7 +231,7 @@ def initial_state(task: Collision) -> State:
 
 
 def ring_order_field(ring: Chain, angles: Array) -> Array:
-    """Return the order field of a ring, shape (..., N): +1 where it leans right, -1 where left."""
+    """Return the order field, shape (..., N): +1 if the ring leans right, -1 if it leans left."""
     theta = staggered(angles)
     if ring.motion is Motion.SPINNER:
         return np.asarray(np.cos(theta - ring.rest_angle))
@@ -223,7 +239,7 @@ def ring_order_field(ring: Chain, angles: Array) -> Array:
 
 
 def find_walls(ring: Chain, times: Array, angles: Array) -> WallPaths:
-    """Return the walls in frames of angles [rad], shape (T, N)."""
+    """Return the paths of both walls from the `angles` in each frame [rad], shape (T, N)."""
     fields = ring_order_field(ring, angles)
     left, last = fields < 0, fields.shape[1] - 1
     before = left.argmax(axis=1) - 1, last - left[:, ::-1].argmax(axis=1)
@@ -287,7 +303,8 @@ def _outcome(task: Collision, path: WallPaths, state: State, drift: float) -> Co
 def _turns(ring: Chain, path: WallPaths, state: State) -> int:
     """Return the number of full turns of the rotor midway between the walls; 0 for flippers.
 
-    At the start, this rotor is half a turn ahead of the uniform state; this counts as 0 turns.
+    At the start, this rotor is half a turn ahead of the uniform right-leaning state, which counts
+    as 0 turns.
     """
     if ring.motion is not Motion.SPINNER:
         return 0

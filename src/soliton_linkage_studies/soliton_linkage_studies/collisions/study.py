@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Collision study: tasks from a settings file, as rows of a table that survives interruptions."""
+"""Collision study: each task of a settings file gives one row of a table."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ _QUICK_EVERY = 40
 _QUICK_HALVINGS = 2
 """Number of bisections in a quick study [1]."""
 _HALVINGS = 13
-"""Number of bisections in a full study [1]; they reduce a range of speeds from 0.6 c to 1e-4 c."""
+"""Number of bisections in a full study [1]; they reduce the width of a speed interval from 0.6 c
+to 1e-4 c."""
 _FASTEST = 2.0
 """Largest speed [speed of sound]; flippers with d near 1 can be supersonic."""
 
@@ -49,7 +50,7 @@ class WindowEdge:
     halvings: int
 
     def __call__(self) -> tuple[float, CollisionRun]:
-        """Return the speed at the edge, and the collision in the window nearest to the edge.
+        """Return the speed at the edge, and the simulated collision in the window nearest to it.
 
         Raises ValueError unless the walls escape after `collisions` overlaps at the speed
         `inside`, but not at the speed `outside`.
@@ -86,7 +87,7 @@ class Entry:
     part: str
     """Name of the part of the study, which is a key of the settings."""
     series: str
-    """Name of the series, in the settings, to which the row belongs."""
+    """Name in the settings of the series to which the row belongs."""
     task: Collision | WindowEdge
     name: str = ''
     """Name of the window edge, or an empty text for a collision."""
@@ -308,7 +309,7 @@ def escaped_after(row: Row) -> int | None:
 
 
 def windows(rows: Sequence[Row]) -> list[BounceWindow]:
-    """Return the windows with two or more collisions in a sweep; the slowest is first."""
+    """Return the bounce windows of a sweep with two or more collisions, from the slowest on."""
     found: list[BounceWindow] = []
     group: list[Row] = []
     for row in [*rows, None]:
@@ -336,7 +337,11 @@ _WINDOW_TITLES = (
 
 
 def finding_tables(rows: Sequence[Row]) -> str:
-    """Return tables of rings, bounce windows, changed settings and critical speeds as Markdown."""
+    """Return the results of the study as four Markdown tables.
+
+    They contain the statistics of the collisions on each ring, the bounce windows, the effects of
+    changed settings, and the critical speeds.
+    """
     variations = series_of(rows, 'variations')
     whole = [row for row in next(iter(variations.values()), []) if not row.name]
     tables = _sweep_table(series_of(rows, 'sweeps')), _window_table(windows(whole))
@@ -389,7 +394,11 @@ def _variation_table(series: dict[str, list[Row]]) -> str:
 
 
 def _critical_table(series: dict[str, list[Row]]) -> str:
-    """Return the critical speeds and their limit for d -> 0, extrapolated linearly in d^2."""
+    """Return a table of the critical speeds, in series of rings with different lean ratio d.
+
+    The last row of a series is the limit for d -> 0, extrapolated linearly in d^2 from its first
+    two rings.
+    """
     lines = []
     for name, rows in series.items():
         found = [(float(row.name), row.speed) for row in rows if row.run]
@@ -402,5 +411,5 @@ def _critical_table(series: dict[str, list[Row]]) -> str:
 
 
 def _outcome(run: CollisionRun) -> tuple[bool, int]:
-    """Return the outcome for comparisons; all captured pairs have the same outcome."""
+    """Return whether walls escaped, and after how many overlaps (0 if they did not escape)."""
     return run.escaped, run.collisions if run.escaped else 0

@@ -7,10 +7,10 @@ A wall of velocity v that keeps its shape has the angles phi_n(t) = f_p(n a - v 
     I v^2 f_p''(x) = torque of the springs (f_(1-p)(x - a), f_p(x), f_(1-p)(x + a)).
 
 On a grid of m points per spacing, this equation describes 2 m shifted chains, coupled by the
-derivatives. The solver minimises the residual, with a penalty on tails that are not at rest. An
-exact solution does not exist, because a wall of a few rotors radiates a resonant phonon at any
-speed. The contracted wall of the continuum theory would oscillate about the shape computed here,
-and these oscillations would disturb a collision.
+derivatives. The solver minimises the residual of this equation, with a penalty on tails that are
+not at rest. An exact solution does not exist, because a wall of a few rotors radiates a resonant
+phonon at any speed. The contracted wall of the continuum theory would oscillate about the shape
+computed here, and these oscillations would disturb a collision.
 """
 
 from __future__ import annotations
@@ -47,15 +47,16 @@ never."""
 _LONGEST_STEP = 0.3
 """Largest change of an angle in one iteration [rad]; searches with longer steps diverge."""
 _CONVERGED = 1e-8
-"""Largest change of an angle in the last iteration [rad]."""
+"""The search ends when no angle changes by this or more in an iteration [rad]."""
 _CLOSEST = 0.9
-"""Largest relative speed v / c of the initial guess [1]; continuum walls are never supersonic."""
+"""Largest relative speed v / c of the continuum wall that is the initial guess [1]; continuum
+walls are never supersonic."""
 _FIRST = (0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280)
-"""Antisymmetric stencil of order 8 for the first derivative, for the centre and the points ahead
-[1]."""
+"""Weights of the centre and of the points ahead in the stencil of order 8 for the first derivative
+[1]. The weights of the points behind have the opposite sign."""
 _SECOND = (-205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560)
-"""Symmetric stencil of order 8 for the second derivative, for the centre and the points ahead
-[1]."""
+"""Weights of the centre and of the points ahead in the stencil of order 8 for the second
+derivative [1]. The weights of the points behind are the same."""
 
 
 @dataclass(frozen=True)
@@ -70,9 +71,9 @@ class TravellingWall:
     """Derivatives of the angles along the chain [rad per spacing], shape (2, J)."""
 
     def at(self, rotors: NDArray[np.int64], position: float) -> tuple[Array, Array]:
-        """Return angles [rad] and slopes [rad/spacing] of rotors, (K,), near a wall at a position.
+        """Return the angles [rad] and slopes [rad/spacing] of `rotors`, each of shape (K,).
 
-        The position [rotor spacings] is rounded to the grid.
+        The wall is at `position` [rotor spacings], which is rounded to the grid.
         """
         last = self.angles.shape[1] - 1
         columns = np.rint((rotors - position) * self.points).astype(int) + (last + 1) // 2
@@ -82,7 +83,9 @@ class TravellingWall:
 
 
 def travelling_wall(chain: Chain, speed: float, charge: int, turn: int = 1) -> TravellingWall:
-    """Return the wall of charge +1 or -1 that moves at a speed [m/s], in either direction.
+    """Return the wall of charge +1 or -1 that moves at `speed` [m/s].
+
+    Its shape does not depend on the direction of the motion.
 
     `turn` is +1 if the wall turns the rotors of a spinner forwards, otherwise -1
     (`SpinnerTheory`). Raises ArithmeticError if the solver finds no wall near the continuum
@@ -145,7 +148,11 @@ class _Grid:
         return np.concatenate([even, np.pi - odd])
 
     def correction(self, angles: Array, start: Array, moving: float) -> Array:
-        """Return the Gauss-Newton step [rad], which does not shift the wall."""
+        """Return the Gauss-Newton step from `angles` [rad], which does not shift the wall.
+
+        The penalty pulls the tails towards the ends of `start`, the initial guess. `moving` is the
+        moment of inertia times the squared speed in grid points per second.
+        """
         free, chain = self._free, self.chain
         torques = np.empty_like(angles)
         torques[self._index] = chain.spring_torques(angles[self._index])
@@ -163,7 +170,7 @@ class _Grid:
 
     @cached_property
     def _held(self) -> Array:
-        """Squared penalty at each grid point."""
+        """Squared strength of the penalty on moving tails at each grid point of the flat array."""
         depth, chain = penetration_depth(self.chain), self.chain
         beyond = np.abs(self.positions) / (2 * depth * _QUIET_FROM) - 1
         strength = _QUIETNESS * chain.moment_of_inertia * gap(chain) ** 2
@@ -186,7 +193,8 @@ class _Grid:
     def _derivative(self, weights: tuple[float, ...], mirrored: int) -> csr_array:
         """Return the matrix of a stencil.
 
-        `mirrored` is the sign of the weights behind the centre.
+        `weights` are the weights of the centre and of the points ahead. The weights of the points
+        behind are these times `mirrored`, which is +1 or -1.
         """
         reach = len(weights) - 1
         offsets = list(range(-reach, reach + 1))

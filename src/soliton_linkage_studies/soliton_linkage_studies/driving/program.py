@@ -74,10 +74,11 @@ _TITLES = {
     'f': 'f  Work of a pressure on the chain',
 }
 _LEAST = 1e-17
-"""Value at which an imbalance of 0 is drawn [1]; rounding errors are larger."""
+"""An imbalance of 0 is drawn at this value [1], which is below all rounding errors."""
 _TIME = 'time [s]'
 _ROOM = 0.25
-"""Height of the space for the legend above the moves, relative to the height of the data [1]."""
+"""Height of the space for the legend above the wall positions, divided by the height of the range
+of positions [1]."""
 
 
 def entitle(panels: Mapping[str, Axes]) -> None:
@@ -133,7 +134,7 @@ def draw_stiffness(
 def draw_tilt(
     report: FigureReport, above: Axes, axes: Axes, runs: Mapping[str, TiltedRun]
 ) -> None:
-    """Draw the tilt over time, and the wall positions for springs and bars in another panel."""
+    """Draw the tilt over time in the panel `above`, and the wall positions in the panel `axes`."""
     for mechanics, run in runs.items():
         colour = MECHANICS_COLOURS[mechanics]
         axes.plot(run.times, run.positions, color=colour, linewidth=1.2, label=mechanics)

@@ -39,7 +39,8 @@ _KEYS = ('step', 'work', 'energy_balance', 'stiffness', 'tilt', 'moves')
 _WORK_PERIOD = 0.002
 """Frame period of a chain with an actuator [s]; it is a small fraction of the filling time."""
 _SHORT = 1.0
-"""Duration of the energy balance with `--quick` [s], about three spans of `_EVENT_FRAMES`."""
+"""Duration of the energy balance with `--quick` [s], which contains about three spans of
+`_EVENT_FRAMES`."""
 
 
 @dataclass(frozen=True)
@@ -86,12 +87,13 @@ class DrivingStudy:
 
 @dataclass(frozen=True)
 class Results:
-    """Results of a study; keys and order are those of the tasks."""
+    """Results of a study, with the keys of `DrivingStudy` and in the same order."""
 
     works: dict[str, DrivenChain]
     balances: dict[str, BalancedRun]
     apart: list[float]
-    """Largest difference of an angle between springs and bars [rad], softest springs first."""
+    """Largest difference of an angle between springs and bars [rad], for each stiffness from the
+    softest springs on."""
     tilts: dict[str, TiltedRun]
     moves: dict[MoveKey, list[MoveRun]]
 
@@ -166,18 +168,21 @@ _PERIOD = 0.01
 """Frame period for energy balance and tilt [s]; it is a fraction of the time unit sqrt(M /
 k_e)."""
 _BALANCE_TOLERANCE = 1e-12
-"""Integration error per time unit [rad]; it is a thousandth of the allowed imbalance."""
+"""Integration error of an angle per time unit [rad]; its value is a thousandth of the allowed
+imbalance [1]."""
 _TILT_TOLERANCE = 1e-8
-"""Integration error per time unit [rad]; it is far below the resolution of wall positions."""
+"""Integration error of an angle per time unit [rad]; it is far below the resolution of wall
+positions."""
 _EVENT_FRAMES = 30
-"""Number of frames of a span with a kick and a change of gravity [1]; every second span has
-torques."""
+"""The frames are divided into spans of this number [1]. Each span has one kick and one change of
+gravity; in every second span torques act."""
 _KICK_FRAME = 10
-"""Index of the frame in a span at which a kick occurs [1], far from other events."""
+"""Index in its span of the frame at which the kick occurs [1]; it is far from the other events."""
 _TURN_FRAME = 20
-"""Index of the frame in a span at which gravity changes [1], far from kicks."""
+"""Index in its span of the frame at which gravity changes [1]; it is far from the kick."""
 _CROSSING_FRAMES = 200
-"""Number of frames of a crossing [1]; a wall moves by less than a rotor spacing per frame."""
+"""Number of frames of a simulated crossing [1]; a wall moves by less than a rotor spacing per
+frame."""
 
 
 @dataclass(frozen=True)
@@ -211,9 +216,10 @@ class BalanceTask:
     tilt: float
     """Largest tilt [rad]."""
     kick: float
-    """Standard deviation of an impulse divided by the moment of inertia [rad/s]."""
+    """Standard deviation of the random rate that a kick adds to each rotor [rad/s]."""
     torque: float
-    """Standard deviation of a torque divided by the moment of inertia [rad/s^2]."""
+    """Standard deviation of the random acceleration that a torque gives to each rotor
+    [rad/s^2]."""
     duration: float
     """Duration of the simulation [s]."""
     seed: int
@@ -321,7 +327,7 @@ class TiltedRun:
     tilts: Array
     """Tilt between each frame and the next one [rad], shape (T,)."""
     positions: Array
-    """Centre of the zero mode [rotor spacings], shape (T,)."""
+    """Wall position: the centre of the zero mode [rotor spacings], shape (T,)."""
 
 
 @dataclass(frozen=True)

@@ -21,10 +21,11 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 
 def score_interval(share: Array, count: int, deviations: float = 1.0) -> tuple[Array, Array]:
-    """Return both ends of the Wilson score interval of fractions of `count` draws.
+    """Return both ends of the Wilson score interval of the fractions `share` of `count` draws.
 
-    For a fraction s, the ends are the probabilities p with |s - p| = deviations sqrt(p (1 - p) /
-    count). The interval has a width above 0 even if all draws have the same result.
+    For a fraction s and a half width of `deviations` standard deviations, the ends are the
+    probabilities p with |s - p| = deviations sqrt(p (1 - p) / count). The interval has a width
+    above 0 even if all draws have the same result.
     """
     pull = deviations**2 / count
     middle = share + pull / 2
@@ -50,7 +51,8 @@ _QUICK_SEEDS = 3
 _NORMAL = 1.959964
 """Half width of the central 95 % of a normal distribution [standard deviations]."""
 _ASIDE = 0.4
-"""Offset between the points of different chains [%], so that error bars do not overlap."""
+"""Horizontal offset between the points of different classes of chain [%], so that their error bars
+do not overlap."""
 
 
 @FIGURES.add('disorder_against_passage')
@@ -105,9 +107,13 @@ def _deviating(chain: Chain, fraction: float, seed: int) -> Chain:
 
 
 def _compare_passage(report: FigureReport, fractions: Array, free: Array, passed: Array) -> None:
-    """Report the survival rates of all rigid chains, and of rigid chains without blocked bonds.
+    """Add to `report` the fractions of rigid-bar chains that a wall crosses in both directions.
 
-    `free` (no blocked bond) and `passed` have shape (F, K), for F disorders and K chains.
+    For each of the F strengths of disorder in `fractions`, one row is the fraction of all chains,
+    and another row that of the chains without a blocked bond.
+
+    `free` (whether no bond of the chain blocks a wall) and `passed` (whether the wall crossed and
+    returned) have shape (F, K), for K random chains per strength.
     """
     for fraction, sufficient, passes in zip(fractions, free, passed, strict=True):
         name = f'deviations of {100 * fraction:g} %, rigid'

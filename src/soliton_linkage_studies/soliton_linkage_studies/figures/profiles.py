@@ -65,7 +65,8 @@ Angles φ of the rotors in one snapshot of the slowest wall. Far from the wall, 
 blue) and odd rotors (hollow blue) differ by the constant π − 2 θ̄.
 """
 _FAR = 5
-"""Number of rotors at an edge that a wall in the middle does not affect [1]."""
+"""Number of rotors at an edge that are too far from a wall in the middle to be affected by it
+[1]."""
 _PROFILES = 4
 """Number of drawn profiles [1], those of the slowest walls. More profiles would overlap."""
 
@@ -84,7 +85,8 @@ class WallAtSpeed:
 
 
 Inset = Callable[[FigureReport, Axes, Chain, WallAtSpeed], None]
-"""Function that draws another panel. Arguments: report, axes, chain and slowest wall."""
+"""Function that draws panel b, whose content differs between Figs. 5 and 6. Its arguments are the
+report, the axes of the panel, the chain and the slowest wall."""
 
 
 @FIGURES.add('figure_5')

@@ -31,7 +31,7 @@ def convergence_order(stiffnesses: ArrayLike, distances: ArrayLike) -> float:
 
 
 def draw_convergence(axes: Axes, stiffnesses: ArrayLike, distances: ArrayLike, label: str) -> None:
-    """Draw angle deviations [rad], (K,), against stiffnesses, (K,), and a line of order 1."""
+    """Draw angle deviations [rad] against K stiffnesses, and a line of convergence order 1."""
     across, up = np.asarray(stiffnesses), np.asarray(distances)
     first_order = up[-1] * across[-1] / across
     axes.loglog(across, up, 'o', color=MEASURED, label=label)
@@ -48,7 +48,8 @@ from the chain of rigid bars, over all rotors and times, against the stiffness (
 line has slope −1 and passes through the last dot.
 """
 _TRACKED = 3
-"""Number of stiffnesses with a drawn wall path [1]; paths of stiffer chains would overlap."""
+"""Wall paths are drawn for this number of the smallest stiffnesses [1]; the paths of stiffer
+chains would overlap."""
 _PATH = ('time [sqrt(M/k_e)]', 'wall at rotor [rotor spacings]')
 
 

@@ -124,7 +124,7 @@ def _compare(
 
 
 def _cycle(chain: Chain) -> tuple[float, float]:
-    """Return the numbers of round trips of the wall and of turns of a rotor in one cycle."""
+    """Return the numbers of wall round trips and of rotor turns in one cycle of rigid bars."""
     start = chain.uniform_state(-1)
     length = UniformOrbit(chain).length
     simulation = RigidSimulation(chain, start, zero_mode(chain, start), period=length / _SAMPLES)

@@ -130,7 +130,8 @@ def _draw_decays(
     """Draw fits of a decaying oscillation with two decay lengths: exact, and from the paper.
 
     A fit is u = ub + e^(-x / depth) (A cos(pi x / a) + B sin(pi x / a)) at the distance x from the
-    wall. A and B are fitted beyond 1.5 spacings with weights e^(x / depth).
+    wall, with the decay length `depth` and the rest displacement ub = r sin(theta_bar). A and B
+    are fitted to the rotors beyond 1.5 rotor spacings, with weights e^(x / depth).
     """
     fine = np.linspace(1.0, _BESIDE, 400)
     far = positions > _NEAR

@@ -121,7 +121,7 @@ class Staggering:
 
     motion: KickedWall
     depth: float
-    """Distance between the planes of each rotor and of the bar behind it, in units of a."""
+    """Distance between the plane of a rotor and the plane of the bar behind it, in units of a."""
     turn: float
     """Change of the camera's azimuth during the film [rad]."""
 
@@ -228,7 +228,9 @@ def layered(chain: Chain, angles: Array, layer: float) -> Array:
 
 
 def from_behind(bodies: Array, azimuth: float, elevation: float) -> list[int]:
-    """Return the indices of bodies, given by both end points [m], from back to front.
+    """Return the indices of `bodies`, from the farthest to the nearest.
+
+    A body is given by its two end points [m].
 
     The direction of the camera is given by its azimuth and elevation [rad].
     """

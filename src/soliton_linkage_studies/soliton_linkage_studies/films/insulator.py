@@ -32,7 +32,7 @@ class Insulation:
     swing: float
     """Largest amplitude of a rotor in the zero mode, and amplitude of the driven rotor [rad]."""
     drives: tuple[float, ...]
-    """Angular frequencies of both drives, relative to the gap frequency [1]."""
+    """Angular frequencies of both drives, divided by the gap frequency [1]."""
     duration: float
     """Duration of the motion [s]."""
 

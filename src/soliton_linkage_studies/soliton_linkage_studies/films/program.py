@@ -42,7 +42,7 @@ class Film:
     name: str
     kind: str
     make: Callable[[str, Any, Format], Scene]
-    """Function that makes the scene of this kind of film."""
+    """Function that makes the scene from the film's title, `motion` and frame format."""
     title: str
     motion: Any
     """Settings of the motion, of a type that depends on the kind of film."""

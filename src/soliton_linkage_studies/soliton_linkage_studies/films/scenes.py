@@ -37,8 +37,8 @@ LEFT, WIDTH, BOTTOM, TOP = 0.07, 0.90, 0.085, 0.88
 """Area for the panels below the title, in fractions of the figure width and height [1]."""
 
 TOLERANCE = 1e-9
-"""Integration error of an angle per time unit [rad]; it is invisible at the end of a filmed
-cycle."""
+"""Integration error of an angle per time unit [rad]; the error at the end of a filmed cycle is too
+small to be visible."""
 
 SPACE_TIME = (
     'The space-time diagram shows the displacement u, with one row for each past frame and one '
@@ -208,7 +208,10 @@ def static_profile(
 
 
 def stacked(figure: Figure, chain: Chain, shares: tuple[float, ...]) -> list[Axes]:
-    """Return axes with equal x range: the chain to scale, below it panels of heights `shares`."""
+    """Return axes of the chain, drawn to scale, and of panels below it with the same x range.
+
+    `shares` are the relative heights of the panels.
+    """
     left, right, bottom, top = limits(chain, projections=True)
     wide, high = (float(length) for length in figure.get_size_inches())
     height = (top - bottom) / (right - left) * WIDTH * wide / high

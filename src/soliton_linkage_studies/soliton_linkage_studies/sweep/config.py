@@ -30,7 +30,7 @@ _FRACTIONS = (*_DEVIATIONS, 'scale')
 _MOST_POINTS = 10_000
 """Largest number of points of an axis [1]; larger numbers are probably typing errors."""
 _MOST_ROWS = 10_000_000
-"""Largest number of rows of a table [1]; the table then has about a gigabyte."""
+"""Largest number of rows of a table [1]; a table of this number of rows has about a gigabyte."""
 _QUICK_POINTS = 8
 """Largest number of points of an axis in a quick sweep [1]."""
 _QUICK_SEEDS = 2
@@ -107,7 +107,8 @@ class SweepStudy:
     def together(self) -> int:
         """Largest number of rows that `cells_of` measures in one call [1].
 
-        Eight chains of 20 rotors fill one call of the compiled loops.
+        If walls are sent, it is eight, because eight chains of 20 rotors are sufficient for an
+        efficient call of the compiled loops.
         """
         return 8 if self.measure.sends_wall else 1
 
@@ -135,7 +136,7 @@ class SweepStudy:
             return error
 
     def _cells(self, row: int, trial: Any, sent: Any) -> list[str]:
-        """Return the columns of a row; `trial` and `sent` may be exceptions instead of results."""
+        """Return the columns of a row, a failure if `trial` or `sent` is an exception."""
         values, seed = self.point(row)
         measured, failure = [''] * len(self.measure.columns), ''
         try:

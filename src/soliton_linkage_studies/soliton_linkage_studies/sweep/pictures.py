@@ -35,7 +35,8 @@ from soliton_linkage_studies.sweep.config import Axis, SweepStudy
 from soliton_linkage_studies.unit_cell import flipper_limit, spinner_limit
 
 _MOST_CURVES = 5
-"""Largest number of curves in a picture [1]; a map is drawn for more axis values."""
+"""If exactly two axes of a sweep have more values than this [1], a map is drawn instead of
+curves."""
 CLASS_COLOURS = {
     **{motion.value: colour for motion, colour in MOTION_COLOURS.items()},
     BLOCKED: DARK,
@@ -49,7 +50,8 @@ _CLASS_LABELS = {
     'lost': 'does not cross',
 }
 _ASIDE = 0.16
-"""Offset between the error bars of curves [smallest distance between two points]."""
+"""Horizontal offset between the error bars of different curves [smallest distance between two
+points]."""
 _NAMES = {
     'rotor_length_ratio': ('$r/a$', 'rotor length / spacing, $r/a$ [1]'),
     'rotor_length': ('$r$ [m]', 'rotor length $r$ [m]'),
@@ -91,7 +93,7 @@ def draw_sweep(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) ->
 
 
 def shares(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Array:
-    """Return the fraction of all seeds in each class, shape (*axes, classes)."""
+    """Return the fraction of the seeds whose result is in each class, shape (*axes, classes)."""
     shown = np.array([row[study.measure.shown] for row in rows])
     each = np.stack([shown == name for name in study.measure.classes], axis=-1)
     return np.asarray(each.reshape(*_shape(study), -1).mean(axis=-2))
@@ -228,7 +230,7 @@ def _curve_label(study: SweepStudy, families: bool) -> str:
 
 
 def _blended(each: Array, classes: Sequence[str]) -> Array:
-    """Return the colour of the most frequent class at each point; rare classes are paler."""
+    """Return the colour of the most frequent class at each point, paler if fewer seeds have it."""
     colours = np.array([to_rgb(CLASS_COLOURS[name]) for name in classes])
     share = each.max(axis=-1, keepdims=True)
     return np.asarray(share * colours[each.argmax(axis=-1)] + (1 - share))
@@ -278,7 +280,7 @@ def _positions(axis: Axis) -> Array:
 
 
 def _beside(axis: Axis, aside: float) -> Array:
-    """Return the coordinates of the axis values, shifted by `aside` smallest distances [1]."""
+    """Return the axis values as coordinates, shifted by `aside` times their least distance."""
     scaled = np.log(_positions(axis)) if axis.logarithmic else _positions(axis)
     least = float(np.diff(np.sort(scaled)).min()) if len(scaled) > 1 else 1.0
     moved = scaled + aside * least

@@ -116,7 +116,7 @@ class Table:
                 )
 
     def _read(self) -> dict[int, str]:
-        """Return the existing lines by row number, without a last line that is incomplete."""
+        """Return the existing lines by row number; remove the last line if it is incomplete."""
         if self.path.exists():
             lines = self.path.read_text(encoding='utf-8').splitlines(True)[1:]
         else:
@@ -136,7 +136,7 @@ def fill_table(
     """Measure the missing rows of a table; return the path and the rows of the table.
 
     The rows are measured by local processes, or on a Dask cluster if `scheduler` is given. Raises
-    ChildProcessError if a worker ends early; finished rows are kept.
+    ChildProcessError if a worker ends early; the rows that were finished before are kept.
     """
     with Table(study, folder) as table:
         missing = table.missing

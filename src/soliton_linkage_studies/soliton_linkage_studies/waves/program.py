@@ -29,7 +29,8 @@ from soliton_linkage_studies.program import run_parallel, run_study, study_parse
 from soliton_linkage_studies.settings import Section, chain_from, load_settings
 
 _FIRST = 3
-"""First rotor at which a packet is timed [1]; it is outside the near field of the driven rotor."""
+"""The arrival of a packet is measured from this rotor on [1], because it is outside the near field
+of the driven rotor."""
 _TOLERANCE = 1e-8
 """Integration error of an angle per step [rad]; it is far smaller than the amplitudes of
 bursts."""
@@ -147,7 +148,7 @@ class WaveRun:
 
 
 def energy_per_rotor(chain: Chain, recording: Recording) -> Array:
-    """Return the kinetic energy of each rotor plus half of the elastic energy of its springs [J].
+    """Return the energy of each rotor [J]: its kinetic energy and half the energy of its springs.
 
     The result has shape (T, N).
     """
@@ -175,7 +176,7 @@ def group_velocity(chain: Chain, frequency: float) -> float:
 def packet_velocity(chain: Chain, recording: Recording, last: int) -> float:
     """Return the velocity of a wave packet between rotor 3 and rotor `last` [rotor spacings/s].
 
-    The packet arrives at a rotor when the summed energy of this rotor and its two neighbours is
+    A packet counts as arrived at a rotor when the energy of this rotor and its two neighbours is
     largest.
     """
     energies = energy_per_rotor(chain, recording)
@@ -193,7 +194,8 @@ class Spectrum:
     frequencies: Array
     """Angular frequencies [rad/s] in ascending order, shape (N,). The first one is 0."""
     participations: Array
-    """Number of rotors that take part in each mode, 1 / sum_n e_n^4 [1], shape (N,)."""
+    """Number of rotors that take part in each mode e of norm 1: 1 / sum_n e_n^4 [1], shape
+    (N,)."""
     energy: float
     """Energy of the springs while the chain is at rest [J]."""
 
@@ -240,7 +242,7 @@ _MOVED = 'displacement of the kink [rotor spacings]'
 _SITE = 'site [rotor spacings]'
 _TIME = 'time [s]'
 _FEW = 10.0
-"""Threshold [1]: a vibration counts as localised if fewer rotors take part in it."""
+"""A vibration counts as localised if fewer rotors than this take part in it [1]."""
 _PACKET = (10.0, 0.01)
 """Number of cycles [1] and amplitude [rad] of the linear packet whose velocity is measured."""
 _SITES = 33
