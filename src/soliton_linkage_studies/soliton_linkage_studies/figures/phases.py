@@ -186,8 +186,7 @@ def _draw_solid_torus(axes: Axes3D, curves: tuple[Array, ...], letter: str) -> N
 
 
 def on_torus(around: Array, across: Array) -> tuple[Array, Array, Array]:
-    """Return points on a torus of minor radius 1 at angles `around` its axis and `across` its
-    tube."""
+    """Return points on a torus of minor radius 1, from angles about its axis and tube [rad]."""
     radius = _RADIUS + np.cos(across)
     return radius * np.cos(around), radius * np.sin(around), np.sin(across)
 
