@@ -14,6 +14,9 @@ from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.orbit.orbit import Orbit
 
+_LEAD = 3.0
+"""Lead in log likelihood at which another hypothesis replaces the leading one [1]; the new leader
+has a probability of 95 %."""
 _STEP = 1e-3
 """Step of the site for the numerical derivative of the arc length per rotor spacing [rotor
 spacings]."""
@@ -67,8 +70,11 @@ class Hypotheses:
         for each, likelihood in zip(self.all, likelihoods, strict=True):
             each.evidence += likelihood
         ranked = sorted(self.all, key=lambda each: -each.evidence)
-        top, kept = ranked[0].evidence, ranked[:1]
-        for each in ranked[1:]:
+        leader, top = self.leader, ranked[0].evidence
+        if top > leader.evidence + _LEAD:
+            leader = ranked[0]
+        kept = [leader]
+        for each in ranked:
             refuted = each.evidence < top - self._settings.tracking.decisive_odds
             if not (refuted or any(self._same(each, other) for other in kept)):
                 kept.append(each)

@@ -233,6 +233,8 @@ _SLOW = 0.25
 _SECOND_ORDER = 0.5
 """Square root of a measured relative error [1]: the error of the predicted rate change,
 `rate_ratio` minus 1, of the fastest slow wall."""
+_LONGEST_RESOLVED = 4 / 3
+"""Speed above which the spring forces average out, relative to the fastest slow wall [1]."""
 
 _RADIATION = 0.2
 """Relative bandwidth of the resonance of a fast wall with the slowest phonon [1]. The radiated
@@ -309,7 +311,7 @@ class ComplianceCorrection:
         relative = abs(rate) / self._adiabatic
         if abs(rate) <= self._fastest:
             return change * (_SECOND_ORDER * relative) ** 2
-        return change * min(1 / relative, 1.0) ** 4
+        return change * min(_LONGEST_RESOLVED / relative, 1.0) ** 4
 
     def ripple(self, rate: float) -> float:
         """Return the variance of the site of a wall due to the ripple of its rate [spacings^2].

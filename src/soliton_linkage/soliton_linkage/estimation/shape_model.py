@@ -197,7 +197,8 @@ class ShapeMeasurementModel:
             inlying[rotors] = view.inlying
             tangent[rotors] = view.tangent / math.sqrt(max(view.information, LEAST_INFORMATION))
         views = [view for *_, view in parts]
-        self._residual.learn(
+        self._residual.frames += 1
+        self._residual.noise.update(
             views[0]._replace(
                 first=0,
                 tangent=tangent,
