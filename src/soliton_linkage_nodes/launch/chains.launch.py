@@ -55,7 +55,7 @@ def recorder(record, chains, path):
 def suite(chains, record, path):
     """Return one process that runs the nodes of these chains.
 
-    If `record` is not empty, it also runs a recorder for each chain.
+    If `record` is not empty, this process also runs a recorder for each chain.
     """
     nodes = [*SUITE, *(['bag_recorder'] if record else [])]
     rules = [

@@ -24,8 +24,8 @@ PACKAGE = 'soliton_linkage_nodes'
 CONFIGURATIONS = Path(get_package_share_directory(PACKAGE), 'config')
 NAMED = {path.stem: path for path in sorted(CONFIGURATIONS.glob('*.yaml'))}
 IN_ORDER = ('bag_recorder', 'soliton_analyser', 'soliton_steering', 'edge_actuator')
-"""Nodes that start one after the other, in this order. The publisher of the joint states starts
-after them, because they subscribe to its messages."""
+"""Nodes that start one after the other, in this order. The node that publishes joint_states starts
+after these nodes, because they subscribe to this topic."""
 RESPAWN = {'respawn': True, 'respawn_delay': 1.0, 'respawn_max_retries': 100}
 """Arguments of launch by which a process that ends is restarted after 1 s. After 100 restarts it
 is not restarted again, because it probably cannot start."""

@@ -110,7 +110,7 @@ def foxglove(namespace, layout):
 def plotjuggler(namespace, layout):
     """Return PlotJuggler, in version 4 if it is installed.
 
-    If there is none, a message explains how to install it.
+    If PlotJuggler is not installed, a message explains how to install it.
     """
     arguments = ['--layout', layout]
     if shutil.which('plotjuggler4'):

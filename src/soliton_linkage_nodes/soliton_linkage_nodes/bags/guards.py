@@ -198,7 +198,10 @@ def map_file(path: Path) -> memoryview:
 
 
 def release_pages(data: memoryview | mmap.mmap) -> None:
-    """Release the memory of a mapped file. The system reads the file again when it is needed."""
+    """Release the memory of a mapped file.
+
+    The system reads the file again when the data is needed.
+    """
     whole = data.obj if isinstance(data, memoryview) else data
     if isinstance(whole, mmap.mmap):
         whole.madvise(mmap.MADV_DONTNEED)

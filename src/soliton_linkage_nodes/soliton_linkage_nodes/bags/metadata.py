@@ -161,14 +161,17 @@ def custom_data_of(metadata: str) -> dict[str, str]:
 
 
 def custom_data_in(information: object) -> dict[str, str]:
-    """Return the custom data in parsed metadata. Numbers in it are converted to texts."""
+    """Return the custom data in parsed metadata.
+
+    Numbers in the custom data are converted to texts.
+    """
     custom = information.get('custom_data') if isinstance(information, dict) else None
     items = custom.items() if isinstance(custom, dict) else ()
     return {str(key): str(value) for key, value in items if isinstance(value, (str, int, float))}
 
 
 def gaps_in(custom_data: Mapping[str, str]) -> list[tuple[int, int]]:
-    """Return start and end [ns] of each interval without recording, [] if they are invalid."""
+    """Return start and end [ns] of each interval without recording, [] if the list is invalid."""
     try:
         gaps = load_json(custom_data.get(GAPS, '[]'))
         return [(parse_count(start), parse_count(end)) for start, end in gaps]

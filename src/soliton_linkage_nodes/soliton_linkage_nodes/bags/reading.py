@@ -99,7 +99,7 @@ def find_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Connection:
     """Return the topic `name` or, if there is none, the topic whose name has the same last part.
 
     Raises a ValueError, whose text ends with `remedy`, if no topic or several topics match, if the
-    topic has several types, or if it is not encoded in CDR.
+    topic has several types, or if the topic is not encoded in CDR.
     """
     found = types_of_topic(reader, name, remedy)
     bag = f'bag {str(reader.path)!r}'
@@ -223,7 +223,8 @@ def type_name(message_type: Any) -> str:
 
 
 _UNKNOWN_DEPTH = 10
-"""Queue depth of a latched topic if the bag does not contain it [messages], as in rosbag2."""
+"""Queue depth of a latched topic if the bag does not state this depth [messages], as in
+rosbag2."""
 
 
 def latched(connection: Connection) -> bool:

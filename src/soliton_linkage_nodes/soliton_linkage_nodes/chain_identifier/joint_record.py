@@ -67,7 +67,7 @@ class JointRecord:
         return len(self._angles)
 
     def add(self, joints: JointStates) -> None:
-        """Add a message, and store the frames that are complete with it.
+        """Add a message, and store the frames that this message completes or ends.
 
         Late frames are not stored. Raises ValueError if the message or a frame is invalid.
         """
@@ -104,7 +104,7 @@ class JointRecord:
     def add_command(self, message: RotorImpulses | JointState, received: int) -> None:
         """Store commanded impulses, or the time of commanded torques.
 
-        If the message has no stamp, the time `received` [ns] replaces it.
+        If the message has no stamp, the time `received` [ns] replaces the stamp.
         """
         stamp = time_from_msg(message.header.stamp) or received
         if isinstance(message, RotorImpulses):

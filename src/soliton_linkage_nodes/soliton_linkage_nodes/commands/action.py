@@ -86,10 +86,10 @@ def _send_goal(visitor: Visitor, options: argparse.Namespace) -> int:
 def _note_interrupt() -> threading.Event:
     """Return an event that the next Ctrl-C sets.
 
-    After it, another Ctrl-C raises KeyboardInterrupt.
+    The Ctrl-C after this first one raises KeyboardInterrupt.
 
-    The first Ctrl-C must not raise it, because inside the executor of rclpy it could block all
-    later callbacks of the node.
+    The first Ctrl-C must not raise KeyboardInterrupt, because inside the executor of rclpy it
+    could block all later callbacks of the node.
     """
     interrupted = threading.Event()
 

@@ -110,7 +110,7 @@ class Commands:
     def trajectory(self, source: str, message: JointTrajectory) -> None:
         """Apply torques to joints.
 
-        Between the points of a trajectory, they are interpolated linearly.
+        Between the points of a trajectory, the torques are interpolated linearly.
 
         A trajectory without points ends the torques of the joints that it names. If it names no
         joints either, it ends the torques of all joints.

@@ -80,7 +80,7 @@ class BagTrack:
 
     points: tuple[tuple[float, float | None], ...]
     """Pairs of a time since the start of the bag [s] and the site coordinate of the soliton at
-    this time [rotor spacings], or None if there is no soliton."""
+    this time [rotor spacings]. The coordinate is None if there is no soliton."""
     delay: float
     """Time from the stamp of the first joint_states message to its reception [s]."""
 

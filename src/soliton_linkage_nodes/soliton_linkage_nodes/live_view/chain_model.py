@@ -34,7 +34,7 @@ _MINUTE = 60.0
 """The HTML file that a user can save shows at most this much of the past [s]."""
 _MINUTE_COLUMNS = round(_MINUTE / _HISTORY_PERIOD)
 _MINUTE_NUMBERS = 1_800_000
-"""Largest number of angles in this HTML file [1] (7 MB of memory)."""
+"""Largest number of angles in the HTML file that a user can save [1] (7 MB of memory)."""
 _HISTORY_NUMBERS = 400_000
 """Largest number of values in the history [1] (1.6 MB). The history of a long chain is therefore
 shorter."""
@@ -67,7 +67,7 @@ class ChainModel:
         self.goal = math.nan
         """Goal of the current move [rotor spacings]."""
         self.history: deque[Column] = deque(maxlen=_HISTORY_COLUMNS)
-        """Recent states. A page that is opened later begins with them."""
+        """Recent states. A page that is opened later begins with these states."""
         self.stamp = math.nan
         self.angles = np.zeros(0)
         """Latest angles [rad], shape (N,), NaN for missing joints."""
@@ -130,7 +130,7 @@ class ChainModel:
     def extend_history(self, joints: JointStates, numbers: Mapping[str, float]) -> None:
         """Add joint states to the history, unless its last ones are less than 1/30 s earlier.
 
-        This method is for joint states that the page skips.
+        It is for joint states that are not shown themselves, because newer ones have arrived.
 
         `numbers` are the values of their soliton_state.
         """

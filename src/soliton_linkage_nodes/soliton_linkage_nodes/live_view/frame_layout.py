@@ -61,7 +61,7 @@ class Column(NamedTuple):
     """Stamp of the angles [s], stamp of the state [s], soliton position [rotor spacings], and the
     `ENERGIES` [J]."""
     overview: Floats
-    """Array of this name, as in `ARRAYS`."""
+    """Array `overview` of a frame, as in `ARRAYS`."""
 
 
 def pack(numbers: Mapping[str, float], arrays: Mapping[str, Array | Floats]) -> bytes:

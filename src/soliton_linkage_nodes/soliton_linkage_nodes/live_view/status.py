@@ -26,7 +26,7 @@ _FRAMES_BEHIND = 2
 """The page warns only if soliton_state is delayed by more than this number of frames [1], because
 one frame is always in transit."""
 _LATE = re.compile('deadlines missed in the last second')
-"""Pattern of a warning that the page omits, because it shows the fraction of late frames."""
+"""Pattern of a warning that the page omits, because the page shows the fraction of late frames."""
 _PAUSED = re.compile(f'{_LATE.pattern}|^(waiting for joint_states|no soliton)')
 """Pattern of the warnings that the page omits while a simulation is paused."""
 _ACTUATOR = 'start edge_actuator'
@@ -115,7 +115,7 @@ def health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
 
 
 def gravity_of(finder: ChainFinder, namespace: str) -> tuple[float, float]:
-    """Return gravity [m/s^2] and tilt [rad] as a simulator reports them, or NaN."""
+    """Return the gravity [m/s^2] and tilt [rad] that a simulator reports, NaN without a report."""
     for _, report in reports_of(finder, namespace):
         if 'gravity [m/s^2]' in report.figures:
             figures = report.figures

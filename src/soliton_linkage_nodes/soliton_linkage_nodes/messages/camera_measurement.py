@@ -130,7 +130,7 @@ def describe_reading(measurement: CameraMeasurement, seen: CameraReading) -> str
 def median_deviation(frame: AngleFrame) -> float:
     """Return the median standard deviation of the angles of the visible rotors [rad].
 
-    Without visible rotors, it is NaN.
+    Without visible rotors, the result is NaN.
     """
     known = frame.deviations[np.isfinite(frame.deviations)]
     return float(np.median(known)) if len(known) else float('nan')

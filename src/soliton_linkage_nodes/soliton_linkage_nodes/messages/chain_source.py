@@ -217,8 +217,8 @@ class ParameterFile:
     def check(self, prefix: str, groups: Mapping[type, str]) -> None:
         """Raise ValueError if the file has an unknown parameter whose name begins with `prefix`.
 
-        `groups` maps dataclasses to prefixes. A parameter is known if its name is the prefix of a
-        class and the name of a field of this class.
+        `groups` maps dataclasses to prefixes. A parameter is known if its name consists of the
+        prefix of a class and the name of a field of this class.
         """
         known = {
             before + name for kind, before in groups.items() for name in described_fields(kind)

@@ -253,7 +253,7 @@ class StampRule:
             )
 
     def delay(self, source: str, stamp: int, now: int, duration: float) -> float:
-        """Return the time from `now` to the start of a command [s], negative if it has started.
+        """Return the time from `now` to the start of a command [s], negative after the start.
 
         Raises ValueError if the command has ended or ends too late. `stamp` and `now` are in [ns],
         and `duration` in [s].

@@ -48,9 +48,9 @@ class FrameAssembler:
         return self._parts[0].stamp if self._parts else None
 
     def add(self, joints: JointStates) -> list[JointStates]:
-        """Add a message; return the frames that end with it.
+        """Add a message; return the frames that this message completes or ends.
 
-        These are no more than two frames. Raises ValueError if the message is invalid.
+        These are at most two frames. Raises ValueError if the message is invalid.
         """
         if not self._parts and joints.name is self.whole:
             self._last = joints.stamp, self._rotors
@@ -151,7 +151,7 @@ class SerializedFrames:
         return ()
 
     def add(self, serialized: bytes) -> list[bytes]:
-        """Add a serialized message and return the frames that end with it, also serialized.
+        """Add a message; return the frames that it completes or ends. All of these are serialized.
 
         An invalid message is returned as a frame, without changes.
         """

@@ -55,7 +55,7 @@ class NumberFields:
         return values
 
     def message(self, kind: Any, filled_by: Any) -> Any:
-        """Return a message of the type `kind` with these fields; the type must have no others."""
+        """Return a message of the type `kind`, which must have exactly these fields."""
         return kind(**dict(zip(self.names, self(filled_by), strict=True)))
 
 

@@ -286,7 +286,8 @@ def check_override(
 ) -> None:
     """Compare the chain `given` with the chain in a bag.
 
-    If they differ, it prints the differences, or raises ValueError unless `override` is set.
+    If the chains differ, this function prints the differences if `override` is set, and otherwise
+    raises ValueError.
     """
     with open_bag(bag, limits) as reader:
         try:

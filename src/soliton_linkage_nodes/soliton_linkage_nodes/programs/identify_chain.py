@@ -59,8 +59,8 @@ class IdentificationOptions:
     """Mean distance between neighbouring pivots [m], or None to use the spacing of the given
     chain."""
     tolerance: float | None = None
-    """Relative standard deviation of the lengths of one kind, such as the rotor lengths [1]. If it
-    is None, it is estimated."""
+    """Relative standard deviation of the lengths of one kind, such as the rotor lengths [1]. None
+    means that this standard deviation is estimated."""
     span: tuple[float, float] = (0.0, math.inf)
     """Times of the first and the last frame that are used [s]. The time 0 is at the first frame of
     the bag."""

@@ -2,8 +2,8 @@
 """Simulate a chain and the microcontroller of its encoders and valves, for serial_encoders.
 
 The program opens a pseudo-terminal and prints its path. Until Ctrl-C, it receives commands and
-sends angles there in the serial protocol. At the start the chain is at rest and leans left;
-commands to the valves drive it.
+sends angles through the pseudo-terminal, in the serial protocol. At the start the chain is at rest
+and leans left; commands to the valves drive it.
 """
 
 from __future__ import annotations

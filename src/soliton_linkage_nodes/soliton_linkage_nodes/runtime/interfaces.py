@@ -143,7 +143,7 @@ SUITE_TOPICS = (
     *(DELIVERED_IMPULSES, ROTOR_IMPULSES, ROTOR_TORQUES, TILT, SOLITON_STATE, SOLITON_EVENTS),
     DIAGNOSTICS,
 )
-"""Topics that the nodes exchange. A recorder stores them by default."""
+"""Topics that the nodes exchange. A recorder stores these topics by default."""
 DISPLAY_TOPICS = (ROBOT_DESCRIPTION, MARKERS, SOLITON_POSE, KYMOGRAPH)
 """Topics for viewers. Nodes compute the contents of these topics from the messages of
 `SUITE_TOPICS`."""

@@ -37,7 +37,7 @@ def raise_priority(raised: bool, threads: Sequence[int] = (0,)) -> None:
 
 
 def yield_core() -> None:
-    """Yield the core of a real-time thread, so that threads that it has woken can run."""
+    """Yield the core of the calling real-time thread, so that threads it has woken can run."""
     if os.sched_getscheduler(0) == os.SCHED_FIFO:
         os.sched_yield()
 

@@ -63,7 +63,7 @@ class AdaptiveSubscription:
         """Subscribe to a topic.
 
         Without `take`, messages wait until `waiting` or `newest` takes them. The node must then
-        not be added to an executor, because it would drop them.
+        not be added to an executor, because an executor would drop these messages.
         """
         self.topic = topic
         self.sequence: int | None = None
@@ -87,7 +87,10 @@ class AdaptiveSubscription:
 
     @property
     def changed(self) -> bool:
-        """Whether publishers have come or gone since the last query; needs a GuardedNode."""
+        """Whether publishers have come or gone since the last query.
+
+        The node must be a GuardedNode.
+        """
         changed = False
         for event in self._events:
             with event:
@@ -226,9 +229,9 @@ class StreamSubscription:
 
         With `latest`, only the newest waiting message is passed to `take`. `on_takeover` is called
         when another publisher replaces a silent one. `parts` returns the names of the parts in a
-        message, such as joint names. `assemble` is called with each message. If a message contains
-        only some parts, it stores it. It returns the messages that are now complete, each of which
-        is passed to `take`.
+        message, such as joint names. `assemble` is called with each message. It stores a message
+        that contains only some parts, and returns the messages that are complete now. Each of
+        these is passed to `take`.
         """
         self.skipped = 0
         """Number of received messages that were skipped, because of a lag or because of

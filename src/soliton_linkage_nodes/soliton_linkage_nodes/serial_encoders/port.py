@@ -20,7 +20,7 @@ from typing import Any
 from soliton_linkage_nodes.runtime.pacing import raise_priority
 
 _READ_TIMEOUT = 0.1
-"""Longest wait for input until the thread checks whether the port must be closed [s]."""
+"""The thread waits at most this long for input before it checks whether to close the port [s]."""
 _WRITE_TIMEOUT = 0.05
 """Longest time that writing a command may take [s], half of the default hold time of the
 controller."""

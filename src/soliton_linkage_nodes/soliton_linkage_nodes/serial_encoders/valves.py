@@ -76,7 +76,7 @@ class ValveParameters:
 class Valves:
     """Torques that the valves shall apply.
 
-    Commands to the controller must be repeated until these torques time out.
+    Commands to the controller must be repeated until these torques have ended.
     """
 
     def __init__(self, parameters: ValveParameters, rotors: int) -> None:
@@ -128,10 +128,10 @@ class Valves:
         self._acting.append((now, now + self._parameters.hold, self._sent))
 
     def delivered(self, until: float) -> Array:
-        """Return the impulses since the last call that the torques of `hold` have caused.
+        """Return the impulses of the torques of `hold` since the last call [N m s], shape (N,).
 
-        They have shape (N,) [N m s]. The interval ends at `until` [s]. The torques of the feedback
-        are not included.
+        The time since the last call ends at `until` [s]. The torques of the feedback are not
+        included.
         """
         impulses = np.zeros_like(self._torques)
         while self._acting and self._acting[0][0] < until:

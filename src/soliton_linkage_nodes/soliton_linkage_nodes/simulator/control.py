@@ -73,11 +73,11 @@ class SimulationControl:
         """Create a simulation that starts in the state `state`.
 
         `begin` creates a simulation from a state and the gravity. Torques end after the simulated
-        time `command_timeout` [s], unless it is 0. If kicks act at a frame, `announce` is called
-        with the frame number and the sum of their impulses [N m s], shape (N,). After it,
-        `publish` is called for each frame with the frame number and the simulation. A reset
-        computes its first frame for at most `longest_trial` [s] of processor time. It is rejected
-        if less than a thousandth of the frame is then computed.
+        time `command_timeout` [s]; 0 means no limit. If kicks act at a frame, `announce` is called
+        with the frame number and the sum of their impulses [N m s], shape (N,). Then, for every
+        frame, `publish` is called with the frame number and the simulation. A reset computes its
+        first frame for at most `longest_trial` [s] of processor time. It is rejected if less than
+        a thousandth of the frame is then computed.
         """
         self._begin = begin
         self._gravity = gravity
@@ -109,7 +109,10 @@ class SimulationControl:
 
     @property
     def simulation(self) -> Simulation:
-        """Simulation that began with the last reset. It may be read only while it is paused."""
+        """Simulation that began with the last reset.
+
+        It may be read only while the simulation is paused.
+        """
         return self._simulation
 
     @property

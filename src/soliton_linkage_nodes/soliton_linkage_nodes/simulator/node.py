@@ -215,8 +215,8 @@ def main() -> None:
 
 _FRAMES_OVERDUE = 3
 """If no frame was published since the last report although more than this number were due, the
-report warns [1]. In normal operation, up to 3 are due: one at each end of the interval, and one
-that is late."""
+report warns [1]. In normal operation, up to 3 are due between two reports without being published:
+one at each end of this interval, and one that is late."""
 
 
 class SimulationReport:

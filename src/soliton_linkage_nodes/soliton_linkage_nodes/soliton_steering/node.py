@@ -220,7 +220,7 @@ class SolitonSteering(ManagedNode):
     def _on_chain(self, named: NamedChain) -> None:
         """Set the chain.
 
-        If it differs from the previous chain, release the soliton and end its move.
+        If the new chain differs from the previous one, release the soliton and end its move.
         """
         if self.chain is None or named != self.chain.named:
             self._release('the chain has changed')

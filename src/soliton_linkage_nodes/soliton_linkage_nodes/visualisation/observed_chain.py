@@ -142,7 +142,7 @@ class ObservedChain:
         return '\n'.join(lines)
 
     def kick(self, shown: float) -> Array | None:
-        """Return the impulses of the last kick [N m s], shape (N,), None if it is not shown now.
+        """Return the impulses of the last kick [N m s], shape (N,); None if no kick is shown.
 
         A kick is shown until `shown` [s] after its end. If `shown` is 0, it is shown until the
         next kick.

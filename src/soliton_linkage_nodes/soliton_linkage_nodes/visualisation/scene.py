@@ -142,7 +142,7 @@ class ChainScene:
         return self._arrows('zero_mode', masses, angles, mode, GREEN)
 
     def _arrows(self, name: str, masses: Array, angles: Array, sizes: Array, colour: str) -> Shape:
-        """Return arrows that begin at the masses and point in the direction of their motion.
+        """Return arrows that begin at the masses, in the directions in which these can move.
 
         Their lengths are proportional to the absolute values of `sizes`, shape (N,). Arrows with a
         negative size point backwards, to smaller angles.

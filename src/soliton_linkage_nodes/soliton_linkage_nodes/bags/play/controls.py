@@ -19,10 +19,10 @@ from soliton_linkage_nodes.runtime.managed import ManagedNode
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
 _POLL_INTERVAL = 0.1
-"""Longest wait for a key until the thread checks whether it was stopped [s]."""
+"""The thread waits at most this long for a key before it checks whether it was stopped [s]."""
 _MOST_READ = 64
-"""Largest number of bytes that one read of the terminal returns [B]. A user types less in a poll
-interval."""
+"""Largest number of bytes that one read of the terminal returns [B]. A user types fewer bytes in a
+poll interval."""
 SPACE = ' '
 UP, DOWN, RIGHT = '\x1b[A', '\x1b[B', '\x1b[C'
 

@@ -49,8 +49,8 @@ class PlaybackRange:
     def part(self, offset: int, duration: int, until: int) -> PlaybackRange:
         """Return a part of the bag that begins `offset` [ns] after its start; ValueError if empty.
 
-        As in rosbag2, it ends `duration` [ns] later or at the time `until` [ns], whichever is
-        later. Arguments that are 0 or negative are ignored.
+        As in rosbag2, the part ends `duration` [ns] later or at the time `until` [ns], whichever
+        is later. Arguments that are 0 or negative are ignored.
         """
         start = self.origin + max(offset, 0)
         ends = [start + duration + 1] if duration > 0 else []
@@ -102,8 +102,8 @@ def full_name(reader: Reader, name: str) -> str:
 class PlaybackThread:
     """Thread that publishes each message of a bag when it is due.
 
-    At the start it calls `prepare(True)`, publishes the last latched messages from before the
-    range, and calls `prepare(False)`. The calls of `prepare` wait for the subscribers of the
+    At the start the thread calls `prepare(True)`, publishes the last latched messages from before
+    the range, and calls `prepare(False)`. The calls of `prepare` wait for the subscribers of the
     latched topics (True) and of all other topics (False). Before each message, the thread calls
     `publish_clock` with the message's receive time [ns]. `finished` is set at the end of the
     range, but not after a stop. `rounds` is the number of times that the range was started, and
@@ -242,8 +242,8 @@ class PlaybackThread:
     def _publish_latched(self, reader: Reader, start: int) -> dict[str, int]:
         """Publish the latched messages that each topic had at `start` [ns].
 
-        If a topic had none, its first later message is published. The receive times of these later
-        messages are returned by topic.
+        If a topic had none, its first later message is published. The result maps each topic with
+        such a later message to the receive time of this message [ns].
         """
         ahead = {}
         for connection in filter(latched, self._publishers.of(reader.connections)):

@@ -61,7 +61,7 @@ class Lockstep:
     def wait_for_the_analyser(self, limit: float, stopping: threading.Event) -> None:
         """Wait until `soliton_state` has a publisher.
 
-        Raises ValueError if it has none after `limit` [s].
+        Raises ValueError if no publisher has appeared after `limit` [s].
         """
         deadline = time.monotonic() + limit
         while not self._subscription.get_publisher_count():

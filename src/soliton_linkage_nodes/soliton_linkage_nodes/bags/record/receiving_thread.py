@@ -148,8 +148,8 @@ class ReceivingThread:
     ) -> None:
         """Start the thread.
 
-        After the discovery, it calls `announce` with the topics that have a publisher without a
-        connection.
+        After the discovery, the thread calls `announce` with the topics that have a publisher to
+        which the recorder is not connected.
         """
         self.failure: Exception | None = None
         self._finder = finder

@@ -25,7 +25,7 @@ _DEPTH = 5000
 second."""
 _STREAM_PERIOD = SECOND
 """A topic with a longer message period than this [ns] is no stream. The recorder does not wait for
-the next message of such a topic, because it may take long."""
+the next message of such a topic, because this may take long."""
 
 
 class RecordedSubscription:

@@ -91,7 +91,7 @@ class WritingThread:
             self._changed.notify()
 
     def add_topic(self, topic: RecordedTopic) -> None:
-        """Add a topic to the bag. It is also listed if it never has a message."""
+        """Add a topic to the bag. The bag lists the topic even if no message of it is recorded."""
         self._post(lambda: self._stored(topic))
 
     def set_custom_data(self, texts: Mapping[str, str]) -> None:

@@ -32,8 +32,8 @@ _MESSAGE_COST = 250
 """Approximate memory that a message takes while it waits to be yielded, in addition to its data
 [B]."""
 _MOST_WAITING = 4
-"""If chunks overlap in time, their messages wait in memory until they can be yielded in order.
-They may take this number times `max_unpacked` [1]."""
+"""If chunks overlap in time, their messages wait in memory until they can be yielded in order. The
+waiting messages may take this number times `max_unpacked` [1]."""
 _LONGEST_RUN = 2**20
 """Largest size of a run of consecutive messages outside of chunks [B]. A run is read as a
 whole."""

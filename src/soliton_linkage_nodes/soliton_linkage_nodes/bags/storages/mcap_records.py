@@ -231,7 +231,10 @@ class Fields:
         return int.from_bytes(self.take(size), 'little')
 
     def sized(self) -> Bytes:
-        """Return the next byte string. The record contains its length before it."""
+        """Return the next byte string.
+
+        In the record, the length of the string precedes the string.
+        """
         return self.take(self.number(4))
 
     def text(self) -> str:

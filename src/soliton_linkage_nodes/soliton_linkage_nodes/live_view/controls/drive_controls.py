@@ -61,8 +61,8 @@ def show_answer(
 ) -> None:
     """Show the state of an action.
 
-    `number` identifies the action, and `text` is its answer. `good` is whether it has succeeded,
-    or None before the answer.
+    `number` identifies the action, and `text` is its answer. `good` is whether the action has
+    succeeded, or None before the answer.
     """
     state = {'id': f'control {number}', 'name': name, 'answer': text, 'good': good, 'long': long}
     ui.run_javascript(f'live.answers.show({json.dumps(state)})')

@@ -119,7 +119,7 @@ class Experiment:
     def _serve_page(self) -> bool:
         """Print the address of the live page; return whether there is a page.
 
-        If there is none, it prints the reason.
+        If there is no page, the reason is printed.
         """
         deadline = time.monotonic() + START_LIMIT
         try:
