@@ -228,8 +228,8 @@ def add_legend(figure: Figure) -> None:
 def projection_quiver(axes: Axes, chain: Chain, angles: Array, lowered: float = 0.0) -> Quiver:
     """Draw the displacements u_n = r sin(phi_n) [m] as arrows; return the arrows.
 
-    Arrows to the right are purple, arrows to the left orange. Long arrows alternate between
-    several rows so that they do not overlap.
+    Arrows to the right are purple, arrows to the left orange. If the rotors are long, the arrows
+    of neighbouring rotors are in different rows so that they do not overlap.
     """
     along = displacement(chain, angles)
     positions = np.column_stack([chain.pivots, _rows(chain) - lowered])
@@ -332,7 +332,7 @@ def _rows(chain: Chain) -> Array:
 
 
 def _turned(tilt: float) -> Array:
-    """Return the matrix of points @ matrix that tilts points (x, z).
+    """Return the matrix that tilts points with rows (x, z) by points @ matrix.
 
     A positive tilt [rad] lowers points with x > 0.
     """

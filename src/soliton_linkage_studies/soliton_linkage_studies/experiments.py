@@ -126,7 +126,7 @@ def first_passage(chain: Chain, positions: Array) -> slice:
 
 
 def static_profile(chain: Chain, middle: float) -> tuple[Array, Array]:
-    """Combine static walls at ten positions, from `middle` to `middle` + 0.9, to one profile.
+    """Combine static walls at ten positions, from `middle` to `middle` + 0.9, into one profile.
 
     Returns the distances of the rotors from the wall [rotor spacings] and the order field m of
     these rotors [1], each of shape (K,) for the K inner rotors of all ten walls. Edge rotors are

@@ -23,7 +23,8 @@ from soliton_linkage.linkage.chain import Chain
 _RESOLUTION = 150
 """Resolution of PNG pictures [pixels per inch]; the pictures are 1200 to 2000 pixels wide."""
 _DIGITS = 5
-"""Number of significant digits in a table; most theories are less accurate."""
+"""Number of significant digits of the values in a table [1]. More digits have no use, because most
+theories are less accurate."""
 _LINE = 95
 """Largest number of characters in a line of a caption."""
 _FUNCTIONS = ('sin', 'cos', 'ln', 'min', 'max')
@@ -51,7 +52,7 @@ class Formula:
 def chain_formula(
     text: str, value: float, chain: Chain, remark: str = '', **more: float
 ) -> Formula:
-    """Return a formula with the symbols of `chain` and `more` that occur in `text`."""
+    """Return a formula whose symbols are those of `chain` and `more` that occur in `text`."""
     plus, minus = couplings(chain)
     symbols = {
         'r': chain.rotor_length,
@@ -172,7 +173,10 @@ def save_page(report: FigureReport, folder: Path, name: str, table: str = 'table
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure in the format of the path's suffix. The file contains no date."""
+    """Write a figure in the format of the path's suffix.
+
+    The file contains no date, so that equal figures give equal files.
+    """
     metadata = {'CreationDate': None} if path.suffix == '.pdf' else None
     figure.savefig(path, dpi=_RESOLUTION, metadata=metadata)
 

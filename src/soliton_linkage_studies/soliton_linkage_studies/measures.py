@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measurements that a sweep makes on each chain. Each returns the values of one table row."""
+"""Measurements of a sweep on a chain; each measurement returns the values of one table row."""
 
 from __future__ import annotations
 
@@ -172,8 +172,8 @@ _PIECE = 20
 """The simulation checks after each piece of this duration [time units] whether the wall has
 returned."""
 _WALL_REACH = 4
-"""Energy within this multiple of the larger of wall width and penetration depth [1] from a wall
-counts as energy of the wall. This range contains 98 % of the energy of a wall."""
+"""Energy counts as energy of a wall up to a distance of this multiple of the larger of wall width
+and penetration depth [1]. This range contains 98 % of the energy of a wall."""
 _JUMP = 5
 """If a track moves by this or more between two frames [rotor spacings], it has changed to another
 wall."""

@@ -94,7 +94,7 @@ def unbroken_sites(track: Track) -> Array:
 
 
 def track_positions(axes: Axes, chain: Chain, track: Track) -> Axes:
-    """Draw the soliton position over time, with a band of two standard deviations."""
+    """Draw the soliton position over time, with a band of +- 2 standard deviations."""
     sites = unbroken_sites(track)
     axes.plot(track.times, sites, color=MEASURED, linewidth=0.8, label='measured')
     _draw_band(axes, track.times, sites, track.site_deviations)
@@ -104,7 +104,7 @@ def track_positions(axes: Axes, chain: Chain, track: Track) -> Axes:
 
 
 def track_velocities(axes: Axes, track: Track, crossings: tuple[Crossing, ...]) -> Axes:
-    """Draw soliton velocity and its standard deviation over time, and crossing means."""
+    """Draw the soliton velocity with its standard deviation, and the mean of each crossing."""
     axes.plot(track.times, track.site_rates, color=MEASURED, linewidth=0.8, label='measured')
     _draw_band(axes, track.times, track.site_rates, track.site_rate_deviations)
     for number, crossing in enumerate(crossings):

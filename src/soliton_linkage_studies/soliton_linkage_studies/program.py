@@ -150,7 +150,7 @@ def select_names(known: Sequence[str], asked: Sequence[str], option: str = '--on
 def run_parallel(
     title: str, tasks: Mapping[Key, Callable[[], Result]], workers: int
 ) -> dict[Key, Result]:
-    """Run picklable tasks in parallel processes; return the results by key, in order."""
+    """Run picklable tasks in parallel processes; return the results in the order of `tasks`."""
     progress = ProgressLine(title, len(tasks))
     begin = time.monotonic()
     done: dict[Key, Result] = {}

@@ -51,8 +51,8 @@ def partner_angles(chain: Chain, theta_1: ArrayLike) -> Array:
         p^2 + q^2 - g^2 = (lbar - 2 r cos(theta_bar)^2 - a sin(theta_1))
                           (lbar + 2 r cos(theta_bar)^2 + a sin(theta_1)).
 
-    The first factor is 0 at d_c and theta_1 = pi / 2. To avoid cancellation there, the factor is
-    computed as its value at theta_1 = pi / 2 plus the difference from this value.
+    The first factor is 0 if d = d_c and theta_1 = pi / 2. To avoid cancellation there, the factor
+    is computed as its value at theta_1 = pi / 2 plus the difference from this value.
     """
     factor, partners = _partners(chain, np.asarray(theta_1, dtype=np.float64))
     return np.where(factor[..., None] >= 0, partners, np.nan)

@@ -29,7 +29,7 @@ _MAXIMUM_COUNT = 1000
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 _CHUNK_DURATION = 1.0
 """A worker that has measured rows for longer than this [s] returns them as one chunk. If it fails
-before, these rows are lost."""
+before, its measured rows are lost."""
 _CHUNK_GROWTH = 4
 """A chunk has at most this multiple of the rows of the previous chunk [1]. The limit is necessary
 because the first rows may be unusually fast."""
@@ -230,7 +230,10 @@ Pool = Processes | _Cluster
 
 
 def measure_rows(pool: Pool, table: Rows, rows: Sequence[int]) -> Iterator[list[list[str]]]:
-    """Measure rows in parallel; yield the cells of each completed chunk."""
+    """Measure rows in parallel; yield the cells of each completed chunk.
+
+    A chunk consists of the rows that a worker measures in one task.
+    """
     waiting = deque(rows)
     finished = pool.finished()
     running, size = 0, 1

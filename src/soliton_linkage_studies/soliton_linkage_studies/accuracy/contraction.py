@@ -69,8 +69,8 @@ class Walls:
     chain: Chain
     kicks: tuple[float, ...]
     reference: Mapping[float, tuple[float, float]]
-    """Speed [a sqrt(k_e / M)] and width relative to the width at rest [1] of the wall, measured
-    without noise, for each kick."""
+    """For each kick, the speed of the wall [a sqrt(k_e / M)] and its width divided by its width at
+    rest [1], both measured without noise."""
 
 
 @dataclass(frozen=True)

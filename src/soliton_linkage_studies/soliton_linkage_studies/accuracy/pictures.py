@@ -164,7 +164,7 @@ def _dress(column: Sequence[Axes], noise: float, names: Sequence[str]) -> None:
 def _dashes(name: str) -> Literal['-', ':']:
     """Return the line style.
 
-    It is dotted for the search without a guess, which otherwise would hide another line.
+    It is dotted for the search without a guess, so that the line below it remains visible.
     """
     return ':' if name == ORBIT_COLD else '-'
 

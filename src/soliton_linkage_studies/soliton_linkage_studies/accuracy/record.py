@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of the recursive estimator as a function of the number of frames, at constant velocity.
 
-The bounds are the variances of a line that is fitted to the positions in n frames of period dt. A
-position has the variance s^2 = (sigma / Lambda)^2, for the angle noise sigma and the arc length
-Lambda per rotor spacing. The variance of the position in the last frame is at least 2 (2 n - 1) /
-(n (n + 1)) s^2, and the variance of the velocity at least 12 / (n (n^2 - 1) dt^2) s^2.
+The bounds follow from the variances of the last value and of the slope of a line that is fitted to
+the positions in n frames of period dt. A position has the variance s^2 = (sigma / Lambda)^2, for
+the angle noise sigma and the arc length Lambda per rotor spacing. The variance of the position in
+the last frame is at least 2 (2 n - 1) / (n (n + 1)) s^2, and the variance of the velocity at least
+12 / (n (n^2 - 1) dt^2) s^2.
 """
 
 from __future__ import annotations

@@ -153,13 +153,13 @@ def averages_and_slopes(
     """Return a moving average and a slope for each value.
 
     The average at an index includes the value there, `beside` values before it and `beside` values
-    after it. The slope is that of a line, or of a cubic if `cubic` is true, that is fitted to
-    three times as many values on both sides. No average and no fit extends across an index in
-    `breaks`. If the values have the second derivative x'' with respect to the index, the average
-    over 2 b + 1 values, with b = `beside`, is too large by x'' b (b + 1) / 6. If `forced` is true,
-    `cubic` must be true: the cubic is fitted to six times as many values as an average on both
-    sides, and this error is subtracted with x'' from the cubic. Near a stop of the wall, values
-    and their differences then replace averages and slopes.
+    after it. The slope is that of a line, or of a cubic if `cubic` is true, that is fitted to 3
+    `beside` values before and after. No average and no fit extends across an index in `breaks`. If
+    the values have the second derivative x'' with respect to the index, the average over 2 b + 1
+    values, with b = `beside`, is too large by x'' b (b + 1) / 6. If `forced` is true, `cubic` must
+    be true: the cubic is fitted to 6 `beside` values before and after, and this error is
+    subtracted with x'' from the cubic. Near a stop of the wall, values and their differences then
+    replace averages and slopes.
     """
     means, slopes = np.empty_like(values), np.empty_like(values)
     for begin, end in pairwise([0, *(breaks or []), len(values)]):
@@ -181,7 +181,7 @@ def averages_and_slopes(
 
 
 def _near_stop(values: Array, beside: int) -> tuple[NDArray[np.bool_], Array]:
-    """Return whether a wall starts or stops within `beside` values, and central differences."""
+    """For each value, return whether the wall starts or stops near it, and the slope there."""
     differences = np.gradient(values)
     still = np.abs(differences) < _STOPPED * np.abs(differences).max()
     window = 2 * beside + 1
@@ -298,7 +298,7 @@ def _started(cell: AccuracyCell, random: np.random.Generator) -> _Start:
 
 
 def _nudged(cell: AccuracyCell, orbit: Orbit, random: np.random.Generator) -> _Start:
-    """Kick a wall off the first edge; simulate up to two passages, a random time."""
+    """Kick a wall off the first edge; simulate a random time, up to two edge-to-edge passages."""
     chain = cell.chain
     left = chain.uniform_state(1) + math.pi
     angles = left if chain.motion is Motion.SPINNER else chain.uniform_state(-1)
@@ -354,7 +354,7 @@ def _uniform_orbit(chain: Chain) -> Orbit:
 
 
 def _several_walls(cell: AccuracyCell, frames: int, random: np.random.Generator) -> WallScene:
-    """Simulate walls until two of them meet or one breaks; raise ArithmeticError if too early."""
+    """Simulate walls until two meet or one breaks; raise ArithmeticError if this is too early."""
     for draw in range(_DRAWS):
         begins = 1 if random.integers(2) else -1
         charges = tuple(begins * (-1) ** number for number in range(cell.walls))

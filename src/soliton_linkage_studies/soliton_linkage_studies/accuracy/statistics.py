@@ -311,7 +311,7 @@ def _large_errors(row: Row) -> float:
 
 
 def _inconsistency(rms: float) -> float:
-    """Return |ln| of the ratio of `rms` to the nearest limit of `_CONSISTENT`; 0 inside."""
+    """Return |ln(rms / nearest limit of `_CONSISTENT`)|, or 0 if `rms` is within the limits."""
     if not rms > 0:
         return 0.0
     low, high = _CONSISTENT

@@ -111,7 +111,7 @@ class WallPath:
         return added
 
     def derivative(self, rotors: int, position: float) -> Array:
-        """Return the derivatives of angles by wall position [rad/spacing], shape (rotors,)."""
+        """Return d(angles) / d(wall position) of all rotors [rad/spacing], shape (rotors,)."""
         first, _, slope = self.window(position)
         moving = np.zeros(rotors)
         numbers = np.arange(first, first + len(slope))
@@ -192,18 +192,18 @@ def wall_path(chain: Chain, charge: int, leg: int = 0) -> WallPath:
 
 
 _SETTLING = (60.0, 400.0)
-"""Limits of the time for which a moving wall is simulated so that its phonons leave it [time
-units]."""
+"""Shortest and longest time for which a moving wall is simulated so that its phonons leave it
+[time units]."""
 _ABSORPTION = 0.5
-"""Decay rate of the rotor rates outside a moving wall, which absorbs the phonons [1 / time
-unit]."""
+"""Decay rate of the rotor rates outside a moving wall [1 / time unit]. This damping absorbs the
+phonons that leave the wall."""
 _BROKEN = 0.15
 """A wall counts as destroyed if its misfit, divided by the angle by which a passing wall turns a
 rotor, is above this [1]."""
 _STEP = 0.5
 """Interval between position measurements of a wall that is losing its phonons [time units]."""
 _SLOWER = 0.8
-"""After a wall was destroyed, the next one starts with the same speed times this [1]."""
+"""After a wall was destroyed, the next one starts with its initial speed times this [1]."""
 _TRIES = 25
 """Largest number of initial speeds that are tried [1]; the last one is 1 / 200 of the first."""
 

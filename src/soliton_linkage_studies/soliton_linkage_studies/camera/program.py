@@ -53,7 +53,7 @@ class FilmStudy:
     def cells(self, row: int) -> list[str]:
         """Render and measure one clip.
 
-        The first rows are the first clips of all films, then follow their second clips.
+        The first rows are the first clips of all films; the second clips of all films follow.
         """
         clip, film = divmod(row, len(self.films))
         name, task = list(self.films.items())[film]

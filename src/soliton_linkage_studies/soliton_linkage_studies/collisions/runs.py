@@ -46,7 +46,7 @@ _CORE = 4.0
 the energy of a wall is in this range."""
 _LUMP = 8.0
 """Energy within this distance of the middle of the ring counts as energy of a captured pair
-[reaches]. It is twice the amplitude with which the walls of the pair oscillate."""
+[reaches]. This distance is twice the amplitude with which the walls of the pair oscillate."""
 _FEWEST = 5
 """With fewer frames than this [1], no speed is estimated. Walls that have escaped have 30 frames
 or more."""
@@ -71,8 +71,8 @@ class Collision:
     shift: float = 0.0
     """Shift of the initial positions of both walls along the ring [rotor spacings]."""
     patience: float = 120.0
-    """The simulation ends if the walls have not met, or not escaped after they met, within this
-    time [reach / c] plus the time that walls of half their speed would need for it."""
+    """Time limit [reach / c] for the walls to meet, and then for them to escape. To each limit the
+    simulation adds the time that walls of half the initial speed would need."""
 
     def __call__(self) -> CollisionRun:
         """Simulate the collision until the walls escape or the time limit is reached."""
@@ -178,7 +178,7 @@ class WallPaths:
         return WallPaths(*(np.append(*pair) for pair in pairs))
 
     def speeds(self) -> Array:
-        """Return the fitted velocities of both walls [rotor spacings/s]; NaN for few frames."""
+        """Return the fitted wall velocities [rotor spacings/s]; NaN for fewer than 5 frames."""
         if len(self.times) < _FEWEST:
             return np.full(2, np.nan)
         both = np.stack([self.kinks, self.anti_kinks], axis=1)

@@ -124,7 +124,7 @@ def _compare(
 
 
 def _cycle(chain: Chain) -> tuple[float, float]:
-    """Return the numbers of wall round trips and of rotor turns in one cycle of rigid bars."""
+    """Return the wall round trips and the rotor turns in one cycle of a chain of rigid bars."""
     start = chain.uniform_state(-1)
     length = UniformOrbit(chain).length
     simulation = RigidSimulation(chain, start, zero_mode(chain, start), period=length / _SAMPLES)

@@ -134,7 +134,10 @@ def write_film(scene: Scene, frame_rate: float, path: Path, kind: FileKind) -> N
 
 
 class _Painter(FFMpegWriter):
-    """FFmpeg writer of rendered pixels, because `grab_frame` would draw all artists again."""
+    """FFmpeg writer for rendered pixels.
+
+    It replaces `grab_frame` of matplotlib, which would draw all artists again.
+    """
 
     def write(self, pixels: memoryview) -> None:
         """Write the RGBA pixels of one frame."""

@@ -68,7 +68,10 @@ class Format:
 
 
 class Scene(ABC):
-    """Figure with a title and a clock. `show` moves the artists to a frame, `paint` renders it."""
+    """Figure with a title and a clock.
+
+    `show` moves the artists to their positions in a frame, and `paint` renders this frame.
+    """
 
     caption: ClassVar[str] = ''
     """Explanation of symbols, lines and colours without a label in the film."""

@@ -136,7 +136,7 @@ class SweepStudy:
             return error
 
     def _cells(self, row: int, trial: Any, sent: Any) -> list[str]:
-        """Return the columns of a row, a failure if `trial` or `sent` is an exception."""
+        """Return the columns of a row; it is a failure if `trial` or `sent` is an exception."""
         values, seed = self.point(row)
         measured, failure = [''] * len(self.measure.columns), ''
         try:
