@@ -81,10 +81,10 @@ def adjust(
     `tolerance` is the prior standard deviation of the log of a length [1]; if it is None, it is
     estimated.
 
-    Near a frame in which a bond is collinear with a rotor, two different configurations close all
-    bonds, and the iteration may have followed the wrong one. Therefore, after convergence, the
-    configurations of all frames are computed again from the readings, and the iteration continues
-    if they fit the readings better.
+    If a bond is nearly collinear with a rotor in a frame, two different configurations close all
+    bonds in this frame, and the iteration may have followed the wrong one. Therefore, after
+    convergence, the configurations of all frames are computed again from the readings, and the
+    iteration continues if they fit the readings better.
     """
     for _ in range(_RESTARTS):
         found = _adjust_once(readings, start, tolerance, relative_deviations)
@@ -187,8 +187,8 @@ def _covariance(bundle: Bundle, basis: Array, tolerances: Tolerances) -> tuple[f
 
 
 _CHANCE = 3.0
-"""Bonds that are closer than this to a limit are reported, and bonds that exceed a limit by less
-than this are corrected [standard deviations]."""
+"""A bond is reported if it is closer than this to a limit, and corrected if it is beyond a limit
+by less than this [standard deviations]."""
 _MARGIN = 1e-3
 """A correction leaves a bond on the permitted side of its limit, at a distance of this times the
 spacing of the bond [1]."""

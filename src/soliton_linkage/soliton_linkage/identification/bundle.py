@@ -148,8 +148,8 @@ class Bundle:
 
         `relative_deviations` are the standard deviations of the readings, divided by the standard
         deviation of a typical reading [1]. `repeat_counts` contains, for each reading, the number
-        of equal readings in its run; all readings of a run together have the weight of one
-        reading.
+        of successive equal readings to which it belongs. Together, these readings have the weight
+        of one reading.
         """
         self._readings = np.ascontiguousarray(readings.T)
         self._seen = np.isfinite(self._readings)

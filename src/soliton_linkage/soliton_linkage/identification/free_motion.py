@@ -108,7 +108,7 @@ class FreeMotion:
         return vibrations + abs(self.friction) / _SLIDING / float(self.inertias.min())
 
     def changed(self, change: Array) -> FreeMotion:
-        """Return the motion after a change of its unknowns, (Q,)."""
+        """Return this motion with `change`, (Q,), added to its unknowns."""
         lengths, springs, masses, forces, angles, rates = (change[part] for part in self.slices)
         damping, friction, gravity = forces.tolist()
         return replace(

@@ -23,15 +23,16 @@ _CANDIDATES = 5
 _KICK_FRAMES = 7
 """Number of successive frames whose residuals are averaged in the search for a kick."""
 _BEFORE_KICK = 0.06
-"""Frames less than this before an estimated kick are not used [s]. Frames less than `ARRIVAL`
-after the kick are not used either."""
+"""Frames from this time before an estimated kick [s] to `ARRIVAL` after it are not used, because
+the time of the kick is uncertain."""
 _SUSPICIOUS = 1.05
 """If springs without a kick fit no better than rigid bars, a kick is accepted only if it reduces
 the residual noise: the noise of the bars must be at least this times the noise of the springs with
 the kick [1]."""
 _KICKED = 5.5
-"""A kick is assumed if it decreases -2 log likelihood by more than chance does on average, plus
-this times the standard deviation of the decrease by chance [1]."""
+"""Two initial states in place of one decrease -2 log likelihood even without a kick. A kick is
+assumed if the decrease is larger than the mean of such a decrease by more than this [standard
+deviations]."""
 _STEP_NOISE = 0.02
 """Before and after a possible kick, the speed is averaged over so many frames that noise changes
 the speed with this standard deviation, relative to the root mean square speed [1]. Sensitivity: in

@@ -188,9 +188,10 @@ def window_matrix(window: FreeWindow, record: Record, every: int) -> Array:
 
 
 def window_gradient(window: FreeWindow, record: Record, states: Array) -> Array:
-    """Return the right side of the normal equations of a window, (Q,), for unit variance.
+    """Return the right side of the normal equations of a window, (Q,), as in `window_matrix`.
 
-    `states` are the angles and rates in the B frames of the window, (B, 2, N).
+    The variance of a reading is 1. `states` are the angles and rates in the B frames of the
+    window, (B, 2, N).
     """
     times = record.times[window.frames]
     weights, pulls, errors = record.weighted(window, None, states)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Estimation of a chain of springs and the forces on its rotors from its free motion.
+"""Estimation of a chain of springs, and of the forces on its rotors, from free motions.
 
 The solution of the equation of motion is fitted to the readings in windows with separate initial
 states (multiple shooting, after Bock). In short windows, the angles are nearly linear in all
@@ -97,17 +97,18 @@ _LONGEST_STEP = 1.0
 """Largest change of the log of a length, stiffness or mass in one step [1]; a longer step is
 shortened."""
 _FAR = 5.0
-"""After a step, the matrices are computed again if the expected decrease of -2 log likelihood,
-divided by the number of unknowns, was larger than this [1]."""
+"""After a step, the matrices are computed again if the decrease of -2 log likelihood that was
+expected in this step, divided by the number of unknowns, is larger than this [1]. The chain has
+then changed too much for the previous matrices."""
 _SLOW = 0.5
-"""After a step, the matrices are computed again if the expected decrease was larger than this
-times the expected decrease of the previous step [1]."""
+"""After a step, the matrices are also computed again if the convergence is slow, that is, if the
+expected decrease is larger than this times the expected decrease in the previous step [1]."""
 _SHARES = 0.2, 0.5, 0.7, 0.99
 """Fractions of the work that are done after each of four stages [1]: search for the initial
 stiffness, merging of windows, estimation of the tolerances, and samples."""
 _DAMPED = 1e-3
-"""A small expected decrease means convergence only if the damping factor is smaller than this
-[1]."""
+"""If the damping factor is not smaller than this [1], a small expected decrease does not count as
+convergence, because the damping may have caused it."""
 
 
 @dataclass(frozen=True)
@@ -233,7 +234,7 @@ class MotionFitter:
         return cost
 
     def sampled(self, found: MotionFit) -> MotionFit:
-        """Return `found`, a result of `fit`, with the covariance increased to that of samples."""
+        """Return `found`, from `fit`, with its covariance enlarged to the scatter of samples."""
         samples = self._samples(self._found)
         covariance = inflated_covariance(found.covariance, samples, found.motion.slices)
         return replace(found, covariance=covariance)

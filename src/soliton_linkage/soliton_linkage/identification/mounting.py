@@ -37,7 +37,7 @@ _FLATTEST = 0.1
 the angles. This value is added to the derivative in quadrature, so that no single frame dominates
 the fit [1]."""
 _BETTER = 0.8
-"""The sign of a reading counts as reversed if the misfit with the opposite sign is less than this
+"""The sign of an encoder counts as reversed if the misfit with the opposite sign is less than this
 times the misfit with the recorded sign [1]."""
 _AS_GOOD = 1.25
 """This limit replaces `_BETTER` if a wall can pass the fitted bond only with the opposite sign

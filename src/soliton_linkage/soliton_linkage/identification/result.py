@@ -21,8 +21,8 @@ STRAINED = 1.1
 """Bonds count as not closed if the noise computed from their misclosures is larger than this times
 the reading noise [1]."""
 _WORSE = 1.25
-"""A bond is reported if its `bond_noise` is larger than this times the median of all bonds [1];
-ratios of 1.1 are usual."""
+"""A bond is reported if its `bond_noise` is larger than this times the median `bond_noise` of all
+bonds [1]; ratios of 1.1 are usual."""
 
 
 @dataclass(frozen=True)

@@ -155,9 +155,9 @@ def is_resting(angles: Array) -> bool:
 
 
 def is_at_edge(angles: Array, first: bool) -> bool:
-    """Return whether a soliton is at the first or else the last edge in a frame of readings, (N,).
+    """Return whether readings of a frame, (N,), show a soliton at the first (or the last) edge.
 
-    Only then, a hand can turn the rotor at this edge, towards which all rotors lean.
+    A hand can turn an edge rotor only if the soliton is there. All rotors then lean to this edge.
     """
     leans = np.sin(np.deg2rad(angles) if in_degrees(angles) else angles)
     against = int((leans > 0).sum() if first else (leans < 0).sum())

@@ -21,8 +21,8 @@ _INITIAL_FRAMES = 25
 _RATE_FRAMES = 8
 """Number of frames from which the initial rates of a window are estimated."""
 _FEWEST_FRAMES = 30
-"""Frames between two impulses are used only if there are at least this many; in this time, a wall
-passes some rotors."""
+"""Frames between two impulses are used only if there are at least this many, so that a wall passes
+a few rotors during these frames."""
 ARRIVAL = 0.05
 """Largest delay between the command of an impulse and its effect [s]."""
 _MERGED = 4
@@ -165,9 +165,9 @@ def force_deviations(inertia: float) -> Array:
 def estimated_deviation(squares: float, count: int) -> float:
     """Return the estimated standard deviation of log masses and log stiffnesses [1].
 
-    The result is sqrt(`squares` / `count`), limited to a plausible range. `squares` is the sum of
-    the squared differences of the logarithms from their means, and `count` is the number of
-    degrees of freedom.
+    The result is sqrt(`squares` / `count`), limited to a plausible range. `squares` is the
+    expected sum of the squared differences of the logarithms from their prior means, and `count`
+    is the number of degrees of freedom.
     """
     return min(max(math.sqrt(squares / count), _SMALLEST), _LARGEST)
 

@@ -306,7 +306,8 @@ class Chain:
 def staggered(angles: ArrayLike) -> Array:
     """Convert angles phi to staggered angles theta, or theta to phi [rad], shape (..., N).
 
-    Both conversions replace the angle of an odd rotor by pi minus the angle, and keep the others.
+    Both conversions replace the angle of an odd rotor by pi minus this angle, and do not change
+    the angles of even rotors.
     """
     converted = np.array(angles, dtype=np.float64)
     converted[..., 1::2] = np.pi - converted[..., 1::2]

@@ -114,7 +114,7 @@ def _spread(of: str) -> Any:
 @document_fields
 @dataclass(frozen=True)
 class Disorder(CheckedQuantities):
-    """Standard deviations of random relative deviations, one for each quantity, and their seed.
+    """Standard deviations of random deviations, one per quantity, and seed of the random numbers.
 
     Raises ValueError for values out of range.
     """

@@ -30,8 +30,8 @@ _INTERVALS = 64
 """Number of intervals in the fit [1]. Sensitivity: at 0.5x, the error doubles; at 2x, a fit takes
 4 times as long."""
 _FIRST_INTERVAL = 1 / 16
-"""Duration of the first intervals [s]; it is short, because the drift is known only after two
-intervals."""
+"""Duration of the first intervals [s]. It is short, so that the drift, which is known only after
+two intervals, is known soon."""
 _LONGEST_INTERVAL = 2.0
 """Longest duration of later intervals [s]. Sensitivity: at 0.5x, the line follows the changing
 drift of a warming clock faster."""

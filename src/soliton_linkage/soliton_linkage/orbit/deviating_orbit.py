@@ -76,7 +76,7 @@ class DeviatingOrbit(Orbit):
 
     @property
     def wall_extent(self) -> float:
-        """Length of the longest part of the orbit in which one rotor moves [rad]; see `Orbit`."""
+        """Largest arc length over which a single rotor moves [rad]; see `Orbit`."""
         return self._uniform.wall_extent * self.site_arc / self._uniform.site_arc
 
     def site(self, arc: float) -> float:

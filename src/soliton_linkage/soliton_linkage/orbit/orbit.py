@@ -87,9 +87,9 @@ class Orbit(ABC):
     @property
     @abstractmethod
     def wall_extent(self) -> float:
-        """Length of the longest part of the orbit in which one rotor moves [rad].
+        """Largest arc length over which a single rotor moves [rad].
 
-        The rotor moves while a wall passes it or is reflected at it.
+        A rotor moves while the wall passes it or is reflected at it.
         """
 
     def leg_arcs(self, leg: int) -> tuple[float, float]:

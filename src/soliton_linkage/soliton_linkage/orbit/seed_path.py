@@ -46,7 +46,7 @@ _CLEAR_LEAD = 1e-9
 errors. `_Seed.lead` defines the lead."""
 _NEGLIGIBLE_LEAD = -4.0
 """The search for the rotor with the largest lead ends at a rotor with a lead below this [1],
-because rotors farther out do not move e^4 times as much as that rotor."""
+because no rotor farther out moves more than e^4 times as much as this rotor."""
 _MOST_PIECES_A_ROTOR = 20
 """Largest number of pieces per rotor before a path counts as not closed [1]. The closed paths of
 flippers have 4 pieces per rotor, those in spinners 2."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Orbit of a chain of any length without deviations, composed from the orbit of a short chain.
 
-While the wall passes the two middle rotors of the short chain, its motion is one period. A longer
-chain repeats this period, shifted by two rotors each time. The orbit of the short chain is
+The motion of the wall past the two middle rotors of the short chain is called a period. In a
+longer chain, this period repeats, shifted by two rotors each time. The orbit of the short chain is
 integrated from the middle of one leg, through the reflection at the last rotor, to the middle of
 the next leg. The rest of the orbit, with the reflection at the first rotor, is the mirror image of
 this part. `static_wall` defines the site coordinate.
@@ -30,11 +30,11 @@ from soliton_linkage.orbit.orbit import Orbit, OrbitSegment, PiecewiseCubic
 from soliton_linkage.solitons.static_wall import follow_zero_mode, site_arc, static_wall
 
 _DEPTHS_BESIDE = 15
-"""Distance from a wall in the middle of the short chain to its edges [penetration depths]. With
-this distance, the errors of the angles are 1e-6 rad."""
+"""Distance from the middle of the short chain to its edges [penetration depths]. With a wall in
+the middle, the edges then cause errors of the angles of 1e-6 rad."""
 _ROTORS_BESIDE = 6
-"""Number of rotors that are added to this distance [1], because the penetration depth can be close
-to 0."""
+"""Number of rotors that are added to this distance, on each side [1], because the penetration
+depth can be close to 0."""
 _TOLERANCE = 1e-9
 """Allowed error of a solver step, as a norm over all rotors [rad]. The errors of the orbit are
 then below 1e-6 rad."""
@@ -95,7 +95,7 @@ class UniformOrbit(Orbit):
 
     @property
     def wall_extent(self) -> float:
-        """Length of the longest part of the orbit in which one rotor moves [rad]; see `Orbit`."""
+        """Largest arc length over which a single rotor moves [rad]; see `Orbit`."""
         swing = self._starts[1] - (self.chain.number_of_rotors - 1) * self.site_arc
         return self._short.number_of_rotors * self.site_arc + swing
 

@@ -59,9 +59,9 @@ def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
 def resting_anti_kink(chain: Chain, near: float) -> tuple[float, Array]:
     """Return the site [rotor spacings] and angles [rad], (N,), of an anti-kink in equilibrium.
 
-    The search for the equilibrium starts at the site `near`. The edge rotors keep their angles in
-    the uniform states. A flipper has two equilibria per rotor spacing. The result is the one with
-    the smaller energy.
+    The search for the equilibrium starts at the site `near`. The edge rotors are held at the
+    angles that they have in the uniform states. A flipper has two equilibria per rotor spacing.
+    The result is the one with the smaller energy.
     """
     starts = (near,) if chain.motion is Motion.SPINNER else (near, near + 0.5)
     found = [_minimum(chain, continuum_anti_kink(chain, start)) for start in starts]
@@ -73,7 +73,7 @@ def resting_anti_kink(chain: Chain, near: float) -> tuple[float, Array]:
 def continuum_anti_kink(chain: Chain, site: float) -> Array:
     """Return the angles of an anti-kink of the continuum theory [rad], shape (N,).
 
-    The edge rotors have their angles in the uniform states.
+    The edge rotors have the same angles as in the uniform states.
     """
     rotors, rest = np.arange(chain.number_of_rotors), chain.rest_angle
     field = np.tanh((rotors - site) * chain.spacing / chain.wall_width)

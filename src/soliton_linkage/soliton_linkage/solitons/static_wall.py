@@ -49,7 +49,7 @@ def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False)
     The site coordinate [rotor spacings] is n if the wall is at rotor n, and n + 1/2 if it is in
     the middle between rotors n and n + 1. In an infinite chain, the site coordinate is
     proportional to the arc length of the zero-energy orbit. A finite chain has the same angles as
-    an infinite one, except for edge rotors that are at the other one of their two rest angles.
+    an infinite one, except that an edge rotor may be at the other one of its two rest angles.
 
     In flippers with d <= 1, no edge rotor is at its other rest angle in `leg` 0 of the `Orbit`,
     the last one in leg 1, both in leg 2, and the first one in leg 3. In wobbling flippers, it is

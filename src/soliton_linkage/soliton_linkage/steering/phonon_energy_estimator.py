@@ -47,8 +47,8 @@ class PhononEnergyEstimator:
         """Add a frame with its time [s] and its rates [rad/s], (N,).
 
         The wall is at the arc length `arc` [rad]. Frames that are not later than the previous one
-        are ignored. If the time of a frame is earlier than the previous one by more than the
-        averaging time, the estimate restarts.
+        are ignored. If the time of a frame is earlier than the time of the previous frame by more
+        than the averaging time, the estimate restarts.
         """
         if time < self._time - self._memory:
             self._rates.clear()

@@ -29,8 +29,8 @@ _SAMPLES_PER_SITE = 4
 """Number of positions per rotor spacing at which a path is checked [1]; t_n^2 varies smoothly
 between them."""
 _MIN_COUPLING = 1e-12
-"""Actuators have no effect if their coupling q is smaller than this [1], because the orbit
-replaces values |t_n| < 1e-6 by 0."""
+"""Actuators count as having no effect if their coupling q is smaller than this [1]. A smaller q is
+0 in any case, because the orbit replaces values |t_n| < 1e-6 by 0."""
 
 
 @dataclass(frozen=True)

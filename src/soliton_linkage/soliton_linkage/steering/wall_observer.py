@@ -2,8 +2,8 @@
 """Observer of a wall on which known torques act: an `OrbitFilter` that estimates a disturbance d.
 
 The model is s'' = u + d for the arc length s. u is the acceleration by the known torques, and d
-the acceleration by all other forces. Therefore a constant force causes no steady error. The
-bandwidth determines the poles of the Kalman filter.
+the acceleration by all other forces. Because d is estimated, a constant unknown force causes no
+steady error. The bandwidth determines the poles of the Kalman filter.
 """
 
 from __future__ import annotations

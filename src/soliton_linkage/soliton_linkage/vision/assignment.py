@@ -25,8 +25,8 @@ _HIDDEN_COST = 14.0
 """Cost of the state "hidden" [1]. It is between the costs of dots with errors of 3 and of 4
 standard deviations."""
 _MAX_ANGLE_COST = 30.0
-"""Limit of the cost of a difference from the predicted angle [1], because the prediction is wrong
-after a kick."""
+"""Largest cost of a difference from the predicted angle [1]. Without a limit, no dot could be
+assigned after a kick, when the prediction is wrong."""
 _MAX_BOND_COST = 12.0
 """Limit of the cost of an unexpected bond length [1]. Without it, a wrong dot of one rotor would
 make the next rotor hidden."""

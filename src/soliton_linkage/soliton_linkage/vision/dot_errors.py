@@ -204,7 +204,8 @@ class DeadZone:
 def _difference_weights(times: Array) -> Array:
     """Return the weights, (T,), of the values at T times in their divided difference.
 
-    The sum of the squared weights is 1.
+    The sum of the squared weights is 1, so that the divided difference has the variance of a
+    value.
     """
     apart = times[:, None] - times
     np.fill_diagonal(apart, times[-1] - times[0])

@@ -40,7 +40,7 @@ class PlacingErrors:
         self._parameters = np.linalg.lstsq(fields, moved, rcond=None)[0]
 
     def deviations(self, pivots: Array, arms: Array) -> Array:
-        """Return the standard deviations of the angles per standard deviation of markers [rad/m].
+        """Return angle deviations, divided by the standard deviation of a marker [rad/m].
 
         `arms`, (N, 2), are the vectors [m] from the pivots, (N, 2), to the masses. The result has
         shape (N,).
@@ -68,7 +68,7 @@ FEWEST_DOTS = 6
 """Smallest number of dots that defines a plane and its residual."""
 _MOTION_THRESHOLD = 6.0
 """The camera counts as moved if the mean shift of the dots is larger than this [standard
-deviations] and than `_MIN_MOTION`."""
+deviations] and also larger than `_MIN_MOTION`."""
 _MIN_MOTION = 0.1
 """Smallest shift that counts as a motion of the camera [pixels]; flickering lamps shift dots by
 less."""
@@ -94,8 +94,8 @@ class FrameMarkers:
         self.deviation = 0.0
         """Standard deviation of the position of the plane in the picture [pixels]."""
         self.fit_error = 0.0
-        """Standard deviation of the part of the error of a fitted centre that is the same in all
-        pictures [pixels]."""
+        """Standard deviation of an error of the fitted centres [pixels] that does not change from
+        picture to picture, so that averaging does not reduce it."""
         self.placing: PlacingErrors | None = None
         """Errors of angles due to errors in the positions of the frame markers; None until the
         plane is known."""
@@ -227,7 +227,7 @@ class FrameMarkers:
             self.fit_error = float(np.sqrt(max(error**2 - self._variance / self._pictures, 0.0)))
 
     def _detect(self, grey: Picture) -> dict[int, Array]:
-        """Return the corners [pixels], (4, 2), of each detected marker, by the marker's number."""
+        """Return a dictionary from the numbers of detected markers to corners [pixels], (4, 2)."""
         corners, numbers = self._detector(grey)
         if numbers is None:
             return {}

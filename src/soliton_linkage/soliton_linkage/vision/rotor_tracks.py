@@ -13,8 +13,8 @@ from soliton_linkage.vision.layout import MarkerLayout
 _MEMORY = 3
 """Number of measurements from which rate and acceleration are computed."""
 _MAX_GAP = 0.25
-"""A rate is computed only from measurements of which the first and the last are less than this
-apart [s]."""
+"""A rate is computed only if the time from the first to the last of its measurements is less than
+this [s]."""
 _ACCELERATION = 300.0
 """Typical acceleration of a rotor that starts from rest, for example after a kick [rad/s^2]."""
 _INITIAL_RATE = 10.0
