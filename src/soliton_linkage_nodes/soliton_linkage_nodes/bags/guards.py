@@ -54,7 +54,7 @@ PACKED = '.zstd'
 
 
 def decompress_file(packed: BinaryIO, plain: Path, limits: BagLimits) -> str | None:
-    """Decompress a zstd file up to its first damage or to the size limit.
+    """Decompress a zstd file into the file `plain`, up to its first damage or to the size limit.
 
     Returns a description of the damage or of the exceeded limit, or None.
     """
@@ -114,7 +114,7 @@ def decompressed_blocks(
 
 
 def decompress_prefix(packed: bytes | bytearray | memoryview, codec: str, most: int) -> bytearray:
-    """Decompress data up to the first damage.
+    """Return the data decompressed by `codec`, up to the first damage.
 
     At most `most` + 1 bytes are returned, so that the caller can detect larger contents.
     """

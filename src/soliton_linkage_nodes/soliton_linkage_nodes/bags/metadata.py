@@ -186,7 +186,7 @@ def time_in_gaps(gaps: Sequence[tuple[int, int]], start: int, end: int) -> int:
 
 
 def _pieces(information: Mapping[str, Any], margin: str) -> Iterator[str]:
-    """Yield the parts of a YAML text with the metadata.
+    """Yield the parts of a YAML text with the metadata, whose lines begin with `margin`.
 
     The entries of topics are not written by the YAML library, which is slow for many topics.
     """

@@ -237,9 +237,9 @@ def _compare(report: BagReport, information: Mapping[str, Any] | None) -> None:
 
 
 def _deleted_older(report: BagReport, information: Mapping[str, Any]) -> bool:
-    """Return whether files were deleted during recording, to limit the size of the bag.
+    """Return whether the recorder has deleted old files of the bag, to limit its size.
 
-    In this case, metadata.yaml still counts their messages.
+    In this case, the total in metadata.yaml still includes the messages of the deleted files.
     """
     entries = information.get('files')
     described = [each for each in entries if isinstance(each, dict)] if entries else []

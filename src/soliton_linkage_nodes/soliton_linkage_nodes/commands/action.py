@@ -84,9 +84,7 @@ def _send_goal(visitor: Visitor, options: argparse.Namespace) -> int:
 
 
 def _note_interrupt() -> threading.Event:
-    """Return an event that the next Ctrl-C sets.
-
-    The Ctrl-C after this first one raises KeyboardInterrupt.
+    """Return an event that the first Ctrl-C sets; the second one raises KeyboardInterrupt.
 
     The first Ctrl-C must not raise KeyboardInterrupt, because inside the executor of rclpy it
     could block all later callbacks of the node.

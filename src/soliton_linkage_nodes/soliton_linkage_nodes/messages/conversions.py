@@ -234,7 +234,10 @@ def torques_from_msg(rotors: Mapping[str, int], message: JointState, largest: fl
 
 
 def check_names(source: str, names: Sequence[str]) -> None:
-    """Raise ValueError if a name occurs twice; `source` is the name of the list in the error."""
+    """Raise ValueError if a name occurs twice.
+
+    The error calls the list `source`.
+    """
     if len(set(names)) != len(names):
         twice = next(name for name in names if list(names).count(name) > 1)
         raise ValueError(f'{source} has {twice!r} twice; name each joint once')

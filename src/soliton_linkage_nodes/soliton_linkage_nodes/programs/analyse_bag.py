@@ -147,7 +147,7 @@ def named_bags(paths: Sequence[Path]) -> tuple[tuple[str, Path], ...]:
 
 
 def analyse_many(study: BagBatch, workers: int, scheduler: str | None = None) -> int:
-    """Analyse the bags that are not in the table yet, and return the number of failed bags."""
+    """Analyse the bags that are not in the table yet; return the number of bags that failed."""
     with Table(study, study.folder) as table:
         while missing := table.missing:
             ready = cluster(scheduler) if scheduler else local_processes(workers)
@@ -223,7 +223,8 @@ def analyse(
 ) -> int:
     """Analyse a bag, write its tables and pictures, and return the number of frames.
 
-    The tables contain the states and the events.
+    The tables contain the states and the events. `noise` is the standard deviation of the angles
+    [rad], None if it is unknown.
 
     With `html`, view.html is also written. With `log_time`, the receive times replace the stamps.
     Raises ValueError if no frame can be analysed, or if a joint of the chain `given` has no angle

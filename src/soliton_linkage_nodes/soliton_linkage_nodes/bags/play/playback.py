@@ -121,7 +121,7 @@ class PlaybackThread:
         longest_gap: float = 0.0,
         limits: BagLimits = DEFAULT_LIMITS,
     ) -> None:
-        """Prepare the playback.
+        """Prepare the playback, which is repeated without end if `loop` is set.
 
         A time without messages is skipped if it is longer than `longest_gap` [s] and `longest_gap`
         is not 0.

@@ -59,7 +59,7 @@ class Lockstep:
         )
 
     def wait_for_the_analyser(self, limit: float, stopping: threading.Event) -> None:
-        """Wait until `soliton_state` has a publisher.
+        """Wait until `soliton_state` has a publisher or `stopping` is set.
 
         Raises ValueError if no publisher has appeared after `limit` [s].
         """
@@ -77,7 +77,7 @@ class Lockstep:
         """Wait until a message may be published.
 
         A frame must wait while `window` frames are unanswered. A message of another topic must
-        wait until all frames are answered.
+        wait until all frames are answered. When `stopped()` is true, the wait ends.
         """
         if topic != self.frames:
             self.settle(stopped)

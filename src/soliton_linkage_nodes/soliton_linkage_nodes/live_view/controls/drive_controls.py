@@ -76,7 +76,11 @@ def button(
     primary: bool = False,
     long: bool = False,
 ) -> ui.button:
-    """Add a button that carries out an action by `attempt`; each tab has one `primary` button."""
+    """Add a button that carries out an action by `attempt`.
+
+    `marker` is its HTML id. The `primary` button of a tab is filled. A `long` action may take more
+    than 2 s.
+    """
 
     async def press() -> None:
         await attempt(text, action, long)
