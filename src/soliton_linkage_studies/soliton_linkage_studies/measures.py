@@ -33,8 +33,8 @@ _FRAMES_A_SWING = 40.0
 """Number of frames in the time in which an edge rotor turns by the smaller of 1 rad and a / r
 [1]."""
 _DEPARTED = 1.5
-"""The wall of a spinner counts as departed from an edge if its distance from it exceeds this
-[rotor spacings]."""
+"""A wall of a spinner counts as departed from an edge after it has moved by more than this [rotor
+spacings]."""
 
 
 @dataclass(frozen=True)

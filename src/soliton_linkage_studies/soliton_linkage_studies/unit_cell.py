@@ -13,10 +13,10 @@ delta = (theta_2 - theta_1) / 2, the condition becomes
 
 Two symmetries map solutions to solutions: s -> -s, (theta_1, theta_2) -> (-theta_2, -theta_1), and
 delta -> pi - delta, (theta_1, theta_2) -> (theta_2 - pi, theta_1 + pi). If the lean ratio d is
-above its critical value d_c, no solution has s = 0. This is the case if r sin(theta_bar)^2 > a or,
-with the rest length lbar of the bar, if lbar < 2 r - a; the two conditions are equivalent. The
-solutions with s > 0 and s < 0 are then two separate components, and the cell is a spinner (paper,
-'Phase diagram', fig. 4). Deviations of single rotors and springs are ignored.
+above its critical value d_c, no solution has s = 0. The condition d > d_c is equivalent to r
+sin(theta_bar)^2 > a, and to lbar < 2 r - a for the rest length lbar of the bar. The solutions with
+s > 0 and s < 0 are then two separate components, and the cell is a spinner (paper, 'Phase
+diagram', fig. 4). Deviations of single rotors and springs are ignored.
 """
 
 from __future__ import annotations

@@ -97,7 +97,10 @@ def read_parts(
 
 
 def _measure(parts: Sequence[AccuracyPart], folder: Path, workers: int) -> None:
-    """Measure all parts in random order, for a realistic estimate of the remaining time."""
+    """Run the tasks of all parts.
+
+    Their order is random, so that the estimate of the remaining time is realistic.
+    """
     tasks = [task for part in parts for task in part.tasks()]
     order = np.random.default_rng(0).permutation(len(tasks)).tolist()
     done = run_parallel('accuracy', {number: tasks[number] for number in order}, workers)

@@ -33,20 +33,20 @@ from soliton_linkage_studies.settings import Section
 from soliton_linkage_studies.sweep.table import fingerprint
 
 _LOST_WIDTHS = 2.0
-"""Threshold of the position error of a lost wall [wall widths]. A wall counts as lost if its error
-exceeds all three of this threshold, `_LOST` and `_LOST_DEVIATIONS`."""
+"""A true wall counts as lost if no reported wall is nearer than the largest of three distances:
+this one [wall widths], `_LOST` and `_LOST_DEVIATIONS`."""
 _LOST = 1.0
-"""Threshold of the position error of a lost wall [rotor spacings]."""
+"""See `_LOST_WIDTHS` [rotor spacings]."""
 _LOST_DEVIATIONS = 6.0
-"""Threshold of the position error of a lost wall [stated standard deviations]."""
+"""See `_LOST_WIDTHS` [stated standard deviations of the reported position]."""
 _LARGEST_DEVIATION = 0.25
-"""Threshold of the stated standard deviation of a position [chain lengths]; a wall with a larger
-one counts as false."""
+"""A reported wall counts as false if the stated standard deviation of its position is above this
+[chain lengths]."""
 _FALSE_MISFIT = 0.5
-"""Threshold [rad]: a reported wall counts as false if the root mean square misfit of the rotors
-near it is larger."""
+"""In a scene without walls, a reported wall counts as false if the root mean square misfit of the
+rotors near it is above this [rad]."""
 _CORE = 2.5
-"""Largest distance of rotors that count as near a wall [rotor spacings]."""
+"""Rotors within this distance of a wall count as near it [rotor spacings]."""
 _SCENES = 8
 """Largest number of scenes that are simulated per cell [1]. Each record consists of successive
 frames of one scene, from a random frame on."""

@@ -49,8 +49,8 @@ _CONSISTENT = (0.95, 1.05)
 """Range of the root mean square normalised error in which stated deviations count as consistent
 [1]."""
 _SIGNIFICANT = 3.0
-"""Smallest significant difference [standard errors]; by chance, 1 of 400 equal pairs differs
-more."""
+"""A difference counts as significant if it is above this [standard errors]. Without a true
+difference, this happens in 1 of 400 comparisons."""
 _SINGLE_RECORD = 0.3
 """Assumed relative standard error of a root mean square from a single record [1]."""
 _LARGER = 1.1

@@ -143,7 +143,7 @@ class WallPath:
         return math.sqrt(float(residual @ residual) / max(len(residual), 1))
 
     def _near(self, angles: Array, position: float, within: float) -> tuple[Array, Array]:
-        """Return the differences of `angles` from a static wall, and the derivatives of this wall.
+        """Return `angles` minus those of a static wall, and the derivatives of the latter.
 
         Both contain only the rotors that are nearer to `position` than `within`.
         """

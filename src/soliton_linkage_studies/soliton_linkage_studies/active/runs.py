@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Theory and simulations of walls in chains with non-reciprocal coupling.
 
-A chain with a wall at the site x has the configuration q(x) in the coordinates of `Chain.signs`,
-with the tangent t = dq/dx. The motors have the non-reciprocity kappa. At the terminal velocity,
-their power equals the power that the linear damping c dissipates:
+A chain with a wall at the site x has the configuration q(x) in the coordinates that `Chain.signs`
+defines, and the tangent t = dq/dx. The motors have the non-reciprocity kappa. At the terminal
+velocity, their power equals the power that the linear damping c dissipates:
 
     kappa x_dot g(x) = c x_dot^2 sum_n t_n^2,    g = sum_n (q_n - q_{n+1}) (t_n + t_{n+1}).
 

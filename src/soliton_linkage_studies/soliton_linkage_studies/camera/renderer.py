@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rendered films of a chain with known angles; pictures have a rolling shutter and an exposure."""
+"""Rendered films of a chain with known angles; rolling shutter and exposure are included."""
 
 from __future__ import annotations
 

@@ -6,11 +6,11 @@ A wall of velocity v that keeps its shape has the angles phi_n(t) = f_p(n a - v 
 
     I v^2 f_p''(x) = torque of the springs (f_(1-p)(x - a), f_p(x), f_(1-p)(x + a)).
 
-On a grid of m points per spacing, this equation describes 2 m shifted chains, coupled by the
-derivatives. The solver minimises the residual of this equation, with a penalty on tails that are
-not at rest. An exact solution does not exist, because a wall of a few rotors radiates a resonant
-phonon at any speed. The contracted wall of the continuum theory would oscillate about the shape
-computed here, and these oscillations would disturb a collision.
+On a grid of m points per spacing, this is a system of equations for 2 m chains, shifted by grid
+steps, which the derivatives couple. The solver minimises the residual of this equation, with a
+penalty on tails that are not at rest. An exact solution does not exist, because a wall of a few
+rotors radiates a resonant phonon at any speed. The contracted wall of the continuum theory would
+oscillate about the shape computed here, and these oscillations would disturb a collision.
 """
 
 from __future__ import annotations

@@ -99,7 +99,7 @@ class Results:
 
     @staticmethod
     def of(done: Mapping[tuple[Any, ...], Any]) -> Results:
-        """Group the results of `DrivingStudy.tasks` by their keys."""
+        """Sort the results in `done`, which has the keys of `DrivingStudy.tasks`, into fields."""
 
         def part(name: str) -> dict[Any, Any]:
             return {key[1:]: result for key, result in done.items() if key[0] == name}
