@@ -84,8 +84,8 @@ class BagPlayer(ManagedNode):
     waits for subscribers of the topics in `wait_for`. In lockstep, it waits until the analyser has
     answered earlier frames. Recorded analyser states are not published in lockstep. Without
     lockstep, they are not published while an analyser runs, unless `topics` names them. Times in
-    which the recorder was paused are skipped. At the end of the bag the node ends, unless it is
-    paused or `stay` is set.
+    which the recorder was paused are skipped. At the end of the bag the node ends, unless the
+    playback is paused or `stay` is set.
 
     Publishes the topics of the bag, `/diagnostics` and, with `publish_clock`, `/clock`. Serves
     `~/pause`, `~/resume`, `~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/burst`, `~/seek`,

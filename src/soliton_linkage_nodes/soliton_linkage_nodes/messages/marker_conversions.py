@@ -99,7 +99,7 @@ def text_to_msg(
 
 
 def pose_to_msg(header: Header, position: float, deviation: float) -> PoseWithCovarianceStamped:
-    """Return a pose on the axis of the chain: its position [m] and standard deviation [m]."""
+    """Return a pose at a position [m] on the axis of the chain, with a standard deviation [m]."""
     pose = _upright()
     pose.position.x = position
     covariance = np.zeros((6, 6))

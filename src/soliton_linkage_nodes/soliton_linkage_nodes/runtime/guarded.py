@@ -52,7 +52,8 @@ class GuardedNode(Node):
     def dispatch(self, subscription: Subscription, dispatched: bool) -> None:
         """Set whether executors take the messages of a subscription.
 
-        If not, the node must take them itself, which avoids the overhead of an executor.
+        Otherwise, the node must take the messages itself, which avoids the overhead of an
+        executor.
         """
         this = frozenset([subscription])
         self._undispatched = self._undispatched - this if dispatched else self._undispatched | this

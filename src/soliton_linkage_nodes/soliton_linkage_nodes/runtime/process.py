@@ -35,7 +35,8 @@ _SHARE_OF_PERIOD = 0.1
 Sensitivity: at 0.5x, waiting threads wake up twice as often; at 2x, frames are later by another
 0.1 periods."""
 _SHORTEST_INTERVAL = 1e-4
-"""Shortest switch interval of the interpreter [s], because one switch takes a few microseconds."""
+"""Shortest switch interval of the interpreter [s]. It is well above the few microseconds that one
+switch takes."""
 _MIXED = 'Sequence should be of same type'
 """Part of the error of rcl for a list that mixes integers and floats, such as [1, 0.5]."""
 _LONGEST_WAIT = 0.1

@@ -88,8 +88,8 @@ class Valves:
         self._torques = self._feedback = self._sent = np.zeros(rotors)
         self._until = self._feedback_until = 0.0
         self._acting: deque[tuple[float, float, Array]] = deque(maxlen=_MOST_COMMANDS)
-        """Time of sending [s], time at which the controller would close the valves [s], and
-        torques [N m] of each command."""
+        """For each command that was sent: the time of sending [s], the time at which the
+        controller would close the valves [s], and the torques of `hold` [N m]."""
 
     def hold(self, torques: Array, now: float) -> None:
         """Set the torques [N m], shape (N,), from the time `now` [s] on.

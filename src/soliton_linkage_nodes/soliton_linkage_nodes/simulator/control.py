@@ -285,7 +285,8 @@ class SimulationControl:
 def _try(simulation: Simulation, limit: float) -> None:
     """Compute the first frame after a reset for at most `limit` [s] of processor time.
 
-    Raises ValueError if the computation fails or would take too long.
+    Raises ValueError if the computation fails or would take too long, which is more than a
+    thousand times `limit`.
     """
     deadline = time.thread_time() + limit
     try:

@@ -308,7 +308,7 @@ class SolitonSteering(ManagedNode):
     def _start_move(self, request: MoveSoliton.Goal) -> MoveResult | None:
         """Start the move that a client requests.
 
-        Returns None, or the result with the reason if the move is rejected.
+        Returns None or, if the move is rejected, a result that contains the reason.
         """
         unreachable, unseen = Outcome.OUT_OF_REACH, Outcome.NO_SOLITON
         if not self.active:

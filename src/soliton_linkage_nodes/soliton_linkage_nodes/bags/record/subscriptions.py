@@ -82,8 +82,8 @@ class RecordedSubscription:
         """Return whether to wait for more messages that were sent before the time `until` [ns].
 
         This is the case if the last two received messages were sent in the second before `until`.
-        The topic is then a stream, and a message that was sent after `until` will end the wait
-        soon.
+        The topic is then a stream, in which a message that was sent after `until` soon ends the
+        wait.
         """
         return self._sent < until < self._sent_before + _STREAM_PERIOD
 

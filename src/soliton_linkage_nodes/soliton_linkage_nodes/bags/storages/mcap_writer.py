@@ -19,7 +19,7 @@ from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 
 _LARGEST_CHUNK = 2**20
 """A chunk is written to the file when it exceeds this size [B]. Sensitivity: in a larger chunk, a
-damaged byte causes the loss of more messages; smaller chunks need more additional space."""
+damaged byte causes the loss of more messages; with smaller chunks, the file is larger."""
 
 
 class McapWriter:

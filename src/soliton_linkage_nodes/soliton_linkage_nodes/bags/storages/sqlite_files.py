@@ -307,9 +307,9 @@ class RecoveredSqlite(RecoveredFile):
 def _with_journal(path: Path, folder: Path, excess: int = 0) -> Path:
     """Return a path from which a file can be read together with its journal.
 
-    If the file has a journal or ends with `excess` bytes of an incomplete page, this is the path
-    of a copy in `folder`. The copy contains the changes in the journal and lacks the last `excess`
-    bytes.
+    If the file has a journal or ends with `excess` bytes of an incomplete page, the result is the
+    path of a copy in `folder`, otherwise `path`. The copy contains the changes in the journal and
+    lacks the last `excess` bytes.
     """
     journals = [Path(f'{path}{end}') for end in ('-journal', '-wal')]
     present = [each for each in journals if each.is_file() and each.stat().st_size]

@@ -105,8 +105,8 @@ class RecoveredFile(ABC):
     `topics` maps the topic numbers in the file to topics. `damage` contains a line of text for
     each damaged part. `lost` is the number of messages that cannot be read, and `unverified` the
     number of messages without a checksum. `stated` is the number of messages according to the
-    statistics in the file, or 0. `records` contains opcode and body of the records that a
-    recovered bag must also contain.
+    statistics in the file, 0 without statistics. `records` contains opcode and body of the records
+    that a recovered bag must also contain.
     """
 
     def __init__(
