@@ -181,7 +181,7 @@ class EdgeActuator(ManagedNode):
             raise
 
     def _dispatch_while_busy(self) -> None:
-        """Let the executor receive each frame immediately, unless the chain is idle."""
+        """Have each frame received immediately by the executor, unless the chain is idle."""
         now, chain = time.monotonic(), self.commands.chain
         if chain is not None and chain.driver.busy:
             self._busy_until = now

@@ -64,7 +64,7 @@ class View:
 
     @property
     def versions(self) -> list[int]:
-        """Version numbers of the descriptions, at least one of which changes with each change."""
+        """Version numbers. At least one of them changes whenever `descriptions` changes."""
         return [self.replay.played, *(c.model.version for c in self.chains.values())]
 
     def descriptions(self) -> dict[str, Any]:

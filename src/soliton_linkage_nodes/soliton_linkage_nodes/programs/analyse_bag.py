@@ -83,7 +83,7 @@ class BagBatch:
 
     @property
     def rows(self) -> int:
-        """Number of bags, each of which has one row in the table."""
+        """Number of bags, and of rows in the table."""
         return len(self.bags)
 
     def described(self) -> dict[str, Any]:

@@ -34,7 +34,7 @@ class SimulationStatus:
     """Number of commands that wait for the next frame."""
     paused: bool
     failure: str | None
-    """Error because of which the simulation is paused until a reset, or None."""
+    """Error that has paused the simulation until a reset, or None."""
     energy: float
     """Energy of the current frame [J]."""
     energy_drift: float

@@ -203,7 +203,7 @@ def _suggestions(configuration: Path) -> list[str]:
 def other_scenarios(configuration: Path) -> list[Path]:
     """Return the parameter files in the same folder that describe other experiments.
 
-    Only files whose name is that of their scenario are included.
+    Only files that have the name of their scenario are included.
     """
     return [
         path
