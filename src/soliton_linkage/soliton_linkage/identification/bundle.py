@@ -32,7 +32,8 @@ from soliton_linkage.linkage.springs import spring_between
 _BATCH = 256
 """Number of frames in a batch; the arrays of a batch fit into the cache."""
 _MISSING_VARIANCE = 1e4
-"""Variance that a missing reading is given, relative to the variance of a typical reading [1]."""
+"""A missing reading counts as a reading with this variance, relative to the variance of a typical
+reading [1]."""
 _CLOSINGS = 8
 """Largest number of Newton steps of the angles after a change of the lengths [1]; 2 or 3 are
 usual."""

@@ -99,7 +99,7 @@ def length_warnings(chain: Chain) -> list[str]:
 
 
 def obstacle_warnings(chain: Chain, lengths: Lengths, covariance: Array) -> list[str]:
-    """Return warnings about bonds that may stop walls, or that are close to a limit for this."""
+    """Return warnings about bonds that may stop walls, and about bonds that nearly do so."""
     warnings = [
         f'bond {each.bond} may stop a soliton: its spring of {each.rest_length:.4g} m '
         f'{each.reason}'

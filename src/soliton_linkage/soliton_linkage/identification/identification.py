@@ -41,7 +41,7 @@ _NOT_CLOSED = (
     'the joints, and whether a rotor was held'
 )
 _ADJUSTED = 0.05
-"""Fraction of the work that the fit of the lengths, with which all bonds close, takes [1]."""
+"""Fraction of the work that is done after the fit of the lengths and offsets [1]."""
 _KICK = (
     'a kick that was not recorded acts near {}; the frames near it were not used for masses, '
     'springs and drag'

@@ -28,11 +28,10 @@ from soliton_linkage.identification.windows import FreeWindow
 from soliton_linkage.linkage.chain import Array
 
 _BEFORE = 50
-"""Number of frames before the impulses that are fitted; at 2x, the estimated rates are 3 times as
+"""Number of fitted frames before the impulses; at 2x, the estimated rates are 3 times as
 precise."""
 _AFTER = 25
-"""Number of frames after the impulses that are fitted; they show most of the effect of the
-impulses."""
+"""Number of fitted frames after the impulses; they show most of the effect of the impulses."""
 _MOST = 5
 """Largest number of fits [1], each to the impulses between two free motions; a fit takes a
 second."""

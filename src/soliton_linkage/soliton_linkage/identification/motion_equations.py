@@ -30,8 +30,8 @@ from soliton_linkage.linkage.chain import Array
 _STATE_DEVIATION = 10.0
 """Prior standard deviation of each initial angle [rad] and each initial rate [rad/s]."""
 _SIGNIFICANT_STAMPS = 6.0
-"""The estimated variance of stamp errors is significant if it is at least this large [1], in units
-of the standard deviation of the estimate."""
+"""The estimated variance of stamp errors is significant if it is at least this times its own
+standard deviation [1]."""
 
 
 class Eliminated(NamedTuple):

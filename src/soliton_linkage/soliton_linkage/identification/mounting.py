@@ -26,8 +26,8 @@ from soliton_linkage.linkage.chain import Array
 _LARGEST_MISFIT = 0.04
 """A fitted curve does not match the readings if its misfit is larger than this [rad]."""
 _LEAST_SWING = 0.15
-"""A wall has passed a rotor if the range of sin(phi), relative to the median range of all rotors,
-is larger than this [1]."""
+"""A wall counts as having passed a rotor if the range of sin(phi), relative to the median range of
+all rotors, is larger than this [1]."""
 _QUANTILES = 0.02, 0.98
 """The difference between these two quantiles of sin(phi) is used as the range of sin(phi) [1]."""
 _WEIGHTINGS = 4

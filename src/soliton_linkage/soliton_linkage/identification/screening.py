@@ -118,7 +118,7 @@ def leaning_over(readings: Array) -> NDArray[np.bool_]:
 
 
 LEAST_NOISE = 1e-4
-"""Smallest noise of a reading that fits and searches for outliers assume [rad]."""
+"""The fits, and the searches for outliers, assume at least this noise of a reading [rad]."""
 _OUTLIER = 7.0
 """A reading counts as wrong if it differs from a smooth motion by more than this [standard
 deviations], plus the term that `_OF_RANGE` defines."""

@@ -51,8 +51,9 @@ _UNUSUAL = 8.0
 """For messages without a checksum: an interval is unusual if its difference from a multiple of the
 median interval is larger than this times the median of such differences [1]."""
 _ABOVE_OTHERS = 2.0
-"""For messages with a checksum: an interval is unusual if this difference is larger than this
-number times the largest of the other differences [1]."""
+"""For messages with a checksum: an interval is unusual if its difference from a multiple of the
+median interval is larger than this times the largest such difference of the other intervals
+[1]."""
 _CLOCK_RESOLUTION = 1e-4
 """An interval is unusual only if its difference from a multiple of the median interval is larger
 than this [s], which is 25 ticks of micros() of an Arduino."""

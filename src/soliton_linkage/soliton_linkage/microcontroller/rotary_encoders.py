@@ -138,8 +138,8 @@ class AngleStream:
     def reconnect(self) -> None:
         """Prepare for a controller that may have restarted.
 
-        If the clock has no estimate of its scatter yet, it is reset, because it could not detect a
-        restart.
+        If the clock has not estimated its scatter yet, it is reset, because it cannot detect a
+        restart without this estimate.
         """
         if math.isnan(self.clock.scatter):
             self.reset()

@@ -44,7 +44,7 @@ _BATCH = 2_000_000
 faster."""
 _MOST_NUMBERS = 20_000_000
 """A chain whose orbit needs more computed values than this is rejected [1]. The computation of
-this number takes about a minute."""
+this many values takes about a minute."""
 
 _POINTS = np.cos(math.pi * np.arange(_NODES)[::-1] / (_NODES - 1))
 """Chebyshev points of the second kind from -1 to 1, shape (K,)."""

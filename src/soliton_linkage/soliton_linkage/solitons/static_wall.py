@@ -259,7 +259,7 @@ def _symmetric_wall(chain: Chain, rotor: int, leg: int) -> Array:
     This wall is symmetric: the reflection n -> 2 rotor + 1 - n changes phi to phi + pi in flippers
     and to -phi in spinners. Therefore r sin(phi) of `rotor` is r^2 sin(theta_bar)^2 / a in
     flippers. In spinners, r sin(phi) of `rotor` is (a + lbar) / 2 if the masses of the two rotors
-    have crossed, and (a - lbar) / 2 otherwise. If `rotor` increases by 1, the other case applies.
+    have crossed, and (a - lbar) / 2 otherwise. The two cases alternate from rotor to rotor.
     """
     spinner, crossed = chain.motion is Motion.SPINNER, False
     if spinner:

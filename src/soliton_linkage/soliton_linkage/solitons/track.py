@@ -70,7 +70,7 @@ class MeasuredWall(Protocol):
 
 
 def measured_track(chain: Chain, times: Array, walls: Sequence[Sequence[MeasuredWall]]) -> Track:
-    """Return the trajectory of the first of the `walls` of each frame.
+    """Return the trajectory that consists of the first of the `walls` in each frame.
 
     `times` [s] has the shape (T,).
     """

@@ -28,7 +28,7 @@ from soliton_linkage.vision.plane import ChainPlane
 from soliton_linkage.vision.rotor_tracks import Pivots, RotorTracks
 
 _DOT_DEVIATION = 0.7
-"""Standard deviation of the position of a dot that the assignment of dots to rotors assumes
+"""The assignment of dots to rotors assumes this standard deviation of the position of a dot
 [pixels]."""
 _SEARCHED = 5.0
 """A dot is found if its angle differs from the predicted angle by less than this [standard

@@ -25,14 +25,14 @@ _HIDDEN_COST = 14.0
 """Cost of the state "hidden" [1]. It is between the costs of dots with errors of 3 and of 4
 standard deviations."""
 _MAX_ANGLE_COST = 30.0
-"""Largest cost of a difference from the predicted angle [1]. Without a limit, no dot could be
-assigned after a kick, when the prediction is wrong."""
+"""Largest cost of a difference from the predicted angle [1]. The cost is limited, because the
+prediction is wrong after a kick."""
 _MAX_BOND_COST = 12.0
 """Limit of the cost of an unexpected bond length [1]. Without it, a wrong dot of one rotor would
 make the next rotor hidden."""
 _PIVOT_COST = 8.0
 """Additional cost of a dot at the position of any pivot [1]. Such a dot is probably the dot of
-this pivot; about one in fifty belongs to a mass in front of the pivot."""
+this pivot; about one in fifty is the dot of a mass."""
 _MAX_LENGTH_ERROR = 4.0
 """A dot is a candidate for a rotor if its distance from the pivot differs from the rotor length by
 less than this [standard deviations]."""

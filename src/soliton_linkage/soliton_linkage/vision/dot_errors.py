@@ -62,7 +62,7 @@ class FadingMeanSquare:
         self._count = _faded(self._count) + len(valid)
 
     def add_weighted(self, values: Array, weights: Array) -> None:
-        """Add the values of one picture, (K,), of which each counts `weights` times, (K,)."""
+        """Add the values of one picture, (K,), with the given `weights`, (K,)."""
         squares = np.minimum(values**2, _MAX_VALUE**2 * self.value())
         self._squares = _faded(self._squares) + float(weights @ squares)
         self._count = _faded(self._count) + float(weights.sum())

@@ -24,8 +24,8 @@ DICTIONARY = 'DICT_4X4_50'
 MODULES = 6
 """Number of cells along the side of a frame marker, including the black border."""
 DOT_SHARE = 0.48
-"""Diameter of a dot, relative to the diameter of its label [1]. A wide white ring around the dot
-remains, because the edges of dot and label are blurred."""
+"""Diameter of a dot, relative to the diameter of its label [1]. Because edges in a picture are
+blurred, a wide white ring must remain around the dot."""
 COLOURS = ((0, 0, 0), (200, 30, 40), (0, 120, 60), (30, 60, 190))
 """Red, green and blue [0 to 255] of the dots: the first row is for pivots, the rest for masses."""
 _LABEL_OF_SPACING, _LABEL_OF_ROTOR = 0.45, 0.9
