@@ -60,9 +60,10 @@ class Orbit(ABC):
     number. A leg is the part of the orbit between two reflections of the wall. In even legs the
     wall moves towards the last rotor, in odd legs towards the first. At arc length 0 the wall is
     reflected at the first rotor, and leg 0 begins. In leg 0, no edge rotor of a flipper has
-    toggled, that is, swung from one of its two rest angles to the other. In the right-leaning
-    state, the staggered angles are theta = theta_bar, the rest angle. The angles pi - phi in place
-    of phi describe a chain that is assembled upside down. Whole turns of an angle do not matter.
+    toggled, that is, swung to the other one of its two rest angles, compared with the left-leaning
+    state. In the right-leaning state, the staggered angles are theta = theta_bar, the rest angle.
+    The angles pi - phi in place of phi describe a chain that is assembled upside down. Whole turns
+    of an angle do not matter.
     """
 
     chain: Chain

@@ -183,8 +183,9 @@ def bar_branches(chain: Chain, leg: int, inverted: bool) -> tuple[Array, Array]:
 def toggled_edges(chain: Chain, leg: int) -> tuple[bool, bool]:
     """Return whether the first rotor, and whether the last rotor has toggled, in a flipper.
 
-    A toggled rotor is not at the rest angle that it would have in an infinite chain, but at its
-    other rest angle.
+    Here, a toggled rotor is not at the rest angle that it would have in an infinite chain, but at
+    its other rest angle. For d > 1, this differs for the first rotor from the definition in
+    `Orbit`, which compares with the left-leaning state.
     """
     if chain.motion is Motion.SPINNER:
         return False, False
