@@ -151,15 +151,17 @@ def test_the_misfit_is_averaged_over_60_frames():
 NOISE, SWING, MANY_ROTORS = 0.01, 2.0, 40
 
 
-def beside(wave: float) -> ResidualVariance:
-    """Return the variance of a wall among standing waves [rad] and noise."""
+def beside(wave: float, wrong: float = 0.0) -> ResidualVariance:
+    """Return the variance of a wall among standing waves, noise and wrong readings [rad]."""
     random = np.random.default_rng(5)
     variance = ResidualVariance(SWING, NOISE, DEFAULTS)
     likelihood = FrameLikelihood(SWING, DEFAULTS.likelihood)
     tangent = np.exp(-0.5 * (np.arange(MANY_ROTORS) - MANY_ROTORS / 2) ** 2)
     standing = wave * math.sqrt(2) * np.sin(2.4 * np.arange(MANY_ROTORS))
-    for _ in range(200):
+    for frame in range(200):
         off = standing + NOISE * random.standard_normal(MANY_ROTORS)
+        off[MANY_ROTORS // 2 + 1] += wrong * (frame % 5 == 0)
+        variance.learn_outliers(likelihood.linearise(2.0, 0, tangent, off.copy(), NOISE**2))
         variance.learn(likelihood.linearise(2.0, 0, tangent, off, NOISE**2 + wave**2))
     return variance
 
@@ -178,6 +180,13 @@ def test_waves_disturb_a_wall_in_proportion_to_motion_and_noise():
     # The odds follow the square of weak waves and the fourth power of strong ones.
     assert odds(0.016, 0.3) / odds(0.008, 0.3) > 4
     assert odds(0.2, 0.3) / odds(0.1, 0.3) == pytest.approx(16, rel=0.1)
+
+
+def test_waves_that_look_like_outliers_move_a_wall_but_wrong_readings_do_not():
+    assert beside(0.0).excluded == 0.0
+    assert abs(beside(0.0, 0.5).excluded) < 0.01 * NOISE**2
+    assert beside(0.05).excluded > 0.3 * NOISE**2
+    assert beside(0.05, 0.5).excluded < 2 * beside(0.05).excluded
 
 
 def test_a_wall_at_rest_among_waves_is_never_steady():

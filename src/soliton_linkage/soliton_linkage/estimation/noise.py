@@ -284,12 +284,13 @@ class ResidualVariance:
         """Number of frames since the current wall was acquired."""
         self.at_edge = False
         """Whether the wall is at an edge."""
-        self.excluded = 0.0
-        """Mean square shift of the arc length by outliers, if waves cause them [rad^2]."""
+        self.excluded = self._shift = 0.0
+        """Mean product of the shifts of the arc length by the outliers of successive frames, if
+        waves cause them [rad^2]."""
 
     def start(self, view: LinearisedMeasurement) -> None:
         """Restart with the first frame of a new wall, but keep `way` and `at_edge`."""
-        self.frames, self.excluded = 0, 0.0
+        self.frames, self.excluded, self._shift = 0, 0.0, 0.0
         self.noise = FrameNoise(self._given_noise, self._settings.noise)
         self.noise.update(view)
 
@@ -300,12 +301,15 @@ class ResidualVariance:
 
     def learn_outliers(self, view: LinearisedMeasurement) -> None:
         """Update the shift of the arc length by outliers with a frame that shows one wall."""
-        square = 0.0
+        earlier, self._shift = self._shift, 0.0
         if view.outliers and self.field > self.noise.variance:
             near = slice(view.first, view.first + len(view.tangent))
             ignored = np.nan_to_num((1 - view.weights[near]) * view.residuals[near])
-            square = (1 - self.noise.variance / self.field) * float(view.tangent @ ignored) ** 2
-        self.excluded += (square - self.excluded) / self._settings.noise.recent_frames
+            self._shift = float(view.tangent @ ignored)
+        share = max(1 - self.noise.variance / max(self.field, 1e-30), 0.0)
+        # Waves persist from frame to frame, but wrong readings do not.
+        product = share * self._shift * earlier
+        self.excluded += (product - self.excluded) / self._settings.noise.recent_frames
 
     def of_rotor(self) -> float:
         """Return the variance of the difference between a rotor and the orbit [rad^2]."""

@@ -391,7 +391,7 @@ class OrbitFilter:
         # Persistent residuals and unknown disorder shift the nearest point of the orbit. A wrong
         # stamp also causes an error of the arc length. Add the variances of these errors.
         by_disorder, rate_disorder = self._model.disorder_deviations(arc)
-        field = _FIELD_SHARE**2 * noise.excess + self._variance.excluded
+        field = _FIELD_SHARE**2 * noise.excess + max(self._variance.excluded, 0.0)
         by_springs = self._compliance.unpredicted_change(rate)
         added = field + by_disorder**2 + rate**2 * self.jitter.variance
         added += (by_springs * orbit.site_arc / (2 * math.pi)) ** 2
