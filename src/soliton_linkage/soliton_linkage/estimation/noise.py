@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Estimates of the noise of angles, rates and time stamps, separate from persistent residuals."""
+"""Estimates of the noise of angles (without persistent residuals), of rates and of time stamps."""
 
 from __future__ import annotations
 
@@ -14,20 +14,23 @@ from soliton_linkage.linear.bands import band_edges
 from soliton_linkage.linkage.chain import Array, Chain
 
 DEVIATION_PER_MEDIAN = 1.4826
-"""Ratio of the standard deviation of normal noise to the median of the absolute values [1]."""
+"""Standard deviation of normal noise, divided by the median of its absolute values [1]."""
 FREEDOMS_OF_MEDIAN = 0.368
-"""Efficiency of the median of absolute values as an estimator of a standard deviation [1]."""
+"""Efficiency of the median of absolute values as an estimator of a standard deviation [1]: the
+median of n values is as accurate as the mean square of 0.368 n values."""
 
 _LARGEST_CHANGE = 12.0
-"""Upper limit of the product of two second differences, relative to the expected product [1]."""
+"""`StampJitter` limits a product of two second differences to this multiple of the expected
+product [1]."""
 _EDGE_RATIO = 4.0
-"""Variance of the deformation of a wall at an edge, relative to a wall inside the chain [1]."""
+"""Variance of the residuals that the deformation of a wall at an edge causes, divided by this
+variance for a wall inside the chain [1]."""
 LARGEST_EXCESS = 3.0
-"""Largest mean square of the persistent residuals near a wall, relative to recent residuals
+"""`FrameNoise.excess` is limited to this multiple of the mean square of the recent residuals
 [1]."""
 _FIELD_RATIO = 3.0
-"""Largest squared residual near a wall, relative to the mean square [1]; waves cause unequal
-residuals."""
+"""Assumed ratio of the largest squared residual near a wall to the mean of these squares [1]. The
+residuals differ because of waves."""
 
 
 def median(values: Array) -> float:
@@ -41,7 +44,7 @@ def median(values: Array) -> float:
 
 
 def robust_deviation(sizes: Array) -> float:
-    """Return a standard deviation from the median of absolute errors, and reorder the array."""
+    """Return the standard deviation of errors from their sizes; reorder the array `sizes`."""
     return DEVIATION_PER_MEDIAN * median(sizes) if len(sizes) else 0.0
 
 
@@ -49,10 +52,11 @@ def robust_deviation(sizes: Array) -> float:
 def products_in_time(
     oldest: Array, older: Array, latest: Array, tangent: Array, first: int
 ) -> tuple[float, float, float, float]:
-    """Return the sums of p, t^2 p, f and f^2 over the rotors.
+    """Return the sums of p, t^2 p, f and f^2 over the rotors near a wall.
 
-    p = x (4 x' - x'') / 3 and f = t^2 - t^4 for the tangent t of the orbit and the residuals x, x'
-    and x'' of a rotor in the latest, the older and the oldest frame [rad], shape (N,).
+    For a rotor, p = x (4 x' - x'') / 3 and f = t^2 - t^4. x, x' and x'' are its residuals in the
+    latest, the older and the oldest frame [rad], shape (N,). t is its component of the tangent of
+    the orbit; `tangent` begins at the rotor `first`.
     """
     total, wall, weights, squared = 0.0, 0.0, 0.0, 0.0
     for n in range(tangent.size):
@@ -70,9 +74,10 @@ def products_in_time(
 class FrameNoise:
     """Estimator of the noise of the angles and of persistent residuals.
 
-    Noise is independent from frame to frame, and persistent residuals are not. Let c_1 and c_2 be
-    the mean products of the residuals of a rotor one and two frames apart. The mean square of the
-    persistent residuals is (4 c_1 - c_2) / 3. In all sums, older frames have less weight.
+    Noise is independent from frame to frame, and persistent residuals are not. Let c_k be the mean
+    product of two residuals of the same rotor that are k frames apart. The mean square of the
+    persistent residuals is c_0 without noise, and is extrapolated as (4 c_1 - c_2) / 3. In all
+    means, older frames have less weight.
     """
 
     def __init__(self, given: float | None, settings: NoiseSettings = DEFAULTS.noise) -> None:
@@ -118,7 +123,7 @@ class FrameNoise:
         self._estimate()
 
     def discard_persistence(self) -> None:
-        """Discard the persistent residuals, because the corrected encoder offsets have changed."""
+        """Discard the persistent residuals, after a change of the corrected encoder offsets."""
         self._earlier = ()
         self._squares = self.variance * self._freedoms
         self._products = self._wall = self._weights = self._squared_weights = 0.0
@@ -152,9 +157,11 @@ class FrameNoise:
         """Lower bound of the variance of the noise [rad^2]; 0 while unknown."""
 
     def _noise_bound(self, square: float, squared_weights: float, largest: float) -> float:
-        """Return Bernstein's bound of a sum of weighted products of noise [rad^2].
+        """Return Bernstein's bound of a weighted sum of the products p of `products_in_time`.
 
-        With the noise variance `square`, a product has the variance 17 / 9 square^2.
+        The bound [rad^2] holds if all residuals are noise with the variance `square` [rad^2], so
+        that p has the variance 17 / 9 square^2. `squared_weights` is the sum of the squared
+        weights, and `largest` the largest weight.
         """
         significance = self._settings.significance
         deviation = significance * math.sqrt(17 / 9 * squared_weights)
@@ -163,7 +170,7 @@ class FrameNoise:
 
 @compiled(const_f8_1d, const_f8_1d, const_f8_1d, f8)
 def median_change(first: Array, second: Array, third: Array, ratio: float) -> float:
-    """Return the median of |r_1 - (1 + q) r_2 + q r_3| over all known rotors, else NaN.
+    """Return the median of |r_1 - (1 + q) r_2 + q r_3| over the rotors with known rates, else NaN.
 
     r_1, r_2 and r_3 are the rates of a rotor in three frames [rad/s], and q is `ratio`.
     """
@@ -179,10 +186,11 @@ def median_change(first: Array, second: Array, third: Array, ratio: float) -> fl
 class RateNoise:
     """Estimator of the noise of rates, from second differences in time.
 
-    For three rates r_1, r_2 and r_3 of a rotor and the ratio q of the two time differences, white
-    noise of variance sigma^2 adds (1 + (1 + q)^2 + q^2) sigma^2 to the variance of r_1 - (1 + q)
-    r_2 + q r_3. A phonon of frequency w adds (w dt)^4 / 2 times its squared amplitude. Therefore
-    only short intervals dt are used.
+    The second difference of three successive rates of a rotor is r_1 - (1 + q) r_2 + q r_3, with
+    the ratio q of the first time difference to the second. White noise of variance sigma^2 adds (1
+    + (1 + q)^2 + q^2) sigma^2 to the variance of the second difference. A phonon of frequency w
+    and two time differences dt add (w dt)^4 / 2 times the squared amplitude of the phonon.
+    Therefore only frames with short time differences are used.
     """
 
     def __init__(self, chain: Chain, settings: NoiseSettings = DEFAULTS.noise) -> None:
@@ -220,10 +228,11 @@ class RateNoise:
 class StampJitter:
     """Estimator of the errors of time stamps, from second differences of measured arc lengths.
 
-    At a rate w, a stamp error e shifts the measured arc length z by w e. Let q and q' be the
-    ratios of successive time differences, and v the variance of the shifts. The second differences
-    z_3 - (1 + q) z_2 + q z_1 and z_4 - (1 + q') z_3 + q' z_2 then have the mean product -v ((1 +
-    q') + (1 + q) q').
+    If the arc length changes at the rate w, a stamp error e shifts the measured arc length z by w
+    e; let v be the variance of the shifts. Of four successive measurements, let q be the second
+    time difference divided by the first, and q' the third divided by the second. The second
+    differences z_3 - (1 + q) z_2 + q z_1 and z_4 - (1 + q') z_3 + q' z_2 then have the mean
+    product -v ((1 + q') + (1 + q) q').
     """
 
     def __init__(self, settings: NoiseSettings = DEFAULTS.noise) -> None:
@@ -260,19 +269,20 @@ class StampJitter:
 
 
 class ResidualVariance:
-    """Variance of the difference between rotor and orbit that noise, waves and springs cause."""
+    """Variance of the residuals of the rotors, which noise, waves and deformed walls cause."""
 
     def __init__(self, swing: float, noise: float | None, settings: EstimationSettings) -> None:
-        """Start with the swing of a rotor while a wall passes [rad].
+        """Start without frames; `swing` is the angle by which a passing wall turns a rotor [rad].
 
         `noise` is the standard deviation of the angles [rad], None if unknown.
         """
         given = settings.likelihood
         self._given_noise, self._settings = noise, settings
         self.elastic = (given.elastic_share * swing) ** 2
-        """Prior variance of a rotor due to the deformation of a wall by its springs [rad^2]."""
+        """Assumed variance of a residual due to the deformation of a wall by its springs
+        [rad^2]."""
         self.largest_field = (given.field_share * swing) ** 2
-        """Upper limit of the part of a rotor's variance that is not due to noise [rad^2]."""
+        """Upper limit of the variance of a residual minus the variance of the noise [rad^2]."""
         self.restart()
 
     def restart(self) -> None:
@@ -285,8 +295,9 @@ class ResidualVariance:
         self.at_edge = False
         """Whether the wall is at an edge."""
         self.excluded = self._shift = 0.0
-        """Mean product of the shifts of the arc length by the outliers of successive frames, if
-        waves cause them [rad^2]."""
+        """The exclusion of outliers causes an error of the arc length. This is the mean product of
+        the errors in two successive frames [rad^2], times the share of the residuals that waves
+        cause."""
 
     def start(self, view: LinearisedMeasurement) -> None:
         """Restart with the first frame of a new wall, but keep `way` and `at_edge`."""
@@ -300,7 +311,7 @@ class ResidualVariance:
         self.frames += 1
 
     def learn_outliers(self, view: LinearisedMeasurement) -> None:
-        """Update the shift of the arc length by outliers with a frame that shows one wall."""
+        """Update `excluded` with the outliers of a frame, which must show exactly one wall."""
         earlier, self._shift = self._shift, 0.0
         if view.outliers and self.field > self.noise.variance:
             near = slice(view.first, view.first + len(view.tangent))
@@ -312,7 +323,7 @@ class ResidualVariance:
         self.excluded += (product - self.excluded) / self._settings.noise.recent_frames
 
     def of_rotor(self) -> float:
-        """Return the variance of the difference between a rotor and the orbit [rad^2]."""
+        """Return the variance of a residual, a rotor's angle minus that of the orbit [rad^2]."""
         noise = self.noise
         field = max(noise.scatter - noise.variance, 0.0) + _FIELD_RATIO * noise.excess
         unknown = math.exp(-self.frames / self._settings.tracking.settled)
@@ -323,8 +334,9 @@ class ResidualVariance:
     def of_arc(self, view: LinearisedMeasurement) -> float:
         """Return the variance of a measured arc length along the orbit [rad^2].
 
-        If rotors are unseen, persistent residuals keep their effect until the wall has moved by a
-        rotor spacing.
+        If rotors are unseen, persistent residuals cause the same error in all frames until the
+        wall has moved by a rotor spacing. Their variance is multiplied by the number of these
+        frames.
         """
         known = max(view.full_information, view.information)
         unseen, outliers = max(1 / known - 1, 0.0), 1 / view.information - 1 / known
@@ -344,8 +356,8 @@ class ResidualVariance:
     def calm(self, rate: float) -> float:
         """Return the weight, 0 to 1, of the assumption that waves do not disturb the wall.
 
-        Waves with the amplitude phi [rad] change the rate, per time unit of the chain, by the
-        share phi / rate.
+        `rate` is the rate of the arc length [rad per time unit of the chain]. In one time unit,
+        waves with the amplitude phi [rad] change it by the fraction phi / rate.
         """
         noise, field = self.noise, self.field
         steady = rate**2 * noise.variance

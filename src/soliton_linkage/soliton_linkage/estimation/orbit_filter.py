@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recursive estimator of the arc length of a chain along its orbit, and of its rate of change.
 
-The orbit Phi(s) gives the angles of all rotors at the arc length s. With the predicted arc length
-s_0 and the tangent t = dPhi/ds there, angles phi with noise of standard deviation sigma give the
-measurement
+The orbit Phi(s) gives the angles of all rotors at the arc length s. Let s_0 be the predicted arc
+length, and t = dPhi/ds the tangent at s_0. Angles phi with noise of the standard deviation sigma
+give the measurement
 
     z = s_0 + t . (phi - Phi(s_0)) / t^2    with the variance sigma^2 / t^2,
 
@@ -41,21 +41,22 @@ from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.orbit.orbit import Orbit
 
 _EDGE_ROTORS = 2.0
-"""Distance from an edge, in addition to the penetration depth, within which a wall counts as at
-the edge [rotor spacings]."""
+"""A wall counts as at an edge if its distance from the edge is below the penetration depth plus
+this [rotor spacings]."""
 _FIELD_SHARE = 0.08
-"""Assumed error of the arc length, relative to the persistent residuals near the wall [1].
-Sensitivity: at 0, errors near waves exceed the stated standard deviations by 2 %."""
+"""Assumed standard deviation of the arc length due to the persistent residuals near the wall,
+divided by the root mean square of these residuals [1]. Sensitivity: at 0, the errors near waves
+exceed the stated standard deviations by 2 %."""
 _LEAST_PROBABILITY = 0.9
-"""Least probability, for an acquisition, that the chain is at one of the candidate positions
+"""The chain is acquired only if the candidate positions together have at least this probability
 [1]."""
 
 
 def largest_deformation(orbit: Orbit) -> float:
-    """Return an upper bound of the deformation of a resting wall by the force terms [rad].
+    """Return an upper bound of the deformation of a resting wall by forces and feedback [rad].
 
-    It is the largest torque on a rotor divided by I w^2, with the inertia I and the frequency w of
-    the slowest phonon, because this phonon is the softest deformation.
+    It is the largest torque on a rotor divided by I w^2, with the moment of inertia I of a rotor
+    and the frequency w of the slowest phonon, because this phonon is the softest deformation.
     """
     chain, angles = orbit.chain, orbit.configuration(orbit.arc_at(orbit.middle, 0))
     torques = feedback_torques(chain, angles, 0 * angles)
@@ -67,17 +68,18 @@ def largest_deformation(orbit: Orbit) -> float:
 class OrbitFilter:
     """Recursive estimator of the arc length of a chain along its orbit and of its rate of change.
 
-    Repeated and late stamps are ignored. The filter restarts after a reset of the clock, or if
-    another position explains several frames much better. A restart keeps the encoder offsets.
+    Frames with repeated or late stamps are ignored. The filter restarts after a reset of the
+    clock. It also restarts if its position does not explain several successive frames, and another
+    position explains the last of them much better. A restart keeps the encoder offsets.
     """
 
     def __init__(
         self, orbit: Orbit, noise: float | None = None, settings: EstimationSettings = DEFAULTS
     ) -> None:
-        """Start with the standard deviation of the angles [rad].
+        """Start without a position; `noise` is the standard deviation of the angles [rad].
 
-        None means that the filter estimates this deviation. Raises ValueError for a noise that is
-        infinite or not above 0.
+        If `noise` is None, the filter estimates it. Raises ValueError if it is infinite or not
+        above 0.
         """
         if noise is not None and not (math.isfinite(noise) and noise > 0):
             raise ValueError(
@@ -89,7 +91,7 @@ class OrbitFilter:
         self.rejected = self.starts = 0
         """Number of rejected frames, and number of successful searches for the chain."""
         self.bandwidth = 0.0
-        """Bandwidth of the estimated disturbance [rad/s]."""
+        """Bandwidth of the estimator of `disturbance` [rad/s]."""
         self._given_noise = noise
         self._settings, self._tracking = settings, settings.tracking
         swing, rotors = rotor_swing(chain), chain.number_of_rotors
@@ -120,7 +122,7 @@ class OrbitFilter:
 
     @property
     def disturbance(self) -> float:
-        """Estimated unmodelled acceleration [rad/s^2]; 0 if not in the settings, NaN if lost."""
+        """Estimated unmodelled acceleration [rad/s^2]; 0 if disabled by settings, NaN if lost."""
         return self._hypotheses.leader.motion.disturbance if self._hypotheses.all else math.nan
 
     def update(
@@ -152,7 +154,7 @@ class OrbitFilter:
         return self.estimate
 
     def apply_impulse(self, impulse: FrameImpulse) -> None:
-        """Apply an impulse that takes effect in the latest frame, with the uncertainty it adds."""
+        """Add an impulse to the rate at the latest frame, and its uncertainty to the variances."""
         for each in self._hypotheses.all:
             rigid, rate = self._rate_change(impulse.impulses, each), each.motion.rate
             change = self._compliance.rate_after_impulse(rate, rigid) - rate
@@ -166,9 +168,10 @@ class OrbitFilter:
         self._budget.restart()
 
     def _rate_change(self, impulses: Array, hypothesis: Hypothesis) -> float:
-        """Return the rate change that impulses or torques J cause in a chain with rigid bars.
+        """Return the change of the rate [rad/s] by impulses J [N m s], for rigid bars.
 
-        The change is t . J / sum(I t^2) with the moment of inertia I of a rotor.
+        It is t . J / sum(I t^2), with the tangent t and the moments of inertia I. If J are torques
+        [N m], the result is an acceleration [rad/s^2].
         """
         about = self.orbit.segment(hypothesis.motion.arc)
         within = slice(about.first, about.first + len(about.tangent))
@@ -301,9 +304,9 @@ class OrbitFilter:
         return variance
 
     def _relocated(self, time: float, seen: Array, fits: bool) -> bool:
-        """Restart at another position or lose the chain, if several frames require this.
+        """Count an unexplained frame; after several ones, restart elsewhere or lose the chain.
 
-        Return whether the filter has done so.
+        Return whether the filter has restarted or lost the chain.
         """
         tracking, view = self._tracking, self._hypotheses.leader.view
         if self._unexplained == 0:
@@ -345,9 +348,10 @@ class OrbitFilter:
     def _acceleration(self, arc: float, rate: float, elapsed: float) -> float:
         """Return the acceleration sum(tau t) / sum(I t^2) along the orbit [rad/s^2].
 
-        tau are all torques except the spring torques, t is the tangent, and I the inertia. A
-        contracted wall has larger rates and larger differences between neighbours, but a potential
-        does the same work per rotor spacing.
+        tau are all torques except the spring torques, t is the tangent, and I are the moments of
+        inertia. A moving wall is contracted: the rates of its rotors, and the differences between
+        neighbouring angles, are larger than in the orbit. A potential, however, does the same work
+        per rotor spacing for any contraction.
         """
         chain, (passive, active) = self.orbit.chain, self._forces
         if not (len(passive.kinds) or len(active.kinds) or chain.feedback.acts):

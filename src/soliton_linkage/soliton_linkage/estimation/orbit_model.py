@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measurement model of a wall on the orbit, with encoder offsets, unseen rotors and compliance."""
+"""Measurement model of the orbit, corrected for encoder offsets, unseen rotors and compliance."""
 
 from __future__ import annotations
 
@@ -31,13 +31,14 @@ from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.orbit.wall_shifts import WallShifts
 
 _CLOSE = 0.01
-"""Step along the orbit [rad] up to which the linearisation is not repeated."""
+"""The search for the likeliest arc length ends when a step is shorter than this [rad]."""
 _LARGE_SCALE = 1.5
-"""Largest scale of a reading that the estimate of encoder offsets includes [1]."""
+"""Angles with a larger scale of the noise than this [1] are not used to estimate encoder
+offsets."""
 
 
 class OrbitMeasurementModel:
-    """Model of the measurement of the arc length along the orbit; it corrects encoder offsets."""
+    """Model that derives the arc length from angles; it estimates and corrects encoder offsets."""
 
     def __init__(
         self,
@@ -75,8 +76,8 @@ class OrbitMeasurementModel:
     ) -> LinearisedMeasurement:
         """Return the measurement of angles [rad], shape (N,), linearised at an arc length [rad].
 
-        `variance` is the variance of the difference between a rotor and the orbit, and `spread`
-        the variance of the arc length [rad^2].
+        `variance` is the variance of a residual, and `spread` the variance of `arc` [rad^2].
+        `rate` is the rate of the arc length [rad/s].
         """
         about = self._orbit.segment(arc)
         before, beyond = self._backgrounds[self._orbit.leg(arc)]
@@ -114,7 +115,11 @@ class OrbitMeasurementModel:
         impulse_variance: float,
         upside_down: bool,
     ) -> LinearisedMeasurement:
-        """Return the measurement of a frame, linearised at the likeliest arc length."""
+        """Return the measurement of a frame, linearised at the posterior mode of the arc length.
+
+        `variance` is the variance of a residual, and `impulse_variance` is added to the variance
+        of the predicted arc length [rad^2].
+        """
         expected, spread = motion.expected, motion.expected_variance + impulse_variance
         views: list[LinearisedMeasurement] = []
 
@@ -151,7 +156,7 @@ class OrbitMeasurementModel:
         noise: FrameNoise,
         upside_down: bool,
     ) -> bool:
-        """Update the encoder offsets; return whether their number of corrections has changed."""
+        """Update the encoder offsets; return whether the number of corrected ones has changed."""
         outlying = view.outlying if view.outliers else None
         residuals = view.residuals
         if self._likelihood.scales is not None:
@@ -167,29 +172,30 @@ class OrbitMeasurementModel:
 
 
 _NEGLIGIBLE = 0.01
-"""Threshold of the variance that unseen rotors cause, relative to the noise [1]; a smaller one is
-neglected."""
+"""No correction is made if the variance that unseen rotors cause, divided by the variance of the
+noise, is not above this [1]."""
 _LEAST_SEEN = 1e-6
-"""Least sum of the squared tangent over seen rotors with which these rotors determine the arc
-length [1]."""
+"""No correction is made if the sum of the squared tangent over the seen rotors is not above this
+[1]."""
 
 
 class UnseenRotorCorrection:
-    """Correction of the arc length for unseen rotors, whose positions the springs determine."""
+    """Correction of the arc length for unseen rotors, whose angles follow from the springs."""
 
     def __init__(self, orbit: Orbit) -> None:
         self._orbit = orbit
         lower, upper = (edge**2 for edge in band_edges(orbit.chain))
         self.remaining = (2 * lower / (lower + upper)) ** 2
-        """Ratio of the variances due to unseen rotors after and before the correction [1]."""
+        """Variance of the arc length that unseen rotors cause after the correction, divided by the
+        variance that they cause before it [1]."""
 
     def shift(
         self, arc: float, rate: float, residuals: Array, field: float, noise: float
     ) -> float:
         """Return the correction of the arc length [rad]; 0 if it would add noise.
 
-        The variance of an angle [rad^2] is `field` due to waves and springs, and `noise` due to
-        noise.
+        `field` is the variance of an angle that waves and springs cause, and `noise` the variance
+        of its noise [rad^2]. `residuals` are NaN for unseen rotors.
         """
         unseen = np.isnan(residuals)
         tangent = self._orbit.tangent(arc)
@@ -205,9 +211,10 @@ class UnseenRotorCorrection:
         return -float(held @ turning + pull[~unseen] @ residuals[~unseen])
 
     def _balanced(self, arc: float, unseen: Flags, tangent: Array) -> tuple[Array, Array]:
-        """Return V and K V for the stiffness matrix K and the tangent t.
+        """Return a vector V and K V, with the stiffness matrix K.
 
-        V is 0 for seen rotors, and K V = t for unseen rotors.
+        The components of V for seen rotors are 0. The components of K V for unseen rotors equal
+        those of the tangent.
         """
         chain = self._orbit.chain
         first, second = rigidity_bands(chain, self._orbit.configuration(arc))
@@ -224,24 +231,27 @@ class UnseenRotorCorrection:
 _SAMPLES = 32
 """Samples of the compliance mu per rotor spacing [1]; the interpolation error is 2 %."""
 _LOWEST_ORDER = 0.2
-"""Threshold of the share 3 mu w^2 of the spring energy [1]. At rates w with a smaller share, the
-lowest order in w^2 is used."""
+"""`rate_ratio` corrects a rate w only if 3 mu w^2 is not above this [1], because it is of the
+lowest order in w^2."""
 _PERIOD = 2
 """Period of the shape of a wall along the chain [rotor spacings]; even and odd rotors differ."""
 _SLOW = 0.25
-"""Largest number of rotors that a slow wall passes per period of the slowest phonon [1]."""
+"""A wall counts as slow if it passes at most this number of rotors per period of the slowest
+phonon [1]."""
 _SECOND_ORDER = 0.5
-"""Square root of a measured relative error [1]: the error of the predicted rate change,
-`rate_ratio` minus 1, of the fastest slow wall."""
+"""Square root of the relative error of the rate change that `rate_ratio` predicts, measured for
+the fastest slow wall [1]."""
 _LONGEST_RESOLVED = 4 / 3
-"""Speed above which the spring forces average out, relative to the fastest slow wall [1]."""
+"""The spring forces on a wall average out above this multiple of the speed of the fastest slow
+wall [1]."""
 
 _RADIATION = 0.2
 """Relative bandwidth of the resonance of a fast wall with the slowest phonon [1]. The radiated
-phonons damp the resonance. The simulated ripple agrees with this value within a factor of 2."""
+phonons damp the resonance. With this value, the computed and the simulated ripple agree within a
+factor of 2."""
 _RIPPLE_SHARE = 0.3
-"""Variance of a bias that replaces a ripple, divided by the variance of the ripple and by its
-period [1/rotor spacing]."""
+"""`ripple_bias` is the product of this factor, the variance of the ripple and the period of the
+ripple [1/rotor spacing]."""
 
 
 class ComplianceCorrection:
@@ -294,7 +304,10 @@ class ComplianceCorrection:
         return 1 + square, 1 + 3 * square
 
     def rate_ratio(self, arc: float, rate: float, before: float) -> float:
-        """Return the factor by which springs change the rate of a wall [1]; 1 for fast walls."""
+        """Return the factor by which springs change the rate of a wall [1]; 1 for fast walls.
+
+        The wall moves from the arc length `before` to `arc` [rad]; its rate is `rate` [rad/s].
+        """
         if abs(rate) > self._fastest:
             return 1.0
         square = 3 * rate * rate
@@ -318,8 +331,8 @@ class ComplianceCorrection:
 
         The compliance depends on the site with a period of p rotor spacings. The rate of a wall
         therefore ripples with the frequency at which the wall passes p rotors. The deformation of
-        the wall follows like an oscillator with the frequency of the slowest phonon. The variance
-        of slow walls is 0, because `rate_ratio` predicts their rate.
+        the wall responds to the ripple like an oscillator with the frequency of the slowest
+        phonon. The result is 0 for slow walls, because `rate_ratio` predicts their rate.
         """
         if abs(rate) <= self._fastest:
             return 0.0
@@ -331,8 +344,9 @@ class ComplianceCorrection:
     def ripple_bias(self, rate: float) -> float:
         """Return the variance of a bias of the site that replaces the ripple [spacings^2].
 
-        The bias of the filters, with its correlation length, disturbs a fit over three periods as
-        much as the ripple does.
+        The bias of the filters is an error of the site that is constant over a correlation length.
+        With the returned variance, it disturbs a fit over three periods of the ripple as much as
+        the ripple does.
         """
         return _RIPPLE_SHARE * self._site_period * self.ripple(rate)
 

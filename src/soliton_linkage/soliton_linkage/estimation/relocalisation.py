@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Relocalisation: search of the whole orbit for the positions that are compatible with one frame.
 
-A scan computes the log likelihood L of the frame at samples of the orbit. The scan assumes several
-times the noise, so that it misses no maximum. Gauss-Newton steps refine each maximum. The weight
-of a maximum, and the weight of all other positions, is the integral of exp(L) over the arc length.
-Near a maximum this integral is exp(L) sqrt(2 pi V / I) with the variance V of a rotor and the
+A scan computes the log likelihood L of the frame at samples of the orbit. The scan assumes a
+standard deviation of the angles well above the noise, so that it misses no maximum. Gauss-Newton
+steps refine each maximum. The weight of a maximum is the integral of exp(L) over the arc length
+near the maximum, and the weight of all other positions is the integral over the rest of the orbit.
+Near a maximum the integral is exp(L) sqrt(2 pi V / I), with the variance V of a residual and the
 information I on the arc length.
 """
 
@@ -39,17 +40,18 @@ from soliton_linkage.linkage.chain import Array, check_shape
 from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
 
 _CLOSE = 1e-5
-"""Length of the last step in the search for a maximum of the likelihood along the orbit [rad]."""
+"""The search for a maximum of the likelihood ends when a step along the orbit is shorter than this
+[rad]."""
 SCAN_DEVIATION, _SCAN_STEP = 0.1, 0.05
-"""Assumed standard deviation of a rotor in a scan, and step of a scan along the orbit. Both are
-relative to the swing of a rotor [1]."""
+"""Standard deviation of the angles that a scan assumes, and step of a scan along the orbit. Both
+are relative to the swing of a rotor [1]."""
 _NEAR = 0.5
-"""Largest distance from a candidate at which a sample belongs to the candidate [rotor
+"""A sample belongs to a candidate if the sites of their walls differ by less than this [rotor
 spacings]."""
 _EXACT = 1e-8
-"""Length of the last step in the search for the nearest point of the orbit [rad]."""
+"""The search for the nearest point of the orbit ends when a step is shorter than this [rad]."""
 _SAME_ARC = 0.01
-"""Distance along the orbit [rad] below which two maxima count as one."""
+"""Two maxima count as one if their arc lengths differ by less than this [rad]."""
 _MOST_PLACES = 12
 """Largest number of maxima that are refined [1]."""
 _STEPS_OF_TABLE = 32
@@ -64,11 +66,12 @@ class Candidate(NamedTuple):
 
     arc: float
     upside_down: bool
-    """Whether the chain is the mirror image phi -> pi - phi of the chain of the orbit."""
+    """Whether the chain is upside down, so that its angles phi are compared with the orbit as pi -
+    phi."""
     view: LinearisedMeasurement
     """Measurement of the frame, linearised at `arc`."""
     variance: float
-    """Variance of a rotor that the measurement `view` assumes [rad^2]."""
+    """Variance of a residual that the measurement `view` assumes [rad^2]."""
     evidence: float
     """Logarithm of the integral of the likelihood over the arc length near the maximum [1]."""
 
@@ -78,7 +81,8 @@ class CandidateSet(NamedTuple):
 
     candidates: list[Candidate]
     elsewhere: float
-    """Logarithm of the integral of the likelihood over the orbit far from all candidates [1]."""
+    """Logarithm of the integral of the likelihood over the part of the orbit that belongs to no
+    candidate [1]."""
 
     @property
     def probability(self) -> float:
@@ -150,7 +154,8 @@ class Relocaliser:
     ) -> CandidateSet:
         """Return the candidates for the position in a frame.
 
-        Angles [rad] have shape (N,); `noise` is their standard deviation [rad] or 0.
+        Angles [rad] have shape (N,); `noise` is their standard deviation [rad], 0 if unknown.
+        `upside_down` lists the orientations of the chain that are searched.
         """
         images = {each: math.pi - angles if each else angles for each in upside_down}
         wide = max(self._coarse, (4.0 * noise) ** 2)
@@ -197,7 +202,8 @@ class Relocaliser:
     ) -> Candidate:
         """Return the maximum near an arc length along the orbit.
 
-        The variance of a rotor in the search steps falls from `wide` to `variance`.
+        The assumed variance of a residual [rad^2] is halved with each step, from `wide` to
+        `variance`. `turned` is stored as `Candidate.upside_down`.
         """
         seen_with = max(wide, variance) / 2
         while seen_with > variance:
@@ -250,7 +256,10 @@ class Relocaliser:
     def _scanned(
         self, image: Array, samples: OrbitSamples, variance: float, between: float = 0.0
     ) -> Array:
-        """Return the log likelihoods of the samples, shape (S,)."""
+        """Return the log likelihoods of the samples, shape (S,).
+
+        `between` [rad^2] is added to the variance near the wall, which may be between two samples.
+        """
         sums, found = self._sums(image, variance), np.empty(len(samples.arcs))
         variance += between
         step = math.sqrt(variance) / _STEPS_OF_TABLE
@@ -288,18 +297,18 @@ class Relocaliser:
 
 
 class ScanBudget:
-    """Limit of the searches per second of recorded time, so that frames do not wait in a queue."""
+    """Limit of the number of searches per second of recorded time, so that frames do not queue."""
 
     def __init__(self, settings: TrackingSettings) -> None:
         self._settings = settings
         self.restart()
 
     def restart(self) -> None:
-        """Allow the largest number of immediate searches."""
+        """Allow the largest number of searches that may follow each other without a pause."""
         self._left, self._last = self._settings.scan_burst, math.nan
 
     def spend(self, time: float) -> bool:
-        """Use one search at a time [s]; return False if the limit does not allow the search."""
+        """Count a search at the given time [s]; return False if the limit does not allow it."""
         if not math.isnan(self._last):
             gained = (time - self._last) * self._settings.scan_rate
             self._left = min(self._left + gained, self._settings.scan_burst)
@@ -318,8 +327,8 @@ class NearestPoint:
     information: information I on the arc length [1]; 1 if all rotors are seen. For a noise sigma
         [rad] the standard deviation of the arc length is sigma / sqrt(I) [rad]. If I is below
         1e-6, `arc` is the start of the search.
-    misfit: root mean square residual of the n rotors near the wall [rad], with n - 1 degrees of
-        freedom; NaN for n < 2.
+    misfit: sqrt(S / (n - 1)) [rad], for the sum S of the squared residuals of the n known rotors
+        near the wall; NaN for n < 2.
     """
 
     arc: float
@@ -331,8 +340,8 @@ def fit_near(orbit: Orbit, angles: Array, arc: float) -> NearestPoint:
     """Return the point of the orbit nearest to a frame; search from an arc length [rad] on.
 
     Angles phi [rad] have shape (N,), NaN if unknown. The search takes Gauss-Newton steps t . (phi
-    - Phi) / (t . t) with the tangent t of the orbit Phi, and may enter another cycle. Raises
-    ValueError for infinite values and for another shape.
+    - Phi) / (t . t) with the tangent t of the orbit Phi. It may end in another cycle of the orbit
+    than it started in. Raises ValueError for infinite values and for another shape.
     """
     if not math.isfinite(arc):
         raise ValueError(

@@ -47,7 +47,7 @@ class NoiseSettings(_Part):
 
 @dataclass(frozen=True)
 class LikelihoodSettings(_Part):
-    """Settings for the density of the difference between a rotor and the orbit."""
+    """Settings for the probability density of the difference between a rotor and the orbit."""
 
     bound: float = quantity(
         2.5, 'number of standard deviations above which a difference has less weight'
@@ -169,7 +169,7 @@ class TrackingSettings(_Part):
 
 @dataclass(frozen=True)
 class MotionSettings(_Part):
-    """Settings for the evidence that a class of motion requires."""
+    """Settings for the evidence that is required before a class of motion is reported."""
 
     least_probability: float = quantity(0.95, 'least probability of a reported class of motion')
     fewest_rotors: float = quantity(

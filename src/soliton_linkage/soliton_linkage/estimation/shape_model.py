@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measurement model of several walls: before the fit of a wall, all others are subtracted."""
+"""Measurement model of several walls: each wall is fitted after the others are subtracted."""
 
 from __future__ import annotations
 
@@ -35,10 +35,11 @@ from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linkage.chain import Array, Motion, staggered
 
 _TAILS = 1.5
-"""Largest distance between two walls that influence each other, relative to the range of a
-`WallTable` [1]."""
+"""Another wall is subtracted before the fit of a wall if their distance is at most this multiple
+of the range of a `WallTable` [1]."""
 _SCAN_BESIDE = 1.5
-"""Range of the scan for the site, on either side of a domain border [rotor spacings]."""
+"""A scan for the site of a wall extends this far to either side of a domain border [rotor
+spacings]."""
 
 
 class _ShapeFit(NamedTuple):
@@ -60,7 +61,11 @@ class ShapeMeasurementModel:
         noise: float | None,
         settings: EstimationSettings,
     ) -> None:
-        """Start with the arc length per rotor spacing [rad] and the noise of an angle [rad]."""
+        """Start without frames.
+
+        `site_arc` is the arc length per rotor spacing [rad], and `noise` the standard deviation of
+        the angles [rad], None if unknown.
+        """
         self._shapes, self._line, self._arc = shapes, line, site_arc
         self._of_charge = {1: shapes.kinks, -1: shapes.anti_kinks}
         self._chain = chain = shapes.chain
@@ -120,7 +125,7 @@ class ShapeMeasurementModel:
     def _linearise(
         self, theta: Array, walls: Sequence[_ShapeFit], wall: _ShapeFit
     ) -> tuple[int, LinearisedMeasurement]:
-        """Return the first rotor near a fitted wall, and the measurement by the rotors near it."""
+        """Return the first rotor near `wall`, and the measurement by all rotors near `wall`."""
         first, own = self._isolated(theta, walls, wall)
         residuals = self._residuals(own, first, wall, wall.site)
         tangent = tangent_of(first, len(own), wall.shape.table, wall.site, wall.stretch)
@@ -133,7 +138,7 @@ class ShapeMeasurementModel:
         return self._residual.of_rotor() if self._residual.frames else self._coarse
 
     def _explains(self, wall: _ShapeFit, first: int, view: LinearisedMeasurement) -> bool:
-        """Return whether a fitted wall matches its rotors better than random angles."""
+        """Return whether a fitted wall matches the rotors near it better than random angles do."""
         likelihood, noise = self._likelihood, self._residual.noise.deviation
         return (
             view.likelihood - view.random >= self._evidence
@@ -190,7 +195,7 @@ class ShapeMeasurementModel:
         return found
 
     def _learn(self, parts: list[tuple[_ShapeFit, int, LinearisedMeasurement]]) -> None:
-        """Update the noise with the residuals of all walls together."""
+        """Update the noise with the residuals near all walls together."""
         tangent, inlying = np.zeros((2, self._line.rotors))
         for _, first, view in parts:
             rotors = np.arange(first, first + len(view.tangent)) % self._line.rotors
@@ -229,13 +234,14 @@ class ShapeMeasurementModel:
 
 
 _CLEAR = 9
-"""Preferred number of bonds between the cut of a ring and the nearest wall [1]."""
+"""A ring is cut in the middle of this number of successive bonds with a strong polarisation [1],
+so that the cut is far from all walls."""
 
 
 def domain_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
     """Return sites [rotor spacings] and charges of the borders between domains.
 
-    A domain has at least `least` bonds.
+    A domain between two others has at least `least` bonds.
     """
     scores = np.ascontiguousarray(polarised, dtype=np.float64)
     right = np.empty(len(scores), dtype=np.bool_)
@@ -249,7 +255,7 @@ def domain_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
 
 
 def ring_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
-    """Return the `domain_borders` of a ring; the ring is cut inside a domain."""
+    """Return the `domain_borders` of a ring, which is first cut open inside a domain."""
     bonds = len(polarised)
     clear = minimum_filter1d(np.abs(polarised), min(_CLEAR, bonds), mode='wrap')
     cut = int(np.argmax(clear)) + 1

@@ -2,7 +2,8 @@
 """Compiled loops over springs and rotors that compute energies and topology of a state.
 
 A spring table has shape (3, springs). The rows of the table are the extensions [m] and their
-derivatives [m/rad] by the angle of the left rotor (lever A) and of the right rotor (lever B).
+derivatives [m/rad] with respect to the angle of the left rotor (lever A) and of the right rotor
+(lever B).
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ Shape = tuple[float, float, float, float]
 Sides = tuple[float, float, int, int, float]
 
 _LARGE = 1e150
-"""Base of the levels of scaled numbers [1]; the square of this base does not overflow."""
+"""The squares of the zero mode may overflow. They are therefore stored as a product of a number
+and an integer power of this base [1], whose square does not overflow."""
 
 
 spring = compile_loop(spring_between, inlined=True)
@@ -63,7 +65,8 @@ def of_angles(
 ) -> tuple[float, float]:
     """Set the spring table `rows` for angles [rad], shape (N,).
 
-    Return two sums that show the orientation.
+    Return two sums. The sign of the first is the orientation of a spinner, and the sign of the
+    second that of a flipper.
 
     With the staggered angles theta, the sums are those of sin(theta_n + theta_{n+1}) = (-1)^n
     sin(phi_{n+1} - phi_n) over all bonds and of cos(theta_n) over all inner rotors. `parameters`
@@ -108,14 +111,15 @@ def elastic(
     walls: Array,
     reach: float,
 ) -> Energy:
-    """Return elastic energy, elastic energy of the wake, standard deviation of the first [J each].
+    """Return the elastic energy, its part in the wake, and its standard deviation [J each].
 
-    For noise sigma of the angles, the variance is sigma^2 |tau|^2 + sigma^4 |H|^2 / 2 with the
-    torques tau and the stiffness matrix H = R^T k_e R. The mean contribution of noise is
-    subtracted. `half` are half the stiffnesses [N/m]. `lefts` equal `half`, but are 0 where the
-    left rotor has no noise. `rights` are the same for right rotors. `walls` are the ascending
-    sites [rotor spacings] of W walls between two limits, shape (W + 2,). Spring n is at site n +
-    1/2.
+    For noise sigma of the angles, the variance is sigma^2 |tau|^2 + sigma^4 |H|^2 / 2, with the
+    torques tau, the stiffness matrix H = R^T k_e R, the rigidity matrix R and the stiffnesses k_e.
+    The mean energy that noise adds is subtracted. `half` are half the stiffnesses [N/m]. `lefts`
+    equal `half`, but are 0 where the left rotor has no noise. `rights` are the same for right
+    rotors. Energy farther than `reach` from all walls belongs to the wake [rotor spacings].
+    `walls` are the ascending sites of W walls between two end values, shape (W + 2,). The end
+    values are infinite, or for a ring the sites of the next walls. Spring n is at site n + 1/2.
     """
     whole, squares, pulling, variance = 0.0, 0.0, 0.0, noise**2
     count = half.size
@@ -142,11 +146,12 @@ def elastic(
 def kinetic(
     half: Array, noisy: Array, rates: Array, noise: float, walls: Array, reach: float
 ) -> Energy:
-    """Return kinetic energy, kinetic energy of the wake, standard deviation of the first [J each].
+    """Return the kinetic energy, its part in the wake, and its standard deviation [J each].
 
     For noise sigma of the rate omega of a rotor with the moment of inertia I, the variance is I^2
-    sigma^2 (omega^2 + sigma^2 / 2). The mean contribution of noise is subtracted. `half` are half
+    sigma^2 (omega^2 + sigma^2 / 2). The mean energy that noise adds is subtracted. `half` are half
     the moments of inertia [kg m^2]. `noisy` equal `half`, but are 0 for rates without noise.
+    `walls` and `reach` are as in `elastic`.
     """
     whole, known, squares, variance = 0.0, 0.0, 0.0, noise**2
     energies = np.empty(half.size)
@@ -166,9 +171,10 @@ def topology(rows: Array, before: int, beyond: int, domain: float) -> Sides:
 
     The polarisation of a bond with the levers A and B is (A^2 - B^2) / (A^2 + B^2). A bond is in a
     domain if the absolute polarisation exceeds `domain`. The first two results are sums of
-    polarisations: over the bonds up to `before`, and over the bonds from `beyond` on. The edge
-    signs are those of the first and last bond in a domain; 0 without domains. The centre [rotor
-    spacings] is the centroid of the squared zero mode t_n^2.
+    polarisations: over the first `before` bonds, and over the bonds from `beyond` on. The edge
+    signs are the signs of the polarisations of the first and the last bond that are in a domain, 0
+    if there is no domain. The centre [rotor spacings] is the centroid of the squared zero mode
+    t_n^2.
     """
     left, right, first, last = 0.0, 0.0, 0, 0
     squares, moments, square, level = 1.0, 0.0, 1.0, 0
@@ -205,7 +211,7 @@ rate_noise: standard deviation of the rates [rad/s].
 reach: distance from a wall beyond which energy belongs to the wake [rotor spacings].
 before, beyond: number of bonds before the first wall, and index of the first bond beyond the last
     wall [1].
-domain: least polarisation of a bond in a domain [1].
+domain: absolute polarisation above which a bond is in a domain [1].
 """
 _SCOPE = records(SCOPE)
 
@@ -220,7 +226,11 @@ def report(
     walls: Array,
     scope: Records,
 ) -> tuple[Shape, Sides, Energy, Energy]:
-    """Return topology, edge signs, elastic and kinetic energy of a state."""
+    """Return orientation and edge levers, and the results of `topology`, `elastic` and `kinetic`.
+
+    `springs` has the rows `half`, `lefts` and `rights` of `elastic`, and `rotors` has the rows
+    `half`, `noisy` and `rates` of `kinetic`.
+    """
     half = springs[0]
     rows = np.empty((3, half.size))
     twists, upright = of_angles(angles, parameters, periodic, rows)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Report of one state of a known chain: energies without noise, topology and edge rotors."""
+"""Report of one state of a known chain: energies (noise subtracted), topology, edge rotors."""
 
 from __future__ import annotations
 
@@ -52,10 +52,10 @@ class Energies(NamedTuple):
 class Topology(NamedTuple):
     """Polarisations, winding numbers, charge and zero mode of a state.
 
-    polarisations: mean polarisations before the first and beyond the last wall, +1 for rotors that
-        lean right and -1 for rotors that lean left.
+    polarisations: mean polarisations of the bonds before the first and beyond the last wall, +1 if
+        all rotors there lean right, and -1 if all lean left.
     winding_numbers: winding numbers of the uniform states before the first and beyond the last
-    wall; their difference is the charge.
+        wall; their difference is the charge.
     charge: number of walls with charge +1 minus number of walls with charge -1.
     mode_centre: centre of the zero mode [rotor spacings].
     """
@@ -93,7 +93,8 @@ class FrameErrors(NamedTuple):
     noise: standard deviation of the angles [rad].
     rate_noise: standard deviation of the rates [rad/s], NaN if unknown.
     persistent: root mean square of the persistent differences from the orbit [rad].
-    unseen: flags of rotors whose angles come from the orbit, shape (N,); None if all were seen.
+    unseen: whether the angle of each rotor was not seen, and is that of the orbit instead, shape
+        (N,); None if all were seen.
     """
 
     noise: float = 0.0
@@ -108,14 +109,15 @@ class FrameErrors(NamedTuple):
 
 
 class ArcRate(NamedTuple):
-    """Rate of the arc length and its standard deviation, both over `Orbit.free_rate` [rad/s]."""
+    """Rate of the arc length and its standard deviation, divided by `Orbit.free_rate` [rad/s]."""
 
     rate: float
     deviation: float = 0.0
 
 
 _DOMAIN = 0.5
-"""Least polarisation of a bond in a domain, relative to the uniform state [1]."""
+"""A bond is in a domain if its absolute polarisation is above this multiple of the polarisation of
+the uniform state [1]."""
 EXACT = FrameErrors()
 _NO_TURNS = (math.nan, math.nan)
 
@@ -124,7 +126,7 @@ class FrameState:
     """Configuration of a chain, with the extensions and levers of its springs."""
 
     def __init__(self, chain: Chain, angles: ArrayLike) -> None:
-        """Compute the springs for angles [rad], shape (N,), or raise ValueError."""
+        """Compute the springs for angles [rad], shape (N,); raise ValueError for other input."""
         self.chain = chain
         self.angles = np.ascontiguousarray(angles, dtype=np.float64)
         check_shape(self.angles, chain.number_of_rotors)
@@ -184,11 +186,12 @@ class StateReporter:
         """Return energies, topology and edge rotors of the state with given angles [rad], (N,).
 
         `sites` are the sites of the walls [rotor spacings], empty or NaN without walls. `rates`
-        are the rates of the rotors [rad/s], shape (N,), or an `ArcRate`. An `ArcRate` gives the
-        kinetic energy (I / 2) rate^2 but no energy of the wake. Noise adds the mean energies (k_e
-        / 2) (A_n^2 + B_n^2) sigma^2 per spring and (I / 2) sigma_rate^2 per rotor. The reporter
-        subtracts these mean energies, so that small energies may be negative. Raises ValueError
-        for another shape and for values that are not finite.
+        are the rates of the rotors [rad/s], shape (N,), or an `ArcRate`. From an `ArcRate`, the
+        kinetic energy is (I / 2) rate^2 plus an estimate for waves, and that of the wake is NaN.
+        Noise with the standard deviations sigma of the angles and sigma_rate of the rates adds on
+        average the energies (k_e / 2) (A_n^2 + B_n^2) sigma^2 per spring and (I / 2) sigma_rate^2
+        per rotor. The reporter subtracts these mean energies, so that small energies may be
+        negative. Raises ValueError for another shape and for values that are not finite.
         """
         chain, walls = self.chain, _finite(sites)
         state = np.ascontiguousarray(angles, dtype=np.float64)
@@ -256,9 +259,9 @@ class StateReporter:
 
         The edge rotor of a flipper toggles where lever A_0 or B_{N-2} of the outermost spring
         changes its sign. In the left-leaning state, A_0 has the sign of d - 1 (lean ratio d), and
-        B_n that of (-1)^(n+1). Upside down, both signs are opposite. The edge rotor of a spinner
-        makes half a turn per wall. The turns are counted from theta = +-theta_bar, the staggered
-        rest angle.
+        B_n that of (-1)^(n+1). If the chain is upside down, both signs are opposite. The edge
+        rotor of a spinner makes half a turn per wall. The turns are counted from theta =
+        +-theta_bar, the staggered rest angle.
         """
         chain = self.chain
         twists, upright, at_first, at_last = shape
@@ -272,7 +275,11 @@ class StateReporter:
         return EdgeRotors((at_first < 0, at_last * stands * self._last_sign < 0), _NO_TURNS)
 
     def _of_arc(self, rate: ArcRate | None, elastic: state_loops.Energy) -> state_loops.Energy:
-        """Return the kinetic energy, NaN for the wake, and the standard deviation [J]."""
+        """Return the kinetic energy, NaN for the wake, and the standard deviation [J].
+
+        Waves are assumed to have a kinetic energy equal to the elastic energy minus the standard
+        deviation of the elastic energy.
+        """
         if rate is None:
             return math.nan, math.nan, math.nan
         half = 0.5 * self.chain.moment_of_inertia
@@ -285,7 +292,7 @@ class StateReporter:
     def _hidden(
         self, state: FrameState, errors: FrameErrors, unseen: Flags
     ) -> tuple[float, float]:
-        """Return the elastic and the kinetic energy [J] that unseen rotors may contain."""
+        """Return by how much unseen rotors may change the elastic and the kinetic energy [J]."""
         half = self._springs[0]
         stiffness = self.chain.gathered(half * state.first**2, half * state.second**2)
         elastic = float(stiffness[unseen].sum()) * (errors.noise**2 + errors.persistent**2)

@@ -2,8 +2,8 @@
 """Shapes of walls at rest, as tables of staggered angles, and compiled fits of these shapes.
 
 Kinks, and anti-kinks for a lean ratio d < 1, are computed exactly. Anti-kinks in all spinners and
-some wobbling flippers are pinned: at rest, every other rotor is turned over. For other anti-kinks,
-mirrored kinks are used, as in the continuum limit.
+some wobbling flippers are pinned: at rest, every other rotor is turned over. The shapes of all
+other anti-kinks are mirrored kinks, which is exact in the continuum limit.
 """
 
 from __future__ import annotations
@@ -37,25 +37,29 @@ from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons
 
 _SCAN_STEP = 0.125
-"""Step of the scan over the site of a wall [rotor spacings], smaller than any wall."""
+"""Step of the scan over the site of a wall [rotor spacings]; it is less than the width of any
+wall."""
 _STEPS = 12
 """Largest number of Gauss-Newton steps [1]."""
 _LONGEST_STEP = 0.3
-"""Longest step of a fit in the site [rotor spacings] and in the stretch [1]."""
+"""Each step of a fit is limited to this, in the site [rotor spacings] and in the stretch [1]."""
 _SHORTER = 0.6
-"""Factor for the next steps after two steps with opposite signs [1]."""
+"""If two successive steps in the stretch have opposite signs, all later steps are multiplied by
+this factor [1]."""
 _CLOSE = 1e-6
-"""Length of the last step of a fit in the site [rotor spacings] and in the stretch [1]."""
+"""A fit ends when its steps in the site [rotor spacings] and in the stretch [1] are smaller than
+this."""
 _NARROWEST, _WIDEST = 0.2, 2.0
-"""Limits of the stretch: smallest and largest width of a wall, relative to the table [1]."""
+"""Limits of the stretch, which is the width of a fitted wall divided by the width in the table
+[1]."""
 
 
 class WallTable(NamedTuple):
     """Table of the staggered angles of rotors as a function of their distance from a wall."""
 
     angles: Array
-    """Rows of angles of even and odd rotors [rad], and rows of their slopes [rad / rotor spacing],
-    shape (4, J)."""
+    """Angles of even and of odd rotors [rad], and slopes of even and of odd rotors [rad / rotor
+    spacing], at J distances from the wall, shape (4, J)."""
     points: float
     """Number of columns per rotor spacing [1]."""
     reach: float
@@ -67,11 +71,11 @@ _TABLE = named_tuple(WallTable, f8_2d, f8, f8)
 
 @compiled(const_f8_1d, f8, b1_1d)
 def find_domains(polarised: Array, cost: float, right: Flags) -> None:
-    """Set whether each bond lies in a right-leaning domain, given its polarisation, shape (B,).
+    """Set `right`: whether each of B bonds lies in a right-leaning domain, shape (B,).
 
-    Dynamic programming finds the domains with the largest score. Each polarisation is limited to
-    the range from -1 to 1 and multiplied by the sign of the domain. The score is the sum of these
-    products minus `cost` per wall.
+    Dynamic programming finds the division into domains with the largest score. The polarisation of
+    each bond is limited to the range from -1 to 1 and multiplied by the sign of its domain, +1 if
+    right-leaning. The score is the sum of these products minus `cost` per border of two domains.
     """
     count = polarised.size
     # Highest scores up to the current bond: for a left-leaning bond, and for a right-leaning bond.
@@ -111,7 +115,7 @@ def _shape(table: WallTable, parity: int, x: float) -> tuple[float, float]:
 def set_residuals(
     theta: Array, first: int, table: WallTable, site: float, stretch: float, residuals: Array
 ) -> None:
-    """Set the residuals [rad], shape (n,): staggered angles minus the angles of a wall."""
+    """Set the residuals [rad], shape (n,): staggered angles minus those of a wall at `site`."""
     for k in range(theta.size):
         n = first + k
         shape, _ = _shape(table, n % 2, (n - site) / stretch)
@@ -122,9 +126,9 @@ def set_residuals(
 def scan_wall(
     theta: Array, first: int, table: WallTable, start: float, beside: float, bound: float
 ) -> tuple[float, float]:
-    """Return the least sum of squared residuals [rad^2] near `start`, and the site of the minimum.
+    """Return the least sum of squares [rad^2] for sites within `beside` of `start`, and its site.
 
-    Each square counts at most as `bound` [rad^2].
+    The squares are those of the residuals; each is limited to `bound` [rad^2].
     """
     best, least = start, np.inf
     steps = math.ceil(beside / _SCAN_STEP)
@@ -155,8 +159,8 @@ def sums_of_fit(
 ) -> tuple[float, float, float, float, float]:
     """Return the sums of w p^2, w q^2, w p q, w p x and w q x for `fit_wall`.
 
-    For each rotor, w is the weight, x the residual, and p and q are the derivatives of the angle
-    by the site and the stretch of the wall.
+    For each rotor, w is its weight, x its residual, and p and q are the derivatives of its angle
+    with respect to the site and the stretch of the wall.
     """
     site_information, of_stretch, both, ahead, wider = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(theta.size):
@@ -221,7 +225,7 @@ def fit_wall(
 def fit_about(
     angles: Array, span: float, last: int, table: WallTable, site: float, stretch: float
 ) -> tuple[float, float, tuple[float, float, float, float, float]]:
-    """Return site and stretch, fitted to the angles [rad] within `span`, and `sums_of_fit`."""
+    """Return site and stretch that fit the angles within `span` of `site`, and `sums_of_fit`."""
     first, end = max(math.ceil(site - span), 1), min(math.floor(site + span) + 1, last)
     theta = np.empty(max(end - first, 0))
     for k in range(theta.size):
@@ -234,7 +238,7 @@ def fit_about(
 
 @compiled(i8, i8, _TABLE, f8, f8)
 def tangent_of(first: int, count: int, table: WallTable, site: float, stretch: float) -> Array:
-    """Return the derivatives of the angles of rotors by the site [rad / rotor spacing], (n,)."""
+    """Return the derivatives of the angles with respect to the site [rad / spacing], (n,)."""
     tangent = np.empty(count)
     for k in range(count):
         n = first + k
@@ -304,7 +308,7 @@ class WallShapes:
 
     @cached_property
     def pinning_speed(self) -> float:
-        """Least speed to cross an energy barrier [rotor spacings / s]; 0 for pinned anti-kinks."""
+        """Least speed to cross the barrier between two sites [rotor spacings / s]; 0 if pinned."""
         try:
             sites, states = anti_kink_path(self._window, float(self._sites[0]))
         except ArithmeticError:

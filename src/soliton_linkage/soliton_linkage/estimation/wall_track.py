@@ -40,7 +40,7 @@ class LatticeCoordinates:
         """Longest period of a phonon [s]."""
 
     def separation(self, site: float, other: float) -> float:
-        """Return the shorter displacement from `other` to `site` [rotor spacings]."""
+        """Return the displacement from `other` to `site` [spacings], on a ring the shorter one."""
         way = site - other
         return math.remainder(way, self.rotors) if self.periodic else way
 
@@ -94,9 +94,9 @@ class WallFrame:
         return self._reporter.report(angles, sites, rates, self._errors).energies.wall
 
     def swing(self, site: float, lean: int) -> float:
-        """Return the largest swing of a rotor near a site, relative to a full swing [1].
+        """Return the largest swing of a rotor near a site, divided by a full swing [1].
 
-        Swings are counted from the uniform state of `lean` +1 or -1.
+        Swings are counted from the uniform state that leans right (`lean` = 1) or left (-1).
         """
         if self._angles is None:
             return 0.0
@@ -105,7 +105,10 @@ class WallFrame:
         return float(np.abs(field[near % len(field)] - lean).max() / 2)
 
     def turn(self, left: float, right: float) -> int:
-        """Return the sense, +1 or -1, in which spinners turn in the left wall; 0 for flippers."""
+        """Return the sense (+1, -1) in which spinners turn in the wall at `left`; 0 for flippers.
+
+        `right` is the site of the next wall; only the rotors up to the midpoint are used.
+        """
         chain, line, angles = self._chain, self._line, self._angles
         if angles is None or chain.motion is not Motion.SPINNER:
             return 0
@@ -117,9 +120,9 @@ class WallFrame:
 
 
 _FORCE = 0.6
-"""Process noise of the rate of a fast anti-kink, divided by u^4 / v [1]. v is its speed, and u its
-speed at the energy barrier. The value is f^2 / 2 for f = pi / sqrt(8), the root mean square force
-of a sinusoidal potential at u = 1."""
+"""Process noise of the rate of a fast anti-kink, divided by u^4 / v [1]. v is the speed of the
+anti-kink, and u is `WallMeasurement.pinning`. The value is f^2 / 2 for f = pi / sqrt(8), the root
+mean square force of a sinusoidal potential at u = 1."""
 
 
 class WallMeasurement(NamedTuple):
@@ -139,7 +142,8 @@ class WallMeasurement(NamedTuple):
     """Speed at which the kinetic energy of the wall equals the energy barrier between two sites
     [rotor spacings / s]."""
     estimate: OrbitEstimate | None = None
-    """Estimate of the `OrbitFilter`; it replaces the filter of the wall. None for a fit."""
+    """Estimate of the `OrbitFilter`, which replaces the filter of the `WallTrack`. None for a
+    fit."""
 
 
 class WallTrack:
@@ -153,7 +157,7 @@ class WallTrack:
         site_arc: float,
         settings: EstimationSettings,
     ) -> None:
-        """Start with the typical rate of a rotor [rad/s] and the arc length per spacing [rad]."""
+        """Start with the typical rate `scale` [rad/s] and the arc length per spacing [rad]."""
         self._line, self._scale, self._arc, self._settings = line, scale, site_arc, settings
         self.charge = charge
         self.id = 0
@@ -179,7 +183,7 @@ class WallTrack:
 
     @property
     def status(self) -> TrackingStatus:
-        """Frames on which the state of the track is based."""
+        """Whether the last frame shows the wall, and if so, whether an earlier one does too."""
         if not self.is_seen:
             return TrackingStatus.COASTING
         return TrackingStatus.TRACKING if self.frames > 1 else TrackingStatus.ACQUIRED
@@ -203,7 +207,7 @@ class WallTrack:
         return self._line.wrap(site), variance / self._arc**2 + self._variance
 
     def update(self, measured: WallMeasurement, time: float) -> None:
-        """Update a new state, or a predicted one, with a measurement at a time [s]."""
+        """Update the state with a measurement at a time [s]; a known state is predicted before."""
         self.frames += 1
         self.missed, self.last_seen, self.width = 0, time, measured.width
         self._pinning = measured.pinning

@@ -22,9 +22,9 @@ from soliton_linkage.estimation.wall_track import (
 )
 
 _LONGEST_DELAY = 2.0
-"""Longest delay with which the entry of a wall from an edge is reported [s]."""
+"""The event of a wall that enters from an edge is reported at the latest after this time [s]."""
 _FORBIDDEN = 1e9
-"""Cost of a forbidden assignment [1]; it exceeds the square of any gate."""
+"""Cost of a forbidden assignment [1], larger than the square of any gate."""
 
 
 class PredictedWall(NamedTuple):
@@ -48,9 +48,9 @@ def assign(
 
     Return the index of the measured wall for each predicted wall.
 
-    Two assigned walls have equal charges, and their sites differ by less than `gate` standard
-    deviations. The assignment has as many pairs as possible, and then the least sum of squared
-    differences.
+    The walls of a pair have equal charges, and their sites differ by less than `gate` predicted
+    standard deviations. Of all assignments with the largest number of pairs, the result has the
+    least sum of squared differences, in units of the predicted variances.
     """
     if not predicted or not seen:
         return {}
@@ -77,7 +77,8 @@ class WallTracker:
     ) -> None:
         """Start with the typical rate `scale` [rad/s] and the arc length per rotor spacing [rad].
 
-        While a wall is at an edge, the chain moves along the orbit by `swing` [rotor spacings].
+        `swing` is the distance along the orbit, in units of the arc length per rotor spacing, for
+        which a wall stays at an edge.
         """
         self._line, self._scale, self._arc = line, scale, site_arc
         self._edge_way = swing + 2 * line.near
@@ -97,9 +98,10 @@ class WallTracker:
     def update(
         self, time: float, seen: Sequence[WallMeasurement], frame: WallFrame, confirming: int
     ) -> tuple[list[WallTrack], list[SolitonEvent]]:
-        """Update with the walls of a frame.
+        """Update the tracks with the walls `seen` in a frame.
 
-        Return visible tracks, sorted by site, and new events.
+        Return the tracks of confirmed walls that the frame shows, sorted by site, and new events.
+        A new wall is confirmed after at most `confirming` frames.
         """
         elapsed = time - self._time if self._frames else 0.0
         self._time, self._events = time, []
@@ -194,7 +196,10 @@ class WallTracker:
                 self._add_inside(track, new, time, frame)
 
     def _confirmed(self, track: WallTrack, confirming: int) -> bool:
-        """Return whether a new wall is confirmed; pairs of new walls may be wrong readings."""
+        """Return whether a new wall is confirmed.
+
+        Pairs of new walls inside the chain may be wrong readings. They need `confirming` frames.
+        """
         if track.frames >= min(confirming, self._frames) or self._is_at_edge(track):
             return True
         return not any(
@@ -355,7 +360,7 @@ class WallTracker:
             self._add(EventKind.LOST, track.last_seen, track.rotor, ids, charges, energies)
 
     def _report_pending(self, time: float, frame: WallFrame) -> None:
-        """Report pending events of walls that have left the edge; drop false reflections."""
+        """Report the events of walls that have left the edge; drop reflections of lost walls."""
         waiting = []
         for event, track in self._pending:
             free = self._line.edge_distance(track.rotor) > self._line.near

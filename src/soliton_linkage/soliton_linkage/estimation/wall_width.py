@@ -21,24 +21,27 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.solitons.continuum import wall_theory
 
 _CLEAR = 2
-"""Least distance of a wall from an edge, relative to the larger one of wall width and penetration
-depth [1]."""
+"""The contraction is known only if the distance of the wall from both edges is at least this
+multiple of the wall width and of the penetration depth [1]."""
 _CLOSE, _CLOSEST = 0.02, 1e-5
-"""Largest size of the last step of ln(gamma), relative to the standard deviation of ln(gamma), and
-in absolute terms [1]."""
+"""A fit has converged if the next step of ln(gamma) is smaller than the first number times the
+standard deviation of ln(gamma), or smaller than the second number [1]."""
 _DEGENERATE = 1e-12
-"""Least determinant of a fit, relative to its largest possible value [1]."""
+"""The contraction is unknown if the determinant of the normal equations is not above this multiple
+of the product of their diagonal elements [1]."""
 _COARSEST = math.log(1.5)
-"""Largest standard deviation of ln(gamma) for which the contraction is reported [1]."""
+"""The contraction is unknown if the standard deviation of ln(gamma) is not below this [1]."""
 _LEAST_DEVIATION = 3e-4
-"""Error of ln(gamma) due to the assumed shape of a moving wall [1]."""
+"""Assumed error of ln(gamma) because the profile of a moving wall is not exact [1]."""
 _PASSAGES, _FEWEST_PASSAGES = 30, 4
-"""Largest and smallest number of passages for an estimate of the scatter [1]."""
+"""The scatter is estimated from at most the first and at least the second number of passages [1].
+In a passage, the wall moves by one rotor spacing."""
 _SIGNIFICANCE = 2.5
-"""Threshold of the scatter between passages [standard deviations]; a smaller scatter counts as
-0."""
+"""The scatter between passages counts as 0 if chi-squared exceeds its mean for pure noise by less
+than this number of standard deviations."""
 _WIDEST_LEAN_RATIO = 2.0
-"""Threshold of the lean ratio d [1]; above it, only the walls of spinners have a tanh profile."""
+"""The walls of flippers have a tanh profile only if the lean ratio d is below this [1]; those of
+spinners have it for any d."""
 
 
 class Contraction(NamedTuple):
@@ -115,7 +118,7 @@ class ContractionMean:
         self.restart()
 
     def restart(self) -> None:
-        """Discard the mean, but keep the scatter."""
+        """Discard the mean, but keep the estimated scatter between passages."""
         self._leg, self._anchor = -1, math.nan
         self._discard_passages()
 
@@ -173,7 +176,10 @@ class ContractionMean:
 
 
 def passage_scatter(values: Array, variances: Array) -> float:
-    """Return variance of ln(gamma) between passages minus that of noise; 0 if insignificant."""
+    """Return the variance of ln(gamma) between passages without noise; 0 if insignificant.
+
+    `values` are the means of ln(gamma) in the passages, and `variances` their variances by noise.
+    """
     apart, freedoms = values - np.average(values, weights=1 / variances), len(values) - 1
     by_chance = freedoms + _SIGNIFICANCE * math.sqrt(2 * freedoms)
     if np.sum(apart**2 / variances) < by_chance:

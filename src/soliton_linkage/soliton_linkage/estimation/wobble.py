@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Wobble of rotors beside a wall; a wall at rest, without noise, selects these rotors."""
+"""Wobble of the rotors beside a wall; a computed wall at rest determines which rotors are used."""
 
 from __future__ import annotations
 
@@ -31,15 +31,16 @@ _BARS = records(BARS)
 _LEAST_NOISE = 1e-12
 """Lower limit of the noise [rad], the size of rounding errors."""
 _CALM, _LARGEST, _ABOVE_NOISE = 1e-3, 0.5, 4.0
-"""Limits of deviations: largest deviation of a calm rotor beside a wall at rest [rest angles],
-largest deviation in a tail [rest angles], and smallest deviation in a tail [standard deviations of
-the noise]."""
+"""Limits of the deviations of rotors from the uniform state, all in a wall at rest. A calm rotor
+deviates by less than `_CALM` times the rest angle, or than the noise if it is larger. The rotors
+of a tail deviate by at most `_LARGEST` times the rest angle, and by at least `_ABOVE_NOISE`
+standard deviations of the noise."""
 _BEND = 0.3
-"""Assumed shift of a zero of the tail [rotor spacings] for a deviation of the size of the rest
-angle."""
+"""A zero of a tail is assumed to have an error of this [rotor spacings] times the deviation of its
+inner rotor divided by the rest angle."""
 _CERTAIN, _COARSEST = 3.0, 0.2
-"""Least size of the tail ratio [standard deviations], and largest relative error of a decay length
-[1]."""
+"""The decay length is unknown if the exact tail ratio is not above `_CERTAIN` standard deviations
+of the fitted one, or if the relative error of the decay length is above `_COARSEST` [1]."""
 _NO_OVERSHOOT = (math.nan, math.nan, math.nan)
 
 
@@ -54,9 +55,10 @@ def beside_wall(
     rest_angle: float,
     leans: Array,
 ) -> None:
-    """Set the leans of the rotors beside a wall [rad], shape (2, n).
+    """Set `leans`: deviations of the rotors beside a wall from the uniform states [rad], (2, n).
 
-    Row 0 is for the wall at rest, and row 1 for the measured angles.
+    Row 0 is for the wall at rest, and row 1 for the measured angles. The rotors before `middle`
+    come first. On both sides, the order is from the wall outwards.
     """
     expected, measured = leans[0], leans[1]
     high = low + expected.size
@@ -80,10 +82,10 @@ def beside_wall(
 
 @compiled(const_f8_1d, f8, f8)
 def overshooting(expected: Array, rest_angle: float, calm: float) -> int:
-    """Return the index of the rotor with the largest lean.
+    """Return the index of the rotor with the largest lean, the sine of its angle.
 
-    If `calm` [rad] is above 0, return the index of the first rotor that deviates by less than
-    `calm`.
+    If `calm` [rad] is above 0, return instead the index of the first rotor whose deviation from
+    the uniform state is below `calm`.
     """
     at, most = 0, -math.inf
     for n in range(expected.size):
@@ -102,9 +104,9 @@ def tail_sums(
 ) -> tuple[float, float, float, float, float]:
     """Return five sums over the rotors of a tail, for the fit of the tail ratio.
 
-    The summands are e^2, e (e' - F(e)), F'(e), (F'(e) e)^2 and F'(e) e e_inner. e, e' and e_inner
-    are the deviations [rad] from the uniform state of a rotor and its outer and inner neighbours.
-    F is the `next_deviation` with the derivative F'.
+    The summands are e^2, e (e' - F(e)), F'(e), (F'(e) e)^2 and F'(e) e e_inner. e is the deviation
+    of a rotor from the uniform state [rad], e' that of its outer and e_inner that of its inner
+    neighbour. F is the `next_deviation`, and F' its derivative.
     """
     square, product, slopes, squares, both = 0.0, 0.0, 0.0, 0.0, 0.0
     share = 0.0
@@ -199,7 +201,7 @@ def wobble(
     noise: float,
     persistent: float,
 ) -> tuple[Overshoot, Lengths]:
-    """Return overshoot and lengths of the wobble beside a wall, for `WobbleReporter.wobble`.
+    """Return the overshoot and the lengths of the wobble beside a wall.
 
     The overshoot [m] is evaluated on the side where a wall at rest has the larger overshoot. The
     lengths are tail ratio [1], decay length and wavelength [m], each followed by its standard
@@ -247,11 +249,12 @@ def wobble(
 
 
 class Wobble(NamedTuple):
-    """Wobble: deviations of rotors beside a wall from the uniform states; NaN if unknown.
+    """Wobble: deviations of the rotors beside a wall from the uniform states; NaN if unknown.
 
-    amplitude: overshoot |u| - ub [m] of the rotor with the largest lean at rest (d > 1), or of the
-        nearest rotor with its uniform angle (d <= 1), on the side where the overshoot at rest is
-        larger.
+    amplitude: overshoot |u| - ub [m], the lean |u| of a rotor minus the lean ub in the uniform
+        state. In a wall at rest, this rotor has the largest lean (d > 1), or is the nearest one
+        with its uniform angle (d <= 1). Of the two sides, it is on the one with the larger
+        overshoot at rest.
     amplitude_deviation: standard deviation of the amplitude [m].
     rest_amplitude: overshoot of the same rotor for a wall at rest [m].
     tail_ratio: deviation of a rotor in the tails, relative to its inner neighbour [1].
@@ -305,11 +308,11 @@ class WobbleReporter:
     ) -> Wobble:
         """Return the wobble beside a wall, given finite angles [rad], shape (N,).
 
-        The tail ratio lambda is fitted to e' = F(e) + (lambda - lambda_0) e on both sides. e and
-        e' are the deviations of a rotor and its outer neighbour from the uniform state, F is the
-        `next_deviation`, and lambda_0 = (1 - d) / (1 + d) for the lean ratio d. The wavelength is
-        fitted to the zeros of the tails. `noise` is the standard deviation of the angles, and
-        `persistent` the rms of the persistent differences from the orbit [rad].
+        The tail ratio lambda is fitted to e' = F(e) + (lambda - lambda_0) e on both sides of the
+        wall. e is the deviation of a rotor from the uniform state, e' that of its outer neighbour,
+        F the `next_deviation`, and lambda_0 = (1 - d) / (1 + d) for the lean ratio d. The
+        wavelength is fitted to the zeros of the tails. `noise` is the standard deviation of the
+        angles, and `persistent` the rms of the persistent differences from the orbit [rad].
         """
         overshoot, lengths = wobble(
             self._bars, angles, wall.angles, wall.first, wall.site, noise, persistent
