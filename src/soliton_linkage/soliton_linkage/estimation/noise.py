@@ -29,8 +29,8 @@ LARGEST_EXCESS = 3.0
 """`FrameNoise.excess` is limited to this multiple of the mean square of the recent residuals
 [1]."""
 _FIELD_RATIO = 3.0
-"""Assumed ratio of the largest squared residual near a wall to the mean of these squares [1]. The
-residuals differ because of waves."""
+"""Assumed ratio of the largest squared residual near a wall to the mean of these squares [1].
+Residuals due to waves differ from rotor to rotor."""
 
 
 def median(values: Array) -> float:
@@ -44,7 +44,7 @@ def median(values: Array) -> float:
 
 
 def robust_deviation(sizes: Array) -> float:
-    """Return the standard deviation of errors from their sizes; reorder the array `sizes`."""
+    """Return the standard deviation of errors from their absolute values; reorder the array."""
     return DEVIATION_PER_MEDIAN * median(sizes) if len(sizes) else 0.0
 
 
@@ -75,9 +75,9 @@ class FrameNoise:
     """Estimator of the noise of the angles and of persistent residuals.
 
     Noise is independent from frame to frame, and persistent residuals are not. Let c_k be the mean
-    product of two residuals of the same rotor that are k frames apart. The mean square of the
-    persistent residuals is c_0 without noise, and is extrapolated as (4 c_1 - c_2) / 3. In all
-    means, older frames have less weight.
+    product of two residuals of the same rotor that are k frames apart. Because c_0 contains the
+    noise, the mean square of the persistent residuals is extrapolated from c_1 and c_2 as (4 c_1 -
+    c_2) / 3. In all means, older frames have less weight.
     """
 
     def __init__(self, given: float | None, settings: NoiseSettings = DEFAULTS.noise) -> None:
@@ -289,15 +289,15 @@ class ResidualVariance:
         """Discard all frames."""
         self.noise = FrameNoise(self._given_noise, self._settings.noise)
         self.way = math.inf
-        """Displacement of the wall since the last frame [rotor spacings]."""
+        """Predicted distance that the wall has moved since the last frame [rotor spacings]."""
         self.frames = 0
         """Number of frames since the current wall was acquired."""
         self.at_edge = False
         """Whether the wall is at an edge."""
         self.excluded = self._shift = 0.0
-        """The exclusion of outliers causes an error of the arc length. This is the mean product of
-        the errors in two successive frames [rad^2], times the share of the residuals that waves
-        cause."""
+        """The exclusion of outliers causes an error of the arc length. `excluded` is the mean
+        product of this error in two successive frames [rad^2], times the share of the residuals
+        that waves cause."""
 
     def start(self, view: LinearisedMeasurement) -> None:
         """Restart with the first frame of a new wall, but keep `way` and `at_edge`."""
@@ -323,7 +323,7 @@ class ResidualVariance:
         self.excluded += (product - self.excluded) / self._settings.noise.recent_frames
 
     def of_rotor(self) -> float:
-        """Return the variance of a residual, a rotor's angle minus that of the orbit [rad^2]."""
+        """Return the variance of the difference between a rotor's angle and the orbit [rad^2]."""
         noise = self.noise
         field = max(noise.scatter - noise.variance, 0.0) + _FIELD_RATIO * noise.excess
         unknown = math.exp(-self.frames / self._settings.tracking.settled)

@@ -170,8 +170,8 @@ class OrbitFilter:
     def _rate_change(self, impulses: Array, hypothesis: Hypothesis) -> float:
         """Return the change of the rate [rad/s] by impulses J [N m s], for rigid bars.
 
-        It is t . J / sum(I t^2), with the tangent t and the moments of inertia I. If J are torques
-        [N m], the result is an acceleration [rad/s^2].
+        The change is t . J / sum(I t^2), with the tangent t and the moments of inertia I. If J are
+        torques [N m], the result is an acceleration [rad/s^2].
         """
         about = self.orbit.segment(hypothesis.motion.arc)
         within = slice(about.first, about.first + len(about.tangent))
@@ -350,8 +350,8 @@ class OrbitFilter:
 
         tau are all torques except the spring torques, t is the tangent, and I are the moments of
         inertia. A moving wall is contracted: the rates of its rotors, and the differences between
-        neighbouring angles, are larger than in the orbit. A potential, however, does the same work
-        per rotor spacing for any contraction.
+        neighbouring angles, are larger than in the orbit. The work of a potential per rotor
+        spacing, however, does not depend on the contraction.
         """
         chain, (passive, active) = self.orbit.chain, self._forces
         if not (len(passive.kinds) or len(active.kinds) or chain.feedback.acts):

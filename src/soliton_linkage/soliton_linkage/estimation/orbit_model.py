@@ -33,8 +33,7 @@ from soliton_linkage.orbit.wall_shifts import WallShifts
 _CLOSE = 0.01
 """The search for the likeliest arc length ends when a step is shorter than this [rad]."""
 _LARGE_SCALE = 1.5
-"""Angles with a larger scale of the noise than this [1] are not used to estimate encoder
-offsets."""
+"""Angles with a `ReadingScales` factor above this [1] are not used to estimate encoder offsets."""
 
 
 class OrbitMeasurementModel:
@@ -49,7 +48,8 @@ class OrbitMeasurementModel:
     ) -> None:
         """Start with encoder offsets of 0.
 
-        `elastic` [rad^2] is the mean square above which residuals count as waves.
+        If the mean square residual of a block of frames is above `elastic` [rad^2], the block
+        contains waves and is not used for the offsets.
         """
         chain = orbit.chain
         self._orbit, self._likelihood = orbit, likelihood
@@ -192,7 +192,7 @@ class UnseenRotorCorrection:
     def shift(
         self, arc: float, rate: float, residuals: Array, field: float, noise: float
     ) -> float:
-        """Return the correction of the arc length [rad]; 0 if it would add noise.
+        """Return the correction of the arc length [rad]; 0 if it adds more noise than it removes.
 
         `field` is the variance of an angle that waves and springs cause, and `noise` the variance
         of its noise [rad^2]. `residuals` are NaN for unseen rotors.
@@ -213,8 +213,7 @@ class UnseenRotorCorrection:
     def _balanced(self, arc: float, unseen: Flags, tangent: Array) -> tuple[Array, Array]:
         """Return a vector V and K V, with the stiffness matrix K.
 
-        The components of V for seen rotors are 0. The components of K V for unseen rotors equal
-        those of the tangent.
+        V is 0 for seen rotors, and K V equals the tangent for unseen rotors.
         """
         chain = self._orbit.chain
         first, second = rigidity_bands(chain, self._orbit.configuration(arc))
@@ -231,10 +230,11 @@ class UnseenRotorCorrection:
 _SAMPLES = 32
 """Samples of the compliance mu per rotor spacing [1]; the interpolation error is 2 %."""
 _LOWEST_ORDER = 0.2
-"""`rate_ratio` corrects a rate w only if 3 mu w^2 is not above this [1], because it is of the
-lowest order in w^2."""
+"""`rate_ratio` is of the lowest order in the rate w. It corrects w only if 3 mu w^2 is not above
+this [1]."""
 _PERIOD = 2
-"""Period of the shape of a wall along the chain [rotor spacings]; even and odd rotors differ."""
+"""A wall has the same shape after it has moved by this [rotor spacings], because even and odd
+rotors differ."""
 _SLOW = 0.25
 """A wall counts as slow if it passes at most this number of rotors per period of the slowest
 phonon [1]."""
@@ -255,7 +255,11 @@ ripple [1/rotor spacing]."""
 
 
 class ComplianceCorrection:
-    """Correction of the rate of a wall: the compliance of the chain changes this rate."""
+    """Correction of the rate w of a wall for the compliance mu of the chain.
+
+    Because of the compliance, the momentum is I (w + 2 mu w^3), with the moment of inertia I of a
+    rotor.
+    """
 
     def __init__(self, orbit: Orbit) -> None:
         """Sample the compliance for walls in the middle of a chain without deviations."""
@@ -329,10 +333,10 @@ class ComplianceCorrection:
     def ripple(self, rate: float) -> float:
         """Return the variance of the site of a wall due to the ripple of its rate [spacings^2].
 
-        The compliance depends on the site with a period of p rotor spacings. The rate of a wall
-        therefore ripples with the frequency at which the wall passes p rotors. The deformation of
-        the wall responds to the ripple like an oscillator with the frequency of the slowest
-        phonon. The result is 0 for slow walls, because `rate_ratio` predicts their rate.
+        The compliance depends on the site with a period of p rotor spacings. The rate of a moving
+        wall therefore ripples, with one period per p rotor spacings. The deformation of the wall
+        responds to the ripple like an oscillator with the frequency of the slowest phonon. The
+        result is 0 for slow walls, because `rate_ratio` predicts their rate.
         """
         if abs(rate) <= self._fastest:
             return 0.0

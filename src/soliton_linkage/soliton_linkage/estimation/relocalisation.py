@@ -46,7 +46,7 @@ SCAN_DEVIATION, _SCAN_STEP = 0.1, 0.05
 """Standard deviation of the angles that a scan assumes, and step of a scan along the orbit. Both
 are relative to the swing of a rotor [1]."""
 _NEAR = 0.5
-"""A sample belongs to a candidate if the sites of their walls differ by less than this [rotor
+"""A sample belongs to a candidate if their sites of the wall differ by less than this [rotor
 spacings]."""
 _EXACT = 1e-8
 """The search for the nearest point of the orbit ends when a step is shorter than this [rad]."""

@@ -35,8 +35,8 @@ from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linkage.chain import Array, Motion, staggered
 
 _TAILS = 1.5
-"""Another wall is subtracted before the fit of a wall if their distance is at most this multiple
-of the range of a `WallTable` [1]."""
+"""Before the fit of a wall, each other wall is subtracted whose distance from it is at most this
+multiple of the range of a `WallTable` [1]."""
 _SCAN_BESIDE = 1.5
 """A scan for the site of a wall extends this far to either side of a domain border [rotor
 spacings]."""
@@ -234,8 +234,8 @@ class ShapeMeasurementModel:
 
 
 _CLEAR = 9
-"""A ring is cut in the middle of this number of successive bonds with a strong polarisation [1],
-so that the cut is far from all walls."""
+"""A ring is cut in the middle of a section of this number of bonds [1]. It is the section whose
+smallest absolute polarisation is the largest, so that it is far from all walls."""
 
 
 def domain_borders(polarised: Array, least: float) -> list[tuple[float, int]]:

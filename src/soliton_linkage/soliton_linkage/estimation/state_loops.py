@@ -68,9 +68,9 @@ def of_angles(
     Return two sums. The sign of the first is the orientation of a spinner, and the sign of the
     second that of a flipper.
 
-    With the staggered angles theta, the sums are those of sin(theta_n + theta_{n+1}) = (-1)^n
-    sin(phi_{n+1} - phi_n) over all bonds and of cos(theta_n) over all inner rotors. `parameters`
-    are `Chain.spring_parameters`.
+    With the staggered angles theta, the first sum is of sin(theta_n + theta_{n+1}) = (-1)^n
+    sin(phi_{n+1} - phi_n) over all bonds, and the second sum of cos(theta_n) over all inner
+    rotors. `parameters` are `Chain.spring_parameters`.
     """
     rotors = angles.size
     sines, cosines = np.empty(rotors), np.empty(rotors)
@@ -117,7 +117,7 @@ def elastic(
     torques tau, the stiffness matrix H = R^T k_e R, the rigidity matrix R and the stiffnesses k_e.
     The mean energy that noise adds is subtracted. `half` are half the stiffnesses [N/m]. `lefts`
     equal `half`, but are 0 where the left rotor has no noise. `rights` are the same for right
-    rotors. Energy farther than `reach` from all walls belongs to the wake [rotor spacings].
+    rotors. Energy farther than `reach` [rotor spacings] from all walls belongs to the wake.
     `walls` are the ascending sites of W walls between two end values, shape (W + 2,). The end
     values are infinite, or for a ring the sites of the next walls. Spring n is at site n + 1/2.
     """

@@ -71,7 +71,7 @@ class EdgeRotors(NamedTuple):
 
     toggled: whether each rotor has swung to its other rest angle, compared with the left-leaning
         state; None for spinners.
-    turns: numbers of turns, counted from a uniform state [1]; NaN for flippers.
+    turns: number of turns of each rotor, counted from a uniform state [1]; NaN for flippers.
     """
 
     toggled: tuple[bool, bool] | None
@@ -109,7 +109,7 @@ class FrameErrors(NamedTuple):
 
 
 class ArcRate(NamedTuple):
-    """Rate of the arc length and its standard deviation, divided by `Orbit.free_rate` [rad/s]."""
+    """Rate of the arc length, and its standard deviation, over `Orbit.free_rate` each [rad/s]."""
 
     rate: float
     deviation: float = 0.0
@@ -126,13 +126,13 @@ class FrameState:
     """Configuration of a chain, with the extensions and levers of its springs."""
 
     def __init__(self, chain: Chain, angles: ArrayLike) -> None:
-        """Compute the springs for angles [rad], shape (N,); raise ValueError for other input."""
+        """Compute the springs for angles [rad], shape (N,); raise ValueError for invalid ones."""
         self.chain = chain
         self.angles = np.ascontiguousarray(angles, dtype=np.float64)
         check_shape(self.angles, chain.number_of_rotors)
         self.springs: Array = np.empty((3, chain.number_of_springs))
         """Extensions [m] and levers A and B [m/rad] of the springs, shape (3, springs): the levers
-        are the derivatives of an extension by the left and the right angle."""
+        are the derivatives of an extension with respect to the left and the right angle."""
         self.twists, self.upright = state_loops.of_angles(
             self.angles, chain.spring_parameters, chain.periodic, self.springs
         )
@@ -141,12 +141,12 @@ class FrameState:
 
     @property
     def first(self) -> Array:
-        """Derivatives A of the extensions by the left angles [m/rad], shape (springs,)."""
+        """Levers A of the springs at their left rotors [m/rad], shape (springs,)."""
         return np.asarray(self.springs[1])
 
     @property
     def second(self) -> Array:
-        """Derivatives B of the extensions by the right angles [m/rad], shape (springs,)."""
+        """Levers B of the springs at their right rotors [m/rad], shape (springs,)."""
         return np.asarray(self.springs[2])
 
 
@@ -257,10 +257,10 @@ class StateReporter:
     def _edge_rotors(self, angles: Array, shape: state_loops.Shape) -> EdgeRotors:
         """Return the states of the edge rotors.
 
-        The edge rotor of a flipper toggles where lever A_0 or B_{N-2} of the outermost spring
-        changes its sign. In the left-leaning state, A_0 has the sign of d - 1 (lean ratio d), and
-        B_n that of (-1)^(n+1). If the chain is upside down, both signs are opposite. The edge
-        rotor of a spinner makes half a turn per wall. The turns are counted from theta =
+        An edge rotor of a flipper has toggled if its lever of the outermost spring, A_0 or
+        B_{N-2}, has changed its sign. In the left-leaning state, A_0 has the sign of d - 1 (lean
+        ratio d), and B_n that of (-1)^(n+1). If the chain is upside down, both signs are opposite.
+        The edge rotor of a spinner makes half a turn per wall. The turns are counted from theta =
         +-theta_bar, the staggered rest angle.
         """
         chain = self.chain

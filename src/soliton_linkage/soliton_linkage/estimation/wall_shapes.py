@@ -126,9 +126,9 @@ def set_residuals(
 def scan_wall(
     theta: Array, first: int, table: WallTable, start: float, beside: float, bound: float
 ) -> tuple[float, float]:
-    """Return the least sum of squares [rad^2] for sites within `beside` of `start`, and its site.
+    """Return the least sum of squares [rad^2] for sites within `beside` of `start`, and this site.
 
-    The squares are those of the residuals; each is limited to `bound` [rad^2].
+    Each squared residual is limited to `bound` [rad^2].
     """
     best, least = start, np.inf
     steps = math.ceil(beside / _SCAN_STEP)
@@ -210,7 +210,7 @@ def fit_wall(
         if free and determinant > 1e-3 * site_information * of_stretch:
             step = (of_stretch * ahead - both * wider) / determinant
             change = (site_information * wider - both * ahead) / determinant
-        # If two steps have opposite signs, they are too long.
+        # If two successive steps have opposite signs, the steps are too long.
         share *= _SHORTER if change * last < -0.5 * last * last else 1.0
         last = change
         site += share * min(max(step, -_LONGEST_STEP), _LONGEST_STEP)

@@ -196,9 +196,9 @@ class WallTrack:
             return self._line.wrap(self.rotor + rate * elapsed), spread**2 + self._variance
         self._motion.predict(elapsed, self._line.edge_distance(self.rotor) < self._line.near)
         if self._pinning:
-            # The force on a fast wall is correlated over a quarter of a rotor spacing. The force
-            # on a slow wall in a potential well is correlated over a quarter of its period, and is
-            # proportional to the speed.
+            # The force on a fast wall is correlated over a quarter of a rotor spacing. A slow wall
+            # oscillates in a potential well; the force on it is correlated over a quarter of the
+            # oscillation period, and is proportional to the speed.
             speed = math.hypot(self.rate, self.rate_deviation)
             force = min(speed, self._pinning) ** 2 * self._pinning**2
             added = _FORCE * force / max(speed, self._pinning) * elapsed * self._arc**2
@@ -207,7 +207,7 @@ class WallTrack:
         return self._line.wrap(site), variance / self._arc**2 + self._variance
 
     def update(self, measured: WallMeasurement, time: float) -> None:
-        """Update the state with a measurement at a time [s]; a known state is predicted before."""
+        """Update the state with a measurement at the time [s] to which it has been predicted."""
         self.frames += 1
         self.missed, self.last_seen, self.width = 0, time, measured.width
         self._pinning = measured.pinning

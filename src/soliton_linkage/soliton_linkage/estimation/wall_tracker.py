@@ -22,7 +22,8 @@ from soliton_linkage.estimation.wall_track import (
 )
 
 _LONGEST_DELAY = 2.0
-"""The event of a wall that enters from an edge is reported at the latest after this time [s]."""
+"""The event of a wall that enters from an edge is reported at most this time after the entry
+[s]."""
 _FORBIDDEN = 1e9
 """Cost of a forbidden assignment [1], larger than the square of any gate."""
 
@@ -46,7 +47,7 @@ def assign(
 ) -> dict[int, int]:
     """Assign measured walls to predicted walls.
 
-    Return the index of the measured wall for each predicted wall.
+    Return a dict from the index of each assigned predicted wall to that of its measured wall.
 
     The walls of a pair have equal charges, and their sites differ by less than `gate` predicted
     standard deviations. Of all assignments with the largest number of pairs, the result has the
@@ -360,7 +361,7 @@ class WallTracker:
             self._add(EventKind.LOST, track.last_seen, track.rotor, ids, charges, energies)
 
     def _report_pending(self, time: float, frame: WallFrame) -> None:
-        """Report the events of walls that have left the edge; drop reflections of lost walls."""
+        """Report events of walls that left an edge; drop reflections of walls that vanished."""
         waiting = []
         for event, track in self._pending:
             free = self._line.edge_distance(track.rotor) > self._line.near

@@ -31,9 +31,9 @@ _BARS = records(BARS)
 _LEAST_NOISE = 1e-12
 """Lower limit of the noise [rad], the size of rounding errors."""
 _CALM, _LARGEST, _ABOVE_NOISE = 1e-3, 0.5, 4.0
-"""Limits of the deviations of rotors from the uniform state, all in a wall at rest. A calm rotor
-deviates by less than `_CALM` times the rest angle, or than the noise if it is larger. The rotors
-of a tail deviate by at most `_LARGEST` times the rest angle, and by at least `_ABOVE_NOISE`
+"""Limits of the deviations from the uniform state, for the rotors beside a wall at rest. A calm
+rotor deviates by less than `_CALM` times the rest angle, or than the noise if it is larger. The
+rotors of a tail deviate by at most `_LARGEST` times the rest angle, and by at least `_ABOVE_NOISE`
 standard deviations of the noise."""
 _BEND = 0.3
 """A zero of a tail is assumed to have an error of this [rotor spacings] times the deviation of its
@@ -257,7 +257,7 @@ class Wobble(NamedTuple):
         overshoot at rest.
     amplitude_deviation: standard deviation of the amplitude [m].
     rest_amplitude: overshoot of the same rotor for a wall at rest [m].
-    tail_ratio: deviation of a rotor in the tails, relative to its inner neighbour [1].
+    tail_ratio: deviation of a rotor in the tails, divided by that of its inner neighbour [1].
     tail_ratio_deviation: standard deviation of the tail ratio [1].
     decay_length: distance over which the tails decrease by a factor e [m].
     decay_length_deviation: standard deviation of the decay length [m].
@@ -286,7 +286,7 @@ class RestingWall(NamedTuple):
     first: int
     """Index of the rotor to which the first angle belongs."""
     angles: Array
-    """Angles in the orientation of the orbit, up to whole turns [rad], shape (n,)."""
+    """Angles in the orientation of the orbit [rad], known up to whole turns, shape (n,)."""
     site: float
     """Site of the wall [rotor spacings]."""
 
