@@ -72,7 +72,7 @@ def products_in_time(
 
 
 class FrameNoise:
-    """Estimator of the noise of the angles and of persistent residuals.
+    """Estimator that separates the noise of the angles from persistent residuals.
 
     Noise is independent from frame to frame, and persistent residuals are not. Let c_k be the mean
     product of two residuals of the same rotor that are k frames apart. Because c_0 contains the
@@ -335,7 +335,8 @@ class ResidualVariance:
         """Return the variance of a measured arc length along the orbit [rad^2].
 
         If rotors are unseen, persistent residuals cause the same error in all frames until the
-        wall has moved by a rotor spacing. Their variance is multiplied by the number of these
+        wall has moved by a rotor spacing. The filters treat the errors of successive frames as
+        independent; therefore the variance of these errors is multiplied by the number of these
         frames.
         """
         known = max(view.full_information, view.information)

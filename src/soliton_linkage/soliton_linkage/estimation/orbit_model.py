@@ -156,7 +156,7 @@ class OrbitMeasurementModel:
         noise: FrameNoise,
         upside_down: bool,
     ) -> bool:
-        """Update the encoder offsets; return whether the number of corrected ones has changed."""
+        """Update the encoder offsets; return whether the number of corrected encoders changed."""
         outlying = view.outlying if view.outliers else None
         residuals = view.residuals
         if self._likelihood.scales is not None:

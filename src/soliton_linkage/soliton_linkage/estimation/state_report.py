@@ -109,7 +109,7 @@ class FrameErrors(NamedTuple):
 
 
 class ArcRate(NamedTuple):
-    """Rate of the arc length, and its standard deviation, over `Orbit.free_rate` each [rad/s]."""
+    """Arc rate and its standard deviation, both divided by `Orbit.free_rate` [rad/s]."""
 
     rate: float
     deviation: float = 0.0
@@ -187,11 +187,11 @@ class StateReporter:
 
         `sites` are the sites of the walls [rotor spacings], empty or NaN without walls. `rates`
         are the rates of the rotors [rad/s], shape (N,), or an `ArcRate`. From an `ArcRate`, the
-        kinetic energy is (I / 2) rate^2 plus an estimate for waves, and that of the wake is NaN.
-        Noise with the standard deviations sigma of the angles and sigma_rate of the rates adds on
-        average the energies (k_e / 2) (A_n^2 + B_n^2) sigma^2 per spring and (I / 2) sigma_rate^2
-        per rotor. The reporter subtracts these mean energies, so that small energies may be
-        negative. Raises ValueError for another shape and for values that are not finite.
+        kinetic energy is (I / 2) rate^2 plus an estimate for waves, and the kinetic energy of the
+        wake is NaN. Noise with the standard deviations sigma of the angles and sigma_rate of the
+        rates adds on average the energies (k_e / 2) (A_n^2 + B_n^2) sigma^2 per spring and (I / 2)
+        sigma_rate^2 per rotor. The reporter subtracts these mean energies, so that small energies
+        may be negative. Raises ValueError for another shape and for values that are not finite.
         """
         chain, walls = self.chain, _finite(sites)
         state = np.ascontiguousarray(angles, dtype=np.float64)

@@ -4,6 +4,9 @@
 Kinks, and anti-kinks for a lean ratio d < 1, are computed exactly. Anti-kinks in all spinners and
 some wobbling flippers are pinned: at rest, every other rotor is turned over. The shapes of all
 other anti-kinks are mirrored kinks, which is exact in the continuum limit.
+
+The arguments `theta` are staggered angles of successive rotors [rad], NaN if unknown, and `first`
+is the index of the first one of these rotors.
 """
 
 from __future__ import annotations

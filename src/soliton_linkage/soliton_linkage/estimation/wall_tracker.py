@@ -78,8 +78,8 @@ class WallTracker:
     ) -> None:
         """Start with the typical rate `scale` [rad/s] and the arc length per rotor spacing [rad].
 
-        `swing` is the distance along the orbit, in units of the arc length per rotor spacing, for
-        which a wall stays at an edge.
+        `swing` is the arc length by which the chain moves while a wall is at an edge, divided by
+        the arc length per rotor spacing.
         """
         self._line, self._scale, self._arc = line, scale, site_arc
         self._edge_way = swing + 2 * line.near

@@ -106,7 +106,8 @@ def tail_sums(
 
     The summands are e^2, e (e' - F(e)), F'(e), (F'(e) e)^2 and F'(e) e e_inner. e is the deviation
     of a rotor from the uniform state [rad], e' that of its outer and e_inner that of its inner
-    neighbour. F is the `next_deviation`, and F' its derivative.
+    neighbour. F is the `next_deviation`, and F' its derivative. `k` is the spacing divided by the
+    rotor length.
     """
     square, product, slopes, squares, both = 0.0, 0.0, 0.0, 0.0, 0.0
     share = 0.0
@@ -281,7 +282,7 @@ class Wobble(NamedTuple):
 
 
 class RestingWall(NamedTuple):
-    """Wall at rest, at the site of a measured wall."""
+    """Computed wall at rest, at the same site as a measured wall."""
 
     first: int
     """Index of the rotor to which the first angle belongs."""
