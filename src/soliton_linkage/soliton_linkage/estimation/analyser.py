@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Analyser of the frames of a known chain, with an orbit filter or fits of the wall shapes."""
+"""Analyser of a known chain: an orbit filter for one wall, and fits of wall shapes otherwise."""
 
 from __future__ import annotations
 
@@ -65,7 +65,8 @@ _UNKNOWN_WIDTH = math.nan, math.nan
 class Analyser:
     """Analyser of a chain with known parameters; it receives frames in the order of their time.
 
-    If the chain has no orbit, `limitation` gives the reason, and the analyser fits wall shapes.
+    If the orbit cannot be computed, `limitation` gives the reason, and the analyser locates walls
+    only by fits of their shapes.
     """
 
     def __init__(
@@ -125,39 +126,40 @@ class Analyser:
 
     @property
     def late_impulses(self) -> int:
-        """Number of impulses that arrived too late for their frame."""
+        """Number of impulses ignored because their stamps were not after the last frame."""
         return self._impulses.late
 
     def apply_impulse(self, stamp: int | None, impulses: Array) -> None:
-        """Apply angular impulses [N m s], shape (N,), in the first frame at or after a time [ns].
+        """Apply angular impulses [N m s], shape (N,), in the first frame at or after `stamp` [ns].
 
-        None means the next frame. Late impulses are counted and ignored. Raises ValueError for
-        another shape and for values that are not finite.
+        If `stamp` is None, the next frame is used. Impulses are counted as late and ignored if
+        `stamp` is not after the last frame. Raises ValueError if `impulses` have another shape or
+        contain a value that is not finite.
         """
         self._impulses.add(stamp, self.chain.check_angles(impulses, 'impulse'))
 
     @property
     def offsets(self) -> Array:
-        """Estimated offset of each encoder [rad], shape (N,); 0 for insignificant offsets."""
+        """Estimated offset of each encoder [rad], shape (N,); 0 if statistically insignificant."""
         if self._filter is None:
             return np.zeros(self.chain.number_of_rotors)
         return self._filter.offsets.corrections
 
     @property
     def offset_deviations(self) -> Array:
-        """Standard deviation of each encoder offset [rad], shape (N,)."""
+        """Standard deviation of each estimated offset [rad], shape (N,); NaN without an orbit."""
         if self._filter is None:
             return np.full(self.chain.number_of_rotors, math.nan)
         return self._filter.offsets.deviations
 
     @property
     def stamp_error(self) -> float:
-        """Standard deviation of the errors of frame stamps [s]; 0 if insignificant."""
+        """Estimated standard deviation of the errors of frame stamps [s]; 0 if insignificant."""
         return 0.0 if self._filter is None else math.sqrt(self._filter.jitter.variance)
 
     @property
     def rest_angle_error(self) -> float:
-        """Common error of the rest angles of all rotors [rad]; 0 if insignificant."""
+        """Estimated error that all rest angles have in common [rad]; 0 if insignificant."""
         return 0.0 if self._filter is None else self._filter.offsets.rest_angle_error
 
     @property
@@ -167,7 +169,7 @@ class Analyser:
 
     @property
     def starts(self) -> int:
-        """Number of successful searches for the chain on its orbit."""
+        """Number of times that a search has located the chain on its orbit."""
         return 0 if self._filter is None else self._filter.starts
 
     def analyse(
@@ -179,12 +181,12 @@ class Analyser:
     ) -> Analysis | None:
         """Analyse a frame that was measured at a time `stamp` [ns]; return None if it is late.
 
-        A frame is late if its stamp is not later than the last one. A stamp that is earlier by
-        more than the clock limit of the settings starts a new record. Angles [rad], wrapped or
-        unwrapped, and rates [rad/s] have shape (N,), NaN or infinite if unknown. `deviations` are
-        the standard deviations of the angles [rad], shape (N,), NaN if unknown; fits of several
-        walls ignore them. Raises ValueError for another shape, and for standard deviations that
-        are infinite or not above 0.
+        A frame is late if its stamp is not after that of the last analysed frame. But if it is
+        earlier by more than `clock_limit` of the settings, the analyser restarts with this frame.
+        `angles` [rad], wrapped or unwrapped, and `rates` [rad/s] have shape (N,); unknown values
+        are NaN or infinite. `deviations` are the standard deviations of the angles [rad], shape
+        (N,), NaN if unknown; fits of wall shapes ignore them. Raises ValueError if an array has
+        another shape, or if a standard deviation is infinite or not above 0.
         """
         rotors = self.chain.number_of_rotors
         angles = np.ascontiguousarray(angles, dtype=np.float64)

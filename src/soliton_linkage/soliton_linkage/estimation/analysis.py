@@ -30,7 +30,7 @@ class CyclePhase(NamedTuple):
     rate: rate of change of the phase [rad/s].
     phase_deviation: standard deviation of the phase [rad].
     rate_deviation: standard deviation of the rate of the phase [rad/s].
-    completed: number of completed cycles since the start.
+    completed: number of whole cycles up to the current phase, counted from arc length 0.
     leg: number of the current leg (one passage of the wall along the chain), -1 if unknown. While
         the phase increases, the wall moves away from rotor 0 in even legs and towards rotor 0 in
         odd legs.
@@ -50,16 +50,17 @@ class Analysis(NamedTuple):
     motion: class of motion from the parameters of the chain, or, if these are unknown, from the
         angles.
     measured_motion: class of motion from the angles alone.
-    status: tracking status of the first wall; if `solitons` is empty, status of `estimate`.
+    status: tracking status of `estimate`; if walls were found by fits of their shapes, that of the
+        first wall.
     estimate: estimated state of the chain on its orbit.
     cycle: phase of the chain in the cycle of its orbit.
     solitons: walls that are at least half a rotor spacing from the edges, sorted by their site.
     events: events that this frame has confirmed.
-    topology: topology of the whole state.
+    topology: topology of the state of all rotors.
     edge_rotors: states of the first and the last rotor.
-    energies: energies of the whole state.
-    wobble: wobble of the rotors beside the wall.
-    unseen: number of rotors without a valid reading.
+    energies: energies of the state of all rotors.
+    wobble: wobble of the rotors beside the wall; None unless the frame shows exactly one wall.
+    unseen: number of rotors whose readings are missing or implausible.
     """
 
     motion: Motion | None
@@ -77,7 +78,11 @@ class Analysis(NamedTuple):
 
 
 def cycle_phase(estimate: OrbitEstimate, orbit: Orbit | None) -> CyclePhase:
-    """Return the phase in the cycle of the orbit, with the same sense for both mirror images."""
+    """Return the phase in the cycle of the orbit.
+
+    In a spinner that is upside down, the phase increases while the arc length decreases, so that
+    an increasing phase means the same sense of motion in both mirror images.
+    """
     if orbit is None or not estimate.leg_known:
         return CyclePhase(math.nan, math.nan, math.nan, math.nan, 0, -1)
     scale = 2 * math.pi / orbit.length
@@ -99,7 +104,7 @@ class FrameAnalyser(Protocol):
 
     @property
     def limitation(self) -> str:
-        """Reason why the analyser cannot locate walls on an orbit; empty if it can."""
+        """Reason why the analyser cannot locate walls on an orbit; an empty string if it can."""
 
     @property
     def late(self) -> int:
@@ -107,27 +112,27 @@ class FrameAnalyser(Protocol):
 
     @property
     def late_impulses(self) -> int:
-        """Number of impulses that arrived too late for their frame."""
+        """Number of impulses ignored because their stamps were not after the last frame."""
 
     @property
     def starts(self) -> int:
-        """Number of successful searches for the chain on its orbit."""
+        """Number of times that a search has located the chain on its orbit."""
 
     @property
     def stamp_error(self) -> float:
-        """Standard deviation of the errors of frame stamps [s]; 0 if insignificant."""
+        """Estimated standard deviation of the errors of frame stamps [s]; 0 if insignificant."""
 
     @property
     def rest_angle_error(self) -> float:
-        """Common error of the rest angles of all rotors [rad]; 0 if insignificant."""
+        """Estimated error that all rest angles have in common [rad]; 0 if insignificant."""
 
     @property
     def offsets(self) -> Array:
-        """Estimated offset of each encoder [rad], shape (N,); 0 for insignificant offsets."""
+        """Estimated offset of each encoder [rad], shape (N,); 0 if statistically insignificant."""
 
     @property
     def offset_deviations(self) -> Array:
-        """Standard deviation of each encoder offset [rad], shape (N,)."""
+        """Standard deviation of each estimated offset [rad], shape (N,); NaN without an orbit."""
 
     def analyse(
         self,

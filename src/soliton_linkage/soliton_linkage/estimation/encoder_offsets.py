@@ -2,8 +2,9 @@
 """Constant offsets of encoders, estimated from the residuals of rotors far from the wall.
 
 Far from the wall the residual of a rotor is x = o + side * delta + noise, where o is the offset of
-the encoder and delta the error of the rest angle. The side is +1 before and -1 beyond the wall.
-Therefore the frames determine o and delta separately only after the wall has passed the rotor.
+its encoder and delta the error of its rest angle. The side is +1 for a rotor before the wall, that
+is, between rotor 0 and the wall, and -1 for a rotor beyond it. Therefore o and delta of a rotor
+can be estimated separately only after the wall has passed this rotor.
 """
 
 from __future__ import annotations
@@ -24,28 +25,31 @@ from soliton_linkage.linear.bands import penetration_depth, tail_ratio
 from soliton_linkage.linkage.chain import Array, Chain
 
 _DEPTHS_BESIDE = 3.0
-"""Least distance of a far rotor from the wall [penetration depths]; the deviation from the uniform
-state is below 5 % there."""
+"""A rotor counts as far from the wall if its distance is above one rotor spacing plus this number
+of penetration depths [1]; there, the deviation from the uniform state is below 5 %."""
 _FEWEST_MEANS = 5
-"""Least number of block means of a rotor before its offset is corrected [1]."""
+"""The offset of a rotor is corrected only after at least this number of block means [1]."""
 _FEWEST_ROTORS = 5
-"""Least number of block means for an estimate of the common error of all rest angles [1]."""
+"""The common error of the rest angles is estimated only from at least this number of mean
+residuals [1]. A rotor has one mean before the wall and one beyond it."""
 _WAVE_TIME = 10.0
 """Assumed correlation time of waves [time units of the chain]."""
 _LEAST_DISTANCE = 0.01
-"""Threshold of the residual [rad]; a rotor above it may have an unknown offset."""
+"""An encoder may have an unknown offset if the mean residual of its rotor exceeds the typical
+range of the others by more than this [rad]."""
 _LEAST_ERROR = 3e-4
-"""Lower limit of the persistent error of a residual [rad]; it covers rounding errors."""
+"""Standard deviation of a residual due to persistent errors such as rounding errors [rad]; it is
+part of the uncertainty of every offset."""
 _CONTRADICTION = 0.3
-"""Threshold of the residual of a rotor near the wall, relative to the corrected offset [1]. A
-larger residual of opposite sign contradicts the offset."""
+"""The corrected offset of a rotor near the wall is contradicted if its remaining residual has the
+opposite sign and exceeds this share of the offset plus the effects of noise and speed [1]."""
 _FROM_EDGE = 2.0
-"""Least distance of a wall from the edges for a test of the rotors near the wall [rotor
+"""Rotors near the wall are tested only if the wall is farther than this from both edges [rotor
 spacings]."""
 _STUCK, _MOST_STUCK = 1e-5, 0.2
-"""Threshold of the change of a reading from block to block [rad]; a reading with a smaller change
-counts as unchanged. Threshold of the share of unchanged readings [1]; a chain with a smaller share
-counts as moving."""
+"""A reading counts as unchanged if it differs from that at the end of the preceding block by at
+most `_STUCK` [rad]. The chain counts as at rest if more than the share `_MOST_STUCK` of the
+readings is unchanged [1]."""
 
 
 class EncoderOffsets:
@@ -58,7 +62,8 @@ class EncoderOffsets:
         """Number of block means of each rotor [1], shape (N,)."""
         self.weights, self.sums = np.zeros((2, rotors)), np.zeros((2, rotors))
         """Sums of the weights [1/rad^2] and of the weighted residuals [1/rad] of each rotor, shape
-        (2, N) each. Row 0 is for rotors before the wall, row 1 for rotors beyond it."""
+        (2, N) each. Row 0 sums the residuals from the blocks in which the rotor was before the
+        wall, row 1 those from the blocks in which it was beyond the wall."""
         self.update(np.full(rotors, np.nan), np.zeros(rotors), 1.0)
 
     def update(
@@ -68,11 +73,12 @@ class EncoderOffsets:
         variance: float,
         persistent: float | Array = 0.0,
     ) -> None:
-        """Update the offsets with residuals [rad], shape (N,), NaN if unknown.
+        """Update the offsets with the residuals of a block [rad], shape (N,), NaN if unknown.
 
-        Sides [1], shape (N,), are +1 before, -1 beyond and 0 near the wall. `variance` is the
-        variance of the noise of a residual, and `persistent` the variance of an error that is
-        equal in all frames, a number or shape (N,) [rad^2].
+        `sides` [1], shape (N,), are +1 for rotors before, -1 for rotors beyond and 0 for rotors
+        near the wall, whose residuals are ignored. `variance` [rad^2] is the variance of a
+        residual due to noise. `persistent` [rad^2], a number or shape (N,), is its variance due to
+        errors that are equal in all blocks.
         """
         given = self.settings
         known = np.isfinite(residuals)
@@ -100,7 +106,7 @@ class EncoderOffsets:
         significant."""
 
     def predict(self, sides: Array) -> tuple[Array, Array]:
-        """Return predicted mean [rad] and variance [rad^2] of each residual.
+        """Return the predicted mean [rad] and variance [rad^2] of each residual, shape (N,) each.
 
         `sides` are defined as in `update`.
         """
@@ -110,7 +116,7 @@ class EncoderOffsets:
 
     @property
     def rest_angle_error(self) -> float:
-        """Median error of the rest angles of all rotors [rad]; 0 if not significant."""
+        """Median of the errors of the rest angles of all rotors [rad]; 0 if insignificant."""
         signs = np.where(np.arange(len(self.means)) % 2, -1.0, 1.0) * np.array([[1.0], [-1.0]])
         seen = self.weights > 0
         errors = (signs * self.sums)[seen] / self.weights[seen]
@@ -121,9 +127,10 @@ class EncoderOffsets:
         return error if abs(error) > self.settings.significance * chance else 0.0
 
     def retest(self, rotors: Flags, errors: Array) -> None:
-        """Reduce the weight of earlier residuals of given rotors.
+        """Reduce the weight of the earlier residuals of the flagged rotors.
 
-        `errors` [rad] are the differences between the latest and the predicted residuals.
+        `errors` [rad], shape (N,), are the differences between the latest and the predicted
+        residuals. The larger the error of a rotor, the smaller is the remaining weight.
         """
         self.means[rotors] = np.minimum(self.means[rotors], _FEWEST_MEANS) - 1
         kept = 1 / np.maximum(self.weights[:, rotors] * errors[rotors] ** 2, 1.0)
@@ -135,7 +142,11 @@ class FarFieldResiduals:
     """Mean residuals of rotors far from the wall, over blocks of frames."""
 
     def __init__(self, offsets: EncoderOffsets, chain: Chain, strong: float) -> None:
-        """Start without frames; ignore blocks of mean square residual above `strong` [rad^2]."""
+        """Start without frames.
+
+        A block is ignored, because of waves, if the mean square of its residuals is above `strong`
+        [rad^2] and the residuals change from block to block.
+        """
         self._offsets, self._settings = offsets, offsets.settings
         self._margin = 1 + _DEPTHS_BESIDE * penetration_depth(chain) / chain.spacing
         self._tail, self._time_unit, self._strong = tail_ratio(chain), chain.time_unit, strong
@@ -145,8 +156,8 @@ class FarFieldResiduals:
         self._uneven, self._first = False, True
         self._unsteady = np.zeros(rotors)
         self.disorder = 0.0
-        """Disorder: standard deviation of the angles [rad] due to unmodelled deviations from the
-        uniform chain."""
+        """Standard deviation of the angles due to unmodelled differences between rotors and
+        between springs [rad]."""
         self.stuck = np.zeros(rotors, dtype=np.bool_)
         self.doubtful = np.zeros(rotors, dtype=np.bool_)
         self._outlying: Flags | None = None
@@ -169,7 +180,9 @@ class FarFieldResiduals:
         """Add the residuals of a frame [rad], shape (N,), and return whether the block is full.
 
         `site` is the site of the wall [rotor spacings], `elapsed` the time since the last frame
-        [s], and `variance` a lower limit of the noise variance [rad^2].
+        [s], and `variance` a lower limit of the noise variance [rad^2]. A residual that is flagged
+        in `outlying` is replaced by the mean of the block so far, unless it repeats an outlier of
+        the preceding frame.
         """
         self._sums += residuals
         if outlying is not None:
@@ -188,7 +201,7 @@ class FarFieldResiduals:
         return self._frames == self._settings.block
 
     def learn(self, sign: int, variance: float) -> None:
-        """Update the offsets with the block of frames.
+        """Update the offsets with the mean residuals of the block, and start a new block.
 
         `sign` is -1 if the chain is upside down, else 1. `variance` is the variance of the noise
         of an angle [rad^2].
@@ -247,7 +260,11 @@ class FarFieldResiduals:
         self.restart()
 
     def find_doubtful(self, read: Array, outlying: Flags) -> None:
-        """Find stuck encoders and unknown offsets from readings [rad] and flags of outliers."""
+        """Update `stuck` and `doubtful` from readings [rad], shape (N,), and flags of outliers.
+
+        `stuck` flags encoders whose readings do not change while the chain moves. `doubtful` flags
+        these encoders and encoders that may have an unknown offset.
+        """
         still = np.count_nonzero(np.abs(read - self._read) <= _STUCK)
         at_rest = still > _MOST_STUCK * np.count_nonzero(np.isfinite(read))
         wrong = outlying & (self._offsets.corrections == 0)
@@ -284,7 +301,11 @@ class FarFieldResiduals:
         return self._disorder(rows, median(chances) if len(chances) else 0.0)
 
     def _disorder(self, means: Array, noise: float) -> float:
-        """Return the disorder [rad], estimated robustly from the mean residuals of the rotors."""
+        """Return a robust estimate of the disorder [rad]; 0 if insignificant.
+
+        `means` [rad], shape (2, N), are the mean residuals of the rotors before and beyond the
+        wall, NaN if unknown. `noise` is the standard deviation of such a mean due to noise [rad].
+        """
         (before, beyond), tail = means, self._tail
         added = np.concatenate([before[:-1] - tail * before[1:], beyond[1:] - tail * beyond[:-1]])
         sizes = np.abs(added[np.isfinite(added)])
@@ -297,7 +318,7 @@ class FarFieldResiduals:
 
 
 def _trimmed_mean(squares: Array) -> float:
-    """Return the mean of all squares but the two largest; offsets may cause these two."""
+    """Return the mean of all but the two largest squares, because two rotors may have offsets."""
     count = len(squares) - 2
     if count <= 0:
         return 0.0

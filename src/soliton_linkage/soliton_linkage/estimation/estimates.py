@@ -13,8 +13,8 @@ class TrackingStatus(enum.Enum):
     """Frames on which an estimate is based: the current frame, earlier frames or both."""
 
     LOST = 'lost'
-    """No estimate exists, because no frame has matched the orbit since the last loss or the
-    start."""
+    """No estimate exists: no frame has matched the orbit since the start or since the wall was
+    lost."""
     ACQUIRED = 'acquired'
     """The estimate is based on one frame; only the order of magnitude of the rate is known."""
     TRACKING = 'tracking'
@@ -38,7 +38,8 @@ class OrbitEstimate(NamedTuple):
     site_rate: rate of change of the site [rotor spacings / s]; 0 while the wall is at an edge.
     site_deviation: standard deviation of the site [rotor spacings].
     site_rate_deviation: standard deviation of the rate of the site [rotor spacings / s].
-    leg: number of the leg, a part of the orbit with one passage of the wall; -1 if lost.
+    leg: number of the current leg (part of the orbit between two reflections of the wall); -1 if
+        lost.
     leg_known: whether the frames exclude all other legs in which the wall has the same site.
     noise: standard deviation of the noise of an angle [rad], either given or estimated.
     misfit: root mean square residual of the rotors near the wall in recent frames [rad].
@@ -66,7 +67,7 @@ class OrbitEstimate(NamedTuple):
 
 
 def lost(time: float, noise: float = math.nan) -> OrbitEstimate:
-    """Return the estimate of a lost chain at a time [s], with the noise of an angle [rad]."""
+    """Return the estimate with status LOST at a time [s]; `noise` is that of an angle [rad]."""
     return OrbitEstimate(time, TrackingStatus.LOST, noise=noise)
 
 
@@ -79,7 +80,8 @@ class AnalysedSoliton(NamedTuple):
     velocity: velocity of the centre [m/s], positive towards the last rotor.
     width: measured width w of the profile tanh(x / w) [m]; NaN for a non-uniform chain.
     theory_width: width that continuum theory predicts at this velocity [m].
-    charge: +1 if the rotors before the wall lean right and those beyond it lean left, else -1.
+    charge: +1 if the rotors before the wall (towards rotor 0) lean right and those beyond it lean
+        left; -1 in the opposite case.
     position_deviation: standard deviation of the position [m].
     velocity_deviation: standard deviation of the velocity [m/s].
     width_deviation: standard deviation of the width [m].
@@ -136,8 +138,10 @@ class SolitonEvent:
     ids_after: identifiers of the walls after the event, sorted by site.
     charge_before: sum of the charges of the walls before the event.
     charge_after: sum of the charges of the walls after the event.
-    energy_before: energy of the walls before the event, without the wake [J]; NaN if unknown.
-    energy_after: energy of the walls after the event, without the wake [J]; NaN if unknown.
+    energy_before: energy of the walls before the event, without the waves around them [J]; NaN if
+        unknown.
+    energy_after: energy of the walls after the event, without the waves around them [J]; NaN if
+        unknown.
     collisions: number of times that the two walls overlapped before this event.
     """
 

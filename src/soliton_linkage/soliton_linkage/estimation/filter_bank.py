@@ -2,7 +2,8 @@
 """Compiled loops over the Kalman filters of a `MultipleModelFilter`.
 
 The state of each filter is (s, w, b, d): arc length s along the orbit, its rate w, bias b of the
-measurement, and disturbance d. If the settings include no disturbance, d is a damping rate [1/s].
+measurement, and disturbance d. The disturbance is an acceleration [rad/s^2]. But if `disturbance`
+of the settings is 0, d is the relative rate of change of w due to unmodelled damping [1/s].
 """
 
 from __future__ import annotations
@@ -19,12 +20,12 @@ from soliton_linkage.linkage.chain import Array
 Records = NDArray[np.void]
 
 LEAST_ODDS, _LEAST_ODDS_AT_EDGES = -9.0, -2.0
-"""Lower limits of the log odds against the steady filter [1], for a wall inside the chain and for
-a wall at an edge, where springs exchange energy with the wall."""
+"""Lower limits of the log odds against the steady filter [1]: the first for a wall inside the
+chain, the second for a wall at an edge, where springs exchange energy with the wall."""
 _LEAST_EVIDENCE = 0.5
-"""Threshold of the log odds of an impulse hypothesis [1]; a hypothesis with lower odds has no
-weight. Sensitivity: without the threshold, the stated standard deviations of a steady wall grow by
-3 %."""
+"""A filter that assumes an impulse has a weight only if its log odds are above this [1].
+Sensitivity: without this limit, the reported standard deviations are 3 % larger for a wall in
+steady motion."""
 
 ARC, RATE, BIAS, DISTURBANCE = range(4)
 FILTER = np.dtype(
@@ -40,17 +41,19 @@ FILTER = np.dtype(
         ),
     ]
 )
-"""Record of one filter. The steady filter is the first of a bank. Filters that assume an impulse
-are the last ones, sorted by the age of the impulse.
+"""Record of one filter. In a bank of filters, the steady filter is the first. The filters that
+assume an impulse are the last ones, those with the latest impulse first.
 
 state, covariance: mean and covariance of (s, w, b, d).
 bias_variance: stationary variance of the bias [rad^2].
-rate_noise, edge_rate_noise: square of the relative change of the rate per rotor spacing, inside
-    the chain and at edges [1].
+rate_noise, edge_rate_noise: square of the relative change of the rate per rotor spacing, for a
+    wall inside the chain and for a wall at an edge [1].
 weight: weight of the filter in the mixture of all filters [1].
-prior, probability: prior and current probability of a filter that is not steady [1].
-likelihood: log likelihood of recent measurements [1].
-odds: log odds of the impulse that the filter assumes [1].
+prior, probability: prior and current probability of a filter among those that are neither steady
+    nor assume an impulse [1].
+likelihood: log likelihood of recent measurements, minus that of the likeliest filter [1].
+odds: log likelihood of the measurements since the assumed impulse, minus their log likelihood
+    without an impulse [1].
 """
 STATUS = np.dtype(
     [
@@ -65,17 +68,17 @@ STATUS = np.dtype(
 
 base: number of filters that assume no impulse [1].
 site_arc: arc length per rotor spacing [rad].
-least_impulse: lower limit of the variance of the rate change by an impulse [rad^2/s^2].
+least_impulse: assumed variance of the rate change by an impulse to a wall at rest [rad^2/s^2].
 bias_decay: decay rate of the bias while the wall is at rest [1/s].
 variance: variance of the last measurement [rad^2].
 elapsed: time step of the last prediction [s].
 at_edge: 1 if the wall is at an edge, else 0.
-rate: rate of the mixture of all filters [rad/s].
+rate: mean rate of the arc length in the mixture of all filters [rad/s].
 log_odds: log odds against the steady filter [1].
 frames: number of frames since the last restart from an impulse [1].
 impulses: number of restarts from an impulse [1].
-wave_noise: spectral density of the process noise of the rate that waves add to a filter, divided
-    by the rate noise of this filter [rad^2/s^3].
+wave_noise: ratio of the spectral density of the process noise that waves add to the rate of a
+    filter and `rate_noise` of this filter [rad^2/s^3].
 ripple: variance that the periodic ripple of the rate adds to the bias of each filter [rad^2].
 """
 _FILTERS = records(FILTER, writable=True)
@@ -84,7 +87,7 @@ _NUMBERS = records(record_dtype(FilterSettings))
 
 
 def _transform(transition: Array, covariance: Array, product: Array) -> None:
-    """Replace the covariance P by F P F^T for the transition F; `product` is storage for F P."""
+    """Replace the covariance P by F P F^T; `transition` is F, and `product` is storage for F P."""
     for i in range(4):
         for j in range(4):
             total = 0.0
@@ -111,7 +114,7 @@ correct = compile_loop(_correct, inlined=True)
 
 @compiled(_FILTERS)
 def expected_measurement(filters: Records) -> tuple[float, float]:
-    """Return predicted mean [rad] and variance [rad^2] of the next measurement."""
+    """Return the mean [rad] and variance [rad^2] that the mixture predicts for a measurement."""
     arc, variance = 0.0, 0.0
     for n in range(filters.size):
         state = filters[n]['state']
@@ -135,7 +138,7 @@ def predict(
     acceleration: float,
     bandwidth: float,
 ) -> tuple[float, float]:
-    """Predict all filters as `MultipleModelFilter.predict` does; return `expected_measurement`."""
+    """Predict all filters like `MultipleModelFilter.predict`; return `expected_measurement`."""
     status[0]['elapsed'], status[0]['at_edge'] = elapsed, at_edge
     speed, site = abs(status[0]['rate']), status[0]['site_arc']
     way = speed * elapsed / site
@@ -211,10 +214,11 @@ def _log_mean(probabilities: Array, likelihoods: Array) -> float:
 def update(
     filters: Records, base: int, arc: float, variance: float, freedoms: float
 ) -> tuple[float, float]:
-    """Update all filters and their probabilities with a measured arc length; return two log odds.
+    """Update all filters and their probabilities with a measured arc length [rad].
 
-    The first result is the change of the log odds against the steady filter. The second result is
-    the largest log odds of an impulse.
+    `base` is that of `STATUS`, `variance` the variance of the measurement [rad^2], and `freedoms`
+    its number of degrees of freedom. Return the change of the log odds against the steady filter,
+    and the largest `odds` of a filter that assumes an impulse.
     """
     likely = _update_filters(filters, arc, variance, freedoms)
     probabilities, weights = np.empty(base - 1), np.empty(base)
@@ -243,7 +247,7 @@ def update(
 
 @compiled(_FILTERS, _NUMBERS, i8, f8)
 def set_weights(filters: Records, settings: Records, base: int, log_odds: float) -> None:
-    """Set the weights of all filters in the mixture, given the log odds against the steady one."""
+    """Set the weights of all filters in the mixture; `base` and `log_odds` are as in `STATUS`."""
     doubted = 1 / (1 + math.exp(-log_odds))
     filters[0]['weight'] = 1 - doubted
     for n in range(1, base):
@@ -262,10 +266,9 @@ def set_weights(filters: Records, settings: Records, base: int, log_odds: float)
 
 @compiled(_FILTERS, i8)
 def mixture(filters: Records, count: int) -> tuple[float, float, float, float, float]:
-    """Return moments of the first `count` filters in the mixture.
+    """Return the moments of the mixture of the first `count` filters.
 
-    The moments are mean arc length, mean rate, variance of the arc length, covariance and variance
-    of the rate.
+    The moments are the mean arc length s, the mean rate w, var(s), cov(s, w) and var(w).
     """
     whole, arc, rate = 0.0, 0.0, 0.0
     of_arc, both, of_rate = 0.0, 0.0, 0.0
@@ -302,9 +305,14 @@ def _copy_state(filters: Records, source: int, target: int) -> None:
 def assume_impulse(
     filters: Records, base: int, older: int, elapsed: float, least_impulse: float
 ) -> None:
-    """Add a filter that assumes an impulse in this frame.
+    """Replace the filter at index `base` by one that assumes an impulse in the last time step.
 
-    Each of the `older` latest impulse filters first moves to the place of the next older one.
+    Its state is that of the filter with the largest weight among those without impulse, with a
+    larger variance of the rate.
+
+    Before that, the `older` filters from index `base` on move up by one index, and the last of
+    them replaces a filter with an older impulse. `elapsed` is the time step [s], and
+    `least_impulse` is as in `STATUS`.
     """
     likeliest = 0
     for n in range(1, base):
@@ -322,7 +330,10 @@ def assume_impulse(
 
 @compiled(_FILTERS, i8)
 def restart_steady(filters: Records, base: int) -> None:
-    """Restart the steady filter from the mean of the other filters, with a bias of 0."""
+    """Restart the steady filter from the mean of the other filters that assume no impulse.
+
+    Its bias becomes 0.
+    """
     filters[0]['weight'] = 0.0
     disturbance, of_disturbance = 0.0, 0.0
     for n in range(1, base):
@@ -341,7 +352,11 @@ def restart_steady(filters: Records, base: int) -> None:
 
 @compiled(_FILTERS, i8)
 def restart_from_impulse(filters: Records, base: int) -> None:
-    """Restart all filters from the likeliest impulse; the variance of each bias stays."""
+    """Restart all filters that assume no impulse from the filter with the likeliest impulse.
+
+    Their biases become 0, with their stationary variances. The `odds` of all assumed impulses
+    become -inf.
+    """
     likeliest = base
     for n in range(base, filters.size):
         if filters[n]['odds'] > filters[likeliest]['odds']:
@@ -368,7 +383,7 @@ def measure(
     freedoms: float,
     calm: float,
 ) -> tuple[float, float, float, float, float]:
-    """Update all filters as `MultipleModelFilter.update` does; return the `mixture`."""
+    """Update all filters as `MultipleModelFilter.update` does, and return their `mixture`."""
     given, now = settings[0], status[0]
     base, frames = int(now['base']), int(now['frames'])
     more, most = update(filters, base, arc, variance, freedoms)

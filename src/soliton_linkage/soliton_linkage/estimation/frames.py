@@ -38,7 +38,10 @@ def rotor_swing(chain: Chain) -> float:
 
 @compiled(const_f8_1d, f8_1d, f8_1d, f8_1d)
 def unwrap(angles: Array, last: Array, turns: Array, seen: Array) -> None:
-    """Set `seen` to unwrapped angles [rad], shape (N,); invalid readings become NaN."""
+    """Set `seen` to unwrapped angles [rad], shape (N,); invalid readings become NaN.
+
+    `last` (last valid reading [rad]) and `turns` (whole turns to add to a reading) are updated.
+    """
     for n in range(angles.size):
         angle = angles[n]
         if abs(angle) < LARGEST_ANGLE:
@@ -69,7 +72,10 @@ class FrameClock:
     """Clock that accepts the stamps of frames in ascending order and rejects late stamps."""
 
     def __init__(self, limit: float = DEFAULTS.tracking.clock_limit) -> None:
-        """Start without a stamp; a stamp that is `limit` [s] too early restarts the clock."""
+        """Start without a stamp.
+
+        A stamp that is more than `limit` [s] before the last accepted one restarts the clock.
+        """
         self._limit = limit
         self.time = -math.inf
         """Time from the first frame to the last accepted frame [s]."""
@@ -93,12 +99,12 @@ class FrameClock:
 
 
 _NEAR = 3600 * 10**9
-"""Threshold of the difference between two stamps [ns]: a larger one means different clocks,
-because the origins of two clocks differ by years."""
+"""Two stamps are assigned to different clocks if they differ by more than this [ns], because the
+origins of two clocks differ by years."""
 
 
 class FrameImpulse(NamedTuple):
-    """Angular impulses [N m s], shape (N,), and the time from them to the next frame [s]."""
+    """Angular impulses [N m s], shape (N,), that act on the rotors `ago` [s] before a frame."""
 
     impulses: Array
     ago: float = 0.0
@@ -112,7 +118,7 @@ class ImpulseQueue:
 
     def __init__(self) -> None:
         self.late = 0
-        """Number of impulses that arrived too late for their frame."""
+        """Number of impulses ignored because their stamps were not after the last frame."""
         self._waiting: list[tuple[int | None, Array]] = []
         self._frame: int | None = None
 
@@ -164,18 +170,19 @@ class CompletedFrame(NamedTuple):
     """Angles and rates of all rotors of a frame; estimates replace missing values."""
 
     angles: Array
-    """Actual angles [rad], shape (N,); all NaN if neither a rotor nor the orbit is known."""
+    """Angles [rad], shape (N,), without encoder offsets; all NaN if no rotor is known and the
+    orbit estimate is lost."""
     rates: Array | None
     """Rates of the rotors [rad/s], shape (N,); None if the rates are unknown."""
     filled: Flags
     """Flags of rotors with estimated angles, because their readings were missing or implausible,
     shape (N,)."""
     from_orbit: bool
-    """Whether the angles of filled rotors come from the orbit; otherwise from neighbouring
-    rotors."""
+    """Whether the angles of filled rotors are those of the orbit; otherwise they are interpolated
+    between neighbouring rotors."""
     others: bool
-    """Whether two adjacent rotors differ from the orbit by half a swing; this shows a second
-    wall."""
+    """Whether two adjacent rotors differ from the orbit by more than half a swing, which indicates
+    a second wall."""
 
     number_filled: int
     """Number of filled rotors."""
@@ -190,7 +197,7 @@ class OnOrbit(NamedTuple):
     """Angles and rates of all rotors as predicted by the orbit, shape (N,) each."""
 
     angles: Array
-    """Predicted actual angles [rad], up to whole turns."""
+    """Predicted angles [rad]; they may differ from unwrapped angles by whole turns."""
     rates: Array
     """Predicted rates [rad/s]."""
     residuals: Array
@@ -198,10 +205,10 @@ class OnOrbit(NamedTuple):
 
 
 def on_orbit(orbit: Orbit, estimate: OrbitEstimate, residuals: Array) -> OnOrbit:
-    """Return angles and rates on the orbit.
+    """Return the angles and rates at the estimated point of the orbit.
 
-    `residuals` [rad], (N,), are relative to the orbit; in a chain that is upside down, their signs
-    change.
+    `residuals` [rad], shape (N,), are relative to the orbit. If the chain is upside down, the
+    result has the mirrored angles, and the rates and residuals with opposite signs.
     """
     angles = orbit.configuration(estimate.arc)
     rates = orbit.tangent(estimate.arc) * estimate.rate
@@ -233,11 +240,12 @@ class Unwrapper:
 def complete(
     chain: Chain, angles: Array, rates: Array | None, expected: OnOrbit | None, last: Array
 ) -> CompletedFrame:
-    """Fill in missing angles [rad] and rates [rad/s], (N,), from the orbit or the neighbours.
+    """Replace missing angles [rad] and rates [rad/s], shape (N,), by those of the orbit.
 
-    The last angles, `last` [rad], determine the whole turns. A reading also counts as missing if
-    it differs from the orbit by more than half a swing while the readings of both neighbours do
-    not.
+    Whole turns are added to an angle of the orbit so that it is nearest to `last`, the last valid
+    angle of the rotor [rad]. An angle also counts as missing if it differs from the orbit by more
+    than half a swing while those of both neighbours do not. If `expected` is None, missing angles
+    are interpolated between neighbouring rotors, and the rates are used only if all are known.
     """
     unseen = ~np.isfinite(angles)
     if expected is None:
@@ -273,9 +281,10 @@ def complete(
 def whole_frame(
     chain: Chain, angles: Array, rates: Array | None, largest: float
 ) -> CompletedFrame | None:
-    """Return a frame with unchanged angles, or None if a residual is too large.
+    """Return a frame without filled rotors, or None if a residual is too large.
 
-    `largest` is the largest residual [rad], which must not exceed half a swing or be NaN.
+    `largest` is the largest absolute residual [rad]; it is too large if it is NaN or exceeds half
+    a swing.
     """
     if not largest <= rotor_swing(chain) / 2:
         return None

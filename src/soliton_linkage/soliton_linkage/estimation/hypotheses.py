@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hypotheses about the position of a chain on its orbit; their weights are likelihoods."""
+"""Hypotheses about the position of a chain on its orbit, weighted by their likelihoods."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.orbit.orbit import Orbit
 
 _LEAD = 3.0
-"""Lead in log likelihood at which another hypothesis replaces the leading one [1]; the new leader
-has a probability of 95 %."""
+"""A hypothesis replaces the leader if its log likelihood is larger by more than this [1]. Of the
+two, it then has a probability of at least 95 %."""
 _STEP = 1e-3
-"""Step of the site for the numerical derivative of the arc length per rotor spacing [rotor
+"""Step along the orbit for the numerical derivative of the arc length per rotor spacing [rotor
 spacings]."""
 _NEAR = 0.5
-"""Largest distance between the walls of two hypotheses that can be merged [rotor spacings]."""
+"""Two hypotheses count as duplicates only if their walls are closer than this [rotor spacings]."""
 
 
 @dataclass
@@ -32,7 +32,7 @@ class Hypothesis:
     upside_down: bool
     view: LinearisedMeasurement
     evidence: float
-    """Log likelihood of all frames, relative to the likeliest hypothesis [1]."""
+    """Log likelihood of all frames, minus that of the likeliest hypothesis [1]."""
 
 
 class MixtureMoments(NamedTuple):
@@ -49,7 +49,7 @@ class MixtureMoments(NamedTuple):
 
 
 class Hypotheses:
-    """Competing hypotheses about the position; the estimate reports the first one, the leader."""
+    """Competing hypotheses about the position of a chain; the first one is the leader."""
 
     def __init__(self, orbit: Orbit, settings: EstimationSettings) -> None:
         self._orbit, self._settings = orbit, settings
@@ -63,7 +63,7 @@ class Hypotheses:
     def weigh(self, likelihoods: list[float]) -> None:
         """Add the log likelihood of a frame to each hypothesis.
 
-        Drop unlikely and duplicate hypotheses.
+        Then choose the leader again, and drop unlikely and duplicate hypotheses.
         """
         if len(self.all) == 1:
             return
@@ -83,7 +83,11 @@ class Hypotheses:
         self.all = kept
 
     def add_toggled(self) -> None:
-        """Add one hypothesis for each edge rotor that may have toggled; only flippers toggle."""
+        """Add a hypothesis for each edge rotor that may have swung to its other rest angle.
+
+        This happens only in flippers. The new hypothesis has the same site as the leader on
+        another leg of the orbit, and the opposite rate.
+        """
         orbit, leader = self._orbit, self.leader
         view = leader.view
         if orbit.number_of_legs < 4 or not view.outliers:
@@ -100,7 +104,7 @@ class Hypotheses:
             self.all.append(Hypothesis(motion, leader.upside_down, view, evidence))
 
     def leg_is_known(self) -> bool:
-        """Return whether the frames exclude all legs of the orbit but the likeliest one."""
+        """Return whether the frames exclude all legs of the orbit except that of the leader."""
         if len(self.all) == 1:
             return True
         legs = np.array([self._orbit.leg(each.motion.arc) for each in self.all])
@@ -109,7 +113,11 @@ class Hypotheses:
         return bool(others < self._settings.likelihood.false_alarms * weights.sum())
 
     def mixture(self, arc_variance: float, rate_variance: float) -> MixtureMoments:
-        """Return site and rate of the wall; the arguments are additional variances."""
+        """Return the moments of the site of the wall and of its rate over all hypotheses.
+
+        `arc_variance` [rad^2] and `rate_variance` [rad^2/s^2] are added to the variances of the
+        arc length and of its rate in each hypothesis.
+        """
         if len(self.all) == 1:
             site, site_var, rate, rate_var = self._row(self.all[0], arc_variance, rate_variance)
             return MixtureMoments(site, math.sqrt(site_var), rate, math.sqrt(rate_var))

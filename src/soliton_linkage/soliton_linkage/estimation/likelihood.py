@@ -4,12 +4,13 @@
 The difference d between the measured angle of a rotor and its angle on the orbit has the variance
 V. With the scaled difference r = d / sqrt(V), the probability density of d is
 
-    p(d) = (1 - e) C / sqrt(V) exp(-rho(r)) + e / 2 pi,
+    p(d) = (1 - e) C / sqrt(V) exp(-rho(r)) + e / (2 pi),
     rho(r) = r^2 / 2 for |r| <= k,    rho(r) = k^2 (1/2 + log(|r| / k)) for |r| > k,
 
-where e is the share of readings without information, k the bound of the normal core, and C a
-normalisation. The slope of log p is -w d / V. The weight is w = min(1, k^2 / r^2) P, where P is
-the probability that the reading contains information.
+where e is the share of readings without information, whose angles are random, k is the bound of
+the normal core, and C normalises exp(-rho). The derivative of log p with respect to d is -w d / V.
+Here, w = min(1, k^2 / r^2) P is the weight of the reading, and P the probability that the reading
+contains information.
 """
 
 from __future__ import annotations
@@ -52,11 +53,12 @@ def compare(
     first: int,
     differences: Array,
 ) -> None:
-    """Set the differences between corrected angles and the angles of a wall on the orbit.
+    """Set `differences` to the corrected angles minus the angles of a wall on the orbit.
 
-    The differences [rad], from -pi to pi, have shape (N,). `about` are the angles that the rotors
-    near the wall, from rotor `first` on, have on the orbit. Other rotors have the angles `before`
-    or `beyond` of the uniform states.
+    The differences [rad], from -pi to pi, have shape (N,). The corrected angles are `angles` minus
+    `corrections` [rad], mirrored if `upside_down`. `about` are the angles that the rotors near the
+    wall, from rotor `first` on, have on the orbit. Rotors with lower indices have the angles
+    `before`, and rotors with higher indices the angles `beyond`, both of uniform states.
     """
     end = first + about.size
     for n in range(angles.size):
@@ -74,7 +76,10 @@ def _core(square: float, inner: float) -> float:
 
 @compiled(f8, f8, f8)
 def _log_likelihood(square: float, bound: float, floor: float) -> float:
-    """Return the log density of a difference, relative to the peak; `square` is r^2 [1]."""
+    """Return log p(d) relative to the peak of the first term of p(d).
+
+    `square` is r^2, `bound` is k, and `floor` is as in `DENSITY` [1].
+    """
     core = _core(square, bound * bound)
     if square <= bound * bound:
         return core
@@ -105,7 +110,8 @@ orbit.
 variance: variance V of the difference [rad^2].
 spread: variance of the predicted arc length along the orbit [rad^2].
 bound: bound k of the normal core of the density [1].
-floor: log density of readings without information, relative to the peak of the density [1].
+floor: logarithm of e / (2 pi), the second term of p(d), relative to the peak of the first term
+    [1].
 gross: smallest difference that counts as a gross error [rad].
 """
 _DENSITY = records(DENSITY)
@@ -122,8 +128,9 @@ def _weigh(
 ) -> tuple[float, float, float]:
     """Set the weights w of all rotors.
 
-    Return the sum of w t^2, the step to the likeliest arc length [rad], and the sum of t^2, for
-    the tangent t.
+    Return the sum of w t^2, the step to the likeliest arc length [rad], and the sum of t^2. Here t
+    is `tangent` for the rotors near the wall, from rotor `first` on, and 0 for others. Unknown and
+    doubtful rotors have weight 0 and are in neither sum.
     """
     end = first + tangent.size
     information, ahead, whole = 0.0, 0.0, 0.0
@@ -146,12 +153,17 @@ def _weigh(
 def weigh_frame(
     differences: Array, first: int, tangent: Array, density: Records, doubtful: Flags, rows: Array
 ) -> tuple[tuple[float, float, float], tuple[int, int, int, int, int], tuple[float, float, float]]:
-    """Compute weights and residuals of a frame, given its differences from the orbit [rad], (N,).
+    """Compute weights and residuals of a frame from its differences [rad] from the orbit, (N,).
 
-    Row 0 of `rows` becomes the weights. Row 1 becomes the residuals of inliers near the wall, and
-    0 for other rotors. Returns the results of `_weigh`; the numbers of inliers near the wall,
-    known rotors, gross errors, adjacent gross errors and outliers; and the sum of squares [rad^2],
-    log likelihood [1] and largest residual [rad], infinite if a rotor is unknown.
+    `differences` become the residuals at the likeliest arc length. Row 0 of `rows` becomes the
+    weights. Row 1 becomes the residuals of inliers (weight of at least 0.5) near the wall, and 0
+    for other rotors.
+
+    Returns three tuples. The first is the result of `_weigh`. The second has the numbers of
+    inliers near the wall, of known rotors, of gross errors, of gross errors in the longest run of
+    adjacent rotors, and of outliers. The third has the sum of the squares of row 1 [rad^2], the
+    log likelihood of the frame [1] and the largest absolute residual [rad], infinite if a rotor is
+    unknown.
     """
     weights, left = rows[0], rows[1]
     information, ahead, whole = _weigh(differences, first, tangent, density, doubtful, weights)
@@ -191,7 +203,10 @@ def weigh_frame(
 def sum_likelihoods(
     angles: Array, states: Array, variance: float, bound: float, floor: float, sums: Array
 ) -> None:
-    """Set the log likelihoods of the first n rotors in S uniform states; shape (S, N + 1)."""
+    """Set `sums[s, n]` to the log likelihood of the first n rotors in the uniform state s.
+
+    `states` [rad] has shape (S, N), and `sums` has shape (S, N + 1).
+    """
     for row in range(states.shape[0]):
         sums[row, 0] = 0.0
         for n in range(angles.size):
@@ -225,7 +240,8 @@ class SampledWalls(NamedTuple):
     firsts: Counts
     """Index of the first rotor near the wall of each sample, shape (S,)."""
     begins: Counts
-    """Index in `angles` at which each wall begins, and the number of angles, shape (S + 1,)."""
+    """Index in `angles` at which each wall begins, followed by the length of `angles`, shape (S +
+    1,)."""
     angles: Array
     """Angles of the rotors near the walls [rad], wall by wall."""
 
@@ -242,9 +258,11 @@ def scan(
     table: Array,
     likelihoods: Array,
 ) -> None:
-    """Set the log likelihoods of the sampled walls, shape (S,).
+    """Set the log likelihoods of a frame for each of the sampled walls, shape (S,).
 
-    Rotors near a wall use `table` of `tabulate`; other rotors use the sums of `sum_likelihoods`.
+    The likelihoods of rotors near a wall are taken from `table` (see `tabulate`). Those of other
+    rotors are taken from `before` and `beyond`, results of `sum_likelihoods` with a row for each
+    leg.
     """
     for sample in range(likelihoods.size):
         leg, first, begin = walls.legs[sample], walls.firsts[sample], walls.begins[sample]

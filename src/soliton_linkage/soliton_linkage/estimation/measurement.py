@@ -17,14 +17,15 @@ from soliton_linkage.linkage.chain import Array
 NO_FLAGS: Flags = np.zeros(0, dtype=np.bool_)
 """Empty array of flags; it means that no rotor is doubtful."""
 LEAST_INFORMATION = 1e-6
-"""Least Fisher information with which a frame determines the arc length along the orbit [1]."""
+"""A frame determines the arc length along the orbit only if its Fisher information is at least
+this [1]."""
 LONGEST_STEP = 0.5
-"""Longest Gauss-Newton step along the orbit [rad], a displacement of about half a rotor
-spacing."""
+"""A Gauss-Newton step along the orbit is limited to this [rad], which moves the wall by about half
+a rotor spacing."""
 _MOST_STEPS = 20
-"""Largest number of Gauss-Newton steps [1]."""
+"""A search ends at the latest after this number of Gauss-Newton steps [1]."""
 _LONGEST_RUN = 2
-"""Largest number of adjacent rotors with gross errors in an accepted frame [1]."""
+"""A frame is not accepted if more than this number of adjacent rotors have gross errors [1]."""
 
 
 class LinearisedMeasurement(NamedTuple):
@@ -35,20 +36,20 @@ class LinearisedMeasurement(NamedTuple):
     first: int
     """Index of the first rotor near the wall."""
     tangent: Array
-    """Derivative of the angles near the wall by the arc length, divided by the scales of the
-    readings [1], shape (n,)."""
+    """Derivative of the angles of the n rotors near the wall with respect to the arc length,
+    divided by the scales of their readings [1], shape (n,)."""
     residuals: Array
     """Measured angles minus the angles on the orbit at `arc` [rad], shape (N,), NaN if unknown."""
     weights: Array
     """Weight of each rotor, from 0 to 1, shape (N,)."""
     inlying: Array
-    """Residuals of inliers near the wall divided by the scales [rad], 0 for other rotors, shape
-    (N,)."""
+    """For an inlier near the wall, its residual divided by the scale of its reading [rad]; 0 for
+    other rotors; shape (N,)."""
     information: float
-    """Fisher information on the arc length for a noise of 1 rad [1]."""
+    """Fisher information on the arc length if the noise were 1 rad [1]."""
     full_information: float
-    """Information that the frame would have without outliers: as `information`, but with weight 1
-    for all known rotors except doubtful ones [1]."""
+    """Information that the frame would have if no rotor were an outlier: as `information`, but
+    with weight 1 for all known rotors that are not doubtful [1]."""
     squares: float
     """Sum of the squares of the residuals in `inlying` [rad^2]."""
     degrees_of_freedom: int
@@ -62,14 +63,14 @@ class LinearisedMeasurement(NamedTuple):
     gross: int
     """Number of rotors with gross errors."""
     run: int
-    """Largest number of adjacent rotors with gross errors."""
+    """Number of rotors in the longest run of adjacent rotors with gross errors."""
     outliers: int
     """Number of known rotors with a weight below 0.5."""
     largest: float
     """Largest absolute residual [rad]; infinite if a rotor is unknown."""
     unseen_share: float = 1.0
-    """Ratio of the variances due to unseen rotors after and before the correction for these rotors
-    [1]."""
+    """Share of the variance due to unseen rotors that remains after the correction for these
+    rotors [1]."""
 
     @property
     def mean_square(self) -> float:
@@ -83,7 +84,11 @@ class LinearisedMeasurement(NamedTuple):
 
 
 def search_arc(arc: float, target: Callable[[float], float], close: float) -> float:
-    """Search the likeliest arc length: move to `target` until a step is below `close` [rad]."""
+    """Return the likeliest arc length [rad], found by iteration from `arc` [rad].
+
+    `target` maps an arc length to a better estimate of it. The iteration ends when a step is
+    smaller than `close` [rad].
+    """
     for _ in range(_MOST_STEPS):
         step = target(arc) - arc
         arc += min(max(step, -LONGEST_STEP), LONGEST_STEP)
@@ -93,21 +98,22 @@ def search_arc(arc: float, target: Callable[[float], float], close: float) -> fl
 
 
 _CORE = 2.5
-"""Distance from a wall within which the rotors show whether the wall still exists [rotor
+"""The rotors up to this distance from a wall show whether the wall still exists [rotor
 spacings]."""
 _FAR, _FAR_NOISE, _FAR_SHARE = 0.75, 2.0, 0.3
-"""Criterion for a wall that no longer exists: more than `_FAR_SHARE` of the rotors near its site
-have residuals above `_FAR` times the least gross error plus `_FAR_NOISE` times the noise [1]."""
+"""A wall counts as lost if more than the share `_FAR_SHARE` of the rotors near its site have
+residuals above `_FAR` times the least gross error plus `_FAR_NOISE` times the noise [1]."""
 
 
 class FrameLikelihood:
-    """Likelihood of frames, from a robust density of the residuals of all rotors."""
+    """Likelihood of frames, computed from a robust density of the residuals of all rotors."""
 
     def __init__(self, swing: float, settings: LikelihoodSettings) -> None:
-        """Compute the density, given the swing of a rotor while a wall passes [rad]."""
+        """Compute the density; `swing` is the change of an angle while a wall passes [rad]."""
         self._settings = settings
         self.gross = settings.gross_share * swing
-        """Least size of a gross error [rad]; the deformation by springs is smaller."""
+        """A residual counts as a gross error if it is above this [rad]; the residuals due to the
+        deformation of a wall by its springs are smaller."""
         self._density = np.zeros(1, DENSITY)
         bound, wrong = settings.bound, settings.wrong
         core = math.sqrt(2 * math.pi) * math.erf(bound / math.sqrt(2))
@@ -119,7 +125,7 @@ class FrameLikelihood:
         1."""
 
     def floor(self, variance: float) -> float:
-        """Return the log density of a reading without information, relative to the peak [1]."""
+        """Return `floor` of `DENSITY` [1] for the variance of a difference [rad^2]."""
         return self._floor + 0.5 * math.log(variance)
 
     def random(self, known: int, variance: float) -> float:
@@ -138,8 +144,10 @@ class FrameLikelihood:
     ) -> LinearisedMeasurement:
         """Return the measurement of a frame, linearised at an arc length along the orbit [rad].
 
-        Overwrites `differences` [rad], shape (N,). `variance` is the variance of the difference
-        between a rotor and the orbit, and `spread` the variance of the arc length [rad^2].
+        `differences` [rad], shape (N,), are overwritten by the residuals at the likeliest arc
+        length. `tangent` is the derivative of the angles for the rotors from `first` on.
+        `variance` is the variance of the difference between a rotor and the orbit, and `spread`
+        that of the predicted arc length [rad^2].
         """
         rows, floor = np.empty((2, len(differences))), self.floor(variance)
         self._density[0] = variance, spread, self._settings.bound, floor, self.gross
@@ -177,17 +185,22 @@ class FrameLikelihood:
         )
 
     def over_random(self, residuals: Array, variance: float) -> float:
-        """Return the log likelihood ratio of residuals [rad], shape (n,), against random angles.
+        """Return the log likelihood of residuals [rad], shape (n,), minus that of random angles.
 
-        For random angles, a ratio above x has at most the probability exp(-x) (Markov's
-        inequality).
+        If the angles are random, this difference exceeds x with a probability of at most exp(-x)
+        (Markov's inequality).
         """
         bound, floor = self._settings.bound, self.floor(variance)
         likelihood = frame_likelihood(residuals, variance, bound, floor)
         return likelihood - self.random(int(np.isfinite(residuals).sum()), variance)
 
     def explains(self, view: LinearisedMeasurement, largest: float) -> bool:
-        """Return whether at most two adjacent wrong readings explain the outliers of a frame."""
+        """Return whether wrong readings can explain the outliers of a frame.
+
+        They cannot if more than two adjacent rotors have gross errors. They cannot explain them
+        either if random angles are likelier than the orbit even with the variance `largest`
+        [rad^2] for each rotor.
+        """
         if view.run > _LONGEST_RUN:
             return False
         if view.likelihood < view.random:
@@ -196,7 +209,7 @@ class FrameLikelihood:
         return True
 
     def fits(self, residuals: Array, first: int, site: float, noise: float) -> bool:
-        """Return whether the residuals of rotors from `first` on show a wall at a site."""
+        """Return whether the residuals [rad] of rotors from `first` on allow a wall at a site."""
         beside = np.abs(np.arange(first, first + len(residuals)) - site)
         core = np.abs(residuals[beside <= _CORE])
         far = np.count_nonzero(core > _FAR * self.gross + _FAR_NOISE * noise)
@@ -212,12 +225,18 @@ class ReadingScales:
     """Standard deviations of the readings of a frame, relative to a typical standard deviation."""
 
     def __init__(self, usual: float | None = None) -> None:
-        """Start with the typical standard deviation of a reading [rad]; None: that of frame 1."""
+        """Start with the typical standard deviation `usual` of a reading [rad].
+
+        If it is None, it is computed from the first frame with known standard deviations.
+        """
         self._usual = usual
         self._squares: Array | None = None
 
     def set_deviations(self, deviations: Array | None) -> None:
-        """Set the deviations of the readings [rad], (N,); NaN and None mean the typical one."""
+        """Set the standard deviations of the readings [rad], shape (N,).
+
+        NaN and None mean the typical standard deviation.
+        """
         self._squares = None
         if deviations is None:
             return
@@ -229,7 +248,11 @@ class ReadingScales:
         self._squares = np.where(known, (deviations / self._usual) ** 2, 1.0)
 
     def of_frame(self, noise: float, variance: float) -> Array | None:
-        """Return the scale of each reading [1], shape (N,); None means that all scales are 1."""
+        """Return the scale of each reading [1], shape (N,); None means that all scales are 1.
+
+        `variance` is the typical variance of the difference between a rotor and the orbit [rad^2],
+        and `noise` its part due to the noise of a reading [rad^2]. Only this part is scaled.
+        """
         if self._squares is None:
             return None
         return np.asarray(np.sqrt(1 + (self._squares - 1) * min(noise / variance, 1.0)))
@@ -251,11 +274,16 @@ class InnovationGate:
         self._outliers, self._strained = self._no_outliers, 0 * self._no_outliers
 
     def is_informative(self, view: LinearisedMeasurement) -> bool:
-        """Return whether a frame keeps most of its information if outliers are removed."""
+        """Return whether most of the information of a frame remains without its outliers."""
         return view.information >= self._settings.informative_share * view.full_information
 
     def is_strained(self, view: LinearisedMeasurement) -> bool:
-        """Return whether adjacent or repeated outliers contradict the prediction."""
+        """Return whether outliers that are not gross errors contradict the prediction.
+
+        This is the case if the frame is not informative (see `is_informative`), and if three of
+        these outliers are adjacent or one rotor is such an outlier in `confirming_frames`
+        successive frames.
+        """
         if (
             self.is_informative(view)
             or not view.full_information > self._settings.informative_share
@@ -270,8 +298,9 @@ class InnovationGate:
     def accepts(self, view: LinearisedMeasurement, largest: float, doubtful: Flags) -> bool:
         """Return whether a frame shows the predicted wall.
 
-        `largest` is the largest variance of a rotor [rad^2]. A frame is rejected if two rotors
-        repeat a gross error, because random errors do not repeat.
+        `largest` is as in `FrameLikelihood.explains`. A frame is rejected if two rotors, not
+        counting doubtful ones, have gross errors in this and in the preceding frame, because
+        random errors do not repeat.
         """
         outliers, repeated = self._no_outliers, 0
         if view.gross:

@@ -2,19 +2,21 @@
 """Class of motion of a wall from the angles alone, without the parameters of the chain.
 
 A wall is where the horizontal displacement u = r sin(phi) of the rotor tips changes its sign. Far
-from the wall, the staggered angles theta are uniform on each side: theta_right = -theta_left in a
-flipper, and theta_right = theta_left + pi in a spinner.
+from the wall, the staggered angle theta has the same value theta_left for all rotors on one side
+and theta_right for all rotors on the other: theta_right = -theta_left in a flipper, and
+theta_right = theta_left + pi in a spinner.
 
 In a wobbling flipper, rotors beside the wall lean by more than the rest angle. Let e and e' be the
-deviations of a rotor and of its outer neighbour from the rest angle, F(e) the `next_deviation` for
-d = 1, and d the lean ratio. Then
+deviations of a rotor and of its neighbour farther from the wall (outer neighbour) from the rest
+angle. Let d be the lean ratio of the chain (`Chain.lean_ratio`), and F(e) the value of e' for d =
+1 (`next_deviation`). Then
 
     e' = F(e) + lambda e + ...,    lambda = (1 - d) / (1 + d),
 
-and the chain wobbles if lambda < 0. Extended springs change the curvature of F, so that the model
-has a term in e^2. In a kink, they do not change the sign of lambda. The springs of an anti-kink
-are so long that its tails are not used. Motors and other forces deform a wall. This adds an error
-to e' and therefore to lambda.
+and the chain wobbles if lambda < 0. Extended springs change the curvature of F; therefore the
+model of e' - F(e) has a term in e^2, too. Extended springs do not change the sign of lambda in a
+kink. The tails of an anti-kink are not used, because its springs are extended too much. Motors and
+other forces deform a wall, which adds an error to e' and therefore to lambda.
 """
 
 from __future__ import annotations
@@ -45,32 +47,36 @@ _NUMBERS = records(record_dtype(MotionSettings))
 _LEAST_NOISE = 1e-6
 """Lower limit of the noise of a frame [rad]."""
 _LEANING = 3.0
-"""Least lean of the rotors on both sides of a wall [standard deviations]."""
+"""A frame shows a wall only if the sine of the mean angle theta has opposite signs on its two
+sides, and if its absolute value is above this on both [standard deviations]."""
 _FLAT, _FLAT_IN_NOISE, _NOISIEST = 0.02, 2.0, 0.15
-"""Limits of a tail: the rotors beside a wall whose deviations from the rest angle decay outwards.
-A tail ends at a deviation of `_FLAT` rest angles or of `_FLAT_IN_NOISE` standard deviations of the
-noise, at the larger of the two. Tails are not used if the noise exceeds `_NOISIEST` rest angles
-[1]."""
+"""Limits of a tail, which consists of the rotors on one side of a wall whose deviations from the
+rest angle decay outwards. A tail ends where the deviation falls to `_FLAT` rest angles or to
+`_FLAT_IN_NOISE` standard deviations of the noise, whichever is larger. Tails are not used if the
+noise exceeds `_NOISIEST` rest angles [1]."""
 _BEND, _NEGLECTED = 0.1, 0.01
-"""Prior standard deviation of the product of the rest angle and the coefficient of e^2 [1]. Error
-of the tail ratio lambda due to extended springs [1]."""
+"""`_BEND` is the prior standard deviation of the product of the rest angle and the coefficient of
+e^2 [1]. `_NEGLECTED` is the standard deviation of lambda due to extended springs [1]."""
 _SPREAD = 1.2
-"""Variance of e' - F(e), relative to the variance of the noise [1]."""
+"""Variance of e' - F(e) due to the noise of the two angles, relative to the variance of the noise
+[1]."""
 _LEAST_LEVER = 1e-9
-"""Lever that replaces 0 if a bar and the outer rotor are in line [1], so that the slope is
-finite."""
+"""A lever of 0, which means that a spring and the outer rotor are in line, is replaced by this
+[1], so that the slope is finite."""
 _LEAST_WEIGHT = 1e-300
-"""Least weight of the rest angle of a frame [1/rad^2], so that the mean is always defined."""
+"""This is added to the weight of the rest angle of a frame [1], so that the mean is defined even
+if all tails are empty."""
 _NO_EVIDENCE = (math.nan, 0.0, math.nan)
 """Site, log likelihood ratio and rest angle of a frame without information."""
 
 
 @compiled(f8, f8, f8)
 def next_deviation(inner: float, rest_angle: float, k: float) -> tuple[float, float]:
-    """Return the deviation F(e) of the outer neighbour [rad] and the slope F'(e) [1], for d = 1.
+    """Return F(e), the deviation of the outer neighbour [rad], and the slope F'(e) [1] for d = 1.
 
-    With the rest angle theta_bar, a rotor leans by alpha = theta_bar + e and its outer neighbour
-    by alpha' = theta_bar + F(e). With k = a / r, the bar between them has its relaxed length if
+    `inner` is e. With the rest angle theta_bar, a rotor leans by alpha = theta_bar + e and its
+    outer neighbour by alpha' = theta_bar + F(e). With k = a / r, the ratio of rotor spacing and
+    rotor length, the spring between them has its rest length if
 
         cos(alpha + alpha') + k (sin(alpha) - sin(alpha')) = cos(2 theta_bar).
     """
@@ -85,7 +91,10 @@ def next_deviation(inner: float, rest_angle: float, k: float) -> tuple[float, fl
 
 @compiled(const_f8_1d)
 def bond_of_wall(sines: Array) -> tuple[int, float, float]:
-    """Return the number of rotors before the wall, and sin(phi) of the two rotors beside it."""
+    """Return the number of rotors before the wall, and sin(phi) of the two rotors beside it.
+
+    `sines` are sin(phi) of all rotors, NaN if unknown.
+    """
     whole, running, most, bond = 0.0, 0.0, -1.0, 0
     for n in range(sines.size):
         whole += sines[n] if math.isfinite(sines[n]) else 0.0
@@ -127,7 +136,10 @@ _PART = named_tuple(UniformPart, f8)
 def uniform_part(
     angles: Array, sines: Array, cosines: Array, nearest: int, edge: int
 ) -> UniformPart:
-    """Return statistics of the outer half of the rotors between a wall and an edge rotor."""
+    """Return statistics of the outer half of the rotors from `nearest` to `edge`.
+
+    Rotor `nearest` is beside the wall, and rotor `edge` is at an edge of the chain.
+    """
     way = 1 if edge > nearest else -1
     inner = nearest + way * (abs(edge - nearest) // 2)
     low, high = (inner, edge) if way > 0 else (edge + 1, inner + 1)
@@ -147,7 +159,9 @@ def uniform_part(
 
 @compiled(const_f8_1d, f8, f8)
 def tail_of_side(deviations: Array, large: float, small: float) -> tuple[int, int]:
-    """Return begin and end of a tail, given deviations [rad] from the wall outwards.
+    """Return the indices of the begin and the end of a tail in `deviations` [rad].
+
+    The deviations are sorted from the wall outwards, and their absolute values are compared.
 
     The tail begins after the last deviation above `large`. The tail ends before the first
     deviation of at most `small`.
@@ -166,7 +180,11 @@ def tail_of_side(deviations: Array, large: float, small: float) -> tuple[int, in
 def tail_products(
     angles: Array, nearest: int, edge: int, part: UniformPart, noise: float, sums: Array
 ) -> None:
-    """Add to `sums` the products of (e, e^2, e' - F(e)) in a tail, divided by the variance."""
+    """Add to `sums`, shape (3, 3), the pairwise products of e, e^2 and e' - F(e) in a tail.
+
+    The products are divided by the variance of e' - F(e). `part` is the `uniform_part` of the same
+    side of the wall.
+    """
     mean, handed = part.mean, 1.0 if (part.sine > 0) == (part.cosine > 0) else -1.0
     rest_angle = math.pi / 2 - abs(math.asin(math.cos(mean)))
     if noise > _NOISIEST * rest_angle:
@@ -190,7 +208,11 @@ def tail_products(
 
 @compiled(f8, f8, f8)
 def _flipping(left: float, right: float, variance: float) -> float:
-    """Return the log likelihood ratio of a flipper against a spinner."""
+    """Return the log likelihood ratio of a flipper against a spinner.
+
+    `left` and `right` are the mean angles theta on the two sides of the wall [rad], and `variance`
+    is the variance of their sum [rad^2].
+    """
     flipped, spun = wrapped(right + left), wrapped(right - left - math.pi)
     flipped, spun = flipped * flipped, spun * spun
     likelihood = (spun - flipped) / (2 * max(variance, min(flipped, spun)))
@@ -201,7 +223,10 @@ def _flipping(left: float, right: float, variance: float) -> float:
 def evidence(
     settings: Records, angles: Array, sines: Array, cosines: Array, noise: float, tails: Array
 ) -> tuple[float, float, float]:
-    """Return site, log likelihood ratio and rest angle of a frame; add its tails to `tails`."""
+    """Return the site of the wall, the `_flipping` and the rest angle that a frame shows.
+
+    The products of its tails are added to `tails` (see `tail_products`).
+    """
     rotors, fewest = angles.size, settings[0]['fewest_rotors']
     bond, before, beyond = bond_of_wall(sines)
     if not fewest < bond < rotors - fewest:
@@ -231,9 +256,9 @@ def evidence(
 
 @compiled(const_f8_2d, f8, f8)
 def tail_ratio(tails: Array, rest_angle: float, deformation: float) -> tuple[float, float]:
-    """Return the tail ratio lambda and its standard deviation [1]; NaN and inf if unknown.
+    """Return lambda and its standard deviation [1] from the sums `tails`; NaN and inf if unknown.
 
-    `deformation` is the standard deviation of a rotor due to forces [rad].
+    `deformation` is the standard deviation of the angles near the wall due to forces [rad].
     """
     if tails[0, 0] <= 0:
         return math.nan, math.inf
@@ -255,9 +280,10 @@ def observe(
     rest_angle: float,
     tails: Array,
 ) -> tuple[tuple[float, float, float], tuple[float, float]]:
-    """Add the `evidence` of a frame to the earlier evidence.
+    """Add the `evidence` of a frame to the earlier `flipping`, `rest_angle` and `tails`.
 
-    Return the sum and the `tail_ratio`.
+    Return two tuples: the site in this frame with the new `flipping` and `rest_angle` (a weighted
+    mean), and the `tail_ratio`.
     """
     known = tails[0, 0]
     sines, cosines = np.full(angles.size, math.nan), np.full(angles.size, math.nan)
@@ -293,9 +319,11 @@ class MotionEvidence(NamedTuple):
     """Evidence about the class of motion from all frames.
 
     site: site of the wall in the last frame [rotor spacings]; NaN without a wall.
-    flipping: limited log likelihood ratio of a flipper against a spinner [1].
+    flipping: log likelihood ratio of a flipper against a spinner, limited by `strongest` of the
+        settings [1].
     rest_angle: mean lean of the rotors far from the wall [rad]; NaN if no frame has shown a wall.
-    tails: sums of the products of (e, e^2, e' - F(e)), divided by the variance, shape (3, 3).
+    tails: sums of the pairwise products of e, e^2 and e' - F(e), divided by the variance of e' -
+        F(e), shape (3, 3).
     tail_ratio: ratio lambda of the deviations of neighbouring rotors [1]; NaN if unknown.
     tail_ratio_deviation: standard deviation of the tail ratio [1]; infinite if unknown.
     """
@@ -308,7 +336,7 @@ class MotionEvidence(NamedTuple):
     tail_ratio_deviation: float
 
     def verdict(self, settings: MotionSettings = DEFAULTS.motion) -> MotionClass:
-        """Return the class of motion; None if no class reaches `least_probability`."""
+        """Return the class of motion; its `motion` is None if none has `least_probability`."""
         determined = math.isfinite(self.tail_ratio)
         scaled = self.tail_ratio / self.tail_ratio_deviation if determined else 0.0
         wobbling = math.erfc(scaled / math.sqrt(2)) / 2
@@ -328,12 +356,12 @@ NO_EVIDENCE = MotionEvidence(math.nan, 0.0, math.nan, np.zeros((3, 3)), math.nan
 
 
 class MotionObserver:
-    """Observer of all frames, except those in which a wall is near an edge."""
+    """Observer of the class of motion; it ignores frames in which a wall is near an edge."""
 
     def __init__(
         self, settings: MotionSettings = DEFAULTS.motion, deformation: float = 0.0
     ) -> None:
-        """Start with the standard deviation of a rotor near the wall due to forces [rad]."""
+        """Start without evidence; `deformation` is as in `tail_ratio` [rad]."""
         self._settings, self._deformation = settings, deformation
         self.restart()
 
@@ -345,7 +373,8 @@ class MotionObserver:
         """Add the evidence of a frame, and return the class of motion.
 
         Angles [rad], shape (N,), are NaN if unknown. `noise` is a lower bound of their standard
-        deviation [rad]. Raises ValueError for another shape and for an invalid noise.
+        deviation [rad]. Raises ValueError if `angles` have more than one dimension, or if `noise`
+        is negative or not finite.
         """
         angles = np.asarray(angles, dtype=np.float64, order='C')
         if angles.ndim != 1:

@@ -3,33 +3,36 @@
 
 The state of each Kalman filter is (s, w, b, d): arc length s along the orbit [rad], its rate w
 [rad/s], bias b of the measurement [rad] and disturbance d [rad/s^2]. A measurement is z = s + b +
-noise. The bias b persists while the wall moves by half a rotor spacing, at most for the time tau.
-In a time step dt, with the normal noise dB, the state changes by
+noise. The correlation of the bias decays while the wall moves by half a rotor spacing, and within
+the time tau even if the wall is at rest. In a time step dt, with the normal noise dB, the state
+changes by
 
     ds = w dt,   dw = sqrt(q) dB,   b' = a b + noise of variance m^2 (1 - a^2),
 
 with a = exp(-|w| dt / (Lambda / 2) - dt / tau) and q = e^2 (|w|^3 / Lambda + Q). Lambda is the arc
-length per rotor spacing, e the relative change of the rate per rotor spacing, and m the standard
-deviation of the bias. Q is the process noise due to waves, which also move a wall at rest. The
-variance m^2 includes the ripple of the rate between rotors.
+length per rotor spacing, e the random relative change of the rate per rotor spacing, and m the
+standard deviation of the bias. Q is the process noise due to waves, which also move a wall at
+rest. The variance m^2 includes the effect of the ripple of the rate, which is periodic in the
+rotor spacing.
 
 Filters with different e and m are weighted by the likelihood of recent measurements. The steady
 filter has e = m = 0 and uses the whole record. If the measurements contradict the steady filter,
-this filter restarts with a low weight from the mean of the other filters. At edges, e is larger,
-because springs exchange energy with the wall. In strong waves and at edges, the weight of the
-steady filter is limited.
+this filter restarts with a low weight, and the mean of the other filters becomes its state. While
+the wall is at an edge, e is larger, because springs exchange energy with the wall. In strong waves
+and at edges, the weight of the steady filter has an upper limit.
 
-Several filters assume an impulse about 1, 2, 4, 8, ... frames ago, after which the rate is almost
-unknown. The weight of such a filter is the prior probability of an impulse times the likelihood
-ratio since the impulse. If the odds of an impulse become decisive, all filters restart from this
-impulse.
+Each further filter assumes one impulse: the first of them 1 frame ago, and the others about 2, 4,
+8, ... frames ago. After the impulse, the rate is almost unknown. The weight of such a filter is
+the prior probability of an impulse times the likelihood ratio of the measurements since the
+impulse. If this ratio becomes decisive, all filters restart from the state of this filter.
 
 If the settings include a disturbance, the state changes, for a modelled acceleration u, by
 
     ds = w dt + sqrt(3 r) W dB_1,   dw = (u + d) dt + sqrt(3 r) W^2 dB_2,   dd = sqrt(r) W^3 dB_3,
 
-where r is the variance of a measurement times the time step. The steady filter then has three
-poles at -W for any r (Riccati equation); W is the bandwidth of the disturbance.
+where dB_1, dB_2 and dB_3 are independent noises as dB, and r is the variance of a measurement
+times the time step. The steady filter then has three poles at -W for any r (Riccati equation); W
+is the bandwidth of the disturbance.
 """
 
 from __future__ import annotations
@@ -57,10 +60,10 @@ from soliton_linkage.estimation.settings import DEFAULTS, FilterSettings
 
 _Summary = tuple[float, float, float, float, float]
 _FIRST_ODDS = 5.5
-"""Prior log odds of the steady filter that includes no unmodelled damping [1]."""
+"""Prior log odds in favour of the steady filter, which includes no unmodelled damping [1]."""
 _LEAST_IMPULSE = 0.1
-"""Least standard deviation of the change of the rate by an impulse, relative to the typical rate
-[1]."""
+"""Assumed standard deviation of the rate change by an impulse to a wall at rest, relative to the
+typical rate [1]."""
 
 
 class MultipleModelFilter:
@@ -169,9 +172,10 @@ class MultipleModelFilter:
     ) -> None:
         """Predict all filters over the time `elapsed` [s].
 
-        The known motion multiplies the rate by `ratio` [1]. `acceleration` is the modelled
-        acceleration [rad/s^2], and `bandwidth` the bandwidth of the disturbance [rad/s]. `ripple`
-        is the variance that a periodic ripple of the rate adds to each bias [rad^2].
+        The rate changes by the factor `ratio` [1] in this time, because it varies along the orbit.
+        `acceleration` is the modelled acceleration [rad/s^2], and `bandwidth` the bandwidth of the
+        disturbance [rad/s]. `ripple` is the variance that a periodic ripple of the rate adds to
+        each bias [rad^2].
         """
         self._status['ripple'] = ripple
         rate, gained = self.rate, (acceleration + self.disturbance) * elapsed
@@ -191,7 +195,10 @@ class MultipleModelFilter:
     def apply_impulse(
         self, change: float, rate_variance: float = 0.0, arc_variance: float = 0.0
     ) -> None:
-        """Add the rate change by an impulse [rad/s] and its variances to all filters."""
+        """Add the rate change by an impulse [rad/s] to all filters.
+
+        `rate_variance` [rad^2/s^2] and `arc_variance` [rad^2] are added to their variances.
+        """
         self.filters['state'][:, RATE] += change
         self.filters['covariance'][:, RATE, RATE] += rate_variance
         self.filters['covariance'][:, ARC, ARC] += arc_variance
@@ -205,7 +212,7 @@ class MultipleModelFilter:
         self._refresh()
 
     def add_rate_noise(self, variance: float, elapsed: float) -> None:
-        """Add the process noise [rad^2/s^2] that the rate has accumulated over a time [s]."""
+        """Add process noise; `variance` is that of the rate [rad^2/s^2] after `elapsed` [s]."""
         covariances = self.filters['covariance']
         covariances[:, RATE, RATE] += variance
         covariances[:, ARC, ARC] += variance * elapsed**2 / 3
@@ -214,10 +221,10 @@ class MultipleModelFilter:
         self._refresh()
 
     def set_wave_acceleration(self, acceleration: float, duration: float) -> None:
-        """Set the acceleration by waves [rad/s^2] and the time for which it persists [s].
+        """Set the acceleration by waves [rad/s^2] and the time for which it remains constant [s].
 
-        It is the acceleration in the model with the largest process noise; the other models
-        include a share of it, in proportion to their relative change of the rate.
+        This acceleration is used in the filters with the largest relative change of the rate. In
+        the other filters, it is reduced in proportion to their relative change of the rate.
         """
         largest = max(self._settings.rate_changes, default=0.0)
         if largest:
@@ -228,9 +235,9 @@ class MultipleModelFilter:
     ) -> None:
         """Update all filters with a measured arc length [rad] and its variance [rad^2].
 
-        For f degrees of freedom of the variance, sqrt((f + 1) log(1 + x^2 / f)) replaces an
-        innovation of x standard deviations (Student's distribution). `calm` is 0 in strong waves
-        and 1 without waves, and limits the weight of the steady filter.
+        If the variance has f degrees of freedom, sqrt((f + 1) log(1 + x^2 / f)) replaces the
+        innovation of x standard deviations in the likelihood (Student's distribution). `calm`,
+        from 0 in strong waves to 1 without waves, limits the weight of the steady filter.
         """
         self._known = measure(
             self.filters,
