@@ -74,7 +74,7 @@ def test_help_ends_well(capsys):
         with pytest.raises(SystemExit) as ended:
             check_arguments(BagRecorder, arguments)
         assert ended.value.code == 0
-        assert capsys.readouterr().out.startswith('bag_recorder: Node that records')
+        assert capsys.readouterr().out.startswith('bag_recorder: Node that')
 
 
 def test_unknown_arguments_are_rejected_with_a_proposal(capsys):

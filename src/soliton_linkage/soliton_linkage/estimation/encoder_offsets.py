@@ -154,7 +154,7 @@ class FarFieldResiduals:
         self._sums, self._apart, self._beside = np.zeros((3, rotors))
         self._read, self._means, self._residuals = np.full((3, rotors), np.nan)
         self._uneven, self._first = False, True
-        self._unsteady = np.zeros(rotors)
+        self._unsteady, self._far = np.zeros(rotors), np.zeros(rotors, dtype=np.bool_)
         self.disorder = 0.0
         """Standard deviation of the angles due to unmodelled differences between rotors and
         between springs [rad]."""
@@ -219,7 +219,8 @@ class FarFieldResiduals:
         # Springs deform a wall if the wall is at an edge or fast; test other walls only.
         inside = self._lowest > _FROM_EDGE and self._highest < len(sides) - 1 - _FROM_EDGE
         changed, self._means = means - self._means, means.copy()
-        squares = np.where(np.isfinite(changed), changed**2 / 2, self._unsteady)
+        far, self._far = (sides != 0) & self._far, sides != 0
+        squares = np.where(far & np.isfinite(changed), changed**2 / 2, self._unsteady)
         self._unsteady += (squares - self._unsteady) / _FEWEST_MEANS
         # The residual of an oscillating rotor changes from block to block; an offset does not.
         unsteady = np.maximum(self._unsteady - 4 * noise, 0.0)
