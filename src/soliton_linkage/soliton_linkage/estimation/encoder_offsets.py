@@ -42,7 +42,8 @@ _LEAST_ERROR = 3e-4
 part of the uncertainty of every offset."""
 _CONTRADICTION = 0.3
 """The corrected offset of a rotor near the wall is contradicted if its remaining residual has the
-opposite sign and exceeds this share of the offset plus the effects of noise and speed [1]."""
+opposite sign and exceeds the sum of this share of the offset [1] and the effects of noise and
+speed."""
 _FROM_EDGE = 2.0
 """Rotors near the wall are tested only if the wall is farther than this from both edges [rotor
 spacings]."""
@@ -59,7 +60,7 @@ class EncoderOffsets:
         self.settings = settings
         rotors = number_of_rotors
         self.means = np.zeros(rotors)
-        """Number of block means of each rotor [1], shape (N,)."""
+        """Number of block means that support the offset of each rotor [1], shape (N,)."""
         self.weights, self.sums = np.zeros((2, rotors)), np.zeros((2, rotors))
         """Sums of the weights [1/rad^2] and of the weighted residuals [1/rad] of each rotor, shape
         (2, N) each. Row 0 sums the residuals from the blocks in which the rotor was before the
@@ -156,8 +157,8 @@ class FarFieldResiduals:
         self._uneven, self._first = False, True
         self._unsteady, self._far = np.zeros(rotors), np.zeros(rotors, dtype=np.bool_)
         self.disorder = 0.0
-        """Standard deviation of the angles due to unmodelled differences between rotors and
-        between springs [rad]."""
+        """Disorder: standard deviation of the angles due to unmodelled differences between rotors
+        and between springs [rad]."""
         self.stuck = np.zeros(rotors, dtype=np.bool_)
         self.doubtful = np.zeros(rotors, dtype=np.bool_)
         self._outlying: Flags | None = None

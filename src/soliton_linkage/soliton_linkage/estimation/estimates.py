@@ -20,8 +20,8 @@ class TrackingStatus(enum.Enum):
     TRACKING = 'tracking'
     """The estimate is based on this frame and earlier frames."""
     COASTING = 'coasting'
-    """The estimate is based on earlier frames, because the current frame is empty or
-    implausible."""
+    """The estimate is based on earlier frames, because the current frame has no valid reading or
+    is implausible."""
 
 
 class OrbitEstimate(NamedTuple):
@@ -43,7 +43,7 @@ class OrbitEstimate(NamedTuple):
     leg_known: whether the frames exclude all other legs in which the wall has the same site.
     noise: standard deviation of the noise of an angle [rad], either given or estimated.
     misfit: root mean square residual of the rotors near the wall in recent frames [rad].
-    frame_misfit: `misfit` of this frame alone [rad]; NaN if the frame is empty.
+    frame_misfit: `misfit` of this frame alone [rad]; NaN if `status` is COASTING or LOST.
     upside_down: whether the chain is the mirror image phi -> pi - phi of the chain of the orbit.
     """
 

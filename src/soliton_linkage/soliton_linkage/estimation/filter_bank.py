@@ -52,8 +52,8 @@ weight: weight of the filter in the mixture of all filters [1].
 prior, probability: prior and current probability of a filter among those that are neither steady
     nor assume an impulse [1].
 likelihood: log likelihood of recent measurements, minus that of the likeliest filter [1].
-odds: log likelihood of the measurements since the assumed impulse, minus their log likelihood
-    without an impulse [1].
+odds: log likelihood of the measurements since the assumed impulse, minus their log likelihood in
+    the filters without an impulse [1].
 """
 STATUS = np.dtype(
     [
@@ -77,8 +77,8 @@ rate: mean rate of the arc length in the mixture of all filters [rad/s].
 log_odds: log odds against the steady filter [1].
 frames: number of frames since the last restart from an impulse [1].
 impulses: number of restarts from an impulse [1].
-wave_noise: ratio of the spectral density of the process noise that waves add to the rate of a
-    filter and `rate_noise` of this filter [rad^2/s^3].
+wave_noise: spectral density of the process noise that waves add to the rate of a filter, relative
+    to the `rate_noise` of this filter [rad^2/s^3].
 ripple: variance that the periodic ripple of the rate adds to the bias of each filter [rad^2].
 """
 _FILTERS = records(FILTER, writable=True)

@@ -113,7 +113,7 @@ class Hypotheses:
         return bool(others < self._settings.likelihood.false_alarms * weights.sum())
 
     def mixture(self, arc_variance: float, rate_variance: float) -> MixtureMoments:
-        """Return the moments of the site of the wall and of its rate over all hypotheses.
+        """Return means and standard deviations, over all hypotheses, of the site and of its rate.
 
         `arc_variance` [rad^2] and `rate_variance` [rad^2/s^2] are added to the variances of the
         arc length and of its rate in each hypothesis.

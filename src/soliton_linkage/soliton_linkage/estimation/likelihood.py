@@ -55,9 +55,9 @@ def compare(
 ) -> None:
     """Set `differences` to the corrected angles minus the angles of a wall on the orbit.
 
-    The differences [rad], from -pi to pi, have shape (N,). The corrected angles are `angles` minus
-    `corrections` [rad], mirrored if `upside_down`. `about` are the angles that the rotors near the
-    wall, from rotor `first` on, have on the orbit. Rotors with lower indices have the angles
+    The differences [rad], from -pi to pi, have shape (N,). The corrected angles are a = `angles` -
+    `corrections` [rad], or pi - a if `upside_down`. `about` are the angles that the rotors near
+    the wall, from rotor `first` on, have on the orbit. Rotors with lower indices have the angles
     `before`, and rotors with higher indices the angles `beyond`, both of uniform states.
     """
     end = first + about.size

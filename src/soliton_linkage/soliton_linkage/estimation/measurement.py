@@ -69,8 +69,8 @@ class LinearisedMeasurement(NamedTuple):
     largest: float
     """Largest absolute residual [rad]; infinite if a rotor is unknown."""
     unseen_share: float = 1.0
-    """Share of the variance due to unseen rotors that remains after the correction for these
-    rotors [1]."""
+    """Of the variance of `arc` that unseen rotors cause, the share that remains after the
+    correction for these rotors [1]."""
 
     @property
     def mean_square(self) -> float:
@@ -109,7 +109,10 @@ class FrameLikelihood:
     """Likelihood of frames, computed from a robust density of the residuals of all rotors."""
 
     def __init__(self, swing: float, settings: LikelihoodSettings) -> None:
-        """Compute the density; `swing` is the change of an angle while a wall passes [rad]."""
+        """Compute the density.
+
+        `swing` is the change of the angle of a rotor while a wall passes [rad].
+        """
         self._settings = settings
         self.gross = settings.gross_share * swing
         """A residual counts as a gross error if it is above this [rad]; the residuals due to the
@@ -251,7 +254,8 @@ class ReadingScales:
         """Return the scale of each reading [1], shape (N,); None means that all scales are 1.
 
         `variance` is the typical variance of the difference between a rotor and the orbit [rad^2],
-        and `noise` its part due to the noise of a reading [rad^2]. Only this part is scaled.
+        and `noise` its part due to the noise of a reading [rad^2]. Only this part differs from
+        reading to reading.
         """
         if self._squares is None:
             return None

@@ -7,9 +7,9 @@ and theta_right for all rotors on the other: theta_right = -theta_left in a flip
 theta_right = theta_left + pi in a spinner.
 
 In a wobbling flipper, rotors beside the wall lean by more than the rest angle. Let e and e' be the
-deviations of a rotor and of its neighbour farther from the wall (outer neighbour) from the rest
-angle. Let d be the lean ratio of the chain (`Chain.lean_ratio`), and F(e) the value of e' for d =
-1 (`next_deviation`). Then
+deviations from the rest angle of a rotor and of its outer neighbour, which is farther from the
+wall. Let d be the lean ratio of the chain (`Chain.lean_ratio`), and F(e) the value of e' for d = 1
+(`next_deviation`). Then
 
     e' = F(e) + lambda e + ...,    lambda = (1 - d) / (1 + d),
 
@@ -50,8 +50,8 @@ _LEANING = 3.0
 """A frame shows a wall only if the sine of the mean angle theta has opposite signs on its two
 sides, and if its absolute value is above this on both [standard deviations]."""
 _FLAT, _FLAT_IN_NOISE, _NOISIEST = 0.02, 2.0, 0.15
-"""Limits of a tail, which consists of the rotors on one side of a wall whose deviations from the
-rest angle decay outwards. A tail ends where the deviation falls to `_FLAT` rest angles or to
+"""Limits of a tail, which consists of rotors on one side of a wall; their deviations from the rest
+angle decay outwards. A tail ends where the deviation falls to `_FLAT` rest angles or to
 `_FLAT_IN_NOISE` standard deviations of the noise, whichever is larger. Tails are not used if the
 noise exceeds `_NOISIEST` rest angles [1]."""
 _BEND, _NEGLECTED = 0.1, 0.01
@@ -161,9 +161,10 @@ def uniform_part(
 def tail_of_side(deviations: Array, large: float, small: float) -> tuple[int, int]:
     """Return the indices of the begin and the end of a tail in `deviations` [rad].
 
-    The deviations are sorted from the wall outwards, and their absolute values are compared.
+    The deviations are sorted from the wall outwards, and their absolute values are compared with
+    `large` and `small`.
 
-    The tail begins after the last deviation above `large`. The tail ends before the first
+    The tail begins after the last deviation above `large`. The tail ends before the first later
     deviation of at most `small`.
     """
     begin = 0
@@ -282,8 +283,8 @@ def observe(
 ) -> tuple[tuple[float, float, float], tuple[float, float]]:
     """Add the `evidence` of a frame to the earlier `flipping`, `rest_angle` and `tails`.
 
-    Return two tuples: the site in this frame with the new `flipping` and `rest_angle` (a weighted
-    mean), and the `tail_ratio`.
+    Return one tuple with the site in this frame, the new `flipping` and the new mean `rest_angle`,
+    and a second tuple, the result of `tail_ratio`.
     """
     known = tails[0, 0]
     sines, cosines = np.full(angles.size, math.nan), np.full(angles.size, math.nan)
@@ -305,7 +306,8 @@ def observe(
 class MotionClass(NamedTuple):
     """Class of motion, determined from the angles.
 
-    motion: class of motion; None if no class is probable enough, as in frames without a wall.
+    motion: class of motion; None if no class is probable enough, for example before a frame has
+        shown a wall.
     confidence: probability of the likeliest class; the spinner has the prior probability 1/3.
     spinning: probability that the chain is a spinner.
     """

@@ -21,18 +21,18 @@ this filter restarts with a low weight, and the mean of the other filters become
 the wall is at an edge, e is larger, because springs exchange energy with the wall. In strong waves
 and at edges, the weight of the steady filter has an upper limit.
 
-Each further filter assumes one impulse: the first of them 1 frame ago, and the others about 2, 4,
-8, ... frames ago. After the impulse, the rate is almost unknown. The weight of such a filter is
-the prior probability of an impulse times the likelihood ratio of the measurements since the
-impulse. If this ratio becomes decisive, all filters restart from the state of this filter.
+Each further filter assumes one impulse, about 1, 2, 4, 8 or more frames ago, respectively. After
+the impulse, the rate is almost unknown. The weight of such a filter is the prior probability of an
+impulse times the likelihood ratio of the measurements since the impulse. If this ratio becomes
+decisive, all filters restart from the state of this filter.
 
 If the settings include a disturbance, the state changes, for a modelled acceleration u, by
 
     ds = w dt + sqrt(3 r) W dB_1,   dw = (u + d) dt + sqrt(3 r) W^2 dB_2,   dd = sqrt(r) W^3 dB_3,
 
-where dB_1, dB_2 and dB_3 are independent noises as dB, and r is the variance of a measurement
-times the time step. The steady filter then has three poles at -W for any r (Riccati equation); W
-is the bandwidth of the disturbance.
+where dB_1, dB_2 and dB_3 are independent normal noises like dB, and r is the variance of a
+measurement times the time step. The steady filter then has three poles at -W for any r (Riccati
+equation); W is the bandwidth of the disturbance.
 """
 
 from __future__ import annotations
