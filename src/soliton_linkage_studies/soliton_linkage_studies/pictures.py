@@ -114,10 +114,13 @@ def track_velocities(axes: Axes, track: Track, crossings: tuple[Crossing, ...]) 
     axes.axhline(0, color=PALE, linewidth=0.8, zorder=0)
     axes.set(xlabel='time [s]', ylabel='velocity [rotor spacings/s]')
     axes.legend(loc='center', ncols=3, fontsize=8)
-    speeds = [crossing.site_rate for crossing in crossings] or np.abs(track.site_rates)
-    if len(speeds):
+    if crossings:
+        fastest = max(crossing.site_rate for crossing in crossings)
+    else:
         # The first velocities of a new wall are uncertain; they do not determine the axis.
-        fastest = float(np.nanquantile(speeds, 1.0 if crossings else 0.99)) or 1.0
+        speeds = np.abs(track.site_rates[np.isfinite(track.site_rates)])
+        fastest = float(np.quantile(speeds, 0.99)) if len(speeds) else 0.0
+    if fastest:
         axes.set_ylim(-1.4 * fastest, 1.4 * fastest)
     return axes
 
