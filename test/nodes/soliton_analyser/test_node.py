@@ -355,7 +355,7 @@ def test_offsets_of_encoders_are_reported(graph):
     analysed.publish(*frames)
     found = analysed.reported('encoder offsets [rad]', 'rotor_5')['encoder offsets [rad]']
     offset, deviation = map(float, found.split()[1::2])
-    assert abs(offset - 0.2) < 3 * deviation < 0.03
+    assert abs(offset - 0.2) < 3 * deviation < 0.003
 
 
 def test_wrong_joint_states_are_rejected_and_valid_ones_analysed_as_before(graph, named):
