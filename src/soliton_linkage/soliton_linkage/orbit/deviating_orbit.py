@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Orbit of a chain with known deviations of its rotors and springs.
 
-Each configuration of this orbit corresponds to one configuration on the orbit of the uniform
-chain, which has no deviations. Two configurations correspond if the same bond has half of |t|^2 on
-its left, where t is the zero mode at the configuration. The configurations at which legs end also
-correspond. Between corresponding configurations, a monotonic cubic spline converts the arc length
-on one orbit to the arc length on the other. The site coordinate of a wall is the site coordinate
-of the corresponding configuration of the uniform chain.
+The site coordinate of a wall in this chain is that of the corresponding configuration of the
+uniform chain, which has no deviations. Let t be the zero mode. In each leg (see `Orbit`), two
+configurations of the two chains correspond if the same bond has half of |t|^2 on its left. The
+ends of the legs also correspond. A monotonic cubic spline through these pairs converts the arc
+length on one orbit to the arc length on the other.
 """
 
 from __future__ import annotations
@@ -27,19 +26,18 @@ from soliton_linkage.orbit.seed_path import blocked_wall_error
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
 _SAMPLES_A_SITE = 4
-"""The search for the arc length at which half of |t|^2 is on the left of a bond begins with this
-number of samples per rotor spacing [1]."""
+"""A leg is sampled at this number of points per rotor [1] to bracket the arc lengths at which a
+bond has half of |t|^2 on its left."""
 _SAME_MODE = 1 - 1e-6
-"""The stored tangent of a piece contains only rotors near the wall. If the cosine of the angle
-between it and the zero mode of the whole chain is not above this [1], a rotor far from the wall
-also moves, and the orbit is rejected."""
+"""The orbit is rejected if the scalar product of two unit vectors, the tangent of a piece (only
+rotors near the wall) and the zero mode of the whole chain, is not above this [1]. In this case, a
+rotor far from the wall also moves."""
 
 
 def orbit_of(chain: Chain) -> Orbit:
-    """Return the orbit of a chain.
+    """Return the `UniformOrbit` or, if the chain has deviations, the `DeviatingOrbit` of a chain.
 
-    The orbit is a `UniformOrbit` if the chain has no deviations, and otherwise a `DeviatingOrbit`.
-    Raises the errors of the class.
+    Raises the errors of these classes.
     """
     return UniformOrbit(chain) if chain.deviations == NO_DEVIATIONS else DeviatingOrbit(chain)
 
@@ -76,7 +74,7 @@ class DeviatingOrbit(Orbit):
 
     @property
     def wall_extent(self) -> float:
-        """Largest arc length over which a single rotor moves [rad]; see `Orbit`."""
+        """Longest stretch of the orbit along which one rotor moves [rad]; see `Orbit`."""
         return self._uniform.wall_extent * self.site_arc / self._uniform.site_arc
 
     def site(self, arc: float) -> float:
@@ -84,17 +82,14 @@ class DeviatingOrbit(Orbit):
         return self._uniform.site(self._uniform_arc.at(arc % self.length)[0])
 
     def arc_at(self, site: float, leg: int) -> float:
-        """Return the arc length in a leg at which the wall is at a site [rad].
-
-        Beyond the leg, the arc length is extrapolated linearly.
-        """
+        """Return the arc length in a leg at which the wall is at a site [rad]; see `Orbit`."""
         uniform_arc = self._uniform.arc_at(site, leg)
         begin, end = self._uniform.leg_arcs(leg)
         within = min(max(uniform_arc, begin), end)
         return self._uniform_arc.inverse(within) + (uniform_arc - within)
 
     def site_arc_at(self, arc: float) -> float:
-        """Return the arc length per rotor spacing at an arc length s, |ds / d(site)| [rad]."""
+        """Return |ds / d(site)|, the arc length per rotor spacing, at an arc length s [rad]."""
         uniform_arc, slope = self._uniform_arc.at(arc % self.length)
         return self._uniform.site_arc_at(uniform_arc) / slope
 
@@ -107,19 +102,16 @@ class DeviatingOrbit(Orbit):
         return OrbitSegment(piece.first, values[: piece.rotors], values[piece.rotors :])
 
     def background(self, arc: float) -> tuple[Array, Array]:
-        """Return the angles of rotors far left, and far right, of the wall [rad], (N,) each.
-
-        They are the same for all arc lengths in a leg.
-        """
+        """Return the angles on the left and on the right of the wall [rad]; see `Orbit`."""
         left, right = self._backgrounds[self.leg(arc)]
         return left.copy(), right.copy()
 
     def _reflections(self) -> list[float]:
         """Return the arc lengths at which legs end [rad], from the start of the first piece.
 
-        In a flipper, a leg ends where the neighbour of the edge rotor reverses its rotation.
-        There, the edge rotor and its bar are collinear. In a spinner, a leg ends at an extremum of
-        sum_n sin(phi_n).
+        In a flipper, a leg ends where the neighbour of the edge rotor reverses its rotation,
+        because the edge rotor and its bar are collinear. In a spinner, a leg ends at an extremum
+        of sum_n sin(phi_n).
         """
         last = self.chain.number_of_rotors - 1
         spinner = self.chain.motion is Motion.SPINNER
@@ -139,7 +131,7 @@ class DeviatingOrbit(Orbit):
         return found
 
     def _check(self) -> None:
-        """Raise ValueError if a rotor far from the wall moves; then the wall cannot pass."""
+        """Raise ValueError if the wall cannot pass because a rotor far from the wall moves."""
         for piece, end in zip(self._pieces, self._ends, strict=True):
             arc = end - piece.length / 2 - self._origin
             mode = zero_mode(self.chain, self.configuration(arc))
@@ -151,9 +143,10 @@ class DeviatingOrbit(Orbit):
     def _relaxed(self, leg: int) -> tuple[Array, Array]:
         """Return the `background` of a leg.
 
-        In a chain without a wall, the relaxed configurations form a curve. The result is the
-        configuration on this curve in which the edge rotor is nearest to its angle in the uniform
-        chain.
+        The rotors on the left of the wall have the angles that they have when the wall is at the
+        last rotor, and those on its right the angles with the wall at the first rotor. Of the
+        configurations with the wall at an edge rotor, the one is used in which the angle of this
+        rotor is nearest to its angle in the uniform chain.
         """
         last = self.chain.number_of_rotors - 1
         left, right = self._uniform.background(self._uniform.leg_arcs(leg)[0])
@@ -178,8 +171,8 @@ class DeviatingOrbit(Orbit):
     def _nearest(self, rotor: int, angle: float, turning: float) -> float:
         """Return the arc length [rad] at which an edge rotor is nearest to `angle` [rad].
 
-        The wall is reflected at this rotor at the arc length `turning` [rad]. The search covers
-        the consecutive pieces before and after the reflection in which this rotor is the seed.
+        The wall is reflected at this rotor at the arc length `turning` [rad]. Only the adjoining
+        pieces in which this rotor is the seed are searched.
         """
         pieces, count = self._pieces, len(self._pieces)
         number = bisect_right(self._ends, (turning + self._origin) % self._ends[-1]) % count
@@ -217,7 +210,7 @@ def _reversal(piece: OrbitPiece, rotor: int | None) -> float:
 
 
 class _ArcMap:
-    """Smooth, increasing map from the arc length of an orbit to the uniform orbit's arc length."""
+    """Smooth, increasing map from the arc length of an orbit to that of the uniform orbit."""
 
     def __init__(self, orbit: Orbit, uniform: UniformOrbit) -> None:
         arcs: list[float] = []
@@ -252,10 +245,9 @@ class _ArcMap:
 
 
 def _arcs_at_bonds(orbit: Orbit, leg: int) -> Array:
-    """Return for each bond the arc length with half of |t|^2 on its left [rad], (N - 1,).
+    """Return the arc lengths in a leg at which half of |t|^2 is left of each bond [rad], (N - 1,).
 
-    t is the tangent. The arc lengths are in the given leg. An element is NaN if the bond has no
-    unique arc length.
+    t is the tangent. A bond for which there is no such arc length, or several, has NaN.
     """
     rotors = orbit.chain.number_of_rotors
     arcs = np.linspace(*orbit.leg_arcs(leg), _SAMPLES_A_SITE * rotors)
@@ -279,7 +271,7 @@ def _arcs_at_bonds(orbit: Orbit, leg: int) -> Array:
 
 
 def _median(segment: OrbitSegment) -> float:
-    """Return the position with half of the squared tangent on its left [rotor spacings]."""
+    """Return the position that has half of the squared tangent on its left [rotor spacings]."""
     sums = np.cumsum(segment.tangent**2)
     half = sums[-1] / 2
     n = int(np.searchsorted(sums, half))

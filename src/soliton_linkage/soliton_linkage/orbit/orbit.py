@@ -14,8 +14,8 @@ from scipy.interpolate import PPoly
 from soliton_linkage.linkage.chain import Array, Chain
 
 _STEP = 1e-3
-"""Step of the arc length in the numerical derivative of the tangent [rad]. The derivative has an
-error of 1e-6/rad."""
+"""Step of the arc length in the numerical derivative of the tangent [rad]. The error of the
+derivative is then 1e-6/rad."""
 
 
 class OrbitSegment(NamedTuple):
@@ -40,7 +40,7 @@ class PiecewiseCubic:
         self._coefficients: list[list[float]] = polynomial.c.T.tolist()
 
     def interval(self, at: float) -> int:
-        """Return the index of the interval that contains the position `at`, or the nearest."""
+        """Return the index of the interval that contains the position `at` or is nearest to it."""
         return min(max(bisect_right(self.knots, at) - 1, 0), len(self.knots) - 2)
 
     def at(self, at: float) -> tuple[float, float]:
@@ -58,12 +58,13 @@ class Orbit(ABC):
 
     The arc length `arc` [rad] is the integral of ds = sqrt(sum_n dphi_n^2), and may be any real
     number. A leg is the part of the orbit between two reflections of the wall. In even legs the
-    wall moves towards the last rotor, in odd legs towards the first. At arc length 0 the wall is
-    reflected at the first rotor, and leg 0 begins. In leg 0, no edge rotor of a flipper has
-    toggled, that is, swung to the other one of its two rest angles, compared with the left-leaning
-    state. In the right-leaning state, the staggered angles are theta = theta_bar, the rest angle.
-    The angles pi - phi in place of phi describe a chain that is assembled upside down. Whole turns
-    of an angle do not matter.
+    wall moves towards the last rotor, in odd legs towards the first. Leg 0 begins at arc length 0,
+    where the wall is reflected at the first rotor.
+
+    An edge rotor of a flipper is toggled if its lever has not the sign that it has in the
+    left-leaning state (staggered angles theta = -theta_bar). In leg 0, no edge rotor is toggled. A
+    chain that is assembled upside down has the angles pi - phi in place of phi. Angles are
+    equivalent if they differ by whole turns.
     """
 
     chain: Chain
@@ -88,7 +89,7 @@ class Orbit(ABC):
     @property
     @abstractmethod
     def wall_extent(self) -> float:
-        """Largest arc length over which a single rotor moves [rad].
+        """Longest stretch of the orbit along which one rotor moves [rad].
 
         A rotor moves while the wall passes it or is reflected at it.
         """
@@ -108,11 +109,14 @@ class Orbit(ABC):
 
     @abstractmethod
     def arc_at(self, site: float, leg: int) -> float:
-        """Return the arc length in a leg at which the wall is at a site coordinate [rad]."""
+        """Return the arc length in a leg at which the wall is at a site coordinate [rad].
+
+        If the wall does not reach the site in this leg, the arc length is extrapolated linearly.
+        """
 
     @abstractmethod
     def site_arc_at(self, arc: float) -> float:
-        """Return the arc length per rotor spacing at an arc length s, |ds / d(site)| [rad]."""
+        """Return |ds / d(site)|, the arc length per rotor spacing, at an arc length s [rad]."""
 
     @abstractmethod
     def segment(self, arc: float) -> OrbitSegment:
@@ -120,9 +124,11 @@ class Orbit(ABC):
 
     @abstractmethod
     def background(self, arc: float) -> tuple[Array, Array]:
-        """Return the angles of rotors far left, and far right, of the wall [rad], (N,) each.
+        """Return the angles on the left and on the right of the wall [rad], shape (N,) each.
 
-        The wall is at the arc length `arc` [rad].
+        The first array contains the angle of each rotor while it is far to the left of the wall,
+        the second one its angle while it is far to the right. Both are the same for all arc
+        lengths in a leg.
         """
 
     def configuration(self, arc: float) -> Array:
@@ -142,17 +148,17 @@ class Orbit(ABC):
         return tangent
 
     def curvature(self, arc: float) -> Array:
-        """Return d2Phi/ds2, the derivative of the tangent with arc length [1/rad], shape (N,)."""
+        """Return d2Phi/ds2, the derivative of the tangent, at an arc length [1/rad], (N,)."""
         ahead, behind = self.tangent(arc + _STEP), self.tangent(arc - _STEP)
         return np.asarray((ahead - behind) / (2 * _STEP))
 
     def free_rate(self, arc: float) -> float:
-        """Return the rate ds/dt of free motion, relative to the rate for equal rotors [1].
+        """Return the rate ds/dt of free motion, relative to that of a chain with equal rotors [1].
 
-        The kinetic energy sum_n (I_n / 2) (t_n ds/dt)^2 of free motion is conserved, where t is
-        the tangent and I_n is the moment of inertia of rotor n. Therefore, with the moment of
-        inertia I of a rotor without deviations, the relative rate is 1 / sqrt(sum_n (I_n / I)
-        t_n^2).
+        Free motion conserves the kinetic energy sum_n (I_n / 2) (t_n ds/dt)^2, where t is the
+        tangent and I_n is the moment of inertia of rotor n. For the same energy, and with the
+        moment of inertia I of a rotor without deviations, the relative rate is therefore 1 /
+        sqrt(sum_n (I_n / I) t_n^2).
         """
         segment = self.segment(arc)
         end = segment.first + len(segment.tangent)

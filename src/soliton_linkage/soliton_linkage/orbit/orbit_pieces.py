@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Orbit of a chain with deviations, divided into pieces that are stored as Chebyshev series.
 
-Each piece has one rotor in the wall as its seed. The angle of the seed determines the angles of
+In each piece, one rotor in the wall is the seed. The angle of the seed determines the angles of
 its neighbours, these determine the angles of the next rotors, and so on outwards. Errors decay
-outwards as fast as the zero mode. The tangent t follows from t_{n+1} = -(A_n / B_n) t_n with the
-levers A and B of the bars, and from |t| = 1. The arc length follows from ds = dphi_seed / t_seed.
+outwards as fast as the zero mode. With the levers A_n and B_n of bar n, the tangent t satisfies
+t_{n+1} = -(A_n / B_n) t_n and |t| = 1. The arc length follows from ds = dphi_seed / t_seed.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.orbit.seed_path import SeedPath, blocked_wall_error, seed_path
 
 _NODES = 20
-"""Number K of terms of a Chebyshev series [1]. Most series converge after the piece is halved once
-or not at all."""
+"""Number K of terms of a Chebyshev series [1]. With this number, most series converge after the
+piece is halved once or not at all."""
 _MOST_SPLITS = 8
-"""Largest number of attempts to find a converged series [1]. Each attempt halves the pieces that
-have not converged. More attempts do not improve the convergence."""
+"""Largest number of attempts to compute converged series [1]. After each attempt, the pieces whose
+series have not converged are halved. More attempts do not improve the convergence."""
 _ACCURACY = 1e-11
 """A series has converged if the absolute values of its last two coefficients are below this
 [rad]."""
@@ -32,24 +32,24 @@ _STILL = 2e-11
 """A rotor counts as immobile in a piece if the absolute value of its component of the tangent is
 nowhere in the piece above this [1]. The limit is the rounding error of a series."""
 _DEPTHS_BESIDE = 25
-"""Distance from the seed up to which rotors are computed on each side [penetration depths]. Within
+"""Rotors are computed up to a distance of this many penetration depths [1] from the seed. Over
 this distance, the tangent decays to e^-25, which is below `_STILL`."""
 _ROTORS_BESIDE = 6
-"""Number of additional rotors on each side of a seed [1], because the penetration depth can be
-close to 0."""
+"""Number of rotors on each side of a seed that are computed in addition to those within
+`_DEPTHS_BESIDE` [1], because the penetration depth can be close to 0."""
 _NEWTON_STEPS = 30
 """Largest number of Newton steps in the search for the nodes of a series [1]."""
 _BATCH = 2_000_000
 """Largest number of values that are computed together [1]; they need 16 MB. Larger batches are not
 faster."""
 _MOST_NUMBERS = 20_000_000
-"""A chain whose orbit needs more computed values than this is rejected [1]. The computation of
-this many values takes about a minute."""
+"""A chain is rejected if more values than this [1] must be computed for its orbit. The computation
+of this many values takes about a minute."""
 
 _POINTS = np.cos(math.pi * np.arange(_NODES)[::-1] / (_NODES - 1))
 """Chebyshev points of the second kind from -1 to 1, shape (K,)."""
 _ORDERS = np.arange(_NODES + 1)
-"""Orders of the Chebyshev polynomials in the integral of a series, shape (K + 1,)."""
+"""Orders of the Chebyshev polynomials in the integral of a series of K terms, shape (K + 1,)."""
 _TO_SERIES = np.linalg.inv(chebyshev.chebvander(_POINTS, _NODES - 1))
 """Matrix that converts values at `_POINTS` to the coefficients of the series, shape (K, K)."""
 
@@ -70,11 +70,11 @@ class OrbitPiece:
 
     @property
     def rotors(self) -> int:
-        """Number of moving rotors."""
+        """Number n of moving rotors."""
         return int(self.series.shape[1]) // 2
 
     def at(self, arc: float) -> Array:
-        """Return angles [rad] and tangents [1], (2 n,), at an arc length in the piece [rad]."""
+        """Return n angles [rad], then n tangents [1], at an arc length in the piece [rad]."""
         x = min(max(2 * arc / self.length - 1, -1.0), 1.0)
         return np.asarray(np.cos(_ORDERS[:-1] * math.acos(x)) @ self.series)
 
@@ -139,10 +139,7 @@ class _Window:
         self.exists = ((columns >= 0) & (columns < rotors))[:, None]
 
     def angles(self, seeds: Array) -> Array:
-        """Return the angles of all rotors in the windows [rad], shape (P, K, W).
-
-        `seeds` contains K angles of each seed [rad], shape (P, K).
-        """
+        """Return all angles in the windows [rad], (P, K, W), for K angles of each seed, (P, K)."""
         found = np.empty((*seeds.shape, self.rotor_lengths.shape[1]))
         beside = self.beside
         found[..., beside] = seeds
@@ -155,7 +152,7 @@ class _Window:
         return found
 
     def tangents(self, angles: Array) -> Array:
-        """Return the unit zero modes with a positive component of the seed [1], (P, K, W)."""
+        """Return the unit zero modes, whose component at the seed is positive [1], (P, K, W)."""
         r = self.rotor_lengths[:, None]
         h, v = r * np.sin(angles), r * np.cos(angles)
         across, up = np.diff(h) + self.spacings[:, None], np.diff(v)
@@ -215,11 +212,11 @@ def _resolved(chain: Chain, path: SeedPath) -> list[OrbitPiece | None]:
 
 
 def _nodes_in_arc(speeds: Array) -> Array:
-    """Return the parameters x of the points at the Chebyshev nodes of the arc length, (P, K).
+    """Return the K values of x in each piece at which the arc length is at its nodes, (P, K).
 
-    In each piece, the parameter x increases from -1 to 1 in proportion to the angle of the seed.
-    At the returned points, the arc lengths from the start of the piece are proportional to
-    1 + `_POINTS`. `speeds` contains the Chebyshev coefficients of ds/dx, shape (P, K).
+    In each piece, x is the angle of the seed, scaled to increase from -1 to 1. At its nodes, the
+    arc length, scaled in the same way, has the values `_POINTS`. `speeds` contains the Chebyshev
+    coefficients of ds/dx, shape (P, K).
     """
     arcs = chebyshev.chebint(speeds, axis=1, lbnd=-1)
     wanted = arcs.sum(axis=1)[:, None] * (1 + _POINTS) / 2

@@ -3,12 +3,14 @@
 
 The seed is the rotor that moves most at the present position of the wall. The angle of the seed
 determines the angles of all other rotors. Where the levers of the bar between the seed and a
-neighbour are equal, |A_n| = |B_n|, both rotors move equally, and the neighbour becomes the seed.
-For a given angle of rotor n + 1, the bar from rotor n to rotor n + 1 allows two angles of rotor n.
-While the seed is to the right of rotor n, A_n does not vanish. Therefore one of the two angles is
-the right one throughout: the angle for which A_n has the sign that it had when the seed changed
-from n to n + 1. For a seed to the left of rotor n, the sign of B_{n-1} selects the angle in the
-same way.
+neighbour are equal, |A_n| = |B_n|, both rotors move equally fast, and the neighbour becomes the
+seed.
+
+For a given angle of rotor n + 1, the bar from rotor n to rotor n + 1 allows two angles of rotor n,
+at which A_n has opposite signs. While the seed is to the right of rotor n, A_n does not vanish.
+Therefore, A_n keeps the sign that it had when the seed changed from n to n + 1, and this sign
+selects one of the two angles. For a seed to the left of rotor n, the sign of B_{n-1} selects the
+angle in the same way.
 """
 
 from __future__ import annotations
@@ -39,24 +41,21 @@ _LONGEST_STEP = 0.1
 """Longest step of the seed, relative to the smaller of the rest angle and 1 rad [1]. The step is
 short enough that each seed makes more than one step."""
 _SHORTEST_STEP = 1e-10
-"""If the bars do not allow a step that is longer than this [rad], the wall is blocked. The limit
-exceeds the rounding errors of the bar lengths."""
+"""The wall counts as blocked if the bars do not allow a step of the seed longer than this [rad].
+The limit exceeds the rounding errors of the bar lengths."""
 _CLEAR_LEAD = 1e-9
-"""Another rotor becomes the seed if its lead exceeds this [1]. The limit exceeds the rounding
-errors. `_Seed.lead` defines the lead."""
+"""A rotor becomes the seed if its lead (see `_Seed.lead`) is above this [1]. The limit exceeds the
+rounding errors."""
 _NEGLIGIBLE_LEAD = -4.0
 """The search for the rotor with the largest lead ends at a rotor with a lead below this [1],
 because no rotor farther out moves more than e^4 times as much as this rotor."""
 _MOST_PIECES_A_ROTOR = 20
-"""Largest number of pieces per rotor before a path counts as not closed [1]. The closed paths of
-flippers have 4 pieces per rotor, those in spinners 2."""
+"""A path with more pieces per rotor than this counts as not closed [1]. Closed paths have 4 pieces
+per rotor in flippers and 2 in spinners."""
 
 
 class SeedPath(NamedTuple):
-    """Pieces of the orbit in their order along the orbit, each with one seed.
-
-    P is the number of pieces. `seeds` contains the numbers of the seeds, shape (P,).
-    """
+    """P successive pieces of the orbit; rotor `seeds[p]` is the seed of piece p."""
 
     seeds: Numbers
     begins: Array
@@ -65,17 +64,17 @@ class SeedPath(NamedTuple):
     """Angle of the seed at the end of each piece [rad], shape (P,); it differs from `begins` by
     less than 2 pi."""
     left_branches: Branches
-    """Signs of the levers A of the bars from number seed - beside to seed + beside - 1, for each
-    piece, shape (P, 2 beside)."""
+    """Signs of the levers A of the bars from number seed - beside to seed + beside - 1, where seed
+    is the number of the seed of each piece, shape (P, 2 beside)."""
     right_branches: Branches
     """Signs of the levers B of the same bars, shape (P, 2 beside)."""
 
     def take(self, which: Numbers) -> SeedPath:
-        """Return a path that consists of the pieces with given indices."""
+        """Return a path of the pieces with the given indices."""
         return SeedPath._make(part[which] for part in self)
 
     def halves(self) -> SeedPath:
-        """Return a path in which each piece is split at the middle angle of its seed."""
+        """Return a path in which each piece is split where its seed has its middle angle."""
         split = self.take(np.repeat(np.arange(len(self.seeds)), 2))
         middles = (self.begins + self.ends) / 2
         split.ends[::2] = middles
@@ -84,10 +83,9 @@ class SeedPath(NamedTuple):
 
 
 class _Bond(NamedTuple):
-    """Bar between two neighbouring rotors.
+    """Bar between two neighbouring rotors, of which the inner one is nearer to the seed.
 
-    The inner rotor is nearer to the seed than the outer rotor. `angle` is the angle of the outer
-    rotor [rad].
+    `angle` is the angle of the outer rotor [rad].
     """
 
     angle: float
@@ -98,7 +96,7 @@ class _Bond(NamedTuple):
 
     @property
     def lead(self) -> float:
-        """Logarithm of the rate of the outer rotor relative to the rate of the inner rotor [1]."""
+        """Logarithm of the rate of the outer rotor divided by the rate of the inner rotor [1]."""
         if self.near == 0:
             return -math.inf
         return math.log(abs(self.near / self.far)) if self.far else math.inf
@@ -124,10 +122,7 @@ class _Seed:
             self.move_to(rotor)
 
     def _start(self, left: Array, right: Array) -> tuple[int, float, float]:
-        """Return number, angle [rad] and sense of rotation (+1 or -1) of the first seed.
-
-        The first seed is near the middle of the chain.
-        """
+        """Return number, angle [rad] and sense of rotation (+1 or -1) of the first seed."""
         nominal = replace(self._chain, number_of_rotors=8, deviations=NO_DEVIATIONS)
         rotors = np.arange(1, self._last)
         for rotor in rotors[np.argsort(np.abs(rotors - self._last / 2), kind='stable')].tolist():
@@ -142,15 +137,16 @@ class _Seed:
 
     @property
     def branches(self) -> tuple[bytes, bytes]:
-        """Signs of the levers A on the left of the seed, and B on its right, as bytes."""
+        """Signs of the levers A of the bars left of the seed, and B of the bars right of it."""
         left, right = self.left_branches[: self.rotor], self.right_branches[self.rotor :]
         return left.tobytes(), right.tobytes()
 
     def lead(self, towards: int, angle: float) -> tuple[float, int]:
-        """Return the largest lead of the rotors n on one side, log |t_n / t_seed|, and this n.
+        """Return the largest lead of the rotors on one side, and the rotor that has this lead.
 
-        t is the zero mode at which the seed has the angle `angle` [rad]. `towards` is -1 for the
-        left and +1 for the right side. The lead is -inf if no rotor is on this side.
+        The lead of rotor n is log |t_n / t_seed|, where t is the zero mode at which the seed has
+        the angle `angle` [rad]. `towards` is -1 for the rotors on the left of the seed and +1 for
+        those on its right. The largest lead is -inf if no rotor is on this side.
         """
         rotor, lead = self.rotor, 0.0
         best = -math.inf, rotor
@@ -173,10 +169,10 @@ class _Seed:
         return _Bond(far_angle, h * up - v * across, v_far * across - h_far * up)
 
     def turn(self, most: float) -> int:
-        """Rotate the seed by a step of at most `most` [rad]; return the next seed's number.
+        """Rotate the seed by a step of at most `most` [rad]; return the number of the next seed.
 
-        If another rotor begins to move as much as the seed, the step ends there, and this rotor is
-        the next seed. Raises ArithmeticError if the lengths of the bars do not allow a step.
+        If another rotor begins to move faster than the seed, the step ends there, and this rotor
+        is the next seed. Raises ArithmeticError if the lengths of the bars do not allow a step.
         """
         step = min(self._step, most)
         while step > _SHORTEST_STEP:
@@ -207,7 +203,6 @@ class _Seed:
         return float(brentq(lead, self.angle, beyond, xtol=1e-14))
 
     def move_to(self, rotor: int) -> None:
-        """Make another rotor the seed at the same position on the orbit."""
         while self.rotor != rotor:
             towards = 1 if rotor > self.rotor else -1
             bond = self._bond(self.rotor, towards, self.angle)
@@ -219,7 +214,7 @@ class _Seed:
 
 
 def seed_path(chain: Chain, beside: int) -> SeedPath:
-    """Return the path of the wall along the orbit from the middle of leg 0.
+    """Return the path of the wall once around the orbit, from the middle of leg 0.
 
     For each piece, the path contains the signs of the levers A and B of `beside` bars on each side
     of the seed. Raises ValueError if the wall cannot pass through the chain.
@@ -254,7 +249,7 @@ def seed_path(chain: Chain, beside: int) -> SeedPath:
 def blocked_wall_error(chain: Chain, rotor: int) -> ValueError:
     """Return the error for a wall that cannot pass a rotor.
 
-    If an obstacle is found, the message describes the nearest one.
+    Its message describes the nearest obstacle if there is one.
     """
     remedy = 'lower the deviations of the chain'
     obstacles = find_obstacles(chain)

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Orbit of a chain of any length without deviations, composed from the orbit of a short chain.
 
-The motion of the wall past the two middle rotors of the short chain is called a period. In a
-longer chain, this period repeats, shifted by two rotors each time. The orbit of the short chain is
-integrated from the middle of one leg, through the reflection at the last rotor, to the middle of
-the next leg. The rest of the orbit, with the reflection at the first rotor, is the mirror image of
-this part. `static_wall` defines the site coordinate.
+In the middle of the short chain, the wall passes two rotors. In a longer chain, this passage
+repeats, shifted by two rotors each time. The orbit of the short chain is integrated from the
+middle of one leg, through the reflection at the last rotor, to the middle of the next leg. The
+rest of the orbit, with the reflection at the first rotor, is the mirror image of this part.
+`static_wall` defines the site coordinate.
 """
 
 from __future__ import annotations
@@ -30,43 +30,43 @@ from soliton_linkage.orbit.orbit import Orbit, OrbitSegment, PiecewiseCubic
 from soliton_linkage.solitons.static_wall import follow_zero_mode, site_arc, static_wall
 
 _DEPTHS_BESIDE = 15
-"""Distance from the middle of the short chain to its edges [penetration depths]. With a wall in
-the middle, the edges then cause errors of the angles of 1e-6 rad."""
+"""The edges of the short chain are farther from its middle than this [penetration depths]. The
+edges then change the angles of a wall in the middle by less than 1e-6 rad."""
 _ROTORS_BESIDE = 6
-"""Number of rotors that are added to this distance, on each side [1], because the penetration
-depth can be close to 0."""
+"""Number of rotors on each side of the middle of the short chain that are added to those within
+`_DEPTHS_BESIDE` [1], because the penetration depth can be close to 0."""
 _TOLERANCE = 1e-9
-"""Allowed error of a solver step, as a norm over all rotors [rad]. The errors of the orbit are
-then below 1e-6 rad."""
+"""Largest error of a solver step, as the norm of the errors of all rotors [rad]. The errors of the
+orbit are then below 1e-6 rad."""
 _SAMPLES_A_STEP = 3
-"""Number of spline points per solver step [1]. With this number, interpolation errors are below
-the solver errors."""
+"""Number of spline points per solver step [1]. The interpolation errors are then below the solver
+errors."""
 _DEPTHS_OF_EDGE = 8.0
-"""The effect of an edge on the site coordinate is computed up to this distance from the edge
-[penetration depths], increased by two rotor spacings. Farther away, site and arc length are
+"""The effect of an edge on the site coordinate is computed up to a distance from the edge of this
+many penetration depths [1] plus two rotor spacings. Farther away, site and arc length are
 proportional, with a relative error of e^-16."""
 _SAMPLES_A_SITE = 16
-"""Number of samples near an edge per unit of length [1], where the unit is the rotor spacing or
-the penetration depth, whichever is larger. With this number, the errors of sites are 1e-6."""
+"""Near an edge, the site coordinate is computed at this number of points per rotor spacing or per
+penetration depth, whichever is larger [1]. The errors of sites are then 1e-6."""
 _STEP = 1e-5
-"""Step of the site for the numerical derivative of the angles of a wall [rotor spacings]."""
+"""Step of the site in the numerical derivative of the angles of a wall [rotor spacings]."""
 _SHORT = 0.3
-"""If the ratio of the last solver step to the step before it is below this [1], the two steps are
-merged."""
+"""The last two solver steps are merged if the last one is shorter than this share of the step
+before it [1]."""
 _EXACT = 1e-12
 """The Newton search for the arc length at a site ends when a step is smaller than this [rad]."""
 _STEPS = 20
-"""Largest number of Newton steps in the search for an arc length [1]."""
+"""Largest number of Newton steps in the search for the arc length at a site [1]."""
 _DEGREE = 7
-"""Degree of the spline [1]; it is one less than the order of the solver."""
+"""Degree of the spline [1]. It is one less than the order of the solver."""
 
 
 class UniformOrbit(Orbit):
     """Orbit of a chain without deviations; deviations of the given chain are ignored.
 
     Angles have errors below 1e-6 rad. The computation takes less than a second, except for a lean
-    ratio d close to the critical d_c and for walls wider than 1000 rotors. Raises ValueError for
-    two rotors or periodic ends. Also raises the errors of `site_arc`.
+    ratio d close to the critical d_c and for walls wider than 1000 rotors. Raises the errors of
+    `site_arc`, and ValueError for two rotors or periodic ends.
     """
 
     def __init__(self, chain: Chain) -> None:
@@ -95,7 +95,7 @@ class UniformOrbit(Orbit):
 
     @property
     def wall_extent(self) -> float:
-        """Largest arc length over which a single rotor moves [rad]; see `Orbit`."""
+        """Longest stretch of the orbit along which one rotor moves [rad]; see `Orbit`."""
         swing = self._starts[1] - (self.chain.number_of_rotors - 1) * self.site_arc
         return self._short.number_of_rotors * self.site_arc + swing
 
@@ -105,10 +105,7 @@ class UniformOrbit(Orbit):
         return 0.0 if site < 0 else min(site, self._last)
 
     def arc_at(self, site: float, leg: int) -> float:
-        """Return the arc length in a leg at which the wall is at a site [rad].
-
-        For a site off the chain, the arc length is extrapolated linearly.
-        """
+        """Return the arc length in a leg at which the wall is at a site [rad]; see `Orbit`."""
         way = 1 if leg % 2 == 0 else -1
         arc = self._halfway[leg] + way * (site - self.middle) * self.site_arc
         for _ in range(_STEPS):
@@ -120,7 +117,7 @@ class UniformOrbit(Orbit):
         return arc
 
     def site_arc_at(self, arc: float) -> float:
-        """Return the arc length per rotor spacing at an arc length s, |ds / d(site)| [rad]."""
+        """Return |ds / d(site)|, the arc length per rotor spacing, at an arc length s [rad]."""
         return abs(1 / self._site(arc % self._starts[-1], self.leg(arc))[1])
 
     def _site(self, arc: float, leg: int) -> tuple[float, float]:
@@ -142,10 +139,7 @@ class UniformOrbit(Orbit):
         return OrbitSegment(first, values[low:high], values[rotors + low : rotors + high])
 
     def background(self, arc: float) -> tuple[Array, Array]:
-        """Return the angles of rotors far left, and far right, of the wall [rad], (N,) each.
-
-        They are the same for all arc lengths in a leg.
-        """
+        """Return the angles on the left and on the right of the wall [rad]; see `Orbit`."""
         left, right = self.chain.uniform_state(1), self.chain.uniform_state(-1)
         if self.chain.motion is Motion.SPINNER:
             right = self.chain.uniform_state(1) + math.pi
@@ -155,21 +149,20 @@ class UniformOrbit(Orbit):
 
 
 class _HalfLegs(NamedTuple):
-    """Samples of the orbit from the middle of one leg to the middle of the next."""
+    """Samples of the part of the orbit from the middle of one leg to the middle of the next."""
 
     arcs: Array
-    """Arc length from the first of the K samples to each sample [rad], shape (K,)."""
+    """Arc length of each of the K samples, counted from the first one [rad], shape (K,)."""
     angles: Array
     """Actual (not staggered) angles [rad], without jumps of 2 pi, shape (K, N)."""
     tangents: Array
     """Derivative of the angles with respect to the arc length [1], shape (K, N)."""
 
     def mirrored(self, chain: Chain) -> _HalfLegs:
-        """Return the mirror image, n -> N - 1 - n and phi -> -phi, in reversed order.
+        """Return the mirror image, n -> N - 1 - n and phi -> -phi, in the order of the orbit.
 
         The mirror image of a spinner with odd N or a flipper with even N is assembled upside down.
-        It is therefore turned over, so that the two conversions together are phi -> phi + pi. In a
-        spinner, turning over exchanges the legs, so that the order of the samples is not reversed.
+        It is therefore also turned over, phi -> pi - phi.
         """
         spinner, odd = chain.motion is Motion.SPINNER, chain.number_of_rotors % 2 == 1
         angles, tangents = self.angles[:, ::-1], self.tangents[:, ::-1]
@@ -204,9 +197,9 @@ class _ShortOrbit:
             for leg in range(legs)
         ]
         self.edges = [[self._edge(leg, first) for first in (False, True)] for leg in range(legs)]
-        """For each leg two functions, for the last and for the first rotor. Each function returns
-        the distance of the wall from this edge rotor [rotor spacings]. Its argument is the
-        distance that the wall would have if site and arc length were proportional."""
+        """For each leg two functions, for the last and for the first rotor, that return the
+        distance of the wall from this rotor [rotor spacings]. Their argument is the distance that
+        would result if site and arc length were proportional."""
 
     def _edge(self, leg: int, at_first: bool) -> PiecewiseCubic:
         chain, last = self._chain, self._chain.number_of_rotors - 1
@@ -234,8 +227,8 @@ class _ShortOrbit:
         """Return the unit zero mode in the direction of the orbit [1], shape (N,).
 
         Up to a factor, the component t_n is the product (-1)^n prod_{j < n} A_j prod_{j >= n} B_j
-        of levers A and B. These products are faster than `zero_mode`. The levers are divided by
-        the larger one of the `couplings`, so that products rarely overflow.
+        of levers A and B. This is faster than `zero_mode`. The levers are divided by the larger
+        one of the `couplings`, so that the products rarely overflow.
         """
         first, second = rigidity_bands(self._chain, angles)
         mode = self._signs.copy()
@@ -260,9 +253,9 @@ class _ShortOrbit:
     def _pieces(self) -> list[_HalfLegs]:
         """Return the pieces of the orbit in order, each from the middle of a leg to the next.
 
-        A reflection at the first rotor is the mirror image of a reflection at the last rotor. A
-        mirror image exchanges the two results of `toggled_edges`. Therefore leg 2 is the mirror
-        image of leg 0 for a lean ratio d > 1, and leg 3 is the mirror image of leg 1 for d <= 1.
+        The mirror image of a reflection at the last rotor is a reflection at the first rotor.
+        Mirroring exchanges the two results of `toggled_edges`. It therefore exchanges legs 0 and 2
+        for a lean ratio d > 1, and legs 1 and 3 for d <= 1.
         """
         legs = len(self.walls)
         last = [self._followed(leg) for leg in range(0, legs, 2)]
@@ -289,10 +282,10 @@ class _ShortOrbit:
         return _HalfLegs(arcs, angles, np.array([self._tangent(each) for each in angles]))
 
     def _rate(self, arc: float, leg: int) -> float:
-        """Return a quantity that changes its sign when the wall is reflected at the end of a leg.
+        """Return a quantity that changes its sign where the wall is reflected at the end of `leg`.
 
-        In a flipper, the quantity is the lever of the edge rotor at this end. In a spinner, it is
-        the derivative of sum_n sin(phi_n) with respect to the arc length.
+        In a flipper, the quantity is the lever of the edge rotor at which the leg ends. In a
+        spinner, it is the derivative of sum_n sin(phi_n) with respect to the arc length.
         """
         angles, tangent = np.split(np.asarray(self._spline(arc)), 2)
         if self._chain.motion is Motion.SPINNER:
@@ -307,7 +300,7 @@ _short_orbit = lru_cache(maxsize=4)(_ShortOrbit)
 def _short_chain(chain: Chain) -> Chain:
     """Return the shortest chain in which the edges have no effect on a wall in the middle.
 
-    If this chain would be longer than `chain`, return `chain`.
+    If this chain would have more rotors than `chain`, return `chain`.
     """
     depth = penetration_depth(chain) / chain.spacing
     beside = math.ceil(_DEPTHS_BESIDE * depth) + _ROTORS_BESIDE
@@ -316,10 +309,10 @@ def _short_chain(chain: Chain) -> Chain:
 
 
 def _closed_spline(pieces: list[_HalfLegs], middles: list[float]) -> BSpline:
-    """Return a spline of angles and tangents, shape (2 N,), that closes smoothly at its end.
+    """Return a spline of N angles and N tangents that is smooth where the orbit closes.
 
-    `middles` contains the arc length at which each piece begins, and the length of the
-    orbit [rad].
+    `middles` contains the arc length at which each piece begins, and the length of the orbit
+    [rad].
     """
     arcs, rows, end = [], [], pieces[0].angles[0]
     for piece, middle in zip(pieces, middles[:-1], strict=True):
@@ -341,9 +334,8 @@ def _closed_spline(pieces: list[_HalfLegs], middles: list[float]) -> BSpline:
 def spline(knots: Array, coefficients: Array, at: float, values: Array) -> None:
     """Set `values`, shape (M,), to the values of M B-splines at the position `at`.
 
-    The splines have the same `knots`. Their `coefficients` have the shape (K, M), with one column
-    for each spline. For a single position, this recursion of Cox and de Boor is ten times as fast
-    as scipy.
+    The splines have the same `knots`. Each column of `coefficients`, shape (K, M), belongs to one
+    spline. For a single position, this recursion of Cox and de Boor is ten times as fast as scipy.
     """
     high = coefficients.shape[0]
     low = degree = knots.size - high - 1
@@ -383,15 +375,15 @@ def set_near_wall(
 ) -> tuple[int, int, int]:
     """Set the angles and tangents of the rotors near a wall in a long chain, from a short chain.
 
-    The results replace `values`: first the angles [rad], then the tangents [1] of all rotors of
-    the short chain. The orbit of the short chain has the length `length` [rad] and is a spline
-    with `knots` and `coefficients`. `arc` [rad] is the arc length on the orbit of the long chain,
-    which has 2 * `repeats` more rotors than the short chain and the arc length `site_arc` [rad]
-    per rotor spacing. `legs` has three rows [rad] with one column for each leg: the start of the
-    leg on the orbit of the long chain, the start of the leg on the orbit of the short chain, and
-    the distance from this start to the middle of the leg. Return the number in the long chain of
-    the first rotor that is set, the number of this rotor in the short chain, and 1 plus the number
-    of the last such rotor in the short chain.
+    `values` is set to the angles [rad], followed by the tangents [1], of all rotors of the short
+    chain. The orbit of the short chain has the length `length` [rad] and is a spline with `knots`
+    and `coefficients`. `arc` [rad] is the arc length on the orbit of the long chain, which has 2 *
+    `repeats` more rotors than the short chain and the arc length `site_arc` [rad] per rotor
+    spacing. `legs` has three rows [rad] with one column for each leg: the start of the leg on the
+    orbit of the long chain, the start of the leg on the orbit of the short chain, and the arc
+    length from there to the middle of the leg. Return three numbers: first, low and high. The
+    rotors low to high - 1 of the short chain correspond to rotors of the long chain, from its
+    rotor number first on.
     """
     leg = legs.shape[1] - 1
     while leg > 0 and arc < legs[0, leg]:

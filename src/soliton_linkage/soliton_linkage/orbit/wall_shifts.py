@@ -6,8 +6,8 @@ of the spacings from the uniform chain. Because the bars keep their lengths, the
 dphi with R dphi + E p = 0, where R and E are the derivatives of the bar lengths with respect to
 the angles and to p. Of all solutions, dphi is the one that is orthogonal to the zero mode t. Let
 S_n be the part of |t|^2 on the left of bond n, and A_n and B_n the levers of the bar of bond n.
-The wall is at bond b where S_b has a fixed value, as in `DeviatingOrbit`. Because
-t_{n+1} / t_n = -A_n / B_n, the deviations change ln(S_b / (1 - S_b)) by
+As in `DeviatingOrbit`, the wall is at bond b where S_b has the same value as in the uniform chain.
+Because t_{n+1} / t_n = -A_n / B_n, the deviations change ln(S_b / (1 - S_b)) by
 
     dQ = -sum_n w_n d ln|A_n / B_n|,   w_n = min(S_n / S_b, (1 - S_n) / (1 - S_b)).
 
@@ -20,9 +20,9 @@ time that a wall in free motion takes from bond b to bond b + 1 has the relative
 
 where p_n is the relative deviation of the length of rotor n, and m_n the relative deviation of its
 mass. The three terms are the change of the arc length between the bonds, the change of the arc
-element, and the change of the inertia. The code does not compute the matrix R^+ E with the
-pseudo-inverse R^+ of R, because q^T R^+ E = u^T E for any vector q, where u is the solution of (R
-R^T) u = R q. Deviations of the stiffnesses have no effect on an orbit without energy.
+element, and the change of the inertia. With the pseudo-inverse R^+ of R, dphi = -R^+ E p. The code
+computes products q^T R^+ E with a vector q as u^T E, where u is the solution of (R R^T) u = R q.
+Deviations of the stiffnesses have no effect on an orbit without energy.
 """
 
 from __future__ import annotations
@@ -47,25 +47,23 @@ _SAMPLES = 4
 
 
 class Shifts(NamedTuple):
-    """Standard deviations of the errors of a wall, relative to the error of a far rotor.
+    """Standard deviations of errors of a wall, divided by that of the error of a far rotor.
 
     `WallShifts` defines the error of a far rotor.
     """
 
     arc: float
-    """Standard deviation of the arc length of the wall, divided by the standard deviation of the
-    error of a far rotor [1]."""
+    """Ratio for the error of the arc length of the wall [1]."""
     rate: float
-    """Standard deviation of the relative error of the rate of the wall, divided by the standard
-    deviation of the error of a far rotor [1/rad]."""
+    """Ratio for the relative error of the rate of the wall [1/rad]."""
 
 
 class WallShifts:
     """Errors of a wall due to unmodelled deviations, relative to the error of a far rotor.
 
     The error of a far rotor is the change of its angle minus `tail_ratio` times the change of the
-    next rotor towards the wall. This difference excludes the tail of the wall itself. It is
-    assumed that all lengths and masses have independent relative deviations of equal variance.
+    next rotor towards the wall, which removes the tail of the wall itself. All lengths and masses
+    are assumed to have independent relative deviations of equal variance.
     """
 
     def __init__(self, orbit: Orbit) -> None:
@@ -75,10 +73,7 @@ class WallShifts:
         self._far = 0.0
 
     def at(self, site: float, leg: int) -> Shifts:
-        """Return the standard deviations of the errors of a wall at a site [rotor spacings].
-
-        The variance of the arc length is interpolated between the two bonds beside the site.
-        """
+        """Return the `Shifts` of a wall at a site [rotor spacings]."""
         bonds = self._orbit.chain.number_of_rotors - 1
         before = min(max(site - 0.5, 0.0), bonds - 1)
         bond = min(math.floor(before), bonds - 2)
@@ -120,11 +115,10 @@ class WallShifts:
 class _BarsNearWall:
     """Effects of relative deviations of n rotor lengths and n - 1 spacings near a wall.
 
-    Each method returns one effect per deviation, in the order rotor 0, spacing 0, rotor 1 and so
-    on, shape (2 n - 1,). An effect is the change of a quantity per relative deviation. A bar of
-    length l joins masses at (h, v) and (h', v') relative to their pivots, which are the spacing a
-    apart. With c = h v' - v h', the levers A and B of the bar satisfy l A = c - a v and l B = a v'
-    - c. Therefore the derivatives of the levers are products of positions.
+    Each method returns the change of a quantity per relative deviation, shape (2 n - 1,), in the
+    order rotor 0, spacing 0, rotor 1 and so on. A bar of length l joins masses at (h, v) and (h',
+    v') relative to their pivots, which are the spacing a apart. With c = h v' - v h', the levers A
+    and B of the bar satisfy l A = c - a v and l B = a v' - c.
     """
 
     def __init__(self, chain: Chain, segment: OrbitSegment) -> None:
@@ -146,10 +140,7 @@ class _BarsNearWall:
         return self._angle_effect(weights)
 
     def arc_element_effect(self, curvature: Array) -> Array:
-        """Return the effects on the relative time per arc length [1].
-
-        They are due to the arc element and the inertia. `curvature` is Phi'' [1/rad].
-        """
+        """Return the effects on sum_n t_n^2 p_n - Phi''^T dphi [1]; `curvature` is Phi''."""
         effects = -self._angle_effect(curvature)
         effects[::2] += self._tangent**2
         return effects
