@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Command `soliton-linkage`; its sub-commands come from the studies and from other packages.
 
-A sub-command is an entry point in the group `soliton_linkage.commands`. It refers to a function,
-whose parameter is the list of arguments. The function returns the exit code: 0 after success, 1
-after an error, 2 after Ctrl-C or for an invalid command line. The help text of a sub-command is
-the first line of the docstring of its module.
+A sub-command is an entry point in the group `soliton_linkage.commands`: a function of the list of
+arguments that returns the exit code, 0 after success, 1 after an error, and 2 after Ctrl-C or for
+an invalid command line. The help text of a sub-command is the first line of the docstring of its
+module.
 """
 
 from __future__ import annotations

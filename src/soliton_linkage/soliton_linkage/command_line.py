@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Command lines with error messages of one line, and with completion of words by the shell.
+"""Command lines with error messages of one line and with completion of words by the shell.
 
 In bash, `eval "$(register-python-argcomplete soliton-linkage)"` activates completion.
 """
@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 _ASKED = '_ARGCOMPLETE'
-"""Environment variable that marks a completion request. Its value is the number of words in the
-name of the program."""
+"""Environment variable that marks a completion request. Its value is the number of words that name
+the program: 1, or 2 with a sub-command."""
 _ROS_FLAGS = ('-r', '--remap', '-p', '--param', '--params-file', '--log-level')
 _NEGATIVE = re.compile(r'-(\d|\.\d|inf|nan)')
 
@@ -42,10 +42,7 @@ class PlainParser(argparse.ArgumentParser):
 
 
 def words_before() -> list[str]:
-    """Return the words between the name of the program and the word that the shell completes.
-
-    Without a completion request, the result is empty.
-    """
+    """Return the words before the word to complete, without the program; [] without a request."""
     if _ASKED not in os.environ:
         return []
     return os.environ['COMP_LINE'][: int(os.environ['COMP_POINT'])].split(' ')[1:-1]

@@ -60,12 +60,6 @@ class LoopCache(FunctionCache):  # type: ignore[misc]
 
 
 class _LoopFiles:
-    """Files of one loop.
-
-    Each file contains a checksum of the rest of the file, a checksum of the key, and the compiled
-    loop.
-    """
-
     def __init__(self, folder: Path, name: str) -> None:
         self._folder = folder
         self._name = name

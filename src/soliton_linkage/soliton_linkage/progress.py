@@ -14,8 +14,7 @@ import time
 _BAR_WIDTH = 30
 """Largest width of the progress bar [characters]."""
 _MINIMUM_BAR_WIDTH = 10
-"""Smallest width of the progress bar [characters]. If the line is too short for it, the title is
-cut."""
+"""Smallest width of the progress bar [characters]; a title that leaves less room is cut."""
 _TERMINAL_INTERVAL = 0.1
 """Shortest time between two updates in a terminal [s]; more frequent updates flicker."""
 _LOG_INTERVAL = 2.0
@@ -39,10 +38,7 @@ class ProgressLine:
     """Progress display: one line that is updated in a terminal, separate lines in a log file."""
 
     def __init__(self, title: str, total: float) -> None:
-        """Prepare to show the progress from 0 to `total`.
-
-        If `total` is 0, no bar is shown.
-        """
+        """Prepare to show the progress from 0 to `total`, or without a bar if `total` is 0."""
         self.total = total
         self._title = title
         self._terminal = sys.stderr.isatty()

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Models of the actuators at the edges: interface, implementations and a registry by name.
 
-To add a model, write a frozen dataclass with the methods of `Actuator` and fields made by
-`quantity`, and add it to `ACTUATORS`. The parameter `actuator` of the node selects a model by its
-name in `ACTUATORS`.
+To add a model, write a frozen dataclass with the methods of `Actuator`, define its fields with
+`linkage.quantities.quantity`, and add the class to `ACTUATORS` under the name that selects it in
+the parameter `actuator` of the node.
 """
 
 from __future__ import annotations
@@ -84,8 +84,7 @@ class PneumaticActuator(CheckedQuantities):
     ) -> tuple[float, float]:
         """Return the pressure [Pa] at `end`, and its integral from `start` to `end` [Pa s].
 
-        `pressure` is the pressure at `start`. The times `start` and `end` [s] refer to the time
-        axis of `command`.
+        `pressure` is the pressure at `start`; the times [s] are on the time axis of `command`.
         """
         integral = 0.0
         for line in command.segments(start, end):
@@ -153,10 +152,9 @@ class Actuator(Protocol):
     def response(
         self, level: float, command: Profile, start: float, end: float
     ) -> tuple[float, float]:
-        """Return the level at `end` [s], and the integral of the level since `start`.
+        """Return the level at `end`, and the integral of the level from `start` to `end`.
 
-        `level` is the level at `start`. The times `start` and `end` [s] refer to the time axis of
-        `command`.
+        `level` is the level at `start`; the times [s] are on the time axis of `command`.
         """
 
     def torque(self, level: float) -> SupportsFloat:

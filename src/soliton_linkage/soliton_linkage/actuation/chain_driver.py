@@ -26,13 +26,13 @@ class _PendingCommand:
 
 
 class ChainDriver:
-    """Driver of all actuators of a chain, which converts commands into torques and records kicks.
+    """Driver of all actuators of a chain; a command starts at the next frame.
 
-    A command starts at the next frame. Its `source` is the topic of the command, which the reports
-    contain. At each frame, the driver returns the mean torques over the interval to the next
-    frame. It assumes that this interval is as long as the previous one. After the end of a joint
-    command, its last torques are held for `timeout` [s]. If an interval between frames exceeds
-    `longest_gap` [s], the current torques are reported as cut short.
+    The reports name the `source` of a command, which is its topic. At each frame, the driver
+    returns the mean torques over the interval to the next frame, which it assumes to be as long as
+    the previous interval. After the end of a joint command, its last torques are held for
+    `timeout` [s]. If an interval between frames exceeds `longest_gap` [s], the current torques are
+    reported as cut short.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class ChainDriver:
         return self._driving
 
     def command(self, source: str, command: EdgeCommand, side: Edge) -> None:
-        """Start a command with a duration at an edge, in place of the previous edge command."""
+        """Start an edge command that is not instantaneous, in place of the last edge command."""
         begin = partial(self._drive.command, command, side)
         self._pending.append(_PendingCommand(source, begin, command))
 
@@ -95,8 +95,7 @@ class ChainDriver:
         """Return the torques to apply from a frame on [N m], shape (N,), or None if nothing acts.
 
         `before` and `stamp` are the stamps of the previous frame and of this frame [ns]. Raises
-        ValueError if the stamps do not increase. If the stamps decrease, the driver also drops all
-        commands.
+        ValueError if the stamps do not increase; if they decrease, all commands are dropped.
         """
         if self._origin is None:
             self._origin = stamp

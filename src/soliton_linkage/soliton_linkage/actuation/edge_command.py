@@ -16,7 +16,7 @@ from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.chain import Array, Chain
 
 _LARGEST_ANGLE = math.pi
-"""Largest allowed amplitude of an imposed angle [rad]. Half a turn reaches every orientation."""
+"""Largest allowed amplitude of an imposed angle [rad]: half a turn reaches every orientation."""
 
 
 class CommandKind(enum.Enum):
@@ -25,8 +25,7 @@ class CommandKind(enum.Enum):
     KICK = 'kick'
     """Instantaneous change of the speed along the unit zero mode [rad/s]."""
     PRESSURE = 'pressure'
-    """Pressure in the chamber [Pa]. With another actuator model, this is another quantity with
-    another unit."""
+    """Pressure in the chamber [Pa], or the level of another actuator model."""
     PULSE = 'pulse'
     """Torque along the unit zero mode [N m], which does not depend on the actuator model."""
     WAVEFORM = 'waveform'

@@ -13,9 +13,8 @@ from soliton_linkage.dynamics.work import TorqueLedger
 from soliton_linkage.linkage.chain import Array
 
 _DELIVERY_TIMEOUT = 10**9 // 2
-"""If the simulator does not deliver the totals of a kick within this time [ns], the kick is
-reported without waiting for them. The time is measured by the stamps of frames. Even the slowest
-simulator publishes many frames in this time."""
+"""A kick is reported without totals from the simulator if these do not arrive within this time
+[ns], measured by the stamps of frames. Even the slowest simulator publishes many frames in it."""
 
 
 @dataclass(frozen=True)
@@ -38,10 +37,7 @@ class DeliveryTotals:
 
 @dataclass(frozen=True)
 class KickReport:
-    """Report of one kick or of one episode.
-
-    An episode is an interval in which torques act without a pause.
-    """
+    """Report of one kick, or of one episode: an interval in which torques act without a pause."""
 
     stamp: int
     """Stamp of the frame at which the kick or the torques started [ns]."""
@@ -91,8 +87,8 @@ class KickRecord:
     """Record of the impulses and torques that were sent to the rotors.
 
     The function `report` is called with the report of each finished kick or episode. If the
-    simulator does not publish `DeliveryTotals`, impulse and work are computed. The computation
-    assumes that torques which were sent after frame k act from frame k + 1 to frame k + 2.
+    simulator does not publish `DeliveryTotals`, impulse and work are computed, with the assumption
+    that torques sent after frame k act from frame k + 1 to frame k + 2.
     """
 
     def __init__(self, number_of_rotors: int, report: Callable[[KickReport], None]) -> None:
@@ -180,7 +176,7 @@ class KickRecord:
             self._frame = None
 
     def deliver(self, delivered: DeliveryTotals) -> None:
-        """Process new totals from the simulator; report the kicks whose totals are complete."""
+        """Process new totals from the simulator, and report the kicks that they complete."""
         before = self.delivered
         self.delivered = delivered
         count = delivered.impulses - (before.impulses if before else 0)

@@ -13,7 +13,7 @@ import numpy as np
 from soliton_linkage.linkage.chain import Array
 
 RESOLUTION = 1e-9
-"""Resolution of the stamps [s]. A profile has ended if less than this time remains."""
+"""Resolution of the stamps [s]; a profile has ended if less than this time remains."""
 
 
 @dataclass(frozen=True)
@@ -95,10 +95,7 @@ class Profile:
         return np.asarray(np.sum(means, axis=0))
 
     def _between(self, following: int, time: float) -> Array:
-        """Return the value at an instant [s].
-
-        The instant is between the points `following` - 1 and `following`.
-        """
+        """Return the value at an instant [s] just before the point with index `following`."""
         if following == 0:
             return np.zeros(self.values.shape[1:])
         if following == len(self.times):

@@ -53,8 +53,8 @@ class RotorDrive:
     ) -> None:
         """Start a waveform on a rotor at `time` [s], with torques up to `limit` [N m].
 
-        `profile` is the torque [N m] or the angle [rad] as a function of time. `quantity` selects
-        which of the two it is.
+        `profile` is the torque [N m] or the angle [rad], whichever `quantity` states, as a
+        function of time.
         """
         self._profile, self._rotor, self._limit = profile, rotor, limit
         self._started, self._servo = time, None

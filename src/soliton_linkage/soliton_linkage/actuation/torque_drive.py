@@ -21,8 +21,7 @@ _REST_LEVEL = 1e-6
 """An actuator counts as at rest if its level is at most this fraction of the largest level since
 the command [1], because an exponential decay never reaches 0."""
 _SIGNS = {Edge.FIRST: 1.0, Edge.LAST: -1.0}
-"""Sign of the torque of each edge actuator [1]; the sign +1 moves a wall towards the last
-rotor."""
+"""Sign of the torque of each edge actuator [1]; +1 moves a wall towards the last rotor."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +37,8 @@ class MeanTorque:
 class EdgeDrive:
     """Torque of the actuators at both edges and of a torque pulse, as a function of time.
 
-    A command replaces the previous one. The actuator of the previous command then returns to rest.
-    From call to call, times [s] must not decrease.
+    A command replaces the previous one, whose actuator then returns to rest. From call to call,
+    times [s] must not decrease.
     """
 
     def __init__(self, actuator: Actuator) -> None:
@@ -151,8 +150,8 @@ class _Command:
 class JointDrive:
     """Torques of the joint actuators as functions of time [s].
 
-    A command replaces the torques of the rotors that it names. The last torques of a command are
-    held for `timeout` [s] after its end. With a timeout of 0, they are held without limit.
+    A command replaces the torques of the rotors that it names. After the end of a command, its
+    last torques are held for `timeout` [s], or without limit if `timeout` is 0.
     """
 
     def __init__(self, number_of_rotors: int, timeout: float) -> None:
@@ -170,12 +169,12 @@ class JointDrive:
         self._command(rotors, np.zeros(1), torques[None, :], time)
 
     def follow(self, rotors: Rotors, times: Array, torques: Array, time: float) -> None:
-        """Apply a trajectory of torques from `time` [s] on.
+        """Apply a trajectory of torques, linear between its points, from `time` [s] on.
 
-        Between its points, the trajectory is linear. `times` [s] are relative to `time`.
-        `torques` [N m] have the shape (points, len(rotors)). If the first of these times is
-        positive, the torques change linearly from the current torques to the first point. Points
-        at negative times are in the past and have no effect.
+        `times` [s] are relative to `time`; `torques` [N m] have the shape (len(times),
+        len(rotors)). If the first of `times` is positive, the torques change linearly from the
+        current torques to the first point. Points at negative times are in the past and have no
+        effect.
         """
         now = self._now(time)[rotors]
         if times[0] > 0:
@@ -183,10 +182,7 @@ class JointDrive:
         self._command(rotors, times, torques, time)
 
     def mean_torques(self, start: float, end: float) -> Array:
-        """Return the mean torques from `start` to `end` [N m], shape (N,).
-
-        Commands that have ended are removed.
-        """
+        """Return the mean torques from `start` to `end` [N m], shape (N,)."""
         torques = np.zeros(self._number)
         self._commands = [each for each in self._commands if start < each.ends - RESOLUTION]
         for command in self._commands:

@@ -60,7 +60,7 @@ class Waveform:
     shape: WaveShape = WaveShape.BURST
     quantity: DrivenQuantity = DrivenQuantity.TORQUE
     joint: str = ''
-    """Name of the driven joint. An empty name means the rotor at the edge."""
+    """Name of the driven joint; an empty name means the rotor at the edge."""
     window: WaveWindow = WaveWindow.LINEAR
     frequency: float = 0.0
     """Angular frequency of a burst, first angular frequency of a chirp, or lowest angular
@@ -98,20 +98,16 @@ class Waveform:
             )
 
     def length(self, given: float) -> float:
-        """Return the total duration of the waveform [s].
-
-        For a burst, it is the duration of its `cycles`, and otherwise the `given` duration.
-        """
+        """Return the duration of all `cycles` of a burst, or else the `given` duration [s]."""
         if self.shape is WaveShape.BURST:
             return 2 * math.pi * self.cycles / self.frequency
         return given
 
     def profile(self, amplitude: float, length: float, ramps: tuple[float, float]) -> Profile:
-        """Return the waveform as a profile with a total duration `length` [s].
+        """Return `amplitude` times the waveform, as a profile with a total duration `length` [s].
 
-        The profile is `amplitude` times the waveform. `ramps` are the durations of the rise at the
-        start and of the fall at the end [s]. Raises ValueError for too many points or too long
-        ramps.
+        `ramps` are the durations of the rise at the start and of the fall at the end [s]. Raises
+        ValueError for too many points or too long ramps.
         """
         if not 0 < length < math.inf:
             raise ValueError(

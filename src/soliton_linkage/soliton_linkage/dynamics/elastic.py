@@ -30,20 +30,18 @@ class ElasticSettings(SimulationSettings):
     """Tuning of `ElasticSimulation`."""
 
     longest_step: float = 5.0
-    """Longest step of scipy's solvers, multiplied by the fastest vibration or decay rate of the
-    chain [1]. DOP853 is stable up to 6. Sensitivity: at 0.5x, the computation takes 1.6 times as
-    long with a soliton in the chain and twice as long for a chain at rest; at 2x, equally long
-    with a soliton and half as long at rest."""
+    """Longest step of scipy's solvers, multiplied by `EquationOfMotion.fastest_rate` [1]. DOP853
+    is stable up to 6. Sensitivity: at 0.5x, the computation takes 1.6 times as long with a soliton
+    and twice as long at rest; at 2x, equally long with a soliton and half as long at rest."""
     symplectic_fraction: float = 0.1
     """Tolerance of `SymplecticNystrom`, divided by the tolerance of the simulation [1]. For a
     kicked chain of 12 rotors, the error is then 7e-10 rad, as with DOP853. Sensitivity: with 1,
     the error is 13 times as large and the steps are 1.4 times as long."""
     rotors_per_step: int = 400
-    """A solver step of `SymplecticNystrom` consists of several steps of the method. Their number
-    is at most this divided by the number of rotors [1]. Such a solver step takes 0.05 to 0.07 ms,
-    and the node runs other callbacks between solver steps. Sensitivity for a chain of 40 rotors:
-    at 0.5x, the computation of a frame takes 20 to 60 % longer; at 2x, it takes 10 to 30 % less,
-    but one solver step takes 0.12 ms."""
+    """Largest number of method steps in one solver step of `SymplecticNystrom`, multiplied by the
+    number of rotors [1]. Between solver steps, which take 0.05 to 0.07 ms, the node runs other
+    callbacks. Sensitivity for a chain of 40 rotors: at 0.5x, the computation of a frame takes 20
+    to 60 % longer; at 2x, it takes 10 to 30 % less, but one solver step takes 0.12 ms."""
 
 
 DEFAULTS = ElasticSettings()
@@ -148,9 +146,9 @@ def simulate(
     period: float,
     tolerance: float = 1e-11,
 ) -> Recording:
-    """Record the free motion of a chain of springs for `duration` [s].
+    """Record the free motion of a chain of springs for `duration` [s], a frame every `period` [s].
 
-    The recording has a frame every `period` [s]. The docstring of `Simulation` explains
-    `tolerance` [rad] and the errors. Raises ArithmeticError if the solver fails.
+    `tolerance` [rad] and the errors are those of `Simulation`. Raises ArithmeticError if the
+    solver fails.
     """
     return ElasticSimulation(chain, angles, rates, period, tolerance).record(duration)

@@ -28,10 +28,10 @@ Reduction = Callable[[Chain, Recording], Any]
 """Function that computes the result for a chain from a recording of this chain."""
 
 _ROTORS_TOGETHER = 640
-"""Largest number of rotors in one batch of chains [1]. One core simulates a batch. An ensemble
-with fewer rotors therefore uses only one core. Sensitivity for 256 chains of 20 rotors with an
-error of 1e-5 rad: at 0.25x, 0.5x and 2x, the computation takes 1.4, 1.2 and 0.9 times as long.
-With smaller errors the time changes by less than 15 %."""
+"""Largest number of rotors in one batch of chains, which one core simulates [1]. An ensemble with
+fewer rotors therefore uses only one core. Sensitivity for 256 chains of 20 rotors with an error of
+1e-5 rad: at 0.25x, 0.5x and 2x, the computation takes 1.4, 1.2 and 0.9 times as long. With smaller
+errors the time changes by less than 15 %."""
 _EQUAL = ('friction_rate', 'on_site_order', 'on_site_phase')
 """Names of the parameters of force terms that must have the same value in all chains of a
 batch."""
@@ -53,7 +53,7 @@ springs is not 0."""
 def joined(chains: Sequence[Chain]) -> Chain:
     """Return one chain that contains the rotors of several chains with free ends.
 
-    Springs with stiffness 0 connect the chains. All chains must have the same force terms.
+    Springs with stiffness 0 connect the chains, which must all have the same force terms.
     """
     first = chains[0]
     if len(chains) == 1:
@@ -105,11 +105,11 @@ def simulate_many(
     `chains` is one chain for all initial states in `starts`, or contains one chain for each state.
     `reduce` computes the result from a recording, which contains the initial state and the states
     at `frames` instants at equal intervals. Chains are simulated while the caller consumes the
-    results. By default, threads use all cores. `executor` replaces these threads by another pool,
-    for example `client.get_executor()` of Dask. The error of each step, as a norm over a chain, is
-    at most `tolerance` [rad]. Successive chains with free ends and the same force terms are
-    simulated in batches. Raises ArithmeticError if a motion cannot be integrated, and ValueError
-    for chains with feedback.
+    results. The work is done by threads on all cores, or by `executor`, for example
+    `client.get_executor()` of Dask. The error of each step, as a norm over a chain, is at most
+    `tolerance` [rad]. Successive chains with free ends and the same force terms are simulated in
+    batches. Raises ArithmeticError if a motion cannot be integrated, and ValueError for chains
+    with feedback.
 
     >>> import soliton_linkage as sl
     >>> chains = [sl.Chain(number_of_rotors=8, stiffness=k) for k in (40.0, 50.0)]
@@ -150,10 +150,7 @@ def _streamed(
     batches: Iterator[list[tuple[Chain, State]]],
     executor: Executor | None,
 ) -> Iterator[Any]:
-    """Yield the results of batches in order.
-
-    At most two batches per core are waiting or in progress.
-    """
+    """Yield the results of batches in order, with at most two unfinished batches per core."""
     cores = os.cpu_count() or 1
     own = None if executor else ThreadPoolExecutor(cores)
     pool = executor or own

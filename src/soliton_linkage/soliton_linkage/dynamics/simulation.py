@@ -314,10 +314,7 @@ class Simulation(ABC):
         )
 
     def _restart_with(self, before: float) -> None:
-        """Restart the solver after a change of the forces; count the energy change as work.
-
-        `before` is the energy before the change [J].
-        """
+        """Restart the solver with changed forces; count the energy minus `before` [J] as work."""
         self._restart()
         gained = self.energy - before
         self._work += gained

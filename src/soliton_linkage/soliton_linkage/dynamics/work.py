@@ -16,10 +16,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 
 
 def work_of_kick(impulses: Array, before: Array, after: Array) -> float:
-    """Return the work [J] of impulses [N m s] that change the rates from `before` to `after`.
-
-    The rates have the unit rad/s. The arrays have the shape (N,).
-    """
+    """Return the work [J] of impulses [N m s] from the rates before and after [rad/s], (N,)."""
     return float(np.add.reduce(impulses * (before + after))) / 2
 
 

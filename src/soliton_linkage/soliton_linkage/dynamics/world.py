@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of a simulation: mechanics, solver, initial state. `World` creates simulations."""
+"""Parameters of a simulation (mechanics, solver, initial state); `World` creates simulations."""
 
 from __future__ import annotations
 

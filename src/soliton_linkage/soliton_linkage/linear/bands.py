@@ -71,9 +71,9 @@ def dispersion(chain: Chain, wave_numbers: ArrayLike, branch: int = 1) -> Array:
 
     omega(k) = sqrt(k_e / M) |q+ +- q- e^(i k a)| / r, where `branch` (+1 or -1) is the sign +-.
     The paper (section 1) omits 1/r. When k runs from -pi / a to pi / a, each of the two branches
-    alone covers the whole spectrum. To avoid cancellation, the code uses omega^2 = gap^2 + (2
-    c / a)^2 sin(k a / 2)^2 with the speed of sound c if the branch has its minimum at k = 0. If
-    the minimum is at pi / a, the cosine replaces the sine.
+    alone covers the whole spectrum. Because this form has no cancellation, the code uses omega^2 =
+    gap^2 + (2 c / a)^2 sin(k a / 2)^2, with the speed of sound c, and the cosine if the branch has
+    its minimum at pi / a.
     """
     if branch not in (-1, 1):
         raise ValueError(f'branch = {branch!r} must be +1 or -1')
@@ -107,8 +107,8 @@ def band_edges(chain: Chain) -> tuple[float, float]:
 def speed_of_sound(chain: Chain) -> float:
     """Return the speed of sound c = a sqrt(|q+ q-|) sqrt(k_e / M) / r [m/s] (paper, section 1).
 
-    Near the band minimum, the frequency is omega^2 = gap^2 + c^2 k^2. In this formula, k is the
-    difference from the wave number of the minimum, which is 0 for d < 1 and pi / a for d > 1.
+    Near the minimum of the band, which is at k_0 = 0 for d < 1 and at k_0 = pi / a for d > 1, the
+    frequency is omega^2 = gap^2 + c^2 (k - k_0)^2.
     """
     plus, minus = couplings(chain)
     return chain.spacing * math.sqrt(abs(plus * minus)) / (chain.rotor_length * chain.time_unit)
@@ -206,9 +206,8 @@ def zero_mode_wave_number(chain: Chain, lean: int = 1) -> complex:
 
     The imaginary part is -1 / ell in the right-leaning and 1 / ell in the left-leaning state,
     where ell is the penetration depth. The real part is 0 for d < 1 and pi / a for d > 1. For
-    small d, 1 / ell tends to omega_0 / c, with the gap omega_0 and the speed of sound c. The
-    imaginary part then tends to -omega_0 / c in the right-leaning and to omega_0 / c in the
-    left-leaning state. The paper (section 1) has k = sqrt(-omega_0) / c.
+    small d, 1 / ell tends to omega_0 / c, with the gap omega_0 and the speed of sound c; the paper
+    (section 1) has k = sqrt(-omega_0) / c.
     """
     plus, minus = couplings(chain, lean)
     depth = penetration_depth(chain)
@@ -220,9 +219,8 @@ def density_of_states(chain: Chain, frequencies: ArrayLike) -> Array:
     """Return the density of modes of an infinite chain [modes / rotor / (rad/s)], shape (...).
 
     Between the two `band_edges`, lowest and highest, the density is g(omega) = 2 omega / (pi
-    sqrt((omega^2 - lowest^2) (highest^2 - omega^2))). Outside, it is 0. The integral of the
-    density over all frequencies is 1. Raises ValueError for frequencies [rad/s] that are negative
-    or not finite.
+    sqrt((omega^2 - lowest^2) (highest^2 - omega^2))). Outside, it is 0, and its integral over all
+    frequencies is 1. Raises ValueError for frequencies [rad/s] that are negative or not finite.
     """
     given = np.asarray(frequencies, dtype=np.float64)
     check_frequencies(given)
@@ -236,11 +234,11 @@ def density_of_states(chain: Chain, frequencies: ArrayLike) -> Array:
 
 
 def winding_number(chain: Chain, lean: int) -> int:
-    """Return how often det R(k) winds around 0 while k runs through the Brillouin zone [1].
+    """Return how often det R(k) of `bloch_matrix` winds around 0 along the Brillouin zone [1].
 
-    R(k) is the result of `bloch_matrix`. In the left-leaning state, the determinant q+^2 - q-^2
-    e^(2 i k a) winds once, and the zero mode is at the first edge. In the right-leaning state, the
-    determinant does not wind, and the zero mode is at the last edge (paper, section 1).
+    In the left-leaning state, the determinant q+^2 - q-^2 e^(2 i k a) winds once, and the zero
+    mode is at the first edge. In the right-leaning state, the determinant does not wind, and the
+    zero mode is at the last edge (paper, section 1).
 
     >>> [winding_number(Chain(), lean) for lean in (+1, -1)]
     [0, 1]

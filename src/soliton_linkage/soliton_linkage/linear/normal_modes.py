@@ -4,8 +4,7 @@
 Let R be the rigidity matrix, I and k_e the diagonal matrices of the moments of inertia and the
 stiffnesses, and B = k_e^(1/2) R I^(-1/2). The modes are the right singular vectors of B, and the
 angular frequencies are its singular values. The rounding errors of the frequencies are about 1e-16
-times the largest frequency. If the frequencies were computed from the eigenvalues of B^T B, the
-errors would be 1e-8 times the largest frequency.
+of the largest frequency; from the eigenvalues of B^T B, they would be 1e-8 of it.
 """
 
 from __future__ import annotations
@@ -59,10 +58,10 @@ def normal_modes(chain: Chain, angles: ArrayLike) -> NormalModes:
 def mode_frequencies(chain: Chain, angles: ArrayLike) -> Array:
     """Return the angular frequencies of `normal_modes` in ascending order [rad/s], shape (N,).
 
-    With free ends, the frequencies are the eigenvalues >= 0 of [[0, B^T], [B, 0]], where the
-    module docstring defines B. If the rows are sorted as rotor 0, spring 0, rotor 1, spring 1 and
-    so on, this matrix is tridiagonal. The calculation then takes a time O(N^2). Raises ValueError
-    if a spring is stretched.
+    With free ends, they are the eigenvalues >= 0 of [[0, B^T], [B, 0]], where the module docstring
+    defines B. With rows and columns in the order rotor 0, spring 0, rotor 1 and so on, this matrix
+    is tridiagonal, so that the calculation takes a time O(N^2). Raises ValueError if a spring is
+    stretched.
     """
     relaxed = _relaxed(chain, angles)
     if chain.periodic:
@@ -115,9 +114,9 @@ def phonon_energies(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> tuple[
     The modes are vibrations about the relaxed configuration that `unstretched` finds near
     `angles`. The sum of the mode energies is the kinetic and elastic energy of the chain, up to
     terms of third order in the displacements from the relaxed configuration. With free ends, the
-    first energy belongs to the zero mode. It is the kinetic energy that a wall would have in a
-    chain of rigid bars. Raises ValueError for invalid angles [rad] or rates [rad/s], and if no
-    relaxed configuration is near.
+    first energy is that of the zero mode: the kinetic energy that a wall would have in a chain of
+    rigid bars. Raises ValueError for invalid angles [rad] or rates [rad/s], and if no relaxed
+    configuration is near.
     """
     relaxed, displacement = _departure(chain, angles)
     modes = normal_modes(chain, relaxed)
@@ -131,10 +130,10 @@ def phonon_energy(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> float:
     The energy is E = sum_n (k_e / 2) (R dphi)_n^2 + T(phi_dot - t (t^T I phi_dot) / (t^T I t)).
     Here dphi is the displacement from the result of `unstretched`, R the rigidity matrix and t the
     zero mode of that result, I the moments of inertia, and T the kinetic energy of given rates. E
-    is the sum of `phonon_energies` without the first energy. The elastic energy of a moving wall
-    is therefore a part of E. If there are several walls, only their common motion along t is
-    excluded. With periodic ends nothing is excluded, and E is the total energy. Raises the same
-    errors as `phonon_energies`.
+    is the sum of `phonon_energies` without the first energy. It includes the elastic energy of a
+    moving wall. If there are several walls, only their common motion along t is excluded. With
+    periodic ends nothing is excluded, and E is the total energy. Raises the same errors as
+    `phonon_energies`.
     """
     relaxed, displacement = _departure(chain, angles)
     left = chain.check_angles(rates, 'rate')

@@ -35,10 +35,7 @@ class Edge(enum.Enum):
     LAST = 'last'
 
     def resolved(self, chain: Chain, angles: Array) -> Edge:
-        """Return FIRST or LAST; in place of NEAREST, return the edge nearer to the zero mode.
-
-        The position of the zero mode is its `mode_centre` at the configuration `angles` [rad].
-        """
+        """Return this edge, or for NEAREST the edge nearer to the zero mode at `angles` [rad]."""
         return self if self is not Edge.NEAREST else _nearest(zero_mode(chain, angles))
 
 
@@ -84,10 +81,9 @@ def zero_modes(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
 
 
 def states_of_self_stress(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
-    """Return orthonormal spring tensions s [1] that exert no torque, R^T s = 0, as columns.
+    """Return orthonormal spring tensions s [1] with R^T s = 0 as columns, shape (springs, N_ss).
 
-    The result has the shape (springs, N_ss), where N_ss is the number of states of self-stress.
-    `tolerance` has the same meaning as in `zero_modes`.
+    N_ss is the number of states of self-stress, and `tolerance` is that of `zero_modes`.
     """
     return _null_space(rigidity_matrix(chain, angles).toarray().T, tolerance)
 
@@ -166,10 +162,7 @@ def resolved_edge_mode(
 
 
 def _levers_of_free_chain(chain: Chain, angles: Array) -> tuple[Array, Array]:
-    """Return A_n l_n and B_n l_n [m^2], levers times spring lengths, shape (springs,) each.
-
-    Raises ValueError for periodic ends.
-    """
+    """Return A_n l_n and B_n l_n [m^2], levers times spring lengths, shape (springs,) each."""
     if chain.periodic:
         raise ValueError(
             'a chain with periodic ends has as many springs as rotors and in general no zero '

@@ -14,13 +14,13 @@ from soliton_linkage.linear.rigidity import Edge, rigidity_bands, rigidity_matri
 from soliton_linkage.linkage.chain import Array, Chain
 
 _ITERATIONS = 60
-"""Largest number of Newton iterations [1]. A start far from the result needs many iterations."""
+"""Largest number of Newton iterations [1]; a start far from the result needs many."""
 _LONGEST_STEP = 0.5
 """A Newton step is scaled down so that no angle changes by more than this [rad]. The result then
 stays near the start."""
 _ROUNDING = 1e-12
 """Newton's method has converged to an equilibrium when no torque is larger than this fraction of
-k_e lbar r [1]. The fraction is the size of the rounding errors."""
+k_e lbar r [1], which is the size of the rounding errors."""
 
 
 def length_rounding(chain: Chain) -> float:
@@ -104,8 +104,8 @@ def min_norm_change(chain: Chain, angles: Array, lengthening: Array) -> Array:
 def gram_matrix_bands(first: Array, second: Array) -> Array:
     """Return R R^T of a chain with free ends in LAPACK's upper band form [m^2], (2, springs).
 
-    R is the rigidity matrix. The last row is the diagonal of R R^T. `first` and `second` are the
-    levers A and B of `rigidity_bands`. For a single spring, the shape is (1, 1).
+    R is the rigidity matrix, and `first` and `second` are its levers A and B of `rigidity_bands`.
+    The last row is the diagonal of R R^T. For a single spring, the shape is (1, 1).
     """
     banded = np.zeros((2, len(first)))
     banded[0, 1:] = second[:-1] * first[1:]

@@ -42,10 +42,7 @@ class Motion(enum.Enum):
 
 
 def _deviating(parameter: str, meaning: str) -> cached_property[Array]:
-    """Return a property of `Chain`: the parameter of each rotor or spring, with its deviation.
-
-    `meaning` becomes the docstring of the property.
-    """
+    """Return a property of `Chain`, a parameter with its deviations; `meaning` documents it."""
 
     def values(chain: Chain) -> Array:
         return np.asarray(getattr(chain, parameter) * chain._factors(parameter))
@@ -168,12 +165,12 @@ class Chain:
 
     @cached_property
     def lean_ratio(self) -> float:
-        """Lean ratio d = 2 r sin(theta_bar) / a [1]. Flippers with d > 1 are wobbling flippers."""
+        """Lean ratio d = 2 r sin(theta_bar) / a [1]."""
         return 2 * self.rotor_length * math.sin(self.rest_angle) / self.spacing
 
     @cached_property
     def critical_lean_ratio(self) -> float:
-        """Critical lean ratio d_c = 2 / sin(theta_bar) [1]. Chains with d > d_c are spinners."""
+        """Critical lean ratio d_c = 2 / sin(theta_bar) [1]."""
         return 2 / math.sin(self.rest_angle)
 
     @cached_property
@@ -213,8 +210,8 @@ class Chain:
     def check_angles(self, angles: ArrayLike, what: str = 'angle') -> Array:
         """Return the angles as an array of shape (N,) after checking them.
 
-        Raises ValueError for a wrong shape and for values that are not finite. The error message
-        calls the values `what`.
+        Raises ValueError, which calls the values `what`, for a wrong shape or for values that are
+        not finite.
         """
         checked = np.asarray(angles, dtype=np.float64)
         check_shape(checked, self.number_of_rotors, what)
@@ -306,8 +303,7 @@ class Chain:
 def staggered(angles: ArrayLike) -> Array:
     """Convert angles phi to staggered angles theta, or theta to phi [rad], shape (..., N).
 
-    Both conversions replace the angle of an odd rotor by pi minus this angle, and do not change
-    the angles of even rotors.
+    Both conversions replace the angle of each odd rotor by pi minus this angle.
     """
     converted = np.array(angles, dtype=np.float64)
     converted[..., 1::2] = np.pi - converted[..., 1::2]

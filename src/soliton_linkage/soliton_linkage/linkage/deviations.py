@@ -83,10 +83,7 @@ class Deviations:
                 )
 
     def joined(self, others: Deviations) -> Deviations:
-        """Return the deviations of both objects together.
-
-        Raises ValueError if both objects deviate in the same quantity.
-        """
+        """Return the deviations of both; raise ValueError if both deviate in one quantity."""
         for name in _NAMES:
             if getattr(self, name) and getattr(others, name):
                 raise ValueError(

@@ -11,7 +11,7 @@ _LARGEST_GAIN = 1e6
 """Largest allowed size of a gain, in the unit of the gain. The limits of other torques are 1e6 as
 well."""
 MOST_FRAMES_OF_DELAY = 1000
-"""Largest allowed delay [frames]. At 1000 frames per second, this is one second."""
+"""Largest allowed delay [frames], which is one second at 1000 frames per second."""
 
 
 def _gain(of: str, unit: str) -> float:

@@ -63,10 +63,7 @@ def quantity(
     choices: Collection[str] = (),
     adjustable: bool = False,
 ) -> Any:
-    """Return a dataclass field with a default value.
-
-    The metadata of the field contains a `Quantity` of the other arguments.
-    """
+    """Return a dataclass field with a `Quantity` of all arguments but `default` as metadata."""
     described = Quantity(description, unit, minimum, maximum, choices, adjustable)
     return field(default=default, metadata={'quantity': described})
 

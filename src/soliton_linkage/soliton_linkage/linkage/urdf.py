@@ -27,7 +27,7 @@ value is not 0, because many programs reject a moment of inertia of 0."""
 @document_fields
 @dataclass(frozen=True)
 class JointLimits(CheckedQuantities):
-    """Limits of the torque and of the rate of each rotor. The angle has no limits."""
+    """Limits of the torque and of the rate of each rotor; the angle has no limits."""
 
     torque: float = quantity(0.1, 'largest torque on a rotor', 'N m', 0.0, 1e6)
     speed: float = quantity(100.0, 'largest rate of a rotor', 'rad/s', 0.0, 1e6)

@@ -31,16 +31,16 @@ _LONGEST = 0.3
 """A Newton step is scaled down so that no angle changes by more than this [rad]."""
 _BUCKLING = 1e-6
 """An eigenvalue counts as negative if it is below 0 by more than this fraction of the largest
-diagonal element of the matrix [1]. The limit exceeds the rounding errors."""
+diagonal element of the matrix [1], which exceeds the rounding errors."""
 
 
 @lru_cache(maxsize=8)
 def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
     """Return K sites of an anti-kink [rotor spacings] and the angles at each site [rad], (K, N).
 
-    The sites cover two rotor spacings from `begin` on. After them, the path repeats, shifted by
-    two rotors. The sites are proportional to the arc length from the start of the path. The
-    anti-kink must be far from the edges. Raises ArithmeticError if the anti-kink is pinned.
+    The sites increase by two rotor spacings from `begin` on, in proportion to the arc length of
+    the path. Then the path repeats, shifted by two rotors. The anti-kink must be far from the
+    edges. Raises ArithmeticError if the anti-kink is pinned.
     """
     angles, multiplier = continuum_anti_kink(chain, begin), 0.0
     found = []
@@ -60,8 +60,8 @@ def resting_anti_kink(chain: Chain, near: float) -> tuple[float, Array]:
     """Return the site [rotor spacings] and angles [rad], (N,), of an anti-kink in equilibrium.
 
     The search for the equilibrium starts at the site `near`. The edge rotors are held at the
-    angles that they have in the uniform states. A flipper has two equilibria per rotor spacing.
-    The result is the one with the smaller energy.
+    angles that they have in the uniform states. A flipper has two equilibria per rotor spacing;
+    the result is the one with the smaller energy.
     """
     starts = (near,) if chain.motion is Motion.SPINNER else (near, near + 0.5)
     found = [_minimum(chain, continuum_anti_kink(chain, start)) for start in starts]

@@ -8,8 +8,7 @@ width at rest and c the speed of sound:
     w = w_0 / gamma,    gamma = 1 / sqrt(1 - v^2 / c^2),
     E = (gamma - 1) M_eff c^2 + (1 - Q) E_s,    E_s = M_eff c^2.
 
-Signs and factors are those of the modelled chain. The docstrings state where the paper has
-different signs or factors.
+Signs and factors are those of the modelled chain; the docstrings state where the paper differs.
 """
 
 from __future__ import annotations
@@ -35,8 +34,8 @@ class WallTheory(ABC):
 
     If `exact_sound` is true, c is the exact speed of sound of the chain, which agrees better with
     simulated walls. E_s = M_eff c^2 then holds only in the limit of very small or large d.
-    Velocities have the unit [m/s]. Methods raise ValueError for a velocity of c or more, and for a
-    charge other than +1 or -1.
+    Velocities are in m/s. Methods raise ValueError for a velocity of c or more, and for a charge
+    other than +1 or -1.
     """
 
     chain: Chain
@@ -66,11 +65,7 @@ class WallTheory(ABC):
 
     @property
     def arc_per_site(self) -> float:
-        """Displacement of all masses per displacement of the wall, Lambda = sqrt(M_eff / M) [1].
-
-        The displacement of all masses is the square root of the sum of their squared
-        displacements.
-        """
+        """Norm of all mass displacements per wall displacement, Lambda = sqrt(M_eff / M) [1]."""
         return math.sqrt(self.effective_mass / self.chain.mass)
 
     def lorentz_factor(self, velocity: float) -> float:
@@ -119,10 +114,7 @@ class WallTheory(ABC):
         return math.copysign(speed, kick)
 
     def _ratio(self, velocity: float) -> float:
-        """Return v / c [1].
-
-        For a wall at rest, the result is 0 even at d = 1, where c is 0.
-        """
+        """Return v / c [1], which is 0 for a wall at rest even at d = 1, where c is 0."""
         if velocity == 0:
             return 0.0
         speed_of_sound = self.speed_of_sound
@@ -205,18 +197,12 @@ class FlipperTheory(WallTheory):
         return np.asarray(-_checked_sign('charge', charge) * self.lean * np.tanh(scaled))
 
     def static_slope(self, displacements: ArrayLike) -> Array:
-        """Return the slope u' = (2 / a^2) (u^2 - ub^2) [1] in a kink at rest.
-
-        This is the equation `phi4_1` of the paper.
-        """
+        """Return the slope u' = (2 / a^2) (u^2 - ub^2) [1] in a kink at rest (paper, `phi4_1`)."""
         squares = np.square(np.asarray(displacements, dtype=np.float64))
         return np.asarray(2 / self.chain.spacing**2 * (squares - self.lean**2))
 
     def elastic_density(self, displacements: ArrayLike, slopes: ArrayLike) -> Array:
-        """Return the elastic energy per length [J/m].
-
-        The density is (K / (2 a)) [(ub^2 - u^2) + (a^2 / 2) u']^2 with the slopes u'.
-        """
+        """Return the elastic energy per length, (K / (2 a)) (ub^2 - u^2 + a^2 u' / 2)^2 [J/m]."""
         chain = self.chain
         misfit = np.asarray(slopes) - self.static_slope(displacements)
         stretch = chain.spacing**2 * misfit / chain.rest_length
@@ -239,8 +225,8 @@ class FlipperTheory(WallTheory):
     ) -> tuple[Array, Array]:
         """Return angles [rad] and rates [rad/s] of a chain with a wall at a position [m].
 
-        The angles satisfy sin(theta) = u / r, where the even rotors point up. The rates follow
-        from u_t = -v u'.
+        The angles satisfy sin(theta) = u / r, and the even rotors point up. The rates follow from
+        u_t = -v u'.
         """
         chain, pivots = self.chain, self._pivots()
         displacements = self.displacements(pivots, position, velocity, charge)
@@ -263,10 +249,10 @@ class SpinnerTheory(WallTheory):
         L = (1 / a) integral dx {(I / 2) psi_t^2 - (K / 2) [psi_x - sin(psi) / ub]^2}.
 
     In the paper (supporting information), the last term has an additional factor a. `family`
-    distinguishes two assemblies of the chain. In the family +1, walls turn rotors from theta_bar
-    to pi + theta_bar. In the family -1, walls turn rotors from -theta_bar - pi to -theta_bar. For
-    the family -1, the above formula for theta has psi - pi in place of psi, and -theta_bar in
-    place of theta_bar.
+    distinguishes two assemblies of the chain. Modulo 2 pi, theta changes across a wall from
+    theta_bar to theta_bar + pi in the family +1, and from pi - theta_bar to -theta_bar in the
+    family -1. In the family -1, the formula for theta has psi - pi in place of psi, and -theta_bar
+    in place of theta_bar.
     """
 
     family: int = 1
@@ -282,10 +268,7 @@ class SpinnerTheory(WallTheory):
 
     @property
     def limiting_speed_of_sound(self) -> float:
-        """Limit of c for d >> 1, sqrt(K / I) [m/s].
-
-        This is (a r sin(2 theta_bar) / lbar) sqrt(k_e / M).
-        """
+        """Limit of c for d >> 1, (a r sin(2 theta_bar) / lbar) sqrt(k_e / M) [m/s]."""
         chain = self.chain
         across = chain.rotor_length * math.sin(2 * chain.rest_angle)
         return chain.spacing * across / (chain.rest_length * chain.time_unit)
@@ -376,8 +359,8 @@ class SpinnerTheory(WallTheory):
     ) -> tuple[Array, Array]:
         """Return angles [rad] and rates [rad/s] of a chain with a wall at a position [m].
 
-        The angles phi are those in the uniform state of the `family`, plus turn psi. The rates
-        follow from psi_t = -v psi'.
+        The angles phi are those of the uniform state +1 plus turn psi, or in the family -1, those
+        of the uniform state -1 plus turn (psi - pi). The rates follow from psi_t = -v psi'.
         """
         pivots = self._pivots()
         rotation = self.rotation(pivots, position, velocity, charge)

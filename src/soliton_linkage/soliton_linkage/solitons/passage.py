@@ -84,8 +84,8 @@ def find_obstacles(chain: Chain) -> tuple[Obstacle, ...]:
 def motion_of_bonds(chain: Chain) -> Motion | None:
     """Return the class of motion of a chain with deviations, or None if a bond may stop a wall.
 
-    The chain is a spinner if r_n + r_{n+1} - lbar_n exceeds the spacing a_n on every bond, a
-    flipper if it exceeds 0 on no bond, and otherwise a wobbling flipper.
+    With the `length_excesses`, the chain is a spinner if they exceed the spacing on every bond, a
+    flipper if they exceed 0 on no bond, and otherwise a wobbling flipper.
     """
     if blocked_bonds(chain).any():
         return None

@@ -24,7 +24,7 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 
 _DEPTHS_BESIDE = 19
-"""Distance from a wall up to which rotors are computed [penetration depths]. Farther away, the
+"""Rotors are computed up to this distance from a wall [penetration depths]. Farther away, the
 squared zero mode is below the rounding errors."""
 _MOST_BESIDE = 49_000
 """If a wall needs more rotors than this on each side [1], the chain is rejected. The limit follows
@@ -259,8 +259,8 @@ def _symmetric_wall(chain: Chain, rotor: int, leg: int) -> Array:
 
     This wall is symmetric: the reflection n -> 2 rotor + 1 - n changes phi to phi + pi in flippers
     and to -phi in spinners. Therefore r sin(phi) of `rotor` is r^2 sin(theta_bar)^2 / a in
-    flippers. In spinners, r sin(phi) of `rotor` is (a + lbar) / 2 if the masses of the two rotors
-    have crossed, and (a - lbar) / 2 otherwise. The two cases alternate from rotor to rotor.
+    flippers. In spinners, it is (a - lbar) / 2 if `leg` + `rotor` is even, and (a + lbar) / 2 if
+    it is odd.
     """
     spinner, crossed = chain.motion is Motion.SPINNER, False
     if spinner:
@@ -279,7 +279,7 @@ def _without_deviations(chain: Chain) -> Chain:
 
 
 def _rotors_beside(chain: Chain) -> int:
-    """Return how many rotors on each side of a wall contribute noticeably to the zero mode."""
+    """Return the number of rotors to compute on each side of a wall; ValueError if too many."""
     check_transition(chain)
     beside = math.ceil(_DEPTHS_BESIDE * penetration_depth(chain) / chain.spacing) + 10
     if beside > _MOST_BESIDE:
@@ -291,10 +291,7 @@ def _rotors_beside(chain: Chain) -> int:
 
 
 class _SitePassage:
-    """Motion of a wall past one rotor, over one rotor spacing.
-
-    The motion has the arc length `arc` [rad].
-    """
+    """Motion of a wall past one rotor, over one rotor spacing with the arc length `arc` [rad]."""
 
     def __init__(self, chain: Chain, leg: int, odd: bool) -> None:
         beside = _rotors_beside(chain)

@@ -25,8 +25,8 @@ from soliton_linkage.linear.rigidity import rigidity_bands
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 
 DOMAIN = 0.5
-"""A bond with an absolute polarisation above this belongs to a domain, that is, not to a wall [1].
-In a uniform state, the absolute polarisation is 1."""
+"""A bond belongs to a domain, that is, not to a wall, if its absolute polarisation is above this
+[1]. In a uniform state, the absolute polarisation is 1."""
 _FIT_ITERATIONS = 12
 """Largest number of Newton steps of a fit [1]."""
 _FIT_REACH = 4.0
@@ -259,11 +259,10 @@ def _sech_squared(argument: ArrayLike) -> Array:
 
 
 def _deviation(residual: Array, parameters: int, information: float) -> float:
-    """Return the standard deviation of a fitted parameter.
+    """Return the standard deviation of a fitted parameter; NaN if `residual` has too few values.
 
-    The result is NaN if the `residual` has too few values. `parameters` is the number of fitted
-    parameters. `information` is the diagonal element of J^T J for the parameter, with the Jacobian
-    J of the fit.
+    `parameters` is the number of fitted parameters. `information` is the diagonal element of J^T J
+    for the parameter, with the Jacobian J of the fit.
     """
     freedom = len(residual) - parameters
     if freedom < 1 or information <= 0:
@@ -316,7 +315,7 @@ def half_turns(chain: Chain, angles: ArrayLike) -> int:
     """Return the number of half turns by which the last rotor of a spinner leads the first.
 
     A wall of charge Q contributes Q if it turns its rotors in the positive sense of phi, otherwise
-    -Q. Whole turns do not count. Raises ValueError for a flipper.
+    -Q. Whole turns between neighbouring rotors do not count. Raises ValueError for a flipper.
     """
     if chain.motion is not Motion.SPINNER:
         raise ValueError(f'a {chain.motion.value} does not turn; count the turns of a spinner')

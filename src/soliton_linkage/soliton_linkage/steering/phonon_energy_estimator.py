@@ -6,9 +6,9 @@ of the energy of phonons is kinetic. Therefore,
 
     E = < I |phi_dot - t (t^T phi_dot)|^2 > - I (N - 1) sigma^2
 
-with the rates phi_dot and the moment of inertia I of a rotor. The standard deviation sigma of a
-rate is estimated from third differences of the rates in successive frames, which have the variance
-20 sigma^2.
+with the average < > over time, the rates phi_dot and the moment of inertia I of a rotor. The
+standard deviation sigma of a rate is estimated from third differences of the rates in successive
+frames, which have the variance 20 sigma^2.
 """
 
 from __future__ import annotations
@@ -44,11 +44,10 @@ class PhononEnergyEstimator:
         return max(self._sum / self._weight, 0.0) if self._weight else math.nan
 
     def update(self, time: float, rates: Array | None, arc: float) -> None:
-        """Add a frame with its time [s] and its rates [rad/s], (N,).
+        """Add a frame: time [s], rates [rad/s], (N,), and arc length of the wall [rad].
 
-        The wall is at the arc length `arc` [rad]. Frames that are not later than the previous one
-        are ignored. If the time of a frame is earlier than the time of the previous frame by more
-        than the averaging time, the estimate restarts.
+        A frame that is not later than the previous one is ignored; if it is earlier by more than
+        the averaging time, the estimate restarts.
         """
         if time < self._time - self._memory:
             self._rates.clear()

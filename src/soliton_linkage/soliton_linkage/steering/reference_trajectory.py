@@ -93,8 +93,8 @@ class ReferenceTrajectory:
 def adiabatic_rate(orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> float:
     """Return the largest rate of the arc length at which a wall radiates little energy [rad/s].
 
-    The result is `adiabatic_fraction` times a limit. At rates below the limit, each of the two
-    middle rotors radiates less than the fraction `radiated_share` of the energy of the wall.
+    The result is `adiabatic_fraction` times the rate below which each of the two middle rotors
+    radiates less than the fraction `radiated_share` of the energy of the wall.
     """
     middle = orbit.arc_at(orbit.middle, 0)
     begin, end = orbit.leg_arcs(0)
@@ -122,7 +122,7 @@ def adiabatic_rate(orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> float
 
 
 def bandwidth(orbit: Orbit, period: float, settings: SteeringSettings = DEFAULTS) -> float:
-    """Return the bandwidth of the feedback [rad/s] for a frame period [s], NaN if unknown.
+    """Return the bandwidth of the feedback [rad/s]; `period` is the frame period [s] or NaN.
 
     The bandwidth is far below the phonon gap, so that noise excites few phonons, and far below the
     frame rate, so that late frames do not destabilise the feedback.

@@ -63,9 +63,8 @@ class Outcome(enum.Enum):
 class MoveResult:
     """Result of a move.
 
-    `outcome` is the result, or the reason for the rejection. `message` describes the outcome with
-    values and limits. `site` is the final site coordinate of the wall [rotor spacings], NaN if no
-    wall is detected.
+    `message` describes the outcome with values and limits. `site` is the final site coordinate of
+    the wall [rotor spacings], NaN if no wall is detected.
     """
 
     outcome: Outcome
@@ -195,7 +194,7 @@ class Steering:
         return self._check_arrival(self._trajectory, estimate)
 
     def move(self, site: float, speed: float = 0.0) -> MoveResult | None:
-        """Start to move the wall to a site [rotor spacings]; return the reason of a rejection.
+        """Start to move the wall to a site [rotor spacings]; return a result only for a rejection.
 
         `speed` [rotor spacings / s] limits the speed, in addition to `adiabatic_speed`; 0 means no
         limit.
@@ -305,9 +304,9 @@ class Steering:
     ) -> ReferenceTrajectory:
         """Return a trajectory to a goal [rad] that the actuators can follow.
 
-        For a moving wall, longer and longer durations are tried, starting with `shortest` [s]. If
-        the actuators can follow none of these trajectories, return the last one. The trajectory
-        starts at `point`, and `rate` is the largest rate of the arc length [rad/s].
+        If the wall moves, increasing durations are tried, from `shortest` [s] on. If the actuators
+        can follow none of these trajectories, return the last one. The trajectory starts at
+        `point`, and `rate` is the largest rate of the arc length [rad/s].
         """
         for _ in range(_MAX_EXTENSIONS):
             trajectory = trajectory_to(goal, estimate.time, point, rate, shortest)
@@ -318,7 +317,7 @@ class Steering:
         return trajectory
 
     def _reference(self, estimate: WallEstimate) -> ReferencePoint:
-        """Return the reference at the time of an estimate, or else the estimate itself."""
+        """Return the reference at the time of an estimate, or without one the estimated state."""
         if self._trajectory is None:
             return ReferencePoint(estimate.arc, estimate.rate, 0.0)
         return self._trajectory.at(estimate.time)

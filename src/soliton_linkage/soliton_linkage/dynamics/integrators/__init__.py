@@ -19,5 +19,4 @@ INTEGRATORS: dict[str, type[OdeSolver]] = {
     'BDF': BDF,
     'LSODA': LSODA,
 }
-"""Classes of the solvers for an `EquationOfMotion`. The keys are the names that
-`ElasticSimulation` accepts."""
+"""Solvers for an `EquationOfMotion`; the keys are the names that `ElasticSimulation` accepts."""

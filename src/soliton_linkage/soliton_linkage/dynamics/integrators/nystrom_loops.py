@@ -31,10 +31,10 @@ from soliton_linkage.linkage.chain import Array
 Numbers = NDArray[np.int64]
 
 TURNS, RATES_BEFORE, MEAN_OF_TURN, MEAN, SAVED = range(7, 12)
-"""Rows of `work`. TURNS is the rotation of each rotor in a drift [rad]. In drifts with
-nonlinear damping, RATES_BEFORE contains the rates before the drift [rad/s], MEAN the mean
-acceleration for the change of the rates, and MEAN_OF_TURN the mean acceleration for the
-rotation [rad/s^2]. SAVED is the first of four rows with a copy of the rows ANGLES to SINES."""
+"""Rows of `work`. TURNS is the rotation of each rotor in a drift [rad]. In a drift with nonlinear
+damping, RATES_BEFORE contains the rates before the drift [rad/s], MEAN the mean acceleration, from
+which the new rates follow, and MEAN_OF_TURN the average acceleration, from which the rotation
+follows [rad/s^2]. SAVED is the first of four rows with a copy of the rows ANGLES to SINES."""
 
 WORK_ROWS = SAVED + 4
 """Number of rows of `work`."""
@@ -59,11 +59,12 @@ class Forces(NamedTuple):
     """M r^2 / 2 of each rotor [kg m^2], shape (P,), or (0,) if there is neither a damping nor an
     active term."""
     active: bool
-    """Whether the last term that depends on the angles is active."""
+    """Whether there is an active term (see `Term.active`), which is then the last term in
+    `kinds`."""
 
 
 PlainForces = tuple[Numbers, Array, Numbers, Array, Array, Array, bool]
-"""Fields of `Forces`. Numba converts a tuple three times as fast as a named tuple."""
+"""Fields of `Forces` in a plain tuple, which numba converts three times as fast."""
 
 
 class Step(NamedTuple):

@@ -124,9 +124,9 @@ _NONE: Numbers = np.empty(0, dtype=np.int64)
 def steps_to_measure(taken: int, count: int, every: int) -> Numbers:
     """Return the indices of the steps, among the next `count`, whose error is measured.
 
-    The first of these steps has the index 1. The error is measured in the steps 1, 4 and 16 after
-    a change of the step length, and in every `every`-th step. `taken` is the number of steps since
-    this change.
+    The errors in the steps 1, 4 and 16 after a change of the step length, and in every `every`-th
+    step after it, are measured. `taken` of these steps have been taken, and the next one has the
+    index 1.
     """
     regular = np.arange(every - taken % every, count + 1, every)
     early = [step for step in (1, 4, 16) if taken < step <= taken + count]

@@ -39,9 +39,8 @@ class SymplecticNystrom(OdeSolver):
     The solver chooses a step length for which the error of a step, in the norm of scipy's solvers,
     is below atol + rtol abs(y). The solver keeps this length as long as possible, because the
     energy error is bounded only while the length is constant. The error is the difference between
-    a step and two half steps. The solver measures the error in the first, fourth and sixteenth
-    step of each length, and then in every 32nd step. Steps whose error is too large are repeated
-    with a shorter length. If the error is far below the tolerance, the length increases.
+    a step and two half steps. Steps whose error is too large are repeated with a shorter length.
+    If the error is far below the tolerance, the length increases.
 
     `length` is the length of a method step [s], and `together` the largest number of method steps
     in one solver step. Raises TypeError for a right-hand side that is not an `EquationOfMotion`,
@@ -203,7 +202,7 @@ class SymplecticNystrom(OdeSolver):
         self._even_from, self._even_steps = float(self.t), 0
 
     def _longest_from(self, state: Array) -> float:
-        """Return the longest stable step whose drifts turn no rotor beyond LARGEST_TURN [s]."""
+        """Return the longest stable step in which no drift exceeds LARGEST_TURN [s]."""
         rotors = self._motion.rotors
         fastest = float(np.abs(state[rotors : 2 * rotors]).max())
         turning = _LONGEST_DRIFT * fastest / (self._settings.safety * LARGEST_TURN)
