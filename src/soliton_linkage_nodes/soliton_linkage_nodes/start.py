@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Entry points of all nodes and programs.
 
-The import of a program takes seconds on a busy machine. A signal during the import ends the
-process at once. With the default handler of Python, the KeyboardInterrupt would print a traceback,
-or a library would suppress it.
+The import of a program takes seconds on a busy machine. SIGINT ends the process at once during the
+import, because a KeyboardInterrupt would print a traceback, or a library would suppress it.
 """
 
 from __future__ import annotations
@@ -17,8 +16,7 @@ from importlib import import_module
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as in shells: 128 + number of SIGINT."""
 CLOSED_PIPE = 141
-"""Exit code if the process that reads the standard output has closed it, as in shells: 128 +
-number of SIGPIPE."""
+"""Exit code after the reader of the standard output has closed it: 128 + number of SIGPIPE."""
 _THREADS = 'OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'
 """Environment variables that set the number of threads of linear algebra libraries."""
 

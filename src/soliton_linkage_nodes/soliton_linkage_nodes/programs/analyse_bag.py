@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Analyse bags without any node: write tables of soliton states and events, and pictures.
 
-Several bags are analysed in parallel. The results of each bag are written to its own folder, and
-summarised in one row of bags.csv. If the command is interrupted, repeat it to analyse the
-remaining bags.
+Several bags are analysed in parallel; each has its own folder of results and a row in bags.csv. If
+the command is interrupted, repeat it to analyse the remaining bags.
 """
 
 from __future__ import annotations
@@ -69,13 +68,12 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class BagBatch:
-    """Bags to analyse, the names of their output folders, and the function that analyses a bag."""
+    """Bags that are analysed in parallel, each with one row in a table."""
 
     bags: tuple[tuple[str, Path], ...]
     folder: Path
     analyse: Callable[[Path, Path, NamedChain | None, float | None], int]
-    """Function that analyses a bag. Its arguments are the bag, the output folder, the chain or
-    None, and the noise [rad] or None."""
+    """Called with a bag, its output folder, the chain or None, and the noise [rad] or None."""
     chain: Path | None = None
     noise: float | None = None
     name: str = 'bags'
@@ -83,7 +81,7 @@ class BagBatch:
 
     @property
     def rows(self) -> int:
-        """Number of bags, and of rows in the table."""
+        """Number of bags."""
         return len(self.bags)
 
     def described(self) -> dict[str, Any]:
@@ -95,7 +93,7 @@ class BagBatch:
         }
 
     def cells(self, row: int) -> list[str]:
-        """Analyse a bag, write the results into its folder, and return the cells of its row."""
+        """Analyse bag number `row`, write its results, and return its row of the table."""
         name, bag = self.bags[row]
         given = chain_of_file(self.chain) if self.chain else None
         try:
@@ -110,9 +108,9 @@ class BagBatch:
 
 
 def summary(states: Iterable[dict[str, str]]) -> list[str]:
-    """Return the cells from `motion` to `mean noise` in the row of a bag.
+    """Return the cells `motion` to `mean noise` in the row of a bag.
 
-    They are computed from `states`, the rows of the bag's table of states.
+    `states` are the rows of its soliton_state.csv.
     """
     motions: Counter[str] = Counter()
     stamps: list[int] = []
@@ -133,7 +131,7 @@ def summary(states: Iterable[dict[str, str]]) -> list[str]:
 
 
 def named_bags(paths: Sequence[Path]) -> tuple[tuple[str, Path], ...]:
-    """Return a unique name and the path of each bag; ValueError if a bag is given twice."""
+    """Return pairs of a unique name and the path of a bag; ValueError if a bag is given twice."""
     bags = [path.resolve() for path in paths]
     twice = [str(bag) for bag, count in Counter(bags).items() if count > 1]
     if twice:
@@ -147,7 +145,7 @@ def named_bags(paths: Sequence[Path]) -> tuple[tuple[str, Path], ...]:
 
 
 def analyse_many(study: BagBatch, workers: int, scheduler: str | None = None) -> int:
-    """Analyse the bags that are not in the table yet; return the number of bags that failed."""
+    """Analyse the bags that lack a row in bags.csv; return the number of rows with a failure."""
     with Table(study, study.folder) as table:
         while missing := table.missing:
             ready = cluster(scheduler) if scheduler else local_processes(workers)
@@ -174,15 +172,11 @@ def analyse_many(study: BagBatch, workers: int, scheduler: str | None = None) ->
 
 
 _MOST_DRAWN = 4000
-"""Largest number of frames in a picture [1], more than a row of the picture has pixels."""
+"""Largest number of frames in a picture [1], larger than the number of its pixel columns."""
 
 
 class PictureFrames:
-    """Frames for the pictures.
-
-    To limit the memory use, only every n-th frame is stored, where n grows with the number of
-    frames.
-    """
+    """Every n-th frame of a bag, where n grows so that at most 4000 frames are stored."""
 
     def __init__(self, named: NamedChain) -> None:
         self._reader = FrameReader(named.joint_names, named.encoder_offsets)
@@ -190,7 +184,7 @@ class PictureFrames:
         self._kept: list[tuple[int, Array, tuple[AnalysedSoliton, ...]]] = []
 
     def add(self, joints: JointStates, analysis: Analysis) -> None:
-        """Store every n-th frame with its solitons, and ignore the others."""
+        """Store a frame with its solitons if the number of the frame is a multiple of n."""
         if self._count % self._every == 0:
             self._kept.append((joints.stamp, self._reader.read(joints).angles, analysis.solitons))
             if len(self._kept) > _MOST_DRAWN:
@@ -221,14 +215,13 @@ def analyse(
     missing_joints: bool = False,
     html: bool = False,
 ) -> int:
-    """Analyse a bag, write its tables and pictures, and return the number of frames.
+    """Write the states, events and pictures of a bag to a folder; return the number of frames.
 
-    The tables contain the states and the events. `noise` is the standard deviation of the angles
-    [rad], None if it is unknown.
-
-    With `html`, view.html is also written. With `log_time`, the receive times replace the stamps.
-    Raises ValueError if no frame can be analysed, or if a joint of the chain `given` has no angle
-    in the bag and `missing_joints` is false.
+    The chain `given` replaces the chain in the bag. `noise` is the standard deviation of the
+    angles [rad], None if it is unknown. With `html`, view.html is also written. With `log_time`,
+    the receive times replace the stamps. Raises ValueError if no frame can be analysed, if several
+    frames have the stamp 0, or if a joint of `given` has no angle in the bag and `missing_joints`
+    is false.
     """
     frames = late = unstamped = 0
     analysed = JointStateAnalysis(noise)
@@ -285,10 +278,9 @@ def _report_absent(bag: Path, analysed: JointStateAnalysis, fatal: bool) -> None
 def check_override(
     bag: Path, given: NamedChain, override: bool, limits: BagLimits = DEFAULT_LIMITS
 ) -> None:
-    """Compare the chain `given` with the chain in a bag.
+    """Raise ValueError if the chain `given` differs from the chain in a bag.
 
-    If the chains differ, this function prints the differences if `override` is set, and otherwise
-    raises ValueError.
+    With `override`, the differences are printed instead.
     """
     with open_bag(bag, limits) as reader:
         try:

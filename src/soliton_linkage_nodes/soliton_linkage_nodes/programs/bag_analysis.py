@@ -34,7 +34,7 @@ from soliton_linkage_nodes.runtime import interfaces
 
 _RECORD_CHAIN = 'record the topic chain'
 _MAX_LINES = 3
-"""Largest number of messages of one topic whose rejection is printed [1]."""
+"""Of each topic, at most this number of rejected messages are reported one by one [1]."""
 
 
 def analyse_frames(
@@ -45,8 +45,9 @@ def analyse_frames(
 ) -> Iterator[tuple[JointStates, Analysis | None]]:
     """Yield each frame of a bag and its analysis, which is None for a late frame.
 
-    `given` replaces the chain in the bag. With `log_time`, the receive times replace the stamps.
-    Raises ValueError if the bag has no joint states.
+    A frame is late if its stamp is not after that of the last analysed frame. `given` replaces the
+    chain in the bag. With `log_time`, the receive times replace the stamps. Raises ValueError if
+    the bag has no joint states.
     """
     analysis = analysis or JointStateAnalysis()
     joints = find_topic(reader, interfaces.JOINT_STATES.name)
@@ -105,7 +106,7 @@ def _decoder(connection: Connection) -> Callable[[bytes], JointStates]:
 def read_chain(reader: Reader, remedy: str = _RECORD_CHAIN) -> NamedChain:
     """Return the last chain in a bag.
 
-    If the bag has no chain, it raises a ValueError whose text ends with `remedy`.
+    Raises ValueError if the bag has no chain. `remedy` is advice for the end of the error message.
     """
     chains = [message for _, message in read_topic(reader, 'chain', remedy)]
     if not chains:
@@ -114,7 +115,7 @@ def read_chain(reader: Reader, remedy: str = _RECORD_CHAIN) -> NamedChain:
 
 
 def read_recording(reader: Reader) -> tuple[NamedChain, Recording]:
-    """Return the chain and the angles of all frames in a bag. The time 0 is at the first frame."""
+    """Return the last chain in a bag, and all frames with times counted from the first frame."""
     named = read_chain(reader)
     messages = [message for _, message in read_topic(reader, 'joint_states')]
     if not messages:

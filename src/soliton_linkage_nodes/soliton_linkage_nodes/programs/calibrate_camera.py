@@ -24,8 +24,7 @@ from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 _PICTURES = ('.jpg', '.jpeg', '.png', '.tif', '.tiff', '.bmp')
 _STRIDE = 10
-"""In a film, only one in this number of pictures is used [1], because the search for the board in
-a picture takes 0.1 s."""
+"""Stride of the used pictures of a film [1]. The search for the board takes 0.1 s per picture."""
 _BOARD = {
     '--columns': (Quantity('columns of inner corners', '', 2, 100), 8, int),
     '--rows': (Quantity('rows of inner corners', '', 2, 100), 5, int),

@@ -24,23 +24,18 @@ from soliton_linkage_nodes.runtime import interfaces
 
 LEGEND = '/ leans right, \\ leans left, | is upright, ? is missing, O is a soliton'
 _UPRIGHT = 1 / 3
-"""A rotor is drawn upright if its lean is smaller than this fraction of the lean in the uniform
-state [1]."""
+"""A rotor is upright if its lean is below this fraction of the lean in the uniform state [1]."""
 _DEPTH = 10
-"""Queue depth of joint_states [messages]. A frame may consist of so many messages."""
+"""Queue depth of joint_states [messages], because a frame may consist of several messages."""
 _FEWEST = 10
-"""Smallest number of marks in a line [1]. They are drawn even if a long remark leaves less
-room."""
+"""There is room for at least this number of marks, even beside a long remark [1]."""
 
 
 class ChainLine:
     """Drawing of a chain from the topics `chain` and `joint_states`, with rotor 0 on the left."""
 
     def __init__(self, node: Node, joint_names: tuple[str, ...] = ()) -> None:
-        """Subscribe to the topics. The subscriptions also receive from best-effort publishers.
-
-        If `joint_names` is empty, the joint names come from `chain`.
-        """
+        """Subscribe to the topics; without `joint_names`, the names in `chain` are used."""
         self._joint_names = joint_names
         self._node = node
         self._line = ProgressLine('', 0)
@@ -110,7 +105,7 @@ class ChainLine:
             self._line.note(f'rejected chain: {error}')
 
     def use(self, named: NamedChain) -> None:
-        """Set the chain that is drawn; ValueError if the number of joint names does not fit."""
+        """Set the chain that is drawn; ValueError if given joint names do not fit the chain."""
         named = with_joints(named, self._joint_names)
         self._chain = (named, FrameReader(named.joint_names, named.encoder_offsets))
         self._frames.set_joints(named.joint_names)
@@ -122,7 +117,7 @@ class ChainLine:
 
 
 def drawn(leans: Array, solitons: Sequence[float], room: int) -> str:
-    """Return one mark for each rotor or, if these are more than `room`, for each group of rotors.
+    """Return at most `room` marks, each of which stands for one or several neighbouring rotors.
 
     `leans` are sin(angle) / sin(rest angle) of the rotors. `solitons` contains the site
     coordinates of the solitons [rotor spacings].

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Report the content and the damage of a bag, and the messages lost during recording.
 
-The first lines have the layout of `ros2 bag info`. All numbers are computed from the messages
-themselves.
+The first lines have the layout of `ros2 bag info`. Times and counts are computed from the messages
+themselves, except the number of lost messages, which the recorder has stored in the bag.
 """
 
 from __future__ import annotations
@@ -28,14 +28,13 @@ from soliton_linkage_nodes.programs.command_line import (
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _DAMAGE = 'damage'
-"""Key in the custom data of a recovered bag, for a description of the damage of the original
-bag."""
+"""Key in a recovered bag's custom data; the value describes the damage of the original bag."""
 _LABEL_WIDTH = 19
 """Width of the labels, as in `ros2 bag info` [characters]."""
 _EVENTS = 'soliton_linkage_msgs/msg/SolitonEvent'
 _SERVICE_EVENT, _SERVICE_SUFFIX = '_Event', '/_service_event'
 _TopicRow = tuple[tuple[str, str, str], int, int]
-"""Name, type and encoding of a topic, number of its messages, and number of its lost messages."""
+"""(Name, type, encoding) of a topic, number of its messages, and number of its lost messages."""
 
 
 def main() -> None:
@@ -67,10 +66,6 @@ def _is_sound(report: BagReport) -> bool:
 
 
 def _lines(report: BagReport) -> Iterator[tuple[str, list[str]]]:
-    """Yield each label with the lines of its text.
-
-    The first labels are the same as in `ros2 bag info`.
-    """
     start = report.start or 0
     topics, services = _topics(report)
     yield 'Files:', [file.name for file in report.files]

@@ -63,14 +63,12 @@ from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 from soliton_linkage_studies.rig_page import rig_page
 
 _CHAIN_WAIT = 3.0
-"""After the first frame, the program waits at most this long for a message on the topic chain
-[s]."""
+"""Longest wait for a message on the topic chain after the first frame [s]."""
 _POLL = 0.1
-"""Time between two evaluations of a condition [s]. It is long because each evaluation decodes the
-latest messages."""
+"""Poll interval [s]. It is long because a poll may decode many messages."""
 _LATEST = 20
-"""Number of latest messages from which the present angles are determined [1]. One message is not
-enough, because it may lack some rotors."""
+"""Number of latest messages from which the present angles are determined [1], because one message
+may lack some rotors."""
 _AT_REST = 1.0
 """The chain is at rest if it has not moved for this time [s]."""
 _AFTER_TURN = 2.0
@@ -103,12 +101,10 @@ class CheckRig(Node):
         super().destroy_node()
 
     def check(self, seconds: float, limit: float, turn: bool) -> RigFindings | None:
-        """Watch the rig, ask a person for turns, and return the findings, or None if stopped.
+        """Watch the rig at rest for `seconds`, and return the findings, or None if stopped.
 
-        It watches the rig at rest for `seconds`. It asks for turns only if `turn` is set.
-
-        Each wait for the person or for frames takes at most `limit` [s]. Raises ValueError if no
-        frames arrive.
+        If `turn` is set, a person is also asked to turn rotors. Each wait for the person or for
+        frames takes at most `limit` [s]. Raises ValueError if no frames arrive.
         """
         if not self._wait(lambda: self._received, limit) and not self._stopping.is_set():
             raise ValueError(
@@ -156,8 +152,7 @@ class CheckRig(Node):
     def _turn(self, rotor: int, first: bool, limit: float) -> Turn | None:
         """Ask a person to turn a rotor, and return the recorded frames.
 
-        `first` is whether the rotor is at the first edge. Returns None if the chain does not come
-        to rest within `limit` [s].
+        `first` is true at the edge of rotor 0. Returns None if the chain does not come to rest.
         """
         moved = len(self._received)
         name = self.joint_names[rotor]
@@ -189,11 +184,7 @@ class CheckRig(Node):
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Joint names of the chain.
-
-        If the chain is unknown, they come from the parameter `joint_names` or from the first
-        message.
-        """
+        """Joint names of the chain, else of the parameter, else of the first message."""
         if self.named is not None:
             return self.named.joint_names
         return self._joints or tuple(self._received[0][1].name)

@@ -42,7 +42,7 @@ def parse_own_arguments(
 
 
 def number(described: Quantity, kind: type[float] = float) -> Callable[[str], float]:
-    """Return a function that converts a text to a number and rejects values outside the range."""
+    """Return a parser for numbers that rejects values outside the range of `described`."""
 
     def read(text: str) -> float:
         try:
@@ -65,11 +65,7 @@ def add_quantity(
     kind: type[float] = float,
     **more: Any,
 ) -> None:
-    """Add an argument for a number.
-
-    Its help text has the description and the unit of a quantity, and values outside the quantity's
-    range are rejected.
-    """
+    """Add an argument for a number with the description, the unit and the range of a quantity."""
     unit = f' [{described.unit}]' if described.unit else ''
     shown = '' if default is None else f' (%(default){"s" if kind is int else "g"})'
     text = f'{described.description}{unit}{shown}'
@@ -85,7 +81,7 @@ def reason(error: Exception) -> str:
 
 @contextmanager
 def exit_on_failure(program: str) -> Iterator[None]:
-    """After an error in a block, exit with code 1 and one line of text; after Ctrl-C with 130."""
+    """If the block fails, exit with code 1 and one line of text; after Ctrl-C, with code 130."""
     try:
         yield
     except KeyboardInterrupt:
@@ -118,7 +114,7 @@ def ros_client(program: str) -> Iterator[threading.Event]:
 def message_progress(title: str) -> tuple[ProgressLine, Callable[[int, int], None]]:
     """Return a progress line, and a function that updates it.
 
-    The arguments of this function are the numbers of processed and of expected messages.
+    The function is called with the number of processed and the number of expected messages.
     """
     progress, begun = ProgressLine(title, 0), time.monotonic()
 

@@ -46,13 +46,12 @@ _RATE = 250.0
 _SECONDS = 6.0
 """Duration of a recording [s]."""
 _WAY = 0.8
-"""The recording ends after this fraction of the duration that the study computes for the wall [1],
-so that the wall does not reach the far edge."""
+"""The duration of a recording is this fraction of the duration of the same passage in the
+simulated study [1], so that the wall does not reach the far edge."""
 _POLL_INTERVAL = 0.1
-"""Poll interval for the end of the nudge [s]."""
+"""Poll interval while waiting for the end of the program nudge [s]."""
 _UNLIMITED = 1e6
-"""Limit of the actuator for kicks [rad/s], and of the simulator for impulses [N m s]. It is so
-large that any speed of the study is allowed."""
+"""Limit of the kick [rad/s] and of impulses [N m s], far above all values of the study."""
 
 
 def record(
@@ -60,9 +59,8 @@ def record(
 ) -> Path:
     """Record a bag with one moving wall and return its path; RuntimeError if a node fails.
 
-    `walls` is the index of the chain in `study.walls`, and `kick` is the index of the kick in the
-    list of kicks for this chain. The stiffness is chosen so that the wall passes the middle of the
-    chain within 6 s.
+    The chain is `study.walls[walls].chain`, and the kick is `study.walls[walls].kicks[kick]`. The
+    stiffness is chosen so that the wall passes the middle of the chain within 6 s.
     """
     chain, speed = study.walls[walls].chain, study.walls[walls].kicks[kick]
     unit = _SECONDS / (_WAY * study.duration(walls, kick))
@@ -140,11 +138,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _measured(
     study: ContractionStudy, folder: Path, stopping: threading.Event
 ) -> list[ContractedWall]:
-    """Record and measure all walls of the study.
-
-    If a recording or its measurement fails, it is repeated once, because the machine may have been
-    busy.
-    """
+    """Record and measure each wall, again if this fails, because the machine may be busy."""
 
     def measured(number: int, kick: int) -> ContractedWall:
         bag = record(study, number, kick, folder, stopping)

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measure the angles of a chain in a film, and write them to a bag for analyse_bag.
 
-The bag has the topics chain, joint_states and joint_state_deviations. The last one contains the
-standard deviations of the angles. The stamp of a message is the time of its picture. With
---overlay, the program also writes a copy of the film in which the detected markers and the walls
-are drawn.
+The bag has the topics chain, joint_states and joint_state_deviations, which contains the standard
+deviations of the angles. The stamp of a message is the time of its picture. With --overlay, the
+program also writes a copy of the film with the detected markers and the walls.
 """
 
 from __future__ import annotations
@@ -84,9 +83,8 @@ def film_to_bag(
 ) -> FilmSummary:
     """Measure the angles in a film and write them to a bag.
 
-    If `overlay` is set, a copy of the film with the detected markers is written to this path.
-
-    If the film is damaged or `stopping` is set, the bag contains the angles that were measured
+    If `overlay` is set, a copy of the film with the detected markers is written to this path. If
+    the film is damaged or `stopping` is set, the bag contains the angles that were measured
     before. Raises ValueError if no angles were measured.
     """
     bag = _AngleBag(output, named)
@@ -145,7 +143,7 @@ def _drawn(
 
 
 class _AngleBag:
-    """Bag with a chain and its angles. The bag is created together with its first message."""
+    """Bag with a chain and its angles, created when the first angles are written."""
 
     def __init__(self, output: Path, named: NamedChain) -> None:
         self.path = output

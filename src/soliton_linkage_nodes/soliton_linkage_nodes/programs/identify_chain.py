@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimate the lengths of a chain and their standard deviations from bags.
 
-All bags must contain the same chain. In each bag a soliton must pass through the chain, for
-example at different tilts. The program writes the parameter file chain.yaml, the table
-lengths.csv, and a report with the residuals of each bond.
+All bags must contain the same chain, and a soliton must pass through it in each bag; the tilt may
+differ. The program writes the parameter file chain.yaml, the table lengths.csv, and a report with
+the residuals of each bond.
 """
 
 from __future__ import annotations
@@ -56,14 +56,12 @@ class IdentificationOptions:
     """Information for the identification that the angles do not contain."""
 
     spacing: float | None = None
-    """Mean distance between neighbouring pivots [m], or None to use the spacing of the given
-    chain."""
+    """Mean distance between neighbouring pivots [m]; None for the spacing of the given chain."""
     tolerance: float | None = None
-    """Relative standard deviation of the lengths of one kind, such as the rotor lengths [1]. None
-    means that this standard deviation is estimated."""
+    """Relative standard deviation of the lengths of one kind, such as the rotor lengths [1], or
+    None to estimate it."""
     span: tuple[float, float] = (0.0, math.inf)
-    """Times of the first and the last frame that are used [s]. The time 0 is at the first frame of
-    the bag."""
+    """Earliest and latest time that is used, counted from the first frame of the bag [s]."""
     gravity: float = 0.0
     """Gravitational acceleration in the plane of the chain [m/s^2]."""
     tilts: tuple[float, ...] = ()
@@ -218,11 +216,9 @@ def _add_span(parser: PlainParser) -> None:
 
 
 _FEWEST_FRAMES = 50
-"""Smallest number of frames for an identification [1]. In so many frames, a wall passes one or two
-rotors."""
+"""Fewest frames for an identification [1], in which a wall passes one or two rotors."""
 _MOST_FRAMES = 8000
-"""Largest number of frames in a fit [1]. With so many frames, a fit of 40 rotors with rigid bars
-takes about 10 s."""
+"""Largest number of frames in a fit [1], which then takes 10 s for 40 rotors with rigid bars."""
 
 
 def read_joints(
@@ -233,10 +229,9 @@ def read_joints(
 ) -> JointRecord:
     """Read angles, their standard deviations, impulses and tilts from a bag.
 
-    The joint names come from the chain `known`, or from the bag.
-
-    `span` contains the times of the first and the last frame that are used [s]; the time 0 is at
-    the first frame. `most_frames` is the largest number of frames in the result.
+    The joint names come from the chain `known`, or else from the bag. `span` is the earliest and
+    latest time that is used, counted from the first frame [s]. The result has at most
+    `most_frames` frames. Raises ValueError if it has fewer than 50.
     """
     record = JointRecord(known.joint_names if known else (), most_frames)
     adders: dict[str, Callable[[Any, int], None]] = {
@@ -290,7 +285,7 @@ def _name(connection: Connection) -> str:
 
 
 _WORST = 3
-"""Number of bonds with the largest noise that the summary lists [1]."""
+"""The summary lists this number of bonds, those with the largest noise [1]."""
 
 
 def write_lengths(found: Identification, path: Path) -> None:

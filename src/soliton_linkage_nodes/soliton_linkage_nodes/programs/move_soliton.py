@@ -33,15 +33,13 @@ from soliton_linkage_nodes.runtime.process import WaitingNode
 
 _ROTOR = Quantity('destination, counted from rotor 0', 'rotor spacings')
 _SPEED = Quantity('largest speed of the move, 0 for automatic', 'rotor spacings/s', minimum=0.0)
-"""Largest speed of the move. At 0, soliton_steering chooses the speed."""
+"""Largest speed of the move; at 0, soliton_steering chooses the speed."""
 _WAIT = Quantity('longest wait for soliton_steering to be ready', 's', 0.0, 3600.0)
 """Longest wait until soliton_steering is ready, at most one hour."""
 _LONGEST_WAIT = 5.0
-"""Default of the longest wait until soliton_steering is ready, and longest wait for its answer to
-the goal [s]."""
+"""Default wait for soliton_steering, and longest wait for its answer to the goal [s]."""
 _LONGEST_SILENCE = 3.0
-"""If no feedback arrives for this time, soliton_steering counts as stopped [s]. In normal
-operation, feedback arrives ten times per second."""
+"""soliton_steering counts as stopped without feedback for this time, 30 usual periods [s]."""
 _CANCEL_TIME = 0.3
 """After Ctrl-C, the program waits at most this long for the end of the cancelled move [s]."""
 
@@ -60,11 +58,10 @@ class MoveClient(WaitingNode):
     def move(self, rotor: float, speed: float, wait: float = _LONGEST_WAIT) -> MoveSoliton.Result:
         """Move the soliton to `rotor` [rotor spacings], and return the result of the action.
 
-        `speed` is the largest speed [rotor spacings/s], or 0 for an automatic speed.
-
-        It waits at most `wait` [s] until soliton_steering is ready. Raises ValueError if
-        soliton_steering is missing or stops. Raises KeyboardInterrupt if the move has not ended
-        0.3 s after Ctrl-C.
+        `speed` is the largest speed [rotor spacings/s], or 0 for an automatic speed. The method
+        waits at most `wait` [s] until soliton_steering is ready. Raises ValueError if
+        soliton_steering is missing or stops, and KeyboardInterrupt if the move has not ended 0.3 s
+        after Ctrl-C.
         """
         deadline = time.monotonic() + wait
         absent = f'no node offers the action {interfaces.MOVE_SOLITON} after {wait:g} s; '

@@ -30,12 +30,11 @@ _SPEED = Quantity('speed of the kick along the zero mode, positive away from the
 _TIMEOUT = Quantity(
     'longest wait for the actuator, and afterwards for its answer', 's', 0.0, 3600.0
 )
-"""Longest wait for the actuator to be ready, and after the nudge for its answer. Both waits have
-the same limit, at most one hour."""
+"""Limit of the wait for the actuator, and of the wait for its answer after the nudge."""
 _SUBSCRIBERS = Quantity('subscribers to wait for, 2 with actuator and recorder', minimum=1)
-"""The program waits for this number of subscribers of the topic nudge, including the actuator."""
+"""Before the nudge, the topic must have this number of subscribers, including the actuator."""
 _LONGEST_WAIT = 5.0
-"""Default of `_TIMEOUT` [s]."""
+"""Default of the option --timeout [s]."""
 _DISCOVERY_TIME = 1.0
 """After an actuator is found, the program waits this long for other subscribers and for the
 latched `last_kick` of an earlier kick [s]."""
@@ -58,9 +57,9 @@ class NudgeClient(WaitingNode):
     def nudge(self, speed: float, subscribers: int, timeout: float) -> LastKick | None:
         """Nudge with `speed` [rad/s]; return the answer of the actuator, or None if interrupted.
 
-        It waits until the topic has `subscribers` subscribers and an actuator is ready, at most
-        `timeout` [s], and raises ValueError if this takes longer. After the nudge, it raises
-        ValueError if the actuator rejects it or does not answer within `timeout`.
+        Before the nudge, the method waits at most `timeout` [s] until an actuator is ready and the
+        topic has `subscribers` subscribers. Raises ValueError if this takes longer, or if the
+        actuator rejects the nudge or does not answer it within `timeout`.
         """
         deadline = time.monotonic() + timeout
         self.wait(self._actuators, timeout)
@@ -119,7 +118,7 @@ class NudgeClient(WaitingNode):
     def _rejection(self, before: dict[str, int]) -> str:
         """Return why an actuator has rejected the nudge, or '' if none has rejected it.
 
-        `before` contains the number of rejections of each actuator before the nudge.
+        `before` contains the number of earlier rejections of each actuator.
         """
         for name in self._actuators() & before.keys():
             report = self._reports[name]

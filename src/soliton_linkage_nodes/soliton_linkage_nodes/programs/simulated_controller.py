@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulate a chain and the microcontroller of its encoders and valves, for serial_encoders.
+"""Simulate a rig for serial_encoders: a chain, and a microcontroller with encoders and valves.
 
-The program opens a pseudo-terminal and prints its path. Until Ctrl-C, it receives commands and
-sends angles through the pseudo-terminal, in the serial protocol. At the start the chain is at rest
-and leans left; commands to the valves drive it.
+The program opens a pseudo-terminal and prints its path, which serial_encoders uses as its serial
+port. Until Ctrl-C, the simulated controller sends the angles of the rotors, and applies the
+torques that it receives. At the start the chain is at rest and leans left.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ from soliton_linkage_nodes.programs.command_line import add_quantity, exit_on_fa
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 _RATE = Quantity('frames per second', 'Hz', 1.0, 1000.0)
-"""Frame rate. At 1000 Hz, 40 rotors need a serial port with 1.8 Mbaud."""
+"""Frame rate, at most 1000 Hz, at which 40 rotors would need a serial port with 1.8 Mbaud."""
 _COUNTS = Quantity('counts of an encoder per turn', '', 2, 65536)
 """Resolution of an encoder, at most 16 bits."""
 
 _TOLERANCE = 1e-6
-"""Tolerance of the solver per step [rad]. It is a hundredth of a count of a 16-bit encoder."""
+"""Tolerance of the solver per step [rad], a hundredth of a count of a 16-bit encoder."""
 _REPORTED_DELAY = 1.0
-"""If the simulation is later than this, the program warns that the machine is too slow [s]."""
+"""If the simulation lags behind the clock by more than this, the program warns [s]."""
 _MOST_BYTES = 2**16
-"""Largest number of bytes that one call reads [1]. It exceeds the buffer size of the system."""
+"""Largest number of bytes that one call reads [1], more than the system buffers."""
 
 
 class PseudoTerminal:
@@ -71,10 +71,7 @@ class PseudoTerminal:
             return b''
 
     def write(self, data: bytes) -> None:
-        """Send bytes to the client.
-
-        They are lost if the buffer is full because no client reads.
-        """
+        """Send bytes to the client; they are lost while the buffer is full."""
         with contextlib.suppress(BlockingIOError):
             os.write(self._here, data)
 
@@ -87,7 +84,7 @@ class PseudoTerminal:
 
 
 class RealTimeChain:
-    """Simulated chain whose simulated controller communicates by a serial port."""
+    """Simulated chain and controller that communicate with a client through a pseudo-terminal."""
 
     def __init__(
         self,

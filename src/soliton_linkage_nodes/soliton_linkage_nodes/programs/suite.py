@@ -38,13 +38,11 @@ NODES = {
 _SERIAL = 'serial_encoders'
 _PARAMETER_OPTIONS = ('-p', '--param')
 _CHAIN_SOURCE = ('-p', f'{_SERIAL}:chain_from:=parameters')
-"""Arguments that are added before the user's arguments, so that serial_encoders publishes the
-chain that its parameters describe, unless the user sets `chain_from`."""
+"""Default for serial_encoders, which then publishes the chain that its parameters describe."""
 _EXPONENT = re.compile(r'[-+]?\d+(\.\d*)?[eE][-+]?\d+')
 _NAMESPACE_RULE = '__ns:='
 _JOINT_PREFIX = 'torque_limits.'
-"""Prefix of parameters whose names end with the name of a joint. The names are therefore unknown
-before the node runs."""
+"""After this prefix, a parameter has the name of a joint, which only the running node knows."""
 
 
 def main() -> None:
@@ -102,13 +100,10 @@ def of_one_chain(arguments: Sequence[str]) -> list[str]:
 def addressed(
     arguments: Sequence[str], classes: Mapping[str, type[ManagedNode]]
 ) -> tuple[list[str], dict[str, list[Parameter]]]:
-    """Return the arguments that are no parameters of the nodes, and the parameters of each node.
+    """Return the arguments that set no node's parameter, and the parameters set for each node.
 
-    `classes` maps the names of the nodes, which may contain a namespace, to their classes. The
-    keys of the returned dictionary are the names of the nodes.
-
-    This separation is necessary because ROS itself cannot set a parameter of only one node in a
-    namespace.
+    The keys of `classes` and of the returned dictionary are names of nodes, which may contain a
+    namespace. ROS itself cannot set a parameter of only one node in a namespace.
     """
     rest: list[str] = []
     given: dict[str, list[Parameter]] = {name: [] for name in classes}
@@ -127,10 +122,7 @@ def addressed(
 
 
 def _known_to_ros(arguments: Sequence[str]) -> list[str]:
-    """Return the arguments without those that set a parameter of a node in a namespace.
-
-    ROS would reject these arguments.
-    """
+    """Return the arguments without parameters for nodes in a namespace, which ROS would reject."""
     known: list[str] = []
     for argument in arguments:
         if known and known[-1] in _PARAMETER_OPTIONS and '/' in argument.partition(':=')[0]:

@@ -37,8 +37,7 @@ _REPORT = 'soliton_linkage_nodes.programs.experiment.report'
 _NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
 _PAGE = 'live_view'
 _ALL_FRAMES = ['-p', 'longest_lag:=0.0']
-"""Argument with which an analyser analyses every frame, during the experiment and in the
-replay."""
+"""Arguments with which an analyser skips no frame."""
 _UNUSED = (
     *(interfaces.IDENTIFIED_CHAIN, interfaces.JOINT_STATE_DEVIATIONS, interfaces.DIAGNOSTICS),
     *(interfaces.EDGE_COMMAND, interfaces.JOINT_COMMANDS, interfaces.EFFORT_COMMANDS),
@@ -62,10 +61,7 @@ class Experiment:
         stopping: threading.Event,
         page: bool = False,
     ) -> None:
-        """Prepare the folder `output` for the results.
-
-        If `page` is set, a page in the browser shows the chain.
-        """
+        """Prepare the folder `output`; with `page`, a page in the browser will show the chain."""
         self._page = page
         self.bag = output / f'{observer.settings.scenario}_0'
         self._configuration = configuration
@@ -117,10 +113,7 @@ class Experiment:
         self._report = import_module(_REPORT)
 
     def _serve_page(self) -> bool:
-        """Print the address of the live page; return whether there is a page.
-
-        If there is no page, the reason is printed.
-        """
+        """Print the address of the live page, or why it failed; return whether it runs."""
         deadline = time.monotonic() + START_LIMIT
         try:
             while not self._processes.wait(_PAGE, _QUIET) and time.monotonic() < deadline:
@@ -174,7 +167,7 @@ class Experiment:
             _print('The soliton starts by itself.')
 
     def _watch(self) -> None:
-        """Show the soliton until it has returned or, if so specified, until the time limit."""
+        """Show the soliton until it has returned or, with `end` = 'time', until the time limit."""
         settings = self._settings
         timed, start = settings.end == 'time', self._observer.stamp
         line, trip = ChainLine(self._observer), RoundTrip(self._observer)
@@ -194,7 +187,7 @@ class Experiment:
         )
 
     def _finish(self) -> dict[str, str]:
-        """Wait for a report of the simulator, stop the nodes, and return the report's values."""
+        """Wait for a report of the simulator, stop the nodes, and return the reported values."""
         self._observer.reports.pop('simulator', None)
         self._wait_until(
             lambda: 'simulator' in self._observer.reports,
@@ -227,9 +220,9 @@ class Experiment:
         return recorded
 
     def _replay(self) -> dict[int, tuple[float, ...]]:
-        """Play the bag to a second analyser, and return the sites of its solitons.
+        """Play the bag to a second analyser, and return the solitons that it publishes.
 
-        The keys are the stamps [ns], and the values are the site coordinates [rotor spacings].
+        The keys are stamps [ns], and the values are site coordinates [rotor spacings].
         """
         service, name = service_type('Resume'), 'bag_player/resume'
         resuming = self._observer.create_client(service, name, qos_profile=SERVICE_QOS)

@@ -36,42 +36,35 @@ from soliton_linkage_studies.camera.runs import CAMERA
 
 _DEVIATIONS = interfaces.JOINT_STATE_DEVIATIONS.name
 _FROM_EDGES = 4.0
-"""Positions of the soliton that are closer to an edge than this are not compared
-[rotor spacings]."""
+"""Soliton positions closer to an edge than this are left out of the errors [rotor spacings]."""
 
 
 @dataclass(frozen=True)
 class PositionErrors:
     """Errors of the angles and of the soliton position in a film.
 
-    Frames with the soliton near an edge are not included in the position errors.
+    Position errors are root mean squares [rotor spacings] over the frames in which the soliton is
+    not near an edge.
     """
 
     angle_noise: float
-    """Standard deviation of the errors of the angles after the mean error of each rotor is
-    subtracted [rad]."""
+    """Standard deviation of the angle errors relative to the mean error of each rotor [rad]."""
     stated_angle_noise: float
-    """Median of the standard deviations that the camera measurement states for the angles
-    [rad]."""
+    """Median of the standard deviations that the measurement states for the angles [rad]."""
     frames: int
     error: float
-    """Root mean square error of the soliton position that an analyser with the identified chain
-    estimates [rotor spacings]."""
+    """Error of the position from an analyser with the identified chain."""
     stated: float
-    """Root mean square of the standard deviations that the analyser with the identified chain
-    states for the position [rotor spacings]."""
+    """Standard deviation that the analyser with the identified chain states for the position."""
     allowed: float
-    """Cramer-Rao bound for the position error of an estimate from a single frame, with
-    `angle_noise` and all rotors visible; root mean square over the frames [rotor spacings]."""
+    """Cramer-Rao bound for one frame with the noise `angle_noise` and without hidden rotors."""
     with_true_chain: float
-    """Root mean square error of the position that an analyser with the true chain estimates
-    [rotor spacings]."""
+    """Error of the position from an analyser with the true chain."""
     hidden: float
-    """Fraction of the angles in the frames that were hidden from the camera [1]."""
+    """Fraction of the angles in these frames that were hidden from the camera [1]."""
     by_hidden: float
-    """Root mean square error of the position that an analyser with the true chain estimates from
-    the exact angles of the visible rotors [rotor spacings]. This error is caused by the hidden
-    rotors alone."""
+    """Error of the position from an analyser with the true chain and the exact angles of the
+    visible rotors. Only the hidden rotors cause this error."""
 
 
 @dataclass(frozen=True)
@@ -84,9 +77,7 @@ class FilmedExperimentParameters(BenchParameters):
 def run(configuration: Path, given: Mapping[str, Any], folder: Path) -> str:
     """Run the filmed experiment of a configuration file, and return its result as text.
 
-    `given` maps the names of the parameters of the experiment to their values. The results are
-    written to `folder`.
-
+    `given` contains parameters of the experiment by name. The results are written to `folder`.
     Raises ValueError if a parameter is unknown or out of range.
     """
     known = described_fields(FilmedExperimentParameters)
@@ -277,7 +268,7 @@ _FIGURES = (
 
 
 def write_film_page(folder: Path, text: str) -> None:
-    """Write a page, index.html, that shows the films and pictures in its folder.
+    """Write `folder`/index.html, which shows the films and pictures in the folder.
 
     `text` is the result of the experiment.
     """

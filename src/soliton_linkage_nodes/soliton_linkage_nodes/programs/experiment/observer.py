@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node of an experiment. It drives the chain and receives soliton states and reports."""
+"""Node that drives the chain of an experiment, and receives soliton states and diagnostics."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 _NEAR_EDGE = 2.0
-"""A soliton that is closer to an edge than this has reached the edge [rotor spacings]."""
+"""A soliton that is closer to an edge than this counts as having reached it [rotor spacings]."""
 
 
 @dataclass(frozen=True)

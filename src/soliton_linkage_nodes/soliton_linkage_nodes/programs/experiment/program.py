@@ -35,7 +35,7 @@ from soliton_linkage_nodes.start import INTERRUPTED
 
 _FILMED = 'filmed_experiment'
 _WRITTEN = '.written'
-"""Name of the file, in the folder of the results, that lists the names of all results."""
+"""The file with this name in the folder of the results lists the names of all results."""
 
 
 def main() -> None:
@@ -55,10 +55,9 @@ def main() -> None:
 
 @contextmanager
 def _plain_end(left: Callable[[], str] = lambda: '') -> Iterator[None]:
-    """Exit with one line of text if a block is interrupted or fails.
+    """Exit with one line of text if the block is interrupted or fails.
 
-    After Ctrl-C, `left()` is appended to the line and the code is 130. After an error, the code is
-    1.
+    After Ctrl-C the line ends with `left()`, and the exit code is 130. After an error it is 1.
     """
     try:
         yield
@@ -140,10 +139,7 @@ def _remove_written(folder: Path) -> None:
 
 
 def _claim(folder: Path) -> int | None:
-    """Create and lock a folder.
-
-    Returns the file descriptor of the lock, or None if another process has locked the folder.
-    """
+    """Create and lock a folder; return the file descriptor, or None if it is locked already."""
     folder.mkdir(parents=True, exist_ok=True)
     claim = os.open(folder, os.O_RDONLY)
     try:
@@ -203,7 +199,7 @@ def _suggestions(configuration: Path) -> list[str]:
 def other_scenarios(configuration: Path) -> list[Path]:
     """Return the parameter files in the same folder that describe other experiments.
 
-    Only files that have the name of their scenario are included.
+    Files that are not named after their scenario are left out.
     """
     return [
         path

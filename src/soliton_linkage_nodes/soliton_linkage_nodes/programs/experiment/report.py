@@ -40,8 +40,7 @@ class RecordedRun:
     track: Track
     crossings: tuple[Crossing, ...]
     states: Mapping[int, tuple[float, ...]]
-    """For each stamp [ns], the site coordinates of the solitons from the live analyser
-    [rotor spacings]."""
+    """Stamps [ns] of the live states, and site coordinates of their solitons [rotor spacings]."""
     events: tuple[str, ...]
     messages: int
     lost: int
@@ -113,7 +112,7 @@ def draw(run: RecordedRun, folder: Path) -> None:
 
 
 def summarise(run: RecordedRun) -> dict[str, Any]:
-    """Return the numbers about the recorded run that summary.json contains."""
+    """Return the numbers about the recorded run for summary.json."""
     walls = list(run.states.values()) or [()]
     speeds = [crossing.site_rate for crossing in run.crossings]
     return {
