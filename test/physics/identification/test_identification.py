@@ -164,6 +164,21 @@ def test_absent_joints_are_named_in_an_error_and_in_a_warning():
     assert found.warnings[0].startswith('the recording has no joint joint1, joint3')
 
 
+@pytest.mark.parametrize('nominal', [FLIPPER, WOBBLER, SPINNER], ids=KICKS)
+@pytest.mark.parametrize('seed', [1, 3])
+def test_an_absent_joint_is_not_reported_as_a_zero_error(nominal, seed):
+    readings = read(passage(unequal(nominal, seed)), seed)[0]
+    letters = [*'abcdefghij']
+    for absent in range(2, 8):
+        kept = [n for n in range(10) if n != absent]
+        names = [letters[n] for n in kept]
+        named = f'{letters[absent - 1]} and {letters[absent + 1]} do not move like neighbours'
+        with pytest.raises(ValueError, match=named):
+            identify(Readings(TIMES, readings[:, kept], names=names), Chain())
+    with pytest.raises(ValueError, match='more pairs do not move like neighbours'):
+        identify(Readings(TIMES, readings[:, ::2], names=letters[::2]), Chain())
+
+
 def test_an_impossible_spacing_is_reported():
     assert length_warnings(unequal(FLIPPER, 3)) == []
     spacings = (0.0, 0.0, 1.0, *[0.0] * 6)

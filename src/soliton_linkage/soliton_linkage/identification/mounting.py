@@ -80,6 +80,10 @@ class _Curve(NamedTuple):
     def strange(self) -> bool:
         return self.room < _IMPASSABLE and self.misfit > _LARGEST_MISFIT
 
+    @property
+    def unlike_neighbours(self) -> bool:
+        return self.strange or any(self.mounting)
+
 
 def check_mounting(readings: Array, names: Sequence[str]) -> None:
     """Raise ValueError for exchanged joints, wrong signs or half turns in readings, (T, N)."""
@@ -115,17 +119,31 @@ def check_mounting(readings: Array, names: Sequence[str]) -> None:
     raise ValueError(f'{"; ".join(faults)}{hint}')
 
 
+def zeros_explain(readings: Array, errors: Array) -> bool:
+    """Return whether zero errors [rad], (N,), explain all pairs that do not move like neighbours.
+
+    They do not explain a missing rotor: its two neighbours move differently, although their zeros
+    are correct, and a change of their zeros spoils the curves of the bonds beside them.
+    """
+    curves, corrected = _curves(readings), _curves(readings - errors)
+    wrong = errors != 0
+    explained = wrong[:-1] | wrong[1:]
+    return all(
+        done or not curve.unlike_neighbours for done, curve in zip(explained, curves, strict=True)
+    ) and (sum(curve.misfit**2 for curve in corrected) < sum(curve.misfit**2 for curve in curves))
+
+
 def check_neighbours(readings: Array, names: Sequence[str]) -> None:
     """Raise ValueError if successive joints do not belong to neighbouring rotors."""
     curves = _curves(readings)
-    strange = [n for n, curve in enumerate(curves) if curve.strange or any(curve.mounting)]
+    strange = [n for n, curve in enumerate(curves) if curve.unlike_neighbours]
     if strange:
         n = strange[0]
         more = f' and {len(strange) - 1} more pairs' if len(strange) > 1 else ''
         raise ValueError(
             f'{names[n]} and {names[n + 1]}{more} do not move like neighbours: rotors between '
-            'them are missing, or joints are not in the order of the rotors; record all rotors, '
-            'and name them from the first to the last'
+            'them are missing, joints are not in the order of the rotors, or a zero has a large '
+            'error; record all rotors, name them from the first to the last, and set the zeros'
         )
 
 

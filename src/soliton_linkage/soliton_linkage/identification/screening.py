@@ -17,7 +17,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from soliton_linkage.estimation.noise import robust_deviation
-from soliton_linkage.identification.mounting import check_mounting, check_neighbours
+from soliton_linkage.identification.mounting import (
+    check_mounting,
+    check_neighbours,
+    zeros_explain,
+)
 from soliton_linkage.identification.readings import Readings, repeat_counts, rounding_noise
 from soliton_linkage.linkage.chain import Array, staggered, wrapped
 
@@ -67,13 +71,15 @@ def check_motion(readings: Array, names: Sequence[str]) -> None:
 
 def check_zeros(readings: Array, names: Sequence[str]) -> None:
     """Raise ValueError if the encoder of an inner rotor has a large zero error."""
-    errors = _zero_errors(readings)
-    wrong = 1 + np.flatnonzero(np.abs(errors[1:-1]) > _LARGEST_ZERO_ERROR)
-    if wrong.size and np.abs(errors[wrong]).max() < _FAR_OFF:
+    errors = _zero_errors(readings) * (-1.0) ** np.arange(readings.shape[1])
+    errors[np.abs(errors) < _LARGEST_ZERO_ERROR] = 0.0
+    errors[[0, -1]] = 0.0
+    wrong = np.flatnonzero(errors)
+    if wrong.size and np.abs(errors).max() < _FAR_OFF and zeros_explain(readings, errors):
         n = int(wrong[0])
         more = f', and of {wrong.size - 1} more rotors,' if wrong.size > 1 else ''
         raise ValueError(
-            f'the zero of {names[n]}{more} has an error of about {errors[n] * (-1) ** n:.2g} rad, '
+            f'the zero of {names[n]}{more} has an error of about {errors[n]:.2g} rad, '
             f'more than {_LARGEST_ZERO_ERROR:g} rad; set it to the upright position'
         )
 
