@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reader of all files of a bag, which yields their messages in the order of the receive times."""
+"""Reader of whole bags, which may consist of several files."""
 
 from __future__ import annotations
 
@@ -46,18 +46,17 @@ _READERS: dict[str, type[IndexedMcap | StoredSqlite]] = {
 }
 _MODES = ('', 'none', 'file', 'message', 'storage')
 _MOST_FILES = 10_000
-"""Largest number of files of a bag [1]. If a new file begins every ten seconds, a day has 8640
-files."""
+"""Largest accepted number of files of a bag [1]. A new file every ten seconds gives 8640 per
+day."""
 
 
 class BagFiles(LimitedReader):
     """Reader of a bag directory or of one file of a bag.
 
-    It yields messages in the order of their receive times.
-
-    MCAP channels with the same topic name, type and encoding are treated as one topic. If the
-    files lack the QoS profiles or the type hash of a topic, these are taken from metadata.yaml.
-    The methods raise ValueError if the bag is damaged or exceeds the limits.
+    It yields messages in the order of their receive times. MCAP channels with the same topic name,
+    type and encoding count as one topic. If the files lack the QoS profiles or the type hash of a
+    topic, these are taken from metadata.yaml. The methods raise ValueError if the bag is damaged
+    or exceeds the limits.
     """
 
     def __init__(self, path: Path) -> None:
@@ -102,10 +101,7 @@ class BagFiles(LimitedReader):
     def messages(
         self, connections: Iterable[Connection], start: int | None = None, stop: int | None = None
     ) -> Messages:
-        """Yield topic, receive time [ns] and bytes of the messages of some topics.
-
-        Only messages with receive times in the interval [start, stop) are read.
-        """
+        """Yield the messages of `connections` with receive times in [start, stop) [ns]."""
         wanted = {topic_key(each): each for each in connections}
         together: list[ReaderProtocol] = []
         end = 0
@@ -212,10 +208,7 @@ def _checked_metadata(path: Path) -> tuple[Mapping[str, Any], list[str], str]:
 
 
 def topics_in(information: Mapping[str, Any]) -> dict[tuple[str, str], Mapping[str, Any]]:
-    """Return the metadata of each topic in metadata.yaml.
-
-    The keys are name and type of the topic.
-    """
+    """Return the metadata of each topic in metadata.yaml by the name and type of the topic."""
     entries = information.get('topics_with_message_count')
     topics: dict[tuple[str, str], Mapping[str, Any]] = {}
     for entry in entries if isinstance(entries, list) else []:

@@ -22,8 +22,8 @@ from soliton_linkage.linkage.quantities import quantity
 _MEBIBYTE = 2**20
 """Size of 1 MiB [B]."""
 _LARGEST_RATIO = 25
-"""Largest accepted ratio of the decompressed to the compressed size of a large file [1]. Bags of a
-chain at rest have a ratio of 10."""
+"""A file may decompress to this number times its size [1], even above `max_unpacked_file`. Bags of
+a chain at rest decompress to 10 times their size."""
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,9 @@ PACKED = '.zstd'
 
 
 def decompress_file(packed: BinaryIO, plain: Path, limits: BagLimits) -> str | None:
-    """Decompress a zstd file into the file `plain`, up to its first damage or to the size limit.
+    """Decompress a zstd file into the file `plain`, up to the first damage or to the size limit.
 
-    Returns a description of the damage or of the exceeded limit, or None.
+    Returns a text about the damage or the exceeded limit, or None.
     """
     size = packed.seek(0, 2)
     most = limits.for_file(size)
@@ -88,10 +88,7 @@ _BLOCK_OUT = 2**20
 def decompressed_blocks(
     packed: bytes | bytearray | memoryview, codec: str, whole: bool = False
 ) -> Iterator[bytes]:
-    """Yield the content of zstd or lz4 data in blocks; ValueError if the data is damaged.
-
-    If `whole` is set, truncated data also raises ValueError.
-    """
+    """Yield the content of zstd or lz4 data; ValueError if damaged or, with `whole`, truncated."""
     packed = memoryview(packed)
     begin, decompressor, at_end = 0, _decompressor(codec), False
     while begin < len(packed):
@@ -131,10 +128,7 @@ def decompress_prefix(packed: bytes | bytearray | memoryview, codec: str, most: 
 
 
 def decompressed_message(data: bytes, most: int) -> bytes:
-    """Return a message, decompressed if it is compressed; ValueError if it is damaged.
-
-    It also raises ValueError if the content is larger than `most` [B].
-    """
+    """Return a message, decompressed if packed; ValueError if damaged or above `most` bytes."""
     if not data.startswith(ZSTD_MAGIC):
         return data
     out = bytearray()
@@ -150,10 +144,7 @@ def _decompressor(codec: str) -> Any:
 
 
 def regular_file(path: Path, folder: Path | None = None) -> Path:
-    """Return the resolved path of a regular file; ValueError if it is no regular file.
-
-    If `folder` is given, a path outside this folder also raises ValueError.
-    """
+    """Return the resolved path; ValueError if it is no regular file or is outside of `folder`."""
     resolved = path.resolve(strict=True)
     if folder is not None and not resolved.is_relative_to(folder.resolve()):
         raise ValueError(
@@ -198,10 +189,7 @@ def map_file(path: Path) -> memoryview:
 
 
 def release_pages(data: memoryview | mmap.mmap) -> None:
-    """Release the memory of a mapped file.
-
-    The system reads the file again when the data is needed.
-    """
+    """Release the memory of a mapped file, which the system reads again when it is needed."""
     whole = data.obj if isinstance(data, memoryview) else data
     if isinstance(whole, mmap.mmap):
         whole.madvise(mmap.MADV_DONTNEED)
@@ -215,16 +203,15 @@ _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 _OPENING = (yaml.SequenceStartEvent, yaml.MappingStartEvent)
 _CLOSING = (yaml.SequenceEndEvent, yaml.MappingEndEvent)
 _LONG_NUMBER = re.compile(r'[-+]?\d[\d_:.]{99,}')
-"""Pattern of numbers with at least 100 characters. They are rejected, because their conversion may
-take too long."""
+"""Numbers of 100 or more characters. They are rejected, because their conversion may be slow."""
 _JSON_TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[\[{]|[\]}]', re.DOTALL)
 
 
 def load_yaml(text: str) -> Any:
-    """Return the value of a YAML text.
+    """Parse a YAML text.
 
-    Raises ValueError if the text is invalid, too long, nested too deeply, or contains aliases or
-    very long numbers.
+    Raises ValueError if it is invalid, too long, too deeply nested, or has aliases or long
+    numbers.
     """
     _check_size(text)
     try:
@@ -243,10 +230,7 @@ def load_yaml(text: str) -> Any:
 
 
 def load_json(text: str) -> Any:
-    """Return the value of a JSON text.
-
-    Raises ValueError if the text is invalid, too long or nested too deeply.
-    """
+    """Parse a JSON text; ValueError if it is invalid, too long or nested too deeply."""
     _check_size(text)
     depth = 0
     for token in _JSON_TOKEN.finditer(text):

@@ -33,8 +33,7 @@ METADATA_FILE: Final = 'metadata.yaml'
 _KEY: Final = 'rosbag2_bagfile_information'
 _TOPICS: Final = 'topics_with_message_count'
 GAPS: Final = 'gaps'
-"""Key in the custom data, for a list with the start and the end [ns] of each interval without
-recording."""
+"""Key of the custom data for the list of starts and ends [ns] of the intervals not recorded."""
 _DUMPER: Any = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
 
 
@@ -49,10 +48,7 @@ class StoredFile:
 
 
 def storage_of(path: Path) -> str | None:
-    """Return the storage format of a file, None if its suffix is unknown.
-
-    The file may be compressed.
-    """
+    """Return the storage format of a (compressed) file, None if its suffix is unknown."""
     plain = Path(path.stem) if path.suffix == PACKED else path
     return next((name for name, suffix in SUFFIXES.items() if suffix == plain.suffix), None)
 
@@ -78,17 +74,14 @@ def explain_no_bag(path: Path) -> str:
 
 @lru_cache(maxsize=1)
 def suite_version() -> str:
-    """Return the version of this suite, which bags contain."""
+    """Return the version of this suite."""
     return version('soliton_linkage_nodes')
 
 
 def bag_information(
     topics: Mapping[StoredTopic, int], files: Sequence[StoredFile], custom_data: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return the content of metadata.yaml for an MCAP bag.
-
-    `topics` maps each topic to the number of its messages.
-    """
+    """Return the content of metadata.yaml for an MCAP bag. `topics` contains message counts."""
     filled = [file for file in files if file.messages] or list(files)
     start = min(file.start for file in filled)
     listed: dict[tuple[str, str, str], tuple[StoredTopic, int]] = {}
@@ -161,10 +154,7 @@ def custom_data_of(metadata: str) -> dict[str, str]:
 
 
 def custom_data_in(information: object) -> dict[str, str]:
-    """Return the custom data in parsed metadata.
-
-    Numbers in the custom data are converted to texts.
-    """
+    """Return the custom data in parsed metadata, with numbers converted to texts."""
     custom = information.get('custom_data') if isinstance(information, dict) else None
     items = custom.items() if isinstance(custom, dict) else ()
     return {str(key): str(value) for key, value in items if isinstance(value, (str, int, float))}
@@ -186,10 +176,7 @@ def time_in_gaps(gaps: Sequence[tuple[int, int]], start: int, end: int) -> int:
 
 
 def _pieces(information: Mapping[str, Any], margin: str) -> Iterator[str]:
-    """Yield the parts of a YAML text with the metadata, whose lines begin with `margin`.
-
-    The entries of topics are not written by the YAML library, which is slow for many topics.
-    """
+    """Yield YAML text. Topics are formatted here, because the YAML library is slow for many."""
     for key, value in information.items():
         if key == _TOPICS:
             yield f'{margin}{key}:\n' if value else f'{margin}{key}: []\n'

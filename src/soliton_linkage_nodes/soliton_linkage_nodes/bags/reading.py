@@ -87,7 +87,7 @@ def gaps_of(reader: Reader) -> list[tuple[int, int]]:
 
 
 def latched_before(reader: Reader, connection: Connection, stop: int) -> list[bytes]:
-    """Return the latched messages that a topic's subscriber would receive at `stop` [ns]."""
+    """Return the messages that a late subscriber of a latched topic receives at `stop` [ns]."""
     earlier = read_messages(reader, [connection], None, stop)
     return list(deque((data for _, _, data in earlier), maxlen=latched_depth(connection)))
 
@@ -98,8 +98,8 @@ _RECORD = 'record it with bag_recorder'
 def find_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Connection:
     """Return the topic `name` or, if there is none, the topic whose name has the same last part.
 
-    Raises a ValueError, whose text ends with `remedy`, if no topic or several topics match, if the
-    topic has several types, or if the topic is not encoded in CDR.
+    Raises ValueError if no topic or several topics match, or if the topic has several types or is
+    not in CDR. The error about a missing topic ends with `remedy`.
     """
     found = types_of_topic(reader, name, remedy)
     bag = f'bag {str(reader.path)!r}'
@@ -115,10 +115,7 @@ def find_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Connection:
 
 
 def types_of_topic(reader: Reader, name: str, remedy: str = _RECORD) -> list[Connection]:
-    """Return one entry for each type and encoding of a topic.
-
-    The topic is found as in `find_topic`.
-    """
+    """Return an entry for each type and encoding of a topic, which is found as in `find_topic`."""
     wanted = name.rpartition('/')[2]
     found = [c for c in reader.connections if c.topic == name] or [
         c for c in reader.connections if c.topic.rpartition('/')[2] == wanted
@@ -138,10 +135,7 @@ def types_of_topic(reader: Reader, name: str, remedy: str = _RECORD) -> list[Con
 
 
 def read_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Iterator[tuple[int, Any]]:
-    """Yield receive time [ns] and content of each message of a topic.
-
-    The topic is found as in `find_topic`.
-    """
+    """Yield receive time [ns] and content of the messages of a topic, found as in `find_topic`."""
     connection = find_topic(reader, name, remedy)
     decode = decoder(connection)
     for _, stamp, serialized in read_messages(reader, [connection]):
@@ -206,10 +200,7 @@ def message_class(type_name: str) -> Any:
 
 
 def _has_types(package: str, kind: str) -> bool:
-    """Return whether a package defines messages, services or actions.
-
-    The package is not imported, because a bag from an untrusted source may name any package.
-    """
+    """Search a package for types. It is not imported, because a bag may name any package."""
     if f'{package}.{kind}' in sys.modules:
         return True
     found = PathFinder.find_spec(package) if package.isidentifier() else None
@@ -223,8 +214,7 @@ def type_name(message_type: Any) -> str:
 
 
 _UNKNOWN_DEPTH = 10
-"""Queue depth of a latched topic if the bag does not state this depth [messages], as in
-rosbag2."""
+"""Queue depth of a latched topic whose depth the bag does not state [messages], as in rosbag2."""
 
 
 def latched(connection: Connection) -> bool:
@@ -247,8 +237,7 @@ _LONGER, _MARGIN = 4, 4096
 """A recorded definition is rejected if it is longer than `_LONGER` [1] times the installed
 definition plus `_MARGIN` [characters]."""
 _LONGEST_REASON = 200
-"""A longer error text of a parser is cut to this length [characters], because it may quote its
-whole input."""
+"""Error texts are cut to this length [characters], because they may quote the whole input."""
 
 
 def is_older(connection: Connection) -> bool:

@@ -43,15 +43,11 @@ _SHOW_EVERY = 1000
 """Number of messages between two calls of the progress function `show` [1]."""
 
 Show = Callable[[int, int], None]
-"""Function that shows the progress. Its arguments are the number of messages so far, and the
-expected number or 0."""
+"""Function that shows how many messages are read and how many are expected (0: unknown)."""
 
 
 def recovered_file(path: Path, storage: str, doubtful: bool, limits: BagLimits) -> RecoveredFile:
-    """Open a file for recovery.
-
-    With `doubtful`, messages with wrong checksums are also recovered.
-    """
+    """Open a file for recovery. With `doubtful`, wrong checksums of messages are ignored."""
     kind = RecoveredMcap if storage == MCAP else RecoveredSqlite
     return kind(path, doubtful, limits)
 
@@ -88,10 +84,7 @@ class BagReport:
 def check_bag(
     path: Path, show: Show = lambda done, expected: None, limits: BagLimits = DEFAULT_LIMITS
 ) -> BagReport:
-    """Read a whole bag and return a report about its content and damage.
-
-    Raises ValueError if the path is no bag.
-    """
+    """Read a whole bag and return a report about it; ValueError if the path is no bag."""
     return _BagScan(path, None, False, show, limits).report
 
 
@@ -126,11 +119,7 @@ def recover_bag(
 
 
 class _BagScan:
-    """Scan of all files of a bag.
-
-    If `output` is given, the messages are copied to a new bag. The new bag is created with the
-    first topic or record that is copied.
-    """
+    """Scan of all files of a bag, which copies the messages to a new bag if `output` is given."""
 
     def __init__(
         self, path: Path, output: Path | None, doubtful: bool, show: Show, limits: BagLimits
@@ -237,10 +226,7 @@ def _compare(report: BagReport, information: Mapping[str, Any] | None) -> None:
 
 
 def _deleted_older(report: BagReport, information: Mapping[str, Any]) -> bool:
-    """Return whether the recorder has deleted old files of the bag, to limit its size.
-
-    In this case, the total in metadata.yaml still includes the messages of the deleted files.
-    """
+    """Return whether the recorder deleted old files, which metadata.yaml still counts."""
     entries = information.get('files')
     described = [each for each in entries if isinstance(each, dict)] if entries else []
     counts = sum(parse_count(each.get('message_count')) for each in described)
@@ -303,11 +289,7 @@ def unfinished_bag(name: Path) -> Path | None:
 
 
 def take_over(bag: Path) -> UnfinishedBag | None:
-    """Recover an unfinished MCAP bag, so that a writer can continue it.
-
-    All recovered messages are written to the first file of the bag. Returns None if this is
-    impossible.
-    """
+    """Recover an unfinished MCAP bag, so that a writer can continue it; None if impossible."""
     try:
         with TemporaryDirectory(prefix=f'.{bag.name}_', dir=bag.parent) as folder:
             report, whole = recover_bag(bag, Path(folder, 'whole'))

@@ -26,9 +26,7 @@ class Reply:
 
 
 def serve(node: Node, name: str, type_name: str, act: Callable[[Any], Reply]) -> None:
-    """Offer the service `~/<name>`.
-
-    A call executes `act` with the request, and its result is logged.
+    """Offer the service `~/<name>`, which executes `act` with the request and logs the result.
 
     The call is rejected if `act` raises ValueError or if the node is managed and not active.
     """
@@ -50,10 +48,7 @@ def serve(node: Node, name: str, type_name: str, act: Callable[[Any], Reply]) ->
 def serve_value(
     node: Node, name: str, type_name: str, field: str, value: Callable[[], Any]
 ) -> None:
-    """Offer the service `~/<name>`, whose response contains `value()`.
-
-    The value is in the field `field` or, if the response has no such field, in `success`.
-    """
+    """Offer the service `~/<name>`, which returns `value()` in `field` or else in `success`."""
 
     def respond(_request: Any, response: Any) -> Any:
         setattr(response, field if hasattr(response, field) else 'success', value())

@@ -27,7 +27,7 @@ from soliton_linkage_nodes.bags.guards import load_yaml
 CDR = 'cdr'
 """Encoding of ROS 2 messages. Messages in other encodings are copied, but cannot be decoded."""
 _LONGEST_NAME = 255
-"""Largest length of names in errors [characters]. ROS and file systems accept no longer names."""
+"""Texts in errors are cut to this length [characters], the limit of names in file systems."""
 _UNLIMITED = {'sec': 2147483647, 'nsec': 4294967295}
 """Infinite duration in the notation of rosbag2."""
 _TYPE_NAME = re.compile(r'\w+/\w+/\w+')
@@ -74,10 +74,7 @@ def type_definition(name: str) -> tuple[str, str]:
 
 @lru_cache(maxsize=1024)
 def service_definitions(name: str) -> tuple[str, str]:
-    """Return the definitions of the request and the response of a service type.
-
-    Raises ValueError if the type is not installed.
-    """
+    """Return the definitions of a service's request and response; ValueError if not installed."""
     try:
         package, kind, short = _name_parts(name)
         path = Path(get_package_share_directory(package), kind, f'{short}.srv')
@@ -127,10 +124,7 @@ def _not_installed(kind: str, name: str, error: Exception) -> str:
 
 
 def completed(topic: StoredTopic) -> StoredTopic:
-    """Return a topic, with a missing definition or hash taken from the installed type.
-
-    Only topics with messages in CDR are changed.
-    """
+    """Return a CDR topic with a missing definition or hash taken from the installed type."""
     if topic.serialization != CDR or (topic.definition and topic.digest):
         return topic
     known, digest, _ = _installed(topic.type_name)

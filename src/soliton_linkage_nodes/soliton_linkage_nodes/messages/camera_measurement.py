@@ -44,7 +44,7 @@ class CameraParameters:
 
 
 class CameraReading(NamedTuple):
-    """Angles of the rotors in one picture, and the time at which they were exposed."""
+    """Angles of the rotors in one picture, at the time `stamp`."""
 
     stamp: int
     """Middle of the exposure of the picture row that shows the pivots [ns]."""
@@ -52,7 +52,7 @@ class CameraReading(NamedTuple):
 
 
 class CameraMeasurement:
-    """Measurement of the angles of a chain in one picture after another."""
+    """Measurement of the angles of a chain in successive pictures."""
 
     def __init__(
         self,
@@ -71,13 +71,13 @@ class CameraMeasurement:
 
     @property
     def moves(self) -> int:
-        """Number of times that the camera was moved so far."""
+        """Number of times that the camera has moved."""
         return self.detector.frame_markers.moves if isinstance(self.detector, AngleCamera) else 0
 
     def measure(self, stamp: int, picture: Picture) -> CameraReading:
-        """Return the angles of the rotors in a picture with the stamp `stamp` [ns].
+        """Return the angles of the rotors in a picture that was taken at `stamp` [ns].
 
-        Raises ValueError if the stamp is not later than the previous one, or if the picture is
+        Raises ValueError if `stamp` is not later than the previous one, or if the picture is
         rejected.
         """
         if stamp <= self._last:
@@ -117,7 +117,7 @@ def deviations_to_msg(named: NamedChain, seen: CameraReading) -> JointState:
 
 
 def describe_reading(measurement: CameraMeasurement, seen: CameraReading) -> str:
-    """Describe a reading: visible rotors, moves of the camera so far, and missing pictures."""
+    """Describe a reading: visible rotors, and numbers of camera moves and of missing pictures."""
     parts = [seen.frame.status or 'all rotors are visible']
     if measurement.moves:
         times = 'once' if measurement.moves == 1 else f'{measurement.moves} times'
@@ -128,10 +128,7 @@ def describe_reading(measurement: CameraMeasurement, seen: CameraReading) -> str
 
 
 def median_deviation(frame: AngleFrame) -> float:
-    """Return the median standard deviation of the angles of the visible rotors [rad].
-
-    Without visible rotors, the result is NaN.
-    """
+    """Return the median standard deviation of the visible angles [rad], NaN if none is visible."""
     known = frame.deviations[np.isfinite(frame.deviations)]
     return float(np.median(known)) if len(known) else float('nan')
 
@@ -139,10 +136,9 @@ def median_deviation(frame: AngleFrame) -> float:
 def walls_on_overlay(
     solitons: tuple[AnalysedSoliton, ...], spacing: float, since: float = 0.0
 ) -> list[WallMark]:
-    """Return marks for the overlay at the extrapolated positions of the solitons.
+    """Return marks for the overlay at the positions of the solitons `since` [s] after their state.
 
-    `since` is the time from the state of the solitons to the picture [s]. `spacing` is the
-    distance between neighbouring pivots [m].
+    `spacing` is the distance between neighbouring pivots [m].
     """
     return [
         WallMark(

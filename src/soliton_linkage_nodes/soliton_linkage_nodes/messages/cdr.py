@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fast CDR decoding and encoding of messages with a stamp, joint names and arrays of doubles.
 
-A general decoder needs most of its time for the joint names. This decoder compares the bytes of
-the names with those of the previous message. If they are equal, it decodes only the stamp and the
-arrays. The encoder keeps one encoded message and overwrites only its stamp and arrays.
+A general decoder needs most of its time for the joint names. This decoder only compares their
+bytes with those of the previous message. The encoder overwrites the stamp and the arrays of an
+encoded message.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 _LITTLE_ENDIAN = b'\x00\x01'
 _STAMP = struct.Struct('<4xiI')
 _SHORTEST = 12
-"""Size of the encapsulation header and a stamp together [B]."""
+"""Size of the shortest message with a stamp, including the encapsulation header [B]."""
 _COUNT = struct.Struct('<I')
 _ENCAPSULATION_BYTES = 4
 """Size of the encapsulation header [B]."""
@@ -84,10 +84,7 @@ class Layout:
         return seconds, nanoseconds
 
     def arrays(self, serialized: bytes | bytearray, number: int) -> list[Array]:
-        """Return the first `number` arrays of a message with this layout.
-
-        The arrays are views of the message and may be unaligned.
-        """
+        """Return the first `number` arrays of a message, as views that may be unaligned."""
         arrays, end = [], self._end
         for _ in range(number):
             (count,) = _COUNT.unpack_from(serialized, end)
@@ -102,10 +99,7 @@ class Layout:
 
 
 class JointStateDecoder:
-    """Decoder of joint states.
-
-    It is fast if frame id and names are those of the previous message.
-    """
+    """Decoder of joint states, which is fast if frame id and names do not change."""
 
     def __init__(self) -> None:
         self._layout: Layout | None = None
@@ -141,10 +135,7 @@ class JointStateDecoder:
 
 
 def stamp_of(serialized: bytes) -> int:
-    """Return the stamp [ns] of a message with a header.
-
-    Raises ValueError if the message is too short or big-endian.
-    """
+    """Return the stamp of a message with a header [ns]; ValueError if too short or big-endian."""
     if len(serialized) < _SHORTEST or not serialized[1] & 1:
         raise ValueError('a message is shorter than its header, or big-endian')
     seconds, nanoseconds = _STAMP.unpack_from(serialized)
@@ -152,10 +143,7 @@ def stamp_of(serialized: bytes) -> int:
 
 
 class _RotorDecoder:
-    """Decoder of messages with one value for each joint name.
-
-    It is fast if the names are those of the previous message.
-    """
+    """Decoder of messages with one value per joint name, which is fast if names do not change."""
 
     _type: Any
     _topic: str
@@ -207,7 +195,7 @@ def _damaged(topic: str, serialized: bytes, type_name: str, error: Exception) ->
 
 
 class _MessageBuffer:
-    """Serialized message, whose stamp and arrays of values each new message overwrites."""
+    """Serialized message, in which `fill` replaces the stamp and the arrays."""
 
     def __init__(self, message: Any, arrays: int) -> None:
         self._bytes = bytearray(serialize(message))
@@ -259,7 +247,7 @@ def read_stamp(serialized: bytes) -> int:
 
 
 def stamped(serialized: bytes, stamp: int) -> bytes:
-    """Return a copy of a message with a header in which the stamp [ns] is replaced."""
+    """Return a copy of a message that has a header, with its stamp replaced by `stamp` [ns]."""
     order = '<' if serialized[1:2] == _LITTLE_ENDIAN[1:] else '>'
     head = serialized[:_ENCAPSULATION_BYTES]
     return head + struct.pack(f'{order}iI', *divmod(stamp, SECOND)) + serialized[_STAMP.size :]

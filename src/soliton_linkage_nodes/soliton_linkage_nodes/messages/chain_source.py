@@ -76,10 +76,7 @@ def declare_chain(node: Node) -> NamedChain:
 
 
 def chain_of(read: Callable[[Any], Any]) -> NamedChain:
-    """Return the chain that parameters describe.
-
-    `read` returns an instance of a dataclass of parameters, with their values.
-    """
+    """Return the chain that parameters describe; `read` returns a parameter class's values."""
     chain: Chain = read(Chain)
     given: Deviations = read(Deviations)
     disorder: Disorder = read(Disorder)
@@ -101,7 +98,7 @@ def describe_chain(chain: Chain) -> str:
 
 
 def declare_chain_source(node: Node) -> None:
-    """Declare the parameters of a `ChainSource`; ValueError if they describe no chain."""
+    """Declare the parameters of a `ChainSource`; ValueError if the chain or a name is invalid."""
     check_names('parameter joint_names', declare(node, ChainSourceParameters).joint_names)
     declare_chain(node)
 
@@ -116,7 +113,7 @@ class ChainSource:
         on_chain: Callable[[NamedChain], None] = lambda named: None,
         parameters: type[ChainSourceParameters] = ChainSourceParameters,
     ) -> None:
-        """Read the parameters or subscribe to `chain`; ValueError if they describe no chain."""
+        """Read the parameters or subscribe to `chain`; ValueError if a parameter is invalid."""
         self.named: NamedChain | None = None
         self._subscription: StreamSubscription | None = None
         self._logger = node.get_logger()
@@ -134,10 +131,7 @@ class ChainSource:
 
     @property
     def description(self) -> str:
-        """Description of the chain.
-
-        While the chain is unknown, it is a description of its source.
-        """
+        """Description of the chain or, while the chain is unknown, of its source."""
         if self.named is not None:
             return describe_chain(self.named.chain)
         known = self.parameters.chain_from == 'topic'
@@ -174,8 +168,7 @@ def with_joints(
 ) -> NamedChain:
     """Return the chain with the names `joints`, or unchanged if `joints` is empty.
 
-    Raises ValueError if the number of names is wrong. `source` describes the origin of the names
-    in the error.
+    Raises ValueError, whose text calls the names `source`, if their number is wrong.
     """
     if joints and len(joints) != named.rotors:
         raise ValueError(
@@ -186,14 +179,11 @@ def with_joints(
 
 
 _LONGEST_VALUE = 40
-"""A longer text of a value, such as a long list, is cut to this length [characters]."""
+"""Texts of values, such as long lists, are cut to this length [characters]."""
 
 
 class ParameterFile:
-    """Parameters in a file.
-
-    `values` maps their names to their values, and combines the sections of all nodes.
-    """
+    """Parameters in a file; `values` maps names to values and joins the sections of all nodes."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -205,10 +195,9 @@ class ParameterFile:
         self.values = {name: value for held in sections for name, value in held.items()}
 
     def read(self, kind: type[Group], prefix: str) -> Group:
-        """Return an instance of a dataclass with the values from the file.
+        """Return a dataclass with the values from the file, or its defaults for missing ones.
 
-        The name of a parameter is `prefix` + field name. A field without a value in the file has
-        its default.
+        The name of a parameter is `prefix` + field name.
         """
         given = {name: self.values.get(prefix + name) for name in described_fields(kind)}
         values = {name: value for name, value in given.items() if value is not None}
@@ -217,8 +206,7 @@ class ParameterFile:
     def check(self, prefix: str, groups: Mapping[type, str]) -> None:
         """Raise ValueError if the file has an unknown parameter whose name begins with `prefix`.
 
-        `groups` maps dataclasses to prefixes. A parameter is known if its name consists of the
-        prefix of a class and the name of a field of this class.
+        `groups` maps the dataclasses of known parameters to the prefixes of their names.
         """
         known = {
             before + name for kind, before in groups.items() for name in described_fields(kind)
@@ -248,7 +236,7 @@ def markers_of_file(path: Path) -> MarkerSettings:
 
 
 def differences(one: NamedChain, other: NamedChain) -> str:
-    """Return the names of the parameters in which two chains differ, with both values, as text."""
+    """Return a text with those parameters of two chains that differ, and both of their values."""
     names = [field.name for field in fields(Chain)]
     pairs = [(name, getattr(one.chain, name), getattr(other.chain, name)) for name in names]
     pairs.append(('joint_names', one.joint_names, other.joint_names))

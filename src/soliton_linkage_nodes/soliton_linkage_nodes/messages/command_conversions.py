@@ -42,10 +42,10 @@ class JointActuators:
     limits: Array
 
     def checked(self, source: str, names: Sequence[str], torques: Array) -> tuple[Rotors, Array]:
-        """Return the rotors of the named joints, and their torques [N m].
+        """Return the rotors of the joints `names`, and their torques [N m].
 
-        The last axis of `torques` has one entry for each name. Raises ValueError if a joint has no
-        actuator or a torque exceeds its limit. In the error, the torques have the name `source`.
+        The last axis of `torques` has one entry for each name. Raises ValueError, whose text calls
+        the torques `source`, if a joint has no actuator or a torque exceeds its limit.
         """
         check_names(source, names)
         index_of = {name: index for index, name in enumerate(self.names)}
@@ -132,8 +132,7 @@ def efforts_from_msg(
 ) -> tuple[Rotors, Array]:
     """Return the commanded rotors and their torques [N m].
 
-    Raises ValueError if the message is not accepted. `source` is the name of the message in the
-    error.
+    Raises ValueError, whose text calls the message `source`, if the message is not accepted.
     """
     if message.position or message.velocity:
         raise ValueError(
@@ -150,8 +149,7 @@ def efforts_from_array(
 ) -> tuple[Rotors, Array]:
     """Return all rotors with actuators and their torques [N m].
 
-    Raises ValueError if the message is not accepted. `source` is the name of the message in the
-    error.
+    Raises ValueError, whose text calls the message `source`, if the message is not accepted.
     """
     torques = np.asarray(message.data, dtype=np.float64)
     return actuators.checked(f'{source}.data', actuators.names, torques)
@@ -160,10 +158,9 @@ def efforts_from_array(
 def trajectory_from_msg(
     actuators: JointActuators, source: str, message: JointTrajectory
 ) -> tuple[Rotors, Array, Array]:
-    """Return rotors, times [s] and torques [N m] of a trajectory.
+    """Return the rotors, times [s] and torques [N m], shape (times, rotors), of a trajectory.
 
-    The torques have shape (points, rotors). Raises ValueError if the message is not accepted.
-    `source` is the name of the message in the error.
+    Raises ValueError, whose text calls the message `source`, if the message is not accepted.
     """
     if not message.joint_names:
         raise ValueError(f'{source} has points but no joints; fill joint_names')
@@ -198,7 +195,7 @@ def delivery_to_msg(delivered: DeliveryTotals) -> msg.Delivery:
 
 
 def delivery_from_msg(message: msg.Delivery) -> DeliveryTotals:
-    """Return the total impulse and work that the chain has received, from a message."""
+    """Return the total impulse and work that the chain has received according to a message."""
     impulse = np.asarray(message.impulse_of_torques, dtype=np.float64)
     totals = {name: getattr(message, name) for name in _DELIVERY}
     stamp = time_from_msg(message.header.stamp)
@@ -206,7 +203,7 @@ def delivery_from_msg(message: msg.Delivery) -> DeliveryTotals:
 
 
 def last_kick_to_msg(named: NamedChain, kick: KickReport) -> msg.LastKick:
-    """Return the report about a finished kick; it names the joints that received an impulse."""
+    """Return the report about a finished kick, which names the joints that received an impulse."""
     acted_on = np.flatnonzero(kick.impulse)
     return msg.LastKick(
         header=Header(stamp=time_to_msg(kick.stamp), frame_id=FRAME),
@@ -225,20 +222,17 @@ def last_kick_to_msg(named: NamedChain, kick: KickReport) -> msg.LastKick:
 
 @dataclass(frozen=True)
 class StampRule:
-    """Limits for the stamps of commands.
+    """Limits for the stamps of commands; the stamp 0 means the present time.
 
-    A command may be at most `oldest` [s] old, and may end at most `longest` [s] from now. If
-    `oldest` is 0, the largest age is `longest`. The stamp 0 means the present time.
+    A command may be at most `oldest` [s] old (if `oldest` is 0: `longest`), and it must end at
+    most `longest` [s] from now.
     """
 
     oldest: float
     longest: float
 
     def check_at_once(self, source: str, stamp: int, now: int) -> None:
-        """Raise ValueError if the stamp [ns] of a command differs too much from `now` [ns].
-
-        This check is for commands that are executed immediately.
-        """
+        """Raise ValueError if a command to be executed now has a stamp too far from `now` [ns]."""
         age = self._age(stamp, now)
         limit = self.oldest or self.longest
         if age > limit:
@@ -253,10 +247,9 @@ class StampRule:
             )
 
     def delay(self, source: str, stamp: int, now: int, duration: float) -> float:
-        """Return the time from `now` to the start of a command [s], negative after the start.
+        """Return the time from `now` [ns] to the start of a command [s], negative after the start.
 
-        Raises ValueError if the command has ended or ends too late. `stamp` and `now` are in [ns],
-        and `duration` in [s].
+        `duration` is in [s]. Raises ValueError if the command has ended or ends too late.
         """
         delay = -self._age(stamp, now)
         if delay + duration < 0:
@@ -268,10 +261,7 @@ class StampRule:
         return delay
 
     def check_length(self, source: str, ends: float) -> None:
-        """Raise ValueError if a command ends later than allowed.
-
-        `ends` is the time until its end [s].
-        """
+        """Raise ValueError if a command ends too late, in `ends` [s] from now."""
         if ends > self.longest:
             raise ValueError(
                 f'{source} ends {ends:.3g} s from now, the limit is {self.longest:g} s; send '

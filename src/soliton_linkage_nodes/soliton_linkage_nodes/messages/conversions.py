@@ -27,8 +27,8 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 FRAME = 'linkage'
 """Name of the coordinate frame whose x axis runs along the pivots."""
 _LARGEST_ANGLE = 1e6
-"""Largest angle in a reset request [rad]. At larger angles, the rounding error would exceed the
-change of the angle in a time step."""
+"""Largest angle in a reset request [rad]. Rounding errors of larger ones would exceed the change
+of the angle in a time step."""
 _LARGEST_RATE = 1e6
 """Largest angular velocity in a reset request [rad/s]."""
 _CHAIN_FIELDS = tuple(
@@ -40,16 +40,12 @@ _DEVIATIONS = tuple(f.name for f in fields(Deviations))
 
 @dataclass(frozen=True)
 class NamedChain:
-    """Chain with the names of its joints in the order of the rotors.
-
-    Raises ValueError for a wrong number of encoder offsets.
-    """
+    """Chain and names of its joints, rotor 0 first; ValueError for a wrong number of offsets."""
 
     chain: Chain
     joint_names: tuple[str, ...]
     encoder_offsets: tuple[float, ...] = ()
-    """Known offsets of the encoders (encoder position minus angle) [rad], one per rotor. The tuple
-    is empty if they are unknown."""
+    """Encoder position minus angle of each rotor [rad], or () if these offsets are unknown."""
 
     def __post_init__(self) -> None:
         check_one_each(KnownEncoders(self.encoder_offsets).offsets, self.rotors)
@@ -67,20 +63,14 @@ class NamedChain:
 
 @dataclass(frozen=True)
 class Frame:
-    """Angles [rad] and angular velocities [rad/s] of all rotors at one time, rotor 0 first.
-
-    The velocities are None if they are unknown.
-    """
+    """Angles [rad] and angular velocities [rad/s], None if unknown, of all rotors at one time."""
 
     angles: Array
     rates: Array | None
 
 
 class JointStates(NamedTuple):
-    """Fields of a JointState message, without the efforts.
-
-    The arrays of positions and velocities may be empty.
-    """
+    """Fields of a JointState message without its efforts. The arrays may be empty."""
 
     seconds: int
     nanoseconds: int
@@ -146,17 +136,14 @@ def frame_to_msg(named: NamedChain, frame: Frame, efforts: Array, stamp: Time) -
 
 
 def joint_state(named: NamedChain, stamp: Time, **arrays: Array) -> JointState:
-    """Return joint states of a chain.
-
-    `arrays` contains arrays of shape (N,) for `position`, `velocity` and `effort`.
-    """
+    """Return joint states, of which `arrays` are fields such as `position`, shape (N,)."""
     header, names = Header(stamp=stamp, frame_id=FRAME), list(named.joint_names)
     fields = {name: array.tolist() for name, array in arrays.items()}
     return JointState(header=header, name=names, **fields)
 
 
 def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Frame:
-    """Return the angles and the rates of all rotors; known encoder offsets are subtracted.
+    """Return the angles, without known encoder offsets, and the rates of all rotors.
 
     Raises ValueError if an angle is missing or invalid.
     """
@@ -172,10 +159,7 @@ def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Fram
 
 
 def without_offsets(positions: Array, encoder_offsets: Sequence[float] | Array) -> Array:
-    """Return encoder positions [rad] minus the known offsets of the encoders [rad].
-
-    Both have shape (N,). `encoder_offsets` is empty if the offsets are unknown.
-    """
+    """Return encoder positions minus offsets [rad], shape (N,); () stands for unknown offsets."""
     return positions - encoder_offsets if len(encoder_offsets) else positions
 
 
@@ -200,9 +184,7 @@ def impulses_from_msg(
 
 
 def state_from_reset(named: NamedChain, request: Any, now: State) -> State:
-    """Return the state after the reset that a `Reset.Request` describes.
-
-    `now` is the present state.
+    """Return the state after the reset of the state `now` that a `Reset.Request` describes.
 
     Joints that the request does not name keep their angle. Without rates in the request, all rates
     are 0. Raises ValueError if an angle or a rate is rejected.
@@ -234,10 +216,7 @@ def torques_from_msg(rotors: Mapping[str, int], message: JointState, largest: fl
 
 
 def check_names(source: str, names: Sequence[str]) -> None:
-    """Raise ValueError if a name occurs twice.
-
-    The error calls the list `source`.
-    """
+    """Raise ValueError, whose text calls the names `source`, if a name occurs twice."""
     if len(set(names)) != len(names):
         twice = next(name for name in names if list(names).count(name) > 1)
         raise ValueError(f'{source} has {twice!r} twice; name each joint once')
@@ -285,10 +264,7 @@ def _by_rotor(
 
 
 def check_length(source: str, names: Sequence[str], values: Sequence[float] | Array) -> None:
-    """Raise ValueError if the number of values differs from the number of names.
-
-    `source` is the name of the values in the error.
-    """
+    """Raise ValueError, whose text calls the values `source`, unless each name has one value."""
     if len(values) != len(names):
         raise ValueError(
             f'{source} has {len(values)} values for {len(names)} names; give one for each name'

@@ -18,10 +18,7 @@ _WIDTH = 100
 
 
 def interface_type(name: str, kind: str) -> Any:
-    """Return the class of the interface `name`, whose `kind` is 'msg', 'srv' or 'action'.
-
-    Raises ValueError if the interface is unknown.
-    """
+    """Return the class of the message, service or action `name`; ValueError if it is unknown."""
     package, _, rest = name.partition('/')
     middle, _, last = rest.rpartition('/')
     if not (package and last) or middle not in ('', kind):
@@ -48,10 +45,7 @@ def plain(value: Any) -> Any:
 
 
 def to_yaml(value: Any) -> str:
-    """Return a message or the value of a field as YAML.
-
-    A list without nested values fills one line.
-    """
+    """Return a message or a field's value as YAML, with lists of numbers or texts in one line."""
     text: str = yaml.dump(
         plain(value), Dumper=_Dumper, sort_keys=False, width=_WIDTH, allow_unicode=True
     )

@@ -25,10 +25,10 @@ board; at 2x, frames are late for longer after joints have disappeared."""
 class FrameAssembler:
     """Assembler that merges messages with equal stamps and different joints into frames.
 
-    A frame is complete when it has all joints of the chain, or all joints of the earlier frames
-    that were merged from several messages. When a message with another stamp arrives, the waiting
-    frame ends although it is incomplete. If such a frame consists of one message, each following
-    message is taken as a frame, until two messages have the same stamp.
+    A frame is complete when it has all joints of the chain, or all joints of the earlier merged
+    frames. An incomplete frame ends when a message with another stamp arrives. If it then consists
+    of a single message, the assembler returns each later message as a frame, until two messages
+    have the same stamp.
     """
 
     def __init__(self, joint_names: Sequence[str] = ()) -> None:
@@ -39,18 +39,18 @@ class FrameAssembler:
         self._short = 0
         self._last: tuple[int, frozenset[str]] | None = None
         self.whole: tuple[str, ...] | None = None
-        """Names in the last message that contained all joints of the chain, or None if there was
+        """Names in the last message that contained all joints of the chain, None if there is
         none."""
 
     @property
     def waiting_since(self) -> int | None:
-        """Stamp of the frame that waits for more joints [ns], or None."""
+        """Stamp of the incomplete frame [ns], or None."""
         return self._parts[0].stamp if self._parts else None
 
     def add(self, joints: JointStates) -> list[JointStates]:
-        """Add a message; return the frames that this message completes or ends.
+        """Add a message; return the (at most two) frames that it completes or ends.
 
-        These are at most two frames. Raises ValueError if the message is invalid.
+        Raises ValueError if the message is invalid.
         """
         if not self._parts and joints.name is self.whole:
             self._last = joints.stamp, self._rotors
@@ -84,7 +84,7 @@ class FrameAssembler:
         yield from self.flush()
 
     def flush(self) -> list[JointStates]:
-        """Return a list with the frame that waits for more joints, or an empty list."""
+        """End the incomplete frame; return it in a list, which is empty if there is none."""
         if not self._parts:
             return []
         self._short += 1
@@ -133,7 +133,7 @@ class FrameAssembler:
 
 
 class SerializedFrames:
-    """Assembler of frames for nodes that need most messages only in serialized form."""
+    """Assembler of serialized frames. It decodes messages only if this is necessary."""
 
     def __init__(self) -> None:
         self._decoder = JointStateDecoder()
@@ -141,7 +141,7 @@ class SerializedFrames:
         self._all_alike = False
 
     def set_joints(self, joint_names: Sequence[str]) -> None:
-        """Assemble frames of these joints in future."""
+        """Assemble frames of these joints from now on."""
         self._assembler, self._all_alike = FrameAssembler(joint_names), False
 
     def parts(self, serialized: bytes) -> tuple[str, ...]:
@@ -151,9 +151,9 @@ class SerializedFrames:
         return ()
 
     def add(self, serialized: bytes) -> list[bytes]:
-        """Add a message; return the frames that it completes or ends. All of these are serialized.
+        """Add a message; return the serialized frames that it completes or ends.
 
-        An invalid message is returned as a frame, without changes.
+        An invalid message is returned without changes.
         """
         if self._assembler is None:
             return [serialized]

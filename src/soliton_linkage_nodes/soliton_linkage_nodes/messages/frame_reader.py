@@ -21,10 +21,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 
 
 class FrameReader:
-    """Reader of the angles and rates of all rotors from joint states.
-
-    The values of rotors that are missing in a message are NaN.
-    """
+    """Reader of the angles and rates of all rotors from joint states."""
 
     def __init__(self, joint_names: Sequence[str], encoder_offsets: Sequence[float] = ()) -> None:
         if not joint_names:
@@ -37,11 +34,9 @@ class FrameReader:
         self._in_order = False
 
     def read(self, joints: JointStates) -> Frame:
-        """Return the angles [rad] and rates [rad/s] of all rotors.
+        """Return the angles [rad] and rates [rad/s] of all rotors; ValueError if they are invalid.
 
         Missing values, and values with an absolute value above 1e9, are NaN.
-
-        Raises ValueError if the message is invalid.
         """
         _, _, _, name, position, velocity = joints
         check_length('joint_states.position', name, position)
@@ -78,8 +73,8 @@ class FrameReader:
 
 
 _LONGEST_LATENESS = SECOND
-"""If a stamp is earlier than the previous one by at most this time [ns], the frame is late. A
-larger difference means that the clock was reset."""
+"""A frame is late if its stamp is earlier than the previous one by at most this [ns]. A larger
+difference means that the clock was reset."""
 _UNIT_CHECK_INTERVAL = 100
 """The angle unit is checked in one of this number of frames [1], because a check takes 80 us."""
 
@@ -94,7 +89,7 @@ class EncoderMonitor:
         self._frames = 0
 
     def check(self, stamp: int, angles: Array | None = None) -> None:
-        """Check the stamp of a frame [ns] and the unit of its angles. Missing angles are NaN."""
+        """Check the stamp of a frame [ns] and the unit of its angles, which may contain NaN."""
         if stamp == 0:
             self._warn_once(
                 'joint_states have no stamps; stamp each frame with the time of its measurement, '

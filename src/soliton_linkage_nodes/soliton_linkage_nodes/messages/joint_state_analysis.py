@@ -18,18 +18,14 @@ from soliton_linkage_nodes.messages.frame_assembler import FrameAssembler
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 
 _MOST_WAITING = 1000
-"""Largest number of messages with standard deviations that are stored until their frame arrives
-[1]."""
+"""Largest number of messages with standard deviations that wait for their frame [1]."""
 
 
 class JointStateAnalysis:
     """Analysis of the joint states of a chain, whose parameters may be unknown."""
 
     def __init__(self, noise: float | None = None) -> None:
-        """Create an analysis without a chain.
-
-        `noise` is the standard deviation of the angles [rad], or None if it is unknown.
-        """
+        """Set `noise`, the standard deviation of the angles [rad]; None means unknown."""
         self._noise = noise
         self._named: NamedChain | None = None
         self._reader: FrameReader | None = None
@@ -38,8 +34,7 @@ class JointStateAnalysis:
         self._deviations: dict[int, Array] = {}
         self.analyser: FrameAnalyser | None = None
         self.assembler = FrameAssembler()
-        """Assembler for messages that contain only some joints. Its frames are the input of
-        `analyse`."""
+        """Assembler that merges messages with different joints to the input of `analyse`."""
         self._unseen: set[int] = set()
         self.latest: Analysis | None = None
         self.frame: Frame | None = None
@@ -60,7 +55,7 @@ class JointStateAnalysis:
         return math.nan if self._named is None else self._named.chain.spacing
 
     def set_chain(self, named: NamedChain) -> None:
-        """Analyse frames of this chain in future.
+        """Analyse frames of this chain from now on.
 
         If the chain is the same as before, the estimates are kept.
         """
@@ -74,25 +69,22 @@ class JointStateAnalysis:
         self._deviation_reader, self._deviations = FrameReader(named.joint_names), {}
 
     def set_joints(self, joint_names: Sequence[str]) -> None:
-        """Analyse frames of an unknown chain with these joints in future, rotor 0 first."""
+        """Analyse frames of an unknown chain with these joints from now on, rotor 0 first."""
         self.analyser = UnknownChainAnalyser(len(joint_names))
         self._named = None
         self._set_reader(FrameReader(joint_names))
         self._impulses = self._deviation_reader = None
 
     def add_impulses(self, serialized: bytes) -> None:
-        """Add the impulses of a serialized `delivered_impulses` message.
-
-        Without a known chain, they are ignored.
-        """
+        """Add impulses of a `delivered_impulses` message; ignore them if the chain is unknown."""
         if isinstance(self.analyser, Analyser) and self._impulses is not None:
             impulses = self._impulses.decode(serialized)
             self.analyser.apply_impulse(read_stamp(serialized) or None, impulses)
 
     def add_deviations(self, deviations: JointStates) -> None:
-        """Store standard deviations of the angles for the frame with the same stamp.
+        """Store the standard deviations of the angles in the frame with the same stamp.
 
-        Without a known chain, they are ignored.
+        They are ignored if the chain is unknown.
         """
         if self._deviation_reader is None:
             return
@@ -105,10 +97,7 @@ class JointStateAnalysis:
             del self._deviations[next(iter(self._deviations))]
 
     def analyse(self, joints: JointStates) -> Analysis | None:
-        """Analyse a frame.
-
-        Return None if the frame is late. Raises ValueError if it is invalid.
-        """
+        """Analyse a frame. Returns None if it is late, and raises ValueError if it is invalid."""
         if self.analyser is None or self._reader is None:
             raise ValueError(
                 'joint_states arrived before the chain; set the chain or the joints first'

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversions of drawings to messages for ROS viewers, and of messages to drawn quantities."""
+"""Messages for ROS viewers, and quantities for drawings from messages."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def lines_to_msg(
 ) -> Marker:
     """Return a marker with lines between pairs of points or, if `spheres`, with spheres.
 
-    `points` [m] has shape (points, 3). `colours` are RGBA values from 0 to 1 of shape (points, 4).
-    `width` is the width of a line or the diameter of a sphere [m].
+    `points` [m] has shape (points, 3), and `colours` (RGBA, 0 to 1) has shape (points, 4). `width`
+    is the width of a line or the diameter of a sphere [m].
     """
     return Marker(
         header=header,
@@ -63,10 +63,7 @@ def box_to_msg(
     size: Sequence[float],
     colour: Sequence[float],
 ) -> Marker:
-    """Return a marker for a box with a centre [m] and a size [m] along each axis.
-
-    `colour` contains the RGBA values, from 0 to 1.
-    """
+    """Return a box marker with a centre [m], a size along each axis [m] and an RGBA colour."""
     pose = _upright()
     pose.position.x, pose.position.y, pose.position.z = map(float, centre)
     return Marker(
@@ -89,10 +86,7 @@ def text_to_msg(
     colour: Sequence[float],
     text: str,
 ) -> Marker:
-    """Return a marker for a text at `position` [m] whose letters have the height `size` [m].
-
-    `colour` contains the RGBA values, from 0 to 1.
-    """
+    """Return a marker for a text at `position` [m] with letters of the height `size` [m]."""
     marker = box_to_msg(header, name, 0, position, (0.0, 0.0, size), colour)
     marker.type, marker.text = Marker.TEXT_VIEW_FACING, text
     return marker

@@ -15,16 +15,13 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.subscriptions import subscribe_newest
 
 _DEPTH = 200
-"""Queue depth if a frame arrives in several messages [messages]. It is sufficient for 0.2 s at
-1000 messages per second."""
+"""Queue depth if a frame consists of several messages [messages]: 0.2 s at 1000 Hz."""
 _LONGEST_ASSEMBLY = 0.3
 """After this time without messages [s], `take` returns an incomplete frame."""
 
 
 class NewestFrame:
-    """Subscription of a display to the newest frame.
-
-    The node of the subscription must not be added to an executor.
+    """Subscription of a display to the newest frame, on a node outside of any executor.
 
     The queue holds one message. If a message lacks some joints of the chain, the queue is enlarged
     to 200 messages, from which frames are assembled.
@@ -47,15 +44,12 @@ class NewestFrame:
         return len(self._subscription.publishers)
 
     def set_joints(self, joint_names: Sequence[str]) -> None:
-        """Assemble frames of these joints in future."""
+        """Assemble frames of these joints from now on."""
         self._joints = frozenset(joint_names)
         self._assembler = FrameAssembler(joint_names)
 
     def take(self) -> JointStates | None:
-        """Return the newest frame, or None if none has arrived since the last call.
-
-        Raises ValueError if a message is damaged.
-        """
+        """Return the newest frame, None if it was returned before; ValueError if it is damaged."""
         return self._assembled() if self._divided else self._last()
 
     def adapt(self) -> None:

@@ -29,8 +29,7 @@ _CHANNELS = {
     'mono8': (1, [0]),
     '8UC1': (1, [0]),
 }
-"""For each encoding: number of bytes of a pixel, and the indices of the blue, green and red
-byte."""
+"""Number of bytes of a pixel, and indices of its blue, green and red byte, by encoding."""
 _JPEG_HEADER = b'\xff\xd8\xff'
 _MODELS = {'plumb_bob': 5, 'rational_polynomial': 8}
 """Number of distortion coefficients of each lens model [1]."""
@@ -39,8 +38,7 @@ _MODELS = {'plumb_bob': 5, 'rational_polynomial': 8}
 def picture_from_msg(message: Image) -> Picture:
     """Return the pixels of a picture; ValueError if the message is invalid.
 
-    The shape is (rows, columns, 3) in the order blue, green, red, and (rows, columns) for a grey
-    picture.
+    The shape is (rows, columns, 3) in the order blue, green, red, or (rows, columns) if grey.
     """
     if message.encoding not in _CHANNELS:
         raise ValueError(
@@ -60,10 +58,7 @@ def picture_from_msg(message: Image) -> Picture:
 
 
 def jpeg_from_msg(message: CompressedImage, most: int) -> bytes:
-    """Return the JPEG bytes of a message.
-
-    Raises ValueError if the data is no JPEG or has more than `most` bytes.
-    """
+    """Return the JPEG bytes of a message; ValueError if they are no JPEG or more than `most`."""
     data = bytes(message.data)
     if len(data) > most:
         raise ValueError(

@@ -35,7 +35,7 @@ _STATUSES = {status: getattr(msg.SolitonState, status.name) for status in Tracki
 class NumberFields:
     """Mapping from the attributes of an object to the fields of a message.
 
-    `paths` maps the name of a field to its attribute, if their names differ.
+    `paths` maps fields to attributes, such as 'estimate.site', where their names differ.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class NumberFields:
         self._values = attrgetter(*paths.values())
 
     def __call__(self, filled_by: Any) -> tuple[Any, ...]:
-        """Return the values of all fields from an object; if it is None, all values are NaN."""
+        """Return an object's values for all fields; if the object is None, all values are NaN."""
         if filled_by is None:
             return len(self.names) * (math.nan,)
         values: tuple[Any, ...] = self._values(filled_by)
@@ -116,10 +116,7 @@ _UNITS = {
 
 
 def state_to_msg(analysis: Analysis, joints: JointStates) -> msg.SolitonState:
-    """Return the SolitonState message of an analysed frame.
-
-    `joints` contains the joint states of this frame.
-    """
+    """Return the SolitonState message of an analysed frame with the joint states `joints`."""
     stamp = Time(sec=joints.seconds, nanosec=joints.nanoseconds)
     topology = _topology(analysis.topology, analysis.edge_rotors)
     motion, measured = analysis.motion, analysis.measured_motion
@@ -203,17 +200,13 @@ EVENT_COLUMNS = (
     *('ids_before', 'ids_after', 'charge_before', 'charge_after'),
     *('energy_before [J]', 'energy_after [J]', 'collisions'),
 )
-"""Column names of a table of events. Each row describes one event. If a cell contains several wall
-ids, they are separated by spaces."""
+"""Column names of a table with one event per row. Spaces separate several wall ids in a cell."""
 
 
 def events_to_msgs(
     analysis: Analysis, joints: JointStates, spacing: float
 ) -> list[msg.SolitonEvent]:
-    """Return the messages of the events in an analysed frame.
-
-    `spacing` is the distance between neighbouring pivots [m].
-    """
+    """Return the messages of the events in a frame; `spacing` is that of the pivots [m]."""
     return [
         msg.SolitonEvent(
             header=Header(stamp=time_to_msg(joints.stamp), frame_id=joints.frame_id),
@@ -228,10 +221,7 @@ def events_to_msgs(
 
 
 def event_rows(analysis: Analysis, joints: JointStates, spacing: float) -> list[tuple[Any, ...]]:
-    """Return the events in an analysed frame as rows of a table.
-
-    `spacing` is the distance between neighbouring pivots [m].
-    """
+    """Return the events in a frame as rows of a table; `spacing` is that of the pivots [m]."""
     rows = []
     for event in analysis.events:
         rotor, *others = (getattr(event, name) for name in _EVENT_FIELDS)
@@ -242,5 +232,5 @@ def event_rows(analysis: Analysis, joints: JointStates, spacing: float) -> list[
 
 
 def _instant(analysis: Analysis, joints: JointStates, event: SolitonEvent) -> int:
-    """Return the time of an event [ns], on the clock of the stamps of the frames."""
+    """Return the time of an event [ns] on the clock of the frames' stamps."""
     return joints.stamp - round((analysis.estimate.time - event.time) * SECOND)

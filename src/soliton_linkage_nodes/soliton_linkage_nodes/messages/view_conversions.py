@@ -61,8 +61,7 @@ _TYPES: Mapping[int, tuple[type[bool | int | float | str], str]] = {
     ParameterType.PARAMETER_DOUBLE: (float, 'double_value'),
     ParameterType.PARAMETER_STRING: (str, 'string_value'),
 }
-"""For each type of ROS parameter: its Python type, and the field of a ParameterValue message that
-holds its value."""
+"""Python type, and field of a ParameterValue message, for each type of ROS parameter."""
 _SOLITON = (
     *('rotor', 'position', 'position_deviation', 'velocity', 'velocity_deviation', 'width'),
 )
@@ -78,8 +77,7 @@ class NodeReport:
     """Latest report of a node on /diagnostics."""
 
     node: str
-    """Full name of the node. If the report has no hardware_id, it is the part of the report's name
-    before the colon."""
+    """Full name of the node: hardware_id of the report or, if empty, its name up to the colon."""
     level: int
     """Level of the report: 0 OK, 1 warning, 2 error, 3 stale."""
     message: str
@@ -120,10 +118,7 @@ def state_numbers(message: msg.SolitonState) -> Numbers:
 
 
 def soliton_values(message: msg.SolitonState) -> list[float]:
-    """Return position [rotor spacings], standard deviation [m] and charge of each soliton.
-
-    All numbers are in one list.
-    """
+    """Return a flat list with site [rotor spacings], deviation [m] and charge of each soliton."""
     found = ((s.rotor, s.position_deviation, float(s.charge)) for s in message.solitons)
     return list(chain.from_iterable(found))
 
@@ -174,9 +169,9 @@ def edge_command_of(
 ) -> msg.EdgeCommand:
     """Return the message of a command to an edge actuator.
 
-    `value` has the unit of the `kind`. `duration`, `ramp_up` and `ramp_down` are in [s]. `shape`,
-    `quantity` and `numbers`, further fields of the message, describe a waveform. Raises ValueError
-    for an unknown name or a number that is not finite.
+    `value` has the unit of the `kind`; the times are in [s]. Only waveforms have a `shape`, a
+    `quantity` and further fields in `numbers`. Raises ValueError for an unknown name or a number
+    that is not finite.
     """
     names = {'kind': kind, 'edge': edge, 'shape': shape, 'quantity': quantity}
     numbers |= {'value': value, 'duration': duration, 'ramp_up': ramp_up, 'ramp_down': ramp_down}
@@ -191,8 +186,8 @@ def reset_request(
 ) -> Reset.Request:
     """Return a request to reset the chain to a named state.
 
-    `rotor` [rotor spacings] and `velocity` [m/s] belong to the state 'soliton', and `joints`, the
-    angles of joints [rad], to the state 'angles'.
+    Only the state 'soliton' uses `rotor` [rotor spacings] and `velocity` [m/s], and only the state
+    'angles' uses the angles of `joints` [rad].
     """
     named = joints or {}
     return Reset.Request(
@@ -205,9 +200,9 @@ def reset_request(
 
 
 def step_request(periods: float) -> Step.Request:
-    """Return a request to advance a paused simulation by a number of publish periods.
+    """Return a request to advance a paused simulation by a positive integer of publish periods.
 
-    Raises ValueError if the number is not a positive integer.
+    Raises ValueError for any other number.
     """
     if not (_finite('periods', periods) == int(periods) and 1 <= periods < 2**32):
         raise ValueError(f'periods = {periods} must be a whole number of 1 or more')
@@ -252,7 +247,7 @@ def is_adjustable(descriptor: ParameterDescriptor) -> bool:
 def adjustable_parameters(
     descriptors: Sequence[ParameterDescriptor], values: Sequence[ParameterValue]
 ) -> list[AdjustableParameter]:
-    """Return adjustable parameters from their descriptors and values, in the same order."""
+    """Return adjustable parameters from their descriptors and their values in the same order."""
     found = []
     for descriptor, value in zip(descriptors, values, strict=False):
         kind, field = _TYPES[descriptor.type]

@@ -21,17 +21,13 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 _POLL_INTERVAL = 0.1
 """The thread waits at most this long for a key before it checks whether it was stopped [s]."""
 _MOST_READ = 64
-"""Largest number of bytes that one read of the terminal returns [B]. A user types fewer bytes in a
-poll interval."""
+"""Most bytes that one read of the terminal returns [B]. A user types fewer in a poll interval."""
 SPACE = ' '
 UP, DOWN, RIGHT = '\x1b[A', '\x1b[B', '\x1b[C'
 
 
 class Keyboard:
-    """Thread that reads the keyboard and calls the action of each pressed key.
-
-    If the process has no terminal, no thread is started.
-    """
+    """Thread that calls the action of each key pressed in the terminal, if there is a terminal."""
 
     def __init__(self, actions: Mapping[str, Callable[[], object]]) -> None:
         self._actions = actions
@@ -82,7 +78,7 @@ def _keys(pressed: str) -> list[str]:
 
 
 _FASTER = 1.1
-"""Each press of the key for faster or slower changes the playback rate by this factor [1]."""
+"""Each press of the key for faster (slower) multiplies (divides) the playback rate by this [1]."""
 _KEYS = 'space: pause; right: next message; up, down: faster, slower'
 
 

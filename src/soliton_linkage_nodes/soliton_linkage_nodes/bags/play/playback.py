@@ -31,10 +31,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 
 @dataclass(frozen=True)
 class PlaybackRange:
-    """Range of receive times from `start` to `end` [ns].
-
-    The bag lasts from `origin` to `last` [ns].
-    """
+    """Times from `start` to `end` [ns] in a bag that lasts from `origin` to `last` [ns]."""
 
     start: int
     end: int
@@ -47,10 +44,10 @@ class PlaybackRange:
         return (self.last - self.origin) / SECOND
 
     def part(self, offset: int, duration: int, until: int) -> PlaybackRange:
-        """Return a part of the bag that begins `offset` [ns] after its start; ValueError if empty.
+        """Return the part from `offset` [ns] after the start of the bag; ValueError if empty.
 
-        As in rosbag2, the part ends `duration` [ns] later or at the time `until` [ns], whichever
-        is later. Arguments that are 0 or negative are ignored.
+        As in rosbag2, the part ends at the later of two times: `until` [ns], and `duration` [ns]
+        after its own start. Arguments that are 0 or negative are ignored.
         """
         start = self.origin + max(offset, 0)
         ends = [start + duration + 1] if duration > 0 else []
@@ -65,10 +62,9 @@ class PlaybackRange:
 
 
 def playback_range(reader: Reader, start_offset: float, playback_until: float) -> PlaybackRange:
-    """Return the range from `start_offset` to `playback_until`.
+    """Return the range between two times after the start of the bag [s]; ValueError if empty.
 
-    Both times are counted from the start of the bag [s]. If `playback_until` is 0, the range ends
-    at the end of the bag.
+    If `playback_until` is 0, the range ends at the end of the bag.
     """
     empty = not reader.message_count
     origin, last = (0, 0) if empty else (reader.start_time, reader.end_time)
@@ -83,10 +79,7 @@ def playback_range(reader: Reader, start_offset: float, playback_until: float) -
 
 
 def find_topics(reader: Reader, names: Sequence[str]) -> list[Connection]:
-    """Return the topics with these names, or all topics if `names` is empty.
-
-    Raises ValueError if a topic is missing.
-    """
+    """Return the topics with these names, or all without `names`; ValueError if one is missing."""
     if not names:
         return list(reader.connections)
     found = (each for name in names for each in types_of_topic(reader, name))
@@ -94,7 +87,7 @@ def find_topics(reader: Reader, names: Sequence[str]) -> list[Connection]:
 
 
 def full_name(reader: Reader, name: str) -> str:
-    """Return the full name of the topic whose name ends with `name`, '' if there is none."""
+    """Return the full name of the topic whose last part is `name`, '' if there is none."""
     ends = (c.topic.rpartition('/')[2] for c in reader.connections)
     return types_of_topic(reader, name)[0].topic if name in ends else ''
 
@@ -102,12 +95,11 @@ def full_name(reader: Reader, name: str) -> str:
 class PlaybackThread:
     """Thread that publishes each message of a bag when it is due.
 
-    At the start the thread calls `prepare(True)`, publishes the last latched messages from before
-    the range, and calls `prepare(False)`. The calls of `prepare` wait for the subscribers of the
-    latched topics (True) and of all other topics (False). Before each message, the thread calls
-    `publish_clock` with the message's receive time [ns]. `finished` is set at the end of the
-    range, but not after a stop. `rounds` is the number of times that the range was started, and
-    `jumps` the number of seeks.
+    The thread first calls `prepare(True)`, which must wait for subscribers of latched topics. It
+    then publishes the last latched messages from before the range, and calls `prepare(False)`,
+    which must wait for all other subscribers. Before each message, it calls `publish_clock` with
+    the receive time of the message [ns]. `finished` is set at the end of the range, but not after
+    a stop. `rounds` is the number of starts of the range, and `jumps` the number of seeks.
     """
 
     def __init__(
@@ -121,10 +113,9 @@ class PlaybackThread:
         longest_gap: float = 0.0,
         limits: BagLimits = DEFAULT_LIMITS,
     ) -> None:
-        """Prepare the playback, which is repeated without end if `loop` is set.
+        """Prepare a playback, which is repeated without end if `loop` is set.
 
-        A time without messages is skipped if it is longer than `longest_gap` [s] and `longest_gap`
-        is not 0.
+        Unless `longest_gap` [s] is 0, longer times without messages are skipped.
         """
         self.failure: Exception | None = None
         self.finished = False
@@ -163,10 +154,7 @@ class PlaybackThread:
             self._thread.join()
 
     def summary(self, of: str = '') -> str:
-        """Return a text with the numbers of played messages, rounds and jumps.
-
-        `of` is inserted after the word "messages", for example ' of <bag>'.
-        """
+        """Return the counts of messages, rounds and jumps as text; `of` follows 'messages'."""
         played, total = self._publishers.published, self._publishers.total
         again = [f'{self.rounds} rounds'] if self.rounds > 1 else []
         again += [f'{self.jumps} jump{"s" if self.jumps > 1 else ""}'] if self.jumps else []
@@ -205,11 +193,7 @@ class PlaybackThread:
         self._progress.end(f'played {self.summary(f" of {self._path}")}')
 
     def _play_from(self, reader: Reader, start: int, ahead: dict[str, int]) -> NextAction:
-        """Play the messages from `start` [ns] on, and return the next action.
-
-        `ahead` maps topics to the receive time of a message that was already published and is
-        therefore omitted.
-        """
+        """Play from `start` [ns] on, and omit the messages whose topic and time are in `ahead`."""
         self._clock.start(start)
         connections = self._publishers.of(reader.connections)
         messages = read_messages(reader, connections, start, self._range.end)
@@ -240,10 +224,9 @@ class PlaybackThread:
             self._clock.start(before + skipped)
 
     def _publish_latched(self, reader: Reader, start: int) -> dict[str, int]:
-        """Publish the latched messages that each topic had at `start` [ns].
+        """Publish each topic's latched messages from before `start` [ns], or else its next one.
 
-        If a topic had none, its first later message is published. The result maps each topic with
-        such a later message to the receive time of this message [ns].
+        Returns the receive times [ns] of the published next messages by topic.
         """
         ahead = {}
         for connection in filter(latched, self._publishers.of(reader.connections)):

@@ -26,9 +26,9 @@ class NextAction(Enum):
 class PlaybackClock:
     """Clock of the playback.
 
-    The playback time [ns] is p = p0 + rate (t - t0), where t is the current time. Each pause, seek
-    or change of the rate sets t0 to the current time and p0 to the playback time. If the clock is
-    not `paced`, each message is due immediately, except in a pause.
+    At the time t, the playback time is p = p0 + rate (t - t0) [ns]. The times p0 and t0 are set
+    again at each pause, seek or change of the rate. If the clock is not `paced`, each message is
+    due immediately, except in a pause.
     """
 
     def __init__(
@@ -41,10 +41,9 @@ class PlaybackClock:
         longest_burst: float = 2.0,
         changed: threading.Condition | None = None,
     ) -> None:
-        """Create a clock.
+        """Limit `play_next` to `longest_step` [s], and `burst` to `longest_burst` [s].
 
-        `play_next` waits at most `longest_step` [s] and `burst` at most `longest_burst` [s],
-        because no other service can be called during this time.
+        While one of these services runs, no other service can be called.
         """
         self.stopping = threading.Event()
         self._longest_step = longest_step
@@ -134,10 +133,7 @@ class PlaybackClock:
             self._changed.notify_all()
 
     def take_sought(self) -> int:
-        """Return the time of the requested seek [ns], and clear the request.
-
-        Raises ValueError if no seek is requested.
-        """
+        """Return and clear the time of the requested seek [ns]; ValueError if there is none."""
         with self._changed:
             sought, self._sought = self._sought, None
         if sought is None:
@@ -145,10 +141,9 @@ class PlaybackClock:
         return sought
 
     def wait_for(self, stamp: int, meanwhile: Callable[[], None] = lambda: None) -> NextAction:
-        """Wait until a message is due, or until a seek or a stop is requested.
+        """Wait until a message with receive time `stamp` [ns] is due, or until a seek or a stop.
 
-        `stamp` is the receive time of the message [ns]. During the wait, `meanwhile` is called ten
-        times per second.
+        Meanwhile, `meanwhile` is called ten times per second.
         """
         while True:
             with self._changed:
@@ -165,7 +160,7 @@ class PlaybackClock:
             meanwhile()
 
     def wait_at_end(self) -> NextAction:
-        """At the end of the bag, wait during a pause until a seek, a stop or a resume."""
+        """If the playback is paused at the end of the bag, wait for a seek, a stop or a resume."""
         with self._changed:
             self._at_end, self._steps = True, 0
             self._changed.notify_all()

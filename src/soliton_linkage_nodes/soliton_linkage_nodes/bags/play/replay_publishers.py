@@ -26,14 +26,14 @@ from soliton_linkage_nodes.runtime.interfaces import wait_for_subscriber
 from soliton_linkage_nodes.runtime.serialization import serialize
 
 _ANSWER_POLL_INTERVAL = 0.05
-"""Poll interval of the stop request while waiting for an answer of the analyser [s]."""
+"""While the player waits for the analyser, it checks for a stop request at this interval [s]."""
 
 
 class Lockstep:
     """Flow control of a replay: a frame waits until the analyser has answered earlier frames.
 
-    A `soliton_state` answers all frames up to its stamp, because the analyser does not answer
-    frames that it rejects.
+    A `soliton_state` counts as the answer to all frames up to its stamp, because the analyser does
+    not answer frames that it rejects.
     """
 
     def __init__(self, node: Node, frames: str, window: int, limit: float) -> None:
@@ -61,7 +61,7 @@ class Lockstep:
     def wait_for_the_analyser(self, limit: float, stopping: threading.Event) -> None:
         """Wait until `soliton_state` has a publisher or `stopping` is set.
 
-        Raises ValueError if no publisher has appeared after `limit` [s].
+        Raises ValueError after `limit` [s].
         """
         deadline = time.monotonic() + limit
         while not self._subscription.get_publisher_count():
@@ -74,10 +74,10 @@ class Lockstep:
                 )
 
     def wait_for_turn(self, topic: str, message: bytes, stopped: Callable[[], bool]) -> None:
-        """Wait until a message may be published.
+        """Wait until a message may be published, or until `stopped()` is true.
 
-        A frame must wait while `window` frames are unanswered. A message of another topic must
-        wait until all frames are answered. When `stopped()` is true, the wait ends.
+        A frame waits while `window` frames are unanswered, any other message until all are
+        answered.
         """
         if topic != self.frames:
             self.settle(stopped)
@@ -126,12 +126,11 @@ def _stamp(message: bytes) -> bytes:
 
 
 _POLL_INTERVAL = Duration(seconds=0.02)
-"""Poll interval of the stop request while waiting for acknowledgements of subscribers."""
+"""While the player waits for acknowledgements, it checks for a stop request at this interval."""
 _MOST_REASONS = 3
-"""Largest number of topics whose rejection an error describes [1]."""
+"""Largest number of rejected topics that an error lists with their reasons [1]."""
 _MOST_TOPICS = 1000
-"""Largest number of topics that are played [1]. Each publisher takes 100 kB of memory and 1 ms to
-create."""
+"""Largest number of topics that are played [1]. Each publisher takes 100 kB of memory and 1 ms."""
 _LONGEST_DELIVERY = 10.0
 """Longest wait until the subscribers have acknowledged the messages [s]."""
 _REJECTED = (ValueError, NameValidationException, rclpy_implementation.RCLError)
@@ -147,10 +146,7 @@ class ReplayPublishers:
     def __init__(
         self, node: Node, connections: Sequence[Connection], stopping: threading.Event
     ) -> None:
-        """Create the publishers, and log which topics are not played.
-
-        Raises ValueError if no topic can be played.
-        """
+        """Create the publishers and log which topics cannot be played; ValueError if none can."""
         if len(connections) > _MOST_TOPICS:
             raise ValueError(
                 f'the bag has {len(connections)} topics, and at most {_MOST_TOPICS} are played; '
@@ -214,10 +210,7 @@ class ReplayPublishers:
         return [each for each in connections if topic_key(each) in played]
 
     def leaves_out(self, connection: Connection) -> bool:
-        """Return whether a topic's next message must be omitted because an analyser publishes.
-
-        If so, the message is counted.
-        """
+        """Return whether a topic's next message must be omitted. Omitted messages are counted."""
         states = self._states.get(connection.topic)
         left_out = states is not None and states.suppressed()
         self.left_out += left_out
@@ -257,7 +250,7 @@ class ReplayPublishers:
             self._lockstep.wait_for_the_analyser(limit, self._stopping)
 
     def deliver(self) -> None:
-        """Wait until all subscribers have received all messages.
+        """Wait until all subscribers have acknowledged all messages.
 
         In lockstep, also wait until the analyser has answered the last frame.
         """
@@ -281,10 +274,7 @@ class ReplayPublishers:
         self._publishers[connection.topic] = publisher
 
     def _wait_for_acknowledgements(self, *topics: str) -> None:
-        """Wait until the subscribers of these topics have acknowledged all messages.
-
-        Without this wait, a full queue would drop messages.
-        """
+        """Wait for the subscribers of these topics, because a full queue would drop messages."""
         deadline = time.monotonic() + _LONGEST_DELIVERY
         for topic in topics:
             patience = Duration() if topic in self._silent else _POLL_INTERVAL
@@ -325,10 +315,7 @@ class RecordedStates:
         self._queried_at = -_QUERY_INTERVAL
 
     def suppressed(self) -> bool:
-        """Return whether the next message must be omitted.
-
-        The start and the end of the suppression are logged.
-        """
+        """Return whether the next message must be omitted. Changes are logged."""
         now = time.monotonic()
         if now - self._queried_at >= _QUERY_INTERVAL:
             self._queried_at = now

@@ -32,17 +32,15 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 
 COMPRESSIONS = ('none', 'zstd')
 _CUSTOM_DATA_INTERVAL = 1.0
-"""Shortest time between two writes of the custom data [s], because each write makes the file
-longer."""
+"""Shortest time between two writes of the custom data [s]. Each write makes the file longer."""
 _RESERVE = 'space_for_the_index'
 _RESERVE_BYTES = 2**20
-"""Disk space that is reserved for the index [B]. It is sufficient for 10,000 chunks, each of which
-needs 100 bytes of the index."""
+"""Disk space that is reserved for the index [B]: 100 bytes for each of 10,000 chunks."""
 
 
 @dataclass(frozen=True)
 class UnfinishedBag:
-    """Bag that another recorder has not finished, and the number of messages of each topic."""
+    """Bag that another recorder left unfinished; `counts` maps topics to numbers of messages."""
 
     path: Path
     file: StoredFile
@@ -51,15 +49,12 @@ class UnfinishedBag:
 
 
 class BagWriter:
-    """Writer of a bag in a directory named `<name>_<first free number>`.
-
-    It may be used by one thread only.
+    """Writer of a bag in a directory named `<name>_<first free number>`, for use by one thread.
 
     At intervals of `flush_interval` [s], pending messages are passed to the operating system, so
     that they are not lost if the process is killed. At intervals of `sync_interval` [s], the file
-    is synchronised to the disk; 0 means never. A reserve file is removed before the index is
-    written, so that the index also fits on a full disk. The methods raise OSError if the bag
-    cannot be written.
+    is synchronised to the disk; 0 means never. After a failed write, a reserve file is removed, so
+    that the index fits on a full disk. The methods raise OSError if the bag cannot be written.
     """
 
     def __init__(
@@ -86,7 +81,7 @@ class BagWriter:
         self.finished = False
         self._is_continued = begun is not None
         self.gap_description = ''
-        """Text for the log about the time that a continued bag lacks, '' for a new bag."""
+        """Log text about the time that is missing in a continued bag, '' for a new bag."""
         self._is_open = False
         self._begun: int | None = None
         self._codec = '' if compression == 'none' else compression
@@ -125,10 +120,7 @@ class BagWriter:
         return len(self._files) + 1
 
     def add_topic(self, topic: str, type_name: str, *profiles: QoSProfile) -> StoredTopic:
-        """Add a topic and the QoS profiles of its publishers.
-
-        Raises ValueError if the type of the topic is not installed.
-        """
+        """Add a topic with its QoS profiles; ValueError if its type is not installed."""
         known = self._known.get((topic, type_name))
         if known is not None:
             return known
@@ -194,7 +186,7 @@ class BagWriter:
     def checkpoint(self) -> None:
         """Flush messages and write the custom data.
 
-        Unless `sync_interval` is 0, it also synchronises the file to the disk.
+        Unless `sync_interval` is 0, also synchronise the file to the disk.
         """
         with self._naming_the_bag():
             self._file.flush()
@@ -203,10 +195,7 @@ class BagWriter:
                 self._sync_file()
 
     def set_custom_data(self, custom_data: Mapping[str, str]) -> None:
-        """Set entries of the custom data, which are part of the bag's metadata.
-
-        They are written at most once per second while recording, and when the bag is closed.
-        """
+        """Set custom data of the bag, which is written at most once per second and at the end."""
         self._custom_data.update(custom_data)
 
     def add_gap(self, start: int, end: int) -> None:

@@ -28,30 +28,24 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.pacing import IdlePriority
 
 _LONGEST_TEXT = 1000
-"""A value whose text is longer than this, such as a long list, is not included in the custom data
-[characters]."""
+"""Values whose text is at least this long [characters], such as long lists, are not stored."""
 _CHAIN_TYPE = type_name(interfaces.CHAIN.type)
 
 
 class RecordingMetadata:
-    """Custom data of a bag: chains, suite version, command line, and numbers of lost messages."""
+    """Custom data of a bag: parameters of chains, suite version, command line, lost messages."""
 
     def __init__(self) -> None:
         self._chains: dict[str, dict[str, Any]] = {}
 
     def take(self, messages: Iterable[ReceivedMessage]) -> None:
-        """Store the parameters of the chains that messages on the topic `chain` describe."""
+        """Store the chain parameters that messages of the topic `chain` contain."""
         for source, _, serialized in messages:
             if source.type_name == _CHAIN_TYPE:
                 self._chains[source.name] = _parameters_of(serialized)
 
     def texts(self, losses: Mapping[str, int], missed: Mapping[str, int]) -> dict[str, str]:
-        """Return the custom data.
-
-        For each topic, `losses` is the number of messages that were published while recording but
-        are not in the bag, and `missed` the number that were sent before their publisher was
-        connected.
-        """
+        """Return the custom data. `losses` and `missed` are those of `ReceivingThread`."""
         return {
             'lost_messages': json.dumps(losses),
             'missed_messages': json.dumps(missed),
@@ -80,11 +74,11 @@ class DiscoveryTimes:
     announcement: float = 3.2
     """Shortest duration of the discovery [s], so that every process announces itself once."""
     quiet: float = 1.0
-    """All publishers count as discovered if the numbers of known and of connected publishers have
-    not changed for this time [s]."""
+    """The discovery ends if the numbers of known and connected publishers do not change for this
+    [s]."""
     longest: float = 10.0
-    """After this time [s], the recorder no longer waits for a publisher that is not connected,
-    because it may have been killed."""
+    """The wait for unconnected publishers ends after this [s], because they may have been
+    killed."""
 
 
 class DiscoveryWait:
@@ -94,8 +88,7 @@ class DiscoveryWait:
         self, times: DiscoveryTimes = DiscoveryTimes(), clock: Callable[[], float] = time.monotonic
     ) -> None:
         self.missing: list[str] = []
-        """Topics that had a publisher without a connection to the recorder at the last call of
-        `done`."""
+        """Topics that had an unconnected publisher at the last call of `done`."""
         self._times = times
         self._clock = clock
         self._begun = self._since = clock()
@@ -114,16 +107,14 @@ class DiscoveryWait:
 
 
 _POLL_INTERVAL = 0.05
-"""Time between two rounds, in each of which all waiting messages are taken from the middleware
-[s]."""
+"""Time between two rounds [s]. A round takes all waiting messages from the middleware."""
 _DISCOVERY_INTERVAL = 0.01
-"""Time between two queries of the ROS graph for awaited topics [s]. A query takes at most 0.1
-ms."""
+"""Time between two searches for new topics [s]. A search takes at most 0.1 ms."""
 _LONGEST_ROUND = 5.0
 """Longest wait of `settle` for two rounds of the thread [s]. Two rounds usually take 0.1 s."""
 _LONGEST_TRANSPORT = 2.0
-"""Longest wait of `settle` for messages that are still in transport [s]. Usually a later message
-of the same publisher ends the wait earlier."""
+"""Longest wait of `settle` for messages in transport [s]. Usually, later messages end it
+before."""
 _SEARCH_INTERVAL = 0.25
 """Time between two searches for new publishers of the subscribed topics [s]."""
 
@@ -131,10 +122,9 @@ _SEARCH_INTERVAL = 0.25
 class ReceivingThread:
     """Thread that takes messages from the middleware and passes them to the writing thread.
 
-    The messages of a round are sorted by receive time.
-
-    The subscriptions are not added to an executor, because a callback cannot receive both the
-    serialized message and its sequence number.
+    The messages of a round are sorted by receive time. The subscriptions are not added to an
+    executor, because a callback cannot receive both the serialized message and its sequence
+    number.
     """
 
     def __init__(
@@ -146,11 +136,7 @@ class ReceivingThread:
         real_time: bool = False,
         discovery: DiscoveryTimes = DiscoveryTimes(),
     ) -> None:
-        """Start the thread.
-
-        After the discovery, the thread calls `announce` with the topics that have a publisher to
-        which the recorder is not connected.
-        """
+        """Start the thread. It passes the unconnected topics to `announce` after the discovery."""
         self.failure: Exception | None = None
         self._finder = finder
         self._buffer = buffer
@@ -183,7 +169,7 @@ class ReceivingThread:
 
     @property
     def missed(self) -> dict[str, int]:
-        """For each topic, the number of messages sent before their publisher was connected."""
+        """For each topic, the number of messages that were sent before the recorder connected."""
         missed = {each.source.name: each.starts.missed for each in self._subscriptions}
         return {name: number for name, number in missed.items() if number}
 
@@ -206,9 +192,9 @@ class ReceivingThread:
             )
 
     def resume(self) -> int:
-        """End a pause; return the number of latched messages that are then recorded.
+        """End a pause, and record the last message that each latched topic received in the pause.
 
-        The last message of each latched topic in the pause is recorded, because it is still valid.
+        Returns the number of these messages.
         """
         if self._buffer.paused:
             self._bag.add_gap(self._paused_at, time.time_ns())

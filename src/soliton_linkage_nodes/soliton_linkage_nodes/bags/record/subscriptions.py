@@ -21,11 +21,10 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, Info, qos_for_all
 
 _DEPTH = 5000
-"""Queue depth of a subscription [messages], enough for five seconds at 1000 messages per
-second."""
+"""Queue depth of a subscription [messages], enough for five seconds at 1000 Hz."""
 _STREAM_PERIOD = SECOND
-"""A topic with a longer message period than this [ns] is no stream. The recorder does not wait for
-the next message of such a topic, because this may take long."""
+"""The recorder waits for the next message of a topic only if the last period was below this
+[ns]."""
 
 
 class RecordedSubscription:
@@ -34,11 +33,7 @@ class RecordedSubscription:
     def __init__(
         self, node: GuardedNode, source: RecordedTopic, message_type: Any, wanted_since: int
     ) -> None:
-        """Subscribe to the topic `source`.
-
-        Messages that were sent after `wanted_since` [ns] but before the connection are counted as
-        missed.
-        """
+        """Subscribe to `source`; earlier messages since `wanted_since` [ns] count as missed."""
         self.source = source
         self.gaps = SequenceGaps()
         self.starts = MissedStarts()
@@ -51,11 +46,7 @@ class RecordedSubscription:
         self._sent = self._sent_before = 0
 
     def drain(self) -> list[ReceivedMessage]:
-        """Take all waiting messages.
-
-        Of the latched messages that were sent before the subscription, only the last one is
-        returned.
-        """
+        """Take waiting messages, but only the last latched one from before the subscription."""
         taken: list[ReceivedMessage] = []
         is_history = False
         for serialized, info in self._subscription.waiting():
@@ -79,11 +70,9 @@ class RecordedSubscription:
             self.starts.add(number, sent, info['received_timestamp'] - self._wanted_since)
 
     def may_lack(self, until: int) -> bool:
-        """Return whether to wait for more messages that were sent before the time `until` [ns].
+        """Return whether messages that were sent before the time `until` [ns] may arrive soon.
 
-        This is the case if the last two received messages were sent in the second before `until`.
-        The topic is then a stream, in which a message that was sent after `until` soon ends the
-        wait.
+        This is assumed if the last two messages were sent in the second before `until`.
         """
         return self._sent < until < self._sent_before + _STREAM_PERIOD
 
@@ -95,8 +84,7 @@ class RecordedSubscription:
     def adapt(self, query: bool) -> list[ReceivedMessage]:
         """Subscribe again if the publishers require another QoS; return the messages that waited.
 
-        The publishers are looked up in the ROS graph if they may have changed or if `query` is
-        set.
+        Unless `query` is set, the ROS graph is queried only if the publishers may have changed.
         """
         unsettled = not self._subscription.as_requested or self.connected != self.publishers
         if not (self._subscription.changed or unsettled or query):
@@ -141,10 +129,7 @@ class TopicFinder:
 
     @property
     def appeared(self) -> bool:
-        """Whether `find` may find new topics.
-
-        This is the case if an awaited topic has a publisher or the list of all topics has changed.
-        """
+        """Whether `find` may find new topics."""
         new = self._regex is not None and self._names() != self._searched
         return new or any(map(self._node.count_publishers, self.awaited))
 
@@ -217,10 +202,7 @@ class RecordingBuffer:
     def __init__(
         self, snapshot: float = 0.0, paused: bool = False, most_kept: int = _MOST_KEPT
     ) -> None:
-        """Create a buffer that keeps the messages of the last `snapshot` [s].
-
-        At 0, there are no snapshots, and messages are recorded continuously.
-        """
+        """Keep the messages of the last `snapshot` [s]. At 0, they are recorded immediately."""
         self.paused = paused
         self._most_kept = most_kept
         self._window = round(snapshot * SECOND)
@@ -252,15 +234,12 @@ class RecordingBuffer:
         return []
 
     def resume(self) -> list[ReceivedMessage]:
-        """End a pause; return each latched topic's last message in the pause, to be recorded."""
+        """End a pause; return the last message of each latched topic that came in the pause."""
         self.paused = False
         return [] if self._window else self._take_latched()
 
     def snapshot(self) -> list[ReceivedMessage]:
-        """Return the messages of the snapshot and remove them.
-
-        The last message of each latched topic before the snapshot is included.
-        """
+        """Empty the buffer; return the snapshot and each latched topic's last earlier message."""
         # On a busy machine, messages of different topics may arrive here out of order.
         recent = [message for message in self._kept if not self._is_old(message)]
         self._keep_latched(filter(self._is_old, self._kept))

@@ -20,8 +20,7 @@ _FLUSH_INTERVAL = 0.1
 _LONGEST_FLUSH = 5.0
 """Longest wait of `flush` for the disk [s]."""
 _MOST_WAITING = 512 * 2**20
-"""Largest total size of the messages that wait to be written [B]. It is enough for ten seconds of
-1000 rotors at 1000 Hz."""
+"""Largest total size of the messages in the queue [B]: ten seconds of 1000 rotors at 1000 Hz."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +44,9 @@ class ReceivedMessage(NamedTuple):
 class WritingThread:
     """Thread that writes messages in the order of the calls of `put`.
 
-    If the disk is slow, up to 512 MiB of messages wait. Further messages are dropped and counted
-    in `dropped`. If a write fails, the thread finishes the bag, if possible, and stores the error
-    in `failure`.
+    Up to `most_waiting` bytes wait for a slow disk. Further messages are dropped and counted in
+    `dropped`. If a write fails, the thread finishes the bag, if possible, and stores the error in
+    `failure`.
     """
 
     def __init__(
@@ -119,7 +118,7 @@ class WritingThread:
             written.wait(_LONGEST_FLUSH)
 
     def after_checkpoint(self, act: Callable[[], object]) -> None:
-        """Call `act` when all messages that are queued now are synchronised to disk."""
+        """Call `act` after all queued messages are written and the writer made a checkpoint."""
 
         def keep() -> None:
             self.writer.checkpoint()

@@ -29,14 +29,11 @@ _FOOTER_SIZE = 20
 """Size of the footer [B], which contains two offsets and a checksum."""
 _TAIL = mcap.RECORD_HEADER.size + _FOOTER_SIZE + len(mcap.MAGIC)
 _MESSAGE_COST = 250
-"""Approximate memory that a message takes while it waits to be yielded, in addition to its data
-[B]."""
+"""Assumed memory of a message that waits to be yielded, in addition to its data [B]."""
 _MOST_WAITING = 4
-"""If chunks overlap in time, their messages wait in memory until they can be yielded in order. The
-waiting messages may take this number times `max_unpacked` [1]."""
+"""Messages of chunks that overlap in time may occupy this number times `max_unpacked` [1]."""
 _LONGEST_RUN = 2**20
-"""Largest size of a run of consecutive messages outside of chunks [B]. A run is read as a
-whole."""
+"""Size above which a run of messages outside of chunks is ended [B]. A run is read as a whole."""
 _CHUNK_INDEX = struct.Struct('<QQQQ')
 _stamp = attrgetter('stamp')
 
@@ -44,8 +41,7 @@ _stamp = attrgetter('stamp')
 class _Stretch(NamedTuple):
     """Part of a file: a chunk, or a run of consecutive messages outside of chunks.
 
-    `start` and `end` are its first and last receive time [ns]. `offset` is its position in the
-    file and `size` its length [B].
+    `start` and `end` are its first and last receive time [ns], `offset` is its position [B].
     """
 
     start: int
@@ -57,8 +53,8 @@ class _Stretch(NamedTuple):
 class IndexedMcap(LimitedReader):
     """Reader of the messages of an MCAP file in the order of their receive times.
 
-    `open` reads the index. If the index is incomplete, it reads the whole file instead. The
-    methods raise ValueError if the file is damaged or exceeds the limits.
+    `open` reads the index or, if it is incomplete, the whole file. The methods raise ValueError if
+    the file is damaged or exceeds the limits.
     """
 
     def __init__(self, path: Path) -> None:
@@ -113,10 +109,7 @@ class IndexedMcap(LimitedReader):
     def messages(
         self, connections: Iterable[Connection], start: int | None = None, stop: int | None = None
     ) -> Messages:
-        """Yield topic, receive time [ns] and bytes of the messages of some topics.
-
-        Only messages with receive times in the interval [start, stop) are read.
-        """
+        """Yield the messages of `connections` with receive times in [start, stop) [ns]."""
         wanted = {each.id: each for each in connections}
         first = 0 if start is None else start
         last = LAST_STAMP if stop is None else stop - 1
@@ -183,10 +176,7 @@ class IndexedMcap(LimitedReader):
         return counts
 
     def _add_part(self, part: _Stretch, in_run: bool) -> None:
-        """Add a chunk, or a message outside of chunks if `in_run` is set.
-
-        If such a message directly follows another one, both are joined to a run.
-        """
+        """Add a chunk or, with `in_run`, a message, which extends a run that ends before it."""
         last = self._parts[-1] if self._parts and in_run else part
         follows = last.offset not in self._after and last.offset + last.size == part.offset
         if follows and self._data[last.offset] == Opcode.MESSAGE and last.size < _LONGEST_RUN:

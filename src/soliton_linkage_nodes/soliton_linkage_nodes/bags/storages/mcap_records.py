@@ -78,7 +78,7 @@ def record(opcode: Opcode, *parts: bytes) -> bytes:
 
 
 def sized(data: bytes) -> bytes:
-    """Return the length of `data`, followed by `data`."""
+    """Return the length of `data` in four bytes, followed by `data`."""
     return struct.pack('<I', len(data)) + data
 
 
@@ -101,10 +101,7 @@ def channel_record(channel: Channel) -> bytes:
 
 
 def topic_of(channel: Channel, schemas: Mapping[int, Schema]) -> StoredTopic:
-    """Return the topic of a channel.
-
-    If the schema of the channel is missing, the type is unknown.
-    """
+    """Return the topic of a channel, without a type if the schema of the channel is missing."""
     schema = schemas.get(channel.schema) or Schema(0, '', 'ros2msg' if channel.schema else '', b'')
     texts, definition = dict(channel.metadata), schema.data.decode(errors='surrogateescape')
     own = schema.encoding, texts.pop(_DIGEST, ''), texts.pop(_PROFILES, ''), channel.encoding
@@ -113,11 +110,10 @@ def topic_of(channel: Channel, schemas: Mapping[int, Schema]) -> StoredTopic:
 
 
 def channel_of(topic: StoredTopic, schema: int) -> Channel:
-    """Return the channel of a topic.
+    """Return the channel of a topic, whose schema has the number `schema`.
 
-    `schema` is the number of the schema of the topic. If the topic is in CDR, the metadata of the
-    channel has entries for QoS and type hash even if these entries are empty, because rosbag2
-    requires them.
+    The metadata of a CDR channel has entries for QoS and type hash even if these are empty,
+    because rosbag2 requires them.
     """
     own = {_PROFILES: topic.profiles, _DIGEST: topic.digest}
     if topic.serialization != CDR:
@@ -163,19 +159,15 @@ def chunk_record(
 def message_index_record(channel: int, entries: Sequence[int]) -> bytes:
     """Return the record that lists the messages of a channel in a chunk.
 
-    `entries` contains, for each message, its receive time [ns] and then its offset in the chunk
-    [B].
+    `entries` contains the receive time [ns] and the offset in the chunk [B] of each message in
+    turn.
     """
     packed = struct.pack(f'<{len(entries)}Q', *entries)
     return record(Opcode.MESSAGE_INDEX, struct.pack('<H', channel), sized(packed))
 
 
 def attachment_index_record(body: Bytes, offset: int, length: int) -> bytes:
-    """Return the index record of an attachment.
-
-    `body` is the body of the attachment's record, and `offset` and `length` are the position and
-    the size of this record [B].
-    """
+    """Return the index of an attachment from its record's body, offset [B] and length [B]."""
     fields = Fields(body)
     times, name, media_type = bytes(fields.take(16)), fields.sized(), fields.sized()
     size = struct.pack('<Q', fields.number(8))
@@ -185,11 +177,7 @@ def attachment_index_record(body: Bytes, offset: int, length: int) -> bytes:
 
 
 def data_is_intact(data: Bytes, end: int) -> bool:
-    """Return whether the first `end` bytes of `data` agree with the checksum that follows them.
-
-    The checksum is in the record at `end`. If it is 0, there is no checksum, and the data counts
-    as intact.
-    """
+    """Return whether the first `end` bytes fit the checksum after them; True without checksum."""
     begin = end + RECORD_HEADER.size
     checksum = int.from_bytes(data[begin : begin + 4], 'little')
     return not checksum or crc32(data[:end]) == checksum
@@ -203,10 +191,7 @@ def attachment_is_intact(body: Bytes) -> bool:
 
 
 class Fields:
-    """Parser that reads the fields of a record one after the other.
-
-    Raises ValueError if a field exceeds the record.
-    """
+    """Parser of the fields of a record, in order. ValueError if a field exceeds the record."""
 
     def __init__(self, body: Bytes) -> None:
         self._body = body
@@ -231,10 +216,7 @@ class Fields:
         return int.from_bytes(self.take(size), 'little')
 
     def sized(self) -> Bytes:
-        """Return the next byte string.
-
-        In the record, the length of the string precedes the string.
-        """
+        """Return the next byte string, which follows its length."""
         return self.take(self.number(4))
 
     def text(self) -> str:
@@ -269,7 +251,7 @@ def define(
 ) -> None:
     """Add the schema or channel of a record to `schemas` or `channels`; ignore other records.
 
-    Raises ValueError if the schema or channel is invalid.
+    Raises ValueError if it is invalid.
     """
     if opcode == Opcode.SCHEMA:
         schema = parse_schema(body)
@@ -309,16 +291,12 @@ _LAYOUTS: dict[int, tuple[int, tuple[int, ...], int]] = {
     Opcode.SUMMARY_OFFSET: (17, (), 0),
     Opcode.DATA_END: (4, (), 0),
 }
-"""Layout of the body of a record for each opcode: total size of the numbers at the start [B]; for
-each text or data field after them, the size of its length field [B]; and total size of the numbers
-at the end [B]."""
+"""Layout of each record's body: size of the numbers at its start [B], size of the length field of
+each following text or data field [B], and size of the numbers at its end [B]."""
 
 
 def extra_bytes(opcode: int, body: Bytes) -> int:
-    """Return the number of bytes after the known fields of a record.
-
-    Raises ValueError if a known field is missing.
-    """
+    """Return the number of bytes after the known fields; ValueError if a field is missing."""
     head, lengths, tail = _LAYOUTS[opcode]
     fields = Fields(body)
     fields.take(head)
@@ -335,8 +313,8 @@ def extra_bytes(opcode: int, body: Bytes) -> int:
 class ChunkHead:
     """Head of a chunk record.
 
-    `uncompressed` and `packed` are the sizes of its content before and after compression, and
-    `begin` is the position of the content in the body of the record [B].
+    In the body of the record, the content begins at `begin` and has the size `packed` [B]. Its
+    size before compression is `uncompressed` [B].
     """
 
     uncompressed: int
@@ -366,7 +344,7 @@ def parse_chunk_head(body: Bytes) -> ChunkHead:
 def unpack(head: ChunkHead, packed: Bytes, most: int) -> tuple[Bytes, bool]:
     """Return the records in a chunk, and whether they are intact.
 
-    A chunk that has more than `most` [B] after decompression is not decompressed.
+    If they have more than `most` bytes after decompression, returns b'' and False.
     """
     if head.uncompressed > most:
         return b'', False
@@ -392,7 +370,7 @@ def records_in(data: Bytes) -> Iterator[tuple[int, int, Bytes]]:
 def messages_in(records: Bytes, strict: bool = True) -> Iterator[Message]:
     """Yield the messages among some records.
 
-    Unless `strict`, messages that are too short are skipped.
+    A message that is too short raises ValueError or, unless `strict`, is skipped.
     """
     for _, opcode, body in records_in(records):
         if opcode == Opcode.MESSAGE and (strict or len(body) >= MESSAGE_HEADER.size):

@@ -21,10 +21,9 @@ from soliton_linkage_nodes.bags.stored_topic import completed
 
 
 class _Chunk(NamedTuple):
-    """Chunk of a file.
+    """Chunk of a file, with its record at `offset` and the record's body at `begin` [B].
 
-    `offset` is the position of its record and `begin` that of the record's body [B]. `cut` is
-    whether the file ends within the chunk. `rejected` is a text about an exceeded limit, or ''.
+    `cut` is whether the file ends within the chunk, `rejected` a text about an exceeded limit.
     """
 
     offset: int
@@ -128,10 +127,7 @@ class RecoveredMcap(RecoveredFile):
             self.report_damage('it does not end like an MCAP file')
 
     def _take(self, offset: int) -> int | None:
-        """Process the record at `offset`, and return the offset of the next record [B].
-
-        Returns None if the record is invalid.
-        """
+        """Process a record; return the offset of the next one [B], None if it is invalid."""
         if len(self._data) - offset < mcap.RECORD_HEADER.size:
             return None
         opcode, size = mcap.RECORD_HEADER.unpack_from(self._data, offset)
@@ -279,27 +275,20 @@ class RecoveredMcap(RecoveredFile):
 
 
 KINDS: Final = range(Opcode.HEADER, Opcode.DATA_END + 1)
-"""Opcodes that the MCAP format defines. Records with other opcodes are allowed, and readers skip
-them."""
+"""Opcodes of the MCAP format. Other opcodes are allowed, and readers skip their records."""
 _IN_CHUNKS: Final = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 LARGEST_CHUNK_HEAD: Final = 64
-"""Largest size of the head of a chunk [B], which consists of 40 bytes of numbers and the name of
-the codec."""
+"""Largest size of the head of a chunk [B]: 40 bytes of numbers, and the name of the codec."""
 _HEAD = re.compile(rb'[\x01-\x0f](?=.{5}\x00\x00\x00)', re.DOTALL)
 """Pattern of the head of a record: an opcode, and a length below 2^40 bytes."""
 _SHORTEST, _LONGEST = 4, 2**40
 """Smallest and largest plausible size of the body of a record [B]."""
 _WINDOW = 2**26
-"""Each time that this number of bytes of the file has been searched, their memory is released
-[B]."""
+"""The memory of the mapped file is released whenever this much more was searched [B]."""
 
 
 def _may_follow(data: Bytes, offset: int) -> bool:
-    """Return whether the bytes at `offset`, the end of a record, may continue an intact file.
-
-    This is the case if they may be the head of a record or the magic bytes, or if the file ends
-    there.
-    """
+    """Return whether a record, the magic bytes or the end of the file may be at `offset`."""
     rest = data[offset : offset + mcap.RECORD_HEADER.size]
     if len(rest) < mcap.RECORD_HEADER.size:
         return not rest or bool(rest[0])
@@ -323,11 +312,7 @@ def next_record(data: memoryview, begin: int) -> int:
 
 
 def _is_record(data: Bytes, offset: int) -> bool:
-    """Return whether a record begins at `offset`.
-
-    A chunk must have a valid head. Any other record must be valid and followed by another record
-    or by the end of the file.
-    """
+    """Return whether a valid record begins at `offset`; a chunk only needs a valid head."""
     opcode, size = mcap.RECORD_HEADER.unpack_from(data, offset)
     begin = offset + mcap.RECORD_HEADER.size
     end = begin + size

@@ -25,13 +25,11 @@ damaged byte causes the loss of more messages; with smaller chunks, the file is 
 class McapWriter:
     """Writer of an MCAP file that consists of chunks with checksums.
 
-    Raises OSError if a write fails.
-
     The definitions of all topics are repeated at intervals, so that messages stay readable if
     another part of the file is lost. Every chunk contains a message, because MCAP C++ before 2.0.1
-    ignores the index if the first chunk has no message. If a write fails, the file is truncated to
-    its length before this write. `counts` maps topic numbers to numbers of messages, and `span`
-    contains the first and the last receive time [ns].
+    ignores the index if the first chunk has no message. If a write fails, OSError is raised, and
+    the file is truncated to its length before this write. `counts` maps topic numbers to numbers
+    of messages, and `span` contains the first and the last receive time [ns].
     """
 
     def __init__(self, path: Path, codec: str = '', definitions_interval: float = 10.0) -> None:
@@ -58,10 +56,7 @@ class McapWriter:
 
     @property
     def size(self) -> int:
-        """Size of the file [B].
-
-        It includes the chunk that is not yet written, unless chunks are compressed.
-        """
+        """Size of the file [B], including the pending chunk unless chunks are compressed."""
         return self._end if self._codec else self._end + self._chunk.tell()
 
     def add_topic(self, topic: StoredTopic) -> None:
@@ -80,10 +75,7 @@ class McapWriter:
     def write(
         self, number: int, stamp: int, data: bytes, published: int | None = None, sequence: int = 0
     ) -> None:
-        """Add a message of the topic `number`.
-
-        `stamp` is the receive time and `published` the publish time [ns].
-        """
+        """Add a message that was received at `stamp` and published at `published` [ns]."""
         self._entries[number] += (stamp, self._chunk.tell())
         self._chunk.write(mcap.message_head(number, stamp, len(data), published, sequence))
         self._chunk.write(data)
@@ -92,10 +84,7 @@ class McapWriter:
             self.flush()
 
     def flush(self) -> None:
-        """Pass pending messages to the operating system.
-
-        They are then not lost if the process is killed.
-        """
+        """Pass pending messages to the operating system, to keep them if the process is killed."""
         if not self._entries:
             if self._pending_definitions:
                 self._append(self._pending_definitions)

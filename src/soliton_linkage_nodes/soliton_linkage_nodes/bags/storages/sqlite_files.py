@@ -30,29 +30,22 @@ from soliton_linkage_nodes.bags.stored_topic import StoredTopic, completed
 _LEAST_ROW = 4
 """Size of the shortest row of a table [B]. A file of n bytes therefore has at most n / 4 rows."""
 _PATIENCE = 4.0
-"""Time limit for the search for a row [s], to which the time for reading the whole file is
-added."""
+"""A search for a row may take this [s] plus the time for reading the whole file."""
 _SLOWEST_DISK = 20e6
-"""Assumed read rate of a slow disk [B/s], from which the time for reading the file is computed."""
+"""Assumed read rate of a disk [B/s], from which the time for reading the file is computed."""
 _CHECK_EVERY = 20_000
-"""Number of instructions that SQLite executes between two checks of the time limit [1]. So many
-instructions take less than 1 ms."""
+"""Number of SQLite instructions between two checks of the time limit [1]. They take below 1 ms."""
 _LONGEST_SQL = 20_000
-"""Longest accepted definition of a table [characters]. The definitions in bags have 200
-characters."""
+"""Longest accepted definition of a table [characters]. Definitions in bags have 200 characters."""
 
 
 class Tables:
-    """Tables of a sqlite3 file, which are only read.
-
-    The methods raise sqlite3.Error if the file is damaged.
-    """
+    """Read-only tables of a sqlite3 file. Methods raise sqlite3.Error if the file is damaged."""
 
     def __init__(self, path: Path, largest_value: int, damaged: bool = False) -> None:
-        """Open a file.
+        """Open a file; values with more than `largest_value` bytes are read as None.
 
-        Values with more than `largest_value` bytes are read as None. With `damaged`, a truncated
-        file can also be opened.
+        With `damaged`, a truncated file can also be opened.
         """
         path = regular_file(path)
         self._largest = largest_value
@@ -85,10 +78,7 @@ class Tables:
         return self._database.execute(f'PRAGMA {text}').fetchall()
 
     def columns(self, table: str) -> list[str]:
-        """Return the names of the columns of a table.
-
-        For views and other unusual tables, it returns [].
-        """
+        """Return the names of the columns of a table, [] for views and other unusual tables."""
         self._restart_time_limit()
         query = 'SELECT type, rootpage FROM sqlite_master WHERE name = ? LIMIT 2'
         found = self._database.execute(query, (table,)).fetchall()
@@ -135,10 +125,7 @@ class Tables:
         return found[0], found[1]
 
     def topics(self) -> Iterator[tuple[Any, ...]]:
-        """Yield the fields of a `StoredTopic` for each topic.
-
-        The types of the values are not checked.
-        """
+        """Yield the fields of a `StoredTopic` for each topic, with unchecked types."""
         definitions: dict[Any, tuple[Any, Any]] = {}
         if self.columns('message_definitions'):
             columns = ('topic_type', 'encoding', 'encoded_message_definition')
@@ -153,10 +140,7 @@ class Tables:
             yield number, name, kind, text, encoding, digest, profiles, serialization
 
     def _check(self, table: str, columns: Sequence[str]) -> None:
-        """Raise sqlite3.Error unless a table has the given columns.
-
-        It also restarts the time limit.
-        """
+        """Raise sqlite3.Error unless a table has the given columns; restart the time limit."""
         held = self.columns(table)
         if missing := [name for name in columns if name not in held]:
             raise sqlite3.DatabaseError(f'{table} is not a table with {", ".join(missing)}')
@@ -167,8 +151,7 @@ class Tables:
 
 
 _MOST_SELECTED = 500
-"""Largest number of topics in a condition of an SQL statement [1]. If more topics are requested,
-the rows of all topics are read."""
+"""If more topics than this are requested [1], the rows of all topics are read."""
 _TOPIC = ('id', 'name', 'type', 'serialization_format')
 _MESSAGE = ('topic_id', 'timestamp', 'data')
 
@@ -204,10 +187,7 @@ class StoredSqlite(LimitedReader):
     def messages(
         self, connections: Iterable[Connection], start: int | None = None, stop: int | None = None
     ) -> Messages:
-        """Yield topic, receive time [ns] and bytes of the messages of some topics.
-
-        Only messages with receive times in the interval [start, stop) are read.
-        """
+        """Yield the messages of `connections` with receive times in [start, stop) [ns]."""
         if self._tables is None:
             raise sqlite3.ProgrammingError('the file is not open')
         wanted = {each.id: each for each in connections}
@@ -305,11 +285,9 @@ class RecoveredSqlite(RecoveredFile):
 
 
 def _with_journal(path: Path, folder: Path, excess: int = 0) -> Path:
-    """Return a path from which a file can be read together with its journal.
+    """Return `path` or, if it has a journal or `excess` bytes, the path of a copy in `folder`.
 
-    If the file has a journal or ends with `excess` bytes of an incomplete page, the result is the
-    path of a copy in `folder`, otherwise `path`. The copy contains the changes in the journal and
-    lacks the last `excess` bytes.
+    The copy contains the changes in the journal and lacks the last `excess` bytes.
     """
     journals = [Path(f'{path}{end}') for end in ('-journal', '-wal')]
     present = [each for each in journals if each.is_file() and each.stat().st_size]

@@ -33,10 +33,9 @@ LAST_STAMP = 2**63 - 1
 
 
 class Message(NamedTuple):
-    """Message of a bag.
+    """Message of a bag, with receive time `stamp` and publish time `published` [ns].
 
-    `topic` is the number of its topic, `stamp` its receive time and `published` its publish time
-    [ns].
+    `topic` is the number of its topic.
     """
 
     topic: int
@@ -51,10 +50,7 @@ Messages = Generator[tuple[Connection, int, bytes], None, None]
 
 
 class LimitedReader:
-    """Base class of readers with the interface of the storage readers of rosbags.
-
-    To change the `limits`, set them before `open` is called.
-    """
+    """Base class of storage readers for rosbags. Set `limits` before `open` is called."""
 
     def __init__(self) -> None:
         self.limits = DEFAULT_LIMITS
@@ -88,10 +84,7 @@ def summary_of(
     distribution: str | None = None,
     custom: dict[str, str] | None = None,
 ) -> ReaderMetadata:
-    """Return the metadata of a bag in the form of rosbags.
-
-    `span` contains the first and the last receive time [ns], or is None without messages.
-    """
+    """Return a bag's metadata for rosbags; `span` is first and last receive time [ns], if any."""
     times = 0, LAST_STAMP, 0, 0
     if span:
         start, end = span
@@ -112,10 +105,7 @@ class RecoveredFile(ABC):
     def __init__(
         self, path: Path, doubtful: bool = False, limits: BagLimits = DEFAULT_LIMITS
     ) -> None:
-        """Read the file, except for its messages.
-
-        With `doubtful`, messages with wrong checksums are also recovered.
-        """
+        """Read all but the messages; with `doubtful`, wrong checksums of messages are ignored."""
         self.topics: dict[int, StoredTopic] = {}
         self.custom_data: dict[str, str] = {}
         self.damage: list[str] = []
