@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from soliton_linkage_studies.active.runs import (
     ActiveRun,
     ActiveTask,
     WallDrive,
+    follow_charge,
     motorised,
     moving,
     outcome,
@@ -48,25 +50,27 @@ Walls in chains whose motors put a torque κ (q_n − q_(n+1)) on both rotors of
 (a) Terminal velocity of kinks (filled marks) and anti-kinks (open marks) against κ / c, where c is
 the linear damping. Lines are the theory: κ / c times a ratio of two sums along the orbit of the
 wall. Error bars show standard errors and are smaller than most marks. Fast walls are slower than
-the theory, because they radiate phonons. Slow anti-kinks of the wobbler are pinned. (b)
-Displacement of each rotor over time, for a kink ahead of an anti-kink. Both move towards the last
-rotor. Colours are those of the kymographs; the black line is the track of the kink. The slopes of
-the dashed lines are the velocities of the theory. (c) The same for a kink behind an anti-kink.
-They meet and annihilate.
+the theory, because they radiate phonons. The lines of anti-kinks are dotted where an anti-kink at
+rest is pinned; the simulated ones start in motion. (b) Displacement u of each rotor over time, for
+a kink ahead of an anti-kink: orange if u < 0, white if u = 0, purple if u > 0. Both walls move
+towards the last rotor. The black line is the track of the kink. The slopes of the dashed green
+lines are the velocities of the theory. (c) The same for a kink behind an anti-kink. They meet and
+annihilate. Between the two pale lines that remain, the staggered angles are near π − θ̄, with the
+same displacement as θ̄.
 
 (d) Fate of an anti-kink of the first chain with fixed ends, against κ / c and the decay rate c /
 (M r²): it runs (sky blue dots), is pinned (crosses), breaks up (red triangles) or vanishes (black
 squares). Below the solid line a resting anti-kink is pinned. To the right of the dashed line,
 waves grow in an infinite uniform chain. (e) Power of the motors (blue) and of the damping (red),
-for a kink that starts at rest. The dashed green line is the theory at the terminal velocity. (f)
-Site of a kink that starts against the motors and turns back. The slope of the dashed line is the
-velocity of the theory.
+for a kink that starts at rest. The dashed green line is the theory c v² Σ t² at the terminal
+velocity v. (f) Site of a kink that starts against the motors and turns back. The slope of the
+dashed green line is the velocity of the theory.
 """
 _TITLES = {
     'a': 'a  Terminal velocity',
     'b': 'b  Kink ahead of an anti-kink',
     'c': 'c  Kink behind an anti-kink',
-    'd': 'd  Anti-kink',
+    'd': 'd  Fate of an anti-kink',
     'e': 'e  Power balance of a kink from rest',
     'f': 'f  Kink that starts against the motors',
 }
@@ -185,22 +189,16 @@ def page(
     first = next(iter(study.chains))
     for panel in 'bc':
         _draw_pair(report, panel, panels[panel], tasks[panel,].chain, runs[panel,])
-    for charge in (1, -1):
-        velocity = study.pair_ratio * drives[first, charge].ratio
-        panels['b'].plot(
-            *_line_through_middle(runs['b',], tasks['b',].chain, charge, velocity),
-            '--',
-            color=BLACK,
-            linewidth=0.8,
-        )
+    for panel, charge in (('b', 1), ('b', -1), ('f', 1)):
+        active, recording = tasks[panel,].chain, runs[panel,].recording
+        found = [wall_sites(active, angles) for angles in recording.angles]
+        track = recording.times, follow_charge(found, charge)
+        velocity = drives[first, charge].velocity(active)
+        _compare_track(report, panels[panel], (panel, charge), track, velocity)
     _draw_diagram(report, panels['d'], study, drives, tasks, runs)
     _draw_power(report, panels['e'], drives[first, 1], tasks['e',], runs['e',])
     run = runs['f',]
     panels['f'].plot(run.recording.times, run.sites, color=BLUE)
-    velocity = study.pair_ratio * drives[first, 1].ratio
-    line = _line_through_middle(run, tasks['f',].chain, 1, velocity)
-    panels['f'].plot(*line, '--', color=RED, linewidth=1)
-    report.add_points('f', 'theory', (_TIME, _SITE), *line)
     report.add_points('f', 'kink', (_TIME, _SITE), run.recording.times, run.sites)
     panels['f'].set(xlabel=_TIME, ylabel=_SITE)
     largest = max(each.imbalance for key, each in runs.items() if key[0] != 'd')
@@ -226,6 +224,7 @@ def _draw_velocities(
         keys = [key for key in tasks if key[:3] == ('a', name, charge)]
         ratios = np.array([key[3] for key in keys])
         measured = np.array([terminal_velocity(tasks[key], runs[key]) for key in keys])
+        theory = [drive.velocity(tasks[key].chain) for key in keys]
         face = colour if charge > 0 else 'none'
         series = f'{name}, {kind}'
         axes.errorbar(
@@ -238,38 +237,53 @@ def _draw_velocities(
             markersize=5,
             label=series,
         )
-        axes.plot(ratios, ratios * drive.ratio, '-' if charge > 0 else '--', color=colour)
+        onset = drive.pinning / tasks[keys[0]].chain.damping
+        bend = float(np.clip(onset, ratios[0], ratios[-1]))
+        for ends, line in (((ratios[0], bend), ':'), ((bend, ratios[-1]), '--')):
+            style = '-' if charge > 0 else line
+            axes.plot(ends, np.array(ends) * drive.ratio, style, color=colour)
         names_of_axes = (_RATIO, _VELOCITY)
         report.add_points('a', f'{series}: measured', names_of_axes, ratios, measured[:, 0])
         report.add_points('a', f'{series}: standard error', names_of_axes, ratios, measured[:, 1])
-        report.add_points('a', f'{series}: theory', names_of_axes, ratios, ratios * drive.ratio)
-        for ratio, (velocity, _) in zip(ratios, measured, strict=True):
+        report.add_points('a', f'{series}: theory', names_of_axes, ratios, theory)
+        for ratio, expected, (velocity, _) in zip(ratios, theory, measured, strict=True):
             report.add_comparison(
                 f'{_VELOCITY}, {series}, κ / c = {ratio:g} / s',
                 f'2 κ / c = {2 * ratio:g} (wide walls)',
-                'κ <g> / (c Σ t²)',
+                'κ <g> / (c Σ t²)' if ratio > onset else f'pinned, or {expected:.5g} in motion',
                 float(velocity),
-                float(ratio * drive.ratio),
+                expected if ratio > onset else math.nan,
             )
     axes.set(xlabel=_RATIO, ylabel=_VELOCITY)
     axes.legend(fontsize='x-small')
 
 
-def _line_through_middle(
-    run: ActiveRun, chain: Chain, charge: int, velocity: float
-) -> tuple[Array, Array]:
-    """Return times [s] and sites [rotor spacings] of a line with the slope `velocity`.
+def _compare_track(
+    report: FigureReport,
+    axes: Axes,
+    where: tuple[str, int],
+    track: tuple[Array, Array],
+    velocity: float,
+) -> None:
+    """Draw the theory beside the second half of the track of a wall, and compare the velocities.
 
-    `velocity` is in [rotor spacings/s]. The line covers the second half of the motion of the first
-    wall with the given charge, and ends at the last site of this wall.
+    `where` contains the panel and the charge of the wall, `track` the times [s] and the sites
+    [rotor spacings]. `velocity` is that of the theory [rotor spacings/s].
     """
-    found: dict[float, float] = {}
-    for time, angles in zip(run.recording.times, run.recording.angles, strict=True):
-        for site, of_wall in wall_sites(chain, angles):
-            if of_wall == charge:
-                found.setdefault(float(time), site)
-    times = np.array(list(found))[len(found) // 2 :]
-    return times, found[float(times[-1])] + velocity * (times - times[-1])
+    tracked = np.flatnonzero(np.isfinite(track[1]))
+    times, sites = (each[tracked[len(tracked) // 2 :]] for each in track)
+    line = sites.mean() + velocity * (times - times.mean())
+    panel, charge = where
+    kind, names = 'kink' if charge > 0 else 'anti-kink', (_TIME, _SITE)
+    axes.plot(times, line, '--', color=GREEN, linewidth=2, zorder=3)
+    report.add_points(panel, f'{kind}: theory', names, times, line)
+    report.add_comparison(
+        f'{_VELOCITY}, {kind} of panel {panel}',
+        '',
+        'κ <g> / (c Σ t²)',
+        float(np.polyfit(times, sites, 1)[0]),
+        velocity,
+    )
 
 
 def _draw_pair(report: FigureReport, panel: str, axes: Axes, chain: Chain, run: ActiveRun) -> None:
@@ -313,6 +327,9 @@ def _draw_diagram(
     axes.set(xscale='log', yscale='log', xlabel=_RATIO, ylabel='decay rate c / (M r²) [1/s]')
     spread = 1.3
     axes.set_xlim(min(study.diagram_ratios) / spread, spread * max(study.diagram_ratios))
+    axes.set_xticks(study.diagram_ratios, [f'{each:g}' for each in study.diagram_ratios])
+    axes.set_yticks(study.diagram_decays, [f'{each:g}' for each in study.diagram_decays])
+    axes.minorticks_off()
     axes.legend(fontsize='x-small', ncols=4, loc='lower right', bbox_to_anchor=(1.0, 1.0))
 
 
@@ -320,22 +337,21 @@ def _draw_power(
     report: FigureReport, axes: Axes, drive: WallDrive, task: ActiveTask, run: ActiveRun
 ) -> None:
     chain, times = task.chain, run.recording.times
-    velocity = chain.non_reciprocity / chain.damping * drive.ratio
-    start, end = 10, len(times) * 3 // 4
+    end = len(times) * 3 // 4
     powers: list[tuple[str, str, Array]] = [
         ('motors', BLUE, run.injected),
         ('damping', RED, run.dissipated),
     ]
     for name, colour, power in powers:
-        axes.plot(times, 1e6 * power, color=colour, label=name)
+        axes.plot(times, 1e3 * power, color=colour, label=name)
         report.add_points('e', name, (_TIME, 'power [W]'), times, power)
-    squares = float((run.recording.rates[start:end] ** 2).sum(axis=1)[-1])
-    measured = run.sites[end] - run.sites[end - 20]
-    measured /= times[end] - times[end - 20]
-    expected = chain.damping * squares * (velocity / measured) ** 2
-    axes.axhline(1e6 * expected, color=GREEN, linestyle='--', linewidth=1)
-    axes.set(xlabel=_TIME, ylabel='power [µW]')
+    expected = chain.damping * drive.velocity(chain) ** 2 * drive.squares
+    axes.axhline(1e3 * expected, color=GREEN, linestyle='--', linewidth=1)
+    axes.set(xlabel=_TIME, ylabel='power [mW]')
     axes.legend(fontsize='x-small')
+    report.add_comparison(
+        'terminal power of the damping [W]', '', 'c v² Σ t²', float(run.dissipated[end]), expected
+    )
     report.add_comparison(
         'ratio of the powers of motors and damping at the end',
         '',

@@ -52,6 +52,12 @@ class WallDrive:
     pinning: float
     """Smallest non-reciprocity that moves a resting wall [N m/rad]; 0 for kinks, which are not
     pinned."""
+    squares: float
+    """Sum of the squares of the tangent over all rotors [rad^2], averaged over sites."""
+
+    def velocity(self, chain: Chain) -> float:
+        """Return the terminal velocity in a chain with motors [rotor spacings/s]."""
+        return chain.non_reciprocity / chain.damping * self.ratio
 
 
 def wall_drive(chain: Chain, charge: int) -> WallDrive:
@@ -73,7 +79,8 @@ def wall_drive(chain: Chain, charge: int) -> WallDrive:
     rise = CubicSpline(sites, chain.elastic_energy(states))(sites, 1)
     means = [CubicSpline(sites, each).integrate(sites[0], sites[-1]) for each in (drive, squares)]
     pinning = 0.0 if charge > 0 else float((rise / drive).max())
-    return WallDrive(float(means[0] / means[1]), pinning)
+    mean_drive, mean_squares = (float(each) / (sites[-1] - sites[0]) for each in means)
+    return WallDrive(mean_drive / mean_squares, pinning, mean_squares)
 
 
 def stability_limit(chain: Chain) -> float:

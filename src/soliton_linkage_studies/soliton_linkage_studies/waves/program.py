@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,231 +13,55 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from scipy.optimize import brentq
 
-from soliton_linkage.dynamics.elastic import ElasticSimulation
-from soliton_linkage.linear.bands import band_edges, dispersion
-from soliton_linkage.linear.statics import stiffness_matrix
-from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage.linkage.recording import Recording
-from soliton_linkage.solitons.static_wall import static_wall
-from soliton_linkage_studies.active.runs import wall_sites
+from soliton_linkage.linear.bands import band_edges
+from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_studies.figure_report import FigureReport, save_page
-from soliton_linkage_studies.palette import BLACK, BLUE, GREY, PALE, RED, WHITE
+from soliton_linkage_studies.palette import BLACK, BLUE, GREY, ORANGE, PALE, RED, WHITE
 from soliton_linkage_studies.program import run_parallel, run_study, study_parser
 from soliton_linkage_studies.settings import Section, chain_from, load_settings
+from soliton_linkage_studies.waves.runs import (
+    Burst,
+    Spectrum,
+    WaveRun,
+    WaveTask,
+    analysed_sites,
+    energy_per_rotor,
+    group_velocity,
+    packet_velocity,
+    spectrum,
+)
 
-_FIRST = 3
-"""The arrival of a packet is measured from this rotor on [1], because it is outside the near field
-of the driven rotor."""
-_TOLERANCE = 1e-8
-"""Integration error of an angle per step [rad]; it is far smaller than the amplitudes of
-bursts."""
+_CAPTION = """
+Wave packets that a torque on rotor 0 sends into a chain with a resting kink, and into a uniform
+chain.
 
+(a) Energy of each rotor over time. The slope of the dashed lines is the group velocity of linear
+theory; they start at the beginning and at the end of the burst. The red line is the zero of the
+displacement u, which moves unevenly from rotor to rotor. The orange line is the site of the kink
+that the analyser estimates. This site is proportional to the arc length of the orbit. Gaps of the
+line are frames in which the analyser has lost the kink. (b) Displacement of the zero of u against
+the angular frequency of the burst, for each amplitude, averaged over the last fifth of the
+simulation. Error bars are the standard deviation in this time; they are long if the kink still
+moves. Linear theory predicts no displacement outside the phonon band (grey). (c) Displacement of
+the zero of u against the number of cycles of the burst.
 
-@dataclass(frozen=True)
-class Burst:
-    """Burst of torque on rotor 0: a sine with a Hann window.
-
-    The torque of a burst of n cycles is
-
-        tau(t) = I omega^2 A sin(omega t) sin(pi t omega / (2 pi n))^2,    0 < t < 2 pi n / omega
-
-    with the moment of inertia I. A free rotor would oscillate with the amplitude A [rad]. If omega
-    lies in the phonon band, a wave packet moves at the group velocity d omega / dk.
-    """
-
-    frequency: float
-    """Angular frequency omega [rad/s]."""
-    cycles: float
-    """Number of cycles n [1]."""
-    amplitude: float
-    """Amplitude A of a free rotor under this torque [rad]."""
-
-    @property
-    def duration(self) -> float:
-        """Duration of the burst [s]."""
-        return 2 * math.pi * self.cycles / self.frequency
-
-    def torque(self, inertia: float, time: float) -> float:
-        """Return the torque [N m] on a rotor.
-
-        `inertia` is the moment of inertia [kg m^2], `time` the time since the start of the burst
-        [s].
-        """
-        if not 0 < time < self.duration:
-            return 0.0
-        window = math.sin(math.pi * time / self.duration) ** 2
-        largest = inertia * self.frequency**2 * self.amplitude
-        return largest * window * math.sin(self.frequency * time)
-
-
-@dataclass(frozen=True)
-class WaveTask:
-    """Task to send a burst into a chain at rest, with or without a kink."""
-
-    chain: Chain
-    burst: Burst
-    duration: float
-    """Duration of the simulation [s]."""
-    site: float | None = None
-    """Initial site of the kink [rotor spacings]; None means a left-leaning chain without a
-    kink."""
-    frames: int = 400
-
-    def __call__(self) -> WaveRun:
-        """Run the simulation and find the walls in each frame."""
-        chain, inertia = self.chain, float(self.chain.moments_of_inertia[0])
-
-        def force(time: float, angles: Array, _rates: Array) -> Array:
-            torques = np.zeros_like(angles)
-            torques[0] = self.burst.torque(inertia, time)
-            return torques
-
-        site = self.site
-        angles = chain.uniform_state(-1) if site is None else static_wall(chain, site)
-        simulation = ElasticSimulation(
-            chain,
-            angles,
-            period=self.duration / self.frames,
-            tolerance=_TOLERANCE,
-            forces=[force],
-            integrator='DOP853',
-        )
-        recording = simulation.record(self.duration)
-        found = [wall_sites(chain, each) for each in recording.angles]
-        last = math.nan if site is None else site
-        sites = []
-        for walls in found:
-            near = [zero for zero, charge in walls if charge > 0 and abs(zero - last) < 2]
-            last = min(near, key=lambda zero: abs(zero - last)) if near else math.nan
-            sites.append(last)
-        return WaveRun(recording, np.array(sites), len(found[-1]))
-
-
-@dataclass(frozen=True)
-class WaveRun:
-    """Motion of a chain after a burst."""
-
-    recording: Recording
-    sites: Array
-    """Site of the kink in each frame [rotor spacings], shape (T,). NaN without a kink."""
-    walls: int
-    """Number of walls in the last frame."""
-
-    @property
-    def displacement(self) -> float:
-        """Displacement of the kink from its initial site [rotor spacings].
-
-        The final site is a mean over the last fifth of the frames.
-        """
-        return float(np.mean(self._last) - self.sites[0])
-
-    @property
-    def displacement_error(self) -> float:
-        """Standard deviation of the site in the last fifth of the frames [rotor spacings].
-
-        The deviation is large if the kink still moves.
-        """
-        return float(np.std(self._last))
-
-    @property
-    def _last(self) -> Array:
-        return self.sites[-len(self.sites) // 5 :]
-
-
-def energy_per_rotor(chain: Chain, recording: Recording) -> Array:
-    """Return the energy of each rotor [J]: its kinetic energy and half the energy of its springs.
-
-    The result has shape (T, N).
-    """
-    of_springs = 0.5 * chain.stiffnesses * chain.spring_extensions(recording.angles) ** 2
-    kinetic = 0.5 * chain.moments_of_inertia * recording.rates**2
-    return kinetic + chain.gathered(of_springs / 2, of_springs / 2)
-
-
-def group_velocity(chain: Chain, frequency: float) -> float:
-    """Return the group velocity abs(d omega / dk) of phonons [rotor spacings/s].
-
-    The velocity is 0 if the angular frequency [rad/s] is outside the phonon band.
-    """
-    low, high = band_edges(chain)
-    if not low < frequency < high:
-        return 0.0
-
-    def above(phase: float) -> float:
-        return float(dispersion(chain, phase / chain.spacing)) - frequency
-
-    phase, step = float(brentq(above, 1e-6, math.pi - 1e-6)), 1e-5
-    return abs(above(phase + step) - above(phase - step)) / (2 * step)
-
-
-def packet_velocity(chain: Chain, recording: Recording, last: int) -> float:
-    """Return the velocity of a wave packet between rotor 3 and rotor `last` [rotor spacings/s].
-
-    A packet counts as arrived at a rotor when the energy of this rotor and its two neighbours is
-    largest.
-    """
-    energies = energy_per_rotor(chain, recording)
-    smooth = energies[:, 2:-2] + energies[:, 1:-3] + energies[:, 3:-1]
-    arrivals = recording.times[np.argmax(smooth, axis=0)]
-    rotors = np.arange(2, chain.number_of_rotors - 2)
-    used = (rotors >= _FIRST) & (rotors <= last)
-    return float(1 / np.polyfit(rotors[used], arrivals[used], 1)[0])
-
-
-@dataclass(frozen=True)
-class Spectrum:
-    """Normal modes of small vibrations about a resting kink."""
-
-    frequencies: Array
-    """Angular frequencies [rad/s] in ascending order, shape (N,). The first one is 0."""
-    participations: Array
-    """Number of rotors that take part in each mode e of norm 1: 1 / sum_n e_n^4 [1], shape
-    (N,)."""
-    energy: float
-    """Energy of the springs while the chain is at rest [J]."""
-
-
-def spectrum(chain: Chain, site: float) -> Spectrum:
-    """Return the small vibrations about a kink that rests at a site [rotor spacings].
-
-    The modes e obey K e = omega^2 I e with the stiffness matrix K and the moments of inertia I.
-    """
-    angles = static_wall(chain, site)
-    roots = np.sqrt(chain.moments_of_inertia)
-    matrix = stiffness_matrix(chain, angles).toarray() / np.outer(roots, roots)
-    squares, modes = np.linalg.eigh(matrix)
-    return Spectrum(
-        np.sqrt(np.maximum(squares, 0.0)),
-        1 / (modes**4).sum(axis=0),
-        float(chain.elastic_energy(angles)),
-    )
-
-
-_CAPTION = """ Wave packets that a torque on rotor 0 sends into a chain with a resting kink, and
-into a uniform chain. (a) Energy of each rotor over time on a logarithmic scale, dark where it is
-large. The slope of the dashed lines is the group velocity of linear theory; they start at the
-beginning and at the end of the burst. The red line is the zero of the displacement u, the position
-of the kink. (b) Displacement of the kink against the angular frequency of the burst, for each
-amplitude, averaged over the last fifth of the simulation. Error bars are the standard deviation in
-this time; they are long if the kink still moves. Linear theory predicts no displacement outside
-the phonon band (grey). (c) Displacement of the kink against the number of cycles of the burst. (d)
-Number of walls in a uniform chain after a burst, against amplitude and angular frequency. (e)
-Angular frequencies of small vibrations about a kink (dots) against its site; vibrations of few
-rotors are red. The grey band is the phonon band. (f) Energy of the springs along the orbit,
-divided by k_e lbar²; there is no barrier above the rounding error.
+(d) Number of walls in a uniform chain after a burst, against amplitude and angular frequency. The
+dashed lines are the edges of the phonon band. (e) Angular frequencies of small vibrations about a
+kink (dots) against its site; vibrations of few rotors are red. The grey band is the phonon band.
+(f) Energy of the springs along the orbit, divided by k_e lbar²; there is no barrier above the
+rounding error.
 """
 _TITLES = {
     'a': 'a  Wave packet and kink',
-    'b': 'b  Displacement against frequency',
-    'c': 'c  Displacement against cycles',
+    'b': 'b  Displacement of the kink against frequency',
+    'c': 'c  Displacement of the kink against cycles',
     'd': 'd  Walls created in a uniform chain',
     'e': 'e  Vibrations about a kink',
     'f': 'f  Energy of a resting kink',
 }
 _FREQUENCY = 'angular frequency [rad/s]'
-_MOVED = 'displacement of the kink [rotor spacings]'
+_MOVED = 'displacement [rotor spacings]'
 _SITE = 'site [rotor spacings]'
 _TIME = 'time [s]'
 _FEW = 10.0
@@ -331,6 +154,12 @@ def page(study: WaveStudy, runs: Mapping[tuple[Any, ...], WaveRun]) -> FigureRep
         packet_velocity(study.chain, runs['packet',].recording, last),
         group_velocity(study.chain, frequency),
     )
+    report.add_comparison(
+        'displacement of the zero of u in panel a, 1 s after the centre of the packet [rotors]',
+        '',
+        '',
+        _after_packet(study, runs['a',]),
+    )
     for panel, axis in (('b', _FREQUENCY), ('c', 'cycles [1]')):
         for amplitude, colour in zip(study.amplitudes, (BLUE, RED, BLACK, GREY), strict=False):
             keys = [key for key in runs if key[:2] == (panel, amplitude)]
@@ -358,11 +187,18 @@ def page(study: WaveStudy, runs: Mapping[tuple[Any, ...], WaveRun]) -> FigureRep
     return report
 
 
+def _after_packet(study: WaveStudy, run: WaveRun) -> float:
+    velocity = group_velocity(study.chain, study.burst.frequency)
+    arrival = study.burst.duration / 2 + study.site / velocity
+    frame = int(np.searchsorted(run.recording.times, arrival + 1.0))
+    return float(run.sites[min(frame, len(run.sites) - 1)] - run.sites[0])
+
+
 def _draw_packet(report: FigureReport, axes: Axes, study: WaveStudy, run: WaveRun) -> None:
     chain, times, burst = study.chain, run.recording.times, study.burst
     energies = energy_per_rotor(chain, run.recording)
     largest = float(energies.max())
-    axes.imshow(
+    image = axes.imshow(
         np.maximum(energies, 1e-6 * largest).T,
         origin='lower',
         aspect='auto',
@@ -373,7 +209,11 @@ def _draw_packet(report: FigureReport, axes: Axes, study: WaveStudy, run: WaveRu
     speed = group_velocity(chain, burst.frequency)
     for start in (0.0, burst.duration):
         axes.plot(times, speed * (times - start), '--', color=BLUE, linewidth=1)
+    axes.figure.colorbar(image, ax=axes, label='energy of a rotor [J]')
     axes.plot(times, run.sites, color=RED, linewidth=1.5)
+    names = _TIME, _SITE
+    estimates = analysed_sites(chain, run.recording)
+    report.plot(axes, ('a', 'analyser'), names, times, estimates, color=ORANGE, linewidth=1.5)
     axes.set(xlabel=_TIME, ylabel='rotor n [1]', ylim=(-0.5, chain.number_of_rotors - 0.5))
     report.add_points('a', 'kink', (_TIME, 'zero of u [rotor spacings]'), times, run.sites)
 
@@ -389,8 +229,14 @@ def _draw_created(
         axes.axvline(edge, color=WHITE, linewidth=2.5)
         axes.axvline(edge, color=BLACK, linestyle='--', linewidth=1)
     axes.set(xlabel=_FREQUENCY, ylabel='amplitude [rad]')
+    axes.set_ylim(bottom=0)
     for amplitude, row in zip(amplitudes, counts, strict=True):
         report.add_points('d', f'{amplitude:g} rad', (_FREQUENCY, 'walls [1]'), frequencies, row)
+    made = counts.max(axis=1) > 0
+    if made.any():
+        smallest = float(np.array(amplitudes)[made].min())
+        report.add_comparison('smallest amplitude that creates a wall [rad]', '', '', smallest)
+    report.add_comparison('largest number of created walls', '', '', float(counts.max()))
 
 
 def _draw_spectra(
@@ -406,6 +252,10 @@ def _draw_spectra(
         axes.plot(x[few], one.frequencies[few], '.', color=RED, markersize=4)
         report.add_points('e', 'localised', (_SITE, _FREQUENCY), x[few], one.frequencies[few])
     axes.set(xlabel=_SITE, ylabel=_FREQUENCY)
+    highest = [float(one.frequencies[-1]) for one in found]
+    for name, value in (('lowest', min(highest)), ('highest', max(highest))):
+        quantity = f'{name} frequency of the uppermost localised vibration [rad/s]'
+        report.add_comparison(quantity, '', '', value)
     energies = np.array([one.energy for one in found])
     energies /= chain.stiffness * chain.rest_length**2
     panels['f'].plot(sites, energies, '.-', color=BLUE)

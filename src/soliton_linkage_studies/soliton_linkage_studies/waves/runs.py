@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Simulations of wave packets in chains with and without a kink."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+
+from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.estimation.analyser import Analyser
+from soliton_linkage.linear.bands import band_edges, dispersion
+from soliton_linkage.linear.statics import stiffness_matrix
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.recording import Recording
+from soliton_linkage.solitons.static_wall import static_wall
+from soliton_linkage_studies.active.runs import wall_sites
+
+_FIRST = 3
+"""The arrival of a packet is measured from this rotor on [1], because it is outside the near field
+of the driven rotor."""
+_TOLERANCE = 1e-8
+"""Integration error of an angle per step [rad]; it is far smaller than the amplitudes of
+bursts."""
+
+
+@dataclass(frozen=True)
+class Burst:
+    """Burst of torque on rotor 0: a sine with a Hann window.
+
+    The torque of a burst of n cycles is
+
+        tau(t) = I omega^2 A sin(omega t) sin(pi t omega / (2 pi n))^2,    0 < t < 2 pi n / omega
+
+    with the moment of inertia I. A free rotor would oscillate with the amplitude A [rad]. If omega
+    lies in the phonon band, a wave packet moves at the group velocity d omega / dk.
+    """
+
+    frequency: float
+    """Angular frequency omega [rad/s]."""
+    cycles: float
+    """Number of cycles n [1]."""
+    amplitude: float
+    """Amplitude A of a free rotor under this torque [rad]."""
+
+    @property
+    def duration(self) -> float:
+        """Duration of the burst [s]."""
+        return 2 * math.pi * self.cycles / self.frequency
+
+    def torque(self, inertia: float, time: float) -> float:
+        """Return the torque [N m] on a rotor.
+
+        `inertia` is the moment of inertia [kg m^2], `time` the time since the start of the burst
+        [s].
+        """
+        if not 0 < time < self.duration:
+            return 0.0
+        window = math.sin(math.pi * time / self.duration) ** 2
+        largest = inertia * self.frequency**2 * self.amplitude
+        return largest * window * math.sin(self.frequency * time)
+
+
+@dataclass(frozen=True)
+class WaveTask:
+    """Task to send a burst into a chain at rest, with or without a kink."""
+
+    chain: Chain
+    burst: Burst
+    duration: float
+    """Duration of the simulation [s]."""
+    site: float | None = None
+    """Initial site of the kink [rotor spacings]; None means a left-leaning chain without a
+    kink."""
+    frames: int = 400
+
+    def __call__(self) -> WaveRun:
+        """Run the simulation and find the walls in each frame."""
+        chain, inertia = self.chain, float(self.chain.moments_of_inertia[0])
+
+        def force(time: float, angles: Array, _rates: Array) -> Array:
+            torques = np.zeros_like(angles)
+            torques[0] = self.burst.torque(inertia, time)
+            return torques
+
+        site = self.site
+        angles = chain.uniform_state(-1) if site is None else static_wall(chain, site)
+        simulation = ElasticSimulation(
+            chain,
+            angles,
+            period=self.duration / self.frames,
+            tolerance=_TOLERANCE,
+            forces=[force],
+            integrator='DOP853',
+        )
+        recording = simulation.record(self.duration)
+        found = [wall_sites(chain, each) for each in recording.angles]
+        last = math.nan if site is None else site
+        sites = []
+        for walls in found:
+            near = [zero for zero, charge in walls if charge > 0 and abs(zero - last) < 2]
+            last = min(near, key=lambda zero: abs(zero - last)) if near else math.nan
+            sites.append(last)
+        return WaveRun(recording, np.array(sites), len(found[-1]))
+
+
+@dataclass(frozen=True)
+class WaveRun:
+    """Motion of a chain after a burst."""
+
+    recording: Recording
+    sites: Array
+    """Site of the kink in each frame [rotor spacings], shape (T,). NaN without a kink."""
+    walls: int
+    """Number of walls in the last frame."""
+
+    @property
+    def displacement(self) -> float:
+        """Displacement of the kink from its initial site [rotor spacings].
+
+        The final site is a mean over the last fifth of the frames.
+        """
+        return float(np.mean(self._last) - self.sites[0])
+
+    @property
+    def displacement_error(self) -> float:
+        """Standard deviation of the site in the last fifth of the frames [rotor spacings].
+
+        The deviation is large if the kink still moves.
+        """
+        return float(np.std(self._last))
+
+    @property
+    def _last(self) -> Array:
+        return self.sites[-len(self.sites) // 5 :]
+
+
+def energy_per_rotor(chain: Chain, recording: Recording) -> Array:
+    """Return the energy of each rotor [J]: its kinetic energy and half the energy of its springs.
+
+    The result has shape (T, N).
+    """
+    of_springs = 0.5 * chain.stiffnesses * chain.spring_extensions(recording.angles) ** 2
+    kinetic = 0.5 * chain.moments_of_inertia * recording.rates**2
+    return kinetic + chain.gathered(of_springs / 2, of_springs / 2)
+
+
+def analysed_sites(chain: Chain, recording: Recording) -> Array:
+    """Return the site that the analyser estimates in each frame [rotor spacings], shape (T,).
+
+    The site is NaN in frames in which the analyser does not find exactly one wall.
+    """
+    analyser, sites = Analyser(chain), []
+    for time, angles in zip(recording.times, recording.angles, strict=True):
+        walls = analyser.analyse(round(1e9 * time), angles).solitons
+        sites.append(walls[0].rotor if len(walls) == 1 else math.nan)
+    return np.array(sites)
+
+
+def group_velocity(chain: Chain, frequency: float) -> float:
+    """Return the group velocity abs(d omega / dk) of phonons [rotor spacings/s].
+
+    The velocity is 0 if the angular frequency [rad/s] is outside the phonon band.
+    """
+    low, high = band_edges(chain)
+    if not low < frequency < high:
+        return 0.0
+
+    def above(phase: float) -> float:
+        return float(dispersion(chain, phase / chain.spacing)) - frequency
+
+    phase, step = float(brentq(above, 1e-6, math.pi - 1e-6)), 1e-5
+    return abs(above(phase + step) - above(phase - step)) / (2 * step)
+
+
+def packet_velocity(chain: Chain, recording: Recording, last: int) -> float:
+    """Return the velocity of a wave packet between rotor 3 and rotor `last` [rotor spacings/s].
+
+    A packet counts as arrived at a rotor when the energy of this rotor and its two neighbours is
+    largest.
+    """
+    energies = energy_per_rotor(chain, recording)
+    smooth = energies[:, 2:-2] + energies[:, 1:-3] + energies[:, 3:-1]
+    arrivals = recording.times[np.argmax(smooth, axis=0)]
+    rotors = np.arange(2, chain.number_of_rotors - 2)
+    used = (rotors >= _FIRST) & (rotors <= last)
+    return float(1 / np.polyfit(rotors[used], arrivals[used], 1)[0])
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Normal modes of small vibrations about a resting kink."""
+
+    frequencies: Array
+    """Angular frequencies [rad/s] in ascending order, shape (N,). The first one is 0."""
+    participations: Array
+    """Number of rotors that take part in each mode e of norm 1: 1 / sum_n e_n^4 [1], shape
+    (N,)."""
+    energy: float
+    """Energy of the springs while the chain is at rest [J]."""
+
+
+def spectrum(chain: Chain, site: float) -> Spectrum:
+    """Return the small vibrations about a kink that rests at a site [rotor spacings].
+
+    The modes e obey K e = omega^2 I e with the stiffness matrix K and the moments of inertia I.
+    """
+    angles = static_wall(chain, site)
+    roots = np.sqrt(chain.moments_of_inertia)
+    matrix = stiffness_matrix(chain, angles).toarray() / np.outer(roots, roots)
+    squares, modes = np.linalg.eigh(matrix)
+    return Spectrum(
+        np.sqrt(np.maximum(squares, 0.0)),
+        1 / (modes**4).sum(axis=0),
+        float(chain.elastic_energy(angles)),
+    )
