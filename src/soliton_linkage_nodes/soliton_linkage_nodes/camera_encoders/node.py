@@ -56,7 +56,7 @@ _MOST_CAMERAS = 63
 _LONGEST_STATE_AGE = 1.0
 """A `soliton_state` that is older than this is not drawn into the pictures [s]."""
 _STOP_LIMIT = 5.0
-"""Longest wait for the end of the camera thread [s]. The thread may be waiting for a picture."""
+"""Longest wait for the end of the camera thread, which may be waiting for a picture [s]."""
 
 
 @dataclass(frozen=True)
@@ -85,9 +85,9 @@ class CameraEncodersParameters:
 class CameraEncoders(ManagedNode):
     """Node that measures the angles of the rotors in camera pictures.
 
-    The pictures come from a camera of this machine, from `image` or from `image/compressed`. It
-    also subscribes to `camera_info` and `soliton_state`. It publishes `joint_states` [rad]. Their
-    stamp is the time of the exposure, and the angle of a hidden rotor is NaN. It also publishes
+    The pictures come from a camera of this machine, from `image` or from `image/compressed`. The
+    node also subscribes to `camera_info` and `soliton_state`. It publishes `joint_states` [rad],
+    stamped with the time of the exposure; the angle of a hidden rotor is NaN. It also publishes
     `joint_state_deviations` [rad] and `/diagnostics`, `camera_overlay` if it has a subscriber, and
     `chain` if parameters describe the chain.
     """
@@ -156,9 +156,9 @@ class CameraEncoders(ManagedNode):
         self._reset_measurement()
 
     def measure(self, stamp: int, picture: Picture) -> None:
-        """Measure and publish the angles in a picture.
+        """Publish the angles in a picture; ValueError if the picture is rejected.
 
-        `stamp` is the time of its exposure [ns]. Raises ValueError if the picture is rejected.
+        `stamp` is the time of the exposure [ns].
         """
         if self._measurement is None or self._named is None:
             return

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node that estimates the lengths of a chain from its joint states."""
+"""Node that estimates each rotor length, pivot distance and spring rest length of a chain."""

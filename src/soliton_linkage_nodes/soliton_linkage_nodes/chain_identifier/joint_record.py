@@ -29,10 +29,9 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 _MOST_IMPULSES = 10_000
 """Largest number of impulses of each kind, and of tilts, that are stored [1]."""
 _MOST_UNMATCHED = 100
-"""Largest number of stored messages of `joint_state_deviations` whose frame is not stored [1]."""
+"""Largest number of stored deviations whose frame is not stored [1]."""
 _Impulses = deque[tuple[int, Array | None]]
-"""Stamp [ns] and angular impulses [N m s] of shape (N,) for each time at which impulses acted. The
-impulses are None if only the time is known."""
+"""Stamp [ns] and angular impulses [N m s], shape (N,), or None if only the stamp is known."""
 
 
 def _no_impulses() -> _Impulses:
@@ -46,7 +45,7 @@ class JointRecord:
     """
 
     def __init__(self, joint_names: Sequence[str], most: int) -> None:
-        """Create a record that stores at most `most` frames.
+        """Create a record of at most `most` frames.
 
         If `joint_names` is empty, the names in the first message are used.
         """
@@ -75,10 +74,7 @@ class JointRecord:
             self._keep(frame)
 
     def finish(self) -> None:
-        """Store the last frame, although some of its joints may be missing.
-
-        Raises ValueError if it is invalid.
-        """
+        """Store the last frame, which may lack joints; ValueError if it is invalid."""
         for frame in self._assembler.flush():
             self._keep(frame)
 
@@ -104,7 +100,7 @@ class JointRecord:
     def add_command(self, message: RotorImpulses | JointState, received: int) -> None:
         """Store commanded impulses, or the time of commanded torques.
 
-        If the message has no stamp, the time `received` [ns] replaces the stamp.
+        `received` [ns] replaces the stamp if the message has none.
         """
         stamp = time_from_msg(message.header.stamp) or received
         if isinstance(message, RotorImpulses):

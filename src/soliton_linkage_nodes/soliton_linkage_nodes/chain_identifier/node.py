@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node that estimates the lengths of a chain after a soliton has passed through it."""
+"""Node that estimates each rotor length, pivot distance and spring rest length of a chain."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class ChainIdentifierParameters:
 
 
 class ChainIdentifier(ManagedNode):
-    """Node that estimates every length of a chain from the angles of its joints.
+    """Node that estimates each rotor length, pivot distance and spring rest length of a chain.
 
     It subscribes to `joint_states`, `joint_state_deviations` and `tilt`, and to
     `delivered_impulses` and `delivery`, which report the impulses on the chain. If no impulses are

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameter file of an identified chain.
-
-The parameters in the file are accepted by every node of the suite.
-"""
+"""Parameter file of an identified chain, which every node of the suite accepts."""
 
 from __future__ import annotations
 
@@ -31,10 +28,7 @@ _MEANINGS = {
 def write_parameters(
     found: Identification, joint_names: Sequence[str], source: str, path: Path
 ) -> None:
-    """Write the parameter file of an identified chain.
-
-    Its first line names the `source` of the data.
-    """
+    """Write the parameter file of an identified chain; its first line names `source`."""
     path.write_text('\n'.join(_lines(found, joint_names, source)) + '\n', encoding='utf-8')
 
 

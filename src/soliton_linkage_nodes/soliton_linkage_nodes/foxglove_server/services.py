@@ -35,10 +35,7 @@ class OfferedService:
     """Service of the ROS graph that clients may call."""
 
     def __init__(self, node: Node, name: str, type_: str, queue: Queue, reject: Reject) -> None:
-        """Create the description of the service for clients.
-
-        Raises ValueError if its type is not installed.
-        """
+        """Describe the service for clients; ValueError if its type is not installed."""
         self.name, self.type = name, type_
         self.answer_timeout = 10.0
         """Longest wait for the response of the service [s]."""
@@ -73,7 +70,7 @@ class OfferedService:
             self._waiting = [each for each in self._waiting if not each[1].done()]
 
     def close(self) -> None:
-        """Destroy the ROS client of the service. Requests that still wait fail with an error."""
+        """Destroy the ROS client of the service; requests that still wait fail with an error."""
         for _, answer in self._waiting:
             _set_result(answer, ValueError(f'{self.name} ended'))
         self._waiting.clear()
@@ -81,10 +78,7 @@ class OfferedService:
             self._node.destroy_client(self._client)
 
     def _respond(self, request: ServiceRequest) -> bytes:
-        """Forward a request of a client to the service, and return its response.
-
-        This method is called by a thread of the server.
-        """
+        """Return the response of the service to a request; called in a thread of the server."""
         answer: Future[bytes] = Future()
         self._queue(lambda: self._waiting.append((request, answer)))
         try:
@@ -110,17 +104,10 @@ class OfferedService:
 
 
 class OfferedServices:
-    """All services of the ROS graph that clients may call.
-
-    Services of this node and of actions are not included.
-    """
+    """Services of the ROS graph for clients, except services of this node and of actions."""
 
     def __init__(self, node: Node, server: WebSocketServer, queue: Queue, reject: Reject) -> None:
-        """Create the object.
-
-        The services are offered on `server`. `reject` is called for each service whose type is not
-        installed.
-        """
+        """Offer services on `server`; call `reject` for each one whose type is not installed."""
         self.services: dict[str, OfferedService] = {}
         self._node, self._server, self._queue, self._reject = node, server, queue, reject
         self._rejected: dict[str, Sequence[str]] = {}

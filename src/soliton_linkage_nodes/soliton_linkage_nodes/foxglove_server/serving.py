@@ -87,11 +87,7 @@ class OutgoingTopics:
     """Channels for all topics of the ROS graph."""
 
     def __init__(self, node: Node, context: Context, reject: Callable[[str, str], None]) -> None:
-        """Create the object.
-
-        The topics are offered in a `context` of the SDK. `reject` is called for each topic whose
-        type is not installed.
-        """
+        """Offer topics in `context`; call `reject` for each one whose type is not installed."""
         self.topics: dict[str, OutgoingTopic] = {}
         self._sent_by_withdrawn = 0
         self._node, self._context, self._reject = node, context, reject
@@ -144,10 +140,7 @@ class IncomingTopic:
     """Topic on which a client publishes."""
 
     def __init__(self, node: Node, topic: str, type_name: str, encoding: str) -> None:
-        """Create the publisher.
-
-        Raises ValueError if the encoding, the type or the name of the topic is invalid.
-        """
+        """Create the publisher; ValueError if encoding, type or name of the topic is invalid."""
         if encoding not in _ENCODINGS:
             raise ValueError(f'encoding {encoding!r} must be one of {", ".join(_ENCODINGS)}')
         self.name = topic
@@ -207,7 +200,7 @@ class Serving:
         self.services = None if read_only else OfferedServices(node, self._server, queue, reject)
 
     def poll(self, searching: bool) -> None:
-        """Execute requests of clients. With `searching`, also search for topics and services."""
+        """Execute requests of clients; if `searching`, also search for topics and services."""
         if searching:
             self.outgoing.search()
         if self.services is not None:
@@ -230,10 +223,7 @@ class Serving:
         self._new_clients.add(topic)
 
     def advertise(self, key: Key, topic: str, type_name: str, encoding: str) -> None:
-        """Create the publisher of a topic on which a client wants to publish.
-
-        An invalid topic is rejected.
-        """
+        """Create the publisher for a client's channel; an invalid topic is rejected."""
         try:
             self._incoming[key] = IncomingTopic(self._node, topic, type_name, encoding)
         except ValueError as error:
@@ -245,7 +235,7 @@ class Serving:
             self._incoming.pop(key).close()
 
     def publish(self, key: Key, data: bytes) -> None:
-        """Publish a message of a client. An invalid message is rejected."""
+        """Publish a message of a client; an invalid message is rejected."""
         topic = self._incoming.get(key)
         if topic is None:
             return

@@ -28,8 +28,8 @@ PLAYED = (
     interfaces.SOLITON_STATE.name,
     interfaces.LAST_KICK.name,
 )
-"""Names, without their namespace, of the topics that a replay publishes. Command topics are
-omitted, because a replay of commands could drive a real chain."""
+"""Names of the topics that a replay publishes, without namespace. Commands are left out, because
+they could drive a real chain."""
 _MOST_BAGS = 200
 """Largest number of listed bags [1]; older bags are not listed."""
 _TRACK_POINTS = 500
@@ -79,8 +79,8 @@ class BagTrack:
     """Trajectory of the soliton in a bag."""
 
     points: tuple[tuple[float, float | None], ...]
-    """Pairs of a time since the start of the bag [s] and the site coordinate of the soliton at
-    this time [rotor spacings]. The coordinate is None if there is no soliton."""
+    """Pairs of a time since the start of the bag [s] and the site coordinate of the soliton [rotor
+    spacings], None without a soliton."""
     delay: float
     """Time from the stamp of the first joint_states message to its reception [s]."""
 
@@ -103,7 +103,7 @@ class BagCatalogue:
         return found[:_MOST_BAGS]
 
     def bag(self, name: str) -> CataloguedBag:
-        """Return the bag with a name; ValueError if no folder contains it."""
+        """Return the bag with the name `name`; ValueError if no folder contains it."""
         for bag in self.bags():
             if bag.name == name:
                 return bag

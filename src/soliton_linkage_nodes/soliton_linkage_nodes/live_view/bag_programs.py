@@ -29,13 +29,11 @@ _PLAYER = 'bag_player'
 _POLL_INTERVAL = 0.05
 """Poll interval while waiting for a recorder or an analyser [s]."""
 _LONGEST_ANALYSIS = 5.0
-"""When a recording stops, the page waits at most this long for the soliton_state of the last frame
-[s]."""
+"""After a recording, the page waits at most this long for the state of the last frame [s]."""
 _MOST_STEPS = 20
-"""After a seek, a paused replay plays at most this many messages until a frame and its state
-arrive [1]."""
+"""After a seek, a paused replay plays at most this number of messages to show a frame [1]."""
 _STEP_INTERVAL = 0.02
-"""The replay waits this long after each of these messages, so that the page can receive it [s]."""
+"""Pause after each message that is played after a seek, so that the page can receive it [s]."""
 _RESULTS = {
     'pause': 'paused',
     'resume': 'resumed',
@@ -130,10 +128,7 @@ class BagRecording(_BagProgram):
         return ''
 
     async def start(self, namespace: str, snapshot: float = 0.0) -> str:
-        """Start a recorder, and wait until it is connected to all publishers of the chain.
-
-        The arguments are those of `begin`.
-        """
+        """Start a recorder as `begin` does, and wait until it is connected to all publishers."""
         name = self.begin(namespace, snapshot)
         while self.running and not (self.report and self.report.message.startswith('recording')):
             await asyncio.sleep(_POLL_INTERVAL)
@@ -243,10 +238,7 @@ class BagReplay(_BagProgram):
         return f'playing {name}'
 
     async def pause(self, commands: ChainCommands, paused: bool) -> str:
-        """Pause or resume the replay.
-
-        If the bag has ended, resuming plays it again from its start.
-        """
+        """Pause or resume the replay; at the end of the bag, resuming plays it from its start."""
         if self.bag is not None and not self.running and not paused:
             return await self.play(self.bag.name)
         answer = await self._request(commands, REPLAY, 'pause' if paused else 'resume')
@@ -293,10 +285,7 @@ class BagReplay(_BagProgram):
         return f'playing at {rate:g} × the recorded speed'
 
     async def set_loop(self, loop: bool) -> str:
-        """Set whether the replay repeats the bag.
-
-        A running player is restarted at its present position.
-        """
+        """Set whether the replay repeats the bag; a running player restarts at its position."""
         self._check_writable()
         async with self._changing:
             self.loop = loop

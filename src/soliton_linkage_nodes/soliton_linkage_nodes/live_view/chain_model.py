@@ -22,8 +22,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 MOST_ANGLES = 1500
 """Largest number of rotors that are drawn one by one [1]."""
 _GROUPS = 1024
-"""In a chain of more than twice this number of rotors, the overview shows this number of groups of
-rotors [1], about one per pixel."""
+"""Number of groups in the overview of a chain that has more than twice as many rotors [1]."""
 _STATE_TIMEOUT = 1.0
 """If the last soliton_state is older than this [s], the analyser is assumed to have stopped."""
 _HISTORY_PERIOD = 1 / 30
@@ -128,11 +127,9 @@ class ChainModel:
         self._update_derived()
 
     def extend_history(self, joints: JointStates, numbers: Mapping[str, float]) -> None:
-        """Add joint states to the history, unless its last ones are less than 1/30 s earlier.
+        """Add joint states to the history without showing them, at most 30 per second.
 
-        It is for joint states that are not shown themselves, because newer ones have arrived.
-
-        `numbers` are the values of their soliton_state.
+        `numbers` are the values of the soliton_state with the same stamp.
         """
         stamp = joints.stamp / SECOND
         if self._reader is None or not stamp >= self._column_stamp + _HISTORY_PERIOD:
@@ -149,10 +146,7 @@ class ChainModel:
         self._state_received_at = self._clock()
 
     def clear_state(self) -> None:
-        """Delete the values of the last soliton_state.
-
-        It is called before a frame for which no soliton_state is known.
-        """
+        """Delete the values of the last soliton_state, before a frame without one is stored."""
         self.numbers, self._solitons = {}, []
         self._state_received_at = -math.inf
 
@@ -170,7 +164,7 @@ class ChainModel:
     def packed(self, index: int, first: int, last: int) -> bytes:
         """Return the present state as a frame with details of the rotors `first` to `last`.
 
-        `index` is the position of the chain in the list of chains in the status.
+        `index` is the index of the chain in the status.
         """
         first = max(0, min(first, self.rotors - 1))
         last = max(first, min(last, self.rotors - 1))
@@ -205,10 +199,7 @@ class ChainModel:
         return {'error': self.error, **chain_constants(self.named.chain)}
 
     def shared(self, title: str) -> str:
-        """Return an HTML page that shows the last minute.
-
-        Raises ValueError if the chain is unknown or no frame has arrived.
-        """
+        """Return an HTML page that shows the last minute; ValueError without chain or frame."""
         if self.named is None:
             raise ValueError('the chain is unknown: no node publishes the topic chain')
         recent = list(self._minute)
@@ -277,10 +268,10 @@ class ChainModel:
 
 
 def overview(lean: Array) -> Floats:
-    """Return the leans of the rotors for the overview of a chain, in the unit of `lean`.
+    """Return `lean`, the displacements of the rotor tips along the chain, or a summary of them.
 
-    For more than 2048 rotors, it returns the smallest and the largest lean in each of 1024 groups
-    of rotors. The lean of a rotor is the displacement of its tip along the chain.
+    For more than 2048 rotors, the summary has the smallest and the largest displacement in each of
+    1024 groups of neighbouring rotors.
     """
     if len(lean) <= 2 * _GROUPS:
         return np.asarray(lean, dtype=np.float32)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Subscriptions to all chains of a ROS graph. Each chain has its own namespace."""
+"""Subscriptions to all chains of a ROS graph, one chain in each namespace."""
 
 from __future__ import annotations
 
@@ -38,14 +38,12 @@ _SEARCH_INTERVAL = 0.5
 _MOST_REPORTS = 200
 """Largest number of diagnostics messages that one call of `update` processes [1]."""
 _PAIRED = 200
-"""At most this many frames wait for the state with the same stamp, and at most this many states
-wait for their frame [1]."""
+"""Largest number of frames waiting for states, and of states waiting for frames [1]."""
 _SILENCE = 0.5
 """If no soliton_state has arrived for this time [s], frames are shown without a state."""
 _LONGEST_WAIT = 2.0
-"""If a frame and a state with equal stamps have not arrived for this time [s], the newest frame
-and the newest state are shown together. This is necessary because an analyser may use other stamps
-than the encoders."""
+"""After this time without a frame and a state of equal stamps [s], the newest of each are shown,
+because an analyser may use other stamps than the encoders."""
 _LATE_SPAN = 10.0
 """Time window for the fraction of missed deadlines [s]."""
 _MOST_CHAINS = 16
@@ -55,10 +53,7 @@ _MOST_BYTES = 4_000_000
 
 
 class CameraTopic:
-    """Topic `camera_overlay` of a namespace.
-
-    It is subscribed only while a page shows the pictures.
-    """
+    """Topic `camera_overlay` of a namespace, subscribed only while a page shows the pictures."""
 
     def __init__(self, node: Node, namespace: str) -> None:
         self.pictures = 0
@@ -115,7 +110,7 @@ class CameraTopic:
     def packed(self, index: int) -> bytes:
         """Return the newest picture as a binary message for the page.
 
-        `index` is the position of the chain in the list of chains in the status.
+        `index` is the index of the chain in the status.
         """
         age = time.monotonic() - self._received_at
         return pack_camera(index, self._stamp, age, self._jpeg)
@@ -188,19 +183,15 @@ class ChainTopics:
         self._show_frame(frame is not None)
 
     def is_analysed(self, stamp: int) -> bool:
-        """Return whether the state of the frame with this stamp [ns] has arrived.
-
-        The result is also true if no analyser publishes states.
-        """
+        """Return whether the frame at `stamp` [ns] has its state, or no analyser publishes."""
         silent = time.monotonic() - self._state_at > _SILENCE
         return silent or self.newest_state >= stamp
 
     def _show_frame(self, fresh: bool) -> None:
         """Show the newest frame and the newest state that have equal stamps.
 
-        If no frame and state with equal stamps have arrived for 2 s, it shows the newest of each.
-        If no analyser publishes, it shows the newest frame without a state. `fresh` is whether a
-        frame has just arrived.
+        If there have been none for 2 s, show the newest of each. Without an analyser, show the
+        newest frame alone. `fresh` is whether a frame has just arrived.
         """
         now = time.monotonic()
         if fresh and self._shown_at == -math.inf:

@@ -126,7 +126,7 @@ class ChainCommands:
         )
 
     async def pull(self, pull: Pull, updated: Callable[[], Awaitable[None]]) -> str:
-        """Release a held soliton, then pull a rotor by hand; `updated` waits for a new frame."""
+        """Release a held soliton, and pull a rotor while `pull.held`; `updated` awaits a frame."""
         self.check_writable()
         chain = self._finder.chains.get(self.namespace)
         named = chain.model.named if chain else None
@@ -218,10 +218,9 @@ class ChainCommands:
         return await self._call_own(f'chain_identifier/{name}', Trigger.Request())
 
     async def move_to(self, rotor: float, speed: float, position: float) -> str:
-        """Move the soliton to the site coordinate `rotor` [rotor spacings].
+        """Move the soliton from its present site coordinate, `position`, to `rotor`.
 
-        At `speed` 0 [rotor spacings/s], soliton_steering chooses the speed. `position` is the
-        present site coordinate of the soliton [rotor spacings].
+        Both are in [rotor spacings]. At `speed` 0 [rotor spacings/s], soliton_steering chooses it.
         """
         self.check_writable()
         goal = views.move_goal(rotor, speed)
@@ -257,10 +256,9 @@ class ChainCommands:
         raise ValueError(f'{move.state}: {move.message}')
 
     def follow(self, received_at: float, figures: Mapping[str, str]) -> None:
-        """Update the shown move from a report of soliton_steering.
+        """Update the shown move from `figures`, the values in a report of soliton_steering.
 
-        Moves that other clients have requested are known from these reports only. `received_at` is
-        the time of reception [s], and `figures` are the values of the report.
+        Only these reports show moves of other clients. `received_at` is the time of reception [s].
         """
         if received_at <= self._reported_at or 'moves begun' not in figures:
             return
@@ -396,7 +394,7 @@ class ChainCommands:
         raise ValueError(f'{node} has no parameter services; it may have ended')
 
     async def _result_of(self, send: Callable[[], Any]) -> Any:
-        """Call `send` on the executor's thread, and return the result of the future it returns."""
+        """Call `send` on the executor's thread, and return the result of its future."""
         loop = asyncio.get_running_loop()
         result: asyncio.Future[Any] = loop.create_future()
 
@@ -427,10 +425,7 @@ class ChainCommands:
 
 
 def _new_rejection(before: NodeReport | None, report: NodeReport | None, topic: str) -> str:
-    """Return the reason of a new rejection of a message on `topic`, or '' if there is none.
-
-    A rejection is new if `report` counts more rejections than the earlier report `before`.
-    """
+    """Return the reason of a rejection on `topic` between two reports, or '' if there is none."""
     if report is None:
         return ''
     rejected = views.figure(report.figures, 'rejected')

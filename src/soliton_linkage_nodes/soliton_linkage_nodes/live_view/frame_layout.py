@@ -65,7 +65,7 @@ class Column(NamedTuple):
 
 
 def pack(numbers: Mapping[str, float], arrays: Mapping[str, Array | Floats]) -> bytes:
-    """Return a frame as bytes. Missing fields are NaN, and missing arrays are empty."""
+    """Return a frame as bytes; missing fields are NaN, and missing arrays are empty."""
     empty = np.zeros(0, dtype='<f4')
     with np.errstate(over='ignore'):
         parts = [np.asarray(arrays.get(name, empty), dtype='<f4') for name in ARRAYS]

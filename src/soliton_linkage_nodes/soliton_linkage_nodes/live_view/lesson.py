@@ -26,17 +26,14 @@ _SPEEDS = (5.0, 10.0, 20.0)
 _DISORDER = 0.02
 """Relative standard deviation of the lengths of the disordered chain [1]."""
 _MIDDLE = (0.3, 0.7)
-"""The soliton speed is measured between these two positions, far from the edges
-[chain lengths]."""
+"""The soliton speed is measured between these positions, far from the edges [chain lengths]."""
 _TIMEOUT = 60.0
 """Longest wait in each step of an experiment [s], for example for a passage of the soliton."""
 _CONNECTION_TIME = 10.0
-"""A rejected kick is repeated for this time [s], because a new actuator is not connected at
-once."""
+"""A kick that fails is repeated for this time [s], because a new actuator has to connect first."""
 _NODES = ('simulator', 'edge_actuator', 'soliton_analyser')
 _TURN = 1.0
-"""If two passages of the soliton, there and back, have turned a rotor by more than this in total,
-the rotor counts as spinning [rad]."""
+"""A rotor spins if the soliton, passing there and back, turns it by more than this [rad]."""
 
 
 class Sample(NamedTuple):

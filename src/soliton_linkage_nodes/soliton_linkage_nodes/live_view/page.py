@@ -68,8 +68,7 @@ _REFRESH_PERIOD = 0.25
 _BUILD_TIMEOUT = 60.0
 """Time limit for building a page [s], sufficient on a busy machine."""
 _RECONNECT_TIMEOUT = 15.0
-"""If the connection to a browser is interrupted for less than this time [s], the browser keeps its
-page."""
+"""A browser keeps its page if its connection is interrupted for less than this time [s]."""
 _TABS = ('Drive', 'Run', 'Settings', 'Bags', 'Identify')
 _LESSON = 'Lesson'
 _LESSON_TABS = (_LESSON, 'Drive', 'Run')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pull of a rotor by the pointer; it acts like a spring with a limited torque."""
+"""Pull of a rotor by the pointer, modelled as a damped spring with a limited torque."""
 
 from __future__ import annotations
 
@@ -11,13 +11,11 @@ import numpy as np
 from soliton_linkage.linkage.chain import Array, Chain
 
 _ACCELERATION = 200.0
-"""The torque is limited so that it accelerates a free rotor by at most this [rad/s^2]. A rotor
-then reaches 10 rad/s in 0.05 s."""
+"""Largest acceleration of a free rotor by the torque [rad/s^2]: 10 rad/s are reached in 0.05 s."""
 _STRETCH = 1.0
 """Angle between rotor and pointer at which the spring reaches its largest torque [rad]."""
 _TOP_SPEED = 20.0
-"""At this angular speed of the rotor, the damping torque is as large as the largest torque
-[rad/s]."""
+"""At this speed of the rotor, the damping torque equals the largest torque [rad/s]."""
 _DEAD_ZONE = 0.2
 """Radius around the pivot within which the pointer causes no torque [rotor lengths]."""
 
@@ -40,9 +38,7 @@ class Pull:
         self.x, self.z = float(x), float(z)
 
     def torque(self, chain: Chain, angles: Array, rates: Array | None, limit: float) -> float:
-        """Return the torque on the pulled rotor [N m].
-
-        Its absolute value is at most `limit` [N m].
+        """Return the torque on the pulled rotor [N m], limited to +-`limit` [N m].
 
         The `angles` [rad] and `rates` [rad/s] of all rotors have shape (N,).
         """

@@ -35,8 +35,7 @@ _PICTURES = Path(__file__).parent / 'docs' / 'pictures'
 _START_TIMEOUT = 30.0
 """Time limit for the start of the server [s]. NiceGUI needs several seconds on a busy machine."""
 _LONGEST_PERIOD = 0.2
-"""The time between two calls of `tick` is increased while the processor load is high, but to no
-more than this [s]."""
+"""Under high load, the time between two calls of `tick` is increased, but not above this [s]."""
 _LARGEST_MESSAGE = 65536
 """Largest accepted message from a browser [bytes]."""
 _COOKIE = 'soliton_linkage_live_view'
@@ -171,8 +170,8 @@ class PageServer:
 def tick_period(wanted: float, spent: float, share: float) -> float:
     """Return the time until the next tick [s].
 
-    It is `wanted` [s], or longer so that the processor time since the last tick, `spent` [s], is
-    only the fraction `share` of it. It is not made longer than 0.2 s for this purpose.
+    It is `wanted` [s] or, if this is larger, `spent` / `share`, but the latter only up to 0.2 s.
+    `spent` is the processor time since the last tick [s], and `share` is the largest load [1].
     """
     return max(wanted, min(spent / share, _LONGEST_PERIOD))
 
@@ -190,10 +189,10 @@ def is_loopback(host: str) -> bool:
 class Gate:
     """Middleware that rejects requests and streams that do not come from the live page.
 
-    Without the middleware, another web page in the same browser could send commands to the chain
-    (DNS rebinding). If a token is set, a request must contain it. If no token is set, the host
-    name in the request must be one of this machine. If the request states its origin, the origin
-    must be this server.
+    Without it, another web page in the same browser could send commands to the chain (DNS
+    rebinding). If a token is set, a request must contain it; otherwise, the host name in the
+    request must be a name of this machine. If the request states its origin, the origin must be
+    this server.
     """
 
     def __init__(self, guarded: ASGIApp, token: str = '') -> None:

@@ -23,8 +23,7 @@ _LONGEST_DELAY = 0.2
 _ENDING = ('bag_player', 'bag_recorder')
 """Nodes that end in normal operation. The page does not warn if their reports are missing."""
 _FRAMES_BEHIND = 2
-"""The page warns only if soliton_state is delayed by more than this number of frames [1], because
-one frame is always in transit."""
+"""See `_LONGEST_DELAY` [frames]. It is above 1 because one frame is always in transit."""
 _LATE = re.compile('deadlines missed in the last second')
 """Pattern of a warning that the page omits, because the page shows the fraction of late frames."""
 _PAUSED = re.compile(f'{_LATE.pattern}|^(waiting for joint_states|no soliton)')
@@ -48,7 +47,7 @@ CONTROLS = (*_TOPICS, *_SERVICES)
 
 
 def reasons(chain: ChainTopics, commands: ChainCommands) -> dict[str, str]:
-    """Return the reason why each control of a chain is disabled, '' if it is enabled."""
+    """Return for each control of a chain why it is disabled, '' if it is enabled."""
     if commands.read_only:
         return dict.fromkeys(CONTROLS, READ_ONLY)
     if chain.namespace.startswith(REPLAY):

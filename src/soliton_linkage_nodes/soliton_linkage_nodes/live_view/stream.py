@@ -30,21 +30,15 @@ if TYPE_CHECKING:
     from fastapi import WebSocket
 
 _MOST_PENDING = 2
-"""Largest number of frames that were sent to a browser and that it has not yet drawn [1]. It is
-above 1 because one frame is always in transit."""
+"""Largest number of sent frames that a browser has not yet drawn [1]; one is always in transit."""
 _HEARTBEAT = 0.2
-"""An unchanged frame is sent again after this time [s], so that the page can show its present
-age."""
+"""An unchanged frame is sent again after this time [s], so that the page can show its age."""
 _MOST_TILE_ANGLES = 200
-"""Largest number of rotors that are drawn one by one if the page shows all chains side by side
-[1]."""
+"""If all chains are shown, single rotors are drawn in chains of at most this many rotors [1]."""
 
 
 async def carry_out(view: View, name: str, arguments: Mapping[str, Any]) -> str:
-    """Carry out an action that a user has started on the canvas, and return the answer.
-
-    Raises ValueError if the action is rejected.
-    """
+    """Carry out an action from the canvas, and return the answer; ValueError if it is rejected."""
     if view.read_only:
         raise ValueError(READ_ONLY)
     namespace = str(arguments.get('chain', ''))
@@ -70,10 +64,7 @@ async def carry_out(view: View, name: str, arguments: Mapping[str, Any]) -> str:
 
 
 class BrowserStream:
-    """Connection to one browser.
-
-    As soon as the browser has drawn a frame, the newest frame is sent to it.
-    """
+    """Connection to a browser, which receives the newest frame after drawing an earlier one."""
 
     def __init__(self, socket: WebSocket, source: View) -> None:
         self.watched = next(iter(source.chains), '')
@@ -139,10 +130,7 @@ class BrowserStream:
         await self._socket.send_bytes(packed)
 
     def _skipped(self, chain: ChainTopics) -> list[Column]:
-        """Return the columns of the history since the last call, without the newest column.
-
-        The browser receives the newest state as a frame.
-        """
+        """Return new columns of the history without the newest, which is sent as a frame."""
         last = self._sent_stamps.get(chain.namespace, math.inf)
         self._sent_stamps[chain.namespace] = chain.model.stamp
         skipped = list(

@@ -40,8 +40,7 @@ class View:
         self.replay = BagReplay(self.catalogue, logs, finder, read_only)
         self.status = ''
         self.reasons: dict[str, dict[str, str]] = {}
-        """For each namespace, a mapping from controls to the reason why the control is disabled,
-        '' if it is enabled."""
+        """The `reasons` of the chain in each namespace."""
         self._node = node
         self._failures: list[str] = []
         self._packed: dict[tuple[int, int, int], bytes] = {}
@@ -85,11 +84,7 @@ class View:
         )
 
     def packed(self, index: int, chain: ChainTopics, first: int, last: int) -> bytes:
-        """Return a frame of a chain with details of the rotors `first` to `last`.
-
-        A frame is packed only once for all browsers that show the same rotors. `index` is the
-        position of the chain.
-        """
+        """Return a frame of chain number `index` with details of the rotors `first` to `last`."""
         window = index, first, last
         if window not in self._packed:
             self._packed[window] = chain.model.packed(*window)
@@ -100,10 +95,7 @@ class View:
         await self._updated.wait()
 
     def update(self, cameras: Collection[str]) -> None:
-        """Process the newest messages.
-
-        `cameras` are the namespaces whose camera pictures a page shows.
-        """
+        """Process the newest messages, with camera pictures only of the namespaces `cameras`."""
         self._packed.clear()
         self.finder.update()
         for namespace, chain in self.chains.items():

@@ -34,7 +34,7 @@ from soliton_linkage_nodes.runtime import interfaces
 
 _RECORD_CHAIN = 'record the topic chain'
 _MAX_LINES = 3
-"""Of each topic, at most this number of rejected messages are reported one by one [1]."""
+"""At most this number of rejected messages of one topic are reported one by one [1]."""
 
 
 def analyse_frames(
@@ -45,9 +45,9 @@ def analyse_frames(
 ) -> Iterator[tuple[JointStates, Analysis | None]]:
     """Yield each frame of a bag and its analysis, which is None for a late frame.
 
-    A frame is late if its stamp is not after that of the last analysed frame. `given` replaces the
-    chain in the bag. With `log_time`, the receive times replace the stamps. Raises ValueError if
-    the bag has no joint states.
+    A frame is late if its stamp is not after the stamp of the last analysed frame. `given`
+    replaces the chain in the bag. With `log_time`, the receive times replace the stamps. Raises
+    ValueError if the bag has no joint states.
     """
     analysis = analysis or JointStateAnalysis()
     joints = find_topic(reader, interfaces.JOINT_STATES.name)

@@ -117,7 +117,7 @@ class ChainLine:
 
 
 def drawn(leans: Array, solitons: Sequence[float], room: int) -> str:
-    """Return at most `room` marks, each of which stands for one or several neighbouring rotors.
+    """Return a line of at most `room` marks, each for one rotor or several neighbouring rotors.
 
     `leans` are sin(angle) / sin(rest angle) of the rotors. `solitons` contains the site
     coordinates of the solitons [rotor spacings].

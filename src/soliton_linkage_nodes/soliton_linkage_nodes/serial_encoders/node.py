@@ -47,13 +47,11 @@ _CLOCK_READINGS = 3
 """Largest number of attempts to read two clocks without an interruption between the readings
 [1]."""
 _CLOCK_READING_LIMIT = 20_000
-"""A reading of two clocks that takes longer than this was interrupted [ns]. The limit is ten times
-the usual duration."""
+"""If reading two clocks takes longer than this, ten times the usual, it was interrupted [ns]."""
 _WARNING_PERIOD = 1.0
 """Shortest time between two warnings about restarts or jumps of the controller's clock [s]."""
 _LONGEST_DELAY = 0.5
-"""If frames are later than this, the node warns [s]. The analyser skips frames with a longer
-delay."""
+"""The node warns if frames are delayed by more than this, because the analyser skips them [s]."""
 
 
 @dataclass(frozen=True)
@@ -93,8 +91,8 @@ class _LineCounts(NamedTuple):
 class SerialEncoders(ManagedNode):
     """Node that publishes the angles of a microcontroller and sends torques to its valves.
 
-    It publishes `joint_states` [rad]. Their stamp is the time of the measurement, and the angle of
-    a missing rotor is NaN. Before each frame it publishes the impulses of the valves on
+    It publishes `joint_states` [rad], stamped with the time of the measurement; the angle of a
+    missing rotor is NaN. Before each frame it publishes the impulses of the valves on
     `delivered_impulses` [N m s]. It also publishes `/diagnostics`, and `chain` if parameters
     describe the chain. It subscribes to `rotor_torques` [N m]. If the chain has feedback, the
     torques of the feedback are added to these torques.

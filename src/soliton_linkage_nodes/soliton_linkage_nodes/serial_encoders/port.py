@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Serial port that a thread reads. If the connection is lost, the thread opens the port again."""
+"""Serial port that a thread reads, and opens again if the connection is lost."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from typing import Any
 from soliton_linkage_nodes.runtime.pacing import raise_priority
 
 _READ_TIMEOUT = 0.1
-"""The thread waits at most this long for input before it checks whether to close the port [s]."""
+"""The thread waits at most this long for input before it checks whether to end [s]."""
 _WRITE_TIMEOUT = 0.05
 """Longest time that writing a command may take [s], half of the default hold time of the
 controller."""
 _REOPEN_INTERVAL = 0.2
 """Time between two attempts to open a lost port again [s]."""
 _READ_SIZE = 2**16
-"""Largest number of bytes that one call reads [1]. It exceeds the buffer size of the system."""
+"""Largest number of bytes that one call reads [1], more than the system buffers."""
 
 
 def pyserial() -> ModuleType:
@@ -53,7 +53,7 @@ def describe_ports() -> str:
 
 
 class ReopenedPort:
-    """Serial port that a thread reads, and opens again after the connection was lost."""
+    """Serial port that a thread reads, and opens again if the connection is lost."""
 
     def __init__(
         self,

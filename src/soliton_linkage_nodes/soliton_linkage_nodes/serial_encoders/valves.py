@@ -88,8 +88,8 @@ class Valves:
         self._torques = self._feedback = self._sent = np.zeros(rotors)
         self._until = self._feedback_until = 0.0
         self._acting: deque[tuple[float, float, Array]] = deque(maxlen=_MOST_COMMANDS)
-        """For each command that was sent: the time of sending [s], the time at which the
-        controller would close the valves [s], and the torques of `hold` [N m]."""
+        """For each sent command: the time of sending [s], the time at which the controller would
+        close the valves [s], and the torques of `hold` [N m]."""
 
     def hold(self, torques: Array, now: float) -> None:
         """Set the torques [N m], shape (N,), from the time `now` [s] on.
@@ -128,10 +128,9 @@ class Valves:
         self._acting.append((now, now + self._parameters.hold, self._sent))
 
     def delivered(self, until: float) -> Array:
-        """Return the impulses of the torques of `hold` since the last call [N m s], shape (N,).
+        """Return the impulses [N m s], shape (N,), from the last call to the time `until` [s].
 
-        The time since the last call ends at `until` [s]. The torques of the feedback are not
-        included.
+        They are caused by the torques of `hold`; the feedback is not included.
         """
         impulses = np.zeros_like(self._torques)
         while self._acting and self._acting[0][0] < until:

@@ -158,17 +158,13 @@ class SolitonAnalyser(ManagedNode):
         self.waiting.clear()
 
     def _on_chain(self, named: NamedChain) -> None:
-        """Set the chain, and process the messages that were stored while it was unknown."""
         self._analysis.set_chain(named)
         while self.waiting:
             act, serialized = self.waiting.popleft()
             act(serialized)
 
     def take(self, serialized: bytes) -> None:
-        """Analyse a message of joint states and publish the result.
-
-        If the chain is unknown, the message is stored.
-        """
+        """Analyse joint states and publish the result, or store them until the chain is known."""
         # Impulses and standard deviations must be processed before the frame to which they belong,
         # but messages of different topics arrive in any order.
         if self.settings.stamps == 'arrival':
@@ -178,11 +174,7 @@ class SolitonAnalyser(ManagedNode):
         self._act_or_wait(self._analyse, serialized)
 
     def _act_or_wait(self, act: Callable[[bytes], None], serialized: bytes) -> None:
-        """Call `act` with a message.
-
-        If the chain is unknown, the message is stored until it is known; stored messages are
-        processed in the order of their arrival.
-        """
+        """Call `act` with a message, or store it until the chain is known."""
         chain_may_come = self._source.parameters.chain_from != 'nowhere'
         if self._analysis.analyser is None and chain_may_come:
             self.waiting.append((act, serialized))
@@ -277,15 +269,13 @@ def main() -> None:
 _MISFIT_OVER_NOISE = 3.0
 """The node warns of a misfit only if it exceeds this number times the noise of the angles [1]."""
 _CONTRADICTION_CONFIDENCE = 0.999
-"""If the measured motion class contradicts the parameters, the node warns only if the confidence
-of the measured class exceeds this [1]."""
+"""Confidence above which the node warns of a motion class that contradicts the parameters [1]."""
 
 
 def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bool]:
     """Return a text about the state of the analysis, and whether it is a warning.
 
-    It warns of a misfit that exceeds `misfit_limit` [rad] and is not explained by noise or
-    phonons.
+    A misfit is a warning if it exceeds `misfit_limit` [rad] and the effect of noise and phonons.
     """
     analyser, latest = analysis.analyser, analysis.latest
     if analyser is None or latest is None:
@@ -320,8 +310,7 @@ def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bo
 def _likely_error(analyser: FrameAnalyser) -> str:
     """Return a text about the most probable cause of a misfit.
 
-    If the rotors far from the wall do not have the rest angle of the parameters, this rest angle
-    is wrong. Errors of other parameters change only the shape of the wall.
+    A wrong rest angle is seen far from the wall; other errors change only the shape of the wall.
     """
     error = analyser.rest_angle_error
     if error:
@@ -344,10 +333,9 @@ def _disagreement(latest: Analysis) -> str:
 
 
 def _swing(analysis: JointStateAnalysis) -> float:
-    """Return an upper limit of the rms angle of phonons, from the angular velocities [rad].
+    """Return w / omega_0, an upper limit of the rms angle of phonons [rad].
 
-    This is w / omega_0, where w is the root mean square angular velocity [rad/s] and omega_0 the
-    lowest phonon frequency [rad/s].
+    w is the rms angular velocity [rad/s], and omega_0 the lowest phonon frequency [rad/s].
     """
     frame, analyser = analysis.frame, analysis.analyser
     if frame is None or frame.rates is None or not isinstance(analyser, Analyser):

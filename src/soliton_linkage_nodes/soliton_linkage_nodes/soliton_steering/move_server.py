@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Server of the action move_soliton. It has at most one active goal at a time."""
+"""Server of the action move_soliton, with at most one active goal."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import ACTION_QOS, GuardedNode
 
 _FEEDBACK_PERIOD = 0.1
-"""Shortest time between two feedback messages [s]. The rate is sufficient for a display."""
+"""Shortest time between two feedback messages [s], short enough for a display."""
 
 
 class MoveServer(ActionServer):
@@ -46,7 +46,7 @@ class MoveServer(ActionServer):
         self.start = math.nan
         """Position of the soliton when the last goal became active [rotor spacings]."""
         self.ended: MoveResult | None = None
-        """Result of the active goal that has ended last, or None."""
+        """Result of the last active goal that has ended, or None."""
         self._node_of_server = node
         self._feedback_time = -math.inf
 
@@ -63,18 +63,12 @@ class MoveServer(ActionServer):
             self.end(handle, MoveResult(Outcome.NOT_HELD, failure, math.nan))
 
     def begin(self, handle: ServerGoalHandle, position: float) -> None:
-        """Make a goal the active goal.
-
-        `position` is the present position of the soliton [rotor spacings].
-        """
+        """Make a goal active; `position` is where the soliton is now [rotor spacings]."""
         self.goal, self.start = handle, position
         self.begun += 1
 
     def publish_feedback(self, wall: WallState | None, phonon_energy: float) -> None:
-        """Publish feedback about the active goal, at most every 0.1 s.
-
-        `phonon_energy` is in [J].
-        """
+        """Publish the state of the soliton and the phonon energy [J], at most every 0.1 s."""
         now = time.monotonic()
         due = now - self._feedback_time >= _FEEDBACK_PERIOD
         if due and self.goal is not None and wall is not None:
@@ -84,7 +78,7 @@ class MoveServer(ActionServer):
             self.goal.publish_feedback(feedback)
 
     def conclude(self, ended: MoveResult) -> None:
-        """End the active goal with the result `ended`. If no goal is active, nothing happens."""
+        """End the active goal, if there is one, with the result `ended`."""
         handle, self.goal = self.goal, None
         if handle is not None:
             self.ended = ended

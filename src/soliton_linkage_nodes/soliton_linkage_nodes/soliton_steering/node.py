@@ -67,20 +67,18 @@ PARAMETERS: dict[type, str] = {
     ChainSourceParameters: '',
     **CHAIN_PARAMETERS,
 }
-"""Dataclasses with the parameters of the node, and the prefix of the parameter names of each
-class."""
+"""Dataclasses with the parameters of the node, and the prefixes of the parameter names."""
 
 
 class SteeredChain:
     """Steering of the soliton in a chain, and an estimate of the phonon energy."""
 
     def __init__(self, named: NamedChain, settings: SolitonSteeringParameters) -> None:
-        """Create the steering of a chain. Raises ValueError if the chain cannot be steered."""
+        """Create the steering of a chain; ValueError if the chain cannot be steered."""
         self.named = named
         rotors = _rotors(named, settings.actuated_joints)
         self.limitation = ''
-        """Reason why the steering assumes that all lengths of a kind are equal, or '' if it uses
-        the known deviations of the lengths."""
+        """Reason why the steering ignores the deviations of the lengths, or '' if it uses them."""
         try:
             orbit = orbit_of(named.chain)
         except (ValueError, ArithmeticError) as error:
@@ -107,20 +105,15 @@ class SteeredChain:
         return self._phonons.energy
 
     def reset(self) -> None:
-        """Discard all frames received so far.
-
-        This method must not be called while a soliton is moved or held.
-        """
+        """Discard all frames received so far; not allowed while a soliton is moved or held."""
         self.steering.reset()
         self._phonons = PhononEnergyEstimator(self.steering.orbit)
 
     def observe(self, stamp: int, frame: Frame) -> tuple[Array | None, MoveResult | None]:
-        """Process a frame with a stamp [ns].
+        """Process a frame; return the torques to apply and the result of the move.
 
-        Returns the torques to be applied, and the result of the move.
-
-        The torques [N m] have shape (N,). They are None if no soliton is moved or held. The result
-        is None unless the move has ended at this frame.
+        `stamp` is in [ns]. The torques [N m], shape (N,), are None if no soliton is moved or held.
+        The result is None unless the move has ended at this frame.
         """
         if self._epoch is None:
             self._epoch = stamp
@@ -144,14 +137,13 @@ def _rotors(named: NamedChain, joints: tuple[str, ...]) -> tuple[int, ...]:
 
 
 _POLL_INTERVAL = 0.02
-"""Interval between two checks of the age of the joint states [s], short compared with
-`state_timeout`."""
+"""Poll interval for the age of the joint states [s], short compared with `state_timeout`."""
 _OBSERVER_FRAMES = 200
 """Before a move, position and velocity of the soliton are estimated from at most this number of
 recent frames [1]. At 1000 Hz, earlier frames would hardly change the estimate."""
 _REPORT_FRAMES = 8
-"""Number of recent frames from which a report determines the position and the phonon energy of a
-free soliton [1]. One frame is needed for the position, and four for the phonon energy."""
+"""A report on a free soliton uses this number of recent frames [1]: one is needed for the
+position, and four for the phonon energy."""
 
 
 class SolitonSteering(ManagedNode):
@@ -218,10 +210,6 @@ class SolitonSteering(ManagedNode):
         self.server.destroy()
 
     def _on_chain(self, named: NamedChain) -> None:
-        """Set the chain.
-
-        If the new chain differs from the previous one, release the soliton and end its move.
-        """
         if self.chain is None or named != self.chain.named:
             self._release('the chain has changed')
             self._recent.clear()
@@ -232,10 +220,7 @@ class SolitonSteering(ManagedNode):
 
     @property
     def holding(self) -> bool:
-        """Whether a soliton is moved or held.
-
-        In this case, the node needs each frame immediately.
-        """
+        """Whether a soliton is moved or held, so that the node needs each frame immediately."""
         return self.chain is not None and self.chain.steering.holding
 
     def _on_joint_states(self, serialized: bytes) -> None:
@@ -262,7 +247,7 @@ class SolitonSteering(ManagedNode):
         return joints.stamp, frame_from_msg(chain.named, joints)
 
     def _keep(self, frames: list[bytes]) -> None:
-        """Store frames for the next move while no soliton is held. The newest frame is checked."""
+        """Store frames for the next move, and check the newest one."""
         if not (frames and self.active):
             return
         self._recent.extend(frames)
@@ -272,10 +257,7 @@ class SolitonSteering(ManagedNode):
             self.freshness.renew()
 
     def _observe_recent(self, frames: int) -> None:
-        """Estimate position and velocity of a soliton that is not held.
-
-        The last `frames` stored frames are used.
-        """
+        """Estimate position and velocity of a free soliton from the last `frames` frames."""
         if self.chain is None or self.holding:
             return
         self._keep_frames(self._joint_states.take_waiting())
@@ -306,10 +288,7 @@ class SolitonSteering(ManagedNode):
         self.diagnostics.publish()
 
     def _start_move(self, request: MoveSoliton.Goal) -> MoveResult | None:
-        """Start the move that a client requests.
-
-        Returns None or, if the move is rejected, a result that contains the reason.
-        """
+        """Start a requested move; return None, or a result with the reason of a rejection."""
         unreachable, unseen = Outcome.OUT_OF_REACH, Outcome.NO_SOLITON
         if not self.active:
             reason = 'the steering is not active; activate it first'
@@ -345,10 +324,7 @@ class SolitonSteering(ManagedNode):
             self._release(f'joint_states have stopped: {self.freshness}')
 
     def _release(self, reason: str, outcome: Outcome = Outcome.SOLITON_LOST) -> bool:
-        """Release the soliton and end its move with `outcome`.
-
-        Returns False if no soliton is moved or held.
-        """
+        """Release the soliton and end its move; return False if no soliton is moved or held."""
         if self.chain is None or not self.chain.steering.holding:
             return False
         site = self.site

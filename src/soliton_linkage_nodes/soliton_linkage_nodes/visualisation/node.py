@@ -32,11 +32,9 @@ from soliton_linkage_nodes.visualisation.publishers import (
 )
 
 _MOST_BUSY = 0.5
-"""Largest fraction of the time that the node spends on drawing [1]. If drawing a picture takes
-long, the pause after it is therefore long."""
+"""The pauses between drawings limit the time for drawing to this fraction [1]."""
 _LONGEST_REST = 1.0
-"""Longest pause after a picture [s]. Without a limit, the pause after the first picture would be
-too long, because matplotlib is imported for this picture."""
+"""Longest pause after a drawing [s]. The first one takes long, because matplotlib is imported."""
 _SEARCH_PERIOD = 0.5
 """Time between two searches for new publishers [s]."""
 

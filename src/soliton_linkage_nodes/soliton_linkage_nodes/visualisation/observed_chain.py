@@ -27,13 +27,11 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, subscribe_newest
 
 _FRESH = 1.0
-"""Solitons are not drawn if their stamp differs from that of the angles by this time or more
-[s]."""
+"""Solitons are drawn if their stamp and the stamp of the angles differ by less than this [s]."""
 _SILENT = 3.0
 """A report that is older than this is not shown [s]. Nodes report once per second."""
 _MOST_REPORTS = 100
-"""Largest number of messages of `/diagnostics` that one call of `take` reads [1]. Many nodes
-together publish fewer in 1 s."""
+"""Largest number of messages of `/diagnostics` that one call of `take` reads [1]."""
 _LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
 
 
@@ -47,8 +45,7 @@ class ObservedChain:
         """
         self.named: NamedChain | None = None
         self.angles: Array = np.zeros(0)
-        """Angles [rad], shape (N,). A missing joint has NaN. Before the first frame the array is
-        empty."""
+        """Angles [rad], shape (N,), NaN for a missing joint; empty before the first frame."""
         self.stamp = Time()
         """Stamp of the angles."""
         self.frame = FRAME
@@ -95,10 +92,7 @@ class ObservedChain:
         self.angles = np.zeros(0)
 
     def take(self) -> None:
-        """Read the messages that have arrived since the last call.
-
-        Raises ValueError if the joint states belong to another chain.
-        """
+        """Read all new messages; ValueError if the joint states belong to another chain."""
         state = self._states.newest()
         if state is not None:
             self._walls, self.state_stamp = walls_from_msg(state), state.header.stamp
@@ -144,8 +138,7 @@ class ObservedChain:
     def kick(self, shown: float) -> Array | None:
         """Return the impulses of the last kick [N m s], shape (N,); None if no kick is shown.
 
-        A kick is shown until `shown` [s] after its end. If `shown` is 0, it is shown until the
-        next kick.
+        A kick is shown until `shown` [s] after its end or, if `shown` is 0, until the next kick.
         """
         if self._kick is None or self.named is None:
             return None

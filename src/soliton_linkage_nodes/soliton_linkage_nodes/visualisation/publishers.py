@@ -31,13 +31,11 @@ from soliton_linkage_nodes.visualisation.scene import ChainScene
 Pixels = NDArray[np.uint8]
 
 _COLUMN_RATE = 30.0
-"""Number of pixel columns of the picture for one second of the displayed time [Hz], equal to the
-usual refresh rate of viewers."""
+"""Pixel columns per second of the displayed time [Hz], equal to the refresh rate of viewers."""
 _HEIGHT = 400
 """Smallest height of a picture [pixel rows]. Viewers would enlarge and blur a lower picture."""
 _MOST_ROWS = 1000
-"""Largest number of rotors in a picture [1], about the number of pixel rows of a screen. Of a
-longer chain, only every n-th rotor is shown."""
+"""Largest number of rotors in a picture [1]. In a longer chain, every n-th rotor is shown."""
 _LEVELS = 2048
 """Number of colours [1]. It is large because the colour varies strongly near the rest state."""
 _BLANK, _TRACK, _BORDER = 217, 0, 255
@@ -46,8 +44,8 @@ colours of displacements differ from these grey levels."""
 _HALF_BORDER, _HALF_TRACK = 2, 1
 """Half widths of the border and of the track [pixel rows]."""
 _JUMP = 0.25
-"""If a wall has moved farther than this between two columns, the chain was probably reset, and no
-line connects the two positions [chain lengths]."""
+"""No line connects two positions of a wall that differ by more than this [chain lengths], because
+the chain was probably reset."""
 
 
 class Kymograph:
@@ -107,11 +105,10 @@ class Kymograph:
         return picture
 
     def _draw_track(self, picture: Pixels, shown: NDArray[np.intp], rows: float) -> None:
-        """Draw the positions of the walls.
+        """Draw the positions of the walls, connected between columns with equal numbers of walls.
 
         For each pixel column, `shown` is the index of the stored wall positions, -1 for a column
-        before the first stored time. `rows` is the number of pixel rows per rotor. Between columns
-        with the same number of walls, the positions are connected.
+        before the first stored time. `rows` is the number of pixel rows per rotor.
         """
         xs, ys = [np.zeros(0, dtype=np.intp)], [np.zeros(0)]
         columns = [
@@ -158,11 +155,7 @@ class DrawingPublisher:
         return fresh
 
     def _wanted(self, number: int) -> bool:
-        """Return whether a drawing must be published.
-
-        This is the case if there is a subscriber and `number`, the number of the newest message,
-        differs from that of the last drawing, or if there are more subscribers than before.
-        """
+        """Return whether a subscriber needs a drawing of message `number`."""
         subscribers = self.publisher.get_subscription_count()
         more, self._subscribers = subscribers > self._subscribers, subscribers
         if not subscribers or (number == self._drawn and not more):
@@ -181,10 +174,7 @@ class MarkerPublisher(DrawingPublisher):
     name = 'markers'
 
     def __init__(self, publisher: Publisher, kick_shown: float) -> None:
-        """Create the object that publishes with `publisher`.
-
-        A kick is shown for `kick_shown` [s] after its end.
-        """
+        """Publish with `publisher`; a kick is shown for `kick_shown` [s] after its end."""
         super().__init__(publisher)
         self._kick_shown = kick_shown
         self._scene: ChainScene | None = None
@@ -249,11 +239,7 @@ class KymographPublisher(DrawingPublisher):
     name = 'kymograph'
 
     def __init__(self, publisher: Publisher, length: float, rate: float) -> None:
-        """Create the object that publishes with `publisher`.
-
-        A picture shows the last `length` [s]. `rate` is the largest number of pictures per second
-        [Hz].
-        """
+        """Publish pictures of the last `length` [s], at most `rate` of them per second [Hz]."""
         super().__init__(publisher)
         self._length, self._period = length, 1 / rate
         self._kymograph: Kymograph | None = None

@@ -16,21 +16,18 @@ from soliton_linkage.linkage.chain import Array, Chain
 _LONGEST = 1.2
 """Length of the longest arrow, relative to the larger of rotor length and spacing [1]."""
 _SHORTEST_ARROW = 0.02
-"""Arrows that are shorter than this fraction of the longest arrow are not drawn [1]."""
+"""Arrows shorter than this fraction of the longest arrow are not drawn [1]."""
 _HEAD = (0.3, 0.15)
 """Length and half width of the head of an arrow, relative to the length of the arrow [1]."""
 _WALL_HEIGHT = 2.5
-"""Height of the box around a wall, relative to the length of the longest rotor [1]. It is above 2,
-so that the box contains rotors that point up and rotors that point down."""
+"""Height of the box around a wall, relative to the length of the longest rotor [1]. Above 2, the
+box contains rotors that point up or down."""
 _LETTERS = 40
-"""The height of the letters is the length of the chain divided by this [1]. A typical line of text
-is then half as long as the chain."""
+"""Length of the chain, divided by the height of the letters [1]."""
 _AT_REST = 1e-4
-"""The colour of a spring is brightest at the largest relative extension in the chain, or at this
-one if it is larger [1]. A chain at rest therefore has no bright colours."""
+"""Smallest relative extension drawn in the brightest colour [1]. A chain at rest looks grey."""
 _DECAY = 0.98
-"""The extension of the brightest colour decreases from one picture to the next by no more than
-this factor [1]."""
+"""The extension of the brightest colour falls at most by this factor per picture [1]."""
 
 
 class Shape(NamedTuple):
@@ -47,13 +44,12 @@ class Shape(NamedTuple):
 
 
 class WallBox(NamedTuple):
-    """Box that shows a wall and, by its length, the standard deviation of its position."""
+    """Box that shows a wall and the standard deviation of its position."""
 
     position: float
     """Position of the wall along the chain [m]."""
     length: float
-    """Length along the chain [m]. It is four standard deviations, but at least the width of a
-    rod."""
+    """Length along the chain: four standard deviations, but at least the width of a rod [m]."""
     height: float
     """Vertical size [m]."""
 
@@ -75,7 +71,7 @@ class ChainScene:
         self._largest = 0.0
 
     def masses(self, angles: Array) -> Array:
-        """Return the positions of the masses [m], shape (N, 3). `angles` [rad] has shape (N,)."""
+        """Return the positions of the masses [m], shape (N, 3), at `angles` [rad], shape (N,)."""
         horizontal, vertical = self.chain.positions(angles)
         return np.array([self.chain.pivots + horizontal, np.zeros_like(vertical), vertical]).T
 
@@ -100,7 +96,7 @@ class ChainScene:
     def boxes(self, walls: Sequence[tuple[float, float]]) -> list[WallBox]:
         """Return the boxes of walls.
 
-        `walls` contains position [m] and standard deviation [m] of each wall; walls with NaN are
+        `walls` contains position [m] and standard deviation [m] of each wall; a wall with NaN is
         omitted.
         """
         return [
@@ -118,10 +114,7 @@ class ChainScene:
         return Shape('rotors', ends, np.repeat(colours[known], 2, axis=0), self.width)
 
     def _springs(self, masses: Array, angles: Array) -> Shape:
-        """Return the springs as lines.
-
-        Extended springs are red, compressed ones blue, and springs at rest length grey.
-        """
+        """Return the springs as lines: extended ones red, compressed ones blue, others grey."""
         extensions = self.chain.spring_extensions(angles)
         known = np.isfinite(extensions)
         largest = float(np.abs(extensions[known]).max(initial=0.0))
@@ -142,10 +135,10 @@ class ChainScene:
         return self._arrows('zero_mode', masses, angles, mode, GREEN)
 
     def _arrows(self, name: str, masses: Array, angles: Array, sizes: Array, colour: str) -> Shape:
-        """Return arrows that begin at the masses, in the directions in which these can move.
+        """Return arrows from the masses along their directions of motion.
 
-        Their lengths are proportional to the absolute values of `sizes`, shape (N,). Arrows with a
-        negative size point backwards, to smaller angles.
+        The lengths are proportional to the absolute values of `sizes`, shape (N,). An arrow with a
+        negative size points to smaller angles.
         """
         largest = float(np.abs(sizes).max(initial=0.0))
         shown = np.isfinite(angles) & (np.abs(sizes) > _SHORTEST_ARROW * largest)

@@ -20,7 +20,7 @@ _KINDS = {'kick': 'kick [rad/s]', 'pulse': 'pulse [N m]', 'pressure': 'pressure 
 _DEFAULT_VALUES = {'kick': 10.0, 'pulse': 0.002, 'pressure': 20_000.0}
 """Default value of each kind of edge command [rad/s, N m, Pa]; each value starts a soliton."""
 _DEFAULT_NUDGE = 10.0
-"""Default angular speed of a nudge [rad/s], the same as in the guided experiments."""
+"""The slider of the nudge starts at this angular speed [rad/s], as in the guided experiments."""
 _FASTEST_NUDGE = 50.0
 """Largest angular speed of a nudge on the slider [rad/s]."""
 _LARGEST_TILT = 0.5
@@ -34,7 +34,7 @@ Action = Callable[[], 'str | Awaitable[str]']
 
 
 class Shown(Protocol):
-    """Namespace of the chain that a page shows."""
+    """Object with the namespace of the chain that a page shows."""
 
     namespace: str
 
@@ -78,8 +78,7 @@ def button(
 ) -> ui.button:
     """Add a button that carries out an action by `attempt`.
 
-    `marker` is its HTML id. The `primary` button of a tab is filled. A `long` action may take more
-    than 2 s.
+    `marker` is the HTML id. A `primary` button is filled. A `long` action may take more than 2 s.
     """
 
     async def press() -> None:
@@ -125,7 +124,7 @@ def value_of(entry: ui.number) -> float:
 class ControlGroup:
     """Controls under one heading.
 
-    `reason_of` is the key under which the status of a chain contains the reason to disable them.
+    The status of a chain contains the reason to disable the controls under the key `reason_of`.
     """
 
     def __init__(self, title: str, reason_of: str) -> None:
@@ -370,6 +369,6 @@ def joint_angles(text: str) -> dict[str, float]:
 
 
 def reasons_for(view: View, namespace: str) -> dict[str, str]:
-    """Return the reason why each control of a chain is disabled, '' if it is enabled."""
+    """Return for each control of a chain why it is disabled, '' if it is enabled."""
     missing = 'this chain is no longer published' if namespace else 'select one chain'
     return view.reasons.get(namespace) or dict.fromkeys(CONTROLS, missing)
