@@ -86,8 +86,7 @@ def _send_goal(visitor: Visitor, options: argparse.Namespace) -> int:
 def _note_interrupt() -> threading.Event:
     """Return an event that the first Ctrl-C sets; the second one raises KeyboardInterrupt.
 
-    The first Ctrl-C must not raise KeyboardInterrupt, because inside the executor of rclpy it
-    could block all later callbacks of the node.
+    Raised by the first one, it could block later callbacks of the node in the executor of rclpy.
     """
     interrupted = threading.Event()
 

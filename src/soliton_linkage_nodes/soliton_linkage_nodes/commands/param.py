@@ -77,11 +77,7 @@ def _set(visitor: Visitor, options: argparse.Namespace) -> None:
 
 
 def _parse(text: str, descriptor: ParameterDescriptor) -> ParameterValue:
-    """Return the message with a parameter value that is given as YAML text.
-
-    For a parameter of type double, texts such as 1e-3, which YAML does not read as a number, are
-    accepted too.
-    """
+    """Return a parameter value from a YAML text. For a double, 1e-3 also counts as a number."""
     if descriptor.type == ParameterType.PARAMETER_DOUBLE:
         with contextlib.suppress(ValueError):
             return ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=float(text))
@@ -94,10 +90,7 @@ def _parse(text: str, descriptor: ParameterDescriptor) -> ParameterValue:
 
 
 def _is_sendable(value: Any) -> bool:
-    """Return whether a parameter message can contain a value.
-
-    It cannot contain a mapping or an integer of more than 64 bits.
-    """
+    """Return whether a parameter message can contain a value: no mapping, no large integer."""
     fits = not isinstance(value, int) or abs(value) <= LARGEST_INTEGER
     return fits and isinstance(value, (bool, int, float, str))
 

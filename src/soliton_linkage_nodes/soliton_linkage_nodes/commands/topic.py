@@ -17,11 +17,9 @@ from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 
 _QOS = QoSProfile(depth=1000)
-"""Requested quality of service. If a publisher offers only best effort, best effort is
-requested."""
+"""Requested quality of service, or best effort if a publisher offers no more."""
 _LINGER = 0.1
-"""After the last message, the publisher still exists for this time [s], so that the message is
-sent."""
+"""The publisher exists for this time after the last message [s], so that the message is sent."""
 
 
 def main(arguments: list[str]) -> int:

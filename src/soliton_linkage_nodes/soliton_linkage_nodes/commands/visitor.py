@@ -19,11 +19,10 @@ from soliton_linkage.command_line import PlainParser, complete
 from soliton_linkage_nodes.runtime.guarded import SERVICE_QOS
 
 _FOUND_WITHIN = 10.0
-"""Default of the longest wait until a name appears in the ROS graph [s]. A discovery usually takes
-less than 1 s, sometimes 3 s, and longer on a busy machine."""
+"""Default limit for the discovery of a name [s], which usually takes less than 1 s, sometimes 3
+s."""
 _ALL_ANNOUNCED = 3.2
-"""Shortest wait for a complete list of names [s]. It exceeds 3 s, because each process announces
-itself every 3 s."""
+"""Shortest wait for a list of names [s], because each process announces itself every 3 s."""
 _SETTLED = 1.0
 """A list of names counts as complete after it has not changed for this time [s]."""
 ANSWER_LIMIT = 10.0
@@ -77,9 +76,9 @@ class Visitor:
             self.spin(min(left, _SPIN))
 
     def settled(self, there: Callable[[], Found]) -> Found:
-        """Call `there` repeatedly until its result no longer changes, and return the result.
+        """Call `there` for at least 3.2 s and until its result is constant; return the result.
 
-        It is called for at least 3.2 s and at most `limit` [s].
+        The calls end after `limit` [s] in any case.
         """
         begun = self._clock()
         found, end = there(), begun + _ALL_ANNOUNCED
@@ -91,10 +90,9 @@ class Visitor:
         return found
 
     def type_name(self, kind: str, name: str, there: Callable[[], NamesAndTypes]) -> str:
-        """Return the type of the topic or service `name`.
+        """Return the type of the topic or service (`kind`) `name`; RuntimeError if not found.
 
-        `kind` is 'topic' or 'service', and `there` returns the present names and types. Raises
-        RuntimeError if the name does not appear in time.
+        `there` returns the present names and types.
         """
         full = self.node.resolve_topic_name(name)
         found: dict[str, list[str]] = {}
@@ -110,10 +108,7 @@ class Visitor:
         return found[full][0]
 
     def call(self, service_type: Any, name: str, request: Any) -> Any:
-        """Call a service and return its response.
-
-        Raises RuntimeError if the service does not exist or does not respond in time.
-        """
+        """Call a service and return its response; RuntimeError if there is no response in time."""
         client = self.node.create_client(service_type, name, qos_profile=SERVICE_QOS)
         if not self.until(client.service_is_ready):
             name = service_type.__name__
@@ -124,11 +119,7 @@ class Visitor:
         return future.result()
 
     def call_node(self, node: str, service_type: Any, **request: Any) -> Any:
-        """Call a standard service of a node, such as GetState, and return its response.
-
-        Raises RuntimeError if the node has no such service or the service does not respond in
-        time.
-        """
+        """Call a standard service of a node, such as GetState; RuntimeError without a response."""
         name = re.sub(r'(?<!^)(?=[A-Z])', '_', service_type.__name__).lower()
         try:
             return self.call(

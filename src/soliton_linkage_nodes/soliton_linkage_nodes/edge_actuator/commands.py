@@ -46,10 +46,9 @@ class ActuatedChain:
 
 
 class Commands:
-    """Execution of the commands to a chain.
+    """Execution of the commands to a chain, which come from the topic `source`.
 
-    Each method raises ValueError if its command is invalid. The argument `source` is the name of
-    the topic of the command.
+    Each method raises ValueError if its command is invalid.
     """
 
     def __init__(
@@ -70,8 +69,7 @@ class Commands:
     def nudge(self, source: str, message: Float64) -> None:
         """Apply a kick at the edge that the parameter `nudge_edge` selects.
 
-        If the parameter `nudge_as` is 'pressure', a pressure with the same impulse replaces the
-        kick.
+        If the parameter `nudge_as` is 'pressure', a pressure with the same impulse replaces it.
         """
         kick = EdgeCommand(Edge(self.settings.nudge_edge), CommandKind.KICK, message.data)
         if self.settings.nudge_as == CommandKind.KICK.value:
@@ -108,12 +106,10 @@ class Commands:
         chain.driver.hold(source, rotors, torques)
 
     def trajectory(self, source: str, message: JointTrajectory) -> None:
-        """Apply torques to joints.
+        """Apply torques to joints, interpolated linearly between the points of a trajectory.
 
-        Between the points of a trajectory, the torques are interpolated linearly.
-
-        A trajectory without points ends the torques of the joints that it names. If it names no
-        joints either, it ends the torques of all joints.
+        A trajectory without points ends the torques of the joints that it names, by default of
+        all.
         """
         chain = self._ready()
         if not message.points:
@@ -174,12 +170,7 @@ class Commands:
         chain.driver.play(source, replace(command, edge=side), int(rotor), limit)
 
     def _ready(self, at_once: bool = False) -> ActuatedChain:
-        """Return the chain if a command can act on it now.
-
-        `at_once` is whether the command is a kick. Raises ValueError if the chain is unknown, or
-        if no node subscribes to `rotor_impulses` (for a kick) or `rotor_torques` (for other
-        commands).
-        """
+        """Return the chain; ValueError if a command (`at_once`: a kick) cannot act on it now."""
         self._publishers.check_connected(at_once)
         if self.chain is None:
             raise ValueError('the chain is unknown; publish chain or set chain_from to parameters')

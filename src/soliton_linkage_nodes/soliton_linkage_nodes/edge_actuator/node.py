@@ -181,7 +181,7 @@ class EdgeActuator(ManagedNode):
             raise
 
     def _dispatch_while_busy(self) -> None:
-        """Have each frame received immediately by the executor, unless the chain is idle."""
+        """Let the executor receive each frame immediately while the chain is not idle."""
         now, chain = time.monotonic(), self.commands.chain
         if chain is not None and chain.driver.busy:
             self._busy_until = now
@@ -195,11 +195,7 @@ class EdgeActuator(ManagedNode):
                     self.frames.take(serialized)
 
     def _poll(self) -> None:
-        """Receive waiting frames, and compute a kick for the newest frame without applying it.
-
-        Without this computation, the code of a kick would leave the caches of the processor, and
-        the next kick would take twice as long.
-        """
+        """Receive frames, and compute but do not apply a kick, to keep its code in the caches."""
         self._dispatch_while_busy()
         self._catch_up()
         chain = self.commands.chain

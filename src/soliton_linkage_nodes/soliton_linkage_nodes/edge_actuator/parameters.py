@@ -19,10 +19,7 @@ from soliton_linkage_nodes.runtime.parameters import declare
 
 @dataclass(frozen=True)
 class EdgeActuatorParameters:
-    """Parameters of the node.
-
-    Other classes contain the parameters of the chain and of the actuators.
-    """
+    """Parameters of the node, except for those of the chain and of the actuators."""
 
     actuator: str = quantity('pneumatic', 'kind of the actuators at the edges')
     nudge_edge: str = quantity(
@@ -72,14 +69,11 @@ PARAMETERS: dict[type, str] = {
     ChainSourceParameters: '',
     **CHAIN_PARAMETERS,
 }
-"""Dataclasses with the parameters of the node, and the prefix of the parameter names of each
-class."""
+"""Dataclasses with the node's parameters, and the prefix of the parameter names of each class."""
 
 
 def declare_torque_limits(node: Node, settings: EdgeActuatorParameters) -> Mapping[str, float]:
-    """Declare a parameter `torque_limits.<joint>` for each joint that `joints` names.
-
-    Returns the limit of each of these joints [N m].
+    """Declare a parameter `torque_limits.<joint>` for each of `joints`; return the limits [N m].
 
     Raises ValueError if a name is invalid or occurs twice.
     """

@@ -26,9 +26,8 @@ class LatestFrames:
     """Last two messages of joint states. A message is decoded only if it is needed."""
 
     def __init__(self, longest: float, watch: Callable[[int, Array], None]) -> None:
-        """Create an object without frames.
+        """Reject frames if the latest message arrived more than `longest` [s] ago.
 
-        The frames count as too old if the latest message arrived more than `longest` [s] ago.
         `watch` is called with stamp [ns] and angles [rad] of each frame that is read for the first
         time.
         """
@@ -73,8 +72,7 @@ class LatestFrames:
     def period(self, stamp: int) -> float | None:
         """Return the time [s] from the frame before the latest frame to `stamp` [ns].
 
-        Returns None if there is no frame before the latest one, or if `stamp` is not later than
-        it.
+        Returns None if there is no such frame, or if `stamp` is not later.
         """
         before = self.stamp_before
         return None if before is None or stamp <= before else (stamp - before) / SECOND
@@ -114,11 +112,7 @@ class ActuatorPublishers:
         return bool(self._node.count_publishers(interfaces.DELIVERY.name))
 
     def check_connected(self, at_once: bool) -> None:
-        """Raise ValueError if no node subscribes to the topic on which a command takes effect.
-
-        This topic is `rotor_impulses` if the command is a kick (`at_once`), otherwise
-        `rotor_torques`.
-        """
+        """Raise ValueError if nothing subscribes to the topic of kicks (`at_once`) or torques."""
         publisher = self._impulses if at_once else self._torques
         if not publisher.get_subscription_count():
             name = publisher.topic_name.rsplit('/', 1)[-1]

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fast CDR decoding and encoding of messages with a stamp, joint names and arrays of doubles.
 
-A general decoder needs most of its time for the joint names. This decoder only compares their
-bytes with those of the previous message. The encoder overwrites the stamp and the arrays of an
-encoded message.
+A general decoder needs most of its time for the joint names. This decoder only checks whether
+their bytes are the same as in the previous message. The encoder overwrites the stamp and the
+arrays of an encoded message.
 """
 
 from __future__ import annotations

@@ -136,7 +136,7 @@ def frame_to_msg(named: NamedChain, frame: Frame, efforts: Array, stamp: Time) -
 
 
 def joint_state(named: NamedChain, stamp: Time, **arrays: Array) -> JointState:
-    """Return joint states, of which `arrays` are fields such as `position`, shape (N,)."""
+    """Return joint states. `arrays` are fields such as `position`, shape (N,)."""
     header, names = Header(stamp=stamp, frame_id=FRAME), list(named.joint_names)
     fields = {name: array.tolist() for name, array in arrays.items()}
     return JointState(header=header, name=names, **fields)
@@ -159,7 +159,7 @@ def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Fram
 
 
 def without_offsets(positions: Array, encoder_offsets: Sequence[float] | Array) -> Array:
-    """Return encoder positions minus offsets [rad], shape (N,); () stands for unknown offsets."""
+    """Return encoder positions minus offsets [rad], shape (N,); unknown offsets are ()."""
     return positions - encoder_offsets if len(encoder_offsets) else positions
 
 

@@ -206,7 +206,7 @@ EVENT_COLUMNS = (
 def events_to_msgs(
     analysis: Analysis, joints: JointStates, spacing: float
 ) -> list[msg.SolitonEvent]:
-    """Return the messages of the events in a frame; `spacing` is that of the pivots [m]."""
+    """Return the messages of the events in a frame; the pivots have the distance `spacing` [m]."""
     return [
         msg.SolitonEvent(
             header=Header(stamp=time_to_msg(joints.stamp), frame_id=joints.frame_id),
@@ -221,7 +221,7 @@ def events_to_msgs(
 
 
 def event_rows(analysis: Analysis, joints: JointStates, spacing: float) -> list[tuple[Any, ...]]:
-    """Return the events in a frame as rows of a table; `spacing` is that of the pivots [m]."""
+    """Return the events in a frame as rows of a table; pivots have the distance `spacing` [m]."""
     rows = []
     for event in analysis.events:
         rotor, *others = (getattr(event, name) for name in _EVENT_FIELDS)

@@ -25,13 +25,11 @@ _PACKAGE = 'soliton_linkage_nodes'
 START_LIMIT = 180.0
 """Time limit for nodes to start and to discover each other [s], sufficient on a busy machine."""
 _PARENT_DEATH_SIGNAL = 1
-"""Option PR_SET_PDEATHSIG of prctl(2), by which the kernel signals a node when its parent is
-killed."""
+"""Option PR_SET_PDEATHSIG of prctl(2): the kernel signals a node whose parent was killed."""
 _STOP_LIMIT = 10.0
-"""A process that still runs this long after SIGTERM gets SIGKILL [s]. The time is long because a
-recorder may write to a slow disk."""
+"""Time from SIGTERM to SIGKILL [s]. It is long because a recorder may write to a slow disk."""
 _LOG_TAIL = 5
-"""Number of last log lines that the error about an ended node quotes [1]."""
+"""Number of log lines that the error about an ended node quotes [1]."""
 _DOMAINS = 100
 """Largest identifier of a private ROS domain [1]."""
 _C_LIBRARY = ctypes.CDLL(None)
@@ -86,7 +84,7 @@ class ChildProcesses:
         return found
 
     def check(self) -> None:
-        """Raise RuntimeError with the last log lines of a process if this process has ended."""
+        """Raise RuntimeError with the last lines of its log if a process has ended."""
         for node, process in self._running.items():
             if process.poll() is not None:
                 raise RuntimeError(self._ended(node, process.returncode))
@@ -152,9 +150,9 @@ def private_domain() -> Iterator[None]:
 def restrict_to_loopback() -> None:
     """Make this process and its children unreachable from other machines.
 
-    For Fast DDS, a profile of the package does this. The discovery range LOCALHOST of ROS is not
-    used, because Fast DDS would open sockets on all interfaces, and its shared memory can block
-    all nodes if a process is killed while it starts.
+    For Fast DDS, this requires a profile. With the discovery range LOCALHOST, Fast DDS would open
+    sockets on all interfaces, and its shared memory could block all nodes if a process is killed
+    while it starts.
     """
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     try:

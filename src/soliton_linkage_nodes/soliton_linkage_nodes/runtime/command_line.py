@@ -32,8 +32,7 @@ _WIDTH = 96
 _ROS_OPTIONS = ('--params-file', '-p', '--param', '-r', '--remap', '--log-level')
 _EXAMPLES = ('-p NAME:=VALUE', '--params-file FILE', '-r NAME:=OTHER_NAME')
 _PATHS = ('bag', 'output')
-"""Parameters that take a path. If a user gives a file name without a parameter, the error proposes
-the first of these parameters that the node has."""
+"""For a file name without a parameter, the error proposes the first of these that the node has."""
 
 
 def check_arguments(node: NodeClass, arguments: Sequence[str]) -> None:

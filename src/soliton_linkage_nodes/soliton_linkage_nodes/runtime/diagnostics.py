@@ -25,10 +25,7 @@ _NUMBERS = re.compile(r'[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b|\bnan\b)')
 
 
 class LogThrottle:
-    """Filter that logs equal messages at most once per period.
-
-    Messages that differ only in numbers count as equal.
-    """
+    """Filter that logs messages which differ only in numbers at most once per period."""
 
     def __init__(self, log: Callable[[str], object], period: float) -> None:
         self._log = log
@@ -42,7 +39,7 @@ class LogThrottle:
         return len(self._suppressed)
 
     def log(self, message: str) -> None:
-        """Log a message unless one that differs only in numbers was logged in this period."""
+        """Log a message, unless a similar one was logged in this period."""
         now = time.monotonic()
         if now - self._start >= self._period:
             self._start = now
@@ -77,8 +74,7 @@ class Report:
 class Diagnostics:
     """Publisher of a node's report once a second. It also counts rejected inputs and failures.
 
-    Each function in `monitors` returns a warning, '' for none, and a dictionary of named values.
-    The warnings and values are added to the report.
+    Each function in `monitors` returns a warning (or '') and named values for the report.
     """
 
     def __init__(self, node: Node, task: str, report: Callable[[], Report]) -> None:
@@ -100,29 +96,22 @@ class Diagnostics:
         self._timer = node.create_timer(_PERIOD, self.publish, clock=steady)
 
     def reject(self, source: str, reason: object) -> None:
-        """Count an input that was rejected, and log it.
-
-        `source` names the input. Reasons that differ only in numbers are logged at most once per
-        second.
-        """
+        """Count a rejected input with the name `source`, and log it by a `LogThrottle`."""
         self.rejected += 1
         self._last_rejection = f'{source}: {reason}'
         self._rejections.log(f'rejected {self._last_rejection}')
 
     def fail(self, failure: str) -> None:
-        """Count a failure of the node, and log it.
-
-        Failures that differ only in numbers are logged at most once per second.
-        """
+        """Count a failure of the node, and log it by a `LogThrottle`."""
         self.failed += 1
         self._last_failure = failure
         self._failures.log(failure)
 
     def guarded(self, source: str, take: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a callback that calls `take` and does not raise its errors.
+        """Return a callback that calls `take` and catches all errors except MemoryError.
 
-        ValueError and ArithmeticError count as a rejected message of `source`, and other errors as
-        failures of the node. A MemoryError is raised again.
+        ValueError and ArithmeticError count as a rejected message of `source`, other errors as
+        failures.
         """
 
         @wraps(take)

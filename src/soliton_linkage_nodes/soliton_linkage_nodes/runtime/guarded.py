@@ -19,8 +19,7 @@ from rclpy.subscription import Subscription
 from soliton_linkage_nodes.runtime.parameter_values import rejection
 
 SERVICE_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-"""Quality of service of services. With the default queue of 10, responses to many simultaneous
-requests would be lost."""
+"""Quality of service of services. The default queue of 10 would lose simultaneous responses."""
 ACTION_QOS = {f'{call}_service_qos_profile': SERVICE_QOS for call in ('goal', 'result', 'cancel')}
 
 
@@ -52,8 +51,7 @@ class GuardedNode(Node):
     def dispatch(self, subscription: Subscription, dispatched: bool) -> None:
         """Set whether executors take the messages of a subscription.
 
-        Otherwise, the node must take the messages itself, which avoids the overhead of an
-        executor.
+        If not, the node must take the messages itself, which avoids the overhead of an executor.
         """
         this = frozenset([subscription])
         self._undispatched = self._undispatched - this if dispatched else self._undispatched | this
@@ -97,10 +95,7 @@ class GuardedNode(Node):
     def create_service(
         self, srv_type: Any, srv_name: str, callback: Callable[[Any, Any], Any], **kwargs: Any
     ) -> Any:
-        """Create a service with a queue of 1000 requests.
-
-        An exception of `callback` is logged and answered as a failure of the request.
-        """
+        """Create a service that logs an exception of the callback and responds with a failure."""
 
         def answer(request: Any, response: Any) -> Any:
             try:

@@ -36,15 +36,13 @@ _DEEPEST_QUEUE = 1000
 _QUEUE_BYTES = 64 * 2**20
 """Memory limit for the queue of a stream, in the publisher and in each subscriber [B]."""
 _LONGEST_RECORD = 100_000
-"""Queue depth that holds 100 s at 1000 messages per second [messages]. Unused entries take no
-memory."""
+"""Queue depth for 100 s at 1000 messages per second [messages]. Unused entries take no memory."""
 ACKNOWLEDGEMENT_LIMIT = 0.5
 """Longest wait for acknowledgements when a node ends [s]. It is sufficient on a busy machine."""
 _POLL_INTERVAL = 0.02
 """Poll interval while waiting for subscribers [s]."""
 _DISCOVERY_TIME = 1.0
-"""The discovery counts as complete when the number of subscribers was constant for this time
-[s]."""
+"""The discovery is complete when the number of subscribers was constant for this time [s]."""
 
 
 def reliable_qos(depth: int) -> QoSProfile:
@@ -55,8 +53,7 @@ def reliable_qos(depth: int) -> QoSProfile:
 def stream_qos(message_size: int = 0) -> QoSProfile:
     """Return a reliable quality of service for a stream.
 
-    The queue holds 10 to 1000 messages. Within this range, messages of `message_size` [B] fill at
-    most 64 MiB.
+    The queue holds the messages of `message_size` [B] that fit into 64 MiB, but 10 to 1000.
     """
     affordable = _QUEUE_BYTES // max(message_size, 1)
     return reliable_qos(int(min(_DEEPEST_QUEUE, max(10, affordable))))
@@ -78,10 +75,7 @@ def image_qos() -> QoSProfile:
 
 
 def latched_qos(depth: int = 1) -> QoSProfile:
-    """Return a transient-local quality of service.
-
-    A late subscriber receives the last `depth` messages.
-    """
+    """Return a transient-local quality of service: late subscribers get `depth` messages."""
     latched = DurabilityPolicy.TRANSIENT_LOCAL
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=latched)
 
@@ -145,8 +139,7 @@ SUITE_TOPICS = (
 )
 """Topics that the nodes exchange. A recorder stores these topics by default."""
 DISPLAY_TOPICS = (ROBOT_DESCRIPTION, MARKERS, SOLITON_POSE, KYMOGRAPH)
-"""Topics for viewers. Nodes compute the contents of these topics from the messages of
-`SUITE_TOPICS`."""
+"""Topics for viewers. Nodes compute their contents from the messages of `SUITE_TOPICS`."""
 CAMERA_TOPICS = (IMAGE, COMPRESSED_IMAGE, CAMERA_INFO, CAMERA_OVERLAY)
 """Topics of a camera that measures the joint states in place of encoders."""
 

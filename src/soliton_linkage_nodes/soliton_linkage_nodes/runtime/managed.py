@@ -106,11 +106,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
         return lambda: report() if self.active else Report('not active')
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Configure the node.
-
-        If `configure` raises an error, destroy the topics, timers and services that it has
-        created.
-        """
+        """Configure the node; if this fails, destroy the topics, timers and services created."""
         self._permanent = {each for kind in _DESTROYERS for each in getattr(self, kind)}
         self.configured = self._run(self.configure)
         if not self.configured:
@@ -184,10 +180,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
                 destroy(self, entity)
 
     def _reject_impossible_transitions(self) -> None:
-        """Reject requests for transitions that are impossible in the present state.
-
-        In Jazzy, such a request would end the process.
-        """
+        """Reject impossible transitions. In Jazzy, such a request would end the process."""
         service = self._service_change_state
         change = service.callback
 
@@ -214,5 +207,4 @@ _DESTROYERS: dict[str, Callable[[Any, Any], Any]] = {
     'clients': Node.destroy_client,
     'publishers': Node.destroy_publisher,
 }
-"""Functions that destroy each kind of entity. Timers and subscriptions come first, because their
-callbacks may use the other entities."""
+"""Functions that destroy entities, first timers and subscriptions, which may use the others."""

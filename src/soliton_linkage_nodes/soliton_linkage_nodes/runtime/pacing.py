@@ -17,8 +17,8 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 _LOWEST_PRIORITY = 1
 """Lowest priority of SCHED_FIFO [1], which still exceeds the priority of every ordinary thread."""
 _INTERVAL = 0.05
-"""Interval between two measurements of the processor share [s]. It is well below the 0.95 s after
-which the kernel suspends real-time threads that do not pause."""
+"""Time between two measurements of the processor load [s]. It is well below the 0.95 s after which
+the kernel suspends real-time threads that do not pause."""
 _LARGEST_SHARE = 0.8
 """A process with a larger processor load than this [cores] loses its real-time priority."""
 
@@ -26,8 +26,8 @@ _LARGEST_SHARE = 0.8
 def raise_priority(raised: bool, threads: Sequence[int] = (0,)) -> None:
     """Give threads the lowest real-time priority (SCHED_FIFO), or remove it if not `raised`.
 
-    Thread 0 means the calling thread. Threads that these threads start inherit the priority.
-    Without permission (limit rtprio), nothing changes.
+    Thread 0 is the calling thread. Their child threads inherit the priority. Without permission
+    (limit rtprio), nothing changes.
     """
     priority = _LOWEST_PRIORITY if raised else 0
     policy = os.SCHED_FIFO if raised else os.SCHED_OTHER
@@ -75,8 +75,7 @@ def _middleware_threads() -> list[int]:
 _LONGEST_LAG = 10**8
 """A call that is later than this [ns] postpones all later calls by its lateness."""
 _LONGEST_SLEEP = 0.1
-"""Longest sleep of the loop before it checks whether it was stopped or its rate was changed
-[s]."""
+"""The loop checks at least this often whether it was stopped or its rate was changed [s]."""
 _IDLE = 0.005
 """Pause of a loop at an infinite rate after a call that returned False [s]."""
 _PRIORITY_LIMIT = 10**7

@@ -26,10 +26,7 @@ class Notice(NamedTuple):
 
 
 def resolve_path(argument: str, value: str, known: Mapping[str, Path]) -> Path:
-    """Return the path that a launch argument means; ValueError if the path does not exist.
-
-    The `value` of the argument is one of the names in `known`, or a path.
-    """
+    """Return the path `known[value]` or else `value`; ValueError if the path does not exist."""
     path = known.get(value, Path(value))
     if not path.exists():
         raise ValueError(
@@ -49,7 +46,7 @@ def check_files(arguments: Sequence[str]) -> None:
 
 
 def read_sections(path: Path) -> dict[str, dict[str, Any]]:
-    """Return the parameters of each section of a parameter file, with its node pattern as key.
+    """Return the parameters in a file for each node pattern, such as /**/simulator.
 
     Raises OSError or ValueError if the file cannot be read or is no parameter file.
     """
@@ -64,7 +61,7 @@ def read_sections(path: Path) -> dict[str, dict[str, Any]]:
 
 
 def matches(pattern: str, node: str) -> bool:
-    """Return whether a node pattern of a parameter file, such as /**/simulator, matches `node`."""
+    """Return whether a node pattern matches the name of a node."""
     tokens = pattern.strip('/').split('/')
     expression = ''.join(_WILDCARDS.get(token, '/' + re.escape(token)) for token in tokens)
     return re.fullmatch(expression, node) is not None
@@ -73,8 +70,8 @@ def matches(pattern: str, node: str) -> bool:
 def notices(node: Node, arguments: Sequence[str], others: Sequence[Node] = ()) -> Iterator[Notice]:
     """Yield notices about parameter files on the command line of a node.
 
-    A warning names a file without parameters for `node` and `others`. Another notice names a
-    parameter for which a file and the option `-p` have different values.
+    A warning names a file that has parameters neither for `node` nor for `others`. Another notice
+    names a parameter for which a file and the option `-p` have different values.
     """
     name = node.get_fully_qualified_name()
     started = [name, *(other.get_fully_qualified_name() for other in others)]

@@ -30,11 +30,7 @@ _EXAMPLES = {
 
 
 def convert(kind: Parameter.Type, value: Any) -> Any:
-    """Convert a value that was set for a parameter of the type `kind`.
-
-    An integer becomes a float if `kind` needs floats. An empty list, which may arrive as None or
-    with another type, becomes [].
-    """
+    """Convert integers to floats, and sequences or None to lists, if the type `kind` needs it."""
     if kind in LISTS and isinstance(value, (NoneType, list, tuple, array)):
         elements = list(value or ())
         whole = all(type(element) is int for element in elements)
@@ -51,11 +47,7 @@ def type_complaint(kind: Parameter.Type, value: Any) -> str:
 
 
 def limits(descriptor: ParameterDescriptor) -> Quantity:
-    """Return the range and the choices of a parameter, from its descriptor.
-
-    If a parameter has a limit at one end only, its descriptor contains infinity or the largest
-    integer at the other end. Such an end is returned as None.
-    """
+    """Return the range and choices in a parameter's descriptor; an unlimited end becomes None."""
     ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
     ends = (ranges[0].from_value, ranges[0].to_value) if ranges else (math.inf, math.inf)
     low, high = (each if abs(each) < LARGEST_INTEGER else None for each in ends)

@@ -43,8 +43,7 @@ _CONVERTING: WeakSet[Node] = WeakSet()
 def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Parameters:
     """Declare the fields of a dataclass as parameters, and return an instance with their values.
 
-    Fields without a quantity are not declared. `prefix` precedes the field names. Raises
-    ValueError if a value is not allowed.
+    Only fields with a quantity are declared. Raises ValueError if a value is not allowed.
     """
     quantities = described_fields(parameters)
     if quantities and all(node.has_parameter(prefix + name) for name in quantities):

@@ -31,17 +31,14 @@ from soliton_linkage_nodes.runtime.parameters import reject_unknown
 _SPIN = 0.02
 """Longest time between two checks of a condition while no message arrives [s]."""
 _SHARE_OF_PERIOD = 0.1
-"""Switch interval of the Python interpreter, as a fraction of the period of the frames [1].
-Sensitivity: at 0.5x, waiting threads wake up twice as often; at 2x, frames are later by another
-0.1 periods."""
+"""Switch interval of the interpreter divided by the period of the frames [1]. Sensitivity: at
+0.5x, waiting threads wake up twice as often; at 2x, frames are later by another 0.1 periods."""
 _SHORTEST_INTERVAL = 1e-4
-"""Shortest switch interval of the interpreter [s]. It is well above the few microseconds that one
-switch takes."""
+"""Shortest switch interval of the interpreter [s], well above the few microseconds of a switch."""
 _MIXED = 'Sequence should be of same type'
 """Part of the error of rcl for a list that mixes integers and floats, such as [1, 0.5]."""
 _LONGEST_WAIT = 0.1
-"""Length of a slice of spinning [s]. Between two slices, the process checks whether it has
-received a signal."""
+"""Length of a slice of spinning [s], after which the process checks for a signal."""
 
 
 def spin_until(
@@ -50,10 +47,7 @@ def spin_until(
     seconds: float,
     give_up: Callable[[], bool] = lambda: False,
 ) -> bool:
-    """Spin until `condition()` is true.
-
-    Returns False after `seconds`, or when `give_up()` is true.
-    """
+    """Spin until `condition()`; return False after `seconds` or when `give_up()` is true."""
     deadline = time.monotonic() + seconds
     while not condition():
         if give_up() or time.monotonic() > deadline:
@@ -63,10 +57,7 @@ def spin_until(
 
 
 class WaitingNode(Node):
-    """Node of a command-line program.
-
-    It has no parameters, and it receives messages only during `wait`.
-    """
+    """Node of a program, which has no parameters and receives messages only during `wait`."""
 
     def __init__(self, name: str, stopping: threading.Event, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)

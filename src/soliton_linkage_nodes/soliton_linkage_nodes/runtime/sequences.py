@@ -14,28 +14,24 @@ _SILENCE = 0.5
 """Shortest silence of the selected publisher after which it is replaced by another one [s]. The
 ROS graph cannot replace this time limit, because it still lists a killed publisher for 20 s."""
 _SILENT_PERIODS = 5
-"""In addition, a publisher counts as silent only after this number of its message periods [1].
-Slow publishers are therefore not replaced."""
+"""Before a publisher is replaced, it must also miss this number of its message periods [1]."""
 _MEMORY = 20
 """The period of a publisher is averaged over about this many messages [1]."""
 _GAP_RATIO = 3.0
-"""If the time from the last message of a publisher to a new message differs from the expected time
-by more than this factor, the new message is probably from another publisher [1]."""
+"""A message is probably from another publisher if the time since the last message of a publisher
+differs from the expected time by more than this factor [1]."""
 _NANOSECOND = 1e-9
 """One nanosecond [s]."""
 _OFFSET_WINDOW = 10.0
-"""Length of the time windows in which the smallest delay of a message is determined [s]. It is
-short because clocks drift."""
+"""Length of the time windows for the smallest delay [s]. It is short because clocks drift."""
 
 
 class SequenceGaps:
     """Counter of the messages of a topic that were published and never received.
 
-    Each publisher numbers its messages 1, 2, 3, ... Message n belongs to the publisher whose last
-    number is n - 1; if there is none, to a new publisher. If as many publishers as the graph lists
-    are known already, message n instead belongs to the one with the largest last number below n.
-    If no publisher has a last number below n, a new publisher takes the entry of the one that has
-    been silent for longest.
+    Each publisher numbers its messages 1, 2, 3, ... Message n belongs to the publisher with the
+    largest last number below n. If there is none, or if this number is not n - 1 and the ROS graph
+    lists more publishers than are known, message n belongs to a new publisher.
     """
 
     def __init__(self) -> None:
@@ -62,8 +58,8 @@ class SequenceGaps:
 class _Newcomer:
     """First received message of a publisher.
 
-    `number` is its sequence number and `sent` its source time [ns]. `elapsed` is the time from the
-    subscription to this message [ns], and `period` the estimated message period [ns].
+    `sent` is its source time, `elapsed` its time since the subscription [ns], and `period` the
+    estimated message period [ns].
     """
 
     number: int
@@ -82,25 +78,18 @@ class MissedStarts:
     def missed(self) -> int:
         """Number of messages sent after the subscription but before the first received one.
 
-        If the earlier messages of a publisher need more time than has passed from the subscription
-        to its first received message, none of them is counted.
+        A publisher counts only if it can have sent all of its earlier messages in this time.
         """
         before = ((each.number - 1, each) for each in self._newcomers)
         return sum(count for count, each in before if count * each.period <= each.elapsed)
 
     def add(self, number: int, sent: int, elapsed: int) -> None:
-        """Record the first received message of a new publisher.
-
-        `sent` is its source time [ns], and `elapsed` the time since the subscription [ns].
-        """
+        """Record a publisher's first message, with source time and time since subscribing [ns]."""
         if number > 1:
             self._newcomers.append(_Newcomer(number, sent, elapsed))
 
     def take(self, number: int, sent: int) -> None:
-        """Estimate the message period of new publishers from a later message.
-
-        `sent` is its source time [ns].
-        """
+        """Estimate message periods of new publishers from a later message, sent at `sent` [ns]."""
         for each in self._newcomers:
             if each.number < number <= each.number + _MEMORY:
                 each.period = (sent - each.sent) / (number - each.number)
@@ -116,7 +105,7 @@ class _Publisher:
 
     @property
     def silence(self) -> float:
-        """The publisher counts as silent after this time without messages [s]."""
+        """Time without messages after which the publisher counts as silent [s]."""
         if math.isnan(self.period):
             return _SILENCE
         return max(_SILENCE, _SILENT_PERIODS * self.period * _NANOSECOND)
@@ -132,11 +121,7 @@ class _Publisher:
         return missing
 
     def time_mismatch(self, number: int, sent: int) -> float:
-        """Return |log(time since the publisher's last message / expected time)| for a message.
-
-        `sent` is its source time [ns]. The result is infinite if `number` does not exceed the last
-        number.
-        """
+        """Return |log(time since the last message / expected time)|, infinite for old messages."""
         count, took = number - self.number, sent - self.sent
         if count <= 0:
             return math.inf
@@ -149,9 +134,9 @@ class _Publisher:
 class PublisherArbitration:
     """Filter that keeps only the messages of one selected publisher of a topic.
 
-    The first message selects its publisher. When the selected publisher becomes silent, another
-    publisher replaces it. Message n belongs to the publisher whose last number is n - 1, otherwise
-    to the publisher for which the time of the message fits its number best.
+    The first message selects its publisher. When this publisher becomes silent, another one
+    replaces it. A message belongs to the publisher whose last number and message period it
+    continues best.
     """
 
     def __init__(self) -> None:
@@ -167,8 +152,7 @@ class PublisherArbitration:
     def take(self, number: int, sent: int, publishers: Callable[[], int]) -> bool:
         """Return whether to keep a message with a sequence number and a source time `sent` [ns].
 
-        Rejected messages are counted. `publishers()` returns the number of publishers of the
-        topic.
+        Rejected messages are counted. `publishers()` returns the number of publishers.
         """
         selected = self._selected
         if selected is None:
@@ -221,10 +205,7 @@ class PublisherArbitration:
 
 @dataclass
 class _Share:
-    """Publishers that send the same parts of a stream, such as the same joints.
-
-    `taken_at` is the time at which their last message was kept [s].
-    """
+    """Publishers of the same parts of a stream; their last kept message came at `taken_at` [s]."""
 
     arbitration: PublisherArbitration
     parts: set[str]
@@ -232,8 +213,8 @@ class _Share:
 
 
 _ABSENCE = 5.0
-"""If a part of a stream was not received for this time [s], its publishers are forgotten as soon
-as a message with new parts arrives."""
+"""Publishers of parts that were not received for this time [s] are forgotten if new parts
+arrive."""
 
 
 class StreamArbitration:
@@ -268,8 +249,7 @@ class StreamArbitration:
     ) -> bool:
         """Return whether to keep a message with a sequence number and a source time `sent` [ns].
 
-        `publishers()` returns the number of publishers, and `parts()` the parts of the message,
-        such as joint names.
+        `publishers()` returns the number of publishers, `parts()` the parts, such as joint names.
         """
         first = self._shares[0]
         if parts is None:

@@ -25,10 +25,7 @@ def time_from_msg(stamp: Time) -> int:
 
 
 def nanoseconds_of(clock: Clock) -> int:
-    """Return the time of a clock [ns].
-
-    This is faster than `Clock.now`, which creates two objects.
-    """
+    """Return the time of a clock [ns], faster than `Clock.now`, which creates two objects."""
     handle = clock.handle
     with handle:
         return int(handle.get_now().nanoseconds)
@@ -61,8 +58,7 @@ class Freshness:
 
 
 _DRIFT_TIME = 10.0
-"""Shortest time over which a clock drift is estimated [s]. A jitter of 1 ms then causes an error
-of at most 100 ppm."""
+"""Shortest time for an estimate of the drift [s]. A jitter of 1 ms then causes at most 100 ppm."""
 
 
 class ClockMonitor:
@@ -83,10 +79,7 @@ class ClockMonitor:
             self._least, self._latest = behind, now
 
     def figures(self) -> dict[str, float]:
-        """Return named values for diagnostics: the offset [s] and its drift [ppm].
-
-        They are estimated from the messages since the last call. Without messages, {} is returned.
-        """
+        """Return offset [s] and drift [ppm] by name; {} without messages since the last call."""
         if self._least is None:
             return {}
         least, at, self._least = self._least, self._latest, None

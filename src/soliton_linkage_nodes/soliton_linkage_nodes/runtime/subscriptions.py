@@ -87,10 +87,7 @@ class AdaptiveSubscription:
 
     @property
     def changed(self) -> bool:
-        """Whether publishers have come or gone since the last query.
-
-        The node must be a GuardedNode.
-        """
+        """Whether publishers have come or gone since the last query. Needs a GuardedNode."""
         changed = False
         for event in self._events:
             with event:
@@ -107,20 +104,14 @@ class AdaptiveSubscription:
                 yield taken
 
     def newest(self) -> Any:
-        """Take the oldest waiting message, or None.
-
-        At queue depth 1 it is also the newest message.
-        """
+        """Take the oldest waiting message, or None; at queue depth 1, it is also the newest."""
         message, info = next(self.waiting(), (None, None))
         if info is not None:
             self.sequence = info['publication_sequence_number']
         return message
 
     def adapt(self, before: Callable[[], object] = lambda: None) -> bool:
-        """Subscribe again if the publishers require it; return whether they do.
-
-        If so, `before` is called before the old subscription ends.
-        """
+        """Subscribe again, after `before()`, if the publishers require it; return whether so."""
         self.publishers = self._query_publishers()
         qos = self._qos_for_all() if self.publishers else self.qos
         if _same_offer(qos, self.qos):
@@ -229,13 +220,11 @@ class StreamSubscription:
 
         With `latest`, only the newest waiting message is passed to `take`. `on_takeover` is called
         when another publisher replaces a silent one. `parts` returns the names of the parts in a
-        message, such as joint names. `assemble` is called with each message. It stores a message
-        that contains only some parts, and returns the messages that are complete now. Each of
-        these is passed to `take`.
+        message, such as joint names. `assemble` collects messages that contain only some parts,
+        and returns the complete messages, each of which is passed to `take`.
         """
         self.skipped = 0
-        """Number of received messages that were skipped, because of a lag or because of
-        `latest`."""
+        """Number of received messages that were skipped because of a lag or `latest`."""
         self.dispatched = True
         self.received_at = 0
         self._node = node
@@ -263,10 +252,7 @@ class StreamSubscription:
         self._restore_dispatch()
 
     def dispatch(self, dispatched: bool) -> None:
-        """Set whether the executor takes the messages.
-
-        Otherwise the node must call `take_waiting`.
-        """
+        """Set whether the executor takes messages; if not, the node must call `take_waiting`."""
         if dispatched is not self.dispatched:
             self.dispatched = dispatched
             self._node.dispatch(self._adaptive.subscription, dispatched)
@@ -365,10 +351,7 @@ class StreamSubscription:
 
 
 class CountedSubscription:
-    """Subscription to commands, which any publisher may send.
-
-    Diagnostics state the number of lost messages.
-    """
+    """Subscription to commands of any publisher. Diagnostics state the number of lost messages."""
 
     def __init__(
         self,

@@ -17,11 +17,11 @@ from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage_nodes.runtime.guarded import describe_error
 
 _LEAST_PROGRESS = 1e-3
-"""After a reset, the first frame is computed for a limited time. The reset is rejected if the
-computed fraction of the frame is then smaller than this [1]."""
+"""A reset is rejected if less than this fraction of its first frame is computed in its trial
+[1]."""
 _MOST_KICKS = 10_000
-"""Largest number of kicks that wait for the next frame [1]. It is as large as the number that a
-topic transports in 1 s."""
+"""Largest number of kicks that wait for the next frame [1]: as many as a topic transports in 1
+s."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class SimulationStatus:
     energy: float
     """Energy of the current frame [J]."""
     energy_drift: float
-    """Error of the solver in the energy, relative to the largest energy so far [1]."""
+    """Error of the energy due to the solver, relative to the largest energy so far [1]."""
     dissipated: float
     """Energy dissipated by the damping since the last reset [J]."""
 
@@ -55,9 +55,8 @@ class SimulationControl:
 
     All waiting kicks, the latest torques and the latest gravity act from the time of the next
     published frame on. The angular velocities in a frame are those after its kicks. If the next
-    frame cannot be computed, the simulation pauses until a reset. The computation of a frame may
-    take seconds. Other threads may call all methods except `tick`. Only `step` waits until a
-    computation has ended.
+    frame cannot be computed, the simulation pauses until a reset. Other threads may call all
+    methods except `tick`. Only `step` waits for the computation of frames, which may take seconds.
     """
 
     def __init__(
@@ -76,8 +75,7 @@ class SimulationControl:
         time `command_timeout` [s]; 0 means no limit. If kicks act at a frame, `announce` is called
         with the frame number and the sum of their impulses [N m s], shape (N,). Then, for every
         frame, `publish` is called with the frame number and the simulation. A reset computes its
-        first frame for at most `longest_trial` [s] of processor time. It is rejected if less than
-        a thousandth of the frame is then computed.
+        first frame for at most `longest_trial` [s] of processor time.
         """
         self._begin = begin
         self._gravity = gravity
@@ -109,10 +107,7 @@ class SimulationControl:
 
     @property
     def simulation(self) -> Simulation:
-        """Simulation that began with the last reset.
-
-        It may be read only while the simulation is paused.
-        """
+        """Simulation since the last reset. It may be read only in a pause."""
         return self._simulation
 
     @property
@@ -137,10 +132,7 @@ class SimulationControl:
             return True
 
     def kick(self, impulses: Array) -> str | None:
-        """Apply impulses [N m s], shape (N,), at the next frame.
-
-        Returns the reason of a rejection, or None.
-        """
+        """Apply impulses [N m s], shape (N,), at the next frame; return why they are rejected."""
         with self._lock:
             if len(self._commands.kicks) >= _MOST_KICKS:
                 return f'{_MOST_KICKS} kicks already wait for the next frame; wait for a frame'
@@ -149,10 +141,7 @@ class SimulationControl:
             return None
 
     def hold(self, torques: Array) -> None:
-        """Apply torques [N m], shape (N,), from the next frame on.
-
-        They act until other torques replace them or `command_timeout` has passed.
-        """
+        """Apply torques [N m], shape (N,), until others replace them or `command_timeout` ends."""
         with self._lock:
             self._commands.torques = torques
             self._commands.count += 1
@@ -163,18 +152,12 @@ class SimulationControl:
             self._gravity = gravity
 
     def set_non_reciprocity(self, value: float) -> None:
-        """Set the non-reciprocity of the motors [N m/rad] from the next frame on.
-
-        A reset does not change it.
-        """
+        """Set the motors' non-reciprocity [N m/rad] from the next frame on, also after resets."""
         with self._lock:
             self._non_reciprocity = value
 
     def pause(self, paused: bool) -> str | None:
-        """Pause the simulation immediately, or end the pause.
-
-        Returns the reason of a rejection, or None.
-        """
+        """Pause immediately, or end the pause; return the reason of a rejection, or None."""
         with self._lock:
             if not paused and self._failure is not None:
                 return self._failure
@@ -182,10 +165,7 @@ class SimulationControl:
             return None
 
     def step(self, periods: int) -> str | None:
-        """Publish `periods` frames of the paused simulation.
-
-        Returns the reason of a rejection or failure, or None.
-        """
+        """Publish `periods` frames of the paused simulation; return the reason of a failure."""
         if self._stopping:
             return 'the simulation is stopped; activate the simulator first'
         if not self._paused:
@@ -200,9 +180,7 @@ class SimulationControl:
             return self._failure
 
     def reset(self, state: State) -> None:
-        """Put the chain into a state, and drop all waiting commands.
-
-        The simulated time is not reset.
+        """Put the chain into a state, and drop waiting commands. The simulated time is not reset.
 
         Raises ValueError, without any effect, if the mechanics do not allow the state or its first
         frame cannot be computed.
@@ -235,10 +213,7 @@ class SimulationControl:
         return self._simulation
 
     def _finish_frame(self, simulation: Simulation) -> None:
-        """Compute the next frame.
-
-        The lock is not held during the computation, so that other threads can send commands.
-        """
+        """Compute the next frame without the lock, so that other threads can send commands."""
         failure: Exception | None = None
         self._abandoned = simulation
         try:
@@ -285,8 +260,7 @@ class SimulationControl:
 def _try(simulation: Simulation, limit: float) -> None:
     """Compute the first frame after a reset for at most `limit` [s] of processor time.
 
-    Raises ValueError if the computation fails or would take too long, which is more than a
-    thousand times `limit`.
+    Raises ValueError if the computation fails or would take more than a thousand times `limit`.
     """
     deadline = time.thread_time() + limit
     try:

@@ -26,20 +26,15 @@ from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
 class SensedJoints:
     """Serialized joint states as simulated encoders measure them.
 
-    Joints without an encoder are omitted.
-
-    The angles include the known encoder offsets and the errors of the encoders. The angular
-    velocities include the errors of the encoders. The torques are exact.
+    Joints without an encoder are omitted. The angles include the known encoder offsets and the
+    errors of the encoders. The angular velocities include only these errors. The torques are
+    exact.
     """
 
     def __init__(
         self, named: NamedChain, period: float, errors: EncoderErrors, missing: Collection[int]
     ) -> None:
-        """Create the message.
-
-        `period` is the time between two frames [s], and `missing` contains the rotor numbers of
-        the joints that are omitted.
-        """
+        """Create the message without the rotors `missing`; `period` is the time of a frame [s]."""
         shown = [rotor for rotor in range(named.rotors) if rotor not in missing]
         names = tuple(named.joint_names[rotor] for rotor in shown)
         self._shown = np.array(shown, dtype=np.intp) if missing else None
@@ -63,8 +58,8 @@ class SensedJoints:
     def fill(self, stamp: int, frame: int, simulation: Simulation) -> bytearray:
         """Return the message for the present frame of a simulation, with a `stamp` [ns].
 
-        The next call overwrites the message. After a reset of the simulation, the simulated
-        encoders estimate the angular velocities from the frames since the reset only.
+        The next call overwrites the message. The simulated encoders estimate the angular
+        velocities only from frames since the last reset.
         """
         angles, rates = simulation.angles, simulation.rates
         if not self._encoders.errors.none:
@@ -100,8 +95,8 @@ class DeliveryPublisher:
     def add(self, stamp: int, simulation: Simulation) -> None:
         """Add the impulses and torques that have acted since the previous frame.
 
-        `stamp` is the stamp of the present frame [ns]. Impulses that act at this frame are added
-        at the next frame.
+        The present frame has the stamp `stamp` [ns]. Impulses that act at it are added at the next
+        frame.
         """
         if simulation is not self._simulation:
             self._simulation = simulation
@@ -155,10 +150,7 @@ class FramePublisher:
         return int(self._joint_states.qos_profile.depth)
 
     def begin(self) -> None:
-        """Publish the chain, and set the stamp of the first frame to the present time.
-
-        Later calls have no effect.
-        """
+        """On the first call, publish the chain and set the first frame's stamp to the present."""
         if self.epoch is not None:
             return
         self.epoch = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
@@ -177,15 +169,12 @@ class FramePublisher:
         interfaces.wait_for_acknowledgements(self._joint_states)
 
     def announce(self, frame: int, impulses: Array) -> None:
-        """Publish the impulses [N m s], shape (N,), that act at the frame number `frame`.
-
-        It is called before this frame is published.
-        """
+        """Publish the impulses [N m s], shape (N,), that act at the next frame, number `frame`."""
         buffer = self._impulse_buffer.fill(self._stamp_of(frame), impulses)
         publish_buffer(self._impulses, buffer)
 
     def publish(self, frame: int, simulation: Simulation) -> None:
-        """Publish the present frame of a simulation. Its number is `frame`."""
+        """Publish the present frame of a simulation, which has the number `frame`."""
         stamp = self.stamp = self._stamp_of(frame)
         if self._clock is not None:
             self._clock.publish(interfaces.CLOCK.type(clock=time_to_msg(stamp)))

@@ -36,8 +36,7 @@ from soliton_linkage_nodes.simulator.parameters import PARAMETERS, SimulatorPara
 from soliton_linkage_nodes.simulator.services import SimulationServices, serve_standard
 
 _SLOWEST = 1e-6
-"""Smallest real-time factor, except 0 [1]. At a frame rate of 300 Hz, one frame per hour is then
-published."""
+"""Smallest real-time factor above 0 [1]: one frame per hour at a frame rate of 300 Hz."""
 _NON_RECIPROCITY = 'chain.non_reciprocity'
 _POLL_INTERVAL = 0.02
 """Poll interval while waiting for subscribers [s]."""
@@ -94,10 +93,7 @@ class Simulator(ManagedNode):
         self._start_timer.cancel()
 
     def activate(self) -> None:
-        """Start the simulation loop as soon as there are enough subscribers, or resume it.
-
-        Before the first frame, the chain is published.
-        """
+        """Publish the chain, and run the simulation as soon as there are enough subscribers."""
         self.control.resume()
         self._start_timer.reset()
         self._begin()
@@ -214,9 +210,9 @@ def main() -> None:
 
 
 _FRAMES_OVERDUE = 3
-"""If no frame was published since the last report although more than this number were due, the
-report warns [1]. In normal operation, up to 3 are due between two reports without being published:
-one at each end of this interval, and one that is late."""
+"""The report warns if more than this number of frames were due since the last report and none was
+published [1]. In normal operation, up to 3 may be due: one at each end of the interval, and a late
+one."""
 
 
 class SimulationReport:
@@ -229,10 +225,7 @@ class SimulationReport:
         settings: SimulatorParameters,
         complain: Callable[[str], object],
     ) -> None:
-        """Create the report.
-
-        When a new fault of the simulation is found, `complain` is called with its description.
-        """
+        """Create the report, which passes each new fault of the simulation to `complain`."""
         self._control = control
         self._loop = loop
         self._publish_rate = settings.publish_rate
@@ -271,8 +264,8 @@ class SimulationReport:
     def _message(self, status: SimulationStatus, late: int, slow: bool) -> tuple[str, str]:
         """Return the message of the report and the fault to be logged, or '' without a fault.
 
-        `late` is the number of deadlines missed since the last report. `slow` is whether frames
-        were due but none has been published since the last report.
+        `late` deadlines were missed since the last report; `slow` means that no due frame was
+        published.
         """
         if status.failure:
             return (f'paused, {status.failure}',) * 2

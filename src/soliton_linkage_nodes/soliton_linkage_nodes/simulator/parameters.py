@@ -15,10 +15,7 @@ from soliton_linkage_nodes.runtime.managed import ManagedParameters
 
 @dataclass(frozen=True)
 class SimulatorParameters(WorldParameters):
-    """Parameters of the simulator.
-
-    Other classes contain the parameters of the chain, the gravity and the sensors.
-    """
+    """Parameters of the simulator, except for those of the chain, the gravity and the sensors."""
 
     publish_rate: float = quantity(
         500.0, 'rate of joint_states in simulated time', 'Hz', 1.0, 10_000.0
@@ -63,5 +60,4 @@ PARAMETERS: dict[type, str] = {
     EncoderErrors: 'sensors.',
     **CHAIN_PARAMETERS,
 }
-"""Dataclasses with the parameters of the node, and the prefix of the parameter names of each
-class."""
+"""Dataclasses with the node's parameters, and the prefix of the parameter names of each class."""

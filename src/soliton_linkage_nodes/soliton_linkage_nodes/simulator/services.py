@@ -37,10 +37,7 @@ class SimulationServices:
         period: float,
         most_periods: int,
     ) -> None:
-        """Create the services.
-
-        `period` is the time between two frames [s]. A step has at most `most_periods` frames.
-        """
+        """Create the services. A step has at most `most_periods` frames, each of `period` [s]."""
         self.control = control
         self._named = named
         self._world = world
@@ -174,10 +171,7 @@ class StandardServices:
         return self._answered(response, self._services.step(request.steps))
 
     def reset_simulation(self, request: Any, response: Any) -> Any:
-        """Put the chain into its initial state.
-
-        A request that also resets the time is rejected.
-        """
+        """Put the chain into its initial state; reject a request that also resets the time."""
         scopes = self._types.ResetSimulation.Request
         if request.scope not in (scopes.SCOPE_STATE, scopes.SCOPE_STATE | scopes.SCOPE_SPAWNED):
             reason = (

@@ -45,7 +45,7 @@ class RecordingMetadata:
                 self._chains[source.name] = _parameters_of(serialized)
 
     def texts(self, losses: Mapping[str, int], missed: Mapping[str, int]) -> dict[str, str]:
-        """Return the custom data. `losses` and `missed` are those of `ReceivingThread`."""
+        """Return the custom data. `ReceivingThread` has `losses` and `missed`."""
         return {
             'lost_messages': json.dumps(losses),
             'missed_messages': json.dumps(missed),
