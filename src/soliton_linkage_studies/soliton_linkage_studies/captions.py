@@ -11,7 +11,7 @@ LINKAGE = (
     'the rotor spacing, θ̄ the rest angle, and d = 2 r sin θ̄ / a.'
 )
 MODE = 'green arrows are the velocities of the masses in this mode, all drawn to the same scale'
-"""Clause that describes the zero-mode arrows."""
+"""Clause of a caption that explains the zero-mode arrows."""
 PROJECTIONS = (
     'Arrows below the pivots are the horizontal displacements u = r sin φ of the masses, in '
     'several rows if they would overlap. Arrows to the right are purple, arrows to the left are '
@@ -30,7 +30,7 @@ def shape(chain: Chain) -> str:
 
 
 def class_and_shape(chain: Chain) -> str:
-    """Return the motion class of a chain and (r/a, theta_bar) in the format of the tables."""
+    """Return the motion class, followed by r/a and the rest angle [rad] in parentheses."""
     ratio = chain.rotor_length / chain.spacing
     return f'{chain.motion.value} ({ratio:g}, {chain.rest_angle:g})'
 

@@ -52,12 +52,11 @@ PIXELS: Any = {
 }
 """Keywords of `Axes.imshow` for images of displacements or order fields."""
 _MARGIN = 0.35
-"""Distance between the area that the rotors of a chain can reach and the border of the picture
-[rotor spacings]."""
+"""Width of the empty margin around the area that the rotors can reach [rotor spacings]."""
 _ROW = 0.3
 """Height of a row of displacement arrows [rotor spacings]."""
 _ARROW = 1.2
-"""Length of the arrow for a mode component of 1, divided by the larger of a and r [1]."""
+"""Length of the arrow for a mode component of 1, as a multiple of the larger of a and r [1]."""
 
 
 def pivot_points(chain: Chain) -> Array:
@@ -88,8 +87,8 @@ def limits(
 ) -> tuple[float, float, float, float]:
     """Return the limits left, right, bottom and top [m] of a picture of a chain.
 
-    If `projections` is true, space for the displacement arrows is added. The bottom is `lowered`
-    [m] further down, because odd rotors may be drawn below the others.
+    If `projections` is true, space for the displacement arrows is included. Odd rotors are drawn
+    `lowered` [m] below the others.
     """
     margin = _MARGIN * chain.spacing
     reach = float(chain.rotor_lengths.max()) + margin
@@ -98,7 +97,7 @@ def limits(
 
 
 def lean_norm(chain: Chain) -> FuncNorm:
-    """Return the matplotlib norm that maps displacements u [m] to 0 ... 1 in `LEAN_COLOURS`."""
+    """Return the norm (matplotlib) from displacements u [m] to positions in `LEAN_COLOURS`."""
     positions, shares = lean_colour_scale(chain)
     return FuncNorm(
         (partial(_between, positions, shares), partial(_between, shares, positions)),
@@ -228,8 +227,8 @@ def add_legend(figure: Figure) -> None:
 def projection_quiver(axes: Axes, chain: Chain, angles: Array, lowered: float = 0.0) -> Quiver:
     """Draw the displacements u_n = r sin(phi_n) [m] as arrows; return the arrows.
 
-    Arrows to the right are purple, arrows to the left orange. If the rotors are long, the arrows
-    of neighbouring rotors are in different rows so that they do not overlap.
+    Arrows to the right are purple, arrows to the left orange. If r > a, the arrows of neighbouring
+    rotors are in different rows, so that they do not overlap.
     """
     along = displacement(chain, angles)
     positions = np.column_stack([chain.pivots, _rows(chain) - lowered])
@@ -251,8 +250,8 @@ def draw_torus(axes: Axes, chain: Chain, curves: Sequence[Array]) -> None:
     """Draw the configuration space of a unit cell as curves on a torus (paper, Fig. 4c).
 
     Each curve contains staggered angles [rad], shape (K, 2). Opposite sides of the square plot are
-    the same line on the torus. Triangles are the uniform ground states: purple ones lean right,
-    orange ones lean left.
+    the same line on the torus. Triangles mark the four uniform ground states: purple if they lean
+    right, orange if they lean left.
     """
     for number, curve in enumerate(curves):
         colour = CURVE_COLOURS[number % len(CURVE_COLOURS)]
@@ -278,7 +277,7 @@ def split_at_wraps(curve: Array) -> Array:
 
 
 def towards_camera(azimuth: float, elevation: float) -> Array:
-    """Return the unit vector towards a camera in a direction given by two angles [rad], (3,)."""
+    """Return the unit vector towards a camera at an azimuth and elevation [rad], shape (3,)."""
     flat = math.cos(elevation)
     return np.array([flat * math.cos(azimuth), flat * math.sin(azimuth), math.sin(elevation)])
 
@@ -332,16 +331,13 @@ def _rows(chain: Chain) -> Array:
 
 
 def _turned(tilt: float) -> Array:
-    """Return the matrix that tilts points with rows (x, z) by points @ matrix.
-
-    A positive tilt [rad] lowers points with x > 0.
-    """
+    """Return T so that `points @ T` are tilted; a positive tilt [rad] lowers points with x > 0."""
     sine, cosine = math.sin(tilt), math.cos(tilt)
     return np.array([[cosine, -sine], [sine, cosine]])
 
 
 def _between(positions: Array, values: Array, wanted: ArrayLike) -> Array:
-    """Interpolate the `values` at `positions` linearly to `wanted`; extrapolate at the ends."""
+    """Interpolate linearly like `np.interp`, but extrapolate linearly beyond the ends."""
     at = np.asarray(np.ma.filled(wanted, np.nan), dtype=np.float64)
     slopes = np.diff(values)[[0, -1]] / np.diff(positions)[[0, -1]]
     below, above = np.minimum(at - positions[0], 0), np.maximum(at - positions[-1], 0)

@@ -16,22 +16,20 @@ from soliton_linkage.solitons.static_wall import site_arc, static_wall
 from soliton_linkage.solitons.tanh_fit import order_field
 
 SNAPSHOTS = 10
-"""Number of frames that are combined to the profile of a wall [1], as in the paper."""
+"""Number of frames from which the profile of a wall is assembled [1], as in the paper."""
 DISTANCE_LABEL = 'n - X [rotor spacings]'
 """Axis label of the distance of a rotor from a wall."""
 
 _ARCTANH_REACH = 0.9
-"""Rotors whose order field m has a larger |m| [1] are not used in the fit of a wall width, because
-arctanh(m) would amplify their errors."""
+"""A width fit ignores order fields |m| above this [1], because arctanh(m) amplifies errors."""
 _MIDDLE = 0.3
-"""Fraction of the length of a chain, centred on its middle, in which a wall is measured [1]."""
+"""Walls are measured in the middle part of a chain, which has this fraction of its length [1]."""
 _FRAMES = 600
 """Number of frames in a recording of a crossing."""
 _SLACK = 1.1
-"""A crossing is recorded for at least this multiple of the `slow_crossing_time` [1]."""
+"""Smallest recording time of a crossing, as a multiple of `slow_crossing_time` [1]."""
 _TRANSIENT = 1.5
-"""A crossing is recorded for at least this multiple of the time in which sound crosses the chain
-[1]. This determines the recording time of fast walls."""
+"""Smallest recording time of a crossing, as a multiple of the crossing time of sound [1]."""
 
 
 def kick_rates(
@@ -41,7 +39,7 @@ def kick_rates(
 
     The velocities are phi_dot = (a / r) sqrt(k_e / M) v0 e with the zero mode e of norm 1. The
     kick v0 is the norm r |phi_dot| in units of a sqrt(k_e / M). Raises ValueError if the wall is
-    nearer to the other edge and `anywhere` is false.
+    nearer to the other edge, unless `anywhere` is true.
     """
     speed = kick * chain.spacing / (chain.rotor_length * chain.time_unit)
     return speed * edge_mode(chain, angles, edge, anywhere)
@@ -56,13 +54,13 @@ def record_kick(chain: Chain, kick: float, duration: float, frames: int) -> Reco
 
 
 def record_moving_wall(chain: Chain, kick: float) -> tuple[Recording, float]:
-    """Record a chain from its kick until the wall has crossed; return also the wall speed."""
+    """Record a kicked chain while its wall crosses; return also the speed [rotor spacings/s]."""
     recording = record_kick(chain, kick, crossing_duration(chain, kick), _FRAMES)
     return recording, snapshots(chain, recording, 2).speed
 
 
 def crossing_duration(chain: Chain, kick: float) -> float:
-    """Return a recording time [time units] in which a kicked wall crosses the chain."""
+    """Return a recording time that is long enough for a kicked wall to cross [time units]."""
     fastest = (chain.number_of_rotors - 1) * chain.spacing / speed_of_sound(chain)
     return max(_SLACK * slow_crossing_time(chain, kick), _TRANSIENT * fastest / chain.time_unit)
 
@@ -70,8 +68,7 @@ def crossing_duration(chain: Chain, kick: float) -> float:
 def slow_crossing_time(chain: Chain, kick: float) -> float:
     """Return the crossing time of a wall in a chain of rigid bars [time units].
 
-    The time is (N - 1) Lambda / v0 for a kick v0. Lambda is the norm of the displacements of all
-    masses, divided by the displacement of the wall.
+    The time is (N - 1) (r / a) lambda / v0 for a kick v0, with lambda = `site_arc(chain)`.
     """
     way = site_arc(chain) * chain.rotor_length / chain.spacing
     return (chain.number_of_rotors - 1) * way / kick
@@ -79,7 +76,7 @@ def slow_crossing_time(chain: Chain, kick: float) -> float:
 
 @dataclass(frozen=True)
 class Snapshots:
-    """K frames of a wall that moves through the middle of a chain of N rotors."""
+    """K frames in which a wall moves through the middle of a chain of N rotors."""
 
     distances: Array
     """Signed distances n - X of the rotors from the wall [rotor spacings], shape (K, N)."""
@@ -116,8 +113,8 @@ def snapshots(chain: Chain, recording: Recording, count: int) -> Snapshots:
 def first_passage(chain: Chain, positions: Array) -> slice:
     """Return the range of frames in which a wall first passes the middle of the chain.
 
-    `positions` are the wall positions [rotor spacings], shape (T,). The middle is 30 % of the
-    length of the chain.
+    `positions` are the wall positions [rotor spacings], shape (T,). The middle is the range from
+    35 to 65 % of the length of the chain.
     """
     middle = (chain.number_of_rotors - 1) / 2
     inside = np.abs(positions - middle) < _MIDDLE * middle
@@ -126,11 +123,12 @@ def first_passage(chain: Chain, positions: Array) -> slice:
 
 
 def static_profile(chain: Chain, middle: float) -> tuple[Array, Array]:
-    """Combine static walls at ten positions, from `middle` to `middle` + 0.9, into one profile.
+    """Combine static walls at ten positions into one profile.
 
-    Returns the distances of the rotors from the wall [rotor spacings] and the order field m of
-    these rotors [1], each of shape (K,) for the K inner rotors of all ten walls. Edge rotors are
-    excluded, because each of them has two rest angles.
+    The positions are `middle`, `middle` + 0.1, ... `middle` + 0.9 [rotor spacings]. Returns the
+    distances of the rotors from the wall [rotor spacings] and their order field m [1], each of
+    shape (K,) for the K inner rotors of all ten walls. Edge rotors are excluded, because each of
+    them has two rest angles.
     """
     rotors, beyond = np.arange(chain.number_of_rotors), np.arange(SNAPSHOTS) / SNAPSHOTS
     fields = [order_field(chain, static_wall(chain, middle + each))[0] for each in beyond]
@@ -147,8 +145,7 @@ def wall_positions(chain: Chain, recording: Recording) -> Array:
 def zero_crossing(field: Array) -> float:
     """Return the position of the first zero of an order field, shape (N,); NaN without a zero.
 
-    Edge rotors are excluded, because each has a second rest angle, at which the order field has
-    another value.
+    Edge rotors are excluded, because at their second rest angle the order field has another value.
     """
     negative = np.signbit(field[1:-1])
     crossings = np.flatnonzero(negative[1:] != negative[:-1])

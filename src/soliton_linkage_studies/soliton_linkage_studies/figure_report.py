@@ -23,14 +23,12 @@ from soliton_linkage.linkage.chain import Chain
 _RESOLUTION = 150
 """Resolution of PNG pictures [pixels per inch]; the pictures are 1200 to 2000 pixels wide."""
 _DIGITS = 5
-"""Number of significant digits of the values in a table [1]. More digits have no use, because most
-theories are less accurate."""
+"""Number of significant digits in a table [1]; most theories are less accurate than this."""
 _LINE = 95
 """Largest number of characters in a line of a caption."""
 _FUNCTIONS = ('sin', 'cos', 'ln', 'min', 'max')
 _ROUNDING = 1e-11
-"""A relative error that is not above this [1] is written as 0 in a table. The value is about the
-rounding error of a sum of 1000 terms."""
+"""Smaller errors are written as 0 in a table [1]; sums of 1000 terms have such rounding errors."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +50,7 @@ class Formula:
 def chain_formula(
     text: str, value: float, chain: Chain, remark: str = '', **more: float
 ) -> Formula:
-    """Return a formula whose symbols are those of `chain` and `more` that occur in `text`."""
+    """Return a formula with the values of the symbols in `text`, from `chain` and from `more`."""
     plus, minus = couplings(chain)
     symbols = {
         'r': chain.rotor_length,
@@ -74,7 +72,7 @@ class Comparison:
     """Values of one quantity from the paper, from the corrected theory and from the simulation."""
 
     quantity: str
-    """Name of the quantity, followed by the chain and the unit."""
+    """Name of the quantity, with the chain and the unit."""
     paper: str | Formula
     """Value or formula from the paper, with the equation number."""
     theory: str | Formula
@@ -82,7 +80,7 @@ class Comparison:
     measured: float
     """Value measured on the simulated chain."""
     stated: float = math.nan
-    """Theoretical value if `theory` is a text. NaN means that no theoretical value exists."""
+    """Theoretical value if `theory` is a text; NaN if there is no such value."""
 
     @property
     def expected(self) -> float:
@@ -91,10 +89,9 @@ class Comparison:
 
     @property
     def error(self) -> str:
-        """Text with the relative difference between measured value and theory [%].
+        """Relative difference between measured value and theory [%], as a text.
 
-        If the theoretical value is 0, the text contains the measured value instead. Without a
-        theoretical value, the text is empty.
+        The text is the measured value if the theoretical value is 0, and empty if there is none.
         """
         if not math.isfinite(self.expected):
             return ''
@@ -165,7 +162,7 @@ class FigureReport:
 
 
 def save_page(report: FigureReport, folder: Path, name: str, table: str = 'table.md') -> str:
-    """Save `report`, and its comparisons in the file `table`; return that table as text."""
+    """Save `report`, and its comparisons in the file `table`; return this table and the folder."""
     report.save(folder, name)
     write_table({name: report.comparisons}, folder / table, [name])
     table = (folder / table).read_text(encoding='utf-8')
@@ -193,10 +190,10 @@ def save_caption(caption: str, path: Path) -> None:
 def write_table(
     drawn: Mapping[str, Sequence[Comparison]], path: Path, order: Sequence[str]
 ) -> None:
-    """Write the comparisons in `drawn`, a mapping from figure names, to a Markdown table.
+    """Write a Markdown table of the comparisons in `drawn`, whose keys are figure names.
 
-    If the file exists, its rows of other figures are kept. The rows are in the order of the figure
-    names in `order`; rows of any other figure are removed.
+    If the file exists, its rows of other figures are kept. The figures are in the order of
+    `order`; figures that `order` does not contain are removed.
     """
     rows = _rows_by_figure(path)
     for name, comparisons in drawn.items():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measurements of a sweep on a chain; each measurement returns the values of one table row."""
+"""Measurements on a chain for a sweep; each measurement returns the values of one table row."""
 
 from __future__ import annotations
 
@@ -27,19 +27,16 @@ from soliton_linkage_studies.experiments import kick_rates
 _TOLERANCE = 1e-8
 """Largest integration error of an angle in one step [rad]."""
 _FRAMES_A_SPACING = 4.0
-"""Smallest number of frames in the time in which a wall moves by the smaller of a rotor spacing
-and its own width [1]."""
+"""Approximate number of frames in which a wall moves by one rotor spacing [1]."""
 _FRAMES_A_SWING = 40.0
-"""Number of frames in the time in which an edge rotor turns by the smaller of 1 rad and a / r
-[1]."""
+"""Approximate number of frames in which an edge rotor turns by 1 rad or, if smaller, a / r [1]."""
 _DEPARTED = 1.5
-"""A wall of a spinner counts as departed from an edge after it has moved by more than this [rotor
-spacings]."""
+"""A wall of a spinner has left an edge after a longer path than this [rotor spacings]."""
 
 
 @dataclass(frozen=True)
 class Leg:
-    """One leg of a wall's motion: from one edge of the chain towards the other edge."""
+    """Motion of a wall from one edge of the chain towards the other edge."""
 
     direction: int
     """+1 towards the last rotor, -1 towards rotor 0."""
@@ -55,15 +52,15 @@ def follow_wall(chain: Chain, edge: Edge = Edge.FIRST, legs: int = 2) -> tuple[L
     """Simulate a chain with rigid bars until the wall has crossed the chain `legs` times.
 
     The simulation starts in the left-leaning rest state if `edge` is the first edge, otherwise in
-    the right-leaning one. The wall of a flipper first moves to the nearest edge; this motion is
+    the right-leaning one. In a flipper the wall first moves to the nearest edge; this motion is
     not a leg. The simulation ends early if the wall turns back, or if the arc length of a leg
     exceeds 4 pi N [rad] for N rotors.
 
     The wall position is the centre of the zero mode. The wall of a flipper reaches an edge when
-    the edge rotor passes the straight line from its pivot to the neighbouring mass, because then
-    the zero mode is localised on the edge rotor. The wall of a spinner reaches an edge when the
-    edge rotor has the largest component of the zero mode. Raises ValueError for a periodic chain,
-    `legs` below 1 or no rest state, and ArithmeticError if the bars jam.
+    the edge rotor and its spring are in line, because then the zero mode is localised on this
+    rotor. The wall of a spinner reaches an edge when the edge rotor has the largest component of
+    the zero mode. Raises ValueError if the chain is periodic or has no rest state, or if `legs` is
+    below 1, and ArithmeticError if the bars jam.
     """
     _check_ends(chain)
     if legs < 1:
@@ -143,13 +140,10 @@ class _Walker:
 
 
 def _frame_arc(chain: Chain) -> float:
-    """Return the arc length in configuration space from one frame to the next [rad].
+    """Return the frame period [s], which is also the arc length per frame [rad] at 1 rad/s.
 
-    The chain moves at 1 rad/s along its path, so that the frame period [s] has the same value. The
-    result is the larger of two arc lengths. The first resolves the motion of the wall; it follows
-    from the rotors of a flipper, which turn by 2 theta_bar while the wall moves by its own width.
-    The second resolves the swing of an edge rotor when a wall is reflected; the amplitude of this
-    swing is the smaller of a / r and 1 rad.
+    This arc length resolves the motion of the wall or, if this takes fewer frames, the swing of an
+    edge rotor.
     """
     spacings = 1 + chain.wall_width / chain.spacing
     of_wall = chain.rest_angle / (_FRAMES_A_SPACING * math.sqrt(spacings))
@@ -169,14 +163,12 @@ BLOCKED = 'blocked'
 MECHANICS = ('elastic', 'rigid')
 OUTCOMES = ('returns', 'crosses', 'lost')
 _PIECE = 20
-"""The simulation checks after each piece of this duration [time units] whether the wall has
-returned."""
+"""Duration of a piece [time units], after which the simulation ends if the wall has returned."""
 _WALL_REACH = 4
-"""Energy counts as energy of a wall up to a distance of this multiple of the larger of wall width
-and penetration depth [1]. This range contains 98 % of the energy of a wall."""
+"""Distance from a wall within which energy is energy of the wall, in units of the larger of wall
+width and penetration depth [1]. This range contains 98 % of the energy of a wall."""
 _JUMP = 5
-"""If a track moves by this or more between two frames [rotor spacings], it has changed to another
-wall."""
+"""If a track jumps by this or more between frames, it follows another wall [rotor spacings]."""
 
 Value = float | int | str
 
@@ -211,18 +203,18 @@ class SentWall(NamedTuple):
 
 @dataclass(frozen=True)
 class Measure:
-    """Measurement of a chain, and the table column that is drawn in the picture."""
+    """Measurement on a chain, and the one of its columns that the picture shows."""
 
     take: Callable[[Chain, SweepTrial, SentWall | None], dict[str, Value]]
     columns: tuple[str, ...]
     """Names of the values that `take` returns."""
     shown: str
-    """Name of the drawn column."""
+    """Name of the column that the picture shows."""
     label: str
     sends_wall: bool = True
     """Whether the measurement of an elastic chain needs the result of `send_wall`."""
     classes: tuple[str, ...] = ()
-    """Possible values of the drawn column, best first. An empty tuple means a numeric column."""
+    """Possible values of the column `shown`, best first; empty if its values are numbers."""
 
 
 def measure_motion(
@@ -238,9 +230,9 @@ def measure_speed(
 ) -> dict[str, Value]:
     """Measure the outcome, the speed and the phonon energy of a wall kicked off the right edge.
 
-    `speed` [a sqrt(k_e / M)] is measured between the outer fifths of the chain. `phonons` is the
-    result of `phonon_share`. `speed` and `phonons` are NaN if the wall does not cross the chain.
-    `sent` is the result of `send_wall`, if it is known.
+    `speed` [a sqrt(k_e / M)] is the mean over the middle three fifths of the chain. `phonons` is
+    the result of `phonon_share`. `speed` and `phonons` are NaN if the wall does not cross the
+    chain. `sent` is the result of `send_wall`; if it is None, `send_wall` is called.
     """
     recording, track, crossings = sent or send_wall(chain, trial)
     speed = phonons = math.nan
@@ -253,10 +245,7 @@ def measure_speed(
 def measure_survival(
     chain: Chain, trial: SweepTrial, sent: SentWall | None = None
 ) -> dict[str, Value]:
-    """Measure whether a wall crosses a chain of springs or bars and returns.
-
-    `sent` is the result of `send_wall`, if it is known.
-    """
+    """Measure whether a wall crosses a chain of springs or bars and returns."""
     if trial.mechanics == 'elastic':
         crossed = len((sent or send_wall(chain, trial)).crossings)
     else:
@@ -273,11 +262,11 @@ def send_wall(chain: Chain, trial: SweepTrial) -> SentWall:
 
 
 def send_walls(trials: Sequence[tuple[Chain, SweepTrial]]) -> list[SentWall | Exception]:
-    """Kick the wall of each elastic chain off the right edge, and simulate until the wall returns.
+    """Kick the wall of each elastic chain off the right edge; simulate until it returns.
 
-    Chains that have the same time unit and tolerance are simulated together. The frame period is
-    one time unit. A crossing is discarded if its track jumps by five rotor spacings or more
-    between two frames. If a chain cannot be simulated, its result is the error that was raised.
+    The frame period is one time unit. The simulation ends at the time limit of the trial. A
+    crossing is discarded if its track jumps by five rotor spacings or more between two frames. If
+    a chain cannot be simulated, its result is the error that was raised.
     """
     results = [_begun(chain, trial) for chain, trial in trials]
 

@@ -31,20 +31,20 @@ from soliton_linkage_studies.settings import Section, chain_from, load_settings
 from soliton_linkage_studies.sweep.table import markdown_table
 
 MoveKey = tuple[str, str]
-"""Names of a chain and of a condition."""
+"""Name of a chain and name of a condition."""
 
 _TOLERANCE = 1e-8
-"""Integration error of an angle per time unit [rad], far below the encoder noise."""
+"""Largest integration error of an angle per time unit [rad]; it is far below the encoder noise."""
 _OBSERVATION_TIME = 0.2
-"""Time from the first frame to the goal command [s]. The wall is at rest during this time."""
+"""Time from the first frame to the goal command [s], during which the wall is at rest."""
 _TIME_LIMIT = 120.0
 """Time limit of a move [s]; a longer move has the outcome NOT_HELD."""
 _SAMPLE_EVERY = 20
-"""A `MoveRun` contains one of this number of successive frames [1]. At 250 Hz, this is one frame
-per 80 ms, or about one per pixel of the picture."""
+"""A `MoveRun` contains one of this number of successive frames [1]; at 250 Hz, this is about one
+frame per pixel of the picture."""
 DISORDERED = ('spacing', 'rotor_length', 'mass', 'stiffness', 'rest_length')
 _DRAWS = 100
-"""Largest number of attempts to draw a disorder through which a wall can pass [1]."""
+"""Largest number of random draws of a disorder through which a wall can pass [1]."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Condition:
     noise: float
     """Standard deviation of the noise of a measured angle [rad]."""
     decay: float
-    """Rate at which damping alone, without any spring, slows down a rotor [1/s]."""
+    """Damping coefficient of a rotor divided by its moment of inertia [1/s]."""
     disorder: float
     """Relative standard deviation of the lengths, of the masses and of the stiffnesses [1]."""
 
@@ -133,13 +133,11 @@ class MoveRun:
     positions: Array
     """Wall position [rotor spacings], shape (T,)."""
     references: Array
-    """Reference position of the wall [rotor spacings], shape (T,); NaN while the steering has no
-    trajectory."""
+    """Reference position of the wall [rotor spacings], shape (T,); NaN without a trajectory."""
     phonon_energies: Array
     """Energy of the phonons [J], shape (T,)."""
     error: float
-    """Largest distance from the goal after the arrival [rotor spacings]; NaN unless the outcome is
-    REACHED."""
+    """Largest distance from the goal after the arrival [rotor spacings]; NaN unless REACHED."""
     energy_left: float
     """Energy of the phonons at the end [J]."""
     peak_energy: float
@@ -147,10 +145,10 @@ class MoveRun:
 
 
 def _started(task: MoveTask, orbit: UniformOrbit) -> tuple[Chain, Array]:
-    """Return the chain of a task with damping and disorder, and its initial angles [rad].
+    """Return the chain of a task with its damping and disorder, and its initial angles [rad].
 
-    The random deviations are drawn again if one of the bonds may block the wall, or if the chain
-    with these deviations has no rest state with a wall at the initial position.
+    The disorder is drawn again if a bond may block the wall or no rest state has it at
+    `task.start`.
     """
     damping = task.condition.decay * task.chain.moment_of_inertia
     chain = replace(task.chain, damping=damping)
@@ -207,7 +205,7 @@ def read_moves(settings: Section, quick: bool) -> dict[MoveKey, list[MoveTask]]:
 def numbered_tasks(
     tasks: Mapping[MoveKey, Sequence[MoveTask]],
 ) -> dict[tuple[MoveKey, int], MoveTask]:
-    """Return all tasks in one mapping; a key is a `MoveKey` with the number of the move."""
+    """Return all tasks in one mapping; a key is a `MoveKey` and the number of the move."""
     return {(key, number): task for key, each in tasks.items() for number, task in enumerate(each)}
 
 
@@ -262,10 +260,9 @@ last condition is visible.
 _REQUIRED_ACCURACY = 0.1
 """Required holding accuracy: largest distance from the goal [rotor spacings]."""
 _LEAST_ERROR = 1e-6
-"""Smallest distance from the goal on the logarithmic axis [rotor spacings]."""
+"""Smaller distances from the goal are drawn at this value [rotor spacings]."""
 _LEAST_SHARE = 1e-16
-"""Smallest energy ratio on the logarithmic axis [1]; it is about the rounding error of this
-ratio."""
+"""Smaller energy ratios are drawn at this value [1], which is about their rounding error."""
 
 
 def draw_moves(

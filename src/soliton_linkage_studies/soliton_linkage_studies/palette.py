@@ -51,12 +51,10 @@ OUTCOME_COLOURS = {'returns': GREEN, 'crosses': SKY, 'lost': DARK}
 LEAN_COLOURS = 'PuOr'
 """Colour map of the displacement u: orange if a rotor leans left, purple if it leans right."""
 _REST = 0.30
-"""Distance of the colour of a uniform rest state from the middle of the colour map, whose length
-is 1 [1]."""
+"""Distance of the colour of a rest state from the middle of the colour map [map lengths]."""
 _NEAR_REST = ((0.95, 0.24), (1.0, _REST), (1.02, 0.36), (1.05, 0.41), (1.2, 0.46))
-"""Nodes of the colour scale [1]: displacement divided by the rest displacement, and distance of
-the colour from the middle of the map. These nodes stretch the scale near the rest state, so that
-oscillations of a few per cent are visible."""
+"""Nodes of the colour scale [1]: displacement / rest displacement, and distance of its colour from
+the middle of the map. They make oscillations of a few per cent about the rest state visible."""
 LEANS_RIGHT, LEANS_LEFT = (to_hex(colormaps[LEAN_COLOURS](0.5 + side * _REST)) for side in (1, -1))
 """Colours of the uniform states that lean right and left."""
 

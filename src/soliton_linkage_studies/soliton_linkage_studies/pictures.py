@@ -58,11 +58,10 @@ _NOTE = (
     'A colour darker than at rest means that the rotor leans beyond its rest angle.'
 )
 _MOST_COLUMNS = 2000
-"""Largest number of frames in a kymograph [1]; the pixels of the image resolve no more."""
+"""Largest number of frames in a kymograph [1]; an image does not resolve more."""
 
 _JUMP = 5.0
-"""Threshold of the displacement between two frames [rotor spacings]. A larger displacement means
-that the track has changed to another soliton."""
+"""If a track jumps by more than this between frames, it follows another wall [rotor spacings]."""
 
 
 def kymograph(axes: Axes, chain: Chain, recording: Recording, track: Track) -> Axes:
@@ -184,7 +183,7 @@ def _edges(times: Array) -> tuple[float, float]:
 
 
 _WORST = 3
-"""This number of bonds, those with the largest residuals, have a label [1]."""
+"""Number of bonds with a label [1], which are those with the largest residuals."""
 _CAPTION = """
 Top: relative deviations of each rotor length (blue), pivot spacing (green) and spring or bar
 length (red) from their means, with error bars of one standard deviation. Middle: offset of each
@@ -196,7 +195,7 @@ numbered. Springs and bars are drawn between the two rotors that they join.
 
 
 def report_page(found: Identification) -> Figure:
-    """Draw a page with three panels: lengths, encoder offsets and residual noise of each bond."""
+    """Draw a page of lengths, encoder offsets, and the noise estimated from each bond."""
     figure = Figure(figsize=(8, 9), layout='constrained')
     lengths, offsets, bonds = figure.subplots(3, sharex=True, height_ratios=[3, 2, 2])
     _draw_lengths(lengths, found)

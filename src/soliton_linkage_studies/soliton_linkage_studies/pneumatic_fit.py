@@ -12,11 +12,10 @@ from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage.linkage.chain import Array
 
 _FEWEST_READINGS = 4
-"""Smallest number of readings of a step response [1]: one more than the unknowns, which are two
-time constants and the initial pressure."""
+"""Fewest readings of a step response [1]: one more than the three unknowns of the fit."""
 _SHORTEST_STEP = 0.05
-"""The initial guess uses the intervals between readings in which |command - pressure| is above
-this fraction of its largest value [1]."""
+"""The initial guess uses only the intervals between readings in which |command - pressure| is
+above this fraction of its maximum [1]."""
 
 
 @dataclass(frozen=True)
@@ -66,9 +65,8 @@ class PneumaticFit:
 def fit_step_response(response: StepResponse) -> PneumaticFit:
     """Estimate the time constants of filling and venting by least squares.
 
-    The pressure p follows the command u as dp/dt = (u - p) / tau. Initial guess: tau = sum (u - p)
-    dt / sum dp over the intervals with u > p (filling) or u < p (venting). Raises ValueError if
-    the pressure never rises or never falls towards the command.
+    The pressure p follows the command u as dp/dt = (u - p) / tau. Raises ValueError if the
+    pressure never rises or never falls towards the command.
 
     >>> times = np.linspace(0, 1, 201)
     >>> commands = np.where(times < 0.5, 1e5, 0.0)
@@ -103,10 +101,10 @@ def fit_torque(pressures: Array, torques: Array) -> tuple[float, float]:
     """Estimate the torque per pressure [N m/Pa] and the saturation torque [N m].
 
     `pressures` and `torques` contain steady readings, shape (readings,). The model clip(k p,
-    -limit, limit) is fitted by least squares. The returned limit is finite only if the sum of
-    squared residuals is then less than half of that of a straight line. If the limit is infinite,
-    the readings show no saturation; add torques that are read at larger pressures. Raises
-    ValueError for fewer than two readings or if all pressures are 0.
+    -limit, limit) is fitted by least squares. The returned limit is finite only if it at least
+    halves the sum of squared residuals of the straight line k p. An infinite limit means that the
+    readings show no saturation; add readings at larger pressures. Raises ValueError for fewer than
+    two readings or if all pressures are 0.
     """
     order = np.argsort(np.abs(pressures))
     pressed, twisted = np.abs(pressures[order]), np.sign(pressures[order]) * torques[order]

@@ -124,7 +124,7 @@ def run_study(
 
 
 def installed_settings(name: str) -> Path | None:
-    """Return the path of an installed settings file, or None."""
+    """Return the path of an installed settings file, or None if there is none."""
     for folder in Path(__file__).resolve().parents:
         for subfolder in ('share/soliton_linkage_studies/settings', 'config/studies'):
             path = folder / subfolder / f'{name}.yaml'
@@ -136,8 +136,8 @@ def installed_settings(name: str) -> Path | None:
 def select_names(known: Sequence[str], asked: Sequence[str], option: str = '--only') -> list[str]:
     """Return the names in `known` that `asked` selects, or all of them if `asked` is empty.
 
-    A name in `asked` may be only the part of a known name before the first _. Raises ValueError
-    for an unknown name.
+    An item of `asked` is a known name, or the part of known names before the first underscore.
+    Raises ValueError for an unknown name.
     """
     aliases = {name: {name, name.split('_')[0]} for name in known}
     for name in asked:

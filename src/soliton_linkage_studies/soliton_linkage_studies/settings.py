@@ -26,7 +26,7 @@ class Section:
     file: str
     """Path of the file, for error messages."""
     name: str
-    """Keys that lead to this section, joined by dots. An empty text means the whole file."""
+    """Keys that lead to this section, joined by dots; empty for the whole file."""
     values: Mapping[str, object]
 
     def error(self, key: str, what: str) -> ValueError:

@@ -11,12 +11,12 @@ delta = (theta_2 - theta_1) / 2, the condition becomes
 
     sin(delta) = (r / a) (cos(theta_bar)^2 / cos(s) - cos(s)).
 
-Two symmetries map solutions to solutions: s -> -s, (theta_1, theta_2) -> (-theta_2, -theta_1), and
-delta -> pi - delta, (theta_1, theta_2) -> (theta_2 - pi, theta_1 + pi). If the lean ratio d is
-above its critical value d_c, no solution has s = 0. The condition d > d_c is equivalent to r
-sin(theta_bar)^2 > a, and to lbar < 2 r - a for the rest length lbar of the bar. The solutions with
-s > 0 and s < 0 are then two separate components, and the cell is a spinner (paper, 'Phase
-diagram', fig. 4). Deviations of single rotors and springs are ignored.
+Two symmetries map solutions to solutions: s -> -s, which is (theta_1, theta_2) -> (-theta_2,
+-theta_1), and delta -> pi - delta, which is (theta_1, theta_2) -> (theta_2 - pi, theta_1 + pi). If
+the lean ratio d is above its critical value d_c, no solution has s = 0. The solutions with s > 0
+and s < 0 are then two separate components, and the cell is a spinner (paper, 'Phase diagram', fig.
+4). The condition d > d_c is equivalent to r sin(theta_bar)^2 > a, and to lbar < 2 r - a for the
+rest length lbar of the bar. Deviations of single rotors and springs are ignored.
 """
 
 from __future__ import annotations
@@ -34,15 +34,13 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 Integers = NDArray[np.int64]
 
 _ARC_TOLERANCE = 1e-12
-"""Tolerance of the integration along a curve [rad]. A smaller one has no use, because for d close
-to d_c rounding errors are of this size."""
+"""Tolerance of the integration along a curve [rad]; rounding errors limit it for d near d_c."""
 _CLOSED = 1e-6
-"""A curve counts as closed if its last angles differ from the first ones by whole turns to within
-this [turns]."""
+"""Largest difference between the ends of a closed curve, apart from whole turns [turns]."""
 
 
 def partner_angles(chain: Chain, theta_1: ArrayLike) -> Array:
-    """Return both solutions theta_2 [rad] for each theta_1 [rad], shape (..., 2), or NaN.
+    """Return both solutions theta_2 [rad] for each theta_1 [rad], shape (..., 2); NaN without any.
 
     The bar has its rest length if p cos(theta_2) + q sin(theta_2) = g with p = r cos(theta_1), q =
     a - r sin(theta_1) and g = r cos(2 theta_bar) + a sin(theta_1). The solutions are atan2(q, p)
@@ -51,8 +49,8 @@ def partner_angles(chain: Chain, theta_1: ArrayLike) -> Array:
         p^2 + q^2 - g^2 = (lbar - 2 r cos(theta_bar)^2 - a sin(theta_1))
                           (lbar + 2 r cos(theta_bar)^2 + a sin(theta_1)).
 
-    The first factor is 0 if d = d_c and theta_1 = pi / 2. To avoid cancellation there, the factor
-    is computed as its value at theta_1 = pi / 2 plus the difference from this value.
+    The first factor is 0 if d = d_c and theta_1 = pi / 2. To avoid cancellation there, it is
+    computed as its value at theta_1 = pi / 2 plus the difference from this value.
     """
     factor, partners = _partners(chain, np.asarray(theta_1, dtype=np.float64))
     return np.where(factor[..., None] >= 0, partners, np.nan)
@@ -107,10 +105,11 @@ def ground_states(chain: Chain) -> Array:
 
 
 def component_of(chain: Chain, configurations: ArrayLike) -> Integers:
-    """Return the index of each configuration's curve in `configuration_curves`.
+    """Return for each configuration the index of its curve in `configuration_curves`.
 
-    The configurations have shape (..., 2), the indices shape (...). The index of a spinner is 0 if
-    sin(theta_1 + theta_2) is positive, as in the uniform states theta_bar and pi + theta_bar.
+    The configurations have shape (..., 2), the indices shape (...). The index is 0 for flippers.
+    It is 0 for spinners if sin(theta_1 + theta_2) >= 0, as in the uniform states theta_bar and pi
+    + theta_bar.
     """
     given = np.asarray(configurations, dtype=np.float64)
     if chain.motion is not Motion.SPINNER:
@@ -136,13 +135,9 @@ def spinner_limit(rest_angles: ArrayLike) -> Array:
 
 
 class _Arc:
-    """Piece of a configuration curve with s >= 0 and |delta| <= pi / 2.
+    """Piece of a configuration curve with s >= 0 and |delta| <= pi / 2, as a function of theta_2.
 
-    The other pieces of the curve follow from the symmetries in the module docstring, which also
-    defines s and delta.
-
-    On this piece, s and delta increase together. Therefore theta_2 = s + delta determines the
-    point on the piece at any r / a.
+    Symmetries, which the module docstring lists with s and delta, give the rest of the curve.
     """
 
     def __init__(self, chain: Chain) -> None:

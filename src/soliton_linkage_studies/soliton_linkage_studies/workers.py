@@ -25,14 +25,12 @@ from typing import Any, Protocol, cast, runtime_checkable
 
 _ONE_THREAD = dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), '1')
 _MAXIMUM_COUNT = 1000
-"""Largest number of processes [1]. A larger number is rejected as a typing error."""
+"""Largest number of processes [1]; a larger number is probably a typing error."""
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 _CHUNK_DURATION = 1.0
-"""A worker that has measured rows for longer than this [s] returns them as one chunk. If it fails
-before, its measured rows are lost."""
+"""A worker returns its rows after this [s], so that a later failure does not lose them."""
 _CHUNK_GROWTH = 4
-"""A chunk has at most this multiple of the rows of the previous chunk [1]. The limit is necessary
-because the first rows may be unusually fast."""
+"""Largest growth of successive chunks [1], because the first rows may be unusually fast."""
 _CHUNKS_PER_WORKER = 2
 """Number of submitted chunks per worker [1]: one chunk is measured while the next one waits."""
 
@@ -61,11 +59,10 @@ class RowsTogether(Rows, Protocol):
 class Processes:
     """Worker processes on this machine, which `local_processes` creates.
 
-    Each process has its own pipe, and shares no thread and no lock with the parent. Therefore the
-    parent can be interrupted and a process can be killed at any time. Alternatives were tested
-    with tasks whose results have 200 kB. `ProcessPoolExecutor` and loky 3.7 had not ended 60 s
-    after Ctrl-C. `distributed.LocalCluster` 2026.8 ended 13 s after Ctrl-C and printed 5
-    tracebacks. Its start takes 3.2 s; the start of the processes of this class takes 0.25 s.
+    Each process has its own pipe and shares no thread and no lock with the parent. Therefore the
+    parent can be interrupted, and a process killed, at any time. The alternatives are slower:
+    `ProcessPoolExecutor` and loky 3.7 had not ended 60 s after Ctrl-C. `distributed.LocalCluster`
+    2026.8 takes 13 s to end, and 3.2 s to start instead of 0.25 s.
     """
 
     def __init__(self) -> None:
@@ -103,8 +100,6 @@ class Processes:
 
     def finished(self) -> Iterator[Future[Any]]:
         """Yield the future of each task when it ends.
-
-        Tasks may be submitted during the iteration.
 
         Raises ChildProcessError if a process has ended unexpectedly.
         """
@@ -230,10 +225,7 @@ Pool = Processes | _Cluster
 
 
 def measure_rows(pool: Pool, table: Rows, rows: Sequence[int]) -> Iterator[list[list[str]]]:
-    """Measure rows in parallel; yield the cells of each completed chunk.
-
-    A chunk consists of the rows that a worker measures in one task.
-    """
+    """Measure rows in parallel; yield the cells of each chunk, the rows that one task measured."""
     waiting = deque(rows)
     finished = pool.finished()
     running, size = 0, 1

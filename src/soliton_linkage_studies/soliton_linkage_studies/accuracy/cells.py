@@ -27,8 +27,7 @@ _NOISES = (0.001, 0.1)
 _SPEEDS = (0.02, 0.9)
 """Range of the wall speed [speed of sound]."""
 _PERIODS = (0.05, 0.5)
-"""Range of the frame period [time units]. With M = 0.02 kg and k_e = 50 N/m, the frame rate is
-1000 to 100 Hz."""
+"""Range of the frame period [time units]: 1000 to 100 Hz for M = 0.02 kg and k_e = 50 N/m."""
 _RUNS = (50, 400)
 """Range of the number of frames in a record [1]."""
 _PHONONS = (0.001, 0.03)
@@ -44,10 +43,9 @@ _WIDEST = 3.0
 _LONGEST = 4.0
 """Largest ratio of the rotor length r to the rotor spacing a, as in the paper [1]."""
 _APART = 1.6
-"""A cell with several walls has at least this multiple of the smallest number of rotors of a cell
-with one wall, for each of its walls [1]."""
+"""Number of rotors per wall in a cell with several walls, relative to a cell with one wall [1]."""
 _SEVERAL = (1, 1, 1, 2, 4)
-"""The number of walls of a random cell is one of these, drawn with equal probability [1]."""
+"""The number of walls of a random cell is drawn from these with equal probability [1]."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +62,7 @@ class AccuracyCell:
     period: float
     """Frame period [time units]."""
     run: int
-    """Number of frames of a record [1]. Each record starts with a new analyser."""
+    """Number of frames of a record [1], for which a new analyser is used."""
     phonons: float = 0.0
     """Root mean square of the rotor rates due to phonons [rad / time unit]."""
     walls: int = 1
@@ -75,8 +73,8 @@ class AccuracyCell:
     wrong_reading: float = 0.0
     """Error of one random encoder in the last frame of a record [rad]; 0 means no error."""
     disorder: float = 0.0
-    """Standard deviation of the relative deviations of rotors and springs from `chain` [1]; the
-    analyser does not know these deviations."""
+    """Relative standard deviation of random deviations from `chain`, unknown to the analyser
+    [1]."""
     impulses: int = 0
     """Total number of impulses on the wall in all records [1]."""
     impulses_known: bool = False
@@ -85,7 +83,7 @@ class AccuracyCell:
     """Rotors without encoder: none (''), both edge rotors ('edges'), or all rotors except one or
     three random ones ('all but one', 'all but three')."""
     kick: float = 0.0
-    """Rotor rate of a kick that destroys the wall [rad / time unit]; 0 means no kick."""
+    """Norm of the rates after a kick that destroys the wall [rad / time unit]; 0 means no kick."""
     noise_only: bool = False
     """Whether all angles are uniformly random, so that no wall exists."""
     degrees: bool = False
@@ -177,8 +175,7 @@ def _between(ends: tuple[float, float], random: np.random.Generator) -> float:
 _LEANS = {'flipper': (33, 0.9, 0.7), 'wobbler': (33, 0.8, 1.6), 'spinner': (33, 1.1, 3.4)}
 """Number of rotors, rest angle [rad] and lean ratio d of one chain per motion class."""
 _OTHER = 1.3
-"""Lean ratio of the wrong chain with which an analyser is configured, divided by the true lean
-ratio [1]."""
+"""Lean ratio of a wrongly configured chain, divided by the true lean ratio [1]."""
 _FORCED_SPEED = 0.15
 """Initial wall speed in the cells with force terms [speed of sound]."""
 _DISORDERS = (0.01, 0.03, 0.05, 0.1)
@@ -193,7 +190,7 @@ def hard_cells() -> list[AccuracyCell]:
 
 
 def _of_model(chains: dict[str, Chain]) -> list[AccuracyCell]:
-    """Return cells in each of which a single effect dominates the stated standard deviations."""
+    """Return cells with one effect each, which dominates the stated standard deviations."""
     edge, narrow = chain_of(40, 0.9, 0.2), chain_of(30, 1.1, 4.39)
     slow, wide = chain_of(40, 1.1, 1.25 * 2 / math.sin(1.1)), chain_of(30, 0.8, 1.6)
     at_rest = [('35', edge, 35.0), ('37', edge, 37.0), ('spinner', narrow, 27.0)]
@@ -239,10 +236,7 @@ def _of_model(chains: dict[str, Chain]) -> list[AccuracyCell]:
 
 
 def _with_forces(chain: Chain) -> dict[str, Chain]:
-    """Return one chain for each force term; keys are the names of the terms.
-
-    Each term changes the speed of a wall by up to 50 % during a record.
-    """
+    """Return one chain per force term, by name; each term changes wall speeds by up to 50 %."""
     sites = _FORCED_SPEED * speed_of_sound(chain) / chain.spacing
     drag = 0.01 * chain.moment_of_inertia / chain.time_unit
     rate = sites * site_arc(chain)

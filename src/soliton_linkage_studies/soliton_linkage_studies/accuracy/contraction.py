@@ -43,8 +43,7 @@ _QUICK_EVERY = 4
 _QUICK_FRAMES = 400
 """Largest number of frames per wall in a quick study [1]."""
 _FEWEST_FRAMES = 10
-"""Smallest number of frames with the wall in the middle of the chain [1]; with fewer frames, a
-passage is rejected."""
+"""A passage needs at least this number of frames with the wall in the middle of the chain [1]."""
 
 
 @dataclass(frozen=True)
@@ -142,12 +141,12 @@ def passage_of(
 ) -> ContractedWall:
     """Measure speed and width of a wall on its first passage through the middle of the chain.
 
-    `times` [s] has shape (T,). Frames with several walls or without walls are not used. The speed
-    is the slope of a line fitted to the positions. The standard deviation of the slope is computed
-    from the errors of the first and the last position, because an error that all positions share
-    does not change the slope. The width is the mean of the widths in all frames. Its standard
-    deviation is the smallest one that the analyser states for the width in a frame, because the
-    widths in successive frames are correlated. Raises ValueError for fewer than ten frames.
+    `times` [s] has shape (T,). Only frames with exactly one wall are used. The speed is the slope
+    of a line fitted to the positions. Its standard deviation is that of two independent position
+    errors divided by the duration, because an error that all positions share does not change the
+    slope. The width is the mean over the frames; its standard deviation is the smallest one that
+    the analyser states in a frame, because the widths in successive frames are correlated. Raises
+    ValueError for fewer than ten frames.
     """
     both = zip(times, frames, strict=True)
     alone = [(time, walls[0]) for time, walls in both if len(walls) == 1]

@@ -30,13 +30,12 @@ ORBIT_NEAR = 'nearest point of the orbit'
 ORBIT_COLD = 'the same, without a guess'
 
 _FROM_EDGE = 2.0
-"""Smallest distance of a tested wall from an edge [wall widths]; a closer edge changes the shape
-of the wall by over 2 %."""
+"""Tested walls are at least this far from an edge [wall widths]; nearer edges change their
+shape."""
 _LOST_WIDTHS = 2.0
 """An estimate fails if its position error is above both this [wall widths] and `_LOST_BOUNDS`."""
 _LOST_BOUNDS = 6.0
-"""An estimate fails if its position error is above both this [Cramer-Rao bounds] and
-`_LOST_WIDTHS`."""
+"""Second limit for failed estimates; see `_LOST_WIDTHS` [Cramer-Rao bounds]."""
 _QUANTILE = 0.975
 """Probability below the upper end of a 95 % interval [1]."""
 
@@ -63,8 +62,7 @@ class EstimatorTrial:
     coarse_start: float
     """Largest error of the initial guess for a fit [rotor spacings]."""
     cold_every: int
-    """The search without a guess is tested only in one of this number of frames [1], because it is
-    slow."""
+    """The search without a guess is slow; only one of this number of frames is tested [1]."""
 
 
 Estimator = Callable[[UniformOrbit, Array, float], Estimate]

@@ -27,8 +27,7 @@ from soliton_linkage_studies.accuracy.statistics import Line, accuracy_of, write
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CHUNK = 250
-"""Number of frames per task [1]; a task takes about one second. With another number, other random
-frames are drawn."""
+"""Number of frames per task [1], which takes about a second; it affects the random numbers."""
 _QUICK_FRAMES = 400
 """Largest number of frames per chain and noise in a quick study [1]."""
 _POINTS = 81
@@ -63,11 +62,7 @@ class FrameStudy:
         draw_bias(biases).save(folder, 'bias_by_position')
 
     def sample(self, chain: int, noise: int, chunk: int) -> dict[str, Array]:
-        """Return error and margin of each estimator in each frame of a chunk [rotor spacings].
-
-        `chain` and `noise` are indices of the chains and noises of the study. `chunk` is the
-        number of a chunk.
-        """
+        """Return error and margin of each estimator in each frame of a chunk [rotor spacings]."""
         frames = min(_CHUNK, self.trial.frames - chunk * _CHUNK)
         trial = replace(self.trial, frames=frames, noise=self.noises[noise])
         generator = np.random.default_rng([self.seed, chain, noise, chunk])

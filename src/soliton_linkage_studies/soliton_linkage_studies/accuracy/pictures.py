@@ -59,11 +59,9 @@ _STYLES = dict(zip(ESTIMATORS, cycle(zip(COLOURS, MARKERS, strict=True)), strict
 _SIZE = 6
 """Marker size [points]."""
 _OFFSET = 0.15
-"""Horizontal offset between the points of different estimators for one chain, relative to the
-distance between chains [1]."""
+"""Horizontal offset between the estimators for one chain [distance between chains]."""
 _SIGNIFICANT = 3.0
-"""Smallest bias that counts as different from 0 [standard errors]; 0.3 % of the cases without bias
-exceed it."""
+"""Biases above this count as nonzero [standard errors]; 0.3 % of unbiased cases exceed it."""
 _UNBIASED = 0.002
 """Absolute bias below which an estimator counts as unbiased [rotor spacings]."""
 _LEAST_BIAS = 1e-5
@@ -74,10 +72,7 @@ _BEYOND = 'position beyond an even rotor [rotor spacings]'
 
 
 def draw_accuracy(lines: Sequence[Line]) -> FigureReport:
-    """Draw the accuracy of the estimators, in one column per noise.
-
-    The rows are the ratio of standard deviation to Cramer-Rao bound, the bias and the coverage.
-    """
+    """Draw std / Cramer-Rao bound, bias and coverage of the estimators, one column per noise."""
     noises = sorted({line.noise for line in lines})
     chains = list(dict.fromkeys(line.chain for line in lines))
     width = 1.5 + 0.6 * (len(chains) + 1) * len(noises)
@@ -162,10 +157,7 @@ def _dress(column: Sequence[Axes], noise: float, names: Sequence[str]) -> None:
 
 
 def _dashes(name: str) -> Literal['-', ':']:
-    """Return the line style.
-
-    It is dotted for the search without a guess, so that the line below it remains visible.
-    """
+    """Return a dotted style for the search without a guess, to keep the line below visible."""
     return ':' if name == ORBIT_COLD else '-'
 
 
@@ -189,15 +181,14 @@ three times this duration.
 """
 _COLOURS = {Motion.FLIPPER: BLUE, Motion.WOBBLING_FLIPPER: ORANGE, Motion.SPINNER: GREEN}
 _LIMITS = (0.95, 1.05)
-"""Range of the root mean square normalised error in which stated deviations count as consistent
-[1]."""
+"""Stated deviations are consistent if the rms normalised error is in this range [1]."""
 _LABELS = (
     'a  position error / stated, rms [1]',
     'b  rate error / stated, rms [1]',
     'c  failures per 10,000 frames [1]',
 )
 _MOST = 20.0
-"""Largest drawn normalised error [1]."""
+"""Larger normalised errors are drawn at this value [1]."""
 _SHOWN = (
     ('cell', '', ''),
     ('class', '', ''),

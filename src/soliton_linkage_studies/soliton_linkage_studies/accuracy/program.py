@@ -97,10 +97,7 @@ def read_parts(
 
 
 def _measure(parts: Sequence[AccuracyPart], folder: Path, workers: int) -> None:
-    """Run the tasks of all parts.
-
-    Their order is random, so that the estimate of the remaining time is realistic.
-    """
+    """Run the tasks of all parts in random order; the shown remaining time is then realistic."""
     tasks = [task for part in parts for task in part.tasks()]
     order = np.random.default_rng(0).permutation(len(tasks)).tolist()
     done = run_parallel('accuracy', {number: tasks[number] for number in order}, workers)

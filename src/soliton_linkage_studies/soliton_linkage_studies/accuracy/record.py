@@ -37,16 +37,13 @@ Relative error of the velocity. Blue lines are root mean squares over {runs} run
 are the standard deviations stated by the estimator. Dotted black lines are the Cramér-Rao bound.
 """
 _CLEAR = 8.0
-"""Smallest distance of the path of a wall from the edges [rotor spacings]. If the chain is too
-short, the path is in its middle."""
+"""Smallest distance of the path of a wall from the edges of a long chain [rotor spacings]."""
 _QUICK_RUNS = 4
 """Largest number of runs per chain in a quick study [1]."""
 _SHOWN = 60
-"""Number of frame counts at which errors are evaluated [1]; counts that are equal after rounding
-are evaluated once."""
+"""Largest number of frame counts at which errors are evaluated [1]; equal counts are merged."""
 _FEWEST = 3
-"""Smallest frame count at which errors are evaluated [1]; a line through two frames has no
-residuals."""
+"""Smallest evaluated frame count [1]; a line through two frames has no residuals."""
 _QUANTITIES = ('position [rotor spacings]', 'velocity, relative')
 
 

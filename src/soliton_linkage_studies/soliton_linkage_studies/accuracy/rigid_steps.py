@@ -34,8 +34,7 @@ _POINTS = 60
 _QUICK_STEPS = 1000
 """Largest number of steps in a quick study [1]."""
 _PERIOD = 0.1
-"""Frame period [time units]. It does not affect the step size, because the simulation chooses the
-steps so that their errors are within the tolerance."""
+"""Frame period [time units]; it does not affect the steps, which depend on the tolerance."""
 _QUANTITIES = ('length', 'energy')
 
 

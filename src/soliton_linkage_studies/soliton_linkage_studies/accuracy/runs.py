@@ -33,32 +33,29 @@ from soliton_linkage_studies.settings import Section
 from soliton_linkage_studies.sweep.table import fingerprint
 
 _LOST_WIDTHS = 2.0
-"""A true wall counts as lost if no reported wall is nearer than the largest of three distances:
-this one [wall widths], `_LOST` and `_LOST_DEVIATIONS`."""
+"""A true wall counts as lost if no reported wall is nearer than the largest of this distance [wall
+widths], `_LOST` and `_LOST_DEVIATIONS`."""
 _LOST = 1.0
 """See `_LOST_WIDTHS` [rotor spacings]."""
 _LOST_DEVIATIONS = 6.0
 """See `_LOST_WIDTHS` [stated standard deviations of the reported position]."""
 _LARGEST_DEVIATION = 0.25
-"""A reported wall counts as false if the stated standard deviation of its position is above this
-[chain lengths]."""
+"""Walls whose position has a larger stated standard deviation count as false [chain lengths]."""
 _FALSE_MISFIT = 0.5
-"""In a scene without walls, a reported wall counts as false if the root mean square misfit of the
-rotors near it is above this [rad]."""
+"""Without true walls, a reported wall is false if the rms misfit near it is above this [rad]."""
 _CORE = 2.5
 """Rotors within this distance of a wall count as near it [rotor spacings]."""
 _SCENES = 8
-"""Largest number of scenes that are simulated per cell [1]. Each record consists of successive
-frames of one scene, from a random frame on."""
+"""Largest number of simulated scenes per cell [1]; a record is a random piece of one of them."""
 _LONGER = 2
 """Number of frames of a scene, divided by the number of frames of a record [1]."""
 _NEAR = 3.0
-"""With a probability of one half, the rotor with the wrong reading is at most this far from the
-wall [rotor spacings]; otherwise it is any rotor."""
+"""With a probability of one half, the wrong reading is at most this far from the wall [rotor
+spacings]; otherwise it is at any rotor."""
 
 
 def records(cell: AccuracyCell, frames: int, random: np.random.Generator) -> Iterator[Scores]:
-    """Simulate and analyse records with `frames` frames in total; yield the scores of each."""
+    """Simulate and analyse records with `frames` frames in total; yield the scores of each one."""
     run = min(cell.run, frames)
     left, template = frames, Analyser(cell.analysed_chain)
     scenes: list[WallScene] = []

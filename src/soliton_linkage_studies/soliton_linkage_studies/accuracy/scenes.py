@@ -1,16 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Noiseless frames of elastic chains, and the true positions of the walls in them.
 
-The static wall nearest to a frame gives the position of the wall. The position is averaged over
-the shorter of two times: one period of the slowest phonon, and the time in which the wall passes a
-rotor. The velocity is the slope of a line that is fitted to the positions in a time three times as
-long. For slow walls, whose speed varies between rotors, and for damped and driven rotors, a cubic
-replaces the line. In chains with force terms, the average of an accelerated motion differs from
-the position in the middle of the averaging time; this difference is subtracted, with the
-acceleration from the cubic. In these chains the cubic is fitted to a time twice as long as that of
-the line, because a cubic over the same time would follow the variation of the speed between
-rotors. Near the start or the stop of a wall, position and velocity are not averaged. No average
-extends across an impulse.
+The position of a wall in a frame is that of the nearest static wall. It is averaged over the
+shorter of two times: a period of the slowest phonon, and the time in which the wall moves by one
+rotor spacing. The velocity is the slope of a line that is fitted to the positions in a time three
+times as long. A cubic replaces the line for slow walls, whose speed varies between rotors, for
+damped chains, and for chains with force terms. In chains with force terms, the cubic is fitted to
+a time six times that of the average, so that it does not follow the variation of the speed between
+rotors, and its acceleration corrects the error of the average. Near the start or the stop of a
+wall in these chains, position and velocity are not averaged. No average extends across an impulse.
 """
 
 from __future__ import annotations
@@ -47,8 +45,7 @@ from soliton_linkage_studies.accuracy.walls import (
 )
 
 _SLOW = 0.25
-"""A wall counts as slow if it moves by less than this in a period of the slowest phonon [rotor
-spacings]."""
+"""A wall is slow if it moves by less than this per period of the slowest phonon [spacings]."""
 _SETTLED = (20, 400)
 """Range of the number of frames between a kick and the start of a scene [1]."""
 # Scenes with one wall:
@@ -63,7 +60,7 @@ _LEGS = 2.0
 _WINDOWS, _FORCED_WINDOWS = 3, 6
 """Frames in the fit of a slope, divided by frames of an average [1]: without and with forces."""
 _STOPPED = 0.02
-"""A wall counts as stopped if its speed, divided by its largest speed, is below this [1]."""
+"""A wall counts as stopped if its speed is below this fraction of its largest speed [1]."""
 _CHAINS = 200
 """Largest number of disordered chains that are drawn until one lets a wall pass [1]."""
 _IMPULSE_REACH = 1.5
@@ -74,7 +71,7 @@ _FEWEST = 20
 _DRAWS = 20
 """Largest number of scenes that are drawn until walls stay intact and apart [1]."""
 _SLOWER = 0.7
-"""Initial anti-kink speed in a further drawn scene, relative to that in the previous one [1]."""
+"""Initial speed of anti-kinks in a further draw of a scene, relative to the previous one [1]."""
 _JITTER = 0.05
 """Largest random shift of an initial wall position, divided by the distance between walls [1]."""
 _CORE = 3.0
@@ -97,10 +94,9 @@ class WallScene:
     """Velocities of the walls [rotor spacings / s], shape (T, K)."""
     charges: tuple[int, ...]
     legs: Array
-    """Leg of the orbit (number of the passage from edge to edge), shape (T,); -1 unless there is
-    exactly one wall."""
+    """Leg of a single wall: number of its passage from edge to edge, shape (T,); otherwise -1."""
     scored: NDArray[np.bool_]
-    """Whether a wall is scored, shape (T, K). Walls near an edge are not scored."""
+    """Whether a wall is scored, shape (T, K); walls near an edge are not."""
     impulse_frames: tuple[int, ...] = ()
     """Index of the first frame after each impulse."""
     impulses: tuple[Array, ...] = ()
@@ -110,7 +106,7 @@ class WallScene:
 def scene_of(
     cell: AccuracyCell, frames: int, random: np.random.Generator, impulse_count: int = 0
 ) -> WallScene:
-    """Simulate `frames` frames, or fewer if walls meet; impulses act only on a single wall."""
+    """Simulate `frames` frames, or fewer if walls meet; only a single wall receives impulses."""
     chain = cell.chain
     if cell.noise_only:
         angles = random.uniform(-math.pi, math.pi, (frames, chain.number_of_rotors))
@@ -152,14 +148,14 @@ def averages_and_slopes(
 ) -> tuple[Array, Array]:
     """Return a moving average and a slope for each value.
 
-    The average at an index includes the value there, `beside` values before it and `beside` values
-    after it. The slope is that of a line, or of a cubic if `cubic` is true, that is fitted to 3
-    `beside` values before and after. No average and no fit extends across an index in `breaks`. If
-    the values have the second derivative x'' with respect to the index, the average over 2 b + 1
-    values, with b = `beside`, is too large by x'' b (b + 1) / 6. If `forced` is true, `cubic` must
-    be true: the cubic is fitted to 6 `beside` values before and after, and this error is
-    subtracted with x'' from the cubic. Near a stop of the wall, values and their differences then
-    replace averages and slopes.
+    The average includes the value at the same index, `beside` values before it and `beside` values
+    after it. The slope is that of a line (of a cubic if `cubic` is true) fitted to 3 `beside`
+    values before and after. No average and no fit extends across an index in `breaks`. If the
+    values have the second derivative x'' with respect to the index, the average over 2 b + 1
+    values, with b = `beside`, is too large by x'' b (b + 1) / 6. If `forced` is true, which
+    requires `cubic`, this error is subtracted and the cubic is fitted to 6 `beside` values before
+    and after. Near a start or stop of the wall, values and their differences then replace averages
+    and slopes.
     """
     means, slopes = np.empty_like(values), np.empty_like(values)
     for begin, end in pairwise([0, *(breaks or []), len(values)]):
@@ -318,7 +314,7 @@ def _nudged(cell: AccuracyCell, orbit: Orbit, random: np.random.Generator) -> _S
 def _apply_impulse(
     start: _Start, arc: float, largest: float, random: np.random.Generator
 ) -> Array:
-    """Change the wall speed by a random fraction up to `largest`; return the impulses [N m s]."""
+    """Change the wall speed by a random fraction up to `largest`; return N impulses [N m s]."""
     orbit = start.orbit
     near = np.abs(np.arange(orbit.chain.number_of_rotors) - orbit.site(arc)) < _IMPULSE_REACH
     change = start.speed * random.uniform(-largest, largest)
@@ -328,7 +324,7 @@ def _apply_impulse(
 
 
 def _orbit(cell: AccuracyCell, random: np.random.Generator) -> Orbit:
-    """Return the orbit of the chain of a cell, to which the disorder of the cell is added.
+    """Return the orbit of the chain of a cell, with random deviations if the cell has disorder.
 
     Raises ArithmeticError if all drawn chains block walls.
     """

@@ -28,8 +28,7 @@ _spring = compile_loop(spring_between, inlined=True)
 _STEP = 0.1
 """Largest step [time units]; the energy of a wall at v = 0.9 c is then constant to 1e-6."""
 _TOLERANCE = 1e-8
-"""Integration error of an angle per step of the simulator [rad]; it is far below the encoder
-noise."""
+"""Largest integration error of an angle per step of the simulator [rad], far below the noise."""
 _SHARE = 1 / (4 - 4 ** (1 / 3))
 """Weight p of a leapfrog step [1]."""
 _WEIGHTS = np.array([_SHARE, _SHARE, 1 - 4 * _SHARE, _SHARE, _SHARE])
@@ -68,11 +67,7 @@ class Springs:
 
 
 class ForcedSprings(Springs):
-    """Simulation of an elastic chain that has force terms such as friction or feedback.
-
-    This class uses the simulator, because the independent integrator knows only springs and
-    damping.
-    """
+    """Elastic chain with force terms, which the independent integrator does not support."""
 
     def __init__(self, chain: Chain, angles: Array, rates: Array, period: float) -> None:
         super().__init__(chain, angles, rates, period)

@@ -25,15 +25,14 @@ COLUMNS = (
     *('rate_coverage_1', 'rate_coverage_2', 'rate_bias', 'kinetic_rms', 'error_rms'),
     *('deviation_median', 'shift_max', *_FAILURES),
 )
-"""Measured columns of a cell. `speed` is the speed of the fastest wall, relative to the speed of
-sound [1]. `position` and `rate` are errors divided by their stated standard deviations. Their
-columns are the root mean square (`rms`), its standard error (`rms_error`), the 99 % quantile
-(`99`) and the maximum (`max`) of the absolute value, the fractions above 4 (`beyond_4`) and below
-1 and 2 (`coverage`) [%], and the mean (`bias`). `instant` refers to the true position without an
-average over time. `error_rms` is the rms position error, and `deviation_median` the median of the
-stated standard deviation of the position [rotor spacings]. `shift_max` is the largest shift of a
-wall by a wrong reading, in stated standard deviations. `lost` and `false` count walls, and
-`wrong_leg` counts frames."""
+"""Measured columns of a cell. `speed` is that of the fastest wall [speed of sound]. `position` and
+`rate` are errors divided by their stated standard deviations. Their columns are the root mean
+square (`rms`), its standard error (`rms_error`), the 99 % quantile (`99`) and the maximum (`max`)
+of the absolute value, the fractions above 4 (`beyond_4`) and below 1 and 2 (`coverage`) [%], and
+the mean (`bias`). `instant` refers to the true position without an average over time. `error_rms`
+is the rms position error, and `deviation_median` the median of the stated standard deviation of
+the position [rotor spacings]. `shift_max` is the largest shift of a wall by a wrong reading, in
+stated standard deviations. `lost` and `false` count walls, and `wrong_leg` counts frames."""
 
 WALL_VALUES = ('position', 'instant', 'rate', 'error', 'deviation', 'rate_error')
 """Values of each found wall. `position`, `instant` and `rate` are errors divided by their stated
@@ -46,22 +45,18 @@ _COLUMNS = (
     *('bound [spacings]', 'std / bound', 'coverage of 95 % [%]', 'failures'),
 )
 _CONSISTENT = (0.95, 1.05)
-"""Range of the root mean square normalised error in which stated deviations count as consistent
-[1]."""
+"""Stated deviations are consistent if the rms normalised error is in this range [1]."""
 _SIGNIFICANT = 3.0
-"""A difference counts as significant if it is above this [standard errors]. Without a true
-difference, this happens in 1 of 400 comparisons."""
+"""Significant differences are above this [standard errors]; 1 of 400 is larger by chance."""
 _SINGLE_RECORD = 0.3
 """Assumed relative standard error of a root mean square from a single record [1]."""
 _LARGER = 1.1
-"""A position error counts as larger than in the earlier table if their ratio is above this [1]."""
+"""An error counts as larger than that in the earlier table if their ratio is above this [1]."""
 _USEFUL = 2.0
-"""Stated positions count as useful if the root mean square of their normalised errors is below
-this [1]."""
+"""Stated positions are useful if the root mean square normalised error is below this [1]."""
 _FEWER = 0.01
-"""The position errors of a cell in two tables are not compared if the number of lost walls per
-frame is lower by more than this in the new table [1]. The new errors then include walls that were
-lost in the earlier table."""
+"""Position errors are not compared with the earlier table if the lost walls per frame have
+decreased by more than this [1], because the new errors then include these walls."""
 _ERRORS = ('position_rms', 'position_rms_error', 'rate_rms', 'rate_rms_error', 'error_rms')
 _COMPARED = (*_ERRORS, *_FAILURES, 'frames', 'failure', 'position_beyond_4', 'walls_looked_for')
 
@@ -82,8 +77,7 @@ class Scores:
     kinetic: list[float] = field(default_factory=list)
     """Errors of the kinetic energy, divided by their stated standard deviations [1]."""
     shifts: list[float] = field(default_factory=list)
-    """Differences between the positions with and without a wrong reading, divided by the stated
-    standard deviation [1]."""
+    """Shifts of positions by a wrong reading, divided by the stated standard deviation [1]."""
     speed: float = 0.0
     """Speed of the fastest wall of the scene [speed of sound]."""
     frames: int = 0
@@ -172,8 +166,7 @@ class Accuracy:
     bound: float
     """Cramer-Rao bound: smallest standard deviation of any unbiased estimator [rotor spacings]."""
     coverage: float
-    """Fraction of frames whose stated interval contains the true position; NaN without
-    intervals."""
+    """Fraction of frames whose stated interval contains the true position, or NaN."""
 
     @property
     def ratio(self) -> float:
@@ -232,12 +225,12 @@ def write_lines(lines: Sequence[Line], folder: Path) -> None:
 
 
 def number_text(number: float) -> str:
-    """Return a number as text with six digits; NaN becomes an empty text."""
+    """Return a number as text with six significant digits; NaN becomes an empty text."""
     return '' if math.isnan(number) else f'{number:.6g}'
 
 
 def check_comparable(cells: Sequence[AccuracyCell], seed: int, earlier: Sequence[Row]) -> None:
-    """Raise ValueError if an earlier table contains none of the cells of this seed."""
+    """Raise ValueError if the earlier table contains none of `cells`, the cells of `seed`."""
     if not earlier or not {'cell', *CELL_COLUMNS, *_COMPARED} <= earlier[0].keys():
         raise ValueError('the earlier table does not contain cells; give a file cells.csv')
     known = {_key(row) for row in earlier}

@@ -2,8 +2,8 @@
 """True positions of walls in noiseless frames, from the static wall nearest to each frame.
 
 A kink has zero energy at every position; its path consists of static walls (`static_wall`). The
-path of an anti-kink consists of the states of least energy (`anti_kink_path`). A pinned anti-kink
-has only one equilibrium in two spacings (`resting_anti_kink`).
+path of an anti-kink consists of the states of least energy at each position (`anti_kink_path`). A
+pinned anti-kink has only one equilibrium in two spacings (`resting_anti_kink`).
 """
 
 from __future__ import annotations
@@ -32,16 +32,13 @@ _SAMPLES = 65
 _LONGEST = 0.3
 """Largest change of the angles in one Gauss-Newton step towards the nearest point [rad]."""
 _GAUSS_STEPS = 6
-"""Largest number of Gauss-Newton steps [1]; two suffice from the point of the previous frame."""
+"""Largest number of Gauss-Newton steps [1]; two suffice from the result of the previous frame."""
 _CLOSE = 1e-6
 """The Gauss-Newton search ends when a step is smaller than this [rad]."""
 
 
 def reach(chain: Chain) -> float:
-    """Return the half width of a wall [rotor spacings].
-
-    At larger distances from the wall, the angles differ from the uniform state by less than 1 %.
-    """
+    """Return the distance from a wall [rotor spacings] beyond which it changes angles by < 1 %."""
     return 2.5 * max(chain.wall_width, penetration_depth(chain)) / chain.spacing + 3
 
 
@@ -60,10 +57,9 @@ class WallPath:
 
     charge: int
     base: int
-    """Lowest wall position of `spline` [rotor spacings], which covers two spacings."""
+    """Lowest wall position of `spline`, which covers two spacings [rotor spacings]."""
     spline: CubicSpline | None
-    """Spline from a wall position to the angles of the window [rad], shape (M,); None for a pinned
-    wall."""
+    """Spline from wall position to angles of the window [rad], shape (M,); None if pinned."""
     resting: Array
     """Angles of the window at `rest_position` [rad], shape (M,)."""
     rest_position: float
@@ -192,18 +188,15 @@ def wall_path(chain: Chain, charge: int, leg: int = 0) -> WallPath:
 
 
 _SETTLING = (60.0, 400.0)
-"""Shortest and longest time for which a moving wall is simulated so that its phonons leave it
-[time units]."""
+"""Range of the simulated time in which a moving wall loses its phonons [time units]."""
 _ABSORPTION = 0.5
-"""Decay rate of the rotor rates outside a moving wall [1 / time unit]. This damping absorbs the
-phonons that leave the wall."""
+"""Decay rate of the rotor rates outside a moving wall, to absorb its phonons [1 / time unit]."""
 _BROKEN = 0.15
-"""A wall counts as destroyed if its misfit, divided by the angle by which a passing wall turns a
-rotor, is above this [1]."""
+"""Largest misfit of an intact wall, divided by the angle by which a wall turns a rotor [1]."""
 _STEP = 0.5
 """Interval between position measurements of a wall that is losing its phonons [time units]."""
 _SLOWER = 0.8
-"""After a wall was destroyed, the next one starts with its initial speed times this [1]."""
+"""Initial speed of a further wall, relative to the previous wall, which was destroyed [1]."""
 _TRIES = 25
 """Largest number of initial speeds that are tried [1]; the last one is 1 / 200 of the first."""
 

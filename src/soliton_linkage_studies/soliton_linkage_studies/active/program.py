@@ -125,7 +125,7 @@ class ActiveStudy:
 
     @property
     def drives(self) -> dict[tuple[str, int], WallDrive]:
-        """Effect of the motors on walls; a key is the name of a chain with the charge of a wall.
+        """Effect of the motors on walls; a key consists of the name of a chain and a charge.
 
         Anti-kinks without a path of stable states are omitted.
         """

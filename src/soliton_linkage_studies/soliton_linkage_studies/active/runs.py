@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Theory and simulations of walls in chains with non-reciprocal coupling.
 
-A chain with a wall at the site x has the configuration q(x) in the coordinates that `Chain.signs`
-defines, and the tangent t = dq/dx. The motors have the non-reciprocity kappa. At the terminal
-velocity, their power equals the power that the linear damping c dissipates:
+A chain with a wall at the site x has the coordinates q(x): q_n = phi_n if `Chain.signs` is +1 for
+the rotor n, and q_n = pi - phi_n if it is -1. The tangent is t = dq/dx. The motors have the
+non-reciprocity kappa. At the terminal velocity, their power equals the power that the linear
+damping c dissipates:
 
     kappa x_dot g(x) = c x_dot^2 sum_n t_n^2,    g = sum_n (q_n - q_{n+1}) (t_n + t_{n+1}).
 
-The sum of t_n^2 is the same at all sites. Therefore the terminal velocity is v = (kappa / c)
-<g> / sum_n t_n^2 with the mean <g> over two rotor spacings. For wide walls <g> / sum_n t_n^2 tends
-to 2, with the same sign for kinks and anti-kinks. The elastic energy V(x) of an anti-kink depends
-on its site. The anti-kink is pinned if kappa g < dV/dx at one site or more.
+The sum of t_n^2 does not depend on x. Therefore the terminal velocity is v = (kappa / c) <g> /
+sum_n t_n^2 with the mean <g> over two rotor spacings. For wide walls, kinks and anti-kinks, v
+tends to 2 kappa / c. The elastic energy V(x) of an anti-kink depends on x. An anti-kink is pinned
+if kappa g < dV/dx at one site or more.
 """
 
 from __future__ import annotations
@@ -32,15 +33,14 @@ from soliton_linkage.solitons.static_wall import static_wall
 _SAMPLES = 65
 """Number of samples of the orbit over two rotor spacings [1]; the spline error is 1e-6."""
 _FROM_END = 8
-"""The velocity of a wall is measured only if the wall is more than this number of rotors away from
-both ends [1]."""
+"""Velocities are measured only of walls more than this number of rotors away from both ends
+[1]."""
 _STARTUP = 4.0
-"""The velocity of a wall is measured only after this number of decay times M r^2 / c [1]."""
+"""Velocities are measured only after this number of decay times M r^2 / c [1]."""
 _PIECES = 8
-"""Number of pieces into which a track is divided [1]. The scatter of their slopes gives the
-standard error of the velocity."""
+"""Number of pieces of a track [1], whose slopes give the standard error of the velocity."""
 _TOLERANCE = 1e-11
-"""Integration error of an angle per step [rad]; the energy balance is then closed to 1e-6."""
+"""Largest integration error of an angle per step [rad]; it closes the energy balance to 1e-6."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,7 @@ class WallDrive:
     ratio: float
     """Terminal velocity divided by kappa / c [rotor spacings]."""
     pinning: float
-    """Smallest non-reciprocity that moves a resting wall [N m/rad]; 0 for kinks, which are not
-    pinned."""
+    """Smallest non-reciprocity that moves a wall at rest [N m/rad]; 0 for kinks."""
     squares: float
     """Sum of the squares of the tangent over all rotors [rad^2], averaged over sites."""
 
@@ -86,21 +85,19 @@ def wall_drive(chain: Chain, charge: int) -> WallDrive:
 def stability_limit(chain: Chain) -> float:
     """Return the largest ratio kappa / c [1/s] at which all waves in a uniform chain decay.
 
-    A wave exp(lambda t) of wave number k per rotor obeys
+    A wave whose phase increases by k from rotor to rotor is proportional to exp(lambda t) with
 
         I lambda^2 + c lambda + I omega(k)^2 + 2 i kappa sin(k) = 0
 
-    with the moment of inertia I. The wave decays if 2 kappa abs(sin(k)) < c omega(k).
+    with the moment of inertia I and the phonon frequency omega. The wave decays if 2 kappa
+    abs(sin(k)) < c omega(k).
     """
     waves = np.linspace(1e-3, math.pi - 1e-3, 2000)
     return float((dispersion(chain, waves / chain.spacing) / (2 * np.sin(waves))).min())
 
 
 def coordinates(chain: Chain, angles: Array) -> Array:
-    """Return the coordinates q that `Chain.signs` defines [rad], shape (..., N).
-
-    A coordinate is phi where the sign is 1, and pi - phi where the sign is -1.
-    """
+    """Return the coordinates q of the module docstring [rad], shape (..., N)."""
     return np.asarray(chain.signs * angles + (1 - chain.signs) * math.pi / 2)
 
 
@@ -177,9 +174,8 @@ class ActiveTask:
 def follow_charge(found: Sequence[Sequence[tuple[float, int]]], charge: int) -> Array:
     """Track the first wall of a charge; return its site in each frame [rotor spacings].
 
-    In each further frame, the tracked wall is the wall of this charge that is nearest to its
-    previous site, but at most two rotor spacings away. After the wall has vanished, its site is
-    NaN.
+    From frame to frame, the tracked wall is the nearest one of this charge within two rotor
+    spacings. After it has vanished, its site is NaN.
     """
     sites, last = np.full(len(found), math.nan), math.nan
     for frame, walls in enumerate(found):
@@ -196,8 +192,8 @@ def follow_charge(found: Sequence[Sequence[tuple[float, int]]], charge: int) -> 
 def terminal_velocity(task: ActiveTask, run: ActiveRun) -> tuple[float, float]:
     """Return the terminal velocity of the wall and its standard error [rotor spacings/s].
 
-    Only frames after four decay times, and with the wall more than eight rotors away from both
-    ends, are used. Both results are NaN for fewer than 16 of these frames.
+    Only frames after four decay times are used, with the wall more than eight rotors away from
+    both ends. Both results are NaN if there are fewer than 16 such frames.
     """
     decay = task.chain.moment_of_inertia / task.chain.damping
     last = task.chain.number_of_rotors - 1 - _FROM_END
@@ -239,7 +235,7 @@ def outcome(task: ActiveTask, run: ActiveRun) -> str:
 
     A wall runs if it reaches the last rotors, or moves by more than one rotor spacing in the last
     quarter of the simulation. A wall breaks up if the last frame contains more than one wall. A
-    wall vanishes if it is not found in the last frame and was not near the last rotors.
+    wall vanishes if it is not found in the last frame and was not near the last rotors before.
     """
     sites = run.sites[np.isfinite(run.sites)]
     if not len(sites):

@@ -51,10 +51,7 @@ class FilmStudy:
         return len(self.films) * self.clips
 
     def cells(self, row: int) -> list[str]:
-        """Render and measure one clip.
-
-        The first rows are the first clips of all films; the second clips of all films follow.
-        """
+        """Render and measure a clip; the first clips of all films precede the second ones."""
         clip, film = divmod(row, len(self.films))
         name, task = list(self.films.items())[film]
         stretch = float(np.random.default_rng(row).uniform(*_KICKS))

@@ -32,7 +32,7 @@ Boxes = NDArray[np.int64]
 
 
 class Pixels(NamedTuple):
-    """For each pixel, the point of the rotor plane that it shows and its blur [m].
+    """For each pixel: the point (x, z) of the rotor plane that it shows, and its blur there [m].
 
     Each array has the shape (height, width).
     """
@@ -85,9 +85,9 @@ def _shares_of_rotor(
     arm: float,
     spread: float,
 ) -> tuple[float, float, float, float]:
-    """Return the fractions of a pixel that show arm, label, dot and background.
+    """Return how much of a pixel shows arm, label, dot and background, summed over the samples.
 
-    The fractions are sums over the sample times, at which the mass is at `across` and `up` [m].
+    In sample k, the mass is at (`across[k]`, `up[k]`) [m].
     """
     of_arm = of_label = of_dot = of_rest = 0.0
     for k in range(len(across)):

@@ -45,13 +45,11 @@ _FILLED = 1.12
 _SWAPPED = 0.1
 """A measured angle counts as the angle of another rotor if its error is larger than this [rad]."""
 _SETTLING = 10
-"""Number of first pictures that are not evaluated [1], because means over few pictures give an
-inaccurate plane and inaccurate pivots."""
+"""Number of pictures at the start that are not evaluated [1]; their planes are inaccurate."""
 _HAND_EVERY, _HAND_FOR = 10.0, 0.7
-"""Time between two hands that cover part of the view, and duration of each hand [s]."""
+"""Period of hands that cover part of the view, and duration of each hand [s]."""
 _TURN = 0.01
-"""The rotors are rotated by plus and minus this angle [rad] to compute the derivatives of the
-pixels with respect to the angle."""
+"""Pixel derivatives are computed from rotations of the rotors by plus and minus this [rad]."""
 
 
 @dataclass(frozen=True)
@@ -111,8 +109,7 @@ class FilmedRun:
     stated: Array
     """Stated standard deviations of the angles [rad], (F, N)."""
     bound: float
-    """Smallest standard deviation of an angle that the pixels of a label allow (Cramer-Rao)
-    [rad]."""
+    """Cramer-Rao bound of the standard deviation of an angle, from the pixels of a label [rad]."""
     busy: float
     """CPU time per picture [s]."""
 
@@ -170,10 +167,10 @@ def _hands(duration: float) -> tuple[Hand, ...]:
 
 
 def _pixel_bound(task: FilmedTask, layout: MarkerLayout, plane: ChainPlane) -> float:
-    """Return the Cramer-Rao bound of the angle of one rotor [rad], the median over the rotors.
+    """Return the Cramer-Rao bound of the standard deviation of an angle [rad].
 
-    The bound is sigma / sqrt(sum (dI / dphi)^2), where the sum is over the pixels of the label,
-    with grey level I and noise sigma.
+    It is the median over the rotors of sigma / sqrt(sum (dI / dphi)^2) with the grey levels I of a
+    label and their noise sigma.
     """
     cv2 = opencv()
     rest, still = task.chain.uniform_state(1), np.zeros((1, task.chain.number_of_rotors))

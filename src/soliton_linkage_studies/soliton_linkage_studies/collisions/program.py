@@ -93,10 +93,9 @@ def draw_speeds(rows: Sequence[Row]) -> FigureReport:
 def _panels(
     caption: str, count: int, most: int, size: tuple[float, float, float], label: str
 ) -> tuple[FigureReport, Any]:
-    """Return a report with a new figure, and its `count` panels, at most `most` in a row.
+    """Return a report with a new figure and `count` panels, at most `most` in a row.
 
-    `label` is the label of the vertical axes. `size` [inches] is the width and the height of a
-    panel, and the height of the legend.
+    `size` [inches] is the width and the height of a panel, and the height of the legend.
     """
     columns = min(most, count)
     lines = -(-count // columns)
@@ -182,7 +181,7 @@ def _draw_critical(report: FigureReport, axes: Axes, series: dict[str, list[Row]
 def _outcome(row: Row) -> int | None:
     """Return the number of overlaps before the walls escaped, at most 4.
 
-    Returns None for a captured pair, and -1 if the anti-kink was destroyed.
+    None means a captured pair, and -1 a destroyed anti-kink.
     """
     after = escaped_after(row)
     if row.run and row.run.broken:
@@ -214,8 +213,7 @@ _SHOWN = 40.0
 _AFTERWARDS = 35.0
 """A collision is drawn until this time after the walls meet, in units of `Collision.unit` [1]."""
 _LARGEST = 1.6
-"""The colour scale of the order field ends at plus and minus this value [1]; the largest drawn
-value is slightly smaller."""
+"""The colour scale of the order field ends at plus and minus this [1]; all values are smaller."""
 _SPACETIME_COLUMNS = 3
 """Number of space-time panels in a row [1]."""
 _TURNS = {-2: '−1', -1: '−½', 0: '0', 1: '+½', 2: '+1'}

@@ -4,9 +4,9 @@
 The kink (charge +1, zero energy at rest) comes from the left, the anti-kink (charge -1, positive
 rest energy) from the right at the same speed. The ring leans left between the walls, and right
 elsewhere. The walls overlap while no rotor leans left. Each overlap counts as a collision. Because
-charges alternate along a ring, the kink is always on the left. Only the turns of the rotors
-between the walls show whether the walls have passed through each other. The unit of length is the
-reach of a wall (`Collision.reach`).
+charges alternate along a ring, the kink is on the left after a collision, too. Only the turns of
+the rotors between the walls show whether they have passed through each other. The unit of length
+is the reach of a wall (`Collision.reach`).
 """
 
 from __future__ import annotations
@@ -27,52 +27,46 @@ from soliton_linkage.solitons.continuum import wall_theory
 from soliton_linkage_studies.collisions.travelling_wall import travelling_wall
 
 INITIAL_DISTANCE = 12.0
-"""Initial distance between the walls [reaches]. At this distance the attraction between them,
-relative to the wall mass, is e^(-24)."""
+"""Initial distance of the walls [reaches]; their attraction, divided by their mass, is e^(-24)."""
 ESCAPED = 8.0
-"""Walls that have met count as escaped when their distance exceeds this [reaches]. Only walls
-slower than 0.001 c can then still return."""
+"""Walls that have met count as escaped when their distance exceeds this [reaches]. From there,
+only walls slower than 0.001 c return."""
 _NEAR = 7.0
-"""The speed before a collision is measured until the distance between the walls falls below this
-[reaches]."""
+"""The speed before a collision is measured while walls are farther apart than this [reaches]."""
 _LEAVING = 5.0
-"""The speed after a collision is measured from the time at which the distance between the walls
-exceeds this [reaches]."""
+"""The speed after a collision is measured while walls are farther apart than this [reaches]."""
 _FRAMES = 10
-"""Number of frames in the time in which sound crosses a reach [1]. An overlap of two walls lasts
-at least that time, so that no overlap lies between two frames."""
+"""Number of frames in the time in which sound crosses a reach [1]. An overlap lasts at least this
+time, so that none lies between two frames."""
 _CORE = 4.0
-"""Energy within this distance of a wall counts as energy of the wall [reaches]. All but e^(-16) of
-the energy of a wall is in this range."""
+"""Energy nearer to a wall than this is energy of the wall [reaches]; e^(-16) of it is outside."""
 _LUMP = 8.0
 """Energy within this distance of the middle of the ring counts as energy of a captured pair
-[reaches]. This distance is twice the amplitude with which the walls of the pair oscillate."""
+[reaches], whose walls oscillate with half this amplitude."""
 _FEWEST = 5
-"""With fewer frames than this [1], no speed is estimated. Walls that have escaped have 30 frames
-or more."""
+"""Smallest number of frames for an estimate of a speed [1]; walls that have escaped have 30."""
 _TOLERANCE = 1e-10
-"""Tolerance of the angles in adaptive integrators [rad]; it results in a relative energy error of
-1e-9."""
+"""Tolerance of the adaptive integrators [rad]; the relative energy error is then 1e-9."""
 
 
 @dataclass(frozen=True)
 class Collision:
-    """Settings of a collision. A call of this object simulates the collision."""
+    """Settings of a collision; a call of this object simulates the collision."""
 
     ring: Chain
     speed: float
     """Speed of each wall [speed of sound]."""
     onwards: bool = False
-    """Whether the second wall turns the rotors of a spinner further in the direction in which the
-    first wall has turned them, instead of back."""
+    """Whether the second wall turns the rotors of a spinner in the same direction as the first
+    wall, instead of back."""
     step: float = 1.0
     """Longest integration step multiplied by the largest angular phonon frequency [1]."""
     integrator: str = 'symplectic'
     shift: float = 0.0
     """Shift of the initial positions of both walls along the ring [rotor spacings]."""
     patience: float = 120.0
-    """Time limit [reach / c] for the walls to meet, and then for them to escape. To each limit the
-    simulation adds the time that walls of half the initial speed would need."""
+    """Time allowed to the walls to meet, and again to escape [reach / c]. It is added to the time
+    that walls of half the initial speed need."""
 
     def __call__(self) -> CollisionRun:
         """Simulate the collision until the walls escape or the time limit is reached."""
@@ -129,14 +123,13 @@ class CollisionRun:
     anti_kink_speed: float
     """Speed of the anti-kink after the collision, away from the kink; 0 for a captured pair."""
     between: float
-    """Time between the middles of the first two overlaps [reach / c]; NaN for fewer than two
-    overlaps."""
+    """Time between the middles of the first two overlaps [reach / c]; NaN without a second one."""
     closest: float
     """Smallest distance between the walls; 0 if they overlapped."""
     turns: int
     """Number of full turns of the rotors between the walls since the start."""
     broken: bool
-    """Whether the anti-kink was destroyed (`_broken`)."""
+    """Whether the anti-kink was destroyed."""
     radiated: float
     """Fraction of the final energy outside the walls or the captured pair [1]."""
     drift: float
@@ -150,10 +143,9 @@ class CollisionRun:
 
 @dataclass(frozen=True)
 class WallPaths:
-    """Paths of both walls.
+    """Paths of both walls, which are the outermost sign changes of the order field.
 
-    The walls are the outermost sign changes of the order field. In frames without a sign change,
-    the positions are NaN.
+    In frames without a sign change, the positions are NaN.
     """
 
     times: Array
@@ -186,9 +178,9 @@ class WallPaths:
 
 
 def simulate_frames(task: Collision) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield the times, angles and rates of one or more further frames at a time, without end.
+    """Yield the times, angles and rates of all frames without end, one or more frames at a time.
 
-    The times [s] have shape (T,). The angles [rad] and rates [rad/s] have shape (T, N).
+    The times [s] have shape (T,), the angles [rad] and rates [rad/s] shape (T, N).
     """
     start = initial_state(task)
     motion = EquationOfMotion(task.ring)
@@ -248,10 +240,7 @@ def find_walls(ring: Chain, times: Array, angles: Array) -> WallPaths:
 
 
 def _crossings(fields: Array, rotors: NDArray[np.int64]) -> Array:
-    """Return the zero of the order field between two rotors in each frame, shape (T,).
-
-    The zero is interpolated linearly between the given rotor of a frame and the next rotor.
-    """
+    """Return the zero of each field between a rotor of `rotors` and the next one, shape (T,)."""
     frame = np.arange(len(fields))
     before, after = fields[frame, rotors], fields[frame, rotors + 1]
     change = np.where(before == after, 1.0, before - after)
@@ -301,11 +290,7 @@ def _outcome(task: Collision, path: WallPaths, state: State, drift: float) -> Co
 
 
 def _turns(ring: Chain, path: WallPaths, state: State) -> int:
-    """Return the number of full turns of the rotor midway between the walls; 0 for flippers.
-
-    At the start, this rotor is half a turn ahead of the uniform right-leaning state, which counts
-    as 0 turns.
-    """
+    """Return full turns of the rotor midway between the walls since the start; 0 for flippers."""
     if ring.motion is not Motion.SPINNER:
         return 0
     rotor = round((path.kinks[-1] + path.anti_kinks[-1]) / 2)

@@ -27,14 +27,13 @@ _SETTINGS = {
 }
 """Numeric settings of a collision, with their smallest and largest values."""
 _QUICK_EVERY = 40
-"""A quick study uses only every fortieth speed [1]."""
+"""A quick study uses one of this number of successive speeds [1]."""
 _QUICK_HALVINGS = 2
 """Number of bisections in a quick study [1]."""
 _HALVINGS = 13
-"""Number of bisections in a full study [1]; they reduce the width of a speed interval from 0.6 c
-to 1e-4 c."""
+"""Number of bisections in a full study [1]; they reduce a speed interval from 0.6 c to 1e-4 c."""
 _FASTEST = 2.0
-"""Largest speed [speed of sound]; flippers with d near 1 can be supersonic."""
+"""Largest speed in the settings [speed of sound]; flippers with d near 1 can be supersonic."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,7 @@ class WindowEdge:
     halvings: int
 
     def __call__(self) -> tuple[float, CollisionRun]:
-        """Return the speed at the edge, and the simulated collision in the window nearest to it.
+        """Return the speed at the edge, and the collision simulated nearest to it in the window.
 
         Raises ValueError unless the walls escape after `collisions` overlaps at the speed
         `inside`, but not at the speed `outside`.
@@ -87,7 +86,7 @@ class Entry:
     part: str
     """Name of the part of the study, which is a key of the settings."""
     series: str
-    """Name in the settings of the series to which the row belongs."""
+    """Name of the series to which the row belongs, as in the settings."""
     task: Collision | WindowEdge
     name: str = ''
     """Name of the window edge, or an empty text for a collision."""
@@ -116,7 +115,7 @@ class CollisionStudy:
         return len(self.entries)
 
     def cells(self, row: int) -> list[str]:
-        """Compute a row of the table as text; the last column is an error message."""
+        """Compute a row of the table as text; the last column is an error message or empty."""
         entry = self.entries[row]
         collision = entry.task if isinstance(entry.task, Collision) else entry.task.collision
         speed, values, failure = collision.speed, [''] * len(fields(CollisionRun)), ''
@@ -181,10 +180,7 @@ def read_collision_study(settings: Section, quick: bool) -> CollisionStudy:
 
 
 def _named(settings: Section, key: str) -> dict[str, Section]:
-    """Return the sections below a key, with their names as keys.
-
-    Raises ValueError if `key` has no sections.
-    """
+    """Return the sections below a key by name; raise ValueError if there is none."""
     found = settings.section(key).sections()
     if not found:
         raise settings.error(key, 'is empty; give one or more named sections')
@@ -309,7 +305,7 @@ def escaped_after(row: Row) -> int | None:
 
 
 def windows(rows: Sequence[Row]) -> list[BounceWindow]:
-    """Return the bounce windows of a sweep with two or more collisions, from the slowest on."""
+    """Return the bounce windows with two or more collisions, in ascending order of speed."""
     found: list[BounceWindow] = []
     group: list[Row] = []
     for row in [*rows, None]:
@@ -337,7 +333,7 @@ _WINDOW_TITLES = (
 
 
 def finding_tables(rows: Sequence[Row]) -> str:
-    """Return the results of the study as four Markdown tables.
+    """Return four Markdown tables of the results.
 
     They contain the statistics of the collisions on each ring, the bounce windows, the effects of
     changed settings, and the critical speeds.
@@ -394,7 +390,7 @@ def _variation_table(series: dict[str, list[Row]]) -> str:
 
 
 def _critical_table(series: dict[str, list[Row]]) -> str:
-    """Return a table of the critical speeds, in series of rings with different lean ratio d.
+    """Return a table of the critical speeds; the rings of a series differ in their lean ratio d.
 
     The last row of a series is the limit for d -> 0, extrapolated linearly in d^2 from its first
     two rings.

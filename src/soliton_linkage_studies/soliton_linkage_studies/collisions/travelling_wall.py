@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Travelling walls that change their shape as little as possible in the discrete chain.
 
-A wall of velocity v that keeps its shape has the angles phi_n(t) = f_p(n a - v t) for the parity p
-(0 even, 1 odd), with
+A wall of velocity v that keeps its shape turns the rotors of parity p (0 even, 1 odd) to the
+angles phi_n(t) = f_p(n a - v t), with
 
     I v^2 f_p''(x) = torque of the springs (f_(1-p)(x - a), f_p(x), f_(1-p)(x + a)).
 
-On a grid of m points per spacing, this is a system of equations for 2 m chains, shifted by grid
-steps, which the derivatives couple. The solver minimises the residual of this equation, with a
-penalty on tails that are not at rest. An exact solution does not exist, because a wall of a few
-rotors radiates a resonant phonon at any speed. The contracted wall of the continuum theory would
-oscillate about the shape computed here, and these oscillations would disturb a collision.
+On a grid of m points per spacing, these are the equations of 2 m chains, which differ by shifts of
+a grid step and are coupled by f''. The solver minimises the squared residual plus a penalty on
+tails that are not at rest. No exact solution exists, because a wall of a few rotors radiates a
+resonant phonon at any speed. The contracted wall of the continuum theory would oscillate about the
+shape computed here, and these oscillations would disturb a collision.
 """
 
 from __future__ import annotations
@@ -32,31 +32,28 @@ from soliton_linkage.solitons.continuum import FlipperTheory, SpinnerTheory
 _REACH = 11.0
 """Half length of the grid, in units of twice the penetration depth l [1]."""
 _QUIET_FROM = 4.0
-"""Distance from the wall at which the penalty on moving tails starts, in units of 2 l [1]. The
-penalty increases to its final value at 1.5 times this distance."""
+"""The penalty on moving tails increases from this distance from the wall to 1.5 times it [2 l]."""
 _QUIETNESS = 0.05
-"""Strength of the penalty on moving tails, in units of I gap^2 [1]. I is the moment of inertia,
-and gap the lowest phonon frequency. Sensitivity: at 0.01 or 0.2, the speed after a collision
+"""Strength of the penalty on moving tails, in units of I gap^2 [1] with the moment of inertia I
+and the lowest phonon frequency gap. Sensitivity: at 0.01 or 0.2, the speed after a collision
 changes by 1e-4."""
 _POINTS_A_WIDTH = 12
 """Number of grid points per wall width [1]. Sensitivity: at 2x, the speed after a collision
 changes by less than 1e-5."""
 _ITERATIONS = 20
-"""Largest number of Gauss-Newton iterations [1]; a search converges within ten iterations or
-never."""
+"""Largest number of Gauss-Newton iterations [1]; searches converge within ten or never."""
 _LONGEST_STEP = 0.3
 """Largest change of an angle in one iteration [rad]; searches with longer steps diverge."""
 _CONVERGED = 1e-8
 """The search ends when no angle changes by this or more in an iteration [rad]."""
 _CLOSEST = 0.9
-"""Largest relative speed v / c of the continuum wall that is the initial guess [1]; continuum
-walls are never supersonic."""
+"""Largest v / c of the initial guess [1], because continuum walls are never supersonic."""
 _FIRST = (0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280)
 """Weights of the centre and of the points ahead in the stencil of order 8 for the first derivative
-[1]. The weights of the points behind have the opposite sign."""
+[1]; points behind have the opposite weights."""
 _SECOND = (-205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560)
 """Weights of the centre and of the points ahead in the stencil of order 8 for the second
-derivative [1]. The weights of the points behind are the same."""
+derivative [1]; points behind have the same weights."""
 
 
 @dataclass(frozen=True)
@@ -85,10 +82,8 @@ class TravellingWall:
 def travelling_wall(chain: Chain, speed: float, charge: int, turn: int = 1) -> TravellingWall:
     """Return the wall of charge +1 or -1 that moves at `speed` [m/s].
 
-    Its shape does not depend on the direction of the motion.
-
-    `turn` is +1 if the wall turns the rotors of a spinner forwards, otherwise -1
-    (`SpinnerTheory`). Raises ArithmeticError if the solver finds no wall near the continuum
+    `turn`, +1 or -1, is the direction in which the wall turns the rotors of a spinner, as in
+    `SpinnerTheory`. Raises ArithmeticError if the solver finds no wall near the continuum
     solution.
     """
     grid = _Grid(chain)
@@ -150,8 +145,7 @@ class _Grid:
     def correction(self, angles: Array, start: Array, moving: float) -> Array:
         """Return the Gauss-Newton step from `angles` [rad], which does not shift the wall.
 
-        The penalty pulls the tails towards the ends of `start`, the initial guess. `moving` is the
-        moment of inertia times the squared speed in grid points per second.
+        `moving` is the moment of inertia times the squared speed in grid points per second.
         """
         free, chain = self._free, self.chain
         torques = np.empty_like(angles)
@@ -191,10 +185,9 @@ class _Grid:
         return csr_array((entries, (rows, columns)), shape=(len(angles), len(angles)))
 
     def _derivative(self, weights: tuple[float, ...], mirrored: int) -> csr_array:
-        """Return the matrix of a stencil.
+        """Return the matrix of a stencil with the weights of the centre and of the points ahead.
 
-        `weights` are the weights of the centre and of the points ahead. The weights of the points
-        behind are these times `mirrored`, which is +1 or -1.
+        The weights of the points behind are the same times `mirrored`, +1 or -1.
         """
         reach = len(weights) - 1
         offsets = list(range(-reach, reach + 1))

@@ -40,8 +40,7 @@ from soliton_linkage_studies.settings import load_settings
 from soliton_linkage_studies.sweep.table import markdown_table
 
 IMBALANCE_LIMIT = 1e-9
-"""Largest allowed energy imbalance, divided by the largest energy [1]; the limit follows from the
-integration tolerance."""
+"""Largest allowed energy imbalance [largest energy]; it follows from the integration tolerance."""
 
 _CAPTION = """
 Validation of driven chains on one page.
@@ -64,7 +63,7 @@ the torques (thin dashed lines), for an actuator below saturation (blue) and a s
 _A4 = (8.27, 11.69)
 """Page size [inches]."""
 _LAYOUT = 3 * 'ab;' + 'ct;' + 2 * 'cd;' + 2 * 'ef;' + 'ef'
-"""Arrangement of the panels, row by row; panel t shows the tilt above panel d."""
+"""Arrangement of the panels, row by row; panel t, above panel d, shows the tilt."""
 _TITLES = {
     'a': 'a  Soft actuator: a step up and down',
     'b': 'b  Energy balance of driven chains',
@@ -74,11 +73,10 @@ _TITLES = {
     'f': 'f  Work of a pressure on the chain',
 }
 _LEAST = 1e-17
-"""An imbalance of 0 is drawn at this value [1], which is below all rounding errors."""
+"""Smaller imbalances are drawn at this value [1], which is below all rounding errors."""
 _TIME = 'time [s]'
 _ROOM = 0.25
-"""Height of the space for the legend above the wall positions, divided by the height of the range
-of positions [1]."""
+"""Height of the space for the legend above the wall positions [range of the positions]."""
 
 
 def entitle(panels: Mapping[str, Axes]) -> None:
@@ -124,7 +122,7 @@ def draw_stiffness(
     apart: Sequence[float],
     order: float,
 ) -> None:
-    """Draw the largest angle deviation of springs from rigid bars against the stiffness."""
+    """Draw the largest angle difference between springs and rigid bars against the stiffness."""
     draw_convergence(axes, stiffnesses, apart, f'springs, order {order:.3f}')
     axes.set(xlabel='stiffness $k_e$ [N/m]')
     names = ('stiffness [N/m]', 'largest deviation of an angle [rad]')

@@ -39,8 +39,7 @@ _KEYS = ('step', 'work', 'energy_balance', 'stiffness', 'tilt', 'moves')
 _WORK_PERIOD = 0.002
 """Frame period of a chain with an actuator [s]; it is a small fraction of the filling time."""
 _SHORT = 1.0
-"""Duration of the energy balance with `--quick` [s], which contains about three spans of
-`_EVENT_FRAMES`."""
+"""Duration of the energy balance with `--quick` [s]; it contains about three spans of events."""
 
 
 @dataclass(frozen=True)
@@ -65,10 +64,10 @@ class DrivingStudy:
     works: dict[str, WorkTask]
     """Tasks by actuator name."""
     balances: dict[str, BalanceTask]
-    """Tasks by the mechanics, 'elastic' or 'rigid'."""
+    """One task for springs ('elastic') and one for bars ('rigid')."""
     stiffnesses: list[StiffnessTask]
     tilts: dict[str, TiltTask]
-    """Tasks by the mechanics, 'elastic' or 'rigid'."""
+    """One task for springs ('elastic') and one for bars ('rigid')."""
     moves: dict[MoveKey, list[MoveTask]]
     """Tasks by chain name and condition name."""
 
@@ -87,19 +86,18 @@ class DrivingStudy:
 
 @dataclass(frozen=True)
 class Results:
-    """Results of a study, with the keys of `DrivingStudy` and in the same order."""
+    """Results of a study; keys and order are those of the tasks in `DrivingStudy`."""
 
     works: dict[str, DrivenChain]
     balances: dict[str, BalancedRun]
     apart: list[float]
-    """Largest difference of an angle between springs and bars [rad], for each stiffness from the
-    softest springs on."""
+    """Largest angle difference between springs and bars [rad], in ascending order of stiffness."""
     tilts: dict[str, TiltedRun]
     moves: dict[MoveKey, list[MoveRun]]
 
     @staticmethod
     def of(done: Mapping[tuple[Any, ...], Any]) -> Results:
-        """Sort the results in `done`, which has the keys of `DrivingStudy.tasks`, into fields."""
+        """Sort the results in `done` into fields; its keys are those of `DrivingStudy.tasks`."""
 
         def part(name: str) -> dict[Any, Any]:
             return {key[1:]: result for key, result in done.items() if key[0] == name}
@@ -165,24 +163,20 @@ _BALANCE_KEYS = (
     'seed',
 )
 _PERIOD = 0.01
-"""Frame period for energy balance and tilt [s]; it is a fraction of the time unit sqrt(M /
-k_e)."""
+"""Frame period for energy balance and tilt [s], below the time unit sqrt(M / k_e)."""
 _BALANCE_TOLERANCE = 1e-12
-"""Integration error of an angle per time unit [rad]; its value is a thousandth of the allowed
-imbalance [1]."""
+"""Largest integration error of an angle per time unit [rad]; a thousandth of `IMBALANCE_LIMIT`."""
 _TILT_TOLERANCE = 1e-8
-"""Integration error of an angle per time unit [rad]; it is far below the resolution of wall
-positions."""
+"""Largest integration error of an angle per time unit [rad]; it is invisible in positions."""
 _EVENT_FRAMES = 30
-"""The frames are divided into spans of this number [1]. Each span has one kick and one change of
-gravity; in every second span torques act."""
+"""Number of frames in a span of events [1]. Each span has one kick and one change of gravity; in
+every second span torques act."""
 _KICK_FRAME = 10
-"""Index in its span of the frame at which the kick occurs [1]; it is far from the other events."""
+"""Index in a span of the frame at which the kick occurs [1]; it is far from other events."""
 _TURN_FRAME = 20
-"""Index in its span of the frame at which gravity changes [1]; it is far from the kick."""
+"""Index in a span of the frame at which gravity changes [1]; it is far from the kick."""
 _CROSSING_FRAMES = 200
-"""Number of frames of a simulated crossing [1]; a wall moves by less than a rotor spacing per
-frame."""
+"""Number of frames of a simulated crossing [1]; a wall moves by less than a site per frame."""
 
 
 @dataclass(frozen=True)
@@ -218,15 +212,14 @@ class BalanceTask:
     kick: float
     """Standard deviation of the random rate that a kick adds to each rotor [rad/s]."""
     torque: float
-    """Standard deviation of the random acceleration that a torque gives to each rotor
-    [rad/s^2]."""
+    """Standard deviation of the acceleration of each rotor by its random torque [rad/s^2]."""
     duration: float
     """Duration of the simulation [s]."""
     seed: int
 
     @staticmethod
     def read(section: Section, mechanics: str) -> BalanceTask:
-        """Read the settings, and draw the deviations of the chain at random."""
+        """Read the settings; draw random deviations of the chain."""
         section.check_keys(*_BALANCE_KEYS)
         bare = chain_from(section.section('chain'))
         share = section.number('disorder', 0.0, 0.3)
@@ -281,7 +274,7 @@ class StiffnessTask:
     chain: Chain
     """Chain whose springs have the tested stiffness."""
     rates: tuple[float, ...]
-    """Angular velocities after the kick of the right-leaning chain [rad/s]."""
+    """Angular velocities of the right-leaning chain after the kick [rad/s]."""
     duration: float
     """Time limit for the crossing [s]."""
 
@@ -302,7 +295,7 @@ class StiffnessTask:
         ]
 
     def __call__(self) -> float:
-        """Return the largest difference of an angle between springs and bars [rad]."""
+        """Return the largest difference between an angle with springs and with bars [rad]."""
         chain, rates = self.chain, np.array(self.rates)
         rest = chain.uniform_state(1)
         period = self.duration / _CROSSING_FRAMES
@@ -332,7 +325,7 @@ class TiltedRun:
 
 @dataclass(frozen=True)
 class TiltTask:
-    """Task to tilt a chain back and forth, from the left-leaning state at rest."""
+    """Task to tilt a chain back and forth; at the start it leans left and is at rest."""
 
     chain: Chain
     mechanics: str

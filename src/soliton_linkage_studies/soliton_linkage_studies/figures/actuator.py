@@ -25,10 +25,10 @@ from soliton_linkage_studies.pneumatic_fit import StepResponse, fit_step_respons
 from soliton_linkage_studies.settings import Section, chain_from
 
 _TOLERANCE = 1e-12
-"""Integration error per time unit [rad]; work and energy then agree to 1e-9."""
+"""Largest integration error of an angle per time unit [rad]; work and energy agree to 1e-9."""
 TIME = 'time [s]'
 _STEPPED = slice(None, None, 20)
-"""The numerical solution is evaluated at every twentieth instant."""
+"""Part of the instants `CommandResponse.times` at which the numerical solution is evaluated."""
 
 
 @dataclass(frozen=True)
@@ -92,8 +92,7 @@ class DrivenChain:
     energies: Array
     """Energy that the chain has gained since the first frame [J], shape (T,)."""
     works: Array
-    """Work of the actuator since the first frame [J], shape (T,), computed from torques and
-    angles."""
+    """Work of the actuator since the first frame [J], shape (T,)."""
 
 
 def driven_chain(

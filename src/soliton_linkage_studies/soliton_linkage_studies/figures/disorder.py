@@ -51,8 +51,7 @@ _QUICK_SEEDS = 3
 _NORMAL = 1.959964
 """Half width of the central 95 % of a normal distribution [standard deviations]."""
 _ASIDE = 0.4
-"""Horizontal offset between the points of different classes of chain [%], so that their error bars
-do not overlap."""
+"""Horizontal offset between classes of chain [%], so that their error bars do not overlap."""
 
 
 @FIGURES.add('disorder_against_passage')
@@ -109,11 +108,11 @@ def _deviating(chain: Chain, fraction: float, seed: int) -> Chain:
 def _compare_passage(report: FigureReport, fractions: Array, free: Array, passed: Array) -> None:
     """Add to `report` the fractions of rigid-bar chains that a wall crosses in both directions.
 
-    For each of the F strengths of disorder in `fractions`, one row is the fraction of all chains,
-    and another row that of the chains without a blocked bond.
+    For each of the F strengths in `fractions`, one row is for all K chains, another for those
+    without a blocked bond.
 
-    `free` (whether no bond of the chain blocks a wall) and `passed` (whether the wall crossed and
-    returned) have shape (F, K), for K random chains per strength.
+    `free` (whether the chain has no blocked bond) and `passed` (whether the wall crossed and
+    returned) have shape (F, K).
     """
     for fraction, sufficient, passes in zip(fractions, free, passed, strict=True):
         name = f'deviations of {100 * fraction:g} %, rigid'

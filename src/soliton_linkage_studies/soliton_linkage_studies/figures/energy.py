@@ -90,19 +90,16 @@ wall. Hollow markers are upper bounds, because reflected phonons of the kick may
 wake.
 """
 _REACH = 8
-"""The wake of a wall begins at least this far behind the wall [penetration depths]. The tail of
-the wall is e^-8 there."""
+"""The wake begins this far behind a wall [penetration depths]; the wall's tail is e^-8 there."""
 _CONTINUUM = 0.3
-"""Only chains with a lean ratio d below this are compared with continuum theory [1]. The error of
-this theory is of order d^2."""
+"""Chains with d below this are compared with continuum theory [1]; its error is O(d^2)."""
 _ENERGIES = {
     'a': 'total energy / E_s [1]',
     'b': 'elastic / kinetic energy [1]',
     'c': 'energy behind the wall / total energy [1]',
 }
 _SLOW = 0.87
-"""Only walls with v / c below this are compared with theory [1]. At this speed, the error of the
-theory is a few per cent."""
+"""Walls with v / c below this are compared with theory [1]; its error is a few per cent there."""
 
 
 @FIGURES.add('energy_against_speed')
@@ -162,9 +159,9 @@ def _draw_theory(panels: Sequence[Axes], theory: WallTheory) -> None:
 def _energies(chain: Chain, kick: float) -> tuple[float, float, float, float, float]:
     """Return relative speed [1], kinetic, elastic and wake energy [J], and a flag for echoes.
 
-    Energies are means over the first passage of the wall. The kick also excites phonons, which the
-    first rotor reflects. The flag is 1 if the fastest of them can have passed the wall on its way
-    back before the last of these frames, otherwise 0.
+    Energies are means over the frames of the first passage of the wall. The flag is 1 if phonons
+    of the kick, reflected by the first rotor, can have met the wall before the last of these
+    frames, otherwise 0.
     """
     recording, speed = record_moving_wall(chain, kick)
     positions = wall_positions(chain, recording)

@@ -42,8 +42,7 @@ _TITLES = (
     'c  a wall at rest,   d  the horizontal projections of its rotors',
 )
 _LONG = 400
-"""Number of rotors of the finite chain that is compared with the infinite chain [1]; their lowest
-modes agree to 1e-4."""
+"""Number of rotors of the chain that approximates the infinite one to 1e-4 [1]."""
 
 
 @FIGURES.add('figure_1')

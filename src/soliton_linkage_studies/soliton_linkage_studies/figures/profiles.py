@@ -65,10 +65,9 @@ Angles φ of the rotors in one snapshot of the slowest wall. Far from the wall, 
 blue) and odd rotors (hollow blue) differ by the constant π − 2 θ̄.
 """
 _FAR = 5
-"""Number of rotors at an edge that are too far from a wall in the middle to be affected by it
-[1]."""
+"""Number of rotors at an edge that a wall in the middle of the chain does not affect [1]."""
 _PROFILES = 4
-"""Number of drawn profiles [1], those of the slowest walls. More profiles would overlap."""
+"""Number of drawn profiles, those of the slowest walls [1]; more would overlap."""
 
 
 @dataclass(frozen=True)
@@ -79,19 +78,18 @@ class WallAtSpeed:
     snapshots: Snapshots
     relative_speed: float
     width: float
-    """Width from the slope of arctanh, divided by the continuum width at rest [1]."""
+    """Width from `arctanh_width`, divided by the continuum width at rest [1]."""
     fitted_width: float
     """Mean width from tanh fits to the snapshots, divided by the continuum width at rest [1]."""
 
 
 Inset = Callable[[FigureReport, Axes, Chain, WallAtSpeed], None]
-"""Function that draws panel b, whose content differs between Figs. 5 and 6. Its arguments are the
-report, the axes of the panel, the chain and the slowest wall."""
+"""Function of report, axes, chain and slowest wall that draws panel b of Fig. 5 or of Fig. 6."""
 
 
 @FIGURES.add('figure_5')
 def figure_5(section: Section, quick: bool) -> FigureReport:
-    """Draw profiles and widths of flippers at several speeds, and a wobbler (paper, Fig. 5)."""
+    """Draw profiles and widths of flippers at several speeds, and of a wobbler (paper, Fig. 5)."""
     section.check_keys('chain', 'kicks', 'wobbler')
     wobbler = chain_from(section.section('wobbler'))
 

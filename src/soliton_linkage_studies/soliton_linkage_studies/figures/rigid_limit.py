@@ -22,16 +22,13 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 
 def convergence_order(stiffnesses: ArrayLike, distances: ArrayLike) -> float:
-    """Return the order of convergence to rigid bars in 1 / k_e [1].
-
-    The order is fitted to the three largest stiffnesses.
-    """
+    """Return the order of convergence in 1 / k_e [1], fitted to the three largest stiffnesses."""
     stiffest, nearest = np.log(np.asarray(stiffnesses)[-3:]), np.log(np.asarray(distances)[-3:])
     return -float(np.polyfit(stiffest, nearest, 1)[0])
 
 
 def draw_convergence(axes: Axes, stiffnesses: ArrayLike, distances: ArrayLike, label: str) -> None:
-    """Draw angle deviations [rad] against K stiffnesses, and a line of convergence order 1."""
+    """Draw K angle deviations [rad] against K stiffnesses [N/m], and a line of order 1."""
     across, up = np.asarray(stiffnesses), np.asarray(distances)
     first_order = up[-1] * across[-1] / across
     axes.loglog(across, up, 'o', color=MEASURED, label=label)
@@ -48,8 +45,7 @@ from the chain of rigid bars, over all rotors and times, against the stiffness (
 line has slope −1 and passes through the last dot.
 """
 _TRACKED = 3
-"""Wall paths are drawn for this number of the smallest stiffnesses [1]; the paths of stiffer
-chains would overlap."""
+"""Number of the smallest stiffnesses whose wall paths are drawn [1]; more paths would overlap."""
 _PATH = ('time [sqrt(M/k_e)]', 'wall at rotor [rotor spacings]')
 
 

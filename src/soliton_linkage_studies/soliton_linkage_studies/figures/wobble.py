@@ -47,7 +47,7 @@ _BEYOND = 'rotors from the wall [rotor spacings]'
 _QUICK_SNAPSHOTS = 4
 """Number of snapshots of each chain in a quick figure [1]."""
 _BESIDE = 10
-"""Largest distance from a wall at which its oscillation is drawn [rotor spacings]."""
+"""Largest distance from a wall at which the oscillation is drawn [rotor spacings]."""
 _NEAR = 1.5
 """Smallest distance from a wall at which the oscillation is fitted [rotor spacings]."""
 

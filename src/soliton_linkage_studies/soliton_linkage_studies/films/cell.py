@@ -28,7 +28,7 @@ class Cell:
 
     chain: Chain
     kick: float
-    """Norm r |phi_dot| of the mass velocities, in units of a sqrt(k_e / M)."""
+    """Norm r |phi_dot| of the mass velocities after the kick [a sqrt(k_e / M)]."""
 
     @staticmethod
     def read(section: Section) -> Cell:

@@ -61,7 +61,7 @@ class KickedWall:
 
     chain: Chain
     kick: float
-    """Norm r |phi_dot| of the mass velocities of the zero mode [a sqrt(k_e / M)]."""
+    """Norm r |phi_dot| of the mass velocities after the kick [a sqrt(k_e / M)]."""
     duration: float
     """Duration of the motion [s]."""
 
@@ -205,11 +205,11 @@ class StaggeredScene(Scene):
 
 
 def layered(chain: Chain, angles: Array, layer: float) -> Array:
-    """Return both end points of each rotor, axle, pin and bar [m], in this order.
+    """Return both end points [m] of each body: first of all rotors, then of axles, pins and bars.
 
     The result has shape (3 N + number of springs, 2, 3). Rotor n lies in the plane y = 2 n layer
-    [m]. Each bar lies halfway between two rotors, so that bodies that are not joined cannot
-    collide.
+    [m]. Each bar lies halfway between the planes of its two rotors, so that bodies that are not
+    joined cannot collide.
     """
     pivots, masses = pivot_points(chain), mass_points(chain, angles)
     planes: Array = np.linspace(0.0, 2 * layer * chain.number_of_springs, len(pivots))
@@ -230,9 +230,8 @@ def layered(chain: Chain, angles: Array, layer: float) -> Array:
 def from_behind(bodies: Array, azimuth: float, elevation: float) -> list[int]:
     """Return the indices of `bodies`, from the farthest to the nearest.
 
-    A body is given by its two end points [m].
-
-    The direction of the camera is given by its azimuth and elevation [rad].
+    A body is a pair of end points [m]; azimuth and elevation [rad] give the direction of the
+    camera.
     """
     nearness = bodies.mean(axis=1) @ towards_camera(azimuth, elevation)
     return [int(body) for body in np.argsort(nearness, kind='stable')]

@@ -26,7 +26,7 @@ _OSCILLATIONS = 4
 
 @dataclass(frozen=True)
 class Insulation:
-    """Settings of small motions of a chain: its zero mode and two drives of rotor 0."""
+    """Settings of three small motions: the zero mode, and rotor 0 driven at two frequencies."""
 
     chain: Chain
     swing: float
@@ -121,9 +121,9 @@ class InsulatorScene(Scene):
 def driven(chain: Chain, frequency: float) -> Array:
     """Return the steady response of the right-leaning chain to a torque on rotor 0, shape (N,).
 
-    The complex amplitudes x, relative to rotor 0 [1], solve (K - omega^2 I + i omega damping) x =
-    torque. omega is the angular frequency [rad/s], K the stiffness matrix, I the moments of
-    inertia.
+    The complex amplitudes x, relative to that of rotor 0 [1], solve (K - omega^2 I + i omega
+    damping) x = torque. omega is the angular frequency [rad/s], K the stiffness matrix, I the
+    moments of inertia.
     """
     stiffness = stiffness_matrix(chain, chain.uniform_state(1)).toarray()
     inertia = np.diag(-(frequency**2) * chain.moments_of_inertia + 1j * frequency * chain.dampings)

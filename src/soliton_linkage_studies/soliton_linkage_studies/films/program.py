@@ -91,7 +91,7 @@ class FileKind:
     """File format of the films, and the reason for this format."""
 
     ffmpeg: str
-    """Path of the program ffmpeg. An empty text means that Pillow writes a GIF."""
+    """Path of the program ffmpeg; if it is empty, Pillow writes a GIF."""
     reason: str
     """Reason for the format, in one line for the user."""
 
@@ -102,7 +102,7 @@ class FileKind:
 
 
 def file_kind() -> FileKind:
-    """Return MP4 if ffmpeg, installed or from imageio_ffmpeg, writes H.264, otherwise GIF."""
+    """Return MP4 if the command ffmpeg or that of imageio_ffmpeg writes H.264, otherwise GIF."""
     complaints = []
     programs = {'command ffmpeg': shutil.which('ffmpeg'), 'package imageio_ffmpeg': _packaged()}
     for name, program in programs.items():
@@ -134,10 +134,7 @@ def write_film(scene: Scene, frame_rate: float, path: Path, kind: FileKind) -> N
 
 
 class _Painter(FFMpegWriter):
-    """FFmpeg writer for rendered pixels.
-
-    It replaces `grab_frame` of matplotlib, which would draw all artists again.
-    """
+    """FFmpeg writer of rendered pixels; its `grab_frame` would draw all artists again."""
 
     def write(self, pixels: memoryview) -> None:
         """Write the RGBA pixels of one frame."""

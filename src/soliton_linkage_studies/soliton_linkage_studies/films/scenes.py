@@ -25,20 +25,19 @@ from soliton_linkage_studies.program import Registry
 from soliton_linkage_studies.settings import Section
 
 INCHES_HIGH = 7.2
-"""Height of every figure [inches]. Font sizes are relative to this height."""
+"""Height of every figure [inches], to which font sizes are relative."""
 STYLE: Any = {
     'font.size': 12.5,
     'axes.titlesize': 12.5,
     'axes.titlelocation': 'left',
     'text.hinting': 'no_hinting',
 }
-"""Settings of matplotlib. Without hinting, text has the same proportions at every resolution."""
+"""Settings of matplotlib; without hinting, text has the same proportions at any resolution."""
 LEFT, WIDTH, BOTTOM, TOP = 0.07, 0.90, 0.085, 0.88
 """Area for the panels below the title, in fractions of the figure width and height [1]."""
 
 TOLERANCE = 1e-9
-"""Integration error of an angle per time unit [rad]; the error at the end of a filmed cycle is too
-small to be visible."""
+"""Largest integration error of an angle per time unit [rad]; it is invisible in a filmed cycle."""
 
 SPACE_TIME = (
     'The space-time diagram shows the displacement u, with one row for each past frame and one '
@@ -68,13 +67,10 @@ class Format:
 
 
 class Scene(ABC):
-    """Figure with a title and a clock.
-
-    `show` moves the artists to their positions in a frame, and `paint` renders this frame.
-    """
+    """Figure with a title and a clock; `show` moves the artists to a frame, `paint` renders it."""
 
     caption: ClassVar[str] = ''
-    """Explanation of symbols, lines and colours without a label in the film."""
+    """Explanation of the symbols, lines and colours that have no label in the film."""
 
     def __init__(
         self, title: str, subtitle: str, shape: Format, duration: float, time_unit: float
@@ -197,10 +193,10 @@ def static_profile(
 ) -> Array:
     """Return the displacement u [m] of a wall at rest in the continuum theory, at positions x [m].
 
-    For flippers u = -r sin(theta_bar) tanh((x - X) / w) with the wall position X [m]. For spinners
-    that start in the right-leaning state, the staggered angles are theta_bar +- s arccos(-tanh((x
-    - X) / w)). The sign +- is + for even rotors (parity 0) and - for odd rotors. The sign s is
-    determined from `angles` [rad], shape (N,).
+    For flippers u = -r sin(theta_bar) tanh((x - X) / w) with the wall position X [m] and width w
+    [m]. For spinners that start in the right-leaning state, the staggered angles are theta_bar +-
+    s arccos(-tanh((x - X) / w)). The sign +- is + for even rotors (parity 0) and - for odd rotors.
+    The sign s is determined from `angles` [rad], shape (N,).
     """
     if chain.motion is not Motion.SPINNER:
         return FlipperTheory(chain).displacements(positions, wall)

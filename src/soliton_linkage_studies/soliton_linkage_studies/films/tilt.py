@@ -40,11 +40,11 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 @dataclass(frozen=True)
 class Tilting:
-    """Settings of rigid bars under gravity; the tilt is piecewise linear in time."""
+    """Settings of rigid bars under gravity; the tilt varies linearly between the given times."""
 
     chain: Chain
     times: tuple[float, ...]
-    """Times of the given tilts [s]. The first time is 0."""
+    """Times of the given tilts [s]; the first time is 0."""
     tilts: tuple[float, ...]
     """Tilt from the horizontal at each time [rad], positive if the last rotor is lower."""
     acceleration: float
@@ -52,7 +52,7 @@ class Tilting:
 
     @staticmethod
     def read(section: Section) -> Tilting:
-        """Read the settings. In the file, times are in [s] and tilts in [rad]."""
+        """Read the settings."""
         section.check_keys('chain', 'times', 'tilts', 'gravity')
         times = section.numbers('times', 0.0, 1e4)
         if times[0] != 0 or len(times) < 2 or np.min(np.diff(times)) <= 0:
@@ -110,7 +110,7 @@ class TiltScene(Scene):
 
 
 def _fallen(motion: Tilting, tilts: Array, period: float) -> Array:
-    """Return the angles in each frame [rad], (frames, N); the tilt is constant between frames."""
+    """Return the angles per frame [rad], shape (frames, N); the tilt changes only at frames."""
     chain = motion.chain
     start = chain.uniform_state(-1)
     field = Gravity(motion.acceleration, float(tilts[0]))

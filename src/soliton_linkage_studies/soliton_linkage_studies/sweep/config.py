@@ -74,7 +74,7 @@ class SweepStudy:
     name: str
     measure_name: str
     parameters: dict[str, Value]
-    """Parameters of all points, by name. An axis replaces the parameter of the same name."""
+    """Parameters that all points have, by name, unless an axis has the same name."""
     axes: tuple[Axis, ...]
     seeds: tuple[int, ...]
 
@@ -107,16 +107,13 @@ class SweepStudy:
     def together(self) -> int:
         """Largest number of rows that `cells_of` measures in one call [1].
 
-        If walls are sent, it is eight, because eight chains of 20 rotors are sufficient for an
-        efficient call of the compiled loops.
+        It is 8 if walls are sent, because the compiled loops are efficient from eight chains on;
+        else 1.
         """
         return 8 if self.measure.sends_wall else 1
 
     def cells(self, row: int) -> list[str]:
-        """Measure a row, and return its columns as text.
-
-        If the measurement fails, the last column is the error message.
-        """
+        """Measure a row; return its columns as text, the last one an error message or empty."""
         return self.cells_of([row])[0]
 
     def cells_of(self, rows: Sequence[int]) -> list[list[str]]:
@@ -136,7 +133,7 @@ class SweepStudy:
             return error
 
     def _cells(self, row: int, trial: Any, sent: Any) -> list[str]:
-        """Return the columns of a row; it is a failure if `trial` or `sent` is an exception."""
+        """Return the columns of a row, which is a failure if `trial` or `sent` is an exception."""
         values, seed = self.point(row)
         measured, failure = [''] * len(self.measure.columns), ''
         try:

@@ -35,8 +35,7 @@ from soliton_linkage_studies.sweep.config import Axis, SweepStudy
 from soliton_linkage_studies.unit_cell import flipper_limit, spinner_limit
 
 _MOST_CURVES = 5
-"""If exactly two axes of a sweep have more values than this [1], a map is drawn instead of
-curves."""
+"""A sweep is drawn as a map if exactly two axes have more values than this [1]."""
 CLASS_COLOURS = {
     **{motion.value: colour for motion, colour in MOTION_COLOURS.items()},
     BLOCKED: DARK,
@@ -50,8 +49,7 @@ _CLASS_LABELS = {
     'lost': 'does not cross',
 }
 _ASIDE = 0.16
-"""Horizontal offset between the error bars of different curves [smallest distance between two
-points]."""
+"""Offset between the error bars of different curves [smallest distance between two points]."""
 _NAMES = {
     'rotor_length_ratio': ('$r/a$', 'rotor length / spacing, $r/a$ [1]'),
     'rotor_length': ('$r$ [m]', 'rotor length $r$ [m]'),
@@ -100,7 +98,7 @@ def shares(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Array:
 
 
 def numbers(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Array:
-    """Return the measured number of each point and seed, (*axes, seeds); NaN if not measured."""
+    """Return the number of each point and seed, shape (*axes, seeds); NaN if not measured."""
     shown = [float(row[study.measure.shown] or 'nan') for row in rows]
     return np.array(shown).reshape(_shape(study))
 

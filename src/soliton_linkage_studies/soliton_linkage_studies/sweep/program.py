@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measure walls on a grid of chain parameters, with random deviations of the chains from seeds.
+"""Measure walls on a grid of chain parameters; seeds give random deviations of the chains.
 
 Write a table and a picture. After an interruption the same command continues the sweep. The table
 does not depend on interruptions or on the number of workers.

@@ -29,7 +29,7 @@ _CONFIGURATION = 'configuration.yaml'
 
 
 class Tabulated(Rows, Protocol):
-    """Study whose table of results has independent measurements as rows."""
+    """Study whose results form a table with one independent measurement per row."""
 
     @property
     def name(self) -> str:
@@ -152,11 +152,7 @@ def fill_table(
 
 
 def _fill(study: Tabulated, table: Table, missing: list[int], pool: Pool) -> None:
-    """Measure the missing rows and show progress.
-
-    The shown rows per second are an average over the time since this call, which includes the time
-    until new processes are ready.
-    """
+    """Measure the missing rows and show rows per second since the call of this function."""
     line = ProgressLine(study.name, study.rows)
     begin, done, elapsed = time.monotonic(), 0, 0.0
     total = study.rows - len(missing)
@@ -179,7 +175,7 @@ def read_rows(path: Path) -> list[dict[str, str]]:
 
 
 def fingerprint(package: ModuleType) -> str:
-    """Return a hash of the source files of a package that determine the rows of a table."""
+    """Return a hash of all Python files of a package, on which the rows of a table depend."""
     found = hashlib.sha256()
     for folder in package.__path__:
         for path in sorted(Path(folder).rglob('*.py')):
