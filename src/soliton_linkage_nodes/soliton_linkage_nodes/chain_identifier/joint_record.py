@@ -29,7 +29,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 _MOST_IMPULSES = 10_000
 """Largest number of impulses of each kind, and of tilts, that are stored [1]."""
 _MOST_UNMATCHED = 100
-"""Largest number of stored deviations whose frame is not stored [1]."""
+"""Largest number of stored standard deviations whose frame is not stored [1]."""
 _Impulses = deque[tuple[int, Array | None]]
 """Stamp [ns] and angular impulses [N m s], shape (N,), or None if only the stamp is known."""
 

@@ -22,7 +22,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 MOST_ANGLES = 1500
 """Largest number of rotors that are drawn one by one [1]."""
 _GROUPS = 1024
-"""Number of groups in the overview of a chain that has more than twice as many rotors [1]."""
+"""Number of rotor groups in the overview of a chain with more than twice as many rotors [1]."""
 _STATE_TIMEOUT = 1.0
 """If the last soliton_state is older than this [s], the analyser is assumed to have stopped."""
 _HISTORY_PERIOD = 1 / 30

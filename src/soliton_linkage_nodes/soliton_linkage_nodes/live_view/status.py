@@ -23,7 +23,7 @@ _LONGEST_DELAY = 0.2
 _ENDING = ('bag_player', 'bag_recorder')
 """Nodes that end in normal operation. The page does not warn if their reports are missing."""
 _FRAMES_BEHIND = 2
-"""See `_LONGEST_DELAY` [frames]. It is above 1 because one frame is always in transit."""
+"""Number of frames for `_LONGEST_DELAY` [1], above 1 because one frame is always in transit."""
 _LATE = re.compile('deadlines missed in the last second')
 """Pattern of a warning that the page omits, because the page shows the fraction of late frames."""
 _PAUSED = re.compile(f'{_LATE.pattern}|^(waiting for joint_states|no soliton)')

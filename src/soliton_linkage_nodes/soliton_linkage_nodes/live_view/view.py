@@ -40,7 +40,7 @@ class View:
         self.replay = BagReplay(self.catalogue, logs, finder, read_only)
         self.status = ''
         self.reasons: dict[str, dict[str, str]] = {}
-        """The `reasons` of the chain in each namespace."""
+        """Result of `reasons` for the chain in each namespace."""
         self._node = node
         self._failures: list[str] = []
         self._packed: dict[tuple[int, int, int], bytes] = {}

@@ -110,7 +110,7 @@ class BagBatch:
 def summary(states: Iterable[dict[str, str]]) -> list[str]:
     """Return the cells `motion` to `mean noise` in the row of a bag.
 
-    `states` are the rows of its soliton_state.csv.
+    `states` are the rows of soliton_state.csv.
     """
     motions: Counter[str] = Counter()
     stamps: list[int] = []

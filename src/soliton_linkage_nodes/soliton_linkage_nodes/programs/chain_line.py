@@ -28,7 +28,7 @@ _UPRIGHT = 1 / 3
 _DEPTH = 10
 """Queue depth of joint_states [messages], because a frame may consist of several messages."""
 _FEWEST = 10
-"""There is room for at least this number of marks, even beside a long remark [1]."""
+"""The line has room for at least this number of rotor marks, even beside a long remark [1]."""
 
 
 class ChainLine:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Helpers for the command lines of programs, which exit with one line after an error."""
+"""Options of the programs, and their exit with one line of text after an error."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def exit_on_failure(program: str) -> Iterator[None]:
 def ros_client(program: str) -> Iterator[threading.Event]:
     """Initialise ROS for a client, and yield an event that SIGINT and SIGTERM set.
 
-    After an error in the block, it exits with code 1, and after a signal with code 130.
+    After an error in the block, the program exits with code 1, and after a signal with code 130.
     """
     stopping = stop_on_signals()
     try:

@@ -138,7 +138,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _measured(
     study: ContractionStudy, folder: Path, stopping: threading.Event
 ) -> list[ContractedWall]:
-    """Record and measure each wall, again if this fails, because the machine may be busy."""
+    """Record and measure each wall, with a second try if the first fails on a busy machine."""
 
     def measured(number: int, kick: int) -> ContractedWall:
         bag = record(study, number, kick, folder, stopping)

@@ -84,8 +84,8 @@ def film_to_bag(
     """Measure the angles in a film and write them to a bag.
 
     If `overlay` is set, a copy of the film with the detected markers is written to this path. If
-    the film is damaged or `stopping` is set, the bag contains the angles that were measured
-    before. Raises ValueError if no angles were measured.
+    the film is damaged or `stopping` is set, the bag contains the angles that were measured until
+    then. Raises ValueError if no angles were measured.
     """
     bag = _AngleBag(output, named)
     seen: list[tuple[float, float]] = []

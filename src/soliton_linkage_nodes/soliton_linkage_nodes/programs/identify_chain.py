@@ -61,7 +61,7 @@ class IdentificationOptions:
     """Relative standard deviation of the lengths of one kind, such as the rotor lengths [1], or
     None to estimate it."""
     span: tuple[float, float] = (0.0, math.inf)
-    """Earliest and latest time that is used, counted from the first frame of the bag [s]."""
+    """Earliest and latest time of the used frames, counted from the first frame of the bag [s]."""
     gravity: float = 0.0
     """Gravitational acceleration in the plane of the chain [m/s^2]."""
     tilts: tuple[float, ...] = ()
@@ -230,7 +230,7 @@ def read_joints(
     """Read angles, their standard deviations, impulses and tilts from a bag.
 
     The joint names come from the chain `known`, or else from the bag. `span` is the earliest and
-    latest time that is used, counted from the first frame [s]. The result has at most
+    latest time of the used frames, counted from the first frame [s]. The result has at most
     `most_frames` frames. Raises ValueError if it has fewer than 50.
     """
     record = JointRecord(known.joint_names if known else (), most_frames)

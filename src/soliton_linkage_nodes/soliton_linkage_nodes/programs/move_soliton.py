@@ -39,7 +39,7 @@ _WAIT = Quantity('longest wait for soliton_steering to be ready', 's', 0.0, 3600
 _LONGEST_WAIT = 5.0
 """Default wait for soliton_steering, and longest wait for its answer to the goal [s]."""
 _LONGEST_SILENCE = 3.0
-"""soliton_steering counts as stopped without feedback for this time, 30 usual periods [s]."""
+"""If no feedback arrives for this time, soliton_steering counts as stopped [s]."""
 _CANCEL_TIME = 0.3
 """After Ctrl-C, the program waits at most this long for the end of the cancelled move [s]."""
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write pages with the markers of a chain in true size, for film_encoders and camera_encoders.
 
-The markers are dots for pivots and masses, and frame markers.
+Dots mark the pivots and masses, and square markers the frame of the chain.
 
 Print the pages without scaling, and check the printed ruler. Cut the markers out, and stick each
 one at the position on the chain that is printed below it. The last page is a chessboard for

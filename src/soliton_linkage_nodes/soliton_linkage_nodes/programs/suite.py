@@ -103,7 +103,8 @@ def addressed(
     """Return the arguments that set no node's parameter, and the parameters set for each node.
 
     The keys of `classes` and of the returned dictionary are names of nodes, which may contain a
-    namespace. ROS itself cannot set a parameter of only one node in a namespace.
+    namespace. The function is needed because ROS cannot set a parameter of only one of the nodes
+    in a namespace.
     """
     rest: list[str] = []
     given: dict[str, list[Parameter]] = {name: [] for name in classes}

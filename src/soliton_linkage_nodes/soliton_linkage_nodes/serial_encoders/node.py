@@ -47,7 +47,8 @@ _CLOCK_READINGS = 3
 """Largest number of attempts to read two clocks without an interruption between the readings
 [1]."""
 _CLOCK_READING_LIMIT = 20_000
-"""If reading two clocks takes longer than this, ten times the usual, it was interrupted [ns]."""
+"""A reading of two clocks was interrupted if it took longer than this, ten times the usual
+[ns]."""
 _WARNING_PERIOD = 1.0
 """Shortest time between two warnings about restarts or jumps of the controller's clock [s]."""
 _LONGEST_DELAY = 0.5

@@ -275,7 +275,7 @@ _CONTRADICTION_CONFIDENCE = 0.999
 def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bool]:
     """Return a text about the state of the analysis, and whether it is a warning.
 
-    A misfit is a warning if it exceeds `misfit_limit` [rad] and the effect of noise and phonons.
+    The text warns of misfits above `misfit_limit` [rad] and the effects of noise and phonons.
     """
     analyser, latest = analysis.analyser, analysis.latest
     if analyser is None or latest is None:

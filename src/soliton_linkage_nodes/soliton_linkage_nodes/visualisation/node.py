@@ -32,9 +32,9 @@ from soliton_linkage_nodes.visualisation.publishers import (
 )
 
 _MOST_BUSY = 0.5
-"""The pauses between drawings limit the time for drawing to this fraction [1]."""
+"""Pauses limit the drawing to this fraction of the time [1]."""
 _LONGEST_REST = 1.0
-"""Longest pause after a drawing [s]. The first one takes long, because matplotlib is imported."""
+"""Longest pause after a drawing [s]. The first drawing takes long, as it imports matplotlib."""
 _SEARCH_PERIOD = 0.5
 """Time between two searches for new publishers [s]."""
 

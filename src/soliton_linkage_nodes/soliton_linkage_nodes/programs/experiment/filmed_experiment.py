@@ -48,7 +48,7 @@ class PositionErrors:
     """
 
     angle_noise: float
-    """Standard deviation of the angle errors relative to the mean error of each rotor [rad]."""
+    """Standard deviation of the angle errors, each rotor's mean error subtracted [rad]."""
     stated_angle_noise: float
     """Median of the standard deviations that the measurement states for the angles [rad]."""
     frames: int

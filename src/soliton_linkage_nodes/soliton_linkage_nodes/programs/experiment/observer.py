@@ -141,7 +141,7 @@ class RoundTrip:
         return f'rotor {rotor:5.1f}  {velocity:+6.1f} rotors/s  {leg}'
 
     def missing(self) -> str:
-        """Return the error message if no soliton has returned within the time limit."""
+        """Return the error message for a soliton that has not returned in time."""
         rotor, settings = self._observer.rotor, self._observer.settings
         at = f'the soliton is at rotor {rotor:.1f} now'
         where = 'no soliton is visible now' if math.isnan(rotor) else at
