@@ -32,8 +32,7 @@ class CyclePhase(NamedTuple):
     rate_deviation: standard deviation of the rate of the phase [rad/s].
     completed: number of whole cycles up to the current phase, counted from arc length 0.
     leg: number of the current leg (one passage of the wall along the chain), -1 if unknown. While
-        the phase increases, the wall moves away from rotor 0 in even legs and towards rotor 0 in
-        odd legs.
+        the phase increases, the wall moves from rotor 0 in even legs, and to rotor 0 in odd legs.
     """
 
     phase: float
@@ -50,15 +49,15 @@ class Analysis(NamedTuple):
     motion: class of motion from the parameters of the chain, or, if these are unknown, from the
         angles.
     measured_motion: class of motion from the angles alone.
-    status: tracking status of `estimate`; if walls were found by fits of their shapes, that of the
-        first wall.
+    status: tracking status of the first wall if walls were found by fits of their shapes, else of
+        `estimate`.
     estimate: estimated state of the chain on its orbit.
     cycle: phase of the chain in the cycle of its orbit.
     solitons: walls that are at least half a rotor spacing from the edges, sorted by their site.
     events: events that this frame has confirmed.
-    topology: topology of the state of all rotors.
+    topology: topology of the configuration.
     edge_rotors: states of the first and the last rotor.
-    energies: energies of the state of all rotors.
+    energies: energies of the chain.
     wobble: wobble of the rotors beside the wall; None unless the frame shows exactly one wall.
     unseen: number of rotors whose readings are missing or implausible.
     """
@@ -81,7 +80,7 @@ def cycle_phase(estimate: OrbitEstimate, orbit: Orbit | None) -> CyclePhase:
     """Return the phase in the cycle of the orbit.
 
     In a spinner that is upside down, the phase increases while the arc length decreases, so that
-    an increasing phase means the same sense of motion in both mirror images.
+    the rotors of every spinner turn in the same sense while its phase increases.
     """
     if orbit is None or not estimate.leg_known:
         return CyclePhase(math.nan, math.nan, math.nan, math.nan, 0, -1)

@@ -26,31 +26,29 @@ from soliton_linkage.linkage.chain import Array, Chain
 
 _DEPTHS_BESIDE = 3.0
 """A rotor counts as far from the wall if its distance is above one rotor spacing plus this number
-of penetration depths [1]; there, the deviation from the uniform state is below 5 %."""
+of penetration depths [1]. The tail of the wall is below 5 % there."""
 _FEWEST_MEANS = 5
 """The offset of a rotor is corrected only after at least this number of block means [1]."""
 _FEWEST_ROTORS = 5
-"""The common error of the rest angles is estimated only from at least this number of mean
-residuals [1]. A rotor has one mean before the wall and one beyond it."""
+"""Smallest number of mean residuals from which the common error of the rest angles is estimated
+[1]. A rotor has one mean for each side of the wall on which it has been."""
 _WAVE_TIME = 10.0
 """Assumed correlation time of waves [time units of the chain]."""
 _LEAST_DISTANCE = 0.01
 """An encoder may have an unknown offset if the mean residual of its rotor exceeds the typical
-range of the others by more than this [rad]."""
+range of the mean residuals by more than this [rad]."""
 _LEAST_ERROR = 3e-4
-"""Standard deviation of a residual due to persistent errors such as rounding errors [rad]; it is
+"""Standard deviation of a residual due to persistent errors such as rounding errors [rad]. It is
 part of the uncertainty of every offset."""
 _CONTRADICTION = 0.3
-"""The corrected offset of a rotor near the wall is contradicted if its remaining residual has the
-opposite sign and exceeds the sum of this share of the offset [1] and the effects of noise and
-speed."""
+"""A correction near the wall counts as wrong if the corrected residual has the opposite sign and
+exceeds this share of the correction [1] plus the effects of noise and speed."""
 _FROM_EDGE = 2.0
-"""Rotors near the wall are tested only if the wall is farther than this from both edges [rotor
-spacings]."""
+"""Corrections near a wall are tested only if both edges are farther than this [rotor spacings]."""
 _STUCK, _MOST_STUCK = 1e-5, 0.2
-"""A reading counts as unchanged if it differs from that at the end of the preceding block by at
-most `_STUCK` [rad]. The chain counts as at rest if more than the share `_MOST_STUCK` of the
-readings is unchanged [1]."""
+"""A reading counts as unchanged if it differs from the same reading at the end of the preceding
+block by at most `_STUCK` [rad]. The chain counts as at rest if more than the share `_MOST_STUCK`
+of the readings is unchanged [1]."""
 
 
 class EncoderOffsets:
@@ -76,10 +74,10 @@ class EncoderOffsets:
     ) -> None:
         """Update the offsets with the residuals of a block [rad], shape (N,), NaN if unknown.
 
-        `sides` [1], shape (N,), are +1 for rotors before, -1 for rotors beyond and 0 for rotors
-        near the wall, whose residuals are ignored. `variance` [rad^2] is the variance of a
-        residual due to noise. `persistent` [rad^2], a number or shape (N,), is its variance due to
-        errors that are equal in all blocks.
+        `sides` [1], shape (N,), is +1 for a rotor before the wall, -1 for one beyond the wall, and
+        0 for one near the wall, whose residual is ignored. `variance` is the variance of a
+        residual due to noise [rad^2]. `persistent` is the variance of a residual due to errors
+        that are equal in all blocks [rad^2], a number or shape (N,).
         """
         given = self.settings
         known = np.isfinite(residuals)
@@ -103,13 +101,12 @@ class EncoderOffsets:
         significant = np.abs(self.values) > given.significance * self.deviations
         confirmed = significant & (self.means >= _FEWEST_MEANS)
         self.corrections: Array = np.where(confirmed, self.values, 0.0)
-        """Offset to subtract from each angle [rad], shape (N,); 0 for an offset that is not
-        significant."""
+        """Offset to subtract from each angle [rad], shape (N,); 0 if not significant."""
 
     def predict(self, sides: Array) -> tuple[Array, Array]:
         """Return the predicted mean [rad] and variance [rad^2] of each residual, shape (N,) each.
 
-        `sides` are defined as in `update`.
+        `sides` are as in `update`.
         """
         of_offset, mixed, of_rest = self._covariance
         expected = self.values + sides * self.rest_angles
@@ -130,8 +127,8 @@ class EncoderOffsets:
     def retest(self, rotors: Flags, errors: Array) -> None:
         """Reduce the weight of the earlier residuals of the flagged rotors.
 
-        `errors` [rad], shape (N,), are the differences between the latest and the predicted
-        residuals. The larger the error of a rotor, the smaller is the remaining weight.
+        `errors` [rad], shape (N,), are the latest residuals minus the predicted ones. The larger
+        the error of a rotor, the smaller is the remaining weight.
         """
         self.means[rotors] = np.minimum(self.means[rotors], _FEWEST_MEANS) - 1
         kept = 1 / np.maximum(self.weights[:, rotors] * errors[rotors] ** 2, 1.0)
@@ -145,8 +142,8 @@ class FarFieldResiduals:
     def __init__(self, offsets: EncoderOffsets, chain: Chain, strong: float) -> None:
         """Start without frames.
 
-        A block is ignored, because of waves, if the mean square of its residuals is above `strong`
-        [rad^2] and the residuals change from block to block.
+        A block is ignored if the mean square of its residuals is above `strong` [rad^2] and the
+        residuals differ from those of the preceding block, because waves have these effects.
         """
         self._offsets, self._settings = offsets, offsets.settings
         self._margin = 1 + _DEPTHS_BESIDE * penetration_depth(chain) / chain.spacing
@@ -157,8 +154,7 @@ class FarFieldResiduals:
         self._uneven, self._first = False, True
         self._unsteady, self._far = np.zeros(rotors), np.zeros(rotors, dtype=np.bool_)
         self.disorder = 0.0
-        """Disorder: standard deviation of the angles due to unmodelled differences between rotors
-        and between springs [rad]."""
+        """Standard deviation of the angles due to unmodelled deviations of the chain [rad]."""
         self.stuck = np.zeros(rotors, dtype=np.bool_)
         self.doubtful = np.zeros(rotors, dtype=np.bool_)
         self._outlying: Flags | None = None
@@ -182,8 +178,8 @@ class FarFieldResiduals:
 
         `site` is the site of the wall [rotor spacings], `elapsed` the time since the last frame
         [s], and `variance` a lower limit of the noise variance [rad^2]. A residual that is flagged
-        in `outlying` is replaced by the mean of the block so far, unless it repeats an outlier of
-        the preceding frame.
+        in `outlying` is replaced by the mean of the block so far, unless the rotor had a similar
+        outlier in the preceding frame.
         """
         self._sums += residuals
         if outlying is not None:
@@ -204,8 +200,7 @@ class FarFieldResiduals:
     def learn(self, sign: int, variance: float) -> None:
         """Update the offsets with the mean residuals of the block, and start a new block.
 
-        `sign` is -1 if the chain is upside down, else 1. `variance` is the variance of the noise
-        of an angle [rad^2].
+        `sign` is -1 if the chain is upside down, else 1; `variance` is that of the noise [rad^2].
         """
         offsets, given = self._offsets, self._settings
         sides = self._sides()
@@ -305,8 +300,9 @@ class FarFieldResiduals:
     def _disorder(self, means: Array, noise: float) -> float:
         """Return a robust estimate of the disorder [rad]; 0 if insignificant.
 
-        `means` [rad], shape (2, N), are the mean residuals of the rotors before and beyond the
-        wall, NaN if unknown. `noise` is the standard deviation of such a mean due to noise [rad].
+        Row 0 of `means` [rad], shape (2, N), contains the mean residual of each rotor before the
+        wall, row 1 that of each rotor beyond the wall, NaN if unknown. `noise` is the standard
+        deviation of a mean due to noise [rad].
         """
         (before, beyond), tail = means, self._tail
         added = np.concatenate([before[:-1] - tail * before[1:], beyond[1:] - tail * beyond[:-1]])
@@ -320,7 +316,7 @@ class FarFieldResiduals:
 
 
 def _trimmed_mean(squares: Array) -> float:
-    """Return the mean of all but the two largest squares, because two rotors may have offsets."""
+    """Return the mean without the two largest squares, because two encoders may have offsets."""
     count = len(squares) - 2
     if count <= 0:
         return 0.0

@@ -13,21 +13,19 @@ class TrackingStatus(enum.Enum):
     """Frames on which an estimate is based: the current frame, earlier frames or both."""
 
     LOST = 'lost'
-    """No estimate exists: no frame has matched the orbit since the start or since the wall was
-    lost."""
+    """No estimate: no frame has matched the orbit since the start, or since the wall was lost."""
     ACQUIRED = 'acquired'
     """The estimate is based on one frame; only the order of magnitude of the rate is known."""
     TRACKING = 'tracking'
     """The estimate is based on this frame and earlier frames."""
     COASTING = 'coasting'
-    """The estimate is based on earlier frames, because the current frame has no valid reading or
-    is implausible."""
+    """The estimate is based on earlier frames; the current one is empty or implausible."""
 
 
 class OrbitEstimate(NamedTuple):
     """Estimated state of a chain on its orbit; unknown quantities are NaN.
 
-    time: time of the estimate [s].
+    time: time of the estimate, counted from the first frame [s].
     status: frames on which the estimate is based.
     arc: arc length along the orbit [rad]; it increases by the length of the orbit in each cycle.
     rate: rate of change of the arc length [rad/s].
@@ -67,7 +65,7 @@ class OrbitEstimate(NamedTuple):
 
 
 def lost(time: float, noise: float = math.nan) -> OrbitEstimate:
-    """Return the estimate with status LOST at a time [s]; `noise` is that of an angle [rad]."""
+    """Return the estimate with status LOST at a time [s]; `noise` is as in `OrbitEstimate`."""
     return OrbitEstimate(time, TrackingStatus.LOST, noise=noise)
 
 

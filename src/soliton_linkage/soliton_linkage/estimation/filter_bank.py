@@ -2,8 +2,8 @@
 """Compiled loops over the Kalman filters of a `MultipleModelFilter`.
 
 The state of each filter is (s, w, b, d): arc length s along the orbit, its rate w, bias b of the
-measurement, and disturbance d. The disturbance is an acceleration [rad/s^2]. But if `disturbance`
-of the settings is 0, d is the relative rate of change of w due to unmodelled damping [1/s].
+measurement, and disturbance d. If `disturbance` of the settings is 0, d is the relative rate of
+change of w due to unmodelled damping [1/s], otherwise an acceleration [rad/s^2].
 """
 
 from __future__ import annotations
@@ -20,12 +20,11 @@ from soliton_linkage.linkage.chain import Array
 Records = NDArray[np.void]
 
 LEAST_ODDS, _LEAST_ODDS_AT_EDGES = -9.0, -2.0
-"""Lower limits of the log odds against the steady filter [1]: the first for a wall inside the
+"""Lower limits of the log odds against the steady filter [1]. The first is for a wall inside the
 chain, the second for a wall at an edge, where springs exchange energy with the wall."""
 _LEAST_EVIDENCE = 0.5
 """A filter that assumes an impulse has a weight only if its log odds are above this [1].
-Sensitivity: without this limit, the reported standard deviations are 3 % larger for a wall in
-steady motion."""
+Sensitivity: without this limit, reported standard deviations are 3 % larger in steady motion."""
 
 ARC, RATE, BIAS, DISTURBANCE = range(4)
 FILTER = np.dtype(
@@ -41,8 +40,8 @@ FILTER = np.dtype(
         ),
     ]
 )
-"""Record of one filter. In a bank of filters, the steady filter is the first. The filters that
-assume an impulse are the last ones, those with the latest impulse first.
+"""Record of one filter. The first filter of a bank is the steady filter. Each of the last filters
+assumes an impulse, beginning with the latest impulse.
 
 state, covariance: mean and covariance of (s, w, b, d).
 bias_variance: stationary variance of the bias [rad^2].
@@ -77,8 +76,8 @@ rate: mean rate of the arc length in the mixture of all filters [rad/s].
 log_odds: log odds against the steady filter [1].
 frames: number of frames since the last restart from an impulse [1].
 impulses: number of restarts from an impulse [1].
-wave_noise: spectral density of the process noise that waves add to the rate of a filter, relative
-    to the `rate_noise` of this filter [rad^2/s^3].
+wave_noise: spectral density of the process noise of the rate due to waves, divided by the
+    `rate_noise` of the filter [rad^2/s^3].
 ripple: variance that the periodic ripple of the rate adds to the bias of each filter [rad^2].
 """
 _FILTERS = records(FILTER, writable=True)
@@ -87,7 +86,7 @@ _NUMBERS = records(record_dtype(FilterSettings))
 
 
 def _transform(transition: Array, covariance: Array, product: Array) -> None:
-    """Replace the covariance P by F P F^T; `transition` is F, and `product` is storage for F P."""
+    """Replace the covariance P by F P F^T; F is `transition`, and `product` is storage."""
     for i in range(4):
         for j in range(4):
             total = 0.0
@@ -266,10 +265,7 @@ def set_weights(filters: Records, settings: Records, base: int, log_odds: float)
 
 @compiled(_FILTERS, i8)
 def mixture(filters: Records, count: int) -> tuple[float, float, float, float, float]:
-    """Return the moments of the mixture of the first `count` filters.
-
-    The moments are the mean arc length s, the mean rate w, var(s), cov(s, w) and var(w).
-    """
+    """Return mean s, mean w, var(s), cov(s, w) and var(w) of the mixture of `count` filters."""
     whole, arc, rate = 0.0, 0.0, 0.0
     of_arc, both, of_rate = 0.0, 0.0, 0.0
     for n in range(count):
@@ -305,14 +301,12 @@ def _copy_state(filters: Records, source: int, target: int) -> None:
 def assume_impulse(
     filters: Records, base: int, older: int, elapsed: float, least_impulse: float
 ) -> None:
-    """Replace the filter at index `base` by one that assumes an impulse in the last time step.
-
-    Its state is that of the filter with the largest weight among those without impulse, with a
-    larger variance of the rate.
+    """Insert at index `base` a filter that assumes an impulse in the last time step.
 
     Before that, the `older` filters from index `base` on move up by one index, and the last of
-    them replaces a filter with an older impulse. `elapsed` is the time step [s], and
-    `least_impulse` is as in `STATUS`.
+    them replaces the filter that was there. The new filter is a copy of the filter without impulse
+    that has the largest weight, with larger variances of the arc length and its rate. `elapsed` is
+    the time step [s], and `least_impulse` is as in `STATUS`.
     """
     likeliest = 0
     for n in range(1, base):
@@ -330,10 +324,7 @@ def assume_impulse(
 
 @compiled(_FILTERS, i8)
 def restart_steady(filters: Records, base: int) -> None:
-    """Restart the steady filter from the mean of the other filters that assume no impulse.
-
-    Its bias becomes 0.
-    """
+    """Restart the steady filter, with bias 0, from the mean of the filters 1 to `base` - 1."""
     filters[0]['weight'] = 0.0
     disturbance, of_disturbance = 0.0, 0.0
     for n in range(1, base):
@@ -354,8 +345,7 @@ def restart_steady(filters: Records, base: int) -> None:
 def restart_from_impulse(filters: Records, base: int) -> None:
     """Restart all filters that assume no impulse from the filter with the likeliest impulse.
 
-    Their biases become 0, with their stationary variances. The `odds` of all assumed impulses
-    become -inf.
+    Each bias becomes 0, with its stationary variance, and all `odds` become -inf.
     """
     likeliest = base
     for n in range(base, filters.size):

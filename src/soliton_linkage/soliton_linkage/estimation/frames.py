@@ -40,7 +40,7 @@ def rotor_swing(chain: Chain) -> float:
 def unwrap(angles: Array, last: Array, turns: Array, seen: Array) -> None:
     """Set `seen` to unwrapped angles [rad], shape (N,); invalid readings become NaN.
 
-    `last` (last valid reading [rad]) and `turns` (whole turns to add to a reading) are updated.
+    `last`, the last valid readings [rad], and `turns`, the turns to add to readings, are updated.
     """
     for n in range(angles.size):
         angle = angles[n]
@@ -72,10 +72,7 @@ class FrameClock:
     """Clock that accepts the stamps of frames in ascending order and rejects late stamps."""
 
     def __init__(self, limit: float = DEFAULTS.tracking.clock_limit) -> None:
-        """Start without a stamp.
-
-        A stamp that is more than `limit` [s] before the last accepted one restarts the clock.
-        """
+        """Start the clock, which restarts at a stamp that is more than `limit` [s] too early."""
         self._limit = limit
         self.time = -math.inf
         """Time from the first frame to the last accepted frame [s]."""
@@ -170,19 +167,18 @@ class CompletedFrame(NamedTuple):
     """Angles and rates of all rotors of a frame; estimates replace missing values."""
 
     angles: Array
-    """Angles [rad], shape (N,), without encoder offsets; all NaN if no rotor is known and the
-    orbit estimate is lost."""
+    """Angles without encoder offsets [rad], (N,); all NaN if none is known and the chain is
+    lost."""
     rates: Array | None
     """Rates of the rotors [rad/s], shape (N,); None if the rates are unknown."""
     filled: Flags
-    """Flags of rotors with estimated angles, because their readings were missing or implausible,
-    shape (N,)."""
+    """Flags of rotors with estimated angles, for missing or implausible readings, shape (N,)."""
     from_orbit: bool
     """Whether the angles of filled rotors are those of the orbit; otherwise they are interpolated
     between neighbouring rotors."""
     others: bool
-    """Whether two adjacent rotors differ from the orbit by more than half a swing, which indicates
-    a second wall."""
+    """Whether two adjacent rotors both differ from the orbit by more than half a swing, which
+    indicates a second wall."""
 
     number_filled: int
     """Number of filled rotors."""
@@ -207,8 +203,8 @@ class OnOrbit(NamedTuple):
 def on_orbit(orbit: Orbit, estimate: OrbitEstimate, residuals: Array) -> OnOrbit:
     """Return the angles and rates at the estimated point of the orbit.
 
-    `residuals` [rad], shape (N,), are relative to the orbit. If the chain is upside down, the
-    result has the mirrored angles, and the rates and residuals with opposite signs.
+    `residuals` [rad], shape (N,), are the measured angles minus those of the orbit. If the chain
+    is upside down, the angles are mirrored, and the rates and residuals change their signs.
     """
     angles = orbit.configuration(estimate.arc)
     rates = orbit.tangent(estimate.arc) * estimate.rate
@@ -242,10 +238,10 @@ def complete(
 ) -> CompletedFrame:
     """Replace missing angles [rad] and rates [rad/s], shape (N,), by those of the orbit.
 
-    Whole turns are added to an angle of the orbit so that it is nearest to `last`, the last valid
-    angle of the rotor [rad]. An angle also counts as missing if it differs from the orbit by more
-    than half a swing while those of both neighbours do not. If `expected` is None, missing angles
-    are interpolated between neighbouring rotors, and the rates are used only if all are known.
+    An angle also counts as missing if it differs from the orbit by more than half a swing, and the
+    angles of both neighbours do not. The angles of the orbit are shifted by whole turns towards
+    `last`, the last valid angles [rad]. If `expected`, the state on the orbit, is None, missing
+    angles are interpolated between neighbouring rotors, and rates are kept only if all are known.
     """
     unseen = ~np.isfinite(angles)
     if expected is None:
@@ -283,8 +279,7 @@ def whole_frame(
 ) -> CompletedFrame | None:
     """Return a frame without filled rotors, or None if a residual is too large.
 
-    `largest` is the largest absolute residual [rad]; it is too large if it is NaN or exceeds half
-    a swing.
+    `largest` is the largest absolute residual [rad]. Its limit is half a swing; NaN is too large.
     """
     if not largest <= rotor_swing(chain) / 2:
         return None

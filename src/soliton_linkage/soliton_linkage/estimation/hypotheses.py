@@ -15,11 +15,10 @@ from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.orbit.orbit import Orbit
 
 _LEAD = 3.0
-"""A hypothesis replaces the leader if its log likelihood is larger by more than this [1]. Of the
-two, it then has a probability of at least 95 %."""
+"""A hypothesis replaces the leader if its log likelihood exceeds that of the leader by more than
+this [1]. It is then at least 20 times as likely as the leader."""
 _STEP = 1e-3
-"""Step along the orbit for the numerical derivative of the arc length per rotor spacing [rotor
-spacings]."""
+"""Step of the numerical derivative of the arc length per rotor spacing [rotor spacings]."""
 _NEAR = 0.5
 """Two hypotheses count as duplicates only if their walls are closer than this [rotor spacings]."""
 
@@ -61,10 +60,7 @@ class Hypotheses:
         return self.all[0]
 
     def weigh(self, likelihoods: list[float]) -> None:
-        """Add the log likelihood of a frame to each hypothesis.
-
-        Then choose the leader again, and drop unlikely and duplicate hypotheses.
-        """
+        """Add the log likelihood of a frame; drop unlikely and duplicate hypotheses."""
         if len(self.all) == 1:
             return
         for each, likelihood in zip(self.all, likelihoods, strict=True):
@@ -85,7 +81,7 @@ class Hypotheses:
     def add_toggled(self) -> None:
         """Add a hypothesis for each edge rotor that may have swung to its other rest angle.
 
-        This happens only in flippers. The new hypothesis has the same site as the leader on
+        Only flippers have such edge rotors. The new hypothesis has the site of the leader, but on
         another leg of the orbit, and the opposite rate.
         """
         orbit, leader = self._orbit, self.leader

@@ -8,9 +8,8 @@ V. With the scaled difference r = d / sqrt(V), the probability density of d is
     rho(r) = r^2 / 2 for |r| <= k,    rho(r) = k^2 (1/2 + log(|r| / k)) for |r| > k,
 
 where e is the share of readings without information, whose angles are random, k is the bound of
-the normal core, and C normalises exp(-rho). The derivative of log p with respect to d is -w d / V.
-Here, w = min(1, k^2 / r^2) P is the weight of the reading, and P the probability that the reading
-contains information.
+the normal core, and C normalises exp(-rho). The derivative of log p with respect to d is -w d / V,
+with the weight w = min(1, k^2 / r^2) P of a reading that contains information with probability P.
 """
 
 from __future__ import annotations
@@ -56,9 +55,9 @@ def compare(
     """Set `differences` to the corrected angles minus the angles of a wall on the orbit.
 
     The differences [rad], from -pi to pi, have shape (N,). The corrected angles are a = `angles` -
-    `corrections` [rad], or pi - a if `upside_down`. `about` are the angles that the rotors near
-    the wall, from rotor `first` on, have on the orbit. Rotors with lower indices have the angles
-    `before`, and rotors with higher indices the angles `beyond`, both of uniform states.
+    `corrections` [rad], or pi - a if `upside_down`. On the orbit, the rotors near the wall, from
+    rotor `first` on, have the angles `about`; rotors with lower numbers have the angles `before`,
+    and rotors with higher numbers the angles `beyond`.
     """
     end = first + about.size
     for n in range(angles.size):
@@ -76,10 +75,7 @@ def _core(square: float, inner: float) -> float:
 
 @compiled(f8, f8, f8)
 def _log_likelihood(square: float, bound: float, floor: float) -> float:
-    """Return log p(d) relative to the peak of the first term of p(d).
-
-    `square` is r^2, `bound` is k, and `floor` is as in `DENSITY` [1].
-    """
+    """Return log p(d), relative to the peak of its first term, for `square` = r^2."""
     core = _core(square, bound * bound)
     if square <= bound * bound:
         return core
@@ -110,8 +106,7 @@ orbit.
 variance: variance V of the difference [rad^2].
 spread: variance of the predicted arc length along the orbit [rad^2].
 bound: bound k of the normal core of the density [1].
-floor: logarithm of e / (2 pi), the second term of p(d), relative to the peak of the first term
-    [1].
+floor: logarithm of the second term of p(d) divided by the peak of the first term [1].
 gross: smallest difference that counts as a gross error [rad].
 """
 _DENSITY = records(DENSITY)
@@ -205,7 +200,7 @@ def sum_likelihoods(
 ) -> None:
     """Set `sums[s, n]` to the log likelihood of the first n rotors in the uniform state s.
 
-    `states` [rad] has shape (S, N), and `sums` has shape (S, N + 1).
+    `states`, the angles of S uniform states [rad], has shape (S, N), and `sums` shape (S, N + 1).
     """
     for row in range(states.shape[0]):
         sums[row, 0] = 0.0
@@ -217,7 +212,7 @@ def sum_likelihoods(
 
 @compiled(f8, f8, f8, f8_1d)
 def tabulate(variance: float, bound: float, floor: float, table: Array) -> None:
-    """Fill a table with the log likelihoods of equidistant differences from 0 to pi."""
+    """Set `table` to log likelihoods of equidistant differences of one angle from 0 to pi."""
     for n in range(table.size):
         apart = math.pi * n / (table.size - 1)
         table[n] = _of_rotor(apart, variance, bound, floor)
@@ -240,7 +235,7 @@ class SampledWalls(NamedTuple):
     firsts: Counts
     """Index of the first rotor near the wall of each sample, shape (S,)."""
     begins: Counts
-    """Index in `angles` at which each wall begins, followed by the length of `angles`, shape (S +
+    """Index in `angles` at which each wall begins, followed by the length of `angles`, (S +
     1,)."""
     angles: Array
     """Angles of the rotors near the walls [rad], wall by wall."""
@@ -260,8 +255,8 @@ def scan(
 ) -> None:
     """Set the log likelihoods of a frame for each of the sampled walls, shape (S,).
 
-    The likelihoods of rotors near a wall are taken from `table` (see `tabulate`). Those of other
-    rotors are taken from `before` and `beyond`, results of `sum_likelihoods` with a row for each
+    For rotors near a wall, the log likelihoods are interpolated in `table` (see `tabulate`). For
+    other rotors, `before` and `beyond` contain results of `sum_likelihoods`, with a row for each
     leg.
     """
     for sample in range(likelihoods.size):

@@ -17,11 +17,9 @@ from soliton_linkage.linkage.chain import Array
 NO_FLAGS: Flags = np.zeros(0, dtype=np.bool_)
 """Empty array of flags; it means that no rotor is doubtful."""
 LEAST_INFORMATION = 1e-6
-"""A frame determines the arc length along the orbit only if its Fisher information is at least
-this [1]."""
+"""A frame determines the arc length only if its Fisher information is at least this [1]."""
 LONGEST_STEP = 0.5
-"""A Gauss-Newton step along the orbit is limited to this [rad], which moves the wall by about half
-a rotor spacing."""
+"""Largest Gauss-Newton step along the orbit [rad]; it moves a wall by about half a spacing."""
 _MOST_STEPS = 20
 """A search ends at the latest after this number of Gauss-Newton steps [1]."""
 _LONGEST_RUN = 2
@@ -37,19 +35,17 @@ class LinearisedMeasurement(NamedTuple):
     """Index of the first rotor near the wall."""
     tangent: Array
     """Derivative of the angles of the n rotors near the wall with respect to the arc length,
-    divided by the scales of their readings [1], shape (n,)."""
+    divided by the scales of their readings (see `ReadingScales`) [1], shape (n,)."""
     residuals: Array
     """Measured angles minus the angles on the orbit at `arc` [rad], shape (N,), NaN if unknown."""
     weights: Array
     """Weight of each rotor, from 0 to 1, shape (N,)."""
     inlying: Array
-    """For an inlier near the wall, its residual divided by the scale of its reading [rad]; 0 for
-    other rotors; shape (N,)."""
+    """Residuals of inliers near the wall, divided by their scales [rad], (N,); 0 for others."""
     information: float
     """Fisher information on the arc length if the noise were 1 rad [1]."""
     full_information: float
-    """Information that the frame would have if no rotor were an outlier: as `information`, but
-    with weight 1 for all known rotors that are not doubtful [1]."""
+    """As `information`, but with weight 1 for all known rotors that are not doubtful [1]."""
     squares: float
     """Sum of the squares of the residuals in `inlying` [rad^2]."""
     degrees_of_freedom: int
@@ -69,8 +65,8 @@ class LinearisedMeasurement(NamedTuple):
     largest: float
     """Largest absolute residual [rad]; infinite if a rotor is unknown."""
     unseen_share: float = 1.0
-    """Of the variance of `arc` that unseen rotors cause, the share that remains after the
-    correction for these rotors [1]."""
+    """Variance of `arc` due to unseen rotors after the correction for them, divided by its value
+    before the correction [1]."""
 
     @property
     def mean_square(self) -> float:
@@ -86,8 +82,7 @@ class LinearisedMeasurement(NamedTuple):
 def search_arc(arc: float, target: Callable[[float], float], close: float) -> float:
     """Return the likeliest arc length [rad], found by iteration from `arc` [rad].
 
-    `target` maps an arc length to a better estimate of it. The iteration ends when a step is
-    smaller than `close` [rad].
+    `target` maps an arc length to a better one. The search ends at a step below `close` [rad].
     """
     for _ in range(_MOST_STEPS):
         step = target(arc) - arc
@@ -98,25 +93,22 @@ def search_arc(arc: float, target: Callable[[float], float], close: float) -> fl
 
 
 _CORE = 2.5
-"""The rotors up to this distance from a wall show whether the wall still exists [rotor
-spacings]."""
+"""Rotors up to this distance from a wall show whether it still exists [rotor spacings]."""
 _FAR, _FAR_NOISE, _FAR_SHARE = 0.75, 2.0, 0.3
-"""A wall counts as lost if more than the share `_FAR_SHARE` of the rotors near its site have
-residuals above `_FAR` times the least gross error plus `_FAR_NOISE` times the noise [1]."""
+"""A wall counts as lost if more than the share `_FAR_SHARE` of the rotors within `_CORE` have
+absolute residuals above `_FAR` times the least gross error plus `_FAR_NOISE` times the standard
+deviation of the noise [1]."""
 
 
 class FrameLikelihood:
     """Likelihood of frames, computed from a robust density of the residuals of all rotors."""
 
     def __init__(self, swing: float, settings: LikelihoodSettings) -> None:
-        """Compute the density.
-
-        `swing` is the change of the angle of a rotor while a wall passes [rad].
-        """
+        """Compute the density; `swing` is as in `rotor_swing` [rad]."""
         self._settings = settings
         self.gross = settings.gross_share * swing
-        """A residual counts as a gross error if it is above this [rad]; the residuals due to the
-        deformation of a wall by its springs are smaller."""
+        """An absolute residual above this is a gross error [rad]. The deformation of a wall by its
+        springs causes smaller residuals."""
         self._density = np.zeros(1, DENSITY)
         bound, wrong = settings.bound, settings.wrong
         core = math.sqrt(2 * math.pi) * math.erf(bound / math.sqrt(2))
@@ -124,11 +116,10 @@ class FrameLikelihood:
         self._log_wrong = math.log(wrong)
         self._floor = math.log(wrong / (1 - wrong) * (core + tails) / (2 * math.pi))
         self.scales: Array | None = None
-        """Scale of each reading as in `ReadingScales` [1], shape (N,); None if all scales are
-        1."""
+        """Scale of each reading [1], shape (N,), see `ReadingScales`; None if all scales are 1."""
 
     def floor(self, variance: float) -> float:
-        """Return `floor` of `DENSITY` [1] for the variance of a difference [rad^2]."""
+        """Return `floor` of `DENSITY` [1] for a variance V of the difference [rad^2]."""
         return self._floor + 0.5 * math.log(variance)
 
     def random(self, known: int, variance: float) -> float:
@@ -147,10 +138,10 @@ class FrameLikelihood:
     ) -> LinearisedMeasurement:
         """Return the measurement of a frame, linearised at an arc length along the orbit [rad].
 
-        `differences` [rad], shape (N,), are overwritten by the residuals at the likeliest arc
-        length. `tangent` is the derivative of the angles for the rotors from `first` on.
-        `variance` is the variance of the difference between a rotor and the orbit, and `spread`
-        that of the predicted arc length [rad^2].
+        `differences` between the angles and the orbit [rad], shape (N,), are overwritten by the
+        residuals at the likeliest arc length. `tangent` is the derivative of the angles of the
+        rotors near the wall, from rotor `first` on. `variance` is the variance of a difference,
+        and `spread` that of the predicted arc length [rad^2].
         """
         rows, floor = np.empty((2, len(differences))), self.floor(variance)
         self._density[0] = variance, spread, self._settings.bound, floor, self.gross
@@ -190,8 +181,7 @@ class FrameLikelihood:
     def over_random(self, residuals: Array, variance: float) -> float:
         """Return the log likelihood of residuals [rad], shape (n,), minus that of random angles.
 
-        If the angles are random, this difference exceeds x with a probability of at most exp(-x)
-        (Markov's inequality).
+        For random angles, the result exceeds x with at most the probability exp(-x) (Markov).
         """
         bound, floor = self._settings.bound, self.floor(variance)
         likelihood = frame_likelihood(residuals, variance, bound, floor)
@@ -200,9 +190,8 @@ class FrameLikelihood:
     def explains(self, view: LinearisedMeasurement, largest: float) -> bool:
         """Return whether wrong readings can explain the outliers of a frame.
 
-        They cannot if more than two adjacent rotors have gross errors. They cannot explain them
-        either if random angles are likelier than the orbit even with the variance `largest`
-        [rad^2] for each rotor.
+        They cannot if more than two adjacent rotors have gross errors, or if random angles are
+        likelier than the orbit even for differences with the variance `largest` [rad^2].
         """
         if view.run > _LONGEST_RUN:
             return False
@@ -212,7 +201,7 @@ class FrameLikelihood:
         return True
 
     def fits(self, residuals: Array, first: int, site: float, noise: float) -> bool:
-        """Return whether the residuals [rad] of rotors from `first` on allow a wall at a site."""
+        """Return whether residuals [rad] of rotors, from `first` on, allow a wall at a site."""
         beside = np.abs(np.arange(first, first + len(residuals)) - site)
         core = np.abs(residuals[beside <= _CORE])
         far = np.count_nonzero(core > _FAR * self.gross + _FAR_NOISE * noise)
@@ -230,16 +219,13 @@ class ReadingScales:
     def __init__(self, usual: float | None = None) -> None:
         """Start with the typical standard deviation `usual` of a reading [rad].
 
-        If it is None, it is computed from the first frame with known standard deviations.
+        If it is None, the first frame with known standard deviations determines it.
         """
         self._usual = usual
         self._squares: Array | None = None
 
     def set_deviations(self, deviations: Array | None) -> None:
-        """Set the standard deviations of the readings [rad], shape (N,).
-
-        NaN and None mean the typical standard deviation.
-        """
+        """Set the standard deviations of readings [rad], (N,); NaN or None is the typical one."""
         self._squares = None
         if deviations is None:
             return
@@ -253,9 +239,8 @@ class ReadingScales:
     def of_frame(self, noise: float, variance: float) -> Array | None:
         """Return the scale of each reading [1], shape (N,); None means that all scales are 1.
 
-        `variance` is the typical variance of the difference between a rotor and the orbit [rad^2],
-        and `noise` its part due to the noise of a reading [rad^2]. Only this part differs from
-        reading to reading.
+        `variance` is the typical variance of the difference between a rotor and the orbit [rad^2].
+        Only its part `noise`, the variance of a typical reading [rad^2], differs between readings.
         """
         if self._squares is None:
             return None
@@ -263,7 +248,7 @@ class ReadingScales:
 
 
 class InnovationGate:
-    """Gate that rejects a frame because of outliers in this and in the preceding frame."""
+    """Gate that rejects a frame if its outliers contradict the predicted wall."""
 
     def __init__(
         self, rotors: int, likelihood: FrameLikelihood, settings: EstimationSettings
@@ -284,9 +269,8 @@ class InnovationGate:
     def is_strained(self, view: LinearisedMeasurement) -> bool:
         """Return whether outliers that are not gross errors contradict the prediction.
 
-        This is the case if the frame is not informative (see `is_informative`), and if three of
-        these outliers are adjacent or one rotor is such an outlier in `confirming_frames`
-        successive frames.
+        In a frame that is not informative, they do if three of them are adjacent, or if one rotor
+        is such an outlier in `confirming_frames` successive frames.
         """
         if (
             self.is_informative(view)
@@ -302,9 +286,8 @@ class InnovationGate:
     def accepts(self, view: LinearisedMeasurement, largest: float, doubtful: Flags) -> bool:
         """Return whether a frame shows the predicted wall.
 
-        `largest` is as in `FrameLikelihood.explains`. A frame is rejected if two rotors, not
-        counting doubtful ones, have gross errors in this and in the preceding frame, because
-        random errors do not repeat.
+        `FrameLikelihood.explains` must be true, and at most one rotor that is not `doubtful` may
+        have gross errors in this and in the preceding frame, because random errors do not repeat.
         """
         outliers, repeated = self._no_outliers, 0
         if view.gross:

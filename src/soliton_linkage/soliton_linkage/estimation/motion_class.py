@@ -6,17 +6,15 @@ from the wall, the staggered angle theta has the same value theta_left for all r
 and theta_right for all rotors on the other: theta_right = -theta_left in a flipper, and
 theta_right = theta_left + pi in a spinner.
 
-In a wobbling flipper, rotors beside the wall lean by more than the rest angle. Let e and e' be the
-deviations from the rest angle of a rotor and of its outer neighbour, which is farther from the
-wall. Let d be the lean ratio of the chain (`Chain.lean_ratio`), and F(e) the value of e' for d = 1
-(`next_deviation`). Then
+In a wobbling flipper, rotors beside the wall lean by more than the rest angle. Let a rotor deviate
+by e from the rest angle, and its outer neighbour, the next rotor away from the wall, by e'. Let d
+be the lean ratio of the chain, and F(e) the value of e' for d = 1 (`next_deviation`). Then
 
     e' = F(e) + lambda e + ...,    lambda = (1 - d) / (1 + d),
 
-and the chain wobbles if lambda < 0. Extended springs change the curvature of F; therefore the
-model of e' - F(e) has a term in e^2, too. Extended springs do not change the sign of lambda in a
-kink. The tails of an anti-kink are not used, because its springs are extended too much. Motors and
-other forces deform a wall, which adds an error to e' and therefore to lambda.
+and the chain wobbles if lambda < 0. Extended springs add a term in e^2 to e' - F(e), but do not
+change the sign of lambda in a kink. The tails of an anti-kink are not used, because its springs
+are extended too much. Motors and other forces deform a wall, which causes an error of lambda.
 """
 
 from __future__ import annotations
@@ -47,25 +45,23 @@ _NUMBERS = records(record_dtype(MotionSettings))
 _LEAST_NOISE = 1e-6
 """Lower limit of the noise of a frame [rad]."""
 _LEANING = 3.0
-"""A frame shows a wall only if the sine of the mean angle theta has opposite signs on its two
-sides, and if its absolute value is above this on both [standard deviations]."""
+"""A frame shows a wall only if sin(theta_left) and sin(theta_right) have opposite signs and
+absolute values above this number of standard deviations [1]."""
 _FLAT, _FLAT_IN_NOISE, _NOISIEST = 0.02, 2.0, 0.15
-"""Limits of a tail, which consists of rotors on one side of a wall; their deviations from the rest
-angle decay outwards. A tail ends where the deviation falls to `_FLAT` rest angles or to
-`_FLAT_IN_NOISE` standard deviations of the noise, whichever is larger. Tails are not used if the
-noise exceeds `_NOISIEST` rest angles [1]."""
+"""A tail consists of rotors on one side of a wall whose deviations from the rest angle decrease
+outwards. It ends where the deviation is at most `_FLAT` rest angles or `_FLAT_IN_NOISE` standard
+deviations of the noise. Tails are not used if the noise exceeds `_NOISIEST` rest angles [1]."""
 _BEND, _NEGLECTED = 0.1, 0.01
 """`_BEND` is the prior standard deviation of the product of the rest angle and the coefficient of
 e^2 [1]. `_NEGLECTED` is the standard deviation of lambda due to extended springs [1]."""
 _SPREAD = 1.2
-"""Variance of e' - F(e) due to the noise of the two angles, relative to the variance of the noise
-[1]."""
+"""Variance of e' - F(e) due to the noise of the two angles, divided by that of the noise [1]."""
 _LEAST_LEVER = 1e-9
-"""A lever of 0, which means that a spring and the outer rotor are in line, is replaced by this
-[1], so that the slope is finite."""
+"""A lever of 0 (spring and outer rotor in line) is replaced by this [1], to avoid a division by
+0."""
 _LEAST_WEIGHT = 1e-300
-"""This is added to the weight of the rest angle of a frame [1], so that the mean is defined even
-if all tails are empty."""
+"""Weight of the rest angle of a frame without tails [1], so that the mean over all frames is
+defined even if no frame has tails."""
 _NO_EVIDENCE = (math.nan, 0.0, math.nan)
 """Site, log likelihood ratio and rest angle of a frame without information."""
 
@@ -91,7 +87,7 @@ def next_deviation(inner: float, rest_angle: float, k: float) -> tuple[float, fl
 
 @compiled(const_f8_1d)
 def bond_of_wall(sines: Array) -> tuple[int, float, float]:
-    """Return the number of rotors before the wall, and sin(phi) of the two rotors beside it.
+    """Return the number b of rotors before the wall, and sin(phi) of rotors b - 1 and b beside it.
 
     `sines` are sin(phi) of all rotors, NaN if unknown.
     """
@@ -159,13 +155,10 @@ def uniform_part(
 
 @compiled(const_f8_1d, f8, f8)
 def tail_of_side(deviations: Array, large: float, small: float) -> tuple[int, int]:
-    """Return the indices of the begin and the end of a tail in `deviations` [rad].
+    """Return the indices at which a tail in `deviations` [rad] begins and ends.
 
-    The deviations are sorted from the wall outwards, and their absolute values are compared with
-    `large` and `small`.
-
-    The tail begins after the last deviation above `large`. The tail ends before the first later
-    deviation of at most `small`.
+    The deviations are sorted from the wall outwards. The tail begins after the last absolute value
+    above `large` and ends before the first later one of at most `small` [rad].
     """
     begin = 0
     for n in range(deviations.size):
@@ -183,8 +176,7 @@ def tail_products(
 ) -> None:
     """Add to `sums`, shape (3, 3), the pairwise products of e, e^2 and e' - F(e) in a tail.
 
-    The products are divided by the variance of e' - F(e). `part` is the `uniform_part` of the same
-    side of the wall.
+    They are divided by the variance of e' - F(e). `part` is the `uniform_part` of the same side.
     """
     mean, handed = part.mean, 1.0 if (part.sine > 0) == (part.cosine > 0) else -1.0
     rest_angle = math.pi / 2 - abs(math.asin(math.cos(mean)))
@@ -209,11 +201,7 @@ def tail_products(
 
 @compiled(f8, f8, f8)
 def _flipping(left: float, right: float, variance: float) -> float:
-    """Return the log likelihood ratio of a flipper against a spinner.
-
-    `left` and `right` are the mean angles theta on the two sides of the wall [rad], and `variance`
-    is the variance of their sum [rad^2].
-    """
+    """Return the log likelihood ratio of a flipper against a spinner, from mean angles theta."""
     flipped, spun = wrapped(right + left), wrapped(right - left - math.pi)
     flipped, spun = flipped * flipped, spun * spun
     likelihood = (spun - flipped) / (2 * max(variance, min(flipped, spun)))
@@ -224,9 +212,9 @@ def _flipping(left: float, right: float, variance: float) -> float:
 def evidence(
     settings: Records, angles: Array, sines: Array, cosines: Array, noise: float, tails: Array
 ) -> tuple[float, float, float]:
-    """Return the site of the wall, the `_flipping` and the rest angle that a frame shows.
+    """Return the site of the wall, the result of `_flipping` and the rest angle of a frame.
 
-    The products of its tails are added to `tails` (see `tail_products`).
+    The products of the tails of the wall are added to `tails` (see `tail_products`).
     """
     rotors, fewest = angles.size, settings[0]['fewest_rotors']
     bond, before, beyond = bond_of_wall(sines)
@@ -281,10 +269,11 @@ def observe(
     rest_angle: float,
     tails: Array,
 ) -> tuple[tuple[float, float, float], tuple[float, float]]:
-    """Add the `evidence` of a frame to the earlier `flipping`, `rest_angle` and `tails`.
+    """Add the evidence of a frame to the evidence of the earlier frames.
 
-    Return one tuple with the site in this frame, the new `flipping` and the new mean `rest_angle`,
-    and a second tuple, the result of `tail_ratio`.
+    `flipping`, `rest_angle` and `tails` are from the earlier frames; `tails` is updated. Return
+    one tuple with the site in this frame, the new `flipping` and the new mean `rest_angle`, and a
+    second tuple, the result of `tail_ratio`.
     """
     known = tails[0, 0]
     sines, cosines = np.full(angles.size, math.nan), np.full(angles.size, math.nan)

@@ -3,8 +3,8 @@
 
 The state of each Kalman filter is (s, w, b, d): arc length s along the orbit [rad], its rate w
 [rad/s], bias b of the measurement [rad] and disturbance d [rad/s^2]. A measurement is z = s + b +
-noise. The correlation of the bias decays while the wall moves by half a rotor spacing, and within
-the time tau even if the wall is at rest. In a time step dt, with the normal noise dB, the state
+noise. The correlation of the bias decays to 1/e while the wall moves by half a rotor spacing, or
+within the time tau if the wall is at rest. In a time step dt, with the normal noise dB, the state
 changes by
 
     ds = w dt,   dw = sqrt(q) dB,   b' = a b + noise of variance m^2 (1 - a^2),
@@ -12,8 +12,7 @@ changes by
 with a = exp(-|w| dt / (Lambda / 2) - dt / tau) and q = e^2 (|w|^3 / Lambda + Q). Lambda is the arc
 length per rotor spacing, e the random relative change of the rate per rotor spacing, and m the
 standard deviation of the bias. Q is the process noise due to waves, which also move a wall at
-rest. The variance m^2 includes the effect of the ripple of the rate, which is periodic in the
-rotor spacing.
+rest. The variance m^2 includes a ripple of the rate that is periodic in the rotor spacing.
 
 Filters with different e and m are weighted by the likelihood of recent measurements. The steady
 filter has e = m = 0 and uses the whole record. If the measurements contradict the steady filter,
@@ -21,18 +20,18 @@ this filter restarts with a low weight, and the mean of the other filters become
 the wall is at an edge, e is larger, because springs exchange energy with the wall. In strong waves
 and at edges, the weight of the steady filter has an upper limit.
 
-Each further filter assumes one impulse, about 1, 2, 4, 8 or more frames ago, respectively. After
-the impulse, the rate is almost unknown. The weight of such a filter is the prior probability of an
+Each further filter assumes one impulse, about 1, 2, 4, 8 or more frames ago, respectively, after
+which the rate is almost unknown. The weight of such a filter is the prior probability of an
 impulse times the likelihood ratio of the measurements since the impulse. If this ratio becomes
 decisive, all filters restart from the state of this filter.
 
-If the settings include a disturbance, the state changes, for a modelled acceleration u, by
+If the settings include a disturbance, and u is the modelled acceleration, the state changes by
 
     ds = w dt + sqrt(3 r) W dB_1,   dw = (u + d) dt + sqrt(3 r) W^2 dB_2,   dd = sqrt(r) W^3 dB_3,
 
-where dB_1, dB_2 and dB_3 are independent normal noises like dB, and r is the variance of a
-measurement times the time step. The steady filter then has three poles at -W for any r (Riccati
-equation); W is the bandwidth of the disturbance.
+where dB_1, dB_2 and dB_3 are independent normal noises like dB, r is the variance of a measurement
+times the time step, and W is the bandwidth of the disturbance. The steady filter then has three
+poles at -W for any r (Riccati equation).
 """
 
 from __future__ import annotations
@@ -60,7 +59,7 @@ from soliton_linkage.estimation.settings import DEFAULTS, FilterSettings
 
 _Summary = tuple[float, float, float, float, float]
 _FIRST_ODDS = 5.5
-"""Prior log odds in favour of the steady filter, which includes no unmodelled damping [1]."""
+"""Prior log odds in favour of the steady filter [1]."""
 _LEAST_IMPULSE = 0.1
 """Assumed standard deviation of the rate change by an impulse to a wall at rest, relative to the
 typical rate [1]."""
@@ -172,10 +171,10 @@ class MultipleModelFilter:
     ) -> None:
         """Predict all filters over the time `elapsed` [s].
 
-        The rate changes by the factor `ratio` [1] in this time, because it varies along the orbit.
-        `acceleration` is the modelled acceleration [rad/s^2], and `bandwidth` the bandwidth of the
-        disturbance [rad/s]. `ripple` is the variance that a periodic ripple of the rate adds to
-        each bias [rad^2].
+        `ratio` is the factor by which the rate of free motion changes in this time [1],
+        `acceleration` the modelled acceleration [rad/s^2], and `bandwidth` the bandwidth of the
+        disturbance [rad/s]. `ripple` is the variance that a ripple of the rate adds to each bias
+        [rad^2].
         """
         self._status['ripple'] = ripple
         rate, gained = self.rate, (acceleration + self.disturbance) * elapsed
@@ -197,7 +196,8 @@ class MultipleModelFilter:
     ) -> None:
         """Add the rate change by an impulse [rad/s] to all filters.
 
-        `rate_variance` [rad^2/s^2] and `arc_variance` [rad^2] are added to their variances.
+        `rate_variance` [rad^2/s^2] is added to the variance of each rate, and `arc_variance`
+        [rad^2] to that of each arc length.
         """
         self.filters['state'][:, RATE] += change
         self.filters['covariance'][:, RATE, RATE] += rate_variance
@@ -223,8 +223,8 @@ class MultipleModelFilter:
     def set_wave_acceleration(self, acceleration: float, duration: float) -> None:
         """Set the acceleration by waves [rad/s^2] and the time for which it remains constant [s].
 
-        This acceleration is used in the filters with the largest relative change of the rate. In
-        the other filters, it is reduced in proportion to their relative change of the rate.
+        The filters with the largest relative change of the rate use this acceleration. The other
+        filters reduce it in proportion to their relative change of the rate.
         """
         largest = max(self._settings.rate_changes, default=0.0)
         if largest:
@@ -235,9 +235,9 @@ class MultipleModelFilter:
     ) -> None:
         """Update all filters with a measured arc length [rad] and its variance [rad^2].
 
-        If the variance has f degrees of freedom, sqrt((f + 1) log(1 + x^2 / f)) replaces the
-        innovation of x standard deviations in the likelihood (Student's distribution). `calm`,
-        from 0 in strong waves to 1 without waves, limits the weight of the steady filter.
+        If the variance has f degrees of freedom, the likelihood of an innovation is that of
+        Student's distribution with f degrees of freedom. `calm`, from 0 in strong waves to 1
+        without waves, limits the weight of the steady filter.
         """
         self._known = measure(
             self.filters,

@@ -16,21 +16,18 @@ from soliton_linkage.linkage.chain import Array, Chain
 DEVIATION_PER_MEDIAN = 1.4826
 """Standard deviation of normal noise, divided by the median of its absolute values [1]."""
 FREEDOMS_OF_MEDIAN = 0.368
-"""Efficiency of the median of absolute values as an estimator of a standard deviation [1]: the
-median of n values is as accurate as the mean square of 0.368 n values."""
+"""The standard deviation from the median of n absolute values is as accurate as that from the mean
+square of this number times n values [1]."""
 
 _LARGEST_CHANGE = 12.0
-"""`StampJitter` limits a product of two second differences to this multiple of the expected
-product [1]."""
+"""`StampJitter` limits products of second differences to this multiple of the expected one [1]."""
 _EDGE_RATIO = 4.0
-"""Variance of the residuals that the deformation of a wall at an edge causes, divided by this
-variance for a wall inside the chain [1]."""
+"""Variance of the residuals due to the deformation of a wall at an edge, divided by their variance
+for a wall inside the chain [1]."""
 LARGEST_EXCESS = 3.0
-"""`FrameNoise.excess` is limited to this multiple of the mean square of the recent residuals
-[1]."""
+"""Upper limit of `FrameNoise.excess`, divided by the mean square of recent residuals [1]."""
 _FIELD_RATIO = 3.0
-"""Assumed ratio of the largest squared residual near a wall to the mean of these squares [1].
-Residuals due to waves differ from rotor to rotor."""
+"""Assumed ratio of the largest to the mean squared residual that waves cause near a wall [1]."""
 
 
 def median(values: Array) -> float:
@@ -54,9 +51,9 @@ def products_in_time(
 ) -> tuple[float, float, float, float]:
     """Return the sums of p, t^2 p, f and f^2 over the rotors near a wall.
 
-    For a rotor, p = x (4 x' - x'') / 3 and f = t^2 - t^4. x, x' and x'' are its residuals in the
-    latest, the older and the oldest frame [rad], shape (N,). t is its component of the tangent of
-    the orbit; `tangent` begins at the rotor `first`.
+    For a rotor, p = x (4 x' - x'') / 3 and f = t^2 - t^4. Here x, x' and x'' are its residuals in
+    the latest, the older and the oldest frame [rad], shape (N,), and t is its component of
+    `tangent`, the tangent of the orbit from rotor `first` on.
     """
     total, wall, weights, squared = 0.0, 0.0, 0.0, 0.0
     for n in range(tangent.size):
@@ -157,11 +154,11 @@ class FrameNoise:
         """Lower bound of the variance of the noise [rad^2]; 0 while unknown."""
 
     def _noise_bound(self, square: float, squared_weights: float, largest: float) -> float:
-        """Return Bernstein's bound of a weighted sum of the products p of `products_in_time`.
+        """Return Bernstein's bound [rad^2] of a weighted sum of products of `products_in_time`.
 
-        The bound [rad^2] holds if all residuals are noise with the variance `square` [rad^2], so
-        that p has the variance 17 / 9 square^2. `squared_weights` is the sum of the squared
-        weights, and `largest` the largest weight.
+        It holds if all residuals are noise with the variance `square` [rad^2], so that a product
+        has the variance 17 / 9 square^2. `squared_weights` is the sum of the squared weights, and
+        `largest` the largest weight.
         """
         significance = self._settings.significance
         deviation = significance * math.sqrt(17 / 9 * squared_weights)
@@ -188,9 +185,9 @@ class RateNoise:
 
     The second difference of three successive rates of a rotor is r_1 - (1 + q) r_2 + q r_3, with
     the ratio q of the first time difference to the second. White noise of variance sigma^2 adds (1
-    + (1 + q)^2 + q^2) sigma^2 to the variance of the second difference. A phonon of frequency w
-    and two time differences dt add (w dt)^4 / 2 times the squared amplitude of the phonon.
-    Therefore only frames with short time differences are used.
+    + (1 + q)^2 + q^2) sigma^2 to its variance. A phonon of frequency w adds (w dt)^4 / 2 times the
+    squared amplitude of the phonon, if both time differences are dt. Therefore only frames with
+    short time differences are used.
     """
 
     def __init__(self, chain: Chain, settings: NoiseSettings = DEFAULTS.noise) -> None:
@@ -229,7 +226,7 @@ class StampJitter:
     """Estimator of the errors of time stamps, from second differences of measured arc lengths.
 
     If the arc length changes at the rate w, a stamp error e shifts the measured arc length z by w
-    e; let v be the variance of the shifts. Of four successive measurements, let q be the second
+    e. Let v be the variance of these shifts. Of four successive measurements, let q be the second
     time difference divided by the first, and q' the third divided by the second. The second
     differences z_3 - (1 + q) z_2 + q z_1 and z_4 - (1 + q') z_3 + q' z_2 then have the mean
     product -v ((1 + q') + (1 + q) q').
@@ -272,15 +269,11 @@ class ResidualVariance:
     """Variance of the residuals of the rotors, which noise, waves and deformed walls cause."""
 
     def __init__(self, swing: float, noise: float | None, settings: EstimationSettings) -> None:
-        """Start without frames; `swing` is the angle by which a passing wall turns a rotor [rad].
-
-        `noise` is the standard deviation of the angles [rad], None if unknown.
-        """
+        """Start without frames; `swing` is as in `rotor_swing`, and `noise` as in `FrameNoise`."""
         given = settings.likelihood
         self._given_noise, self._settings = noise, settings
         self.elastic = (given.elastic_share * swing) ** 2
-        """Assumed variance of a residual due to the deformation of a wall by its springs
-        [rad^2]."""
+        """Assumed variance of a residual due to the deformation of walls by springs [rad^2]."""
         self.largest_field = (given.field_share * swing) ** 2
         """Upper limit of the variance of a residual minus the variance of the noise [rad^2]."""
         self.restart()
@@ -295,9 +288,8 @@ class ResidualVariance:
         self.at_edge = False
         """Whether the wall is at an edge."""
         self.excluded = self._shift = 0.0
-        """The exclusion of outliers causes an error of the arc length. `excluded` is the mean
-        product of this error in two successive frames [rad^2], times the share of the residuals
-        that waves cause."""
+        """Covariance of the errors of the arc length in two successive frames that arise because
+        outliers caused by waves are excluded [rad^2]."""
 
     def start(self, view: LinearisedMeasurement) -> None:
         """Restart with the first frame of a new wall, but keep `way` and `at_edge`."""
@@ -311,7 +303,7 @@ class ResidualVariance:
         self.frames += 1
 
     def learn_outliers(self, view: LinearisedMeasurement) -> None:
-        """Update `excluded` with the outliers of a frame, which must show exactly one wall."""
+        """Update `excluded` with the outliers of a frame that shows exactly one wall."""
         earlier, self._shift = self._shift, 0.0
         if view.outliers and self.field > self.noise.variance:
             near = slice(view.first, view.first + len(view.tangent))
@@ -334,10 +326,9 @@ class ResidualVariance:
     def of_arc(self, view: LinearisedMeasurement) -> float:
         """Return the variance of a measured arc length along the orbit [rad^2].
 
-        If rotors are unseen, persistent residuals cause the same error in all frames until the
-        wall has moved by a rotor spacing. The filters treat the errors of successive frames as
-        independent; therefore the variance of these errors is multiplied by the number of these
-        frames.
+        If rotors are unseen, persistent residuals cause an error that is equal in all frames until
+        the wall has moved by a rotor spacing. The variance of this error is multiplied by the
+        number of these frames, because the filters treat the errors of frames as independent.
         """
         known = max(view.full_information, view.information)
         unseen, outliers = max(1 / known - 1, 0.0), 1 / view.information - 1 / known
@@ -358,7 +349,7 @@ class ResidualVariance:
         """Return the weight, 0 to 1, of the assumption that waves do not disturb the wall.
 
         `rate` is the rate of the arc length [rad per time unit of the chain]. In one time unit,
-        waves with the amplitude phi [rad] change it by the fraction phi / rate.
+        waves with the amplitude phi [rad] change the rate by the fraction phi / rate.
         """
         noise, field = self.noise, self.field
         steady = rate**2 * noise.variance

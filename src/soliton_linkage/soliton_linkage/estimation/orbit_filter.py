@@ -41,15 +41,12 @@ from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.orbit.orbit import Orbit
 
 _EDGE_ROTORS = 2.0
-"""A wall counts as at an edge if its distance from the edge is below the penetration depth plus
-this [rotor spacings]."""
+"""A wall is at an edge if it is nearer than this plus the penetration depth [rotor spacings]."""
 _FIELD_SHARE = 0.08
-"""Assumed standard deviation of the arc length due to the persistent residuals near the wall,
-divided by the root mean square of these residuals [1]. Sensitivity: at 0, the errors near waves
-exceed the stated standard deviations by 2 %."""
+"""Assumed standard deviation of the arc length due to persistent residuals near the wall, divided
+by their rms [1]. Sensitivity: at 0, errors near waves exceed stated deviations by 2 %."""
 _LEAST_PROBABILITY = 0.9
-"""The chain is acquired only if the candidate positions together have at least this probability
-[1]."""
+"""The chain is acquired only if all candidates together have at least this probability [1]."""
 
 
 def largest_deformation(orbit: Orbit) -> float:
@@ -69,8 +66,8 @@ class OrbitFilter:
     """Recursive estimator of the arc length of a chain along its orbit and of its rate of change.
 
     Frames with repeated or late stamps are ignored. The filter restarts after a reset of the
-    clock. It also restarts if its position does not explain several successive frames, and another
-    position explains the last of them much better. A restart keeps the encoder offsets.
+    clock. It also restarts if several successive frames do not match its estimate, and the last of
+    them matches another position much better. A restart keeps the encoder offsets.
     """
 
     def __init__(
@@ -78,8 +75,7 @@ class OrbitFilter:
     ) -> None:
         """Start without a position; `noise` is the standard deviation of the angles [rad].
 
-        If `noise` is None, the filter estimates it. Raises ValueError if it is infinite or not
-        above 0.
+        None means that it is estimated. Raises ValueError if it is infinite or not above 0.
         """
         if noise is not None and not (math.isfinite(noise) and noise > 0):
             raise ValueError(
@@ -154,7 +150,7 @@ class OrbitFilter:
         return self.estimate
 
     def apply_impulse(self, impulse: FrameImpulse) -> None:
-        """Add an impulse to the rate at the latest frame, and its uncertainty to the variances."""
+        """Add the rate change by an impulse, and its uncertainty, to the latest estimate."""
         for each in self._hypotheses.all:
             rigid, rate = self._rate_change(impulse.impulses, each), each.motion.rate
             change = self._compliance.rate_after_impulse(rate, rigid) - rate
@@ -168,10 +164,10 @@ class OrbitFilter:
         self._budget.restart()
 
     def _rate_change(self, impulses: Array, hypothesis: Hypothesis) -> float:
-        """Return the change of the rate [rad/s] by impulses J [N m s], for rigid bars.
+        """Return the rate change t . J / sum(I t^2) [rad/s] by impulses J [N m s], for rigid bars.
 
-        The change is t . J / sum(I t^2), with the tangent t and the moments of inertia I. If J are
-        torques [N m], the result is an acceleration [rad/s^2].
+        t is the tangent, and I are the moments of inertia. If J are torques [N m], the result is
+        an acceleration [rad/s^2].
         """
         about = self.orbit.segment(hypothesis.motion.arc)
         within = slice(about.first, about.first + len(about.tangent))
@@ -182,7 +178,7 @@ class OrbitFilter:
     def _lose(self, time: float) -> None:
         self._hypotheses = Hypotheses(self.orbit, self._settings)
         self.view: LinearisedMeasurement | None = None
-        """Measurement from the latest frame; None if the chain is lost or the frame is empty."""
+        """Measurement from the latest frame; None if the chain is lost or no angle is known."""
         self._unexplained, self._unexplained_since = 0, math.nan
         self._variance.restart()
         self.jitter.restart()
@@ -304,7 +300,7 @@ class OrbitFilter:
         return variance
 
     def _relocated(self, time: float, seen: Array, fits: bool) -> bool:
-        """Count an unexplained frame; after several ones, restart elsewhere or lose the chain.
+        """Count an unexplained frame, and restart or lose the chain after several such frames.
 
         Return whether the filter has restarted or lost the chain.
         """
@@ -351,7 +347,7 @@ class OrbitFilter:
         tau are all torques except the spring torques, t is the tangent, and I are the moments of
         inertia. A moving wall is contracted: the rates of its rotors, and the differences between
         neighbouring angles, are larger than in the orbit. The work of a potential per rotor
-        spacing, however, does not depend on the contraction.
+        spacing does not depend on the contraction.
         """
         chain, (passive, active) = self.orbit.chain, self._forces
         if not (len(passive.kinds) or len(active.kinds) or chain.feedback.acts):

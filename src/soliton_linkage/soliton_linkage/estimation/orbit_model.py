@@ -33,7 +33,7 @@ from soliton_linkage.orbit.wall_shifts import WallShifts
 _CLOSE = 0.01
 """The search for the likeliest arc length ends when a step is shorter than this [rad]."""
 _LARGE_SCALE = 1.5
-"""Angles with a `ReadingScales` factor above this [1] are not used to estimate encoder offsets."""
+"""Angles with a scale (see `ReadingScales`) above this [1] do not affect encoder offsets."""
 
 
 class OrbitMeasurementModel:
@@ -46,11 +46,7 @@ class OrbitMeasurementModel:
         elastic: float,
         settings: EstimationSettings,
     ) -> None:
-        """Start with encoder offsets of 0.
-
-        If the mean square residual of a block of frames is above `elastic` [rad^2], the block
-        contains waves and is not used for the offsets.
-        """
+        """Start without encoder offsets; `elastic` is `strong` of `FarFieldResiduals` [rad^2]."""
         chain = orbit.chain
         self._orbit, self._likelihood = orbit, likelihood
         self._backgrounds = [
@@ -117,8 +113,8 @@ class OrbitMeasurementModel:
     ) -> LinearisedMeasurement:
         """Return the measurement of a frame, linearised at the posterior mode of the arc length.
 
-        `variance` is the variance of a residual, and `impulse_variance` is added to the variance
-        of the predicted arc length [rad^2].
+        `variance` is the variance of a residual [rad^2]. `impulse_variance` [rad^2] is added to
+        the variance of the predicted arc length.
         """
         expected, spread = motion.expected, motion.expected_variance + impulse_variance
         views: list[LinearisedMeasurement] = []
@@ -172,11 +168,11 @@ class OrbitMeasurementModel:
 
 
 _NEGLIGIBLE = 0.01
-"""No correction is made if the variance that unseen rotors cause, divided by the variance of the
-noise, is not above this [1]."""
+"""The arc length is not corrected if the variance that unseen rotors cause, divided by the
+variance of the noise, is at most this [1]."""
 _LEAST_SEEN = 1e-6
-"""No correction is made if the sum of the squared tangent over the seen rotors is not above this
-[1]."""
+"""The arc length is not corrected if the squared tangent, summed over the seen rotors, is at most
+this [1]."""
 
 
 class UnseenRotorCorrection:
@@ -186,16 +182,16 @@ class UnseenRotorCorrection:
         self._orbit = orbit
         lower, upper = (edge**2 for edge in band_edges(orbit.chain))
         self.remaining = (2 * lower / (lower + upper)) ** 2
-        """Variance of the arc length that unseen rotors cause after the correction, divided by the
-        variance that they cause before it [1]."""
+        """Variance of the arc length due to unseen rotors after the correction, divided by that
+        before the correction [1]."""
 
     def shift(
         self, arc: float, rate: float, residuals: Array, field: float, noise: float
     ) -> float:
-        """Return the correction of the arc length [rad]; 0 if it adds more noise than it removes.
+        """Return the correction of the arc length [rad]; 0 if it would increase the variance.
 
-        `field` is the variance of an angle that waves and springs cause, and `noise` the variance
-        of its noise [rad^2]. `residuals` are NaN for unseen rotors.
+        `field` is the variance of an angle due to waves and springs, and `noise` that due to noise
+        [rad^2]. `residuals` [rad] are NaN for unseen rotors.
         """
         unseen = np.isnan(residuals)
         tangent = self._orbit.tangent(arc)
@@ -211,10 +207,7 @@ class UnseenRotorCorrection:
         return -float(held @ turning + pull[~unseen] @ residuals[~unseen])
 
     def _balanced(self, arc: float, unseen: Flags, tangent: Array) -> tuple[Array, Array]:
-        """Return a vector V and K V, with the stiffness matrix K.
-
-        V is 0 for seen rotors, and K V equals the tangent for unseen rotors.
-        """
+        """Return V and K V (stiffness matrix K); V is 0 if seen, and K V the tangent if unseen."""
         chain = self._orbit.chain
         first, second = rigidity_bands(chain, self._orbit.configuration(arc))
         rotors = np.flatnonzero(unseen)
@@ -228,37 +221,32 @@ class UnseenRotorCorrection:
 
 
 _SAMPLES = 32
-"""Samples of the compliance mu per rotor spacing [1]; the interpolation error is 2 %."""
+"""Number of samples of the compliance mu per rotor spacing [1]. The interpolation error is 2 %."""
 _LOWEST_ORDER = 0.2
-"""`rate_ratio` is of the lowest order in the rate w. It corrects w only if 3 mu w^2 is not above
-this [1]."""
+"""`rate_ratio` includes only the lowest order in the rate w. It corrects w only if 3 mu w^2 is at
+most this [1]."""
 _PERIOD = 2
-"""A wall has the same shape after it has moved by this [rotor spacings], because even and odd
-rotors differ."""
+"""Period of the shape of a moving wall [rotor spacings], because even and odd rotors differ."""
 _SLOW = 0.25
-"""A wall counts as slow if it passes at most this number of rotors per period of the slowest
-phonon [1]."""
+"""A wall is slow if it passes at most this many rotors per period of the slowest phonon [1]."""
 _SECOND_ORDER = 0.5
-"""Square root of the relative error of the rate change that `rate_ratio` predicts, measured for
-the fastest slow wall [1]."""
+"""For the fastest slow wall, the measured relative error of the rate change that `rate_ratio`
+predicts is the square of this [1]."""
 _LONGEST_RESOLVED = 4 / 3
-"""The spring forces on a wall average out above this multiple of the speed of the fastest slow
-wall [1]."""
+"""The spring forces on a wall average out if the wall is faster than this multiple of the speed of
+the fastest slow wall [1]."""
 
 _RADIATION = 0.2
-"""Relative bandwidth of the resonance of a fast wall with the slowest phonon [1]. The radiated
-phonons damp the resonance. With this value, the computed and the simulated ripple agree within a
-factor of 2."""
+"""Relative bandwidth of the resonance of a fast wall with the slowest phonon, due to radiation
+[1]. With this value, the computed and the simulated ripple agree within a factor of 2."""
 _RIPPLE_SHARE = 0.3
-"""`ripple_bias` is the product of this factor, the variance of the ripple and the period of the
-ripple [1/rotor spacing]."""
+"""`ripple_bias` divided by the variance and by the period of the ripple [1/rotor spacing]."""
 
 
 class ComplianceCorrection:
     """Correction of the rate w of a wall for the compliance mu of the chain.
 
-    Because of the compliance, the momentum is I (w + 2 mu w^3), with the moment of inertia I of a
-    rotor.
+    The momentum is I (w + 2 mu w^3), with the moment of inertia I of a rotor.
     """
 
     def __init__(self, orbit: Orbit) -> None:
@@ -292,17 +280,14 @@ class ComplianceCorrection:
         return here + beyond * (samples[(number + 1) % count] - here)
 
     def rate_after_impulse(self, rate: float, momentum: float) -> float:
-        """Return the rate [rad/s] after an impulse, for the mean compliance.
-
-        `momentum` is the impulse along the orbit divided by the inertia of a rotor [rad/s].
-        """
+        """Return `rate_after_impulse` [rad/s] for the mean compliance."""
         return rate_after_impulse(rate, momentum, self._mean)
 
     def contraction(self, rate: float) -> tuple[float, float]:
-        """Return p / (I w) and (dp / dw) / I for a rate w and the momentum p [1].
+        """Return p / (I w) and (dp / dw) / I [1] for the momentum p at a rate w [rad/s].
 
-        The momentum is p = I (w + 2 mu w^3), with the inertia I. The first number is also the
-        factor by which the motion contracts a wall.
+        The momentum is p = I (w + 2 mu w^3) with the mean compliance mu. The first number is also
+        the factor by which the motion contracts a wall.
         """
         square = 2 * self._mean * rate * rate
         return 1 + square, 1 + 3 * square
@@ -320,8 +305,8 @@ class ComplianceCorrection:
     def unpredicted_change(self, rate: float) -> float:
         """Return the relative standard deviation [1] of a rate that `rate_ratio` has corrected.
 
-        For slow walls the deviation is of second order in the ratio of the site rate to the
-        slowest phonon frequency. For fast walls it falls with the fourth power of the rate.
+        For slow walls, it is of second order in the ratio of the site rate to the slowest phonon
+        frequency. For fast walls, it falls with the fourth power of the rate.
         """
         square = 3 * rate * rate
         change = 0.5 * square * self._spread / (1 + square * self._mean)
@@ -333,10 +318,10 @@ class ComplianceCorrection:
     def ripple(self, rate: float) -> float:
         """Return the variance of the site of a wall due to the ripple of its rate [spacings^2].
 
-        The compliance depends on the site with a period of p rotor spacings. The rate of a moving
-        wall therefore ripples, with one period per p rotor spacings. The deformation of the wall
-        responds to the ripple like an oscillator with the frequency of the slowest phonon. The
-        result is 0 for slow walls, because `rate_ratio` predicts their rate.
+        The compliance, and with it the rate of a moving wall, is periodic in the site, with a
+        period of one or two rotor spacings. The deformation of the wall responds to this ripple
+        like an oscillator with the frequency of the slowest phonon. The result is 0 for slow
+        walls, because `rate_ratio` predicts their rate.
         """
         if abs(rate) <= self._fastest:
             return 0.0
@@ -348,9 +333,9 @@ class ComplianceCorrection:
     def ripple_bias(self, rate: float) -> float:
         """Return the variance of a bias of the site that replaces the ripple [spacings^2].
 
-        The bias of the filters is an error of the site that is constant over a correlation length.
-        With the returned variance, it disturbs a fit over three periods of the ripple as much as
-        the ripple does.
+        A bias is an error of the site that is constant over a correlation length. With the
+        returned variance, it disturbs a fit over three periods of the ripple as much as the
+        ripple.
         """
         return _RIPPLE_SHARE * self._site_period * self.ripple(rate)
 

@@ -40,14 +40,12 @@ from soliton_linkage.linkage.chain import Array, check_shape
 from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
 
 _CLOSE = 1e-5
-"""The search for a maximum of the likelihood ends when a step along the orbit is shorter than this
-[rad]."""
+"""The search for a maximum of the likelihood ends when a step is shorter than this [rad]."""
 SCAN_DEVIATION, _SCAN_STEP = 0.1, 0.05
-"""Standard deviation of the angles that a scan assumes, and step of a scan along the orbit. Both
-are relative to the swing of a rotor [1]."""
+"""Standard deviation of the angles that a scan assumes, and step of a scan along the orbit, both
+divided by the swing of a rotor [1]."""
 _NEAR = 0.5
-"""A sample belongs to a candidate if their sites of the wall differ by less than this [rotor
-spacings]."""
+"""A sample belongs to a candidate if their sites differ by less than this [rotor spacings]."""
 _EXACT = 1e-8
 """The search for the nearest point of the orbit ends when a step is shorter than this [rad]."""
 _SAME_ARC = 0.01
@@ -55,10 +53,9 @@ _SAME_ARC = 0.01
 _MOST_PLACES = 12
 """Largest number of maxima that are refined [1]."""
 _STEPS_OF_TABLE = 32
-"""Points of the likelihood table per standard deviation [1]; the interpolation error is 1e-4 of
-the peak."""
+"""Points of the likelihood table per standard deviation [1]. The error is 1e-4 of the peak."""
 _MOST_SAMPLES = 500
-"""Largest number of samples per leg of an orbit that is too long to be sampled fully [1]."""
+"""Largest number of samples per leg if the orbit is too long to be sampled fully [1]."""
 
 
 class Candidate(NamedTuple):
@@ -66,8 +63,7 @@ class Candidate(NamedTuple):
 
     arc: float
     upside_down: bool
-    """Whether the chain is upside down, so that its angles phi are compared with the orbit as pi -
-    phi."""
+    """Whether the chain is upside down, so that pi - phi is compared with the orbit."""
     view: LinearisedMeasurement
     """Measurement of the frame, linearised at `arc`."""
     variance: float
@@ -81,8 +77,7 @@ class CandidateSet(NamedTuple):
 
     candidates: list[Candidate]
     elsewhere: float
-    """Logarithm of the integral of the likelihood over the part of the orbit that belongs to no
-    candidate [1]."""
+    """Logarithm of the integral of the likelihood over the orbit outside all candidates [1]."""
 
     @property
     def probability(self) -> float:
@@ -125,7 +120,7 @@ class Relocaliser:
     def __init__(
         self, orbit: Orbit, likelihood: LikelihoodSettings, most_angles: int = 2_000_000
     ) -> None:
-        """Sample the whole orbit if it has fewer angles than `most_angles`.
+        """Sample the whole orbit if its samples have fewer angles than `most_angles` in total.
 
         For a longer orbit, each search samples only the plausible section of the orbit.
         """
@@ -200,7 +195,7 @@ class Relocaliser:
     def _refined(
         self, image: Array, arc: float, turned: bool, wide: float, variance: float
     ) -> Candidate:
-        """Return the maximum near an arc length along the orbit.
+        """Return the maximum of the likelihood near an arc length along the orbit.
 
         The assumed variance of a residual [rad^2] is halved with each step, from `wide` to
         `variance`. `turned` is stored as `Candidate.upside_down`.
@@ -258,7 +253,7 @@ class Relocaliser:
     ) -> Array:
         """Return the log likelihoods of the samples, shape (S,).
 
-        `between` [rad^2] is added to the variance near the wall, which may be between two samples.
+        `between` [rad^2] is added to the variance near a wall, which may be between two samples.
         """
         sums, found = self._sums(image, variance), np.empty(len(samples.arcs))
         variance += between
@@ -304,7 +299,7 @@ class ScanBudget:
         self.restart()
 
     def restart(self) -> None:
-        """Allow the largest number of searches that may follow each other without a pause."""
+        """Allow `scan_burst` searches without a pause."""
         self._left, self._last = self._settings.scan_burst, math.nan
 
     def spend(self, time: float) -> bool:
@@ -326,7 +321,7 @@ class NearestPoint:
     arc: arc length from the start of the orbit [rad]; NaN if `fit_anywhere` found no position.
     information: information I on the arc length [1]; 1 if all rotors are seen. For a noise sigma
         [rad] the standard deviation of the arc length is sigma / sqrt(I) [rad]. If I is below
-        1e-6, `arc` is the start of the search.
+        1e-6, `arc` is the arc length at which the search started.
     misfit: sqrt(S / (n - 1)) [rad], for the sum S of the squared residuals of the n known rotors
         near the wall; NaN for n < 2.
     """
@@ -341,7 +336,7 @@ def fit_near(orbit: Orbit, angles: Array, arc: float) -> NearestPoint:
 
     Angles phi [rad] have shape (N,), NaN if unknown. The search takes Gauss-Newton steps t . (phi
     - Phi) / (t . t) with the tangent t of the orbit Phi. It may end in another cycle of the orbit
-    than it started in. Raises ValueError for infinite values and for another shape.
+    than that of `arc`. Raises ValueError for infinite values and for another shape.
     """
     if not math.isfinite(arc):
         raise ValueError(

@@ -35,11 +35,9 @@ from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linkage.chain import Array, Motion, staggered
 
 _TAILS = 1.5
-"""Before the fit of a wall, each other wall is subtracted whose distance from it is at most this
-multiple of the range of a `WallTable` [1]."""
+"""Walls within this multiple of `WallTable.reach` are subtracted before the fit of a wall [1]."""
 _SCAN_BESIDE = 1.5
-"""A scan for the site of a wall extends this far to either side of a domain border [rotor
-spacings]."""
+"""A scan extends this far to either side of a domain border [rotor spacings]."""
 
 
 class _ShapeFit(NamedTuple):
@@ -61,11 +59,7 @@ class ShapeMeasurementModel:
         noise: float | None,
         settings: EstimationSettings,
     ) -> None:
-        """Start without frames.
-
-        `site_arc` is the arc length per rotor spacing [rad], and `noise` the standard deviation of
-        the angles [rad], None if unknown.
-        """
+        """Start without frames; `noise` is the standard deviation of the angles [rad] or None."""
         self._shapes, self._line, self._arc = shapes, line, site_arc
         self._of_charge = {1: shapes.kinks, -1: shapes.anti_kinks}
         self._chain = chain = shapes.chain
@@ -195,7 +189,6 @@ class ShapeMeasurementModel:
         return found
 
     def _learn(self, parts: list[tuple[_ShapeFit, int, LinearisedMeasurement]]) -> None:
-        """Update the noise with the residuals near all walls together."""
         tangent, inlying = np.zeros((2, self._line.rotors))
         for _, first, view in parts:
             rotors = np.arange(first, first + len(view.tangent)) % self._line.rotors
@@ -234,14 +227,14 @@ class ShapeMeasurementModel:
 
 
 _CLEAR = 9
-"""A ring is cut in the middle of a section of this number of bonds [1]. It is the section whose
-smallest absolute polarisation is the largest, so that it is far from all walls."""
+"""A ring is cut in the middle of the section of this number of bonds whose smallest absolute
+polarisation is the largest [1], because this section is far from all walls."""
 
 
 def domain_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
     """Return sites [rotor spacings] and charges of the borders between domains.
 
-    A domain between two others has at least `least` bonds.
+    `polarised` has one value per bond. A domain between two others has at least `least` bonds.
     """
     scores = np.ascontiguousarray(polarised, dtype=np.float64)
     right = np.empty(len(scores), dtype=np.bool_)

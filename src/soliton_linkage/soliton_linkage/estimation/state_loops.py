@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled loops over springs and rotors that compute energies and topology of a state.
 
-A spring table has shape (3, springs). The rows of the table are the extensions [m] and their
-derivatives [m/rad] with respect to the angle of the left rotor (lever A) and of the right rotor
-(lever B).
+A spring table, shape (3, springs), contains the extensions [m] and their derivatives [m/rad] with
+respect to the angles of the left rotor (lever A) and of the right rotor (lever B).
 """
 
 from __future__ import annotations
@@ -29,15 +28,14 @@ from soliton_linkage.linkage.springs import TINY, spring_between
 
 Records = NDArray[np.void]
 Energy = tuple[float, float, float]
-"""Energy of a state, energy in the wake, and standard deviation of the energy of the state [J
-each]."""
+"""Energy of a state, its part in the wake, and the standard deviation of the energy [J each]."""
 Shape = tuple[float, float, float, float]
-"""Two results of `of_angles` [1], first lever A and last lever B [m/rad]."""
+"""The two results of `of_angles` [1], the first lever A and the last lever B [m/rad]."""
 Sides = tuple[float, float, int, int, float]
 
 _LARGE = 1e150
-"""The squares of the zero mode may overflow. They are therefore stored as a product of a number
-and an integer power of this base [1], whose square does not overflow."""
+"""The squared zero mode is stored as a number times an integer power of this [1], because it may
+overflow. The square of this does not overflow."""
 
 
 spring = compile_loop(spring_between, inlined=True)
@@ -63,13 +61,11 @@ def _set_spring(
 def of_angles(
     angles: Array, parameters: Array, periodic: bool, rows: Array
 ) -> tuple[float, float]:
-    """Set the spring table `rows` for angles [rad], shape (N,).
+    """Set the spring table `rows` for angles [rad], shape (N,), and return two sums.
 
-    Return two sums. The sign of the first is the orientation of a spinner, and the sign of the
-    second that of a flipper.
-
-    With the staggered angles theta, the first sum is of sin(theta_n + theta_{n+1}) = (-1)^n
-    sin(phi_{n+1} - phi_n) over all bonds, and the second sum of cos(theta_n) over all inner
+    The sign of the first sum is the orientation of a spinner, and the sign of the second sum that
+    of a flipper. With the staggered angles theta, the first sum is of sin(theta_n + theta_{n+1}) =
+    (-1)^n sin(phi_{n+1} - phi_n) over all bonds, and the second one of cos(theta_n) over all inner
     rotors. `parameters` are `Chain.spring_parameters`.
     """
     rotors = angles.size
@@ -113,13 +109,14 @@ def elastic(
 ) -> Energy:
     """Return the elastic energy, its part in the wake, and its standard deviation [J each].
 
-    For noise sigma of the angles, the variance is sigma^2 |tau|^2 + sigma^4 |H|^2 / 2, with the
-    torques tau, the stiffness matrix H = R^T k_e R, the rigidity matrix R and the stiffnesses k_e.
-    The mean energy that noise adds is subtracted. `half` are half the stiffnesses [N/m]. `lefts`
-    equal `half`, but are 0 where the left rotor has no noise. `rights` are the same for right
-    rotors. Energy farther than `reach` [rotor spacings] from all walls belongs to the wake.
-    `walls` are the ascending sites of W walls between two end values, shape (W + 2,). The end
-    values are infinite, or for a ring the sites of the next walls. Spring n is at site n + 1/2.
+    `half` are half the stiffnesses [N/m]. `lefts` (`rights`) equal `half`, but are 0 where the
+    left (right) rotor has no noise. The wake is farther than `reach` [rotor spacings] from all
+    walls; spring n is at site n + 1/2. `walls` are the ascending sites of W walls between two end
+    values, shape (W + 2,). The end values are infinite, or for a ring the sites of the next walls.
+
+    The mean energy that noise adds is subtracted. For noise sigma of the angles, the variance is
+    sigma^2 |tau|^2 + sigma^4 |H|^2 / 2, with the torques tau, the stiffness matrix H = R^T k_e R,
+    the rigidity matrix R and the stiffnesses k_e.
     """
     whole, squares, pulling, variance = 0.0, 0.0, 0.0, noise**2
     count = half.size
@@ -148,10 +145,10 @@ def kinetic(
 ) -> Energy:
     """Return the kinetic energy, its part in the wake, and its standard deviation [J each].
 
-    For noise sigma of the rate omega of a rotor with the moment of inertia I, the variance is I^2
-    sigma^2 (omega^2 + sigma^2 / 2). The mean energy that noise adds is subtracted. `half` are half
-    the moments of inertia [kg m^2]. `noisy` equal `half`, but are 0 for rates without noise.
-    `walls` and `reach` are as in `elastic`.
+    `half` are half the moments of inertia [kg m^2]. `noisy` equal `half`, but are 0 for rates
+    without noise. `walls` and `reach` are as in `elastic`. The mean energy that noise adds is
+    subtracted. For noise sigma of its rate omega, a rotor with the moment of inertia I adds I^2
+    sigma^2 (omega^2 + sigma^2 / 2) to the variance.
     """
     whole, known, squares, variance = 0.0, 0.0, 0.0, noise**2
     energies = np.empty(half.size)
@@ -169,12 +166,11 @@ def kinetic(
 def topology(rows: Array, before: int, beyond: int, domain: float) -> Sides:
     """Return the polarisations beside the walls, the edge signs, and the centre of the zero mode.
 
-    The polarisation of a bond with the levers A and B is (A^2 - B^2) / (A^2 + B^2). A bond is in a
-    domain if the absolute polarisation exceeds `domain`. The first two results are sums of
-    polarisations: over the first `before` bonds, and over the bonds from `beyond` on. The edge
-    signs are the signs of the polarisations of the first and the last bond that are in a domain, 0
-    if there is no domain. The centre [rotor spacings] is the centroid of the squared zero mode
-    t_n^2.
+    The polarisation of a bond with the levers A and B is (A^2 - B^2) / (A^2 + B^2). The first two
+    results are sums of polarisations: over the first `before` bonds, and over the bonds from
+    `beyond` on. The edge signs are the signs of the first and of the last polarisation whose
+    absolute value exceeds `domain`, or 0. The centre [rotor spacings] is the centroid of the
+    squared zero mode t_n^2.
     """
     left, right, first, last = 0.0, 0.0, 0, 0
     squares, moments, square, level = 1.0, 0.0, 1.0, 0

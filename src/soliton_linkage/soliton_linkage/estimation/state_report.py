@@ -69,8 +69,7 @@ class Topology(NamedTuple):
 class EdgeRotors(NamedTuple):
     """States of the first and the last rotor.
 
-    toggled: whether each rotor has swung to its other rest angle, compared with the left-leaning
-        state; None for spinners.
+    toggled: whether each rotor has toggled (see `Orbit`); None for spinners.
     turns: number of turns of each rotor, counted from a uniform state [1]; NaN for flippers.
     """
 
@@ -93,8 +92,8 @@ class FrameErrors(NamedTuple):
     noise: standard deviation of the angles [rad].
     rate_noise: standard deviation of the rates [rad/s], NaN if unknown.
     persistent: root mean square of the persistent differences from the orbit [rad].
-    unseen: whether the angle of each rotor was not seen, and is that of the orbit instead, shape
-        (N,); None if all were seen.
+    unseen: flags of rotors whose angles are not measured but those of the orbit, shape (N,); None
+        if all angles are measured.
     """
 
     noise: float = 0.0
@@ -109,7 +108,7 @@ class FrameErrors(NamedTuple):
 
 
 class ArcRate(NamedTuple):
-    """Arc rate and its standard deviation, both divided by `Orbit.free_rate` [rad/s]."""
+    """Rate of the arc length, and its standard deviation, divided by `Orbit.free_rate` [rad/s]."""
 
     rate: float
     deviation: float = 0.0
@@ -131,8 +130,8 @@ class FrameState:
         self.angles = np.ascontiguousarray(angles, dtype=np.float64)
         check_shape(self.angles, chain.number_of_rotors)
         self.springs: Array = np.empty((3, chain.number_of_springs))
-        """Extensions [m] and levers A and B [m/rad] of the springs, shape (3, springs): the levers
-        are the derivatives of an extension with respect to the left and the right angle."""
+        """Extensions [m] of the springs, and their derivatives with respect to the angles of the
+        left rotor (lever A) and of the right rotor (lever B) [m/rad], shape (3, springs)."""
         self.twists, self.upright = state_loops.of_angles(
             self.angles, chain.spring_parameters, chain.periodic, self.springs
         )
@@ -153,8 +152,8 @@ class FrameState:
 def energy_reach(chain: Chain) -> float:
     """Return the distance from a wall beyond which energy belongs to the wake [rotor spacings].
 
-    The distance is 8 penetration depths, beyond which a wall has at most e^-16 of its energy, plus
-    3 rotor spacings, because the penetration depth of some walls is 0.
+    Beyond 8 penetration depths, a wall has at most e^-16 of its energy. 3 rotor spacings are
+    added, because the penetration depth of some walls is 0.
     """
     depth = penetration_depth(chain) / chain.spacing
     return 8 * depth + 3
@@ -257,11 +256,10 @@ class StateReporter:
     def _edge_rotors(self, angles: Array, shape: state_loops.Shape) -> EdgeRotors:
         """Return the states of the edge rotors.
 
-        An edge rotor of a flipper has toggled if its lever of the outermost spring, A_0 or
-        B_{N-2}, has changed its sign. In the left-leaning state, A_0 has the sign of d - 1 (lean
-        ratio d), and B_n that of (-1)^(n+1). If the chain is upside down, both signs are opposite.
-        The edge rotor of a spinner makes half a turn per wall. The turns are counted from theta =
-        +-theta_bar, the staggered rest angle.
+        In the left-leaning state of a flipper, the lever A_0 has the sign of d - 1 (lean ratio d),
+        and B_n that of (-1)^(n+1); upside down, both signs are opposite. An edge rotor has toggled
+        if its lever, A_0 or B_{N-2}, has not this sign. The turns of a spinner are counted from
+        the staggered angles theta = +-theta_bar.
         """
         chain = self.chain
         twists, upright, at_first, at_last = shape
@@ -275,10 +273,10 @@ class StateReporter:
         return EdgeRotors((at_first < 0, at_last * stands * self._last_sign < 0), _NO_TURNS)
 
     def _of_arc(self, rate: ArcRate | None, elastic: state_loops.Energy) -> state_loops.Energy:
-        """Return the kinetic energy, NaN for the wake, and the standard deviation [J].
+        """Return the kinetic energy, NaN for its part in the wake, and its standard deviation [J].
 
-        Waves are assumed to have a kinetic energy equal to the elastic energy minus the standard
-        deviation of the elastic energy.
+        The kinetic energy of waves is assumed to equal their elastic energy: the elastic energy
+        minus its standard deviation.
         """
         if rate is None:
             return math.nan, math.nan, math.nan

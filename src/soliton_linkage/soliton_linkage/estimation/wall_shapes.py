@@ -40,21 +40,17 @@ from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons
 
 _SCAN_STEP = 0.125
-"""Step of the scan over the site of a wall [rotor spacings]; it is less than the width of any
-wall."""
+"""Step of the scan over the site of a wall [rotor spacings]. Every wall is wider than this."""
 _STEPS = 12
 """Largest number of Gauss-Newton steps [1]."""
 _LONGEST_STEP = 0.3
-"""Each step of a fit is limited to this, in the site [rotor spacings] and in the stretch [1]."""
+"""Steps of a fit are limited to this, in the site [rotor spacings] and in the stretch [1]."""
 _SHORTER = 0.6
-"""If two successive steps in the stretch have opposite signs, all later steps are multiplied by
-this factor [1]."""
+"""Factor of all later steps after two steps in the stretch with opposite signs [1]."""
 _CLOSE = 1e-6
-"""A fit ends when its steps in the site [rotor spacings] and in the stretch [1] are smaller than
-this."""
+"""A fit ends when its steps in site [rotor spacings] and stretch [1] are smaller than this."""
 _NARROWEST, _WIDEST = 0.2, 2.0
-"""Limits of the stretch, which is the width of a fitted wall divided by the width in the table
-[1]."""
+"""Limits of the stretch: width of a fitted wall divided by the width in the table [1]."""
 
 
 class WallTable(NamedTuple):
@@ -64,7 +60,7 @@ class WallTable(NamedTuple):
     """Angles of even and of odd rotors [rad], and slopes of even and of odd rotors [rad / rotor
     spacing], at J distances from the wall, shape (4, J)."""
     points: float
-    """Number of columns per rotor spacing [1]."""
+    """Number of columns of `angles` per rotor spacing [1]."""
     reach: float
     """Largest distance from the wall on either side [rotor spacings]."""
 
@@ -74,7 +70,7 @@ _TABLE = named_tuple(WallTable, f8_2d, f8, f8)
 
 @compiled(const_f8_1d, f8, b1_1d)
 def find_domains(polarised: Array, cost: float, right: Flags) -> None:
-    """Set `right`: whether each of B bonds lies in a right-leaning domain, shape (B,).
+    """Set `right`, shape (B,), to whether each of B bonds lies in a right-leaning domain.
 
     Dynamic programming finds the division into domains with the largest score. The polarisation of
     each bond is limited to the range from -1 to 1 and multiplied by the sign of its domain, +1 if
@@ -198,8 +194,8 @@ def fit_wall(
 ) -> tuple[float, float, float, float]:
     """Fit the site and, if `free`, the stretch of a wall by reweighted Gauss-Newton steps.
 
-    Residuals above `bound` standard deviations have less weight. Returns site and stretch, then
-    the information on the site and on the stretch for a noise of 1 rad.
+    Residuals above `bound` standard deviations have less weight. Return site and stretch, then the
+    information on the site and on the stretch for a noise of 1 rad.
     """
     site_information, of_stretch, last, share = 0.0, 0.0, 0.0, 1.0
     for _ in range(_STEPS):
@@ -213,7 +209,6 @@ def fit_wall(
         if free and determinant > 1e-3 * site_information * of_stretch:
             step = (of_stretch * ahead - both * wider) / determinant
             change = (site_information * wider - both * ahead) / determinant
-        # If two successive steps have opposite signs, the steps are too long.
         share *= _SHORTER if change * last < -0.5 * last * last else 1.0
         last = change
         site += share * min(max(step, -_LONGEST_STEP), _LONGEST_STEP)
@@ -251,14 +246,13 @@ def tangent_of(first: int, count: int, table: WallTable, site: float, stretch: f
 
 
 _POINTS = 16
-"""Points of a table per rotor spacing [1]; the interpolation error is 1e-5 rad."""
+"""Number of points of a table per rotor spacing [1]. The interpolation error is 1e-5 rad."""
 _DEPTHS = 14.0
-"""Range of a table in penetration depths [1]; tails beyond it are below 1e-6 rad."""
+"""Range of a table in penetration depths [1]. Farther away, tails are below 1e-6 rad."""
 _ROTORS = 5.0
-"""Additional range of a table [rotor spacings], for the core of a wall whose penetration depth is
-0."""
+"""Additional range of a table [rotor spacings], for walls with a penetration depth of 0."""
 _DEGREE = 5
-"""Degree of the splines through the samples [1]; the error of the slopes is 1e-5 rad."""
+"""Degree of the splines through the samples [1]. The error of the slopes is 1e-5 rad."""
 
 
 @dataclass(frozen=True)
@@ -267,8 +261,8 @@ class WallShape:
 
     table: WallTable
     sides: Array
-    """Staggered angles far left and far right of the wall [rad], for even and odd rotors, shape
-    (2, 2)."""
+    """Staggered angles far left and far right of the wall [rad], of even and odd rotors, (2,
+    2)."""
 
 
 class WallShapes:
@@ -311,7 +305,7 @@ class WallShapes:
 
     @cached_property
     def pinning_speed(self) -> float:
-        """Least speed to cross the barrier between two sites [rotor spacings / s]; 0 if pinned."""
+        """Least speed of an anti-kink that moves from site to site [spacings/s]; 0 if pinned."""
         try:
             sites, states = anti_kink_path(self._window, float(self._sites[0]))
         except ArithmeticError:

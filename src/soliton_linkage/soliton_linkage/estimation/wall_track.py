@@ -105,7 +105,7 @@ class WallFrame:
         return float(np.abs(field[near % len(field)] - lean).max() / 2)
 
     def turn(self, left: float, right: float) -> int:
-        """Return the sense (+1, -1) in which spinners turn in the wall at `left`; 0 for flippers.
+        """Return the sign of the change of the angles across the wall at `left`; 0 for flippers.
 
         `right` is the site of the next wall; only the rotors up to the midpoint are used.
         """
@@ -120,9 +120,9 @@ class WallFrame:
 
 
 _FORCE = 0.6
-"""Process noise of the rate of a fast anti-kink, divided by u^4 / v [1]. v is the speed of the
-anti-kink, and u is `WallMeasurement.pinning`. The value is f^2 / 2 for f = pi / sqrt(8), the root
-mean square force of a sinusoidal potential at u = 1."""
+"""Process noise of the rate of a fast anti-kink, divided by u^4 / v [1], for its speed v and u =
+`WallMeasurement.pinning`. The value is f^2 / 2 for f = pi / sqrt(8), the root mean square force of
+a sinusoidal potential at u = 1."""
 
 
 class WallMeasurement(NamedTuple):
@@ -139,11 +139,9 @@ class WallMeasurement(NamedTuple):
     bias: float = 0.0
     """Variance of a persistent error of the site [rotor spacings^2]."""
     pinning: float = 0.0
-    """Speed at which the kinetic energy of the wall equals the energy barrier between two sites
-    [rotor spacings / s]."""
+    """Speed with a kinetic energy equal to the barrier between two sites [rotor spacings / s]."""
     estimate: OrbitEstimate | None = None
-    """Estimate of the `OrbitFilter`, which replaces the filter of the `WallTrack`. None for a
-    fit."""
+    """Estimate of the `OrbitFilter`, which replaces the filter of the track; None for a fit."""
 
 
 class WallTrack:
@@ -164,8 +162,7 @@ class WallTrack:
         """Identifier of the wall, 1 or more; 0 until the wall is confirmed."""
         self.rotor = self.rate = self.deviation = self.rate_deviation = math.nan
         self.frames = self.missed = 0
-        """Number of frames that have shown this wall, and number of frames since the last
-        one of these."""
+        """Number of frames that have shown this wall, and number of frames since the last one."""
         self.last_seen = math.nan
         """Time of the last frame that has shown this wall [s]."""
         self.width = math.nan, math.nan
@@ -183,7 +180,7 @@ class WallTrack:
 
     @property
     def status(self) -> TrackingStatus:
-        """Whether the last frame shows the wall, and if so, whether an earlier one does too."""
+        """Tracking status of the wall; COASTING if the last frame has not shown it."""
         if not self.is_seen:
             return TrackingStatus.COASTING
         return TrackingStatus.TRACKING if self.frames > 1 else TrackingStatus.ACQUIRED
@@ -260,8 +257,7 @@ class Encounter:
         self._line, self._settings = line, settings
         self.left, self.right = left, right
         self.energy = energy
-        """Energy near both walls before the encounter, or energy of the breather when it formed
-        [J]."""
+        """Energy near both walls before the encounter, or of the breather when it formed [J]."""
         self.collisions = 0
         """Number of overlaps of the two walls."""
         self.breather = 0

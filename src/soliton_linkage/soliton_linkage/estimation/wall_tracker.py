@@ -22,8 +22,7 @@ from soliton_linkage.estimation.wall_track import (
 )
 
 _LONGEST_DELAY = 2.0
-"""The event of a wall that enters from an edge is reported at most this time after the entry
-[s]."""
+"""Longest delay of the report of a birth or a reflection at an edge [s]."""
 _FORBIDDEN = 1e9
 """Cost of a forbidden assignment [1], larger than the square of any gate."""
 
@@ -47,9 +46,8 @@ def assign(
 ) -> dict[int, int]:
     """Assign measured walls to predicted walls.
 
-    Return a dict from the index of each assigned predicted wall to that of its measured wall.
-
-    The walls of a pair have equal charges, and their sites differ by less than `gate` predicted
+    Return a dict from the index of each assigned predicted wall to that of its measured wall. The
+    walls of a pair have equal charges, and their sites differ by less than `gate` predicted
     standard deviations. Of all assignments with the largest number of pairs, the result has the
     least sum of squared differences, in units of the predicted variances.
     """
@@ -78,8 +76,7 @@ class WallTracker:
     ) -> None:
         """Start with the typical rate `scale` [rad/s] and the arc length per rotor spacing [rad].
 
-        `swing` is the arc length by which the chain moves while a wall is at an edge, divided by
-        the arc length per rotor spacing.
+        `swing` is the arc length of a reflection at an edge, divided by `site_arc` [1].
         """
         self._line, self._scale, self._arc = line, scale, site_arc
         self._edge_way = swing + 2 * line.near
@@ -199,7 +196,8 @@ class WallTracker:
     def _confirmed(self, track: WallTrack, confirming: int) -> bool:
         """Return whether a new wall is confirmed.
 
-        Pairs of new walls inside the chain may be wrong readings. They need `confirming` frames.
+        Only a pair of new walls inside the chain needs `confirming` frames (perhaps wrong
+        readings).
         """
         if track.frames >= min(confirming, self._frames) or self._is_at_edge(track):
             return True

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lorentz contraction of a moving wall, whose width is w / gamma for the width w at rest.
 
-The angle of rotor n is phi_n = f(gamma (X - n)), with the shape f of the wall at rest, the site X
-of the wall and the contraction gamma. This profile is exact for gamma = 1, and in the continuum
-limit for any gamma.
+The angle of rotor n is phi_n = f(gamma (X - n)), with the shape f of the wall at rest, its site X
+and the contraction gamma. This profile is exact for gamma = 1, and in the continuum limit for any
+gamma.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ _CLEAR = 2
 """The contraction is known only if the distance of the wall from both edges is at least this
 multiple of the wall width and of the penetration depth [1]."""
 _CLOSE, _CLOSEST = 0.02, 1e-5
-"""A fit has converged if the next step of ln(gamma) is smaller than the first number times the
-standard deviation of ln(gamma), or smaller than the second number [1]."""
+"""A fit has converged if the next step of ln(gamma) would be smaller than `_CLOSE` times the
+standard deviation of ln(gamma), or smaller than `_CLOSEST` [1]."""
 _DEGENERATE = 1e-12
-"""The contraction is unknown if the determinant of the normal equations is not above this multiple
+"""The contraction is unknown if the determinant of the normal equations is at most this multiple
 of the product of their diagonal elements [1]."""
 _COARSEST = math.log(1.5)
-"""The contraction is unknown if the standard deviation of ln(gamma) is not below this [1]."""
+"""The contraction is unknown if the standard deviation of ln(gamma) is at least this [1]."""
 _LEAST_DEVIATION = 3e-4
 """Assumed error of ln(gamma) because the profile of a moving wall is not exact [1]."""
 _PASSAGES, _FEWEST_PASSAGES = 30, 4
-"""The scatter is estimated from at most the first and at least the second number of passages [1].
-In a passage, the wall moves by one rotor spacing."""
+"""The scatter is estimated from the last `_PASSAGES` passages if there are at least
+`_FEWEST_PASSAGES` [1]. In a passage, the wall moves by one rotor spacing."""
 _SIGNIFICANCE = 2.5
-"""The scatter between passages counts as 0 if chi-squared exceeds its mean for pure noise by less
-than this number of standard deviations."""
+"""The scatter between passages counts as 0 unless chi-squared exceeds its mean for pure noise by
+this number of standard deviations [1]."""
 _WIDEST_LEAN_RATIO = 2.0
-"""The walls of flippers have a tanh profile only if the lean ratio d is below this [1]; those of
-spinners have it for any d."""
+"""The walls of flippers have a tanh profile only if the lean ratio d is below this [1]. The walls
+of spinners always have it."""
 
 
 class Contraction(NamedTuple):
@@ -64,7 +64,7 @@ UNKNOWN = Contraction(math.nan, math.inf)
 
 
 class WallFamily:
-    """Family of the shapes of a wall; its parameter is the contraction."""
+    """Family of the shapes of a wall, with the contraction as its parameter."""
 
     def __init__(self, shapes: WallShapes, settings: WidthSettings = DEFAULTS.width) -> None:
         self.settings = settings
@@ -178,7 +178,7 @@ class ContractionMean:
 def passage_scatter(values: Array, variances: Array) -> float:
     """Return the variance of ln(gamma) between passages without noise; 0 if insignificant.
 
-    `values` are the means of ln(gamma) in the passages, and `variances` their variances by noise.
+    `values` are the means of ln(gamma) in the passages, `variances` their variances by noise.
     """
     apart, freedoms = values - np.average(values, weights=1 / variances), len(values) - 1
     by_chance = freedoms + _SIGNIFICANCE * math.sqrt(2 * freedoms)

@@ -25,22 +25,20 @@ BARS = np.dtype(
         for name in ('rotor_length', 'spacing', 'rest_angle', 'lean_ratio', 'spins')
     ]
 )
-"""Record of the parameters of a chain that determine the wobble; `spins` is 1 for spinners, else
-0."""
+"""Parameters of a chain that determine the wobble; `spins` is 1 for spinners, else 0."""
 _BARS = records(BARS)
 _LEAST_NOISE = 1e-12
 """Lower limit of the noise [rad], the size of rounding errors."""
 _CALM, _LARGEST, _ABOVE_NOISE = 1e-3, 0.5, 4.0
-"""Limits of the deviations from the uniform state, for the rotors beside a wall at rest. A calm
-rotor deviates by less than `_CALM` times the rest angle, or than the noise if it is larger. The
-rotors of a tail deviate by at most `_LARGEST` times the rest angle, and by at least `_ABOVE_NOISE`
-standard deviations of the noise."""
+"""A rotor beside a wall at rest is calm if it deviates from the uniform state by less than `_CALM`
+times the rest angle, or by less than the noise. A rotor is in a tail if its deviation is at most
+`_LARGEST` times the rest angle and at least `_ABOVE_NOISE` standard deviations of the noise."""
 _BEND = 0.3
-"""A zero of a tail is assumed to have an error of this [rotor spacings] times the deviation of its
-inner rotor divided by the rest angle."""
+"""Assumed error of the position of a zero of a tail [rotor spacings], divided by the ratio of the
+deviation of its inner rotor and the rest angle."""
 _CERTAIN, _COARSEST = 3.0, 0.2
-"""The decay length is unknown if the exact tail ratio is not above `_CERTAIN` standard deviations
-of the fitted one, or if the relative error of the decay length is above `_COARSEST` [1]."""
+"""The decay length is unknown if the exact tail ratio is at most `_CERTAIN` standard deviations of
+the fitted one, or if the relative error of the decay length is above `_COARSEST` [1]."""
 _NO_OVERSHOOT = (math.nan, math.nan, math.nan)
 
 
@@ -55,7 +53,7 @@ def beside_wall(
     rest_angle: float,
     leans: Array,
 ) -> None:
-    """Set `leans`: deviations of the rotors beside a wall from the uniform states [rad], (2, n).
+    """Set `leans` [rad], (2, n), to deviations from the uniform states of rotors beside a wall.
 
     Row 0 is for the wall at rest, and row 1 for the measured angles. The rotors before `middle`
     come first. On both sides, the order is from the wall outwards.
@@ -104,10 +102,9 @@ def tail_sums(
 ) -> tuple[float, float, float, float, float]:
     """Return five sums over the rotors of a tail, for the fit of the tail ratio.
 
-    The summands are e^2, e (e' - F(e)), F'(e), (F'(e) e)^2 and F'(e) e e_inner. e is the deviation
-    of a rotor from the uniform state [rad], e' that of its outer and e_inner that of its inner
-    neighbour. F is the `next_deviation`, and F' its derivative. `k` is the spacing divided by the
-    rotor length.
+    The summands are e^2, e (e' - F(e)), F'(e), (F'(e) e)^2 and F'(e) e e_inner. A rotor deviates
+    by e from the uniform state [rad], its outer neighbour by e', and its inner neighbour by
+    e_inner. F is the `next_deviation`, which defines `k`, and F' is its derivative.
     """
     square, product, slopes, squares, both = 0.0, 0.0, 0.0, 0.0, 0.0
     share = 0.0
@@ -179,10 +176,7 @@ def _overshoot(
 def _decay_length(
     ratio: float, deviation: float, exact: float, spacing: float
 ) -> tuple[float, float]:
-    """Return the decay length and its standard deviation [m], NaN if unknown.
-
-    The decay length is -a / ln|lambda| for the spacing a and the tail ratio lambda.
-    """
+    """Return the decay length -a / ln|ratio| (spacing a), and its standard deviation [m]."""
     known = abs(exact)
     if not (known > _CERTAIN * deviation and 0 < abs(ratio) < 1):
         return math.nan, math.nan
@@ -204,7 +198,7 @@ def wobble(
 ) -> tuple[Overshoot, Lengths]:
     """Return the overshoot and the lengths of the wobble beside a wall.
 
-    The overshoot [m] is evaluated on the side where a wall at rest has the larger overshoot. The
+    The overshoot [m] (see `_overshoot`) is that of the side with the larger overshoot at rest. The
     lengths are tail ratio [1], decay length and wavelength [m], each followed by its standard
     deviation. Unknown values are NaN.
     """
@@ -254,8 +248,7 @@ class Wobble(NamedTuple):
 
     amplitude: overshoot |u| - ub [m], the lean |u| of a rotor minus the lean ub in the uniform
         state. In a wall at rest, this rotor has the largest lean (d > 1), or is the nearest one
-        with its uniform angle (d <= 1). Of the two sides, it is on the one with the larger
-        overshoot at rest.
+        with its uniform angle (d <= 1), on the side with the larger overshoot.
     amplitude_deviation: standard deviation of the amplitude [m].
     rest_amplitude: overshoot of the same rotor for a wall at rest [m].
     tail_ratio: deviation of a rotor in the tails, divided by that of its inner neighbour [1].
@@ -310,10 +303,10 @@ class WobbleReporter:
         """Return the wobble beside a wall, given finite angles [rad], shape (N,).
 
         The tail ratio lambda is fitted to e' = F(e) + (lambda - lambda_0) e on both sides of the
-        wall. e is the deviation of a rotor from the uniform state, e' that of its outer neighbour,
-        F the `next_deviation`, and lambda_0 = (1 - d) / (1 + d) for the lean ratio d. The
-        wavelength is fitted to the zeros of the tails. `noise` is the standard deviation of the
-        angles, and `persistent` the rms of the persistent differences from the orbit [rad].
+        wall. A rotor deviates by e from the uniform state, and its outer neighbour by e'. F is the
+        `next_deviation`, and lambda_0 = (1 - d) / (1 + d) for the lean ratio d. The wavelength is
+        fitted to the zeros of the tails. `noise` is the standard deviation of the angles, and
+        `persistent` the rms of the persistent differences from the orbit [rad].
         """
         overshoot, lengths = wobble(
             self._bars, angles, wall.angles, wall.first, wall.site, noise, persistent
