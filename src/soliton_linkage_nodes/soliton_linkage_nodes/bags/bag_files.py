@@ -46,8 +46,7 @@ _READERS: dict[str, type[IndexedMcap | StoredSqlite]] = {
 }
 _MODES = ('', 'none', 'file', 'message', 'storage')
 _MOST_FILES = 10_000
-"""Largest accepted number of files of a bag [1]. A new file every ten seconds gives 8640 per
-day."""
+"""Largest accepted number of files of a bag [1]. One file per ten seconds gives 8640 per day."""
 
 
 class BagFiles(LimitedReader):
@@ -208,7 +207,7 @@ def _checked_metadata(path: Path) -> tuple[Mapping[str, Any], list[str], str]:
 
 
 def topics_in(information: Mapping[str, Any]) -> dict[tuple[str, str], Mapping[str, Any]]:
-    """Return the metadata of each topic in metadata.yaml by the name and type of the topic."""
+    """Return the metadata of each topic in metadata.yaml, with its name and type as key."""
     entries = information.get('topics_with_message_count')
     topics: dict[tuple[str, str], Mapping[str, Any]] = {}
     for entry in entries if isinstance(entries, list) else []:

@@ -79,8 +79,8 @@ def decompress_file(packed: BinaryIO, plain: Path, limits: BagLimits) -> str | N
 
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 _BLOCK_IN = 4096
-"""Bytes that a decompressor receives in one call [B]. The number is small because a damaged byte
-causes the loss of the whole output of this call."""
+"""Bytes that a decompressor receives in one call [B]. The number is small, because the whole
+output of a call is lost if one of these bytes is damaged."""
 _BLOCK_OUT = 2**20
 """Largest number of bytes that a decompressor returns in one call [B]."""
 
@@ -189,7 +189,7 @@ def map_file(path: Path) -> memoryview:
 
 
 def release_pages(data: memoryview | mmap.mmap) -> None:
-    """Release the memory of a mapped file, which the system reads again when it is needed."""
+    """Release the memory of a mapped file. The system reads the file again on the next access."""
     whole = data.obj if isinstance(data, memoryview) else data
     if isinstance(whole, mmap.mmap):
         whole.madvise(mmap.MADV_DONTNEED)

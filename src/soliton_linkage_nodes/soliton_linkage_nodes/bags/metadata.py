@@ -81,7 +81,7 @@ def suite_version() -> str:
 def bag_information(
     topics: Mapping[StoredTopic, int], files: Sequence[StoredFile], custom_data: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return the content of metadata.yaml for an MCAP bag. `topics` contains message counts."""
+    """Return the content of metadata.yaml for an MCAP bag, given the message count per topic."""
     filled = [file for file in files if file.messages] or list(files)
     start = min(file.start for file in filled)
     listed: dict[tuple[str, str, str], tuple[StoredTopic, int]] = {}
@@ -176,7 +176,7 @@ def time_in_gaps(gaps: Sequence[tuple[int, int]], start: int, end: int) -> int:
 
 
 def _pieces(information: Mapping[str, Any], margin: str) -> Iterator[str]:
-    """Yield YAML text. Topics are formatted here, because the YAML library is slow for many."""
+    """Yield YAML text. It formats topics itself, because the YAML library is slow for many."""
     for key, value in information.items():
         if key == _TOPICS:
             yield f'{margin}{key}:\n' if value else f'{margin}{key}: []\n'

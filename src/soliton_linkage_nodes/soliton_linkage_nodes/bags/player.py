@@ -80,10 +80,10 @@ class BagPlayer(ManagedNode):
 
     Before the first message, it publishes the last latched messages from before the start, and
     waits for subscribers of the topics in `wait_for`. In lockstep, a frame waits until the
-    analyser has answered earlier frames. Recorded analyser states are published neither in
-    lockstep nor, unless `topics` names them, while an analyser runs. Times in which the recorder
-    was paused are skipped. At the end of the bag the node ends, unless the playback is paused or
-    `stay` is set.
+    analyser has answered earlier frames. Recorded analyser states are not published in lockstep.
+    Without lockstep, they are not published while an analyser runs, unless `topics` names them.
+    Times in which the recorder was paused are skipped. At the end of the bag the node ends, unless
+    the playback is paused or `stay` is set.
 
     Publishes the topics of the bag, `/diagnostics` and, with `publish_clock`, `/clock`. Serves
     `~/pause`, `~/resume`, `~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/burst`, `~/seek`,

@@ -200,7 +200,7 @@ def message_class(type_name: str) -> Any:
 
 
 def _has_types(package: str, kind: str) -> bool:
-    """Search a package for types. It is not imported, because a bag may name any package."""
+    """Search a package for types without importing it: an untrusted bag may name any package."""
     if f'{package}.{kind}' in sys.modules:
         return True
     found = PathFinder.find_spec(package) if package.isidentifier() else None

@@ -48,7 +48,7 @@ def serve(node: Node, name: str, type_name: str, act: Callable[[Any], Reply]) ->
 def serve_value(
     node: Node, name: str, type_name: str, field: str, value: Callable[[], Any]
 ) -> None:
-    """Offer the service `~/<name>`, which returns `value()` in `field` or else in `success`."""
+    """Offer `~/<name>`, which responds with `value()` in the field `field` or else `success`."""
 
     def respond(_request: Any, response: Any) -> Any:
         setattr(response, field if hasattr(response, field) else 'success', value())

@@ -86,7 +86,7 @@ def _send_goal(visitor: Visitor, options: argparse.Namespace) -> int:
 def _note_interrupt() -> threading.Event:
     """Return an event that the first Ctrl-C sets; the second one raises KeyboardInterrupt.
 
-    Raised by the first one, it could block later callbacks of the node in the executor of rclpy.
+    The first one does not, because inside rclpy's executor it could block later callbacks.
     """
     interrupted = threading.Event()
 

@@ -77,7 +77,7 @@ def _set(visitor: Visitor, options: argparse.Namespace) -> None:
 
 
 def _parse(text: str, descriptor: ParameterDescriptor) -> ParameterValue:
-    """Return a parameter value from a YAML text. For a double, 1e-3 also counts as a number."""
+    """Return a parameter value from a YAML text. For a double, 1e-3 is a number, too."""
     if descriptor.type == ParameterType.PARAMETER_DOUBLE:
         with contextlib.suppress(ValueError):
             return ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=float(text))
@@ -90,7 +90,7 @@ def _parse(text: str, descriptor: ParameterDescriptor) -> ParameterValue:
 
 
 def _is_sendable(value: Any) -> bool:
-    """Return whether a parameter message can contain a value: no mapping, no large integer."""
+    """Return whether a parameter message can hold a value: no mapping, no integer over 64 bits."""
     fits = not isinstance(value, int) or abs(value) <= LARGEST_INTEGER
     return fits and isinstance(value, (bool, int, float, str))
 

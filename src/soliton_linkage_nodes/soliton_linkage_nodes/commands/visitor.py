@@ -119,7 +119,10 @@ class Visitor:
         return future.result()
 
     def call_node(self, node: str, service_type: Any, **request: Any) -> Any:
-        """Call a standard service of a node, such as GetState; RuntimeError without a response."""
+        """Call a standard service of a node, such as GetState, and return its response.
+
+        Raises RuntimeError if there is no response in time.
+        """
         name = re.sub(r'(?<!^)(?=[A-Z])', '_', service_type.__name__).lower()
         try:
             return self.call(

@@ -46,9 +46,9 @@ class ActuatedChain:
 
 
 class Commands:
-    """Execution of the commands to a chain, which come from the topic `source`.
+    """Execution of the commands to a chain.
 
-    Each method raises ValueError if its command is invalid.
+    Each method raises ValueError if its command, from the topic `source`, is invalid.
     """
 
     def __init__(

@@ -76,7 +76,7 @@ def declare_chain(node: Node) -> NamedChain:
 
 
 def chain_of(read: Callable[[Any], Any]) -> NamedChain:
-    """Return the chain that parameters describe; `read` returns a parameter class's values."""
+    """Return the chain that parameters describe; `read` creates an instance of each class."""
     chain: Chain = read(Chain)
     given: Deviations = read(Deviations)
     disorder: Disorder = read(Disorder)
@@ -195,7 +195,7 @@ class ParameterFile:
         self.values = {name: value for held in sections for name, value in held.items()}
 
     def read(self, kind: type[Group], prefix: str) -> Group:
-        """Return a dataclass with the values from the file, or its defaults for missing ones.
+        """Return an instance of the dataclass `kind` with values from the file, else defaults.
 
         The name of a parameter is `prefix` + field name.
         """

@@ -203,7 +203,7 @@ def delivery_from_msg(message: msg.Delivery) -> DeliveryTotals:
 
 
 def last_kick_to_msg(named: NamedChain, kick: KickReport) -> msg.LastKick:
-    """Return the report about a finished kick, which names the joints that received an impulse."""
+    """Return the message about a finished kick, with the joints that received an impulse."""
     acted_on = np.flatnonzero(kick.impulse)
     return msg.LastKick(
         header=Header(stamp=time_to_msg(kick.stamp), frame_id=FRAME),

@@ -27,8 +27,8 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 FRAME = 'linkage'
 """Name of the coordinate frame whose x axis runs along the pivots."""
 _LARGEST_ANGLE = 1e6
-"""Largest angle in a reset request [rad]. Rounding errors of larger ones would exceed the change
-of the angle in a time step."""
+"""Largest angle in a reset request [rad]. At larger angles, rounding errors would exceed the
+change of the angle in a time step."""
 _LARGEST_RATE = 1e6
 """Largest angular velocity in a reset request [rad/s]."""
 _CHAIN_FIELDS = tuple(
@@ -40,7 +40,7 @@ _DEVIATIONS = tuple(f.name for f in fields(Deviations))
 
 @dataclass(frozen=True)
 class NamedChain:
-    """Chain and names of its joints, rotor 0 first; ValueError for a wrong number of offsets."""
+    """Chain and joint names, rotor 0 first; ValueError for a wrong number of encoder offsets."""
 
     chain: Chain
     joint_names: tuple[str, ...]
@@ -63,7 +63,7 @@ class NamedChain:
 
 @dataclass(frozen=True)
 class Frame:
-    """Angles [rad] and angular velocities [rad/s], None if unknown, of all rotors at one time."""
+    """Angles [rad] and, if known, angular velocities [rad/s] of all rotors at one time."""
 
     angles: Array
     rates: Array | None
@@ -143,7 +143,7 @@ def joint_state(named: NamedChain, stamp: Time, **arrays: Array) -> JointState:
 
 
 def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Frame:
-    """Return the angles, without known encoder offsets, and the rates of all rotors.
+    """Return the angles, corrected for known encoder offsets, and the rates of all rotors.
 
     Raises ValueError if an angle is missing or invalid.
     """

@@ -25,10 +25,10 @@ board; at 2x, frames are late for longer after joints have disappeared."""
 class FrameAssembler:
     """Assembler that merges messages with equal stamps and different joints into frames.
 
-    A frame is complete when it has all joints of the chain, or all joints of the earlier merged
-    frames. An incomplete frame ends when a message with another stamp arrives. If it then consists
-    of a single message, the assembler returns each later message as a frame, until two messages
-    have the same stamp.
+    A frame is complete when it has all joints of the chain, or all joints of those earlier frames
+    that were merged from several messages. An incomplete frame ends when a message with another
+    stamp arrives. If it then consists of a single message, the assembler returns each later
+    message as a frame, until two messages have the same stamp.
     """
 
     def __init__(self, joint_names: Sequence[str] = ()) -> None:

@@ -34,7 +34,7 @@ class FrameReader:
         self._in_order = False
 
     def read(self, joints: JointStates) -> Frame:
-        """Return the angles [rad] and rates [rad/s] of all rotors; ValueError if they are invalid.
+        """Return angles [rad] and rates [rad/s] of all rotors; ValueError for an invalid message.
 
         Missing values, and values with an absolute value above 1e9, are NaN.
         """

@@ -34,7 +34,7 @@ class JointStateAnalysis:
         self._deviations: dict[int, Array] = {}
         self.analyser: FrameAnalyser | None = None
         self.assembler = FrameAssembler()
-        """Assembler that merges messages with different joints to the input of `analyse`."""
+        """Assembler of messages with different joints; its frames are the input of `analyse`."""
         self._unseen: set[int] = set()
         self.latest: Analysis | None = None
         self.frame: Frame | None = None

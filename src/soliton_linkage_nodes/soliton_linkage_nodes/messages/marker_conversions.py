@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages for ROS viewers, and quantities for drawings from messages."""
+"""Messages for ROS viewers, and drawn quantities that are read from messages."""
 
 from __future__ import annotations
 

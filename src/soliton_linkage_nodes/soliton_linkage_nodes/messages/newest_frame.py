@@ -21,10 +21,10 @@ _LONGEST_ASSEMBLY = 0.3
 
 
 class NewestFrame:
-    """Subscription of a display to the newest frame, on a node outside of any executor.
+    """Subscription of a display to the newest frame.
 
-    The queue holds one message. If a message lacks some joints of the chain, the queue is enlarged
-    to 200 messages, from which frames are assembled.
+    Its node must not be added to an executor. The queue holds one message. If a message lacks some
+    joints of the chain, the queue is enlarged to 200 messages, from which frames are assembled.
     """
 
     def __init__(self, node: Node, name: str) -> None:

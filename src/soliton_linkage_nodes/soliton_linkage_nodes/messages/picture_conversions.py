@@ -29,7 +29,7 @@ _CHANNELS = {
     'mono8': (1, [0]),
     '8UC1': (1, [0]),
 }
-"""Number of bytes of a pixel, and indices of its blue, green and red byte, by encoding."""
+"""For each encoding: bytes of a pixel, and indices of its blue, green and red byte."""
 _JPEG_HEADER = b'\xff\xd8\xff'
 _MODELS = {'plumb_bob': 5, 'rational_polynomial': 8}
 """Number of distortion coefficients of each lens model [1]."""

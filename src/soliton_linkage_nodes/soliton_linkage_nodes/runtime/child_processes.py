@@ -84,7 +84,7 @@ class ChildProcesses:
         return found
 
     def check(self) -> None:
-        """Raise RuntimeError with the last lines of its log if a process has ended."""
+        """If a process has ended, raise RuntimeError with the last lines of its log."""
         for node, process in self._running.items():
             if process.poll() is not None:
                 raise RuntimeError(self._ended(node, process.returncode))

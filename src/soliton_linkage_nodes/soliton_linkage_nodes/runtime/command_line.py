@@ -32,7 +32,7 @@ _WIDTH = 96
 _ROS_OPTIONS = ('--params-file', '-p', '--param', '-r', '--remap', '--log-level')
 _EXAMPLES = ('-p NAME:=VALUE', '--params-file FILE', '-r NAME:=OTHER_NAME')
 _PATHS = ('bag', 'output')
-"""For a file name without a parameter, the error proposes the first of these that the node has."""
+"""If an argument is only a path, the error proposes the node's first parameter among these."""
 
 
 def check_arguments(node: NodeClass, arguments: Sequence[str]) -> None:

@@ -96,13 +96,13 @@ class Diagnostics:
         self._timer = node.create_timer(_PERIOD, self.publish, clock=steady)
 
     def reject(self, source: str, reason: object) -> None:
-        """Count a rejected input with the name `source`, and log it by a `LogThrottle`."""
+        """Count a rejected input with the name `source`, and log it with a `LogThrottle`."""
         self.rejected += 1
         self._last_rejection = f'{source}: {reason}'
         self._rejections.log(f'rejected {self._last_rejection}')
 
     def fail(self, failure: str) -> None:
-        """Count a failure of the node, and log it by a `LogThrottle`."""
+        """Count a failure of the node, and log it with a `LogThrottle`."""
         self.failed += 1
         self._last_failure = failure
         self._failures.log(failure)

@@ -53,7 +53,8 @@ def reliable_qos(depth: int) -> QoSProfile:
 def stream_qos(message_size: int = 0) -> QoSProfile:
     """Return a reliable quality of service for a stream.
 
-    The queue holds the messages of `message_size` [B] that fit into 64 MiB, but 10 to 1000.
+    The queue holds as many messages of `message_size` [B] as fit into 64 MiB, but at least 10 and
+    at most 1000.
     """
     affordable = _QUEUE_BYTES // max(message_size, 1)
     return reliable_qos(int(min(_DEEPEST_QUEUE, max(10, affordable))))
@@ -75,7 +76,7 @@ def image_qos() -> QoSProfile:
 
 
 def latched_qos(depth: int = 1) -> QoSProfile:
-    """Return a transient-local quality of service: late subscribers get `depth` messages."""
+    """Return a transient-local QoS: late subscribers receive the last `depth` messages."""
     latched = DurabilityPolicy.TRANSIENT_LOCAL
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=latched)
 

@@ -207,4 +207,5 @@ _DESTROYERS: dict[str, Callable[[Any, Any], Any]] = {
     'clients': Node.destroy_client,
     'publishers': Node.destroy_publisher,
 }
-"""Functions that destroy entities, first timers and subscriptions, which may use the others."""
+"""Functions that destroy each kind of entity. Timers and subscriptions come first, because their
+callbacks may use the other entities."""

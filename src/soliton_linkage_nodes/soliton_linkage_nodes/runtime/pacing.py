@@ -26,8 +26,8 @@ _LARGEST_SHARE = 0.8
 def raise_priority(raised: bool, threads: Sequence[int] = (0,)) -> None:
     """Give threads the lowest real-time priority (SCHED_FIFO), or remove it if not `raised`.
 
-    Thread 0 is the calling thread. Their child threads inherit the priority. Without permission
-    (limit rtprio), nothing changes.
+    Thread 0 is the calling thread. New threads inherit the priority of the thread that starts
+    them. Without permission (limit rtprio), nothing changes.
     """
     priority = _LOWEST_PRIORITY if raised else 0
     policy = os.SCHED_FIFO if raised else os.SCHED_OTHER

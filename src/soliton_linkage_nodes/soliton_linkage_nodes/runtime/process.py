@@ -57,7 +57,7 @@ def spin_until(
 
 
 class WaitingNode(Node):
-    """Node of a program, which has no parameters and receives messages only during `wait`."""
+    """Node without parameters that receives messages only during `wait`."""
 
     def __init__(self, name: str, stopping: threading.Event, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)

@@ -14,7 +14,7 @@ _SILENCE = 0.5
 """Shortest silence of the selected publisher after which it is replaced by another one [s]. The
 ROS graph cannot replace this time limit, because it still lists a killed publisher for 20 s."""
 _SILENT_PERIODS = 5
-"""Before a publisher is replaced, it must also miss this number of its message periods [1]."""
+"""The silence must also last for this number of the publisher's message periods [1]."""
 _MEMORY = 20
 """The period of a publisher is averaged over about this many messages [1]."""
 _GAP_RATIO = 3.0
@@ -23,7 +23,8 @@ differs from the expected time by more than this factor [1]."""
 _NANOSECOND = 1e-9
 """One nanosecond [s]."""
 _OFFSET_WINDOW = 10.0
-"""Length of the time windows for the smallest delay [s]. It is short because clocks drift."""
+"""Length of the time windows in which the smallest delay of a message is determined [s]. It is
+short because clocks drift."""
 
 
 class SequenceGaps:
@@ -58,8 +59,8 @@ class SequenceGaps:
 class _Newcomer:
     """First received message of a publisher.
 
-    `sent` is its source time, `elapsed` its time since the subscription [ns], and `period` the
-    estimated message period [ns].
+    `sent` is its source time, `elapsed` the time from the subscription to this message, and
+    `period` the estimated message period [ns].
     """
 
     number: int
@@ -78,7 +79,7 @@ class MissedStarts:
     def missed(self) -> int:
         """Number of messages sent after the subscription but before the first received one.
 
-        A publisher counts only if it can have sent all of its earlier messages in this time.
+        A publisher counts if it can have sent all its earlier messages since the subscription.
         """
         before = ((each.number - 1, each) for each in self._newcomers)
         return sum(count for count, each in before if count * each.period <= each.elapsed)

@@ -32,7 +32,10 @@ def serialize(message: Any) -> bytes:
 
 
 def _end(message: Any, begin: int) -> int:
-    """Return the position at which a message ends that begins at `begin`, after the header [B]."""
+    """Return the end of a message that begins at `begin`.
+
+    Both positions are counted from the end of the encapsulation header [B].
+    """
     for name, kind in message.get_fields_and_field_types().items():
         begin = _end_of_field(getattr(message, name), kind, begin)
     return begin

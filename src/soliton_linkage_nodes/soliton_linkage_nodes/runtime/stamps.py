@@ -58,7 +58,8 @@ class Freshness:
 
 
 _DRIFT_TIME = 10.0
-"""Shortest time for an estimate of the drift [s]. A jitter of 1 ms then causes at most 100 ppm."""
+"""Shortest time for an estimate of the drift [s]. A jitter of 1 ms then gives errors of 100
+ppm."""
 
 
 class ClockMonitor:

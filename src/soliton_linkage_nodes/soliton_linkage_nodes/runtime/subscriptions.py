@@ -111,7 +111,10 @@ class AdaptiveSubscription:
         return message
 
     def adapt(self, before: Callable[[], object] = lambda: None) -> bool:
-        """Subscribe again, after `before()`, if the publishers require it; return whether so."""
+        """Subscribe again if the publishers require it; return whether they do.
+
+        `before` is called before the old subscription ends.
+        """
         self.publishers = self._query_publishers()
         qos = self._qos_for_all() if self.publishers else self.qos
         if _same_offer(qos, self.qos):

@@ -17,7 +17,7 @@ from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage_nodes.runtime.guarded import describe_error
 
 _LEAST_PROGRESS = 1e-3
-"""A reset is rejected if less than this fraction of its first frame is computed in its trial
+"""A reset is rejected if less than this part of its first frame is computed in `longest_trial`
 [1]."""
 _MOST_KICKS = 10_000
 """Largest number of kicks that wait for the next frame [1]: as many as a topic transports in 1

@@ -34,7 +34,7 @@ class SensedJoints:
     def __init__(
         self, named: NamedChain, period: float, errors: EncoderErrors, missing: Collection[int]
     ) -> None:
-        """Create the message without the rotors `missing`; `period` is the time of a frame [s]."""
+        """Create the message without the rotors `missing`; `period` is the frame interval [s]."""
         shown = [rotor for rotor in range(named.rotors) if rotor not in missing]
         names = tuple(named.joint_names[rotor] for rotor in shown)
         self._shown = np.array(shown, dtype=np.intp) if missing else None

@@ -93,7 +93,7 @@ class Simulator(ManagedNode):
         self._start_timer.cancel()
 
     def activate(self) -> None:
-        """Publish the chain, and run the simulation as soon as there are enough subscribers."""
+        """When there are enough subscribers, publish the chain and start or resume frames."""
         self.control.resume()
         self._start_timer.reset()
         self._begin()

@@ -87,7 +87,7 @@ def find_topics(reader: Reader, names: Sequence[str]) -> list[Connection]:
 
 
 def full_name(reader: Reader, name: str) -> str:
-    """Return the full name of the topic whose last part is `name`, '' if there is none."""
+    """Return the full name of the topic whose name ends in '/<name>', '' if there is none."""
     ends = (c.topic.rpartition('/')[2] for c in reader.connections)
     return types_of_topic(reader, name)[0].topic if name in ends else ''
 
@@ -154,7 +154,7 @@ class PlaybackThread:
             self._thread.join()
 
     def summary(self, of: str = '') -> str:
-        """Return the counts of messages, rounds and jumps as text; `of` follows 'messages'."""
+        """Return the counts of messages, rounds and jumps as text, with `of` after 'messages'."""
         played, total = self._publishers.published, self._publishers.total
         again = [f'{self.rounds} rounds'] if self.rounds > 1 else []
         again += [f'{self.jumps} jump{"s" if self.jumps > 1 else ""}'] if self.jumps else []
@@ -193,7 +193,7 @@ class PlaybackThread:
         self._progress.end(f'played {self.summary(f" of {self._path}")}')
 
     def _play_from(self, reader: Reader, start: int, ahead: dict[str, int]) -> NextAction:
-        """Play from `start` [ns] on, and omit the messages whose topic and time are in `ahead`."""
+        """Play from `start` [ns] on, but omit messages whose topic and time `ahead` contains."""
         self._clock.start(start)
         connections = self._publishers.of(reader.connections)
         messages = read_messages(reader, connections, start, self._range.end)
@@ -226,7 +226,7 @@ class PlaybackThread:
     def _publish_latched(self, reader: Reader, start: int) -> dict[str, int]:
         """Publish each topic's latched messages from before `start` [ns], or else its next one.
 
-        Returns the receive times [ns] of the published next messages by topic.
+        Returns a mapping from topics to the receive times [ns] of these next messages.
         """
         ahead = {}
         for connection in filter(latched, self._publishers.of(reader.connections)):

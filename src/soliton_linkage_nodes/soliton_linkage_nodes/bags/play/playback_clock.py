@@ -43,7 +43,7 @@ class PlaybackClock:
     ) -> None:
         """Limit `play_next` to `longest_step` [s], and `burst` to `longest_burst` [s].
 
-        While one of these services runs, no other service can be called.
+        The limits are needed because these calls block all other services of the player.
         """
         self.stopping = threading.Event()
         self._longest_step = longest_step
@@ -143,7 +143,7 @@ class PlaybackClock:
     def wait_for(self, stamp: int, meanwhile: Callable[[], None] = lambda: None) -> NextAction:
         """Wait until a message with receive time `stamp` [ns] is due, or until a seek or a stop.
 
-        Meanwhile, `meanwhile` is called ten times per second.
+        It calls `meanwhile` ten times per second.
         """
         while True:
             with self._changed:

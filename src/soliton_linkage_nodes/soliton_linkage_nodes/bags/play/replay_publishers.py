@@ -130,7 +130,7 @@ _POLL_INTERVAL = Duration(seconds=0.02)
 _MOST_REASONS = 3
 """Largest number of rejected topics that an error lists with their reasons [1]."""
 _MOST_TOPICS = 1000
-"""Largest number of topics that are played [1]. Each publisher takes 100 kB of memory and 1 ms."""
+"""Largest number of topics that are played [1]. A publisher takes 100 kB and 1 ms to create."""
 _LONGEST_DELIVERY = 10.0
 """Longest wait until the subscribers have acknowledged the messages [s]."""
 _REJECTED = (ValueError, NameValidationException, rclpy_implementation.RCLError)

@@ -28,7 +28,7 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.pacing import IdlePriority
 
 _LONGEST_TEXT = 1000
-"""Values whose text is at least this long [characters], such as long lists, are not stored."""
+"""Values whose text has at least this length [characters], such as long lists, are not stored."""
 _CHAIN_TYPE = type_name(interfaces.CHAIN.type)
 
 
@@ -45,7 +45,7 @@ class RecordingMetadata:
                 self._chains[source.name] = _parameters_of(serialized)
 
     def texts(self, losses: Mapping[str, int], missed: Mapping[str, int]) -> dict[str, str]:
-        """Return the custom data. `ReceivingThread` has `losses` and `missed`."""
+        """Return the custom data. `losses` and `missed` come from `ReceivingThread`."""
         return {
             'lost_messages': json.dumps(losses),
             'missed_messages': json.dumps(missed),
@@ -113,8 +113,7 @@ _DISCOVERY_INTERVAL = 0.01
 _LONGEST_ROUND = 5.0
 """Longest wait of `settle` for two rounds of the thread [s]. Two rounds usually take 0.1 s."""
 _LONGEST_TRANSPORT = 2.0
-"""Longest wait of `settle` for messages in transport [s]. Usually, later messages end it
-before."""
+"""Longest wait of `settle` for messages in transport [s]. A later message ends the wait sooner."""
 _SEARCH_INTERVAL = 0.25
 """Time between two searches for new publishers of the subscribed topics [s]."""
 
@@ -136,7 +135,11 @@ class ReceivingThread:
         real_time: bool = False,
         discovery: DiscoveryTimes = DiscoveryTimes(),
     ) -> None:
-        """Start the thread. It passes the unconnected topics to `announce` after the discovery."""
+        """Start the thread.
+
+        After the discovery, it calls `announce` with the topics that have an unconnected
+        publisher.
+        """
         self.failure: Exception | None = None
         self._finder = finder
         self._buffer = buffer

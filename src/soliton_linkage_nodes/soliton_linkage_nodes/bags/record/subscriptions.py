@@ -23,7 +23,7 @@ from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, In
 _DEPTH = 5000
 """Queue depth of a subscription [messages], enough for five seconds at 1000 Hz."""
 _STREAM_PERIOD = SECOND
-"""The recorder waits for the next message of a topic only if the last period was below this
+"""`settle` waits for a topic's next message only if its last message period was below this
 [ns]."""
 
 
@@ -202,7 +202,7 @@ class RecordingBuffer:
     def __init__(
         self, snapshot: float = 0.0, paused: bool = False, most_kept: int = _MOST_KEPT
     ) -> None:
-        """Keep the messages of the last `snapshot` [s]. At 0, they are recorded immediately."""
+        """Keep the messages of the last `snapshot` [s]; at 0, record all messages immediately."""
         self.paused = paused
         self._most_kept = most_kept
         self._window = round(snapshot * SECOND)
@@ -234,7 +234,7 @@ class RecordingBuffer:
         return []
 
     def resume(self) -> list[ReceivedMessage]:
-        """End a pause; return the last message of each latched topic that came in the pause."""
+        """End a pause; return the last message of the pause on each latched topic."""
         self.paused = False
         return [] if self._window else self._take_latched()
 

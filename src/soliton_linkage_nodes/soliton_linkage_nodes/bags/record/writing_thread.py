@@ -44,9 +44,9 @@ class ReceivedMessage(NamedTuple):
 class WritingThread:
     """Thread that writes messages in the order of the calls of `put`.
 
-    Up to `most_waiting` bytes wait for a slow disk. Further messages are dropped and counted in
-    `dropped`. If a write fails, the thread finishes the bag, if possible, and stores the error in
-    `failure`.
+    If the disk is slow, messages of up to `most_waiting` bytes wait. Further messages are dropped
+    and counted in `dropped`. If a write fails, the thread finishes the bag, if possible, and
+    stores the error in `failure`.
     """
 
     def __init__(

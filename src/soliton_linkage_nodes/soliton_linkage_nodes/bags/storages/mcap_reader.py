@@ -176,7 +176,7 @@ class IndexedMcap(LimitedReader):
         return counts
 
     def _add_part(self, part: _Stretch, in_run: bool) -> None:
-        """Add a chunk or, with `in_run`, a message, which extends a run that ends before it."""
+        """Add a chunk or, with `in_run`, a message, which is joined to a run that ends there."""
         last = self._parts[-1] if self._parts and in_run else part
         follows = last.offset not in self._after and last.offset + last.size == part.offset
         if follows and self._data[last.offset] == Opcode.MESSAGE and last.size < _LONGEST_RUN:

@@ -191,7 +191,7 @@ def attachment_is_intact(body: Bytes) -> bool:
 
 
 class Fields:
-    """Parser of the fields of a record, in order. ValueError if a field exceeds the record."""
+    """Parser of a record's fields in order. Raises ValueError if a field exceeds the record."""
 
     def __init__(self, body: Bytes) -> None:
         self._body = body
@@ -251,7 +251,7 @@ def define(
 ) -> None:
     """Add the schema or channel of a record to `schemas` or `channels`; ignore other records.
 
-    Raises ValueError if it is invalid.
+    Raises ValueError if the schema or channel is invalid.
     """
     if opcode == Opcode.SCHEMA:
         schema = parse_schema(body)
@@ -344,7 +344,7 @@ def parse_chunk_head(body: Bytes) -> ChunkHead:
 def unpack(head: ChunkHead, packed: Bytes, most: int) -> tuple[Bytes, bool]:
     """Return the records in a chunk, and whether they are intact.
 
-    If they have more than `most` bytes after decompression, returns b'' and False.
+    If the decompressed records exceed `most` bytes, the result is b'' and False.
     """
     if head.uncompressed > most:
         return b'', False

@@ -284,7 +284,7 @@ _HEAD = re.compile(rb'[\x01-\x0f](?=.{5}\x00\x00\x00)', re.DOTALL)
 _SHORTEST, _LONGEST = 4, 2**40
 """Smallest and largest plausible size of the body of a record [B]."""
 _WINDOW = 2**26
-"""The memory of the mapped file is released whenever this much more was searched [B]."""
+"""The memory of a mapped file is released each time that this much of it was searched [B]."""
 
 
 def _may_follow(data: Bytes, offset: int) -> bool:

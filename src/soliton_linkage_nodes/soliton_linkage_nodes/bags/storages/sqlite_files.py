@@ -34,7 +34,7 @@ _PATIENCE = 4.0
 _SLOWEST_DISK = 20e6
 """Assumed read rate of a disk [B/s], from which the time for reading the file is computed."""
 _CHECK_EVERY = 20_000
-"""Number of SQLite instructions between two checks of the time limit [1]. They take below 1 ms."""
+"""Number of SQLite instructions, less than 1 ms, between two checks of the time limit [1]."""
 _LONGEST_SQL = 20_000
 """Longest accepted definition of a table [characters]. Definitions in bags have 200 characters."""
 
@@ -285,9 +285,9 @@ class RecoveredSqlite(RecoveredFile):
 
 
 def _with_journal(path: Path, folder: Path, excess: int = 0) -> Path:
-    """Return `path` or, if it has a journal or `excess` bytes, the path of a copy in `folder`.
+    """Return `path`, or a copy in `folder` if the file has a journal or `excess` bytes.
 
-    The copy contains the changes in the journal and lacks the last `excess` bytes.
+    The copy contains the changes in the journal and lacks the `excess` bytes at the end.
     """
     journals = [Path(f'{path}{end}') for end in ('-journal', '-wal')]
     present = [each for each in journals if each.is_file() and each.stat().st_size]
