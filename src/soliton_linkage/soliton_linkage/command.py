@@ -96,7 +96,7 @@ def _parser(commands: Mapping[str, EntryPoint]) -> PlainParser:
 
 
 def _summary(command: EntryPoint) -> str:
-    """Return the first line of the docstring of a command's module without importing it."""
+    """Return the first line of a command's docstring without importing its module."""
     if command.dist is None:
         return ''
     path = Path(str(command.dist.locate_file(command.module.replace('.', '/') + '.py')))

@@ -61,10 +61,7 @@ def records(dtype: np.dtype[np.void], writable: bool = False) -> Any:
 
 
 def named_tuple(row: type[tuple[Any, ...]], *fields: Any) -> Any:
-    """Return the numba type of a named tuple.
-
-    `fields` is one type for all fields, or one type for each field.
-    """
+    """Return the numba type of a named tuple with one type for all fields, or one for each."""
     untyped = cast(Any, types)
     if len(fields) == 1:
         fields *= len(cast(Any, row)._fields)
@@ -144,10 +141,7 @@ prefer_wide_vectors = _hint(_wide)
 
 
 def _apart(_typing: Any) -> Any:
-    """Keep the compiler from copying the calling function into its callers.
-
-    Large functions with several callers compile several times as fast with this hint.
-    """
+    """Keep the compiler from copying the calling function into its callers, to compile faster."""
 
     def generate(context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
         builder.function.attributes.add('noinline')

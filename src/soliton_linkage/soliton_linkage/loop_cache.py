@@ -33,10 +33,7 @@ _CONSTANTS = (bool, int, float, str, tuple, frozenset)
 
 
 class LoopCache(FunctionCache):  # type: ignore[misc]
-    """Cache of one loop.
-
-    A damaged or outdated file is ignored and replaced.
-    """
+    """Cache of one loop; a damaged or outdated file is ignored and replaced."""
 
     def __init__(self, function: Callable[..., Any], options: object) -> None:
         """Create the cache; raise RuntimeError if no folder is writable."""

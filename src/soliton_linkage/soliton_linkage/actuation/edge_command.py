@@ -25,7 +25,7 @@ class CommandKind(enum.Enum):
     KICK = 'kick'
     """Instantaneous change of the speed along the unit zero mode [rad/s]."""
     PRESSURE = 'pressure'
-    """Pressure in the chamber [Pa], or the level of another actuator model."""
+    """Pressure in the chamber [Pa], or with another actuator model, its level."""
     PULSE = 'pulse'
     """Torque along the unit zero mode [N m], which does not depend on the actuator model."""
     WAVEFORM = 'waveform'
@@ -104,10 +104,7 @@ class EdgeCommand:
 
     @property
     def vents(self) -> bool:
-        """Whether the command is a pressure of 0.
-
-        This command is allowed at both edges, wherever the wall is.
-        """
+        """Whether the command is a pressure of 0, which is allowed at both edges."""
         return self.kind is CommandKind.PRESSURE and self.value == 0
 
     @property
@@ -123,10 +120,7 @@ class EdgeCommand:
         return trapezoid(self.value, self.ramp_up, duration, self.ramp_down)
 
     def check(self, limits: EdgeLimits, actuator: Actuator) -> None:
-        """Raise ValueError for a value beyond the limits.
-
-        Torques of waveforms are not checked, because `RotorDrive` limits them.
-        """
+        """Raise ValueError for a value beyond the limits; `RotorDrive` limits waveform torques."""
         if self.kind is CommandKind.PRESSURE:
             actuator.check_command(self.value)
         elif self.kind is CommandKind.KICK:

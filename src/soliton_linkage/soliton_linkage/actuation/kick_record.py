@@ -14,7 +14,8 @@ from soliton_linkage.linkage.chain import Array
 
 _DELIVERY_TIMEOUT = 10**9 // 2
 """A kick is reported without totals from the simulator if these do not arrive within this time
-[ns], measured by the stamps of frames. Even the slowest simulator publishes many frames in it."""
+after it [ns], measured by the stamps of frames. Even the slowest simulator publishes many frames
+in this time."""
 
 
 @dataclass(frozen=True)
@@ -146,10 +147,7 @@ class KickRecord:
             self._episode.cut_short = True
 
     def end(self, stamp: int, cut_short: bool = False, superseded: bool = False) -> None:
-        """End the episode at a stamp [ns].
-
-        `superseded` means that another episode follows without a pause.
-        """
+        """End the episode at a stamp [ns]; `superseded` if another one follows without a pause."""
         if self._episode is not None:
             self._episode.ended, self._episode.superseded = stamp, superseded
             self._episode.cut_short |= cut_short
@@ -197,7 +195,6 @@ class KickRecord:
             self._close(None)
 
     def _settle(self, stamp: int) -> None:
-        """Report the kicks for which no more measurement is expected at a stamp [ns]."""
         late = [kick for kick in self._impulses if stamp - kick.stamp > _DELIVERY_TIMEOUT]
         if late:
             del self._impulses[: len(late)]

@@ -21,7 +21,8 @@ _REST_LEVEL = 1e-6
 """An actuator counts as at rest if its level is at most this fraction of the largest level since
 the command [1], because an exponential decay never reaches 0."""
 _SIGNS = {Edge.FIRST: 1.0, Edge.LAST: -1.0}
-"""Sign of the torque of each edge actuator [1]; +1 moves a wall towards the last rotor."""
+"""Sign of the torque that a positive command causes at each edge [1]; +1 moves a wall towards the
+last rotor."""
 
 
 @dataclass(frozen=True)
@@ -222,10 +223,7 @@ class DriveTorques:
 
 
 class TorqueDrive:
-    """Sum of the torques of the edge actuators, the joint actuators and a waveform.
-
-    `timeout` [s] is explained in `JointDrive`.
-    """
+    """Sum of the torques of edge actuators, joint actuators (see `JointDrive`) and a waveform."""
 
     def __init__(self, chain: Chain, actuator: Actuator, timeout: float) -> None:
         self.chain = chain

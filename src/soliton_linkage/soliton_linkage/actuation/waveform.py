@@ -52,10 +52,7 @@ class DrivenQuantity(enum.Enum):
 
 @dataclass(frozen=True)
 class Waveform:
-    """Waveform of an `EdgeCommand`.
-
-    Raises ValueError for numbers that the shape does not allow.
-    """
+    """Waveform of an `EdgeCommand`; raises ValueError for numbers that the shape forbids."""
 
     shape: WaveShape = WaveShape.BURST
     quantity: DrivenQuantity = DrivenQuantity.TORQUE
@@ -149,7 +146,7 @@ class Waveform:
         return np.sin((self.frequency + slope * times / 2) * times)
 
     def _noise(self, times: Array) -> Array:
-        """Return Gaussian noise with frequencies in the band, normalised so that its peak is 1."""
+        """Return Gaussian noise with frequencies in the band, scaled to a peak of 1."""
         step = 2 * math.pi / float(times[-1])
         first, last = self.frequency / step, self.last_frequency / step
         numbers = np.arange(len(times) // 2 + 1)

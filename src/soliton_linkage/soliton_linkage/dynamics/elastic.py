@@ -117,7 +117,6 @@ class ElasticSimulation(Simulation):
         return solver, longest_step
 
     def _after_step(self) -> None:
-        """Double the number of method steps per solver step, up to the limit of the settings."""
         if isinstance(self._solver, SymplecticNystrom):
             most = max(1, self._settings.rotors_per_step // self.chain.number_of_rotors)
             self._solver.together = min(2 * self._solver.together, most)

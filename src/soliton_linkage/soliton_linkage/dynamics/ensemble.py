@@ -140,7 +140,6 @@ def _batches(pairs: Iterator[tuple[Chain, State]]) -> Iterator[list[tuple[Chain,
 
 
 def _terms(chain: Chain) -> tuple[Any, ...]:
-    """Return the values that must be equal in all chains of a batch."""
     acting = (bool(getattr(chain, name)) for name in _SWITCHES)
     return (chain.periodic, *acting, *(getattr(chain, name) for name in _EQUAL))
 

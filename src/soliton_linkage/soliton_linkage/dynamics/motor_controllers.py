@@ -50,10 +50,7 @@ class MotorControllers:
 
 
 def feedback_torques(chain: Chain, angles: Array, rates: Array) -> Array:
-    """Return the torques of the law in the module docstring for a delay of 0 [N m], shape (N,).
-
-    `angles` [rad] and `rates` [rad/s] have the shape (N,).
-    """
+    """Return the torques of the law in the module docstring for a delay of 0 [N m], shape (N,)."""
     signs, law, bonds = chain.signs, chain.feedback, chain.number_of_springs
     q, v = signs * angles + (1 - signs) * (np.pi / 2), signs * rates
     of_own = -law.angle * wrapped(q - law.reference) - law.rate * v

@@ -166,9 +166,8 @@ class RigidSimulation(Simulation):
         self._solver.f = self._solver.fun(self._solver.t, state)
 
     def _corrected(self, state: Array) -> tuple[Array, float, float]:
-        """Return the angles, speed and dissipated energy of a solver state, with corrected errors.
+        """Return angles, speed and dissipated energy with exact bar lengths and energy balance.
 
-        In the corrected state, all bars have their rest length, and the energy balance is exact.
         To correct the energy, angles and speed are changed along the gradient of the energy, (-t^T
         torques, s). This also works at turning points, where the speed s is 0.
         """
@@ -208,23 +207,17 @@ class RigidSimulation(Simulation):
         return super()._stuck(f'the bars jam ({complaint})' if jammed else complaint)
 
     def _energy_scale(self) -> float:
-        """Return kinetic energy plus the sizes of potential energies and constant torques [J]."""
         moving = float(self.chain.kinetic_energy(self.rates))
         held = np.abs(self.torques) + np.abs(self.feedback_torques)
         return moving + self.motion.external_scale + float(held.sum())
 
     def _mode(self, angles: Array) -> Array:
-        """Return the zero mode with sum_n I_n t_n^2 = 1 [kg^(-1/2) m^(-1)], shape (N,)."""
         mode = zero_mode(self.chain, angles)
         return np.asarray(mode / math.sqrt(float(self.chain.moments_of_inertia @ mode**2)))
 
 
 def _centripetal(chain: Chain, angles: Array, rates: Array) -> Array:
-    """Return minus the second derivative of each bar length, for zero angular accelerations.
-
-    The result [m/s^2] has shape (bars,). The second derivative is (x_dot^2 + y_dot^2 + x
-    x_ddot + y y_ddot) / l for the vector (x, y) between the masses and its length l.
-    """
+    """Return minus the second derivative of each bar length [m/s^2] at constant rates, (bars,)."""
     horizontal, vertical = chain.positions(angles)
     x, y = chain.spacings + np.diff(horizontal), np.diff(vertical)
     squares = np.diff(vertical * rates) ** 2 + np.diff(horizontal * rates) ** 2

@@ -138,10 +138,7 @@ class Simulation(ABC):
         return (self.energy - expected) / self._largest_energy
 
     def kick(self, impulses: Array) -> None:
-        """Apply angular impulses [N m s], shape (N,), at the current frame.
-
-        Raises ValueError if the work of the impulses is not finite.
-        """
+        """Apply impulses [N m s], (N,), at the current frame; ValueError if the work is infinite."""
         checked = self.chain.check_angles(impulses, 'impulse')
         with np.errstate(over='ignore', invalid='ignore'):
             rates = self.rates + checked / self.chain.moments_of_inertia
@@ -251,10 +248,7 @@ class Simulation(ABC):
 
     @abstractmethod
     def _allowed(self, angles: Array, rates: Array) -> tuple[Array, Array]:
-        """Return the angles and rates nearest to the given ones that the springs or bars allow.
-
-        Raises ValueError if there are none.
-        """
+        """Return the nearest angles and rates that springs or bars allow; ValueError if none."""
 
     @abstractmethod
     def _packed(self) -> Array:
@@ -288,19 +282,13 @@ class Simulation(ABC):
         return float(elastic + self.chain.kinetic_energy(self.rates))
 
     def _work_of_torques(self) -> float:
-        """Return the work of the current torques since they were set [J]."""
         return work_of_torques(self.torques, self.angles - self._held_from)
 
     def _dissipated_at(self, angles: Array, dissipated: float) -> float:
-        """Return the energy dissipated since the last restart of the solver [J].
-
-        The result is the energy `dissipated` [J] that the solver has integrated, minus the work of
-        the feedback torques until the current `angles` [rad].
-        """
+        """Return `dissipated` [J] minus the work of the feedback torques since the restart [J]."""
         return dissipated - work_of_torques(self.feedback_torques, angles - self._feedback_from)
 
     def _feedback(self) -> Array:
-        """Return the torques of the motor controllers for the current frame [N m], shape (N,)."""
         if self._controllers is None:
             return np.zeros_like(self.angles)
         return self._controllers.torques(self.time, self.angles)
@@ -340,10 +328,7 @@ def scipy_solver(
     tolerances: Array,
     longest_step: float,
 ) -> OdeSolver:
-    """Return a solver of scipy without an end time.
-
-    `tolerances` are the absolute tolerances, and `longest_step` [s] is the longest step.
-    """
+    """Return a solver of scipy without end time, with absolute tolerances and a longest step."""
     return method(
         right_hand_side,
         0.0,

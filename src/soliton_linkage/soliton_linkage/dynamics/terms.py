@@ -71,10 +71,7 @@ class Term(ABC):
 
 
 class CompiledTerm(Term):
-    """Term with a compiled kernel.
-
-    The kernel reads the rates if the term is dissipative, otherwise the angles.
-    """
+    """Term with a compiled kernel, which reads the rates if dissipative, otherwise the angles."""
 
     kind: int
     rows: Array
@@ -139,10 +136,7 @@ class HeldTorques(CompiledTerm):
 
 
 class LinearDamping(CompiledTerm):
-    """Torques -c phi_dot of linear damping.
-
-    `dampings` is c [N m s/rad] for each rotor, shape (N,).
-    """
+    """Torques -c phi_dot of linear damping; `dampings` is c [N m s/rad], shape (N,)."""
 
     kind, dissipative = LINEAR_DAMPING, True
 
@@ -169,10 +163,7 @@ class DryFriction(CompiledTerm):
 
 
 class QuadraticDamping(CompiledTerm):
-    """Torques -c phi_dot abs(phi_dot) of quadratic damping.
-
-    `dampings` is c [N m s^2/rad^2], shape (N,).
-    """
+    """Torques -c phi_dot abs(phi_dot); `dampings` is c [N m s^2/rad^2], shape (N,)."""
 
     kind, dissipative = QUADRATIC_DAMPING, True
 

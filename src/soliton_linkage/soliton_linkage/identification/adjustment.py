@@ -2,7 +2,7 @@
 """Least-squares estimate of the lengths and encoder offsets with which all bonds close.
 
 A bond closes if the ends of its two rotors are one rest length apart. The lengths of a bond must
-observe two limits (see `_room`). A bond that violates one of them stops walls.
+keep within two limits (see `_room`); otherwise the bond stops walls.
 """
 
 from __future__ import annotations
@@ -59,8 +59,8 @@ class Adjustment:
     noise: float
     """Standard deviation of a reading [rad], computed from the misclosures of all bonds."""
     bond_noise: Array
-    """Standard deviation of a reading [rad] as each bond alone would give it, computed from the
-    misclosures of this bond, shape (N - 1,)."""
+    """Standard deviation of a reading [rad], computed from the misclosures of each bond alone,
+    shape (N - 1,)."""
     residuals: Array
     converged: bool
 
@@ -154,10 +154,7 @@ def _cost(bundle: Bundle, prior: Array, noise: float) -> float:
 
 
 def observable_basis(lengths: Lengths) -> Array:
-    """Return an orthonormal basis of those changes of the P unknowns that keep the mean spacing.
-
-    The basis has shape (P, P - 1).
-    """
+    """Return an orthonormal basis, (P, P - 1), of the changes that keep the mean spacing."""
     size = UNKNOWNS_PER_ROTOR * lengths.rotors - 2
     scale = np.zeros((size, 1))
     split(scale[:, 0])[2][:] = lengths.spacings

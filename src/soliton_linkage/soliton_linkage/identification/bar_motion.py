@@ -232,9 +232,9 @@ def bar_motion(
     """Estimate masses, drag and gravity from free motions; return None if this is not possible.
 
     The result is None if no free motion has enough frames, or if the residuals are so large that
-    other forces probably acted. The units are the mean spacing and the mean mass. `covariance` is
-    the covariance of the unknowns of `lengths`, and `noise` is the standard deviation of a reading
-    [rad]. Gravity is estimated unless `gravity_known`.
+    other forces probably acted. `covariance` is the covariance of the unknowns of `lengths`, and
+    `noise` is the standard deviation of a reading [rad]. Gravity is estimated unless
+    `gravity_known`.
     """
     orbit = orbit_of(lengths.chain(Chain()))
     intervals = free_intervals(readings.times, readings.interruptions)

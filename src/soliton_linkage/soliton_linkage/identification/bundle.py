@@ -203,10 +203,7 @@ class Bundle:
         return NormalEquations(matrix, vector, squares)
 
     def close(self) -> float:
-        """Move the angles by one Newton step, towards angles with which all bonds close.
-
-        Return the largest change of an angle [rad].
-        """
+        """Close the bonds by one Newton step of all angles; return the largest change [rad]."""
         largest = 0.0
         for frames in self._batches():
             linearised, factors, whitened = self._linearised(frames)

@@ -19,10 +19,9 @@ _LARGEST_SPREADS = 0.2, 0.25
 """Largest plausible relative standard deviations [1]: the first one applies to lengths of one
 kind, the second one to masses and stiffnesses."""
 _USUAL_OF_ROTOR, _USUAL_OF_FRAMES = 1.3, 0.3
-"""Typical values of two ratios [1]; a ratio above its value makes a cause more likely. The first
-ratio is the mean square residual of the worst rotor, divided by the mean square residual of all
-rotors. The second ratio is the part of the sum of squared residuals that is due to the worst tenth
-of the frames."""
+"""Causes are ranked by two ratios, relative to these usual values [1]: the mean square residual of
+the worst rotor divided by that of all rotors (a fault of one encoder), and the share of the
+squared residuals in the worst tenth of the frames (a kick or a hand)."""
 _FAR_SPACING = 1.5
 """A spacing is reported if it is more than this times the median spacing, or less than the median
 spacing divided by this [1]."""

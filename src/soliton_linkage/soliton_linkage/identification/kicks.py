@@ -23,27 +23,24 @@ _CANDIDATES = 5
 _KICK_FRAMES = 7
 """Number of successive frames whose residuals are averaged in the search for a kick."""
 _BEFORE_KICK = 0.06
-"""Frames from this time before an estimated kick [s] to `ARRIVAL` after it are not used, because
+"""Frames are not used from this time [s] before an estimated kick to `ARRIVAL` after it, because
 the time of the kick is uncertain."""
 _SUSPICIOUS = 1.05
-"""If springs without a kick fit no better than rigid bars, a kick is accepted only if it reduces
-the residual noise: the noise of the bars must be at least this times the noise of the springs with
-the kick [1]."""
+"""If springs do not fit without a kick, a kick is accepted only if the residual noise of rigid
+bars is at least this times the residual noise of springs with the kick [1]."""
 _KICKED = 5.5
-"""Two initial states in place of one decrease -2 log likelihood even without a kick. A kick is
-assumed if the decrease is larger than the mean of such a decrease by more than this [standard
-deviations]."""
+"""A kick is assumed if a second initial state decreases -2 log likelihood by more than the mean
+decrease that it would cause without a kick, plus this number of standard deviations [1]."""
 _STEP_NOISE = 0.02
-"""Before and after a possible kick, the speed is averaged over so many frames that noise changes
-the speed with this standard deviation, relative to the root mean square speed [1]. Sensitivity: in
-14 of 16 recordings with a random kick, the largest step is the kick; at 2x, in 12; at 0.5x, in
-14."""
+"""The speed before and after a possible kick is averaged over so many frames that its standard
+deviation due to noise is this fraction of the root mean square speed [1]. Sensitivity: in 14 of 16
+recordings with a random kick, the largest step is the kick; at 2x, in 12; at 0.5x, in 14."""
 _FEWEST = 8
 """Smallest number of frames over which the speed is averaged before a possible kick, and also
 after it [1]."""
 _SMALLEST_STEP = 0.08
-"""If springs fit no better than bars, a kick is tried only at a change of the speed by more than
-this, relative to the root mean square speed [1]."""
+"""If springs do not fit without a kick, a kick is tried only at a change of the speed by more than
+this fraction of the root mean square speed [1]."""
 _AT_REST = 1e-3
 """Changes of the speed are divided by the speed, but at least by this times the root mean square
 speed [1], because the speed is 0 while the chain is at rest."""

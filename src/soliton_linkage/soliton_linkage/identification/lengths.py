@@ -99,17 +99,15 @@ def split(unknowns: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def split_lengths(unknowns: Array) -> dict[str, Array]:
-    """Return views of the unknowns in a dictionary, with the names of the kinds as keys.
-
-    The names are the fields of `Deviations` that describe lengths, and `offset`.
-    """
+    """Return a dictionary of views of the unknowns; keys: fields of `Deviations`, and `offset`."""
     names = 'rotor_length', 'offset', 'spacing', 'rest_length'
     return dict(zip(names, split(unknowns), strict=True))
 
 
 _PASSING = 0.2
-"""In a frame, a wall is near a bond if sin(phi_{n+1}) - sin(phi_n) differs from its median over
-all frames by more than this times the largest such difference of a typical bond [1]."""
+"""`initial_lengths` uses a bond in a frame only if sin(phi_{n+1}) - sin(phi_n) differs from its
+median over all frames by more than this fraction of the largest difference from the median at a
+typical bond [1]."""
 
 
 def initial_lengths(angles: Array) -> Lengths:

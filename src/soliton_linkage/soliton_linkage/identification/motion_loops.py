@@ -208,10 +208,10 @@ def integrate(
     states: Array,
     slopes: Array,
 ) -> None:
-    """Integrate `state`, (2, N), and the sensitivities `changes`, (Q, 2, N), over T spans [s].
+    """Integrate `state`, (2, N), and the sensitivities `changes`, (Q, 2, N), over T times [s].
 
-    The spans are successive intervals of time. At the end of each span, the angles and rates are
-    stored in `states`, (T, 2, N), and the sensitivities of the angles in `slopes`, (Q, T, N).
+    At the end of each span, the angles and rates are stored in `states`, (T, 2, N), and the
+    sensitivities of the angles in `slopes`, (Q, T, N).
     """
     rotors, size = state.shape[1], changes.shape[0]
     at, works = np.empty((4, 2, rotors)), np.empty((4, 8, rotors))

@@ -22,8 +22,8 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 
 _FEWEST_ROTORS = 4
-"""Smallest number of rotors in a recording. Fewer are not sufficient, because the bonds at the
-edges contain little information."""
+"""Smallest number of rotors in a recording, because bonds at the edges contain little
+information."""
 _LEAST_PRESENT = 0.5
 """Each rotor must have a reading in at least this fraction of the frames [1]."""
 _MOST_NAMED = 4
@@ -67,10 +67,7 @@ class Readings:
 
     @cached_property
     def filled(self) -> Array:
-        """Readings [rad] without jumps of 2 pi and with interpolated gaps, (T, N).
-
-        Raises ValueError if there are too few rotors or readings.
-        """
+        """Readings [rad] without jumps of 2 pi and gaps, (T, N); ValueError if too few exist."""
         names, rotors = self.joints, self.angles.shape[1]
         if rotors < _FEWEST_ROTORS:
             raise ValueError(
@@ -134,10 +131,7 @@ class Readings:
 
 
 def interpolated(angles: Array, times: Array | None = None) -> Array:
-    """Return readings, (T, N), without jumps of 2 pi, and with interpolated gaps.
-
-    A rotor without readings has the result NaN.
-    """
+    """Return readings, (T, N), without jumps of 2 pi and gaps; a rotor without any stays NaN."""
     times = np.arange(len(angles), dtype=np.float64) if times is None else times
     filled = np.full_like(angles, np.nan)
     present = np.isfinite(angles)
@@ -148,10 +142,7 @@ def interpolated(angles: Array, times: Array | None = None) -> Array:
 
 
 def join_recordings(recordings: Sequence[Readings]) -> Readings:
-    """Join recordings to one recording, with an unknown impulse between successive ones.
-
-    Raise ValueError if the recordings have different joints.
-    """
+    """Join recordings with an unknown impulse between them; ValueError if their joints differ."""
     first, *others = recordings
     if not others:
         return first
@@ -193,7 +184,7 @@ of the computer."""
 
 
 def rounding_noise(readings: Array) -> float:
-    """Return the standard deviation of rounding errors [rad], from the smallest change."""
+    """Return the standard deviation of rounding errors [rad], from the smallest step."""
     steps = np.abs(np.diff(readings, axis=0))
     smallest = float(steps[steps > _SMALLEST_STEP].min(initial=np.inf))
     return smallest / math.sqrt(12) if math.isfinite(smallest) else 0.0
@@ -235,10 +226,7 @@ other times."""
 def informative_frames(
     times: Array, angles: Array, impulses: Sequence[float], most: int
 ) -> NDArray[np.intp]:
-    """Return the numbers of up to `most` frames, mainly near impulses and while rotors turn.
-
-    `impulses` are the times of impulses [s].
-    """
+    """Return up to `most` frame numbers, mainly near `impulses` [s] and while rotors turn."""
     if len(times) <= most:
         return np.arange(len(times))
     kept = _near_impulses(times, impulses, int(_NEAR_IMPULSES * most))

@@ -82,7 +82,8 @@ def by_springs(
 ) -> Identification:
     """Return the result for springs: lengths, stiffnesses, masses and drag from the fitted motion.
 
-    `scale` contains the mean mass [kg] and the standard deviation of its log [1]; None if unknown.
+    `scale` contains the mean mass [kg] and the standard deviation of its log [1], or is None if
+    these are unknown.
     """
     motion = fitted.motion
     deviations = split_chain(np.sqrt(np.diag(fitted.covariance)))

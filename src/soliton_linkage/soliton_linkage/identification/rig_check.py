@@ -32,8 +32,8 @@ _LARGEST_SLOWNESS = 0.1
 _LATE = 1.5
 """A frame is late or missing if an interval is longer than this times the median interval [1]."""
 _COUNTED_FRAMES = 10
-"""The number of missing frames follows from the duration of this many frames, so that a single
-late frame does not count as missing."""
+"""Missing frames are counted in blocks of this many frames, from the duration of each block, so
+that a single late frame does not count as missing."""
 _LARGEST_NOISE = 0.05
 """Largest acceptable noise of a reading [rad]."""
 _NOISY = 3.0
@@ -46,15 +46,16 @@ _LEAST_SEEN = 0.99
 _LARGEST_STRETCH = 0.02
 """Largest acceptable relative stretch of a bond [1]; a zero error of 0.05 rad causes more."""
 _LARGEST_OFFSET = 2.9
-"""Largest offset of an encoder that is tried [rad]; a larger one counts as half a turn."""
+"""Encoder offsets up to this are tried as the cause of the stretches [rad]; a larger one counts as
+half a turn."""
 _LARGEST_CHANGE = 0.3
-"""Largest relative error of a length that is tried [1]."""
+"""Relative errors of lengths up to this are tried as the cause of the stretches [1]."""
 _EXPLAINED = 1 / 3
 """A correction, for example of a sign, explains the stretches of the bonds if it reduces their
 root mean square to less than this fraction [1]."""
 _EQUALLY_GOOD = 1.5
-"""Another correction is also reported if the root mean square stretch with it is smaller than this
-times the one with the best correction [1]."""
+"""Other corrections are also reported if the root mean square stretch with them is smaller than
+this times the one with the best correction [1]."""
 _MOST_AGAINST = 0.2
 """If more than this fraction of rotors leans away from an edge, no soliton is at this edge [1]."""
 _MOST_FRAMES = 200
@@ -165,10 +166,7 @@ def is_at_edge(angles: Array, first: bool) -> bool:
 
 
 def first_turn(rest: Array, angles: Array) -> tuple[int, float] | None:
-    """Return the first rotor that leaves its angle in `rest` [rad], (N,), and its rotation [rad].
-
-    The result is None if no rotor turns.
-    """
+    """Return the first rotor that leaves `rest` [rad], (N,), and its rotation [rad], or None."""
     turned = np.nan_to_num(wrapped(angles - rest))
     frames = np.flatnonzero(np.abs(turned).max(axis=1, initial=0.0) > SMALLEST_TURN)
     if not frames.size:

@@ -41,10 +41,7 @@ weight exp(-s d^2 / 2)."""
 
 
 def check_motion(readings: Array, names: Sequence[str]) -> None:
-    """Raise ValueError unless a wall passes all rotors in the order of the joints.
-
-    The readings [rad] have shape (T, N).
-    """
+    """Raise ValueError unless in readings [rad], (T, N), a wall passes all rotors in order."""
     check_mounting(readings, names)
     check_zeros(readings, names)
     inner = leaning_over(readings)[1:-1]
@@ -251,8 +248,7 @@ _JUMP_OVER_NOISE = 10.0
 """Smallest jump that is reported, relative to the noise of a reading [1]. Noise typically causes
 jumps of 2.2; in 20 recordings, none was larger than 7."""
 _SMALLEST_JUMP = 0.1
-"""Smallest jump that is reported [rad]. Rotors cause no such jumps, because the change of their
-angle differs less from one frame to the next."""
+"""Smallest jump that is reported [rad]; the motion of a rotor causes no such jump."""
 _JUMP_OVER_NEIGHBOURS = 3.0
 """A jump is reported only if it is larger than this times the simultaneous jump of each neighbour
 [1]."""

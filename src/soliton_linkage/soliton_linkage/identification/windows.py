@@ -99,8 +99,8 @@ def merge_windows(
 ) -> tuple[FreeWindow, ...]:
     """Merge adjacent windows if the motion of the first one also fits the second one.
 
-    The function `fits` decides this. Its arguments are the merged window, which has the motion of
-    the first one, and the frames of the second one.
+    The function `fits` decides this from the merged window, which has the motion of the first one,
+    and the frames of the second one.
     """
     merged: list[FreeWindow] = []
     count = 0

@@ -23,8 +23,8 @@ _BLOCK = 500
 """Number of factors between 1/2 and 1 that are multiplied before the product is rescaled [1].
 Their product stays above 2^-1022, the smallest normal double."""
 _FAR_FROM_OVERFLOW = 1e100
-"""If a component of a mode or its inverse is larger than this [1], the mode is computed again with
-separate exponents. Squares of smaller components do not overflow."""
+"""If a component of a mode, or the inverse of a component, is larger than this [1], the mode is
+computed again with separate exponents. Squares of smaller components do not overflow."""
 
 
 class Edge(enum.Enum):
@@ -162,7 +162,7 @@ def resolved_edge_mode(
 
 
 def _levers_of_free_chain(chain: Chain, angles: Array) -> tuple[Array, Array]:
-    """Return A_n l_n and B_n l_n [m^2], levers times spring lengths, shape (springs,) each."""
+    """Return A_n l_n and B_n l_n [m^2], (springs,) each; ValueError for periodic ends."""
     if chain.periodic:
         raise ValueError(
             'a chain with periodic ends has as many springs as rotors and in general no zero '

@@ -111,10 +111,7 @@ def _spread(of: str) -> Any:
 @document_fields
 @dataclass(frozen=True)
 class Disorder(CheckedQuantities):
-    """Standard deviations of random deviations, one per quantity, and seed of the random numbers.
-
-    Raises ValueError for values out of range.
-    """
+    """Standard deviations of random deviations, and their seed; raises ValueError out of range."""
 
     spacing: float = _spread('distances between pivots')
     rotor_length: float = _spread('lengths of the rotors')

@@ -23,10 +23,7 @@ def _gain(of: str, unit: str) -> float:
 @document_fields
 @dataclass(frozen=True)
 class Feedback(CheckedQuantities):
-    """Gains, delay and torque limit of the motor controllers; see `motor_controllers`.
-
-    Raises ValueError for values out of range.
-    """
+    """Gains, delay and limit of `motor_controllers`; raises ValueError for values out of range."""
 
     angle: float = _gain('the coordinate of the own rotor', 'N m/rad')
     rate: float = _gain('the rate of the own rotor', 'N m s/rad')

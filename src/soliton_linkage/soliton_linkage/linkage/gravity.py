@@ -14,10 +14,7 @@ from soliton_linkage.linkage.quantities import CheckedQuantities, document_field
 @document_fields
 @dataclass(frozen=True)
 class Gravity(CheckedQuantities):
-    """Uniform gravity in the direction -z, rotated towards +x by `tilt`.
-
-    Raises ValueError for values out of range.
-    """
+    """Gravity along -z, rotated towards +x by `tilt`; ValueError for values out of range."""
 
     acceleration: float = quantity(
         0.0, 'acceleration of a free mass', 'm/s^2', 0.0, 1e6, adjustable=True

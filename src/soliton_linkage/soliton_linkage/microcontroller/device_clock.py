@@ -30,8 +30,8 @@ _INTERVALS = 64
 """Number of intervals in the fit [1]. Sensitivity: at 0.5x, the error doubles; at 2x, a fit takes
 4 times as long."""
 _FIRST_INTERVAL = 1 / 16
-"""Duration of the first intervals [s]. It is short, so that the drift, which is known only after
-two intervals, is known soon."""
+"""Duration of the first intervals [s], short because the drift is known only after two
+intervals."""
 _LONGEST_INTERVAL = 2.0
 """Longest duration of later intervals [s]. Sensitivity: at 0.5x, the line follows the changing
 drift of a warming clock faster."""
@@ -45,8 +45,9 @@ _FROM_THE_PAST = 10.0
 _SMALLEST_JUMP = 1e-3
 """Smallest jump of a clock that is detected [s]; at 2x, undetected jumps bias the drift more."""
 _EARLY, _LATE = 3.0, 10.0
-"""A delay is plausible if it is below the fitted line by at most the first number, or above it by
-at most the second number, times the median of the delays above the line [1]."""
+"""A delay is plausible if it is at most the first number times the typical height below the fitted
+line, and at most the second number times this height above it [1]. The typical height is the
+median height of the delays above the line."""
 _UNUSUAL = 8.0
 """For messages without a checksum: an interval is unusual if its difference from a multiple of the
 median interval is larger than this times the median of such differences [1]."""
@@ -133,9 +134,8 @@ def _slope_under(xs: Array, ys: Array) -> float:
 class DeviceClock:
     """Conversion of times of the controller's clock to increasing stamps of the host's clock.
 
-    The estimate uses the fact that no message arrives before it is sent. Three successive
-    implausible times that are consistent with each other restart the estimate of offset and drift.
-    Other implausible times are rejected.
+    Three successive implausible times that are consistent with each other restart the estimate of
+    offset and drift. Other implausible times are rejected.
 
     The estimate is also restarted if all recent delays are much longer than the smallest delay
     since its start. The smallest delay then comes from a wrong time, or from a message before a
@@ -259,10 +259,7 @@ class DeviceClock:
         return -max(tolerance * _EARLY / _LATE, _SMALLEST_JUMP) <= late <= tolerance
 
     def _is_only_late(self, elapsed: int, arrival: int, checked: bool) -> bool:
-        """Return whether a delay is above the line and follows a usual interval.
-
-        In this case, only the arrival of the message is late, and its time is correct.
-        """
+        """Return whether only the arrival is late: a long delay after a usual interval."""
         intervals = np.array([(elapsed - self._elapsed) / 1e6, *self._intervals])
         usual = float(np.median(intervals))
         unusual, *others = np.abs(intervals - usual * np.maximum(np.round(intervals / usual), 1))

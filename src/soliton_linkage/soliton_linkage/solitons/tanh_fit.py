@@ -261,8 +261,8 @@ def _sech_squared(argument: ArrayLike) -> Array:
 def _deviation(residual: Array, parameters: int, information: float) -> float:
     """Return the standard deviation of a fitted parameter; NaN if `residual` has too few values.
 
-    `parameters` is the number of fitted parameters. `information` is the diagonal element of J^T J
-    for the parameter, with the Jacobian J of the fit.
+    `information` is the diagonal element of J^T J for this parameter, with the Jacobian J of the
+    fit.
     """
     freedom = len(residual) - parameters
     if freedom < 1 or information <= 0:
@@ -271,7 +271,6 @@ def _deviation(residual: Array, parameters: int, information: float) -> float:
 
 
 def _spinner_lean(chain: Chain, angles: Array) -> int:
-    """Return the sign of the rest angle, +1 or -1: the sign of sum_n (-1)^n (B_n - A_n)."""
     first, second = rigidity_bands(chain, angles)
     levers = second - first
     return 1 if levers[::2].sum() > levers[1::2].sum() else -1

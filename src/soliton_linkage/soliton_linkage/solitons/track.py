@@ -70,10 +70,7 @@ class MeasuredWall(Protocol):
 
 
 def measured_track(chain: Chain, times: Array, walls: Sequence[Sequence[MeasuredWall]]) -> Track:
-    """Return the trajectory that consists of the first of the `walls` in each frame.
-
-    `times` [s] has the shape (T,).
-    """
+    """Return the trajectory of the first of the `walls` in each frame, at `times` [s], (T,)."""
     rows = np.full((len(walls), 4), np.nan)
     for row, found in zip(rows, walls, strict=True):
         if found:

@@ -280,7 +280,6 @@ class Steering:
         return distance > explained + self.settings.max_error * self.orbit.site_arc
 
     def _restart(self, followed: ReferenceTrajectory, estimate: WallEstimate) -> None:
-        """Start a new trajectory from the estimated state of the wall to the current goal."""
         self._restarts += 1
         shortest = self.settings.min_duration / self._bandwidth
         point = ReferencePoint(estimate.arc, estimate.rate, 0.0)

@@ -115,10 +115,9 @@ def _bond_costs(points: Array, predicted: Prediction) -> Array:
 
 
 def _viterbi(costs: Array, bond_costs: Array) -> NDArray[np.intp]:
-    """Return the number of the most likely candidate of each rotor, (N,), W if hidden.
+    """Return the index of the most likely of W candidates of each rotor, (N,), W if hidden.
 
-    `costs`, (N, W), are the costs of the W candidates of each rotor. `bond_costs`, (N - 1, W, W),
-    are the costs of each pair of candidates of two neighbours.
+    `costs` have the shape (N, W), and `bond_costs`, those of pairs of neighbours, (N - 1, W, W).
     """
     rotors, width = costs.shape
     own = np.column_stack([costs, np.full(rotors, _HIDDEN_COST)])

@@ -118,8 +118,8 @@ class DarkRotors:
     ) -> float:
         """Return the ratio of the observed length errors to those that pixel noise causes [1].
 
-        The observed errors are the differences of the measured lengths from their means. `which`
-        selects bars, and `rotors` are the numbers of the rotors to which these bars belong.
+        The observed errors are the differences of the bar lengths from their means. `rotors` are
+        the numbers of the rotors to which the bars belong that `which` selects.
         """
         lengths = np.hypot(*bars.halves[which].T)
         known = self._counts[rotors] > 0
@@ -182,11 +182,10 @@ def _bar(
 
 
 def _fit_axis(points: Array, weights: Array, axis: Array, reach: float) -> tuple[Array, float]:
-    """Return the direction of a line through points, (P, 2), and its error per grey level [rad].
+    """Return the direction of a line through points, (P, 2), and its error for unit noise [rad].
 
-    The error per grey level is that for a pixel noise of one grey level. `axis` is an approximate
-    direction. The weights are multiplied by a factor that decreases to zero at the distance
-    `reach` from the middle, so that pixels do not enter the fit abruptly.
+    The weights are multiplied by a factor that decreases to zero at the distance `reach` from the
+    middle along the approximate `axis`, so that pixels do not enter the fit abruptly.
     """
     for _ in range(_ITERATIONS):
         normal = np.array([-axis[1], axis[0]])

@@ -202,11 +202,7 @@ class DeadZone:
 
 
 def _difference_weights(times: Array) -> Array:
-    """Return the weights, (T,), of the values at T times in their divided difference.
-
-    The sum of the squared weights is 1, so that the divided difference has the variance of a
-    value.
-    """
+    """Return the weights of T values in their divided difference, with a sum of squares of 1."""
     apart = times[:, None] - times
     np.fill_diagonal(apart, times[-1] - times[0])
     weights = 1 / np.prod(apart / (times[-1] - times[0]), axis=1)

@@ -147,6 +147,5 @@ def _sampled(picture: Picture, centres: Array, offsets: Array) -> Array:
 
 
 def _hues(colours: Array) -> NDArray[np.complex128]:
-    """Return complex numbers whose phases are the hues of colours (red, green, blue)."""
     red, green, blue = np.moveaxis(colours, -1, 0)
     return np.asarray(red + np.exp(2j * np.pi / 3) * green + np.exp(-2j * np.pi / 3) * blue)

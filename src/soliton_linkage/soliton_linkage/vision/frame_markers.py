@@ -40,10 +40,9 @@ class PlacingErrors:
         self._parameters = np.linalg.lstsq(fields, moved, rcond=None)[0]
 
     def deviations(self, pivots: Array, arms: Array) -> Array:
-        """Return angle deviations, divided by the standard deviation of a marker [rad/m].
+        """Return the deviations of the angles, (N,), per deviation of a marker position [rad/m].
 
-        `arms`, (N, 2), are the vectors [m] from the pivots, (N, 2), to the masses. The result has
-        shape (N,).
+        `arms`, (N, 2), are the vectors [m] from the pivots, (N, 2), to the masses.
         """
         change = self._fields(pivots + arms) - self._fields(pivots)
         across = np.stack([arms[:, 1], -arms[:, 0]], axis=1) / np.sum(arms**2, axis=1)[:, None]
@@ -62,8 +61,8 @@ _MAX_PICTURES = 1000
 """Largest number of pictures over which the centres of dots are averaged, so that the mean follows
 slow motions of the frame."""
 _FIT_PERIOD = 30
-"""Number of pictures from one fit of the plane to the next. In the first pictures, the plane is
-fitted in each picture."""
+"""Number of pictures from one fit of the plane to the next, except for the first pictures, in
+which it is always fitted."""
 FEWEST_DOTS = 6
 """Smallest number of dots that defines a plane and its residual."""
 _MOTION_THRESHOLD = 6.0
@@ -86,7 +85,7 @@ the time between two pictures."""
 
 
 class FrameMarkers:
-    """Markers on the frame of a chain, observed in all pictures so far."""
+    """Frame markers of a chain (fixed beside it), tracked in successive pictures."""
 
     def __init__(self, layout: MarkerLayout, camera: Camera) -> None:
         self.plane: ChainPlane | None = None
@@ -176,7 +175,6 @@ class FrameMarkers:
         return True
 
     def _relocate(self, grey: Picture) -> bool:
-        """Detect the markers again; keep the previous plane if the detection fails."""
         kept = self.plane, self._centres, self._known, self._pictures
         found, distance = self._find(grey), np.nan
         both = kept[2] & self._known
@@ -199,7 +197,6 @@ class FrameMarkers:
     def _fit_centres(
         self, grey: Picture, plane: ChainPlane, starts: Array
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return fitted centres near `starts` [pixels], (K, 2), and which dots are visible."""
         radius = self._layout.dot_radius
         outlines = plane.metres_per_pixel(starts) / radius
         fitted = fit_dots(grey, starts, outlines, DOT_SHARE, np.zeros_like(starts))

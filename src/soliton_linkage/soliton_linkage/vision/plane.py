@@ -43,12 +43,12 @@ class ChainPlane:
         return np.asarray(normal / np.linalg.norm(normal) * self._unit)
 
     def pixels(self, points: Array, heights: ArrayLike = 0.0) -> Array:
-        """Return the pixels, (..., 2), that show points (x, z) at heights [m]."""
+        """Return the pixels, (..., 2), at which points (x, z) with given heights appear [m]."""
         rays = points @ self.columns[:, :2].T + self._origins(points, heights)
         return self.camera.pixels(rays[..., :2] / rays[..., 2:])
 
     def points(self, pixels: Array, heights: ArrayLike = 0.0) -> Array:
-        """Return the points (x, z) at heights [m] that pixels, (..., 2), show."""
+        """Return the points (x, z) with given heights [m], (..., 2), that appear at `pixels`."""
         rays = self.camera.rays(pixels)
         origins = self._origins(rays, heights)
         g1, g2 = self.columns[:, 0], self.columns[:, 1]
@@ -69,7 +69,7 @@ class ChainPlane:
         return np.asarray(np.sqrt(area) / (2 * step))
 
     def metres_per_pixel(self, pixels: Array, heights: ArrayLike = 0.0) -> Array:
-        """Return the derivative of the point by the pixel that shows it [m/pixel], (..., 2, 2)."""
+        """Return the derivative of the result of `points` by `pixels` [m/pixel], (..., 2, 2)."""
         ends = np.stack([pixels + side * axis for axis in 0.5 * np.eye(2) for side in (1, -1)])
         points = self.points(ends, heights)
         return np.stack([points[0] - points[1], points[2] - points[3]], axis=-1)

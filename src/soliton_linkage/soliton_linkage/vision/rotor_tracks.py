@@ -34,8 +34,8 @@ _MAX_LENGTH_ERROR = 0.2
 """A measured length is ignored if its relative difference from the configured length is larger
 than this [1]."""
 _MIN_MEASUREMENTS, _MAX_MEASUREMENTS = 5, 300
-"""Two numbers of pictures. The mean length of a rotor or bond is used after it has been measured
-in the first number of pictures. The mean is taken over the second number of pictures at most."""
+"""A mean length of a rotor or bond is used after as many measurements as the first number, and
+averages at most as many measurements as the second number [1]."""
 _PIVOT_TOLERANCE = 0.25
 """Largest distance of a pivot from its expected position, relative to the spacing [1]."""
 _SPACING_TOLERANCE = 0.4

@@ -146,10 +146,7 @@ def _sheet(paper: str, title: str) -> tuple[Figure, Any]:
 
 
 def _grid(paper: str, size: float, what: str) -> Array:
-    """Return the centres of K markers that fit on a sheet, row by row [m], (K, 2).
-
-    `size` is the side of a marker [m], and error messages call the markers `what`.
-    """
+    """Return the centres of K markers with a side `size` on a sheet, row by row [m], (K, 2)."""
     width, height = size + _GAP, size + 2 * _GAP
     across, up = PAPERS[paper]
     columns = int((across - 2 * _MARGIN) / width)

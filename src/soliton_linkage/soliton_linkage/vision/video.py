@@ -167,8 +167,7 @@ def _checked(
 ) -> Iterator[TimedPicture]:
     """Yield the pictures of a film; raise ValueError if the film is incomplete.
 
-    `length` is the duration that the film states [s]. It may be longer than the time of the last
-    picture by up to `slack` [s].
+    The `length` that the film states [s] may exceed the time of the last picture by up to `slack`.
     """
     last, interval = 0.0, 0.0
     for taken in pictures:
@@ -201,10 +200,10 @@ def _opened_camera(number: int) -> Any:
 
 
 def _start(path: Path, created: str, length: float) -> float:
-    """Return the time of the first picture, counted from the epoch [s].
+    """Return the time of the first picture since the epoch [s].
 
-    The time is the creation time `created` that the film states. If it states none, the time is
-    the last change of the file minus the duration `length` of the film [s].
+    It is the stated creation time, or without it the last change of the file minus the `length`
+    [s].
     """
     try:
         return datetime.datetime.fromisoformat(created.replace('Z', '+00:00')).timestamp()

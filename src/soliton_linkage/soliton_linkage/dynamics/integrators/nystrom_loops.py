@@ -229,10 +229,7 @@ def copy(work: Array, start: int, end: int) -> None:
 
 @inlined
 def copy_state(source: Array, target: Array) -> None:
-    """Copy a state.
-
-    The loop is used because the assignment of a slice takes seconds to compile.
-    """
+    """Copy a state by a loop, because the assignment of a slice takes seconds to compile."""
     for n in range(source.size):
         target[n] = source[n]
 
@@ -253,10 +250,7 @@ def scaled_difference(before: Array, whole: Array, halves: Array, checks: Checks
 
 @inlined
 def store(states: Array, row: int, work: Array, rotors: int, dissipated: float) -> None:
-    """Store the state after a step in a row of `states`.
-
-    `dissipated` is the energy that the step dissipates [J].
-    """
+    """Store a state in a row of `states`; the step has dissipated the energy `dissipated` [J]."""
     for n in range(rotors):
         states[row, n] = work[ANGLES, n]
         states[row, rotors + n] = work[RATES, n]

@@ -198,7 +198,6 @@ class NystromSteps:
         return output
 
     def _prepare(self, length: float) -> PlainStep:
-        """Return the fields of `nystrom_loops.Step` for steps of a given length [s]."""
         if length != self._prepared:
             self._prepared = length
             self._step = length * DRIFTS, length * KICKS, self._decays(length)

@@ -135,7 +135,6 @@ class SymplecticNystrom(OdeSolver):
             )
 
     def _advance(self) -> bool:
-        """Take several method steps; return whether at least one of them was accepted."""
         remaining = abs(self.t_bound - self.t)
         count, last = self.together, False
         if self._trying:
@@ -177,14 +176,12 @@ class SymplecticNystrom(OdeSolver):
         return states if good else states[: 1 + sum(measured[-2:-1])], error
 
     def _adapt(self, error: float) -> None:
-        """Change the step length if a measured error is too large or far below the tolerance."""
         better = self._better(error)
         shorter = better < self._settings.max_shrinkage * self.length and self._trying
         if not error <= 1 or shorter or better > self._settings.min_growth * self.length:
             self._change_to(better)
 
     def _better(self, error: float) -> float:
-        """Return the step length [s] that the measured error suggests for the next steps."""
         if not math.isfinite(error):
             return self.length / 4
         factor = min(4.0, (self._settings.aim / error) ** (1 / (ORDER + 1))) if error else 4.0
