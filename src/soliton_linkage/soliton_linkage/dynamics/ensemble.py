@@ -29,9 +29,9 @@ Reduction = Callable[[Chain, Recording], Any]
 
 _ROTORS_TOGETHER = 640
 """Largest number of rotors in one batch of chains, which one core simulates [1]. An ensemble with
-fewer rotors therefore uses only one core. Sensitivity for 256 chains of 20 rotors with an error of
-1e-5 rad: at 0.25x, 0.5x and 2x, the computation takes 1.4, 1.2 and 0.9 times as long. With smaller
-errors the time changes by less than 15 %."""
+fewer rotors in total therefore uses only one core. Sensitivity for 256 chains of 20 rotors with an
+error of 1e-5 rad: at 0.25x, 0.5x and 2x, the computation takes 1.4, 1.2 and 0.9 times as long;
+with smaller errors, these times differ by less than 15 %."""
 _EQUAL = ('friction_rate', 'on_site_order', 'on_site_phase')
 """Names of the parameters of force terms that must have the same value in all chains of a
 batch."""
@@ -42,8 +42,8 @@ _SWITCHES = {
     'non_reciprocity': 'non_reciprocities',
     'on_site_torque': 'on_site_torques',
 }
-"""Names of chain parameters, each with the name of the `Chain` array that contains its values for
-all rotors or springs. If such a parameter is 0, the chain does not have the force term."""
+"""Names of chain parameters whose force term is absent if they are 0, each with the name of the
+`Chain` array that contains its values for all rotors or springs."""
 _OF_SPRINGS = {'spacings': [0.0], 'offsets': [0.0], 'rest_lengths': [1e9], 'stiffnesses': [0.0]}
 """Names of the `Chain` arrays with one value per spring, each with its value for the springs that
 connect two chains in `joined`. The large rest length ensures that the computed length of these

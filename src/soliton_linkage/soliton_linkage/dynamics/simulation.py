@@ -138,7 +138,7 @@ class Simulation(ABC):
         return (self.energy - expected) / self._largest_energy
 
     def kick(self, impulses: Array) -> None:
-        """Apply impulses [N m s], (N,), at the current frame; ValueError if the work is infinite."""
+        """Apply impulses [N m s], (N,), at the current frame; ValueError for infinite work."""
         checked = self.chain.check_angles(impulses, 'impulse')
         with np.errstate(over='ignore', invalid='ignore'):
             rates = self.rates + checked / self.chain.moments_of_inertia

@@ -44,7 +44,8 @@ _SMALLEST_NOISE = 2e-3
 _LEAST_SEEN = 0.99
 """Smallest acceptable fraction of the frames in which a rotor has a reading [1]."""
 _LARGEST_STRETCH = 0.02
-"""Largest acceptable relative stretch of a bond [1]; a zero error of 0.05 rad causes more."""
+"""Largest acceptable relative stretch of a bond [1]; a zero error of 0.05 rad causes a larger
+one."""
 _LARGEST_OFFSET = 2.9
 """Encoder offsets up to this are tried as the cause of the stretches [rad]; a larger one counts as
 half a turn."""

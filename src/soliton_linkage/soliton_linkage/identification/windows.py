@@ -33,9 +33,9 @@ _LONGEST_WINDOW = 1600
 for each unknown of its initial state. In longer windows, the angles would depend less linearly on
 the unknowns."""
 _DENSE_FRAMES = 0.05
-"""The frame interval without gaps is this quantile of the frame intervals [1], each averaged over
-`_RATE_FRAMES` intervals. Windows end at gaps, which are intervals of more than `_RATE_FRAMES`
-times this frame interval."""
+"""This quantile of the frame intervals, each averaged over `_RATE_FRAMES` intervals, is used as
+the frame interval without gaps [1]. Windows end at gaps, which are intervals of more than
+`_RATE_FRAMES` times this frame interval."""
 
 
 class FreeWindow(NamedTuple):

@@ -32,9 +32,9 @@ Numbers = NDArray[np.int64]
 
 TURNS, RATES_BEFORE, MEAN_OF_TURN, MEAN, SAVED = range(7, 12)
 """Rows of `work`. TURNS is the rotation of each rotor in a drift [rad]. In a drift with nonlinear
-damping, RATES_BEFORE contains the rates before the drift [rad/s], MEAN the mean acceleration, from
-which the new rates follow, and MEAN_OF_TURN the average acceleration, from which the rotation
-follows [rad/s^2]. SAVED is the first of four rows with a copy of the rows ANGLES to SINES."""
+damping, RATES_BEFORE contains the rates before the drift [rad/s], and MEAN and MEAN_OF_TURN
+contain weighted means of the acceleration that give the change of the rates and the rotation
+[rad/s^2]. SAVED is the first of four rows with a copy of the rows ANGLES to SINES."""
 
 WORK_ROWS = SAVED + 4
 """Number of rows of `work`."""

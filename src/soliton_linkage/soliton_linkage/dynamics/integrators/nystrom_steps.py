@@ -125,8 +125,8 @@ def steps_to_measure(taken: int, count: int, every: int) -> Numbers:
     """Return the indices of the steps, among the next `count`, whose error is measured.
 
     The errors in the steps 1, 4 and 16 after a change of the step length, and in every `every`-th
-    step after it, are measured. `taken` of these steps have been taken, and the next one has the
-    index 1.
+    step after it, are measured. `taken` steps have been taken since the change, and the next step
+    has the index 1.
     """
     regular = np.arange(every - taken % every, count + 1, every)
     early = [step for step in (1, 4, 16) if taken < step <= taken + count]
