@@ -3,8 +3,7 @@
 
 A sub-command is an entry point in the group `soliton_linkage.commands`: a function of the list of
 arguments that returns the exit code, 0 after success, 1 after an error, and 2 after Ctrl-C or for
-an invalid command line. The help text of a sub-command is the first line of the docstring of its
-module.
+an invalid command line. Its help text is the first line of the docstring of its module.
 """
 
 from __future__ import annotations

@@ -83,9 +83,8 @@ def compile_loop(
 ) -> Kernel:
     """Return a compiled function.
 
-    `arguments` are the types of the arguments. If they are not given, the function is compiled at
-    the first call with each new combination of types. An `inlined` function is compiled into its
-    callers.
+    `arguments` are the types of the arguments. Without them, the function is compiled at the first
+    call with each new combination of types. An `inlined` function is compiled into its callers.
     """
     options: dict[str, Any] = {
         'fastmath': set(fastmath),
@@ -123,9 +122,9 @@ def _hint(intrinsic_function: Callable[[Any], Any]) -> Callable[[], None]:
 def _wide(_typing: Any) -> Any:
     """Make the compiler use vectors of 512 bits in the calling function.
 
-    By default, LLVM uses only 256 bits. With this hint, `SymplecticNystrom` on a processor with
-    AVX-512 simulates 5 s of 40 rotors in 0.56 ms instead of 0.74 ms, and 1 s of 1000 rotors in 2.3
-    ms instead of 3.5 ms.
+    By default, LLVM uses only 256 bits. On a processor with AVX-512, this hint reduces the time of
+    `SymplecticNystrom` from 0.74 to 0.56 ms for 5 s of 40 rotors, and from 3.5 to 2.3 ms for 1 s
+    of 1000.
     """
 
     def generate(context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:

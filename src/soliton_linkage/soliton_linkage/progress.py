@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Display of the progress of a long computation, as one line on stderr.
 
-The package tqdm is not used, because it writes carriage returns into log files and cannot shorten
-the title.
+tqdm is not used, because it writes carriage returns into log files and cannot shorten the title.
 """
 
 from __future__ import annotations
@@ -20,8 +19,7 @@ _TERMINAL_INTERVAL = 0.1
 _LOG_INTERVAL = 2.0
 """Shortest time between two lines in a log file [s]."""
 _DEFAULT_COLUMNS = 80
-"""Assumed line width if stderr is not a terminal, or if the terminal reports no
-width [characters]."""
+"""Assumed line width if stderr is no terminal, or one without a width [characters]."""
 
 
 def line_width() -> int:

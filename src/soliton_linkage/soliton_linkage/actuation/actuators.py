@@ -63,8 +63,7 @@ class PneumaticActuator(CheckedQuantities):
 
             e(t) = e(0) E + slope tau (1 - E),    E = exp(-t / tau),
 
-        until e changes its sign at t = tau ln(1 - e(0) / (slope tau)). From then on, the other
-        time constant acts.
+        until e changes its sign at t = tau ln(1 - e(0) / (slope tau)); then the other tau acts.
         """
         lag = target - pressure
         constant = self._time_constant(lag if lag else slope)

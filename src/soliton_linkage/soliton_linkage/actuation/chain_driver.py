@@ -80,7 +80,7 @@ class ChainDriver:
         self._pending.append(_PendingCommand(source, begin, command))
 
     def hold(self, source: str, rotors: Rotors, torques: Array) -> None:
-        """Apply constant torques [N m] to rotors until they get a new command or `timeout` ends."""
+        """Apply constant torques [N m] to rotors until their next command, or for `timeout`."""
         begin = partial(self._drive.joints.hold, rotors, torques)
         self._pending.append(_PendingCommand(source, begin))
 

@@ -29,8 +29,7 @@ class CommandKind(enum.Enum):
     PULSE = 'pulse'
     """Torque along the unit zero mode [N m], which does not depend on the actuator model."""
     WAVEFORM = 'waveform'
-    """Torque [N m] or angle [rad] of a single rotor, which does not depend on the actuator
-    model."""
+    """Torque [N m] or angle [rad] of one rotor, which does not depend on the actuator model."""
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,7 @@ from soliton_linkage.linkage.chain import Array
 
 _DELIVERY_TIMEOUT = 10**9 // 2
 """A kick is reported without totals from the simulator if these do not arrive within this time
-after it [ns], measured by the stamps of frames. Even the slowest simulator publishes many frames
-in this time."""
+after it [ns], measured by the stamps of frames. Even slow simulators publish many frames in it."""
 
 
 @dataclass(frozen=True)

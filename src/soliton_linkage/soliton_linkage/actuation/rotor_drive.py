@@ -53,8 +53,7 @@ class RotorDrive:
     ) -> None:
         """Start a waveform on a rotor at `time` [s], with torques up to `limit` [N m].
 
-        `profile` is the torque [N m] or the angle [rad], whichever `quantity` states, as a
-        function of time.
+        `profile` is the torque [N m] or the angle [rad], as stated by `quantity`, versus time.
         """
         self._profile, self._rotor, self._limit = profile, rotor, limit
         self._started, self._servo = time, None
@@ -68,8 +67,7 @@ class RotorDrive:
     def add_torque(self, torques: Array, angles: Array, start: float, end: float) -> bool:
         """Add the mean torque from `start` to `end` [s] to `torques` [N m], shape (N,).
 
-        `angles` [rad], shape (N,), are the angles at `start`. Return whether the torque was
-        limited.
+        `angles` [rad] are those at `start`. Return whether the torque was limited.
         """
         if not self.unfinished(start):
             self.drop()
@@ -107,9 +105,9 @@ class _AngleServo:
     def torque(self, angle: float, springs: float, since: float, period: float) -> float:
         """Return the torque [N m] that acts from the next frame on.
 
-        In the current frame, which is `since` [s] after the start of the waveform, the rotor has
-        the angle `angle` [rad] and the springs exert the torque `springs` [N m]. The next frame is
-        `period` [s] later.
+        In the current frame, `since` [s] after the start of the waveform, the rotor has the angle
+        `angle` [rad], and the springs exert the torque `springs` [N m]. The next frame is `period`
+        [s] later.
         """
         if self._start is None:
             self._start = angle

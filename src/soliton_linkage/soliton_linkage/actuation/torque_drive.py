@@ -21,8 +21,7 @@ _REST_LEVEL = 1e-6
 """An actuator counts as at rest if its level is at most this fraction of the largest level since
 the command [1], because an exponential decay never reaches 0."""
 _SIGNS = {Edge.FIRST: 1.0, Edge.LAST: -1.0}
-"""Sign of the torque that a positive command causes at each edge [1]; +1 moves a wall towards the
-last rotor."""
+"""Sign of the torque of each edge actuator [1]; +1 moves a wall towards the last rotor."""
 
 
 @dataclass(frozen=True)
@@ -174,8 +173,7 @@ class JointDrive:
 
         `times` [s] are relative to `time`; `torques` [N m] have the shape (len(times),
         len(rotors)). If the first of `times` is positive, the torques change linearly from the
-        current torques to the first point. Points at negative times are in the past and have no
-        effect.
+        current torques to the first point. Points at negative times have no effect.
         """
         now = self._now(time)[rotors]
         if times[0] > 0:

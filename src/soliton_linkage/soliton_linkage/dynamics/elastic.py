@@ -50,8 +50,7 @@ DEFAULTS = ElasticSettings()
 class ElasticSimulation(Simulation):
     """Simulation of a chain of springs by integration of an `EquationOfMotion`.
 
-    Raises ValueError for an unknown `integrator`, and for `forces` that the integrator does not
-    support.
+    Raises ValueError for an unknown `integrator`, and for `forces` that it does not support.
     """
 
     def __init__(
@@ -125,8 +124,7 @@ class ElasticSimulation(Simulation):
 def absolute_tolerances(motion: EquationOfMotion, tolerance: float) -> Array:
     """Return the absolute tolerance of each variable of a solver.
 
-    With these tolerances, the error of a step, as a norm over all angles, is at most
-    `tolerance` [rad].
+    The error of a step, as a norm over all angles, is then at most `tolerance` [rad].
     """
     # The solver compares the mean error of all variables with the tolerance. In a long chain
     # most rotors rest and have no error. Without the division by sqrt(N) they would reduce the
@@ -147,7 +145,6 @@ def simulate(
 ) -> Recording:
     """Record the free motion of a chain of springs for `duration` [s], a frame every `period` [s].
 
-    `tolerance` [rad] and the errors are those of `Simulation`. Raises ArithmeticError if the
-    solver fails.
+    `tolerance` [rad] and the errors are those of `Simulation`. Raises ArithmeticError on failure.
     """
     return ElasticSimulation(chain, angles, rates, period, tolerance).record(duration)

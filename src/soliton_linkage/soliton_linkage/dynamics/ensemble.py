@@ -33,8 +33,7 @@ fewer rotors in total therefore uses only one core. Sensitivity for 256 chains o
 error of 1e-5 rad: at 0.25x, 0.5x and 2x, the computation takes 1.4, 1.2 and 0.9 times as long;
 with smaller errors, these times differ by less than 15 %."""
 _EQUAL = ('friction_rate', 'on_site_order', 'on_site_phase')
-"""Names of the parameters of force terms that must have the same value in all chains of a
-batch."""
+"""Parameters of force terms that must have the same value in all chains of a batch."""
 _SWITCHES = {
     'damping': 'dampings',
     'dry_friction': 'dry_frictions',
@@ -46,8 +45,7 @@ _SWITCHES = {
 `Chain` array that contains its values for all rotors or springs."""
 _OF_SPRINGS = {'spacings': [0.0], 'offsets': [0.0], 'rest_lengths': [1e9], 'stiffnesses': [0.0]}
 """Names of the `Chain` arrays with one value per spring, each with its value for the springs that
-connect two chains in `joined`. The large rest length ensures that the computed length of these
-springs is not 0."""
+connect two chains in `joined`. With the large rest length, no length is 0."""
 
 
 def joined(chains: Sequence[Chain]) -> Chain:
@@ -108,8 +106,7 @@ def simulate_many(
     results. The work is done by threads on all cores, or by `executor`, for example
     `client.get_executor()` of Dask. The error of each step, as a norm over a chain, is at most
     `tolerance` [rad]. Successive chains with free ends and the same force terms are simulated in
-    batches. Raises ArithmeticError if a motion cannot be integrated, and ValueError for chains
-    with feedback.
+    batches. Raises ArithmeticError if a solver fails, and ValueError for chains with feedback.
 
     >>> import soliton_linkage as sl
     >>> chains = [sl.Chain(number_of_rotors=8, stiffness=k) for k in (40.0, 50.0)]

@@ -37,9 +37,8 @@ class MotorControllers:
     def torques(self, time: float, angles: Array) -> Array:
         """Return the torque of each motor [N m], shape (N,), from this frame to the next.
 
-        `angles` [rad], shape (N,), are measured at `time` [s]. If an angle is missing (NaN), the
-        motors of this rotor and of its neighbours have no torque. All torques are 0 until `delay`
-        + 2 frames are known.
+        `angles` [rad], shape (N,), are measured at `time` [s]. If an angle is missing (NaN), this
+        motor and its neighbours have no torque. All torques are 0 in the first `delay` + 1 frames.
         """
         self._frames.append((time, angles))
         if len(self._frames) < self._chain.feedback.delay + 2:

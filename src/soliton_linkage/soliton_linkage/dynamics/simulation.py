@@ -29,8 +29,7 @@ class SimulationSettings:
     """Tuning of every simulation."""
 
     max_steps: int = 1000
-    """Largest number of solver steps in a frame, divided by 1 + `period` / `Chain.time_unit`
-    [1]."""
+    """Largest number of solver steps per frame, divided by 1 + `period` / `Chain.time_unit`."""
 
 
 DEFAULTS = SimulationSettings()
@@ -43,8 +42,8 @@ class Simulation(ABC):
     of gravity act from the current frame on. The torques of `Chain.feedback` are computed at each
     frame and are constant until the next frame. In each solver step, the error of the angles, as a
     norm over all rotors, is at most `tolerance` [rad], and the error of the rates is at most
-    `tolerance` / `chain.time_unit`. `kicks` is the number of kicks so far, and `kick_work` is the
-    sum of their work [J].
+    `tolerance` / `chain.time_unit`. `kicks` is the number of kicks so far, and `kick_work` their
+    work [J].
 
     The simulation starts from `angles` [rad] and `rates` [rad/s], by default from rest. Rotors in
     `fixed` do not turn. `forces` contains additional terms of the equation of motion, or functions
@@ -129,8 +128,7 @@ class Simulation(ABC):
     def energy_drift(self) -> float:
         """Relative energy error of the solver since the start [1].
 
-        The error is energy - initial energy - work + dissipated energy, divided by the largest
-        energy so far.
+        It is (energy - initial energy - work + dissipated energy) / largest energy so far.
         """
         change = self.motion.external_energy(self.angles) - self._external_at_start
         self._largest_energy = max(self._largest_energy, self._motion_and_springs(), abs(change))

@@ -7,8 +7,7 @@ term, write a subclass of `CompiledTerm`, a kernel, and a line in `sum_terms`. A
 
 A kernel reads angles, rates, cosines and sines from rows of `work`, shape (rows, P + VECTOR), and
 adds torques [N m] to the row TORQUES. The N rotors are padded with zeros to P, a multiple of
-VECTOR. A kernel accesses elements by indices, because views of rows are slow: numba counts
-references to them.
+VECTOR. A kernel uses indices, because views of rows are slow: numba counts references to them.
 """
 
 from __future__ import annotations
@@ -43,8 +42,7 @@ VECTOR = 8
 
 ANGLES, RATES, COSINES, SINES, TORQUES, TORQUES_ON_RIGHT, ACTIVE = range(7)
 """Indices of the rows of `work`. Element n + 1 of TORQUES_ON_RIGHT is the torque that spring n
-exerts on its right rotor, n + 1. ACTIVE contains the torques of active terms, which are also
-included in TORQUES."""
+exerts on its right rotor, n + 1. ACTIVE contains the active terms, which TORQUES includes."""
 
 SPRINGS, GRAVITY, CONSTANT, LINEAR_DAMPING, DRY_FRICTION = range(5)
 QUADRATIC_DAMPING, ON_SITE, NON_RECIPROCAL = range(5, 8)
@@ -75,8 +73,7 @@ class CompiledTerm(Term):
 
     kind: int
     rows: Array
-    """Parameters of the kernel, shape (parameters, N), or (parameters, 1) if all rotors are
-    equal."""
+    """Parameters of the kernel, (parameters, N), or (parameters, 1) if all rotors are equal."""
 
     def add(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
         """Add the torques of the kernel; return the dissipated power [W]."""
@@ -318,8 +315,7 @@ def tension(w: float) -> float:
     """Return 1 - 1 / sqrt(w): the force of a spring divided by k l, for l = lbar sqrt(w).
 
     With an estimate y of 1 / sqrt(w) and d = 1 - w y^2, the series y (1 + d / 2 + 3 d^2 / 8) is
-    exact in double precision. A division and a square root would take as long as the rest of the
-    kernel.
+    exact in double precision. Division and square root would take as long as the rest.
     """
     y = _inverse_root_estimate(w)
     d = 1 - w * y * y

@@ -2,8 +2,7 @@
 """Work of impulses and torques on a chain.
 
 A kick with the impulses J does the work J^T (phi_dot before + phi_dot after) / 2. Constant torques
-tau do the work tau^T (phi(t_1) - phi(t_0)) between two frames at t_0 and t_1, whatever the motion
-between them is.
+tau do the work tau^T (phi(t_1) - phi(t_0)) from t_0 to t_1, whatever the motion is.
 """
 
 from __future__ import annotations

@@ -31,17 +31,14 @@ _RESTARTS = 3
 """Largest number of runs of the iteration [1]; each run starts with the lengths that the previous
 one found. Two runs suffice unless several bonds are near a limit."""
 _HALVINGS = 8
-"""Number of step lengths that are tried [1]: the full step, and then repeatedly half the previous
-length."""
+"""Number of tried step lengths [1]: the full step, then repeatedly half the previous length."""
 _NOISE_OF_COST = 1.0
 """A step is accepted if it increases -2 log likelihood by less than this [1], because the
 first-order derivatives cause errors of this size."""
 _CONVERGED = 0.05
-"""The iteration ends after a step that is shorter than this, in standard deviations (Mahalanobis
-distance) [1]."""
+"""The iteration ends after a step shorter than this, as a Mahalanobis distance [1]."""
 _TOLERANCE_CHANGE = 0.05
-"""The iteration ends only after a step that changes no tolerance by more than this fraction
-[1]."""
+"""The iteration ends only after a step that changes no tolerance by a larger fraction [1]."""
 
 
 @dataclass(frozen=True)
@@ -53,14 +50,12 @@ class Adjustment:
     """Covariance of the P unknowns of `lengths`, shape (P, P). The mean spacing has no variance,
     because it is the unit of length."""
     information: Array
-    """Fisher information of the readings on the same unknowns, shape (P, P); the prior is not
-    included."""
+    """Fisher information of the readings, without the prior, on the same unknowns, (P, P)."""
     tolerances: Tolerances
     noise: float
     """Standard deviation of a reading [rad], computed from the misclosures of all bonds."""
     bond_noise: Array
-    """Standard deviation of a reading [rad], computed from the misclosures of each bond alone,
-    shape (N - 1,)."""
+    """Standard deviation of a reading [rad], from the misclosures of each bond alone, (N - 1,)."""
     residuals: Array
     converged: bool
 
@@ -78,8 +73,7 @@ def adjust(
 ) -> Adjustment:
     """Estimate lengths and encoder offsets from readings [rad], (T, N), NaN if missing.
 
-    `tolerance` is the prior standard deviation of the log of a length [1]; if it is None, it is
-    estimated.
+    `tolerance` is the prior standard deviation of log lengths [1]; if None, it is estimated.
 
     If a bond is nearly collinear with a rotor in a frame, two different configurations close all
     bonds in this frame, and the iteration may have followed the wrong one. Therefore, after
@@ -235,8 +229,7 @@ def _room(lengths: Lengths) -> tuple[Array, Array]:
     A bond has the rest length l, the spacing a and the rotor lengths r_n and r_(n+1). The first
     distance is l - a - |r_n - r_(n+1)|. The second distance is a + l - r_n - r_(n+1). If it is
     negative for most bonds, as in spinners, its sign is reversed for all bonds. A bond is beyond a
-    limit if the distance is negative. The derivatives of the distances by the P unknowns have
-    shape (2 K, P).
+    limit if the distance is negative. Their derivatives by the P unknowns have shape (2 K, P).
     """
     r, a, rest = lengths.rotor_lengths, lengths.spacings, lengths.rest_lengths
     left, right = r[:-1], r[1:]

@@ -49,8 +49,7 @@ _SLIDING = 0.1
 """Rate w above which dry friction is nearly constant [rad/s]. Its exact value matters little,
 because the rotors in a wall turn much faster."""
 _ROUNDS = 2
-"""Number of times that the standard deviation of the log masses is estimated and the motion is
-fitted again [1]."""
+"""Number of estimates of the standard deviation of log masses, each followed by a fit [1]."""
 _KNOWN = 1e-6
 """Prior standard deviation of log gravity if gravity is known [1]."""
 _LARGEST_EXCESS = 1.5
@@ -67,9 +66,8 @@ _STEP = 1e-4
 """Step of the numerical derivatives by an unknown, divided by the absolute value of the unknown or
 by its prior standard deviation, whichever is larger [1]."""
 _INFORMED = 1e-9
-"""A combination of length errors is neglected if its variance, relative to the variance of the
-most uncertain combination, is smaller than this [1], because such a variance is a rounding
-error."""
+"""A combination of length errors is neglected if its variance is smaller than this fraction of the
+largest one [1], because it is a rounding error."""
 
 
 def _acceleration(
@@ -233,8 +231,8 @@ def bar_motion(
 
     The result is None if no free motion has enough frames, or if the residuals are so large that
     other forces probably acted. `covariance` is the covariance of the unknowns of `lengths`, and
-    `noise` is the standard deviation of a reading [rad]. Gravity is estimated unless
-    `gravity_known`.
+    `noise` the standard deviation of a reading [rad]. Unless `gravity_known`, gravity is
+    estimated.
     """
     orbit = orbit_of(lengths.chain(Chain()))
     intervals = free_intervals(readings.times, readings.interruptions)

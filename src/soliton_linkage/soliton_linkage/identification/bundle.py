@@ -32,14 +32,11 @@ from soliton_linkage.linkage.springs import spring_between
 _BATCH = 256
 """Number of frames in a batch; the arrays of a batch fit into the cache."""
 _MISSING_VARIANCE = 1e4
-"""A missing reading counts as a reading with this variance, relative to the variance of a typical
-reading [1]."""
+"""Variance of a missing reading, relative to the variance of a typical reading [1]."""
 _CLOSINGS = 8
-"""Largest number of Newton steps of the angles after a change of the lengths [1]; 2 or 3 are
-usual."""
+"""Largest number of Newton steps of the angles after a change of lengths [1]; usual are 2 or 3."""
 _CLOSED = 1e-4
-"""The Newton steps of the angles end when no angle changes by this or more [rad]; the limit is far
-below the noise."""
+"""Newton's method ends when no angle changes by this or more [rad]; the noise is far larger."""
 _LARGEST_ERROR = 0.3
 """A Newton step moves an angle no farther than this from its reading [rad]; without this limit,
 Newton's method would diverge for wrong lengths."""
@@ -50,10 +47,9 @@ class Misclosures(NamedTuple):
 
     values: Array
     first: Array
-    """Derivatives of the misclosures by the angle of the left rotor, df_n / dphi_n [m/rad]."""
+    """Derivatives by the angle of the left rotor, df_n / dphi_n [m/rad]."""
     second: Array
-    """Derivatives of the misclosures by the angle of the right rotor, df_n / dphi_{n+1}
-    [m/rad]."""
+    """Derivatives by the angle of the right rotor, df_n / dphi_{n+1} [m/rad]."""
     slopes: Array
     """Derivatives of f_n by the six unknowns of bond n (see `Lengths`), shape (N - 1, T, 6)."""
 
@@ -149,8 +145,7 @@ class Bundle:
 
         `relative_deviations` are the standard deviations of the readings, divided by the standard
         deviation of a typical reading [1]. `repeat_counts` contains, for each reading, the number
-        of successive equal readings to which it belongs. Together, these readings have the weight
-        of one reading.
+        of successive equal readings to which it belongs. Together, these have the weight of one.
         """
         self._readings = np.ascontiguousarray(readings.T)
         self._seen = np.isfinite(self._readings)

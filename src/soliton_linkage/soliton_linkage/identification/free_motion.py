@@ -37,14 +37,11 @@ from soliton_linkage.identification.motion_loops import (
 from soliton_linkage.linkage.chain import Array
 
 _LONGEST_STEP = 0.4
-"""Largest product of the integration step and the rate `FreeMotion.fastest` [1]; angles then have
-errors below 2e-5 rad."""
+"""Longest integration step times `FreeMotion.fastest` [1]; the angle errors are below 2e-5 rad."""
 _BATCH = 32
-"""Number of frames for which sensitivities are in memory at a time; for 40 rotors they need 3
-MB."""
+"""Number of frames with sensitivities in memory at a time; for 40 rotors they need 3 MB."""
 _SLIDING = 0.1
-"""Rate w above which dry friction is nearly constant [rad/s]; at 0.5x, the integration needs more
-steps."""
+"""Rate w above which dry friction is nearly constant [rad/s]; at 0.5x, more steps are needed."""
 FORCE_UNKNOWNS = 3
 """Number of unknowns of the forces: damping c, dry friction b and log gravity."""
 

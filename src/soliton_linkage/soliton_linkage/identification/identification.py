@@ -54,8 +54,7 @@ _ADJUSTMENTS = 6
 """Largest number of fits of the lengths [1]. Outliers are removed after each fit, and the next fit
 may reveal smaller outliers."""
 _MOST_FITTED = 3000
-"""Largest number of frames in the fit of a motion; with so many, the fit of 40 rotors takes 20 s
-or more."""
+"""Largest number of frames in the fit of a motion; for 40 rotors it then takes 20 s or more."""
 
 
 def identify(

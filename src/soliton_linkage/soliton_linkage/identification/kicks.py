@@ -36,8 +36,7 @@ _STEP_NOISE = 0.02
 deviation due to noise is this fraction of the root mean square speed [1]. Sensitivity: in 14 of 16
 recordings with a random kick, the largest step is the kick; at 2x, in 12; at 0.5x, in 14."""
 _FEWEST = 8
-"""Smallest number of frames over which the speed is averaged before a possible kick, and also
-after it [1]."""
+"""Smallest number of frames over which the speed on each side of a kick is averaged [1]."""
 _SMALLEST_STEP = 0.08
 """If springs do not fit without a kick, a kick is tried only at a change of the speed by more than
 this fraction of the root mean square speed [1]."""
@@ -95,8 +94,7 @@ def largest_steps(some: Readings, noise: float) -> Iterator[tuple[float, float]]
     The speed is the rate at which the vector of all angles moves along its path. The size is the
     change of the speed, divided by the root mean square speed [1]; it is 0 if there are too few
     frames. A kick changes the speed at once, whereas unequal masses and springs change it slowly.
-    Changes at known impulses and at changes of the tilt are ignored. `noise` is the reading noise
-    [rad].
+    Changes at known impulses and tilts are ignored. `noise` is the reading noise [rad].
     """
     times, steps = _steps(some, noise)
     for _ in range(_CANDIDATES):

@@ -22,8 +22,7 @@ UNKNOWNS_PER_ROTOR = 4
 UNKNOWNS_PER_BOND = 6
 """Number of unknowns that affect a bond: r and o of both rotors, and a and l."""
 _LONGEST_STEP = 0.2
-"""Largest change of the log of a length [1] or of an offset [rad] in one step; a longer step is
-shortened."""
+"""Largest change of a log length [1] or offset [rad] in a step; longer steps are shortened."""
 
 
 @dataclass(frozen=True)
@@ -105,9 +104,8 @@ def split_lengths(unknowns: Array) -> dict[str, Array]:
 
 
 _PASSING = 0.2
-"""`initial_lengths` uses a bond in a frame only if sin(phi_{n+1}) - sin(phi_n) differs from its
-median over all frames by more than this fraction of the largest difference from the median at a
-typical bond [1]."""
+"""`initial_lengths` uses a bond in a frame if sin(phi_{n+1}) - sin(phi_n) differs from its median
+over all frames by more than this fraction of the largest such difference of a typical bond [1]."""
 
 
 def initial_lengths(angles: Array) -> Lengths:

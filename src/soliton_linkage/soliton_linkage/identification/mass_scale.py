@@ -28,16 +28,13 @@ from soliton_linkage.identification.windows import FreeWindow
 from soliton_linkage.linkage.chain import Array
 
 _BEFORE = 50
-"""Number of fitted frames before the impulses; at 2x, the estimated rates are 3 times as
-precise."""
+"""Number of fitted frames before the impulses; at 2x, the rates are 3 times as precise."""
 _AFTER = 25
 """Number of fitted frames after the impulses; they show most of the effect of the impulses."""
 _MOST = 5
-"""Largest number of fits [1], each to the impulses between two free motions; a fit takes a
-second."""
+"""Largest number of fits [1], each to impulses between two free motions; one takes a second."""
 _LONGEST = 500
-"""Impulses are used only if at most this many frames lie between the free motions before and after
-them."""
+"""Impulses are used if at most this many frames separate the free motions before and after."""
 
 
 def mass_scale(
@@ -84,8 +81,7 @@ def _by_impulses(
 ) -> tuple[float, float, float] | None:
     """Return log(1 / M) for the mean mass M, and two parts of the variance of this logarithm.
 
-    The first part is due to the noise of the readings, the second one to errors of the fitted
-    chain.
+    The first part is due to the noise of readings, the second one to errors of the fitted chain.
     """
     times = readings.times
     first, last = before.frames.stop, after.frames.start

@@ -112,8 +112,7 @@ class StampErrors(NamedTuple):
     """
 
     variance: float
-    """Variance of stamp errors divided by the variance of a reading [s^2/rad^2]; 0 if
-    negligible."""
+    """Variance of stamp errors relative to that of a reading [s^2/rad^2]; 0 if negligible."""
     delays: Array
 
     def whitened(self, pulls: Array, values: Array) -> Array:
@@ -146,8 +145,7 @@ class Record(NamedTuple):
 
         The frames are those with the numbers `some`, or by default all frames of the window.
         `states`, (B, 2, N), are the angles and rates of the motion in these frames; by default,
-        they are computed. The weight of a reading is the inverse of its relative deviation, or 0
-        if it is missing.
+        they are computed. Weights are inverse relative deviations, or 0 for missing readings.
         """
         frames = window.frames if some is None else some
         if states is None:
@@ -170,8 +168,7 @@ class Record(NamedTuple):
 def window_matrix(window: FreeWindow, record: Record, every: int) -> Array:
     """Return the matrix of the normal equations of a window, for readings of unit variance.
 
-    To save time, only each `every`-th frame is used, and the matrix is scaled up to all frames of
-    the window.
+    To save time, only each `every`-th frame is used, and the matrix is scaled up to all frames.
     """
     motion, rotors = window.motion, np.arange(record.readings.shape[1])
     matrix = np.zeros((motion.size, motion.size))
@@ -190,8 +187,7 @@ def window_matrix(window: FreeWindow, record: Record, every: int) -> Array:
 def window_gradient(window: FreeWindow, record: Record, states: Array) -> Array:
     """Return the right side of the normal equations of a window, (Q,), as in `window_matrix`.
 
-    The variance of a reading is 1. `states` are the angles and rates in the B frames of the
-    window, (B, 2, N).
+    `states` are the angles and rates in the B frames of the window, (B, 2, N).
     """
     times = record.times[window.frames]
     weights, pulls, errors = record.weighted(window, None, states)

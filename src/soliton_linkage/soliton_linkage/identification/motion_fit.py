@@ -53,8 +53,8 @@ likelihood has a curved valley."""
 _ROUNDS = 4
 """Largest number of times that the tolerances are estimated and the motion is fitted again [1]."""
 _CONVERGED = 0.1
-"""The fit of the longest windows ends when the expected decrease of -2 log likelihood in a step is
-smaller than this [1]."""
+"""The last fit ends when -2 log likelihood is expected to decrease by less than this in a step
+[1]."""
 _COARSE = 0.1
 """The fit of shorter windows ends when the expected decrease of -2 log likelihood in a step,
 divided by the number of unknowns, is smaller than this [1]."""
@@ -76,11 +76,9 @@ _FITTING = 0.5
 differs from the readings there by less than this [rad]. The difference is the norm over all
 rotors, as root mean square over the frames."""
 UNEXPLAINED = 1.5
-"""A model does not match the readings if its residual noise is larger than this times the reading
-noise [1]."""
+"""A model matches readings if its residual noise is at most this times the reading noise [1]."""
 _SIGNIFICANT = 3.0
-"""Two values of the squared noise differ significantly if their difference is larger than this
-[standard deviations]."""
+"""Smallest significant difference of two values of the squared noise [standard deviations]."""
 _NOISE_SCATTER = 2.3
 """The squared noise that is estimated from n readings has a relative standard deviation of this
 value, divided by sqrt(n) [1]."""
@@ -94,8 +92,8 @@ _FASTEST = 100.0
 """A motion is rejected if its fastest rate times the frame interval is larger than this [1],
 because the integration of faster vibrations takes too long."""
 _LONGEST_STEP = 1.0
-"""Largest change of the log of a length, stiffness or mass in one step [1]; a longer step is
-shortened."""
+"""Largest change of the log of a length, stiffness or mass in a step [1]; larger ones are
+reduced."""
 _FAR = 5.0
 """After a step, the matrices are computed again if the decrease of -2 log likelihood that was
 expected in this step, divided by the number of unknowns, is larger than this [1]. The chain has
@@ -117,8 +115,7 @@ class MotionFit:
 
     windows: tuple[FreeWindow, ...]
     covariance: Array
-    """Covariance of the Q - 2 N unknowns of the chain; the other 2 N unknowns are the initial
-    state."""
+    """Covariance of the Q - 2 N unknowns of the chain, without the 2 N of the initial state."""
     information: Array
     """Information of the readings on the same unknowns; the prior is not included."""
     basis: Array

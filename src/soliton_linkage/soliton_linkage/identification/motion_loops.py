@@ -39,8 +39,7 @@ from soliton_linkage.linkage.springs import spring_between
 
 R, A, L, K, INERTIA = range(5)
 M = INERTIA
-"""Index of log m among the five unknowns of a rotor in `direct`; R, A, L and K are the indices of
-the other four."""
+"""Index of log m in `direct`; R, A, L and K are the indices of log r, log a, log l and log k."""
 ACCELERATION, BELOW, MAIN, ABOVE, DRAG, BY_DAMPING, BY_FRICTION, FALL = range(8)
 """Rows of `work`: acceleration and its derivatives; FALL is the acceleration by gravity."""
 DAMPING, FRICTION, SLIDING, ALONG, DOWN, LONGEST = range(6)
@@ -55,8 +54,7 @@ def accelerate(
 ) -> None:
     """Compute accelerations and their derivatives for angles [rad] and rates [rad/s], (N,) each.
 
-    The results are stored in `work` and `direct`. If `direct` is empty, only the accelerations in
-    `work` are valid.
+    The results are stored in `work` and `direct`. If `direct` is empty, no derivatives are valid.
     """
     rotors, values, inertias = angles.size, work[ACCELERATION], table[INERTIA]
     gravity = forces[ALONG] != 0.0 or forces[DOWN] != 0.0
@@ -157,9 +155,8 @@ def advance_sensitivities(
 ) -> None:
     """Advance the sensitivities of angles and rates, (Q, 2, N), by one Runge-Kutta step [s].
 
-    The sensitivities are `changes`. `works` and `directs` are the results of `advance` for the
-    same step. `own`, (5, N + 2), is working memory; the first and the last element of its row 0
-    must be 0.
+    `changes` are the sensitivities. `works` and `directs` are from `advance` for the same step.
+    `own`, (5, N + 2), is working memory; the first and the last element of its row 0 must be 0.
     """
     rotors = changes.shape[2]
     x_at, v_at, acceleration, x_sum, v_sum = own[0], own[1], own[2], own[3], own[4]
@@ -278,9 +275,8 @@ def pull_back(
 ) -> None:
     """Add the derivatives of the sum of angles * weights to `pull` and `gradient`.
 
-    `pull`, (2, N), receives the derivatives by the initial state, and `gradient`, (5 N + 3,),
-    those by the chain and the forces. `states` is the result of `integrate`, and `weights` has
-    shape (T, N).
+    `pull`, (2, N), receives derivatives by the initial state, `gradient`, (5 N + 3,), by chain and
+    forces. `states` is the result of `integrate`, and `weights` has shape (T, N).
     """
     rotors = pull.shape[1]
     at, works = np.empty((4, 2, rotors)), np.empty((4, 8, rotors))

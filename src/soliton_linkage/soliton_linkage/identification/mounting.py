@@ -34,14 +34,12 @@ _WEIGHTINGS = 4
 """Number of successive fits of a curve [1]; each fit uses weights from the previous one."""
 _FLATTEST = 0.1
 """The weight of a frame in the fit of a curve is the inverse of the derivative of the misfit by
-the angles. This value is added to the derivative in quadrature, so that no single frame dominates
-the fit [1]."""
+the angles. This value is added in quadrature, so that no single frame dominates [1]."""
 _BETTER = 0.8
 """The sign of an encoder counts as reversed if the misfit with the opposite sign is less than this
 times the misfit with the recorded sign [1]."""
 _AS_GOOD = 1.25
-"""This limit replaces `_BETTER` if a wall can pass the fitted bond only with the opposite sign
-[1]."""
+"""This limit replaces `_BETTER` if a wall can pass the bond only with the opposite sign [1]."""
 _IMPASSABLE = 0.95
 """A bond counts as impassable for walls if its `_Curve.room` is smaller than this [1]. The exact
 limit is 1, but noise changes `room` by 0.03."""
@@ -70,11 +68,9 @@ class _Curve(NamedTuple):
     mounting: Mounting
     misfit: float
     room: float
-    """Squared length of the fitted bond, divided by the smallest squared length with which a wall
-    can pass the bond [1]."""
+    """Squared length of the fitted bond, relative to the smallest that lets a wall pass [1]."""
     backward: bool
-    """Whether the two joints are exchanged, or both have an error of half a turn (K_1, K_2 <
-    0)."""
+    """Whether the joints are exchanged, or both are wrong by half a turn (K_1, K_2 < 0)."""
 
     @property
     def strange(self) -> bool:

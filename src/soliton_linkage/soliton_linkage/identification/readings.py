@@ -22,8 +22,7 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 
 _FEWEST_ROTORS = 4
-"""Smallest number of rotors in a recording, because bonds at the edges contain little
-information."""
+"""Smallest number of rotors, because bonds at the edges contain little information."""
 _LEAST_PRESENT = 0.5
 """Each rotor must have a reading in at least this fraction of the frames [1]."""
 _MOST_NAMED = 4
@@ -179,8 +178,7 @@ def join_recordings(recordings: Sequence[Readings]) -> Readings:
 
 
 _SMALLEST_STEP = 1e-9
-"""Smallest change that counts as a step of the encoder [rad]; smaller changes are rounding errors
-of the computer."""
+"""Smallest change that counts as an encoder step [rad]; smaller ones are rounding errors."""
 
 
 def rounding_noise(readings: Array) -> float:
@@ -209,18 +207,15 @@ _NEAR = 100
 _NEAR_IMPULSES = 0.5
 """Largest fraction of the selected frames that may be near impulses [1]."""
 _AVERAGED = 8
-"""Number of frames over which the direction exp(i phi) of a rotor is averaged, to find when it
-turns."""
+"""Number of frames over which exp(i phi) of a rotor is averaged, to find when the rotor turns."""
 _TURNING = 0.05
 """A rotor counts as turning if its mean direction over `_AVERAGED` frames differs from the mean
 over the previous `_AVERAGED` frames by more than this [1]."""
 _AT_REST = 0.1
-"""Number of selected frames per second while all rotors are at rest, relative to the number while
-a rotor turns [1]."""
+"""Ratio of the rates of selected frames while all rotors rest and while a rotor turns [1]."""
 _FILLINGS = 5
-"""Number of iterations in the computation of the density of selected frames [1]. Where the density
-exceeds the density of all frames, each iteration limits it, and distributes the excess over the
-other times."""
+"""Number of iterations in the computation of the density of selected frames [1]. Each iteration
+limits it to the density of all frames, and distributes the excess over other times."""
 
 
 def informative_frames(

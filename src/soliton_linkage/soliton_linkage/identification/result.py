@@ -18,8 +18,8 @@ from soliton_linkage.identification.motion_fit import MotionFit
 from soliton_linkage.linkage.chain import Array, Chain
 
 STRAINED = 1.1
-"""Bonds count as not closed if the noise computed from their misclosures is larger than this times
-the reading noise [1]."""
+"""Bonds count as closed if the noise computed from their misclosures is at most this times the
+reading noise [1]."""
 _WORSE = 1.25
 """A bond is reported if its `bond_noise` is larger than this times the median `bond_noise` of all
 bonds [1]; ratios of 1.1 are usual."""
@@ -40,14 +40,11 @@ class Identification:
     noise: float
     """Standard deviation of a reading [rad], computed from the residuals of the model."""
     reading_noise: float
-    """Standard deviation of a reading [rad], computed from the changes of the readings between
-    frames."""
+    """Standard deviation of a reading [rad], computed from changes between frames."""
     bond_noise: Array
-    """Standard deviation of a reading [rad], computed from the residuals at each bond, (N -
-    1,)."""
+    """Standard deviation of a reading [rad], from the residuals at each bond, (N - 1,)."""
     tolerance: float
-    """Relative standard deviation of lengths of one kind (rotor lengths, spacings or rest lengths)
-    [1]."""
+    """Relative standard deviation of rotor lengths, of spacings, and of rest lengths [1]."""
     rigid: bool
     """Whether all bonds close within the noise, so that stiffnesses are unknown."""
     unused_frames: int
@@ -82,8 +79,7 @@ def by_springs(
 ) -> Identification:
     """Return the result for springs: lengths, stiffnesses, masses and drag from the fitted motion.
 
-    `scale` contains the mean mass [kg] and the standard deviation of its log [1], or is None if
-    these are unknown.
+    `scale` contains the mean mass [kg] and the standard deviation of its log [1], if known.
     """
     motion = fitted.motion
     deviations = split_chain(np.sqrt(np.diag(fitted.covariance)))

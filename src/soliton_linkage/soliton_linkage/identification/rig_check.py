@@ -25,8 +25,7 @@ _LARGEST_JITTER = 1e-3
 _LARGEST_AGE = 0.5
 """Largest acceptable age of a frame at its arrival [s]."""
 _LARGEST_LEAD = 0.01
-"""Largest time by which a stamp may be in the future [s]; clocks synchronised by NTP differ
-less."""
+"""Largest time by which a stamp may be in the future [s]; NTP clocks differ less."""
 _LARGEST_SLOWNESS = 0.1
 """Largest acceptable relative error of the speed at which stamps advance [1]."""
 _LATE = 1.5
@@ -37,18 +36,15 @@ that a single late frame does not count as missing."""
 _LARGEST_NOISE = 0.05
 """Largest acceptable noise of a reading [rad]."""
 _NOISY = 3.0
-"""A rotor counts as noisy if its noise is larger than this times the noise of the median rotor
-[1]."""
+"""A rotor counts as noisy if its noise is larger than this times the median noise [1]."""
 _SMALLEST_NOISE = 2e-3
 """No rotor with a smaller noise than this counts as noisy [rad]."""
 _LEAST_SEEN = 0.99
 """Smallest acceptable fraction of the frames in which a rotor has a reading [1]."""
 _LARGEST_STRETCH = 0.02
-"""Largest acceptable relative stretch of a bond [1]; a zero error of 0.05 rad causes a larger
-one."""
+"""Largest acceptable relative stretch of a bond [1]; a zero error of 0.05 rad causes more."""
 _LARGEST_OFFSET = 2.9
-"""Encoder offsets up to this are tried as the cause of the stretches [rad]; a larger one counts as
-half a turn."""
+"""Offsets up to this are tried as a cause of stretches [rad]; larger ones count as half turns."""
 _LARGEST_CHANGE = 0.3
 """Relative errors of lengths up to this are tried as the cause of the stretches [1]."""
 _EXPLAINED = 1 / 3
@@ -109,8 +105,7 @@ class RigFindings:
     noise: Array
     """Noise of each rotor [rad], (N,); NaN if unknown."""
     stretches: Array
-    """Apparent bond length divided by the configured one, minus 1 [1], (N - 1,); NaN if
-    unknown."""
+    """Ratio of apparent to configured bond length, minus 1 [1], (N - 1,); NaN if unknown."""
 
     @property
     def sound(self) -> bool:

@@ -126,12 +126,10 @@ _OUTLIER = 7.0
 """A reading counts as wrong if it differs from a smooth motion by more than this [standard
 deviations], plus the term that `_OF_RANGE` defines."""
 _OF_RANGE = 0.3
-"""While a rotor turns, larger differences from a smooth motion are allowed. The additional
-difference is the product of this [1], the range of the adjacent readings, and the number of
-readings in the run."""
+"""While a rotor turns, the allowed difference from a smooth motion is larger by the product of
+this [1], the range of the adjacent readings, and the number of readings in the run."""
 _BESIDE = 3
-"""Number of adjacent readings before a run of readings, and also after it, with which the run is
-compared [1]."""
+"""Number of readings on each side of a run of readings with which the run is compared [1]."""
 _LONGEST_RUN = 3
 """A run of successive wrong readings of a rotor is removed if it is not longer than this [1]; a
 longer run may be a slip of the encoder."""
@@ -250,8 +248,7 @@ jumps of 2.2; in 20 recordings, none was larger than 7."""
 _SMALLEST_JUMP = 0.1
 """Smallest jump that is reported [rad]; the motion of a rotor causes no such jump."""
 _JUMP_OVER_NEIGHBOURS = 3.0
-"""A jump is reported only if it is larger than this times the simultaneous jump of each neighbour
-[1]."""
+"""A jump is reported if it is larger than this times the simultaneous jumps of both neighbours."""
 
 
 def noise_of(readings: Array, relative_deviations: Array) -> float:

@@ -29,9 +29,8 @@ _MERGED = 4
 """Largest number of windows that are merged at a time [1]; at 2x, the wall that the first motion
 predicts may be too far from the readings."""
 _LONGEST_WINDOW = 1600
-"""Largest number of frames in a merged window. Such a window is long enough: it has 800 readings
-for each unknown of its initial state. In longer windows, the angles would depend less linearly on
-the unknowns."""
+"""Largest number of frames in a merged window. It then has 800 readings for each unknown of its
+initial state. In longer windows, angles depend less linearly on the unknowns."""
 _DENSE_FRAMES = 0.05
 """This quantile of the frame intervals, each averaged over `_RATE_FRAMES` intervals, is used as
 the frame interval without gaps [1]. Windows end at gaps, which are intervals of more than
@@ -43,8 +42,7 @@ class FreeWindow(NamedTuple):
 
     frames: slice
     motion: FreeMotion
-    """Motion that begins with the state in the first frame; the chain is the same in all
-    windows."""
+    """Motion that begins with the state in the first frame; all windows have the same chain."""
 
 
 def free_intervals(times: Array, interruptions: Sequence[float]) -> list[slice]:
@@ -150,8 +148,7 @@ _FRICTION_DECELERATION = 10.0
 _LOG_GRAVITY = 1.0
 """Prior standard deviation of the log of gravity if the mean spacing is unknown [1]."""
 _INFORMED = 1e-12
-"""Eigenvalues of the information that are smaller than this, relative to the largest one, are
-neglected [1]."""
+"""Eigenvalues of the information below this fraction of the largest one are neglected [1]."""
 
 
 def force_deviations(inertia: float) -> Array:
@@ -188,8 +185,7 @@ class MotionPrior:
         """Return the information of the prior, and the chain of `motion` minus the prior mean.
 
         Both refer to the Q - 2 N unknowns of the chain. The prior does not restrict the mean of
-        the log lengths of one kind or of the log stiffnesses, but only the scatter about this
-        mean.
+        the log lengths of one kind or of the log stiffnesses, only the scatter about it.
         """
         at, rotors = motion.slices, len(motion.masses)
         size = at.forces.stop

@@ -71,9 +71,8 @@ def dispersion(chain: Chain, wave_numbers: ArrayLike, branch: int = 1) -> Array:
 
     omega(k) = sqrt(k_e / M) |q+ +- q- e^(i k a)| / r, where `branch` (+1 or -1) is the sign +-.
     The paper (section 1) omits 1/r. When k runs from -pi / a to pi / a, each of the two branches
-    alone covers the whole spectrum. Because this form has no cancellation, the code uses omega^2 =
-    gap^2 + (2 c / a)^2 sin(k a / 2)^2, with the speed of sound c, and the cosine if the branch has
-    its minimum at pi / a.
+    alone covers the whole spectrum. To avoid cancellation, the code uses omega^2 = gap^2 + (2 c /
+    a)^2 sin(k a / 2)^2, or the cosine if the minimum is at pi / a.
     """
     if branch not in (-1, 1):
         raise ValueError(f'branch = {branch!r} must be +1 or -1')
@@ -87,8 +86,7 @@ def gap(chain: Chain) -> float:
     """Return the lowest angular frequency of the phonons, sqrt(k_e / M) ||q+| - |q-|| / r [rad/s].
 
     In units of sqrt(k_e / M) the gap is 2 r sin(2 theta_bar) / lbar for d < 1 and 2 a
-    cos(theta_bar) / lbar for d > 1. The paper (section 1) has r^2 sin(2 theta_bar) / lbar for all
-    d.
+    cos(theta_bar) / lbar for d > 1. The paper (section 1) has r^2 sin(2 theta_bar) / lbar.
     """
     return band_edges(chain)[0]
 
@@ -177,8 +175,7 @@ def wobble_exponents(chain: Chain) -> tuple[complex, complex]:
     They follow from the equation (a^2 / 8) du'' - (a^2 / (4 ub)) du' + du = 0 for the tail du(x).
     The equation states that the bars keep their length, up to the second derivative of du. It
     holds on the side of the wall that is nearer to rotor 0, where the tail increases with x. In
-    the paper (supporting information, equation `wobblingode`), the middle term has the opposite
-    sign.
+    the paper (equation `wobblingode`), the middle term has the opposite sign.
     """
     inverse = 1 / (chain.rotor_length * math.sin(chain.rest_angle))
     square = (inverse - math.sqrt(8) / chain.spacing) * (inverse + math.sqrt(8) / chain.spacing)
@@ -193,9 +190,8 @@ def continuum_tail(chain: Chain) -> Tail:
     """Return the more slowly decaying one of the two tails that `wobble_exponents` describes.
 
     For d > 1 / sqrt(2), the tail oscillates. Its decay length is then ub = r sin(theta_bar), and
-    its wave number increases with d towards sqrt(8) / a. The oscillation is an artefact of the
-    continuum expansion. The decay length agrees with the one of `exact_tail` for d << 1 and
-    d >> 1.
+    its wave number increases with d towards sqrt(8) / a. This is an artefact of the continuum
+    expansion. The decay length agrees with the one of `exact_tail` for d << 1 and d >> 1.
     """
     plus, minus = wobble_exponents(chain)
     return Tail(1 / minus.real, plus.imag)

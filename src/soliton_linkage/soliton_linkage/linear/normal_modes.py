@@ -60,8 +60,7 @@ def mode_frequencies(chain: Chain, angles: ArrayLike) -> Array:
 
     With free ends, they are the eigenvalues >= 0 of [[0, B^T], [B, 0]], where the module docstring
     defines B. With rows and columns in the order rotor 0, spring 0, rotor 1 and so on, this matrix
-    is tridiagonal, so that the calculation takes a time O(N^2). Raises ValueError if a spring is
-    stretched.
+    is tridiagonal, and the time is O(N^2). Raises ValueError if a spring is stretched.
     """
     relaxed = _relaxed(chain, angles)
     if chain.periodic:
@@ -132,8 +131,7 @@ def phonon_energy(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> float:
     zero mode of that result, I the moments of inertia, and T the kinetic energy of given rates. E
     is the sum of `phonon_energies` without the first energy. It includes the elastic energy of a
     moving wall. If there are several walls, only their common motion along t is excluded. With
-    periodic ends nothing is excluded, and E is the total energy. Raises the same errors as
-    `phonon_energies`.
+    periodic ends, E is the total energy. Raises the same errors as `phonon_energies`.
     """
     relaxed, displacement = _departure(chain, angles)
     left = chain.check_angles(rates, 'rate')

@@ -139,8 +139,7 @@ def mode_towards_last(chain: Chain, angles: Array) -> Array:
 def edge_mode(chain: Chain, angles: Array, edge: Edge, anywhere: bool = False) -> Array:
     """Return the normalised zero mode that moves the wall away from an edge [1], shape (N,).
 
-    Unless `anywhere` is true, raises ValueError if the centre of the mode is nearer to the other
-    edge.
+    Unless `anywhere`, raises ValueError if the centre of the mode is nearer to the other edge.
     """
     return resolved_edge_mode(chain, angles, edge, anywhere)[1]
 

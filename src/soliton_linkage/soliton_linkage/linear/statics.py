@@ -16,8 +16,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 _ITERATIONS = 60
 """Largest number of Newton iterations [1]; a start far from the result needs many."""
 _LONGEST_STEP = 0.5
-"""A Newton step is scaled down so that no angle changes by more than this [rad]. The result then
-stays near the start."""
+"""Largest change of an angle in a Newton step [rad]; longer steps could end far from the start."""
 _ROUNDING = 1e-12
 """Newton's method has converged to an equilibrium when no torque is larger than this fraction of
 k_e lbar r [1], which is the size of the rounding errors."""
@@ -83,9 +82,8 @@ def toggled_angle(chain: Chain, angles: Array, edge: Edge) -> float:
 def min_norm_change(chain: Chain, angles: Array, lengthening: Array) -> Array:
     """Return the smallest change of the angles that causes given extensions [rad], shape (N,).
 
-    The change is R^T (R R^T)^(-1) dl, with the rigidity matrix R and the extensions
-    dl = `lengthening` [m] of shape (springs,). Raises ValueError if the configuration has a state
-    of self-stress.
+    The change is R^T (R R^T)^(-1) dl, with the rigidity matrix R and the extensions dl =
+    `lengthening` [m] of shape (springs,). Raises ValueError for a state of self-stress.
     """
     try:
         if chain.periodic:

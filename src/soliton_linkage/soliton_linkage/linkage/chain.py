@@ -210,8 +210,8 @@ class Chain:
     def check_angles(self, angles: ArrayLike, what: str = 'angle') -> Array:
         """Return the angles as an array of shape (N,) after checking them.
 
-        Raises ValueError, which calls the values `what`, for a wrong shape or for values that are
-        not finite.
+        Raises ValueError, which calls the values `what`, for a wrong shape and for infinite or NaN
+        values.
         """
         checked = np.asarray(angles, dtype=np.float64)
         check_shape(checked, self.number_of_rotors, what)
@@ -318,8 +318,7 @@ def displacement(chain: Chain, angles: ArrayLike) -> Array:
 def uprightness(angles: ArrayLike) -> int:
     """Return -1 if the chain is upside down, otherwise +1.
 
-    In a chain that is upside down, the sum of cos(theta) over all rotors except the first and the
-    last is negative.
+    Upside down, the sum of cos(theta) over all rotors except the first and the last is negative.
     """
     vertical = np.cos(angles)
     return -1 if vertical[2:-1:2].sum() < vertical[1:-1:2].sum() else 1

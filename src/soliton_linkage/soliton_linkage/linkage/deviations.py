@@ -26,8 +26,7 @@ _LOWEST_FRACTIONS = {
     'on_site_torque': -_LARGEST_FRACTION,
     'feedback': -_LARGEST_FRACTION,
 }
-"""Lowest allowed relative deviation [1] of the quantities that deviations may make 0 or
-negative."""
+"""Lowest allowed relative deviations [1] of the quantities that may become 0 or negative."""
 
 
 def _fractions(of: str, each: str) -> Any:
@@ -99,7 +98,7 @@ OF_SPRINGS = ('spacing', 'stiffness', 'rest_length', 'non_reciprocity')
 """Names of the quantities that have one value per spring; all others have one value per rotor."""
 NO_DEVIATIONS = Deviations()
 _LARGEST_SPREAD = 0.5
-"""Largest allowed relative standard deviation [1]. At this value, one random parameter in forty is
+"""Largest allowed relative standard deviation [1]. With it, one random parameter in forty is
 negative."""
 
 

@@ -10,8 +10,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar
 
 LARGEST_SEED = 10**9
-"""Largest allowed random seed. An integer parameter of a node has 64 bits, which is enough for
-this seed."""
+"""Largest allowed random seed, for which the 64 bits of a node's integer parameter suffice."""
 
 LARGEST_ANGLE = 1e9
 """Largest allowed unwrapped angle [rad]. Double precision resolves 1e-7 rad at this angle, which

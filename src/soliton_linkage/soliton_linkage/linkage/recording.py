@@ -14,8 +14,7 @@ from soliton_linkage.linkage.chain import Array
 class Recording:
     """T frames of N rotors.
 
-    Raises ValueError if the shapes do not fit together, or if times are not finite or do not
-    increase.
+    Raises ValueError for inconsistent shapes, and for times that are not finite and increasing.
     """
 
     times: Array

@@ -30,8 +30,7 @@ _INTERVALS = 64
 """Number of intervals in the fit [1]. Sensitivity: at 0.5x, the error doubles; at 2x, a fit takes
 4 times as long."""
 _FIRST_INTERVAL = 1 / 16
-"""Duration of the first intervals [s], short because the drift is known only after two
-intervals."""
+"""Duration of the first intervals [s]; short, because the drift is known only after two."""
 _LONGEST_INTERVAL = 2.0
 """Longest duration of later intervals [s]. Sensitivity: at 0.5x, the line follows the changing
 drift of a warming clock faster."""
@@ -53,8 +52,7 @@ _UNUSUAL = 8.0
 median interval is larger than this times the median of such differences [1]."""
 _ABOVE_OTHERS = 2.0
 """For messages with a checksum: an interval is unusual if its difference from a multiple of the
-median interval is larger than this times the largest such difference of the other intervals
-[1]."""
+median interval is larger than this times the largest such difference of other intervals."""
 _CLOCK_RESOLUTION = 1e-4
 """An interval is unusual only if its difference from a multiple of the median interval is larger
 than this [s], which is 25 ticks of micros() of an Arduino."""
@@ -62,8 +60,7 @@ _REMEMBERED = 128
 """Number of messages whose delays and intervals are compared [1]; at 0.25x, a rare interval seems
 unusual, and at 4x, a jump by less than an interval is corrected later."""
 _WRONG_TIMES = _REMEMBERED // 16
-"""Among the compared messages without a checksum, at most this many are expected to have a wrong
-time [1]."""
+"""Largest expected number of wrong times among the compared messages without a checksum [1]."""
 _CONFIRMATIONS = 3
 """Number of successive implausible times that prove a jump or a restart of the clock if they are
 consistent with each other."""
@@ -138,8 +135,7 @@ class DeviceClock:
     offset and drift. Other implausible times are rejected.
 
     The estimate is also restarted if all recent delays are much longer than the smallest delay
-    since its start. The smallest delay then comes from a wrong time, or from a message before a
-    jump of the clock.
+    since its start. The smallest delay is then due to a wrong time, or to a jump of the clock.
     """
 
     def __init__(self) -> None:
@@ -148,8 +144,7 @@ class DeviceClock:
         self.jumps = 0
         """Number of jumps of the controller's clock by less than 0.25 s."""
         self.delay = 0.0
-        """Delay of the last measurement minus the smallest delay, which the fitted line gives
-        [s]."""
+        """Delay of the last measurement minus the fitted smallest delay [s]."""
         self._last: int | None = None
         self._stamp = -1
         self.reset()

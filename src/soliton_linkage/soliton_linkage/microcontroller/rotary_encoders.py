@@ -147,8 +147,7 @@ class AngleStream:
     def take(self, frame: SerialFrame, arrival: int) -> StampedAngles | None:
         """Return the angles of a frame that arrives at `arrival` [ns]; None for a `hello` frame.
 
-        Raises ValueError for a frame that has no readings, belongs to another chain, is repeated,
-        or is implausible.
+        Raises ValueError for a frame without readings, of another chain, repeated, or implausible.
         """
         if frame.kind is FrameKind.HELLO:
             self.reset()
@@ -175,8 +174,7 @@ class AngleStream:
     def _count_lost(self, number: int) -> None:
         """Update the number of lost frames, given the number of the latest frame.
 
-        The number is compared with the numbers of several previous frames, so that one wrong
-        number has no effect.
+        It is compared with several previous numbers, so that one wrong number has no effect.
         """
         totals = [
             lost + missing

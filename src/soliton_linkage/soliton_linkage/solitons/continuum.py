@@ -34,8 +34,8 @@ class WallTheory(ABC):
 
     If `exact_sound` is true, c is the exact speed of sound of the chain, which agrees better with
     simulated walls. E_s = M_eff c^2 then holds only in the limit of very small or large d.
-    Velocities are in m/s. Methods raise ValueError for a velocity of c or more, and for a charge
-    other than +1 or -1.
+    Velocities are in m/s. Methods raise ValueError for velocities of c or more, and for charges
+    other than 1 and -1.
     """
 
     chain: Chain
@@ -153,8 +153,7 @@ class FlipperTheory(WallTheory):
 
         L = (1 / a) integral dx {(M / 2) u_t^2 - (K / 2) [(ub^2 - u^2) + (a^2 / 2) u_x]^2}.
 
-    In the paper (equation `lagrangian2`) the cross term is half as large and the factor 1 / a is
-    missing.
+    In the paper (`lagrangian2`), the cross term is half as large and the factor 1 / a is missing.
     """
 
     def __post_init__(self) -> None:
@@ -225,8 +224,7 @@ class FlipperTheory(WallTheory):
     ) -> tuple[Array, Array]:
         """Return angles [rad] and rates [rad/s] of a chain with a wall at a position [m].
 
-        The angles satisfy sin(theta) = u / r, and the even rotors point up. The rates follow from
-        u_t = -v u'.
+        The angles satisfy sin(theta) = u / r, the even rotors point up, and u_t = -v u'.
         """
         chain, pivots = self.chain, self._pivots()
         displacements = self.displacements(pivots, position, velocity, charge)
@@ -251,8 +249,8 @@ class SpinnerTheory(WallTheory):
     In the paper (supporting information), the last term has an additional factor a. `family`
     distinguishes two assemblies of the chain. Modulo 2 pi, theta changes across a wall from
     theta_bar to theta_bar + pi in the family +1, and from pi - theta_bar to -theta_bar in the
-    family -1. In the family -1, the formula for theta has psi - pi in place of psi, and -theta_bar
-    in place of theta_bar.
+    family -1. In the family -1, replace psi by psi - pi and theta_bar by -theta_bar in the formula
+    for theta.
     """
 
     family: int = 1

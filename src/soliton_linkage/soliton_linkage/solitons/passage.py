@@ -19,8 +19,7 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 class Obstacle(NamedTuple):
     """Bond that may stop a wall.
 
-    `spacing`, `rotor_lengths` and `rest_length` are the lengths of the four bars of its
-    linkage [m].
+    `spacing`, `rotor_lengths` and `rest_length` are the lengths of its four bars [m].
     """
 
     bond: int

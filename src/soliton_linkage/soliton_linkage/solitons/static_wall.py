@@ -39,8 +39,7 @@ _TOLERANCE = 1e-13
 """Allowed relative [1] and absolute [rad] error of a solver step. The errors of arc lengths are
 then 1e-11 rad."""
 _ARRIVED = 1e-4
-"""An orbit has reached its goal when half the difference of each angle from the goal is below
-this [rad]."""
+"""An orbit has reached its goal when all angles are within twice this of the goal [rad]."""
 
 
 def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False) -> Array:
@@ -259,8 +258,8 @@ def _symmetric_wall(chain: Chain, rotor: int, leg: int) -> Array:
 
     This wall is symmetric: the reflection n -> 2 rotor + 1 - n changes phi to phi + pi in flippers
     and to -phi in spinners. Therefore r sin(phi) of `rotor` is r^2 sin(theta_bar)^2 / a in
-    flippers. In spinners, it is (a - lbar) / 2 if `leg` + `rotor` is even, and (a + lbar) / 2 if
-    it is odd.
+    flippers. In spinners, it is (a - lbar) / 2 for even `leg` + `rotor`, and (a + lbar) / 2 for
+    odd.
     """
     spinner, crossed = chain.motion is Motion.SPINNER, False
     if spinner:

@@ -67,8 +67,8 @@ def polarisation(chain: Chain, angles: Array) -> Array:
     """Return the polarisation of each bond [1], shape (..., springs).
 
     The polarisation is the ratio (A^2 - B^2) / (A^2 + B^2) with the levers A and B, divided by the
-    same ratio in the right-leaning state. The result is +1 in the right-leaning and -1 in the
-    left-leaning state.
+    same ratio in the right-leaning state. It is +1 in the right-leaning and -1 in the left-leaning
+    state.
     """
     first, second = rigidity_bands(chain, angles)
     plus, minus = couplings(chain)
@@ -261,8 +261,7 @@ def _sech_squared(argument: ArrayLike) -> Array:
 def _deviation(residual: Array, parameters: int, information: float) -> float:
     """Return the standard deviation of a fitted parameter; NaN if `residual` has too few values.
 
-    `information` is the diagonal element of J^T J for this parameter, with the Jacobian J of the
-    fit.
+    `information` is the diagonal element of J^T J for this parameter, with the Jacobian J.
     """
     freedom = len(residual) - parameters
     if freedom < 1 or information <= 0:

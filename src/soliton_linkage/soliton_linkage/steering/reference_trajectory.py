@@ -25,8 +25,7 @@ the spectrum has decayed to 0 at the highest q."""
 _PEAK = 15 / 8
 """Ratio of the largest rate to the mean rate of a trajectory from rest to rest [1]."""
 _EXTENSION = 1.1
-"""The duration is multiplied by this factor repeatedly, until the trajectory is slow enough
-[1]."""
+"""The duration is repeatedly multiplied by this, until the trajectory is slow enough [1]."""
 
 
 @dataclass(frozen=True)

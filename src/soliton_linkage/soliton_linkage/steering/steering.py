@@ -37,8 +37,7 @@ from soliton_linkage.steering.torque_allocation import TorqueAllocation
 from soliton_linkage.steering.wall_observer import WallEstimate, WallObserver
 
 _BANDWIDTH_EXPONENT = 1 / 5
-"""Exponent e of the bandwidth b ~ q^e [1]; with this value, the torques due to noise do not depend
-on q."""
+"""Exponent e of the bandwidth b ~ q^e [1]; the torques due to noise then do not depend on q."""
 _MAX_EXTENSIONS = 8
 """Largest number of durations that are tried for the trajectory of a moving wall [1]."""
 _EXTENSION = 1.5
@@ -196,8 +195,7 @@ class Steering:
     def move(self, site: float, speed: float = 0.0) -> MoveResult | None:
         """Start to move the wall to a site [rotor spacings]; return a result only for a rejection.
 
-        `speed` [rotor spacings / s] limits the speed, in addition to `adiabatic_speed`; 0 means no
-        limit.
+        `speed` [rotor spacings / s] limits the speed besides `adiabatic_speed`; 0 means no limit.
         """
         estimate = self._observer.estimate
         rejection = self._rejection(site, speed, estimate)

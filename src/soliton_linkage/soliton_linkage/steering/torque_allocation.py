@@ -60,8 +60,7 @@ class TorqueAllocation:
     """Allocation of torques to actuators on the given rotors, or on every rotor if none are given.
 
     `torque_limit` limits the torque of each actuator [N m], and `strain_limit` limits the
-    deflection of a rotor against the springs [rad]. Raises ValueError for a rotor that is not in
-    the chain.
+    deflection of a rotor against the springs [rad]. Raises ValueError for an unknown rotor.
     """
 
     def __init__(
@@ -125,8 +124,8 @@ class TorqueAllocation:
     def reach(self, arc: float, force: float) -> Reach:
         """Return the sites to which a force [N m] can move a wall from an arc length [rad].
 
-        The wall passes each site once in each leg of the orbit. The result refers to the leg that
-        contains `arc`.
+        The wall passes each site once in each leg of the orbit; the result refers to the leg of
+        `arc`.
         """
         orbit = self.orbit
         here, leg = orbit.site(arc), orbit.leg(arc)

@@ -78,8 +78,7 @@ class WallObserver:
 
         `angles` [rad], (N,), are NaN where unknown. `torques` [N m], (N,) or None, acted since the
         previous frame. Frames not later than the previous one are ignored; if the time decreases
-        by over `detection_timeout`, the observer restarts. Raises ValueError for a wrong number of
-        angles.
+        by over `detection_timeout`, the observer restarts. Raises ValueError for a wrong shape.
         """
         before = self.estimate
         if before and time < before.time - self._settings.detection_timeout:

@@ -28,11 +28,9 @@ from soliton_linkage.vision.plane import ChainPlane
 from soliton_linkage.vision.rotor_tracks import Pivots, RotorTracks
 
 _DOT_DEVIATION = 0.7
-"""The assignment of dots to rotors assumes this standard deviation of the position of a dot
-[pixels]."""
+"""Standard deviation of the position of a dot in the assignment of dots to rotors [pixels]."""
 _SEARCHED = 5.0
-"""A dot is found if its angle differs from the predicted angle by less than this [standard
-deviations]."""
+"""Largest distance of a dot from its predicted angle [standard deviations]."""
 _MIN_RADIUS = 1.5
 """Dots with a smaller radius than this cannot be fitted [pixels]."""
 
@@ -55,8 +53,7 @@ class AngleFrame:
     frame_dots: Array
     """Centres of the dots of the frame markers [pixels], (K, 2)."""
     status: str
-    """Text that states why rotors are hidden, or that the print scale is wrong; empty if
-    neither."""
+    """Reason why rotors are hidden, or warning about the print scale; empty if there is none."""
 
     @property
     def seen(self) -> int:

@@ -32,15 +32,13 @@ _MIN_ASPECT = 2.0
 _MAX_PIVOT_SHIFT = 0.35
 """Largest accepted shift of a pivot since the first picture, relative to the spacing [1]."""
 _ITERATIONS = 3
-"""Number of iterations in the fit of a direction [1]; each reduces the error to a tenth or
-less."""
+"""Number of iterations in the fit of a direction [1]; each reduces the error at least tenfold."""
 _RANK_TOLERANCE = 1e-3
 """In the fit of the line of the pivots, singular values below this times the largest one are
-neglected [1]. The arm length is then not fitted if the ends of all arms have nearly equal heights
-above this line."""
+neglected [1]. Then the arm length is not fitted if all ends of arms have nearly the same height
+above the line."""
 _MIN_NOISE = 0.3
-"""Lower limit of the noise of a pixel [grey levels]; the rounding of grey levels causes this
-noise."""
+"""Lower limit of the noise of a pixel [grey levels], due to the rounding of grey levels."""
 _MAX_MEASUREMENTS = 1000
 """Largest number of pictures over which the length of a rotor is averaged."""
 _MIN_AREA = 12

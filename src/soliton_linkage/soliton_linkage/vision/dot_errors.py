@@ -106,8 +106,7 @@ class DotMeasurements:
     noise: Array
     """Standard deviations of the angles due to pixel noise [rad]."""
     length_errors: Array
-    """Errors of the distances from the pivots, divided by their standard deviations due to pixel
-    noise [1]."""
+    """Errors of the distances from the pivots, relative to their deviations by pixel noise [1]."""
     pixels_per_radian: Array
     """Displacements of the centres per change of the angles [pixels/rad]."""
     displacements: Array

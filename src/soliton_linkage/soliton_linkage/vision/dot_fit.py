@@ -42,8 +42,7 @@ _TOLERANCE = 3e-4
 """The fit ends when a step of the centre is smaller than this [pixels]; the remaining error is a
 hundredth of the noise."""
 _MAX_STEP = 0.7
-"""Longest step of the centre [pixels]; longer steps are shortened, because the model is not linear
-over them."""
+"""Longest step of the centre [pixels]; over longer ones, the model is not linear."""
 _OFFSETS = 5
 """Number of offsets s_k along the path of a moving dot."""
 _HALF_WIDTH = 4.0
@@ -58,8 +57,7 @@ _COVERS: Array = erfc(_DISTANCES / math.sqrt(2)) / 2
 _EDGES: Array = np.exp(-(_DISTANCES**2) / 2) / math.sqrt(2 * math.pi)
 """Negative derivative of the covered fraction by the distance [1]."""
 _MIN_SMEAR = 0.3
-"""A dot counts as resting if its displacement during the exposure is smaller than this
-[pixels]."""
+"""A dot counts as resting if its motion during the exposure is smaller than this [pixels]."""
 
 
 @compiled(const_u1_2d, f8_1d, f8_1d)

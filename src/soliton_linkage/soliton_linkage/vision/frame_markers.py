@@ -2,8 +2,7 @@
 """Plane of the chain from the markers on the frame, and detection of camera motions.
 
 ArUco markers are detected in the first picture and after each motion of the camera. The dots of
-the markers are fitted in every picture, and their centres are averaged while the camera is at
-rest.
+the markers are fitted in every picture; while the camera rests, their centres are averaged.
 """
 
 from __future__ import annotations
@@ -69,11 +68,9 @@ _MOTION_THRESHOLD = 6.0
 """The camera counts as moved if the mean shift of the dots is larger than this [standard
 deviations] and also larger than `_MIN_MOTION`."""
 _MIN_MOTION = 0.1
-"""Smallest shift that counts as a motion of the camera [pixels]; flickering lamps shift dots by
-less."""
+"""Smallest shift that counts as a camera motion [pixels]; flickering lamps shift dots by less."""
 _MIN_OUTLIER = 0.5
-"""A dot counts as hidden if its shift differs from the common shift of all dots by more than this
-[pixels]."""
+"""A dot counts as hidden if its shift differs from the median shift by more than this [pixels]."""
 _MAX_RESIDUAL = 0.12
 """A dot counts as visible if its residual, relative to its contrast, is smaller than this [1];
 partly hidden dots have larger residuals."""
@@ -96,11 +93,10 @@ class FrameMarkers:
         """Standard deviation of an error of the fitted centres [pixels] that does not change from
         picture to picture, so that averaging does not reduce it."""
         self.placing: PlacingErrors | None = None
-        """Errors of angles due to errors in the positions of the frame markers; None until the
-        plane is known."""
+        """Errors of angles due to errors of the marker positions; None without a plane."""
         self.print_scale = 1.0
-        """Size of the printed markers relative to their distances, divided by the same ratio in
-        the layout [1]."""
+        """Ratio of the size of the printed markers to their distances, relative to the layout
+        [1]."""
         self.seen = 0
         """Number of visible dots in the latest picture."""
         self.moves = 0

@@ -29,15 +29,13 @@ blurred, a wide white ring must remain around the dot."""
 COLOURS = ((0, 0, 0), (200, 30, 40), (0, 120, 60), (30, 60, 190))
 """Red, green and blue [0 to 255] of the dots: the first row is for pivots, the rest for masses."""
 _LABEL_OF_SPACING, _LABEL_OF_ROTOR = 0.45, 0.9
-"""Diameter of a label: the smaller one of these fractions of the spacing and of the rotor length
-[1]."""
+"""Diameter of a label: the smaller of these fractions of the spacing and the rotor length [1]."""
 _MARKER_OF_SPACING = 0.9
 """Side of a frame marker, relative to the spacing [1]."""
 _MIN_DISTANCE = 1.05
-"""Smallest distance between the centres of frame markers, relative to the side of their paper
-[1]."""
+"""Smallest distance between frame markers, relative to the side of their paper [1]."""
 _LABEL_GAP = 0.25
-"""Gap between the paper of a frame marker and the nearest label of a mass, relative to the spacing
+"""Gap between the paper of a frame marker and the labels of masses, relative to the spacing
 [1]."""
 
 

@@ -21,8 +21,7 @@ _SHADOW = (20, 20, 20)
 _WALL_LENGTH = 1.35
 """Half length of the line that marks a wall, relative to the rotor length [1]."""
 _NAME_DISTANCE = 0.95
-"""Distance of the name of a rotor from its pivot, relative to the spacing [1]; it is outside the
-label."""
+"""Distance of a rotor's name from its pivot, outside the label, relative to the spacing [1]."""
 _WALL_DEVIATIONS = 2.0
 """Half width of the band around a wall [standard deviations]."""
 _OPACITY = 0.35

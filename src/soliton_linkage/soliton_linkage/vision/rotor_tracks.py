@@ -13,15 +13,13 @@ from soliton_linkage.vision.layout import MarkerLayout
 _MEMORY = 3
 """Number of measurements from which rate and acceleration are computed."""
 _MAX_GAP = 0.25
-"""A rate is computed only if the time from the first to the last of its measurements is less than
-this [s]."""
+"""A rate is computed only if its measurements span less than this [s]."""
 _ACCELERATION = 300.0
 """Typical acceleration of a rotor that starts from rest, for example after a kick [rad/s^2]."""
 _INITIAL_RATE = 10.0
 """Standard deviation of the rate of a rotor before its second measurement [rad/s]."""
 _MIN_DEVIATION = 0.03
-"""Standard deviation of a predicted angle if no time has elapsed since its last measurement
-[rad]."""
+"""Standard deviation of a predicted angle immediately after its measurement [rad]."""
 _MAX_DEVIATION = 1.5
 """The predicted angle of a rotor determines its whole turns only if the standard deviation of the
 prediction is smaller than this [rad]."""
@@ -31,8 +29,8 @@ _MEASURED_ROTOR, _MEASURED_BOND = 0.02, 0.03
 """Relative standard deviations of measured rotor lengths, and of measured lengths of bonds [1];
 the latter is larger, because bonds may be springs."""
 _MAX_LENGTH_ERROR = 0.2
-"""A measured length is ignored if its relative difference from the configured length is larger
-than this [1]."""
+"""Measured lengths are ignored if they differ from configured ones by more than this fraction
+[1]."""
 _MIN_MEASUREMENTS, _MAX_MEASUREMENTS = 5, 300
 """A mean length of a rotor or bond is used after as many measurements as the first number, and
 averages at most as many measurements as the second number [1]."""
@@ -44,8 +42,7 @@ fraction of the spacing [1]."""
 _MIN_VISIBLE = 0.8
 """The pivots are numbered as soon as this fraction of them has been visible [1]."""
 _MAX_PIVOT_PICTURES = 1000
-"""Largest number of pictures over which the position of a pivot is averaged, so that the mean
-follows slow motions."""
+"""Largest number of averaged positions of a pivot, so that the mean follows slow motions."""
 _MAX_BLACK_COST = 4.0
 """A dot counts as black if the cost of this colour is at most this [1]; it is the cost of an error
 of two standard deviations."""
@@ -58,11 +55,9 @@ class RotorTracks:
         chain = layout.chain
         rotors = chain.number_of_rotors
         self.lengths = chain.rotor_lengths.copy()
-        """Mean measured length of each rotor [m], (N,); before a measurement, the configured
-        value."""
+        """Mean measured length of each rotor [m], (N,), at first the configured value."""
         self.bonds = chain.rest_lengths[: rotors - 1].copy()
-        """Mean measured distance of neighbouring masses [m], (N - 1,); before a measurement, the
-        configured value."""
+        """Mean measured distance of neighbouring masses [m], (N - 1,), at first as configured."""
         self._colours = layout.colours
         self._length_counts, self._bond_counts = np.zeros(rotors), np.zeros(rotors - 1)
         self._times = np.full((_MEMORY, rotors), -np.inf)
@@ -135,8 +130,8 @@ class RotorTracks:
         """Return the angles [rad], (N,), plus the whole turns that the rotors have made.
 
         If a rotor of a spinner was hidden for long, it is assumed to have made as many turns as
-        its neighbours, because a wall turns all rotors in the same sense. Rotors of flippers make
-        no whole turns.
+        its neighbours, because a wall turns all rotors in the same sense. Flippers make no whole
+        turns.
         """
         expected, deviations = self.predict_angles(times)
         known = np.isfinite(angles) & (deviations < _MAX_DEVIATION)
@@ -184,8 +179,7 @@ class Pivots:
         self.known = np.zeros(chain.number_of_rotors, dtype=bool)
         """Whether the position of each pivot is known, (N,)."""
         self.positions = np.column_stack([chain.pivots, np.zeros(chain.number_of_rotors)])
-        """Measured or interpolated positions [m], (N, 2); before a measurement, the configured
-        values."""
+        """Measured or interpolated positions [m], (N, 2), at first as configured."""
         self.candidates = 0
         """Number of dots that may be pivots."""
         self._layout = layout

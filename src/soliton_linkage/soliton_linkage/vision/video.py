@@ -20,8 +20,7 @@ _TICKS = 90_000
 _SILENT = 0
 """Log level at which OpenCV writes no messages."""
 _GAP = 1.6
-"""Pictures count as missing in an interval that is longer than this times the typical interval
-[1]."""
+"""Pictures are missing in an interval that is longer than this times the typical interval [1]."""
 _MEMORY = 31
 """Number of recent intervals from which the typical interval is computed."""
 _PERCENTILE = 75
@@ -202,8 +201,7 @@ def _opened_camera(number: int) -> Any:
 def _start(path: Path, created: str, length: float) -> float:
     """Return the time of the first picture since the epoch [s].
 
-    It is the stated creation time, or without it the last change of the file minus the `length`
-    [s].
+    It is the stated creation time, or else the last change of the file minus the `length` [s].
     """
     try:
         return datetime.datetime.fromisoformat(created.replace('Z', '+00:00')).timestamp()

@@ -56,11 +56,9 @@ class Forces(NamedTuple):
     inverse_inertias: Array
     """1 / (M r^2) of each rotor [1/(kg m^2)], 0 for fixed rotors and padding, shape (P,)."""
     half_inertias: Array
-    """M r^2 / 2 of each rotor [kg m^2], shape (P,), or (0,) if there is neither a damping nor an
-    active term."""
+    """M r^2 / 2 of each rotor [kg m^2], (P,), or (0,) without damping and active terms."""
     active: bool
-    """Whether there is an active term (see `Term.active`), which is then the last term in
-    `kinds`."""
+    """Whether there is an active term (see `Term.active`), which is the last one in `kinds`."""
 
 
 PlainForces = tuple[Numbers, Array, Numbers, Array, Array, Array, bool]
@@ -158,8 +156,7 @@ def decay(work: Array, forces: Forces, decays: Array, stage: int) -> float:
 def damp(work: Array, rotors: int, forces: Forces, time: float) -> float:
     """Apply damping of any kind in a drift by a Runge-Kutta step; see `decay`.
 
-    `time` is the duration of the drift [s]. The function updates and returns the same quantities
-    as `decay`.
+    `time` is the duration of the drift [s]. The results are the same quantities as in `decay`.
     """
     size = forces.half_inertias.size
     for n in range(size):
@@ -268,8 +265,7 @@ def advance(
 ) -> tuple[int, float]:
     """Fill states[1:] with the state after each step; return number of steps and largest error.
 
-    Stop before a step whose error exceeds 1, or in which a drift rotates a rotor by more than
-    LARGEST_TURN.
+    Stop before a step with an error above 1, or with a rotation above LARGEST_TURN in a drift.
     """
     forces, step, checks = Forces(*plain_forces), Step(*plain_step), Checks(*plain_checks)
     rotors = states.shape[1] // 2

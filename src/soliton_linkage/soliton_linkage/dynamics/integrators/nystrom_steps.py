@@ -48,9 +48,8 @@ from soliton_linkage.linkage.chain import Array
 ORDER = 6
 """Order of the method: the error of a step of length h is proportional to h^7."""
 STABLE_STEP = 3.14
-"""Longest stable step, multiplied by the angular frequency of the fastest vibration [1]. If the
-product is slightly above pi, vibrations grow by less than 0.1 % per step; above 6.15, they grow
-without bound."""
+"""Longest stable step, multiplied by the angular frequency of the fastest vibration [1]. If it is
+slightly above pi, vibrations grow by less than 0.1 % per step; above 6.15, without limit."""
 
 _HALF_OF_DRIFTS = (
     0.0378593198406116,
@@ -108,8 +107,7 @@ class SolverSettings:
     """Number of steps after which the cosines and sines are computed exactly again [1], because
     rounding errors accumulate."""
     shortest: float = 1e-6
-    """If the step length falls below this fraction of the longest stable step [1], the solver
-    fails."""
+    """The solver fails if the step is below this fraction of the longest stable step [1]."""
     trials: int = 60
     """If this number of step lengths has been tried without success [1], the solver fails. One to
     three trials are usual."""
@@ -124,9 +122,8 @@ _NONE: Numbers = np.empty(0, dtype=np.int64)
 def steps_to_measure(taken: int, count: int, every: int) -> Numbers:
     """Return the indices of the steps, among the next `count`, whose error is measured.
 
-    The errors in the steps 1, 4 and 16 after a change of the step length, and in every `every`-th
-    step after it, are measured. `taken` steps have been taken since the change, and the next step
-    has the index 1.
+    They are the steps 1, 4 and 16 after a change of the step length, and every `every`-th step
+    after it. `taken` steps have been taken since the change, and the next one has the index 1.
     """
     regular = np.arange(every - taken % every, count + 1, every)
     early = [step for step in (1, 4, 16) if taken < step <= taken + count]
