@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Analyser of a known chain: an orbit filter for one wall, and fits of wall shapes otherwise."""
+"""Analyser of a known chain, with an orbit filter for one wall and fits of shapes for several."""
 
 from __future__ import annotations
 
@@ -181,8 +181,8 @@ class Analyser:
     ) -> Analysis | None:
         """Analyse a frame that was measured at a time `stamp` [ns]; return None if it is late.
 
-        A frame is late if its stamp is not after that of the last analysed frame. But if it is
-        earlier by more than `clock_limit` of the settings, the analyser restarts with this frame.
+        A frame is late if its stamp is not after that of the last analysed frame. But if its
+        stamp is earlier by more than `clock_limit` [s], the analyser restarts with this frame.
         `angles` [rad], wrapped or unwrapped, and `rates` [rad/s] have shape (N,); unknown values
         are NaN or infinite. `deviations` are the standard deviations of the angles [rad], shape
         (N,), NaN if unknown; fits of wall shapes ignore them. Raises ValueError if an array has

@@ -28,7 +28,7 @@ _DEPTHS_BESIDE = 3.0
 """A rotor counts as far from the wall if its distance is above one rotor spacing plus this number
 of penetration depths [1]. The tail of the wall is below 5 % there."""
 _FEWEST_MEANS = 5
-"""The offset of a rotor is corrected only after at least this number of block means [1]."""
+"""The offset of a rotor is corrected only after mean residuals of this many blocks [1]."""
 _FEWEST_ROTORS = 5
 """Smallest number of mean residuals from which the common error of the rest angles is estimated
 [1]. A rotor has one mean for each side of the wall on which it has been."""
@@ -58,7 +58,7 @@ class EncoderOffsets:
         self.settings = settings
         rotors = number_of_rotors
         self.means = np.zeros(rotors)
-        """Number of block means that support the offset of each rotor [1], shape (N,)."""
+        """Number of blocks that support the offset of each rotor [1], shape (N,)."""
         self.weights, self.sums = np.zeros((2, rotors)), np.zeros((2, rotors))
         """Sums of the weights [1/rad^2] and of the weighted residuals [1/rad] of each rotor, shape
         (2, N) each. Row 0 sums the residuals from the blocks in which the rotor was before the
@@ -300,9 +300,9 @@ class FarFieldResiduals:
     def _disorder(self, means: Array, noise: float) -> float:
         """Return a robust estimate of the disorder [rad]; 0 if insignificant.
 
-        Row 0 of `means` [rad], shape (2, N), contains the mean residual of each rotor before the
-        wall, row 1 that of each rotor beyond the wall, NaN if unknown. `noise` is the standard
-        deviation of a mean due to noise [rad].
+        Row 0 of `means` [rad], shape (2, N), contains the mean residual of each rotor while it was
+        before the wall, row 1 while it was beyond the wall, NaN if unknown. `noise` is the
+        standard deviation of a mean due to noise [rad].
         """
         (before, beyond), tail = means, self._tail
         added = np.concatenate([before[:-1] - tail * before[1:], beyond[1:] - tail * beyond[:-1]])

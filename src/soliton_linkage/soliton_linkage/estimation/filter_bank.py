@@ -40,8 +40,8 @@ FILTER = np.dtype(
         ),
     ]
 )
-"""Record of one filter. The first filter of a bank is the steady filter. Each of the last filters
-assumes an impulse, beginning with the latest impulse.
+"""Record of one filter. The first filter of a bank is the steady filter. The last filters assume
+one impulse each, in the order from the latest to the earliest impulse.
 
 state, covariance: mean and covariance of (s, w, b, d).
 bias_variance: stationary variance of the bias [rad^2].
@@ -215,7 +215,7 @@ def update(
 ) -> tuple[float, float]:
     """Update all filters and their probabilities with a measured arc length [rad].
 
-    `base` is that of `STATUS`, `variance` the variance of the measurement [rad^2], and `freedoms`
+    `base` is as in `STATUS`, `variance` the variance of the measurement [rad^2], and `freedoms`
     its number of degrees of freedom. Return the change of the log odds against the steady filter,
     and the largest `odds` of a filter that assumes an impulse.
     """
@@ -265,7 +265,7 @@ def set_weights(filters: Records, settings: Records, base: int, log_odds: float)
 
 @compiled(_FILTERS, i8)
 def mixture(filters: Records, count: int) -> tuple[float, float, float, float, float]:
-    """Return mean s, mean w, var(s), cov(s, w) and var(w) of the mixture of `count` filters."""
+    """Return mean s, w, var(s), cov(s, w), var(w) of the mixture of the first `count` filters."""
     whole, arc, rate = 0.0, 0.0, 0.0
     of_arc, both, of_rate = 0.0, 0.0, 0.0
     for n in range(count):
@@ -303,10 +303,10 @@ def assume_impulse(
 ) -> None:
     """Insert at index `base` a filter that assumes an impulse in the last time step.
 
-    Before that, the `older` filters from index `base` on move up by one index, and the last of
-    them replaces the filter that was there. The new filter is a copy of the filter without impulse
-    that has the largest weight, with larger variances of the arc length and its rate. `elapsed` is
-    the time step [s], and `least_impulse` is as in `STATUS`.
+    Before that, the `older` filters from index `base` on move up by one index, and the filter
+    after them is lost. The new filter is a copy of the filter without impulse that has the largest
+    weight, with larger variances of the arc length and its rate. `elapsed` is the time step [s],
+    and `least_impulse` is as in `STATUS`.
     """
     likeliest = 0
     for n in range(1, base):

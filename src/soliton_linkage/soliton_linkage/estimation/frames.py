@@ -72,7 +72,7 @@ class FrameClock:
     """Clock that accepts the stamps of frames in ascending order and rejects late stamps."""
 
     def __init__(self, limit: float = DEFAULTS.tracking.clock_limit) -> None:
-        """Start the clock, which restarts at a stamp that is more than `limit` [s] too early."""
+        """Start the clock; it restarts at a stamp more than `limit` [s] before the last one."""
         self._limit = limit
         self.time = -math.inf
         """Time from the first frame to the last accepted frame [s]."""

@@ -106,7 +106,7 @@ orbit.
 variance: variance V of the difference [rad^2].
 spread: variance of the predicted arc length along the orbit [rad^2].
 bound: bound k of the normal core of the density [1].
-floor: logarithm of the second term of p(d) divided by the peak of the first term [1].
+floor: logarithm of the ratio of the second term of p(d) to the peak of the first term [1].
 gross: smallest difference that counts as a gross error [rad].
 """
 _DENSITY = records(DENSITY)

@@ -96,7 +96,7 @@ _CORE = 2.5
 """Rotors up to this distance from a wall show whether it still exists [rotor spacings]."""
 _FAR, _FAR_NOISE, _FAR_SHARE = 0.75, 2.0, 0.3
 """A wall counts as lost if more than the share `_FAR_SHARE` of the rotors within `_CORE` have
-absolute residuals above `_FAR` times the least gross error plus `_FAR_NOISE` times the standard
+absolute residuals above `_FAR` times the smallest gross error plus `_FAR_NOISE` times the standard
 deviation of the noise [1]."""
 
 

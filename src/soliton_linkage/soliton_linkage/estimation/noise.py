@@ -16,8 +16,8 @@ from soliton_linkage.linkage.chain import Array, Chain
 DEVIATION_PER_MEDIAN = 1.4826
 """Standard deviation of normal noise, divided by the median of its absolute values [1]."""
 FREEDOMS_OF_MEDIAN = 0.368
-"""The standard deviation from the median of n absolute values is as accurate as that from the mean
-square of this number times n values [1]."""
+"""A standard deviation estimated from the median of n absolute values is as accurate as that from
+the mean square of this number times n values [1]."""
 
 _LARGEST_CHANGE = 12.0
 """`StampJitter` limits products of second differences to this multiple of the expected one [1]."""

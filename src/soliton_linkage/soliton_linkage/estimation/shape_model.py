@@ -35,7 +35,8 @@ from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linkage.chain import Array, Motion, staggered
 
 _TAILS = 1.5
-"""Walls within this multiple of `WallTable.reach` are subtracted before the fit of a wall [1]."""
+"""Other walls within this multiple of `WallTable.reach` are subtracted before a wall is fitted
+[1]."""
 _SCAN_BESIDE = 1.5
 """A scan extends this far to either side of a domain border [rotor spacings]."""
 

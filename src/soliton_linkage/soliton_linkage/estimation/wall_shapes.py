@@ -62,7 +62,7 @@ class WallTable(NamedTuple):
     points: float
     """Number of columns of `angles` per rotor spacing [1]."""
     reach: float
-    """Largest distance from the wall on either side [rotor spacings]."""
+    """Largest tabulated distance on either side of the wall [rotor spacings]."""
 
 
 _TABLE = named_tuple(WallTable, f8_2d, f8, f8)

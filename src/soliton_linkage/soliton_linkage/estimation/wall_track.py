@@ -139,7 +139,7 @@ class WallMeasurement(NamedTuple):
     bias: float = 0.0
     """Variance of a persistent error of the site [rotor spacings^2]."""
     pinning: float = 0.0
-    """Speed with a kinetic energy equal to the barrier between two sites [rotor spacings / s]."""
+    """Speed at which the kinetic energy equals the barrier between two sites [spacings / s]."""
     estimate: OrbitEstimate | None = None
     """Estimate of the `OrbitFilter`, which replaces the filter of the track; None for a fit."""
 

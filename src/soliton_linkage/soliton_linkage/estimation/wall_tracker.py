@@ -196,8 +196,7 @@ class WallTracker:
     def _confirmed(self, track: WallTrack, confirming: int) -> bool:
         """Return whether a new wall is confirmed.
 
-        Only a pair of new walls inside the chain needs `confirming` frames (perhaps wrong
-        readings).
+        Only pairs of new walls inside need `confirming` frames, because readings may be wrong.
         """
         if track.frames >= min(confirming, self._frames) or self._is_at_edge(track):
             return True
