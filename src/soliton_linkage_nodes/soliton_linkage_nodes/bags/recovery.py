@@ -226,7 +226,7 @@ def _compare(report: BagReport, information: Mapping[str, Any] | None) -> None:
 
 
 def _deleted_older(report: BagReport, information: Mapping[str, Any]) -> bool:
-    """Return whether the recorder deleted old files, which metadata.yaml still counts."""
+    """Return whether the recorder deleted old files whose messages metadata.yaml still counts."""
     entries = information.get('files')
     described = [each for each in entries if isinstance(each, dict)] if entries else []
     counts = sum(parse_count(each.get('message_count')) for each in described)

@@ -46,7 +46,7 @@ def check_files(arguments: Sequence[str]) -> None:
 
 
 def read_sections(path: Path) -> dict[str, dict[str, Any]]:
-    """Return the parameters in a file for each node pattern, such as /**/simulator.
+    """Return the parameters in a file for each node pattern, such as `/**/simulator`.
 
     Raises OSError or ValueError if the file cannot be read or is no parameter file.
     """

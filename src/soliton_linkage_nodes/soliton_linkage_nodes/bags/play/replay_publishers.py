@@ -315,7 +315,7 @@ class RecordedStates:
         self._queried_at = -_QUERY_INTERVAL
 
     def suppressed(self) -> bool:
-        """Return whether the next message must be omitted. Changes are logged."""
+        """Return whether the next message must be omitted, and log changes of this result."""
         now = time.monotonic()
         if now - self._queried_at >= _QUERY_INTERVAL:
             self._queried_at = now

@@ -217,7 +217,7 @@ class BagWriter:
             (self.path / _RESERVE).unlink()
 
     def finish_after_error(self) -> None:
-        """Finish the bag after a failed write. It then contains all messages of earlier writes."""
+        """Finish the bag after a failed write, with all messages of earlier writes."""
         try:
             (self.path / _RESERVE).unlink(missing_ok=True)
             if self._is_open:
