@@ -19,11 +19,9 @@ from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage_studies.active.runs import wall_sites
 
 _FIRST = 3
-"""The arrival of a packet is measured from this rotor on [1], because it is outside the near field
-of the driven rotor."""
+"""Rotor at which the measured path of a packet begins [1], outside the near field of rotor 0."""
 _TOLERANCE = 1e-8
-"""Integration error of an angle per step [rad]; it is far smaller than the amplitudes of
-bursts."""
+"""Largest integration error of an angle per step [rad], far smaller than amplitudes of bursts."""
 
 
 @dataclass(frozen=True)
@@ -51,11 +49,7 @@ class Burst:
         return 2 * math.pi * self.cycles / self.frequency
 
     def torque(self, inertia: float, time: float) -> float:
-        """Return the torque [N m] on a rotor.
-
-        `inertia` is the moment of inertia [kg m^2], `time` the time since the start of the burst
-        [s].
-        """
+        """Return the torque [N m] on a rotor of `inertia` [kg m^2], `time` [s] after the start."""
         if not 0 < time < self.duration:
             return 0.0
         window = math.sin(math.pi * time / self.duration) ** 2
@@ -72,8 +66,7 @@ class WaveTask:
     duration: float
     """Duration of the simulation [s]."""
     site: float | None = None
-    """Initial site of the kink [rotor spacings]; None means a left-leaning chain without a
-    kink."""
+    """Initial site of the kink [rotor spacings]; None: left-leaning chain without a kink."""
     frames: int = 400
 
     def __call__(self) -> WaveRun:
@@ -118,18 +111,12 @@ class WaveRun:
 
     @property
     def displacement(self) -> float:
-        """Displacement of the kink from its initial site [rotor spacings].
-
-        The final site is a mean over the last fifth of the frames.
-        """
+        """Mean displacement of the kink in the last fifth of the frames [rotor spacings]."""
         return float(np.mean(self._last) - self.sites[0])
 
     @property
     def displacement_error(self) -> float:
-        """Standard deviation of the site in the last fifth of the frames [rotor spacings].
-
-        The deviation is large if the kink still moves.
-        """
+        """Standard deviation of the site in the last fifth of the frames [rotor spacings]."""
         return float(np.std(self._last))
 
     @property
@@ -138,10 +125,7 @@ class WaveRun:
 
 
 def energy_per_rotor(chain: Chain, recording: Recording) -> Array:
-    """Return the energy of each rotor [J]: its kinetic energy and half the energy of its springs.
-
-    The result has shape (T, N).
-    """
+    """Return the kinetic energy of each rotor plus half that of its springs [J], shape (T, N)."""
     of_springs = 0.5 * chain.stiffnesses * chain.spring_extensions(recording.angles) ** 2
     kinetic = 0.5 * chain.moments_of_inertia * recording.rates**2
     return kinetic + chain.gathered(of_springs / 2, of_springs / 2)
@@ -196,7 +180,7 @@ class Spectrum:
     frequencies: Array
     """Angular frequencies [rad/s] in ascending order, shape (N,). The first one is 0."""
     participations: Array
-    """Number of rotors that take part in each mode e of norm 1: 1 / sum_n e_n^4 [1], shape
+    """Number of rotors that take part in each mode e, 1 / sum_n e_n^4 for |e| = 1 [1], shape
     (N,)."""
     energy: float
     """Energy of the springs while the chain is at rest [J]."""
