@@ -31,7 +31,7 @@ _FRAMES_A_SPACING = 4.0
 _FRAMES_A_SWING = 40.0
 """Approximate number of frames in which an edge rotor turns by 1 rad or, if smaller, a / r [1]."""
 _DEPARTED = 1.5
-"""A wall of a spinner has left an edge after a longer path than this [rotor spacings]."""
+"""A wall of a spinner has left an edge after it has moved by more than this [rotor spacings]."""
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,7 @@ BLOCKED = 'blocked'
 MECHANICS = ('elastic', 'rigid')
 OUTCOMES = ('returns', 'crosses', 'lost')
 _PIECE = 20
-"""Duration of a piece [time units], after which the simulation ends if the wall has returned."""
+"""A simulation ends only after multiples of this time, if the wall has returned [time units]."""
 _WALL_REACH = 4
 """Distance from a wall within which energy is energy of the wall, in units of the larger of wall
 width and penetration depth [1]. This range contains 98 % of the energy of a wall."""
@@ -264,7 +264,7 @@ def send_wall(chain: Chain, trial: SweepTrial) -> SentWall:
 def send_walls(trials: Sequence[tuple[Chain, SweepTrial]]) -> list[SentWall | Exception]:
     """Kick the wall of each elastic chain off the right edge; simulate until it returns.
 
-    The frame period is one time unit. The simulation ends at the time limit of the trial. A
+    The frame period is one time unit. A simulation also ends at the time limit of its trial. A
     crossing is discarded if its track jumps by five rotor spacings or more between two frames. If
     a chain cannot be simulated, its result is the error that was raised.
     """

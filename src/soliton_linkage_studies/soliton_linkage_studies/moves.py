@@ -147,7 +147,7 @@ class MoveRun:
 def _started(task: MoveTask, orbit: UniformOrbit) -> tuple[Chain, Array]:
     """Return the chain of a task with its damping and disorder, and its initial angles [rad].
 
-    The disorder is drawn again if a bond may block the wall or no rest state has it at
+    The disorder is drawn again if a bond may block the wall, or if no rest state has the wall at
     `task.start`.
     """
     damping = task.condition.decay * task.chain.moment_of_inertia

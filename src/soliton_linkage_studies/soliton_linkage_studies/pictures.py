@@ -183,7 +183,7 @@ def _edges(times: Array) -> tuple[float, float]:
 
 
 _WORST = 3
-"""Number of bonds with a label [1], which are those with the largest residuals."""
+"""Number of labelled bonds [1]; these have the largest residuals."""
 _CAPTION = """
 Top: relative deviations of each rotor length (blue), pivot spacing (green) and spring or bar
 length (red) from their means, with error bars of one standard deviation. Middle: offset of each

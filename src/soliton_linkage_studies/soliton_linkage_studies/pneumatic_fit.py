@@ -12,7 +12,7 @@ from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage.linkage.chain import Array
 
 _FEWEST_READINGS = 4
-"""Fewest readings of a step response [1]: one more than the three unknowns of the fit."""
+"""Smallest number of readings of a step response [1]: one more than the unknowns of the fit."""
 _SHORTEST_STEP = 0.05
 """The initial guess uses only the intervals between readings in which |command - pressure| is
 above this fraction of its maximum [1]."""

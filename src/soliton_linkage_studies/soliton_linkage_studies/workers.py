@@ -30,7 +30,7 @@ _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 _CHUNK_DURATION = 1.0
 """A worker returns its rows after this [s], so that a later failure does not lose them."""
 _CHUNK_GROWTH = 4
-"""Largest growth of successive chunks [1], because the first rows may be unusually fast."""
+"""Largest ratio of the sizes of successive chunks [1]; the first rows may be unusually fast."""
 _CHUNKS_PER_WORKER = 2
 """Number of submitted chunks per worker [1]: one chunk is measured while the next one waits."""
 

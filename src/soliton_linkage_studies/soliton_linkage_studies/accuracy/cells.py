@@ -43,7 +43,8 @@ _WIDEST = 3.0
 _LONGEST = 4.0
 """Largest ratio of the rotor length r to the rotor spacing a, as in the paper [1]."""
 _APART = 1.6
-"""Number of rotors per wall in a cell with several walls, relative to a cell with one wall [1]."""
+"""Smallest number of rotors per wall, if there are several walls, relative to a single wall
+[1]."""
 _SEVERAL = (1, 1, 1, 2, 4)
 """The number of walls of a random cell is drawn from these with equal probability [1]."""
 
@@ -62,7 +63,7 @@ class AccuracyCell:
     period: float
     """Frame period [time units]."""
     run: int
-    """Number of frames of a record [1], for which a new analyser is used."""
+    """Number of frames of a record [1]; each record is analysed by a new analyser."""
     phonons: float = 0.0
     """Root mean square of the rotor rates due to phonons [rad / time unit]."""
     walls: int = 1

@@ -39,7 +39,7 @@ SIMULATED, RECORDED = 'contraction_simulated', 'contraction_recorded'
 """File names of results for simulated walls and for walls recorded by the nodes."""
 _SOURCES = {SIMULATED: 'simulated frames', RECORDED: 'bags that the nodes recorded'}
 _QUICK_EVERY = 4
-"""Quick studies use only every fourth kick [1]."""
+"""Quick studies use one of this number of successive kicks [1]."""
 _QUICK_FRAMES = 400
 """Largest number of frames per wall in a quick study [1]."""
 _FEWEST_FRAMES = 10
@@ -142,10 +142,10 @@ def passage_of(
     """Measure speed and width of a wall on its first passage through the middle of the chain.
 
     `times` [s] has shape (T,). Only frames with exactly one wall are used. The speed is the slope
-    of a line fitted to the positions. Its standard deviation is that of two independent position
-    errors divided by the duration, because an error that all positions share does not change the
-    slope. The width is the mean over the frames; its standard deviation is the smallest one that
-    the analyser states in a frame, because the widths in successive frames are correlated. Raises
+    of a line fitted to the positions. Its standard deviation is sqrt(2) times that of a position,
+    divided by the duration, because an error that all positions share does not change the slope.
+    The width is the mean over the frames; its standard deviation is the smallest one that the
+    analyser states in a frame, because the widths in successive frames are correlated. Raises
     ValueError for fewer than ten frames.
     """
     both = zip(times, frames, strict=True)

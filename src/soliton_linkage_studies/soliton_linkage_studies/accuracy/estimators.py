@@ -62,7 +62,7 @@ class EstimatorTrial:
     coarse_start: float
     """Largest error of the initial guess for a fit [rotor spacings]."""
     cold_every: int
-    """The search without a guess is slow; only one of this number of frames is tested [1]."""
+    """The slow search without a guess is tested only in one of this number of frames [1]."""
 
 
 Estimator = Callable[[UniformOrbit, Array, float], Estimate]

@@ -27,7 +27,7 @@ from soliton_linkage_studies.accuracy.statistics import Line, accuracy_of, write
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CHUNK = 250
-"""Number of frames per task [1], which takes about a second; it affects the random numbers."""
+"""Number of frames per task [1], which takes about a second; other numbers draw other frames."""
 _QUICK_FRAMES = 400
 """Largest number of frames per chain and noise in a quick study [1]."""
 _POINTS = 81

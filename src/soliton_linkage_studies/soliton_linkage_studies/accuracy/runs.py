@@ -40,9 +40,9 @@ _LOST = 1.0
 _LOST_DEVIATIONS = 6.0
 """See `_LOST_WIDTHS` [stated standard deviations of the reported position]."""
 _LARGEST_DEVIATION = 0.25
-"""Walls whose position has a larger stated standard deviation count as false [chain lengths]."""
+"""A reported wall is false if its stated position deviation is above this [chain lengths]."""
 _FALSE_MISFIT = 0.5
-"""Without true walls, a reported wall is false if the rms misfit near it is above this [rad]."""
+"""In a scene without walls, a wall is false if the rms misfit near it is above this [rad]."""
 _CORE = 2.5
 """Rotors within this distance of a wall count as near it [rotor spacings]."""
 _SCENES = 8

@@ -94,7 +94,7 @@ class WallScene:
     """Velocities of the walls [rotor spacings / s], shape (T, K)."""
     charges: tuple[int, ...]
     legs: Array
-    """Leg of a single wall: number of its passage from edge to edge, shape (T,); otherwise -1."""
+    """Leg of the wall (number of its passage from edge to edge), shape (T,); -1 unless K = 1."""
     scored: NDArray[np.bool_]
     """Whether a wall is scored, shape (T, K); walls near an edge are not."""
     impulse_frames: tuple[int, ...] = ()

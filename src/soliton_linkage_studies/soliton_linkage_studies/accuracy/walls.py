@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """True positions of walls in noiseless frames, from the static wall nearest to each frame.
 
-A kink has zero energy at every position; its path consists of static walls (`static_wall`). The
-path of an anti-kink consists of the states of least energy at each position (`anti_kink_path`). A
-pinned anti-kink has only one equilibrium in two spacings (`resting_anti_kink`).
+The path of a kink, its states at all positions, consists of static walls (`static_wall`), which
+have zero energy. The path of an anti-kink consists of the states of least energy at each position
+(`anti_kink_path`). A pinned anti-kink has only one equilibrium in two spacings
+(`resting_anti_kink`).
 """
 
 from __future__ import annotations

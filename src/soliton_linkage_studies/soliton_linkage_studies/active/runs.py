@@ -9,9 +9,9 @@ damping c dissipates:
     kappa x_dot g(x) = c x_dot^2 sum_n t_n^2,    g = sum_n (q_n - q_{n+1}) (t_n + t_{n+1}).
 
 The sum of t_n^2 does not depend on x. Therefore the terminal velocity is v = (kappa / c) <g> /
-sum_n t_n^2 with the mean <g> over two rotor spacings. For wide walls, kinks and anti-kinks, v
-tends to 2 kappa / c. The elastic energy V(x) of an anti-kink depends on x. An anti-kink is pinned
-if kappa g < dV/dx at one site or more.
+sum_n t_n^2 with the mean <g> over two rotor spacings. For wide walls, v tends to 2 kappa / c, both
+for kinks and for anti-kinks. The elastic energy V(x) of an anti-kink depends on x. An anti-kink is
+pinned if kappa g < dV/dx at one site or more.
 """
 
 from __future__ import annotations
@@ -33,8 +33,7 @@ from soliton_linkage.solitons.static_wall import static_wall
 _SAMPLES = 65
 """Number of samples of the orbit over two rotor spacings [1]; the spline error is 1e-6."""
 _FROM_END = 8
-"""Velocities are measured only of walls more than this number of rotors away from both ends
-[1]."""
+"""Velocities are measured more than this number of rotors away from both ends of the chain [1]."""
 _STARTUP = 4.0
 """Velocities are measured only after this number of decay times M r^2 / c [1]."""
 _PIECES = 8

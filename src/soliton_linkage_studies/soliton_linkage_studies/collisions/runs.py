@@ -5,8 +5,8 @@ The kink (charge +1, zero energy at rest) comes from the left, the anti-kink (ch
 rest energy) from the right at the same speed. The ring leans left between the walls, and right
 elsewhere. The walls overlap while no rotor leans left. Each overlap counts as a collision. Because
 charges alternate along a ring, the kink is on the left after a collision, too. Only the turns of
-the rotors between the walls show whether they have passed through each other. The unit of length
-is the reach of a wall (`Collision.reach`).
+the rotors between the walls show whether the walls have passed through each other. The unit of
+length is the reach of a wall (`Collision.reach`).
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from soliton_linkage_studies.collisions.travelling_wall import travelling_wall
 INITIAL_DISTANCE = 12.0
 """Initial distance of the walls [reaches]; their attraction, divided by their mass, is e^(-24)."""
 ESCAPED = 8.0
-"""Walls that have met count as escaped when their distance exceeds this [reaches]. From there,
-only walls slower than 0.001 c return."""
+"""Walls that have met count as escaped when their distance exceeds this [reaches]. At this
+distance, only walls slower than 0.001 c can still return."""
 _NEAR = 7.0
 """The speed before a collision is measured while walls are farther apart than this [reaches]."""
 _LEAVING = 5.0
@@ -44,7 +44,7 @@ _LUMP = 8.0
 """Energy within this distance of the middle of the ring counts as energy of a captured pair
 [reaches], whose walls oscillate with half this amplitude."""
 _FEWEST = 5
-"""Smallest number of frames for an estimate of a speed [1]; walls that have escaped have 30."""
+"""Smallest number of frames for an estimate of a speed [1]; escaped walls have 30 or more."""
 _TOLERANCE = 1e-10
 """Tolerance of the adaptive integrators [rad]; the relative energy error is then 1e-9."""
 
@@ -65,8 +65,8 @@ class Collision:
     shift: float = 0.0
     """Shift of the initial positions of both walls along the ring [rotor spacings]."""
     patience: float = 120.0
-    """Time allowed to the walls to meet, and again to escape [reach / c]. It is added to the time
-    that walls of half the initial speed need."""
+    """Time [reach / c] that walls may need to meet, and again to escape, in addition to the time
+    of free walls of half the initial speed."""
 
     def __call__(self) -> CollisionRun:
         """Simulate the collision until the walls escape or the time limit is reached."""

@@ -32,7 +32,8 @@ from soliton_linkage.solitons.continuum import FlipperTheory, SpinnerTheory
 _REACH = 11.0
 """Half length of the grid, in units of twice the penetration depth l [1]."""
 _QUIET_FROM = 4.0
-"""The penalty on moving tails increases from this distance from the wall to 1.5 times it [2 l]."""
+"""The penalty on moving tails increases from 0 at this distance from the wall to its full value at
+1.5 times this distance, in units of 2 l [1]."""
 _QUIETNESS = 0.05
 """Strength of the penalty on moving tails, in units of I gap^2 [1] with the moment of inertia I
 and the lowest phonon frequency gap. Sensitivity: at 0.01 or 0.2, the speed after a collision

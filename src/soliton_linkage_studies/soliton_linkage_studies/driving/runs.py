@@ -176,7 +176,7 @@ _KICK_FRAME = 10
 _TURN_FRAME = 20
 """Index in a span of the frame at which gravity changes [1]; it is far from the kick."""
 _CROSSING_FRAMES = 200
-"""Number of frames of a simulated crossing [1]; a wall moves by less than a site per frame."""
+"""Number of frames of a simulated crossing [1]; a wall moves by less than a spacing per frame."""
 
 
 @dataclass(frozen=True)

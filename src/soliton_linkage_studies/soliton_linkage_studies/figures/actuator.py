@@ -28,7 +28,7 @@ _TOLERANCE = 1e-12
 """Largest integration error of an angle per time unit [rad]; work and energy agree to 1e-9."""
 TIME = 'time [s]'
 _STEPPED = slice(None, None, 20)
-"""Part of the instants `CommandResponse.times` at which the numerical solution is evaluated."""
+"""Slice of `CommandResponse.times` at which the numerical solution is evaluated."""
 
 
 @dataclass(frozen=True)

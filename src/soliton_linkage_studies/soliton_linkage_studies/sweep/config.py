@@ -74,7 +74,7 @@ class SweepStudy:
     name: str
     measure_name: str
     parameters: dict[str, Value]
-    """Parameters that all points have, by name, unless an axis has the same name."""
+    """Parameters of all points by name; an axis replaces the parameter of the same name."""
     axes: tuple[Axis, ...]
     seeds: tuple[int, ...]
 

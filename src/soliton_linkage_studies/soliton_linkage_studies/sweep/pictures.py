@@ -41,7 +41,7 @@ CLASS_COLOURS = {
     BLOCKED: DARK,
     **OUTCOME_COLOURS,
 }
-"""Colour of each class of walls that a measure distinguishes, by class name."""
+"""Colour of each class of results, by class name."""
 _CLASS_LABELS = {
     BLOCKED: 'blocked: a bond may stop the wall',
     'returns': 'crosses and returns',
@@ -98,7 +98,7 @@ def shares(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Array:
 
 
 def numbers(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Array:
-    """Return the number of each point and seed, shape (*axes, seeds); NaN if not measured."""
+    """Return the measured value of each point and seed, shape (*axes, seeds), or NaN."""
     shown = [float(row[study.measure.shown] or 'nan') for row in rows]
     return np.array(shown).reshape(_shape(study))
 
