@@ -148,7 +148,7 @@ def _cost(bundle: Bundle, prior: Array, noise: float) -> float:
 
 
 def observable_basis(lengths: Lengths) -> Array:
-    """Return an orthonormal basis, (P, P - 1), of the changes that keep the mean spacing."""
+    """Return orthonormal changes of the unknowns, (P, P - 1), that keep the mean spacing."""
     size = UNKNOWNS_PER_ROTOR * lengths.rotors - 2
     scale = np.zeros((size, 1))
     split(scale[:, 0])[2][:] = lengths.spacings
@@ -229,7 +229,7 @@ def _room(lengths: Lengths) -> tuple[Array, Array]:
     A bond has the rest length l, the spacing a and the rotor lengths r_n and r_(n+1). The first
     distance is l - a - |r_n - r_(n+1)|. The second distance is a + l - r_n - r_(n+1). If it is
     negative for most bonds, as in spinners, its sign is reversed for all bonds. A bond is beyond a
-    limit if the distance is negative. Their derivatives by the P unknowns have shape (2 K, P).
+    limit if its distance is negative. Their derivatives by the P unknowns have shape (2 K, P).
     """
     r, a, rest = lengths.rotor_lengths, lengths.spacings, lengths.rest_lengths
     left, right = r[:-1], r[1:]

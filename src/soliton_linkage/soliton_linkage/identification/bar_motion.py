@@ -67,7 +67,7 @@ _STEP = 1e-4
 by its prior standard deviation, whichever is larger [1]."""
 _INFORMED = 1e-9
 """A combination of length errors is neglected if its variance is smaller than this fraction of the
-largest one [1], because it is a rounding error."""
+largest one [1], because it is then a rounding error."""
 
 
 def _acceleration(

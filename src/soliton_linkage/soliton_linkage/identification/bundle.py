@@ -34,7 +34,7 @@ _BATCH = 256
 _MISSING_VARIANCE = 1e4
 """Variance of a missing reading, relative to the variance of a typical reading [1]."""
 _CLOSINGS = 8
-"""Largest number of Newton steps of the angles after a change of lengths [1]; usual are 2 or 3."""
+"""Largest number of Newton steps of the angles after a change of lengths [1]; 2 or 3 are usual."""
 _CLOSED = 1e-4
 """Newton's method ends when no angle changes by this or more [rad]; the noise is far larger."""
 _LARGEST_ERROR = 0.3
@@ -144,8 +144,8 @@ class Bundle:
         """Start with readings [rad], (T, N), NaN if missing.
 
         `relative_deviations` are the standard deviations of the readings, divided by the standard
-        deviation of a typical reading [1]. `repeat_counts` contains, for each reading, the number
-        of successive equal readings to which it belongs. Together, these have the weight of one.
+        deviation of a typical reading [1]. `repeat_counts` is, for each reading, the number of
+        successive equal readings that include it; together, these have the weight of one reading.
         """
         self._readings = np.ascontiguousarray(readings.T)
         self._seen = np.isfinite(self._readings)
@@ -198,7 +198,7 @@ class Bundle:
         return NormalEquations(matrix, vector, squares)
 
     def close(self) -> float:
-        """Close the bonds by one Newton step of all angles; return the largest change [rad]."""
+        """Take one Newton step of all angles to close bonds; return the largest change [rad]."""
         largest = 0.0
         for frames in self._batches():
             linearised, factors, whitened = self._linearised(frames)

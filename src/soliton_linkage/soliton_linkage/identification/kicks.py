@@ -17,9 +17,9 @@ from soliton_linkage.identification.windows import ARRIVAL
 from soliton_linkage.linkage.chain import Array
 
 _MOST_KICKS = 3
-"""Largest number of unrecorded kicks that are searched [1]; each kick requires another fit."""
+"""Largest number of unrecorded kicks that are searched for [1]; each requires another fit."""
 _CANDIDATES = 5
-"""A kick is tried at this number of the largest sudden changes of the speed [1]."""
+"""Number of sudden changes of the speed, the largest ones, at which a kick is tried [1]."""
 _KICK_FRAMES = 7
 """Number of successive frames whose residuals are averaged in the search for a kick."""
 _BEFORE_KICK = 0.06

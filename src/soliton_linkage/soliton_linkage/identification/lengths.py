@@ -44,7 +44,7 @@ class Lengths:
         return len(self.rotor_lengths)
 
     def changed(self, change: Array) -> Lengths:
-        """Return the lengths after a change of the P unknowns, shortened to `_LONGEST_STEP`."""
+        """Return the lengths after a `change`, (P,), which is first limited by `_LONGEST_STEP`."""
         largest = float(np.abs(change).max(initial=0.0))
         rotor, offset, spacing, rest = split(change * min(1.0, _LONGEST_STEP / max(largest, 1e-9)))
         return Lengths(
@@ -173,7 +173,7 @@ class Tolerances:
         return information
 
     def is_close(self, other: Tolerances, fraction: float) -> bool:
-        """Return whether both tolerances differ from `other` by at most this fraction [1]."""
+        """Return whether both tolerances differ from `other` by at most a fraction of it [1]."""
         return (
             abs(self.lengths - other.lengths) <= fraction * other.lengths
             and abs(self.offsets - other.offsets) <= fraction * other.offsets
@@ -183,7 +183,7 @@ class Tolerances:
     def estimated(lengths: Lengths, covariance: Array, given: float | None) -> Tolerances:
         """Return tolerances estimated from lengths and the covariance of their unknowns, (P, P).
 
-        If `given` is not None, the tolerance of the lengths is not estimated, but `given` [1].
+        If `given` is not None, it becomes the tolerance of the lengths [1], without an estimate.
         """
         rotor, offset, spacing, rest = split(np.diag(covariance))
         squares = [

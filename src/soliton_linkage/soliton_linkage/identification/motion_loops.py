@@ -205,7 +205,7 @@ def integrate(
     states: Array,
     slopes: Array,
 ) -> None:
-    """Integrate `state`, (2, N), and the sensitivities `changes`, (Q, 2, N), over T times [s].
+    """Integrate `state`, (2, N), and sensitivities `changes`, (Q, 2, N), over T time `spans` [s].
 
     At the end of each span, the angles and rates are stored in `states`, (T, 2, N), and the
     sensitivities of the angles in `slopes`, (Q, T, N).

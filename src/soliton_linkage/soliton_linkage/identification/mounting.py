@@ -34,7 +34,7 @@ _WEIGHTINGS = 4
 """Number of successive fits of a curve [1]; each fit uses weights from the previous one."""
 _FLATTEST = 0.1
 """The weight of a frame in the fit of a curve is the inverse of the derivative of the misfit by
-the angles. This value is added in quadrature, so that no single frame dominates [1]."""
+the angles. This value is added to the derivative in quadrature, so that no frame dominates [1]."""
 _BETTER = 0.8
 """The sign of an encoder counts as reversed if the misfit with the opposite sign is less than this
 times the misfit with the recorded sign [1]."""

@@ -212,7 +212,7 @@ _TURNING = 0.05
 """A rotor counts as turning if its mean direction over `_AVERAGED` frames differs from the mean
 over the previous `_AVERAGED` frames by more than this [1]."""
 _AT_REST = 0.1
-"""Ratio of the rates of selected frames while all rotors rest and while a rotor turns [1]."""
+"""Selected frames per second while all rotors rest, relative to while a rotor turns [1]."""
 _FILLINGS = 5
 """Number of iterations in the computation of the density of selected frames [1]. Each iteration
 limits it to the density of all frames, and distributes the excess over other times."""

@@ -41,7 +41,7 @@ weight exp(-s d^2 / 2)."""
 
 
 def check_motion(readings: Array, names: Sequence[str]) -> None:
-    """Raise ValueError unless in readings [rad], (T, N), a wall passes all rotors in order."""
+    """Raise ValueError unless a wall passes all rotors in order in `readings` [rad], (T, N)."""
     check_mounting(readings, names)
     check_zeros(readings, names)
     inner = leaning_over(readings)[1:-1]
@@ -252,7 +252,7 @@ _JUMP_OVER_NEIGHBOURS = 3.0
 
 
 def noise_of(readings: Array, relative_deviations: Array) -> float:
-    """Return the noise of a reading [rad], from the median of second differences, or NaN."""
+    """Return the noise of a reading [rad], from the median second difference; NaN if unknown."""
     bends = readings[2:] - 2 * readings[1:-1] + readings[:-2]
     squares = relative_deviations**2
     bends /= np.sqrt(squares[2:] + 4 * squares[1:-1] + squares[:-2])

@@ -66,7 +66,7 @@ def initial_windows(
     """Return short windows of free motion between interruptions at given times [s].
 
     The initial state of each window is estimated from the angles [rad], (T, N). `tilt_at` returns
-    the tilt of the chain at a time.
+    the tilt of the chain [rad] at a time [s].
     """
     windows = []
     intervals = free_intervals(times, interruptions)

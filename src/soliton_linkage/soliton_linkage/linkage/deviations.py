@@ -82,7 +82,7 @@ class Deviations:
                 )
 
     def joined(self, others: Deviations) -> Deviations:
-        """Return the deviations of both; raise ValueError if both deviate in one quantity."""
+        """Return the deviations of both objects; ValueError if both deviate in one quantity."""
         for name in _NAMES:
             if getattr(self, name) and getattr(others, name):
                 raise ValueError(
@@ -110,7 +110,7 @@ def _spread(of: str) -> Any:
 @document_fields
 @dataclass(frozen=True)
 class Disorder(CheckedQuantities):
-    """Standard deviations of random deviations, and their seed; raises ValueError out of range."""
+    """Standard deviations and seed of random deviations; ValueError for values out of range."""
 
     spacing: float = _spread('distances between pivots')
     rotor_length: float = _spread('lengths of the rotors')

@@ -31,7 +31,7 @@ class Quantity:
     adjustable: bool = False
 
     def complaint(self, value: object) -> str | None:
-        """Return the condition that a value violates as text, or None if the value is allowed."""
+        """Return as text the condition that a value violates, or None if the value is allowed."""
         if self.choices and value not in self.choices:
             return f'must be one of {", ".join(map(repr, self.choices))}'
         if isinstance(value, numbers.Real) and not isinstance(value, bool):
@@ -62,7 +62,7 @@ def quantity(
     choices: Collection[str] = (),
     adjustable: bool = False,
 ) -> Any:
-    """Return a dataclass field with a `Quantity` of all arguments but `default` as metadata."""
+    """Return a dataclass field whose metadata is a `Quantity` of the arguments after `default`."""
     described = Quantity(description, unit, minimum, maximum, choices, adjustable)
     return field(default=default, metadata={'quantity': described})
 

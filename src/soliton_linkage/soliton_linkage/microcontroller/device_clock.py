@@ -44,9 +44,8 @@ _FROM_THE_PAST = 10.0
 _SMALLEST_JUMP = 1e-3
 """Smallest jump of a clock that is detected [s]; at 2x, undetected jumps bias the drift more."""
 _EARLY, _LATE = 3.0, 10.0
-"""A delay is plausible if it is at most the first number times the typical height below the fitted
-line, and at most the second number times this height above it [1]. The typical height is the
-median height of the delays above the line."""
+"""A delay is plausible if it is at most the first number times h below the fitted line, or at most
+the second number times h above it [1], where h is the median height of delays above the line."""
 _UNUSUAL = 8.0
 """For messages without a checksum: an interval is unusual if its difference from a multiple of the
 median interval is larger than this times the median of such differences [1]."""

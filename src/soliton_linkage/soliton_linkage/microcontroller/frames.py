@@ -173,7 +173,7 @@ def _packed(values: Array, type_: np.dtype[Any]) -> bytes | None:
 
 
 def decode_binary(piece: bytes) -> SerialFrame:
-    """Return the frame that bytes without the end byte encode; ValueError if invalid."""
+    """Return the frame that `piece`, without the end byte, encodes; ValueError if invalid."""
     whole = unstuff(piece)
     if len(whole) < _HEADER.size + _CHECKSUM.size:
         least = _HEADER.size + _CHECKSUM.size

@@ -101,7 +101,7 @@ class AngleReader:
         return np.asarray(angles)
 
     def check(self, frame: SerialFrame) -> None:
-        """Raise ValueError unless the frame has a reading [rad] or [1] for each rotor."""
+        """Raise ValueError unless the frame has a reading, an angle or a count, for each rotor."""
         if len(frame.values) != self.rotors:
             raise ValueError(
                 f'it has {len(frame.values)} readings for a chain of {self.rotors} rotors; send '

@@ -59,7 +59,7 @@ class SteeringSettings(CheckedQuantities):
     )
     """The feedback is stable for delays of up to 3 frames. Sensitivity for a frame period of 50
     ms: at 0.5x, moves take twice as long; at 2x, a delay of 3 frames destabilises the feedback for
-    a flipper. Shorter frame periods have no effect."""
+    a flipper. With shorter frame periods, the parameter has no effect."""
 
     observer_ratio: float = quantity(
         3.0, 'ratio of the bandwidths of observer and feedback', '', 0.1, 100.0

@@ -314,7 +314,7 @@ class Steering:
         return trajectory
 
     def _reference(self, estimate: WallEstimate) -> ReferencePoint:
-        """Return the reference at the time of an estimate, or without one the estimated state."""
+        """Return the reference at the time of an estimate; without a trajectory, the estimate."""
         if self._trajectory is None:
             return ReferencePoint(estimate.arc, estimate.rate, 0.0)
         return self._trajectory.at(estimate.time)

@@ -30,7 +30,7 @@ from soliton_linkage.vision.rotor_tracks import Pivots, RotorTracks
 _DOT_DEVIATION = 0.7
 """Standard deviation of the position of a dot in the assignment of dots to rotors [pixels]."""
 _SEARCHED = 5.0
-"""Largest distance of a dot from its predicted angle [standard deviations]."""
+"""Largest accepted difference of the angle of a dot from its prediction [standard deviations]."""
 _MIN_RADIUS = 1.5
 """Dots with a smaller radius than this cannot be fitted [pixels]."""
 
@@ -209,7 +209,7 @@ class AngleCamera:
         heights = np.concatenate([self._layout.heights] * 2)
         outlines = plane.metres_per_pixel(starts, heights) / self._layout.dot_radius
         # Only dots near their predictions are fitted. The prediction of a hidden rotor becomes
-        # uncertain, so that the dot is searched on its whole circle.
+        # uncertain, so that the dot is searched for on its whole circle.
         arms = _SEARCHED * angle_deviations * self.tracks.lengths / self._metres
         label = self._radius / DOT_SHARE
         reaches = label + np.concatenate([arms, np.where(self.pivots.known, 0.0, np.inf)])

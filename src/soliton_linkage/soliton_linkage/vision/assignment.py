@@ -22,7 +22,7 @@ HIDDEN = -1
 _CANDIDATES = 6
 """Largest number of dots that are considered for one rotor."""
 _HIDDEN_COST = 14.0
-"""Cost of the state "hidden" [1], between those of dots with errors of 3 and 4 standard
+"""Cost of the state "hidden" [1], between the costs of dots with errors of 3 and of 4 standard
 deviations."""
 _MAX_ANGLE_COST = 30.0
 """Largest cost of a difference from the predicted angle [1]. The cost is limited, because the

@@ -39,7 +39,7 @@ class PlacingErrors:
         self._parameters = np.linalg.lstsq(fields, moved, rcond=None)[0]
 
     def deviations(self, pivots: Array, arms: Array) -> Array:
-        """Return the deviations of the angles, (N,), per deviation of a marker position [rad/m].
+        """Return angle errors, (N,), per error of a marker position: ratios of deviations [rad/m].
 
         `arms`, (N, 2), are the vectors [m] from the pivots, (N, 2), to the masses.
         """

@@ -43,12 +43,12 @@ class ChainPlane:
         return np.asarray(normal / np.linalg.norm(normal) * self._unit)
 
     def pixels(self, points: Array, heights: ArrayLike = 0.0) -> Array:
-        """Return the pixels, (..., 2), at which points (x, z) with given heights appear [m]."""
+        """Return the pixels, (..., 2), at which points (x, z) [m] at given heights [m] appear."""
         rays = points @ self.columns[:, :2].T + self._origins(points, heights)
         return self.camera.pixels(rays[..., :2] / rays[..., 2:])
 
     def points(self, pixels: Array, heights: ArrayLike = 0.0) -> Array:
-        """Return the points (x, z) with given heights [m], (..., 2), that appear at `pixels`."""
+        """Return the points (x, z) [m], (..., 2), at given heights [m] that appear at `pixels`."""
         rays = self.camera.rays(pixels)
         origins = self._origins(rays, heights)
         g1, g2 = self.columns[:, 0], self.columns[:, 1]
