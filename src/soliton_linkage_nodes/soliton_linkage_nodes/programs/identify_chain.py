@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Estimate the lengths of a chain and their standard deviations from bags.
+"""Estimate from bags the lengths of rotors, spacings and springs, with standard deviations.
 
 All bags must contain the same chain, and a soliton must pass through it in each bag; the tilt may
 differ. The program writes the parameter file chain.yaml, the table lengths.csv, and a report with

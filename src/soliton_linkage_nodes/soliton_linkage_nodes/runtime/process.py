@@ -132,7 +132,7 @@ def run(create_node: Callable[[], Node]) -> None:
 
 
 def run_together(constructors: Sequence[Callable[[], Node]], arguments: list[str]) -> None:
-    """Spin several nodes in one process, as `run` does, until one finishes."""
+    """Create nodes and spin all of them in this process; the rest is as in `run`."""
     stopping = stop_on_signals()
     code = 0
     try:

@@ -30,9 +30,10 @@ short because clocks drift."""
 class SequenceGaps:
     """Counter of the messages of a topic that were published and never received.
 
-    Each publisher numbers its messages 1, 2, 3, ... Message n belongs to the publisher with the
-    largest last number below n. If there is none, or if this number is not n - 1 and the ROS graph
-    lists more publishers than are known, message n belongs to a new publisher.
+    Each publisher numbers its messages 1, 2, 3, ... Of the numbers of the last messages received
+    from each publisher, the largest one below n is sought: message n belongs to that publisher. If
+    there is none, or if the number found is not n - 1 and the ROS graph lists more publishers than
+    are known, message n belongs to a new publisher.
     """
 
     def __init__(self) -> None:
@@ -250,7 +251,8 @@ class StreamArbitration:
     ) -> bool:
         """Return whether to keep a message with a sequence number and a source time `sent` [ns].
 
-        `publishers()` returns the number of publishers, `parts()` the parts, such as joint names.
+        `publishers()` returns the number of publishers of the topic, and `parts()` the names of the
+        parts in this message, such as joint names.
         """
         first = self._shares[0]
         if parts is None:

@@ -16,7 +16,7 @@ _LONGEST_WAIT = 0.1
 
 
 class NextAction(Enum):
-    """Next action of the player after it has waited for a message."""
+    """What the player does after it has waited for the time of a message."""
 
     PLAY = auto()
     SEEK = auto()

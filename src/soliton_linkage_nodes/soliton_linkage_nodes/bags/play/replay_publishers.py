@@ -76,8 +76,8 @@ class Lockstep:
     def wait_for_turn(self, topic: str, message: bytes, stopped: Callable[[], bool]) -> None:
         """Wait until a message may be published, or until `stopped()` is true.
 
-        A frame waits while `window` frames are unanswered, any other message until all are
-        answered.
+        A frame waits until fewer than `window` frames (an argument of the constructor) are
+        unanswered. Any other message waits until all frames are answered.
         """
         if topic != self.frames:
             self.settle(stopped)

@@ -42,7 +42,7 @@ class Shown(Protocol):
 async def attempt(name: str, action: Action, long: bool = False) -> bool:
     """Carry out an action and show its answer; return whether it has succeeded.
 
-    A `long` action may take more than 2 s.
+    Unless an action is `long`, the page reports after 2 s that there is no answer yet.
     """
     number = next(_numbers)
     show_answer(number, name, long=long)
@@ -78,7 +78,7 @@ def button(
 ) -> ui.button:
     """Add a button that carries out an action by `attempt`.
 
-    `marker` is the HTML id. A `primary` button is filled. A `long` action may take more than 2 s.
+    `marker` is the HTML id. A `primary` button is filled. `long` is as in `attempt`.
     """
 
     async def press() -> None:
