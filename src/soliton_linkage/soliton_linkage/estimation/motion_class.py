@@ -8,7 +8,7 @@ theta_right = theta_left + pi in a spinner.
 
 In a wobbling flipper, rotors beside the wall lean by more than the rest angle. Let a rotor deviate
 by e from the rest angle, and its outer neighbour, the next rotor away from the wall, by e'. Let d
-be the lean ratio of the chain, and F(e) the value of e' for d = 1 (`next_deviation`). Then
+be the lean ratio of the chain, and F(e) the `next_deviation` of a chain with d = 1. Then
 
     e' = F(e) + lambda e + ...,    lambda = (1 - d) / (1 + d),
 
@@ -68,7 +68,7 @@ _NO_EVIDENCE = (math.nan, 0.0, math.nan)
 
 @compiled(f8, f8, f8)
 def next_deviation(inner: float, rest_angle: float, k: float) -> tuple[float, float]:
-    """Return F(e), the deviation of the outer neighbour [rad], and the slope F'(e) [1] for d = 1.
+    """Return F(e), the deviation of the outer neighbour [rad], and its slope F'(e) [1].
 
     `inner` is e. With the rest angle theta_bar, a rotor leans by alpha = theta_bar + e and its
     outer neighbour by alpha' = theta_bar + F(e). With k = a / r, the ratio of rotor spacing and

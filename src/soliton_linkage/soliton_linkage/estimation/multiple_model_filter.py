@@ -212,7 +212,7 @@ class MultipleModelFilter:
         self._refresh()
 
     def add_rate_noise(self, variance: float, elapsed: float) -> None:
-        """Add process noise; `variance` is that of the rate [rad^2/s^2] after `elapsed` [s]."""
+        """Increase the variance of the rate by `variance` [rad^2/s^2] in a time `elapsed` [s]."""
         covariances = self.filters['covariance']
         covariances[:, RATE, RATE] += variance
         covariances[:, ARC, ARC] += variance * elapsed**2 / 3

@@ -87,7 +87,7 @@ class WallFrame:
         self._angles, self._rates, self._errors = angles, rates, errors
 
     def energy(self, sites: Sequence[float]) -> float:
-        """Return the energy near the walls at given sites [J]; NaN if unknown."""
+        """Return the sum of the energies near the walls at the given sites [J]; NaN if unknown."""
         angles, rates = self._angles, self._rates
         if angles is None or rates is None or not np.isfinite(rates).all():
             return math.nan
@@ -145,7 +145,7 @@ class WallMeasurement(NamedTuple):
 
 
 class WallTrack:
-    """State of a wall from frame to frame, from the `OrbitFilter` or a filter of this wall."""
+    """State of a wall from frame to frame; it has a filter unless an `OrbitFilter` has one."""
 
     def __init__(
         self,

@@ -198,8 +198,8 @@ def wobble(
 ) -> tuple[Overshoot, Lengths]:
     """Return the overshoot and the lengths of the wobble beside a wall.
 
-    The overshoot [m] (see `_overshoot`) is that of the side with the larger overshoot at rest. The
-    lengths are tail ratio [1], decay length and wavelength [m], each followed by its standard
+    The overshoot [m] (see `_overshoot`) is measured on the side of the wall on which the same wall
+    at rest has the larger overshoot. The lengths are tail ratio [1], decay length and wavelength [m], each followed by its standard
     deviation. Unknown values are NaN.
     """
     bar, rotors = bars[0], angles.size
@@ -302,10 +302,10 @@ class WobbleReporter:
     ) -> Wobble:
         """Return the wobble beside a wall, given finite angles [rad], shape (N,).
 
-        The tail ratio lambda is fitted to e' = F(e) + (lambda - lambda_0) e on both sides of the
-        wall. A rotor deviates by e from the uniform state, and its outer neighbour by e'. F is the
-        `next_deviation`, and lambda_0 = (1 - d) / (1 + d) for the lean ratio d. The wavelength is
-        fitted to the zeros of the tails. `noise` is the standard deviation of the angles, and
+        A rotor deviates by e from the uniform state, and its outer neighbour by e'. Without waves,
+        e' = F(e) (`next_deviation`), with the slope F'(0) = lambda_0 = (1 - d) / (1 + d) for the
+        lean ratio d. The tail ratio lambda is fitted to e' = F(e) + (lambda - lambda_0) e on both
+        sides of the wall, and the wavelength to the zeros of the tails. `noise` is the standard deviation of the angles, and
         `persistent` the rms of the persistent differences from the orbit [rad].
         """
         overshoot, lengths = wobble(

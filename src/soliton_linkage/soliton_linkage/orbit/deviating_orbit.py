@@ -78,7 +78,7 @@ class DeviatingOrbit(Orbit):
         return self._uniform.wall_extent * self.site_arc / self._uniform.site_arc
 
     def site(self, arc: float) -> float:
-        """Return the site of the wall at an arc length [rad], from 0 to N - 1 [rotor spacings]."""
+        """Return the site of the wall, 0 to N - 1 [rotor spacings], at an arc length [rad]."""
         return self._uniform.site(self._uniform_arc.at(arc % self.length)[0])
 
     def arc_at(self, site: float, leg: int) -> float:

@@ -105,7 +105,7 @@ class Orbit(ABC):
 
     @abstractmethod
     def site(self, arc: float) -> float:
-        """Return the site of the wall at an arc length [rad], from 0 to N - 1 [rotor spacings]."""
+        """Return the site of the wall, 0 to N - 1 [rotor spacings], at an arc length [rad]."""
 
     @abstractmethod
     def arc_at(self, site: float, leg: int) -> float:

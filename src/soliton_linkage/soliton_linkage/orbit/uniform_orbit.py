@@ -100,7 +100,7 @@ class UniformOrbit(Orbit):
         return self._short.number_of_rotors * self.site_arc + swing
 
     def site(self, arc: float) -> float:
-        """Return the site of the wall at an arc length [rad], from 0 to N - 1 [rotor spacings]."""
+        """Return the site of the wall, 0 to N - 1 [rotor spacings], at an arc length [rad]."""
         site = self._site(arc % self._starts[-1], self.leg(arc))[0]
         return 0.0 if site < 0 else min(site, self._last)
 

@@ -22,7 +22,7 @@ where p_n is the relative deviation of the length of rotor n, and m_n the relati
 mass. The three terms are the change of the arc length between the bonds, the change of the arc
 element, and the change of the inertia. With the pseudo-inverse R^+ of R, dphi = -R^+ E p. The code
 computes products q^T R^+ E with a vector q as u^T E, where u is the solution of (R R^T) u = R q.
-Deviations of the stiffnesses have no effect on an orbit without energy.
+Deviations of the stiffnesses have no effect, because no spring of the orbit is extended.
 """
 
 from __future__ import annotations

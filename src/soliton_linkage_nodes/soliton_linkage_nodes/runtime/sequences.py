@@ -251,8 +251,8 @@ class StreamArbitration:
     ) -> bool:
         """Return whether to keep a message with a sequence number and a source time `sent` [ns].
 
-        `publishers()` returns the number of publishers of the topic, and `parts()` the names of the
-        parts in this message, such as joint names.
+        `publishers()` returns the number of publishers of the topic, and `parts()` the names in
+        this message, such as joint names.
         """
         first = self._shares[0]
         if parts is None:
