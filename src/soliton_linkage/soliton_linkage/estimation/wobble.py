@@ -199,8 +199,8 @@ def wobble(
     """Return the overshoot and the lengths of the wobble beside a wall.
 
     The overshoot [m] (see `_overshoot`) is measured on the side of the wall on which the same wall
-    at rest has the larger overshoot. The lengths are tail ratio [1], decay length and wavelength [m], each followed by its standard
-    deviation. Unknown values are NaN.
+    at rest has the larger overshoot. The lengths are tail ratio [1], decay length and wavelength
+    [m], each followed by its standard deviation. Unknown values are NaN.
     """
     bar, rotors = bars[0], angles.size
     rest_angle, length, spacing = bar['rest_angle'], bar['rotor_length'], bar['spacing']
@@ -305,8 +305,9 @@ class WobbleReporter:
         A rotor deviates by e from the uniform state, and its outer neighbour by e'. Without waves,
         e' = F(e) (`next_deviation`), with the slope F'(0) = lambda_0 = (1 - d) / (1 + d) for the
         lean ratio d. The tail ratio lambda is fitted to e' = F(e) + (lambda - lambda_0) e on both
-        sides of the wall, and the wavelength to the zeros of the tails. `noise` is the standard deviation of the angles, and
-        `persistent` the rms of the persistent differences from the orbit [rad].
+        sides of the wall, and the wavelength to the zeros of the tails. `noise` is the standard
+        deviation of the angles, and `persistent` the rms of the persistent differences from the
+        orbit [rad].
         """
         overshoot, lengths = wobble(
             self._bars, angles, wall.angles, wall.first, wall.site, noise, persistent
