@@ -37,7 +37,7 @@ class VoiceCoil:
     def response(
         self, current: float, command: Profile, start: float, end: float
     ) -> tuple[float, float]:
-        """Return the current at `end` [A], equal to the command, and its integral [A s]."""
+        """Return the commanded current [A] at `end`, and its integral since `start` [A s]."""
         return float(command.before(end)), float(command.integral(start, end))
 
     def torque(self, current: float) -> float:

@@ -24,8 +24,8 @@ RATE = 100.0
 def read_angles(time: float) -> list[float]:
     """Return the angle of each rotor [rad] from +z towards +x, NaN if an encoder has no reading.
 
-    Instead of a bus, this example simulates a wall of width 2 rotor spacings, which moves from
-    rotor 0 to the last rotor at 5 rotors/s. Odd rotors report phi = pi - theta.
+    This example reads no bus, but simulates a wall of width 2 rotor spacings that moves from rotor
+    0 to the last rotor at 5 rotors/s. Odd rotors report phi = pi - theta.
     """
     site = 5 * time % ROTORS
     lean = [0.97 * math.tanh((site - rotor) / 2) for rotor in range(ROTORS)]

@@ -8,7 +8,7 @@ from soliton_linkage.solitons.continuum import wall_theory
 
 CHAIN = sl.Chain(number_of_rotors=30, rest_angle=0.3)
 KICKS = (2.0, 4.0, 8.0, 12.0)
-"""Speeds of the kicks along the zero mode [rad/s], as norms of the angular velocities."""
+"""Kicks along the zero mode: norms of the angular velocities [rad/s]."""
 
 
 def crossing_speed(chain: sl.Chain, kick: float) -> float:

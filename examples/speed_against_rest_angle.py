@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compare the speed of a soliton after one kick in chains with different rest angles.
 
-A slow wall of the discrete chain has the speed v = a |phi_dot| / Lambda. Lambda is the arc of the
-zero-energy orbit from one rotor to the next.
+A slow wall of the discrete chain has the speed v = a |phi_dot| / Lambda. Lambda is the arc
+length of the zero-energy orbit per rotor spacing.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ import soliton_linkage as sl
 REST_ANGLES = (0.3, 0.5, 0.7, 0.97)
 """Rest angles of the uniform right-leaning state [rad]."""
 KICK = 2.0
-"""Speed given to the zero mode [rad/s]."""
+"""Kick along the zero mode: norm of the angular velocities [rad/s]."""
 
 
 def crossing_speed(chain: sl.Chain, kick: float) -> float:
@@ -26,7 +26,7 @@ def crossing_speed(chain: sl.Chain, kick: float) -> float:
 
 
 def main(rest_angles: tuple[float, ...] = REST_ANGLES) -> dict[float, tuple[float, float]]:
-    """Print a table; return the measured and the slow-limit speed [m/s] by rest angle."""
+    """Print a table; return the measured speed and that of a slow wall [m/s] by rest angle."""
     speeds = {}
     print('rest angle [rad]   speed [m/s]   a |phi_dot| / Lambda [m/s]')
     for rest_angle in rest_angles:
