@@ -42,7 +42,7 @@ class PlainParser(argparse.ArgumentParser):
 
 
 def words_before() -> list[str]:
-    """Return the words before the word to complete, without the program; [] without a request."""
+    """Return the words between the program name and the word to complete; [] if not completing."""
     if _ASKED not in os.environ:
         return []
     return os.environ['COMP_LINE'][: int(os.environ['COMP_POINT'])].split(' ')[1:-1]

@@ -210,7 +210,7 @@ def _arcs_of(orbit: Orbit, angles: Array, noise: float) -> tuple[Array, Array]:
 
 
 class BarMotion(NamedTuple):
-    """Masses, drag and gravity from free motions, in units of the mean spacing and mass."""
+    """Masses, drag and gravity from free motions; units are the mean spacing and the mean mass."""
 
     masses: Array
     mass_deviations: Array

@@ -34,15 +34,16 @@ decrease that it would cause without a kick, plus this number of standard deviat
 _STEP_NOISE = 0.02
 """The speed before and after a possible kick is averaged over so many frames that its standard
 deviation due to noise is this fraction of the root mean square speed [1]. Sensitivity: in 14 of 16
-recordings with a random kick, the largest step is the kick; at 2x, in 12; at 0.5x, in 14."""
+recordings with a random kick, the largest change is the kick; at 2x, in 12; at 0.5x, in 14."""
 _FEWEST = 8
 """Smallest number of frames over which the speed on each side of a kick is averaged [1]."""
 _SMALLEST_STEP = 0.08
 """If springs do not fit without a kick, a kick is tried only at a change of the speed by more than
 this fraction of the root mean square speed [1]."""
 _AT_REST = 1e-3
-"""Changes of the speed are divided by the speed, but at least by this times the root mean square
-speed [1], because the speed is 0 while the chain is at rest."""
+"""The direction of motion is the vector of the mean rates divided by its norm, or by this times
+the root mean square speed [1] if this is larger, because the norm is 0 while the chain is at
+rest."""
 
 _Fitted = tuple[MotionFitter, MotionFit] | str
 

@@ -53,8 +53,8 @@ likelihood has a curved valley."""
 _ROUNDS = 4
 """Largest number of times that the tolerances are estimated and the motion is fitted again [1]."""
 _CONVERGED = 0.1
-"""The last fit ends when -2 log likelihood is expected to decrease by less than this in a step
-[1]."""
+"""The fit of the longest windows ends when -2 log likelihood is expected to decrease by less than
+this in a step [1]."""
 _COARSE = 0.1
 """The fit of shorter windows ends when the expected decrease of -2 log likelihood in a step,
 divided by the number of unknowns, is smaller than this [1]."""

@@ -236,8 +236,8 @@ def stray_residuals(residuals: Array, noise: float) -> NDArray[np.bool_]:
 
 
 _SLIP_RANGE = 3.0
-"""An encoder slips if the cumulative sum of its n residuals, minus their mean, is at some frame
-larger than this times the noise times sqrt(n) [1]."""
+"""An encoder slips if at some frame the cumulative sum of its n residuals, each minus their mean,
+is larger than this times the noise times sqrt(n) [1]."""
 _SMALLEST_SLIP = 2.0
 """Smallest slip that is reported, relative to the noise of a reading [1]."""
 _JUMP_FRAMES = 15
@@ -298,7 +298,7 @@ def _sudden_changes(readings: Array, frames: int) -> Array:
 def check_slips(recording: Readings, residuals: Array, noise: float) -> None:
     """Raise ValueError if the residuals of an encoder have a step.
 
-    The residuals are divided by the relative deviations [rad].
+    `residuals` [rad] have been divided by the relative deviations of the readings.
     """
     single = residuals / np.sqrt(repeat_counts(recording.unwrapped))
     sums = np.cumsum(single - single.mean(axis=0), axis=0) / (noise * math.sqrt(len(residuals)))

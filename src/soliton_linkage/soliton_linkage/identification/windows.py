@@ -27,7 +27,7 @@ ARRIVAL = 0.05
 """Largest delay between the command of an impulse and its effect [s]."""
 _MERGED = 4
 """Largest number of windows that are merged at a time [1]; at 2x, the wall that the first motion
-predicts may be too far from the readings."""
+predicts may be too far from the recorded one."""
 _LONGEST_WINDOW = 1600
 """Largest number of frames in a merged window. It then has 800 readings for each unknown of its
 initial state. In longer windows, angles depend less linearly on the unknowns."""

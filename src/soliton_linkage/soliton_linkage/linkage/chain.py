@@ -42,7 +42,7 @@ class Motion(enum.Enum):
 
 
 def _deviating(parameter: str, meaning: str) -> cached_property[Array]:
-    """Return a property of `Chain`, a parameter with its deviations; `meaning` documents it."""
+    """Return a property of `Chain`: a parameter of each rotor or spring, with its deviation."""
 
     def values(chain: Chain) -> Array:
         return np.asarray(getattr(chain, parameter) * chain._factors(parameter))
@@ -57,8 +57,8 @@ class Chain:
     """Parameters of a chain. Raises ValueError for invalid values.
 
     With periodic ends, a spring joins the last rotor to a periodic image of the first rotor.
-    `deviations` contains the relative deviations of single rotors or springs from the other
-    parameters. `feedback` contains the parameters of the motor controllers.
+    `deviations` contains the relative deviations of single rotors or springs from the values of
+    the other fields. `feedback` contains the parameters of the motor controllers.
     """
 
     number_of_rotors: int = quantity(40, 'number of rotors', '', 2, 100_000)

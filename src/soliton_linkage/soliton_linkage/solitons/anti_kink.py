@@ -31,7 +31,7 @@ _LONGEST = 0.3
 """A Newton step is scaled down so that no angle changes by more than this [rad]."""
 _BUCKLING = 1e-6
 """An eigenvalue counts as negative if it is below 0 by more than this fraction of the largest
-diagonal element of the matrix [1], which exceeds the rounding errors."""
+diagonal element of the matrix [1]. Rounding errors are smaller."""
 
 
 @lru_cache(maxsize=8)

@@ -8,7 +8,7 @@ of the energy of phonons is kinetic. Therefore,
 
 with the average < > over time, the rates phi_dot and the moment of inertia I of a rotor. The
 standard deviation sigma of a rate is estimated from third differences of the rates in successive
-frames, which have the variance 20 sigma^2.
+frames. Such a difference has the variance 20 sigma^2.
 """
 
 from __future__ import annotations

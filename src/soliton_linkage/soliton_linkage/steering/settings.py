@@ -127,7 +127,7 @@ class SteeringSettings(CheckedQuantities):
     max_gap: float = quantity(
         5.0, 'time without frames after which the soliton may have moved', 'frame periods', 1.0
     )
-    """Sensitivity: at 0.5x, the move also continues after an impulse during which two frames are
+    """Sensitivity: at 0.5x, a move still continues after an impulse during which two frames are
     missing. At 2x, a wall that continues its motion is released after a gap of 8 frames."""
 
     detection_timeout: float = quantity(

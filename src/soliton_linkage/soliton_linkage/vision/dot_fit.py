@@ -46,8 +46,8 @@ _MAX_STEP = 0.7
 _OFFSETS = 5
 """Number of offsets s_k along the path of a moving dot."""
 _HALF_WIDTH = 4.0
-"""The tables extend to this distance from an edge on both sides [blurs]; the error of the constant
-values beyond it is 3e-5."""
+"""The tables extend to this distance from an edge on both sides [blurs]; beyond it, constant
+values are used, with errors of 3e-5."""
 _STEPS = 64
 """Number of points of the tables per blur; interpolation errors are below 1e-5."""
 _DISTANCES = np.arange(2 * int(_HALF_WIDTH) * _STEPS + 1) / _STEPS - _HALF_WIDTH

@@ -24,8 +24,8 @@ _MAX_RELATIVE_RESIDUAL, _MAX_RESIDUAL = 2.0, 0.02
 """A dot is rejected if its residual is larger than the first factor times the median residual of
 all dots, plus the second factor times its contrast [1]."""
 _MAX_SHIFT = 2.5
-"""Largest distance of a fitted dot from the dark spot that led to it [pixels], if the dot is at
-rest; half its displacement during the exposure is added."""
+"""Largest distance of a fitted dot from the dark spot that led to it [pixels]; for a moving dot,
+half its displacement during the exposure is added."""
 _GREY_SATURATION = 0.25
 """A dot with a larger saturation than this is certainly not black [1]."""
 _HUE_DEVIATION = 0.5

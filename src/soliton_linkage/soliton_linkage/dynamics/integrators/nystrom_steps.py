@@ -48,8 +48,8 @@ from soliton_linkage.linkage.chain import Array
 ORDER = 6
 """Order of the method: the error of a step of length h is proportional to h^7."""
 STABLE_STEP = 3.14
-"""Longest stable step, multiplied by the angular frequency of the fastest vibration [1]. If it is
-slightly above pi, vibrations grow by less than 0.1 % per step; above 6.15, without limit."""
+"""Longest stable step, multiplied by the angular frequency of the fastest vibration [1]. Slightly
+above pi, vibrations grow by less than 0.1 % per step; above 6.15, without limit."""
 
 _HALF_OF_DRIFTS = (
     0.0378593198406116,
@@ -184,8 +184,8 @@ class NystromSteps:
     def interpolated(self, states: Array, length: float, times: Array) -> Array:
         """Return the states at given `times`, which are counted in steps since the first state.
 
-        The result has shape (times, len(state)). In each step, polynomials of degree 8 fit the
-        angle, rate and acceleration at the start, the middle and the end of the step.
+        The result has shape (times, len(state)). In each step, polynomials of degree 8 are fitted
+        to the angle, rate and acceleration at the start, the middle and the end of the step.
         """
         angles = states[:, : self._motion.rotors]
         output = np.empty((len(times), states.shape[1]))
