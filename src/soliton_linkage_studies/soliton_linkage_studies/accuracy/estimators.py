@@ -121,7 +121,7 @@ def errors(
 def bias_by_position(chain: Chain, points: int) -> tuple[Array, dict[str, Array]]:
     """Return the errors of each estimator without noise, at positions that cover two spacings.
 
-    Returns the wall positions relative to an even rotor, and the errors by estimator. All arrays
+    Returns the distances of the walls from an even rotor, and the errors by estimator. All arrays
     have shape (points,) and the unit [rotor spacings]. The walls are computed by `static_wall`,
     independently of the orbit.
     """

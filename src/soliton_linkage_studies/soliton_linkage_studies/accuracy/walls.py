@@ -197,7 +197,7 @@ _BROKEN = 0.15
 _STEP = 0.5
 """Interval between position measurements of a wall that is losing its phonons [time units]."""
 _SLOWER = 0.8
-"""Initial speed of a further wall, relative to the previous wall, which was destroyed [1]."""
+"""Initial speed of the next wall, divided by that of the previous one, which was destroyed [1]."""
 _TRIES = 25
 """Largest number of initial speeds that are tried [1]; the last one is 1 / 200 of the first."""
 

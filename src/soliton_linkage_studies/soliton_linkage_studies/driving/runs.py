@@ -97,7 +97,7 @@ class Results:
 
     @staticmethod
     def of(done: Mapping[tuple[Any, ...], Any]) -> Results:
-        """Sort the results in `done` into fields; its keys are those of `DrivingStudy.tasks`."""
+        """Sort results into fields; the keys of `done` are those of `DrivingStudy.tasks`."""
 
         def part(name: str) -> dict[Any, Any]:
             return {key[1:]: result for key, result in done.items() if key[0] == name}
@@ -167,7 +167,7 @@ _PERIOD = 0.01
 _BALANCE_TOLERANCE = 1e-12
 """Largest integration error of an angle per time unit [rad]; a thousandth of `IMBALANCE_LIMIT`."""
 _TILT_TOLERANCE = 1e-8
-"""Largest integration error of an angle per time unit [rad]; it is invisible in positions."""
+"""Largest integration error of an angle per time unit [rad]; drawn positions do not show it."""
 _EVENT_FRAMES = 30
 """Number of frames in a span of events [1]. Each span has one kick and one change of gravity; in
 every second span torques act."""
