@@ -300,7 +300,7 @@ class Simulation(ABC):
         )
 
     def _restart_with(self, before: float) -> None:
-        """Restart the solver with changed forces; count the energy minus `before` [J] as work."""
+        """Restart the solver after a change of forces; the increase from `before` [J] is work."""
         self._restart()
         gained = self.energy - before
         self._work += gained

@@ -167,7 +167,7 @@ class MotionFitter:
         self._basis = observable_changes(motion, gravity_known)
 
     def fit(self, bar_noise: float) -> MotionFit | None:
-        """Fit the chain of springs; return None if bars fit equally well.
+        """Fit a chain of springs to the readings; return None if one of bars fits equally well.
 
         `bar_noise` is the residual noise of the fit of bars [rad].
         """

@@ -231,7 +231,8 @@ def integrate(
 def reverse(step: float, works: Array, directs: Array, pull: Array, gradient: Array) -> None:
     """Propagate the adjoint `pull` of the state, (2, N), back over one Runge-Kutta step [s].
 
-    The derivatives by the chain and the forces in this step are added to `gradient`, (5 N + 3,).
+    The derivatives of this step with respect to the parameters are added to `gradient`,
+    (5 N + 3,): 5 N of the chain and 3 of the forces.
     `works` and `directs` are the results of `advance` for the step.
     """
     rotors = pull.shape[1]

@@ -46,8 +46,8 @@ class PhononEnergyEstimator:
     def update(self, time: float, rates: Array | None, arc: float) -> None:
         """Add a frame: time [s], rates [rad/s], (N,), and arc length of the wall [rad].
 
-        A frame that is not later than the previous one is ignored; if it is earlier by more than
-        the averaging time, the estimate restarts.
+        If the frame is earlier than the previous one by more than the averaging time, the estimate
+        restarts with it. Other frames that are not later than the previous one are ignored.
         """
         if time < self._time - self._memory:
             self._rates.clear()

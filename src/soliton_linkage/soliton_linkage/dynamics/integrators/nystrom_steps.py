@@ -131,7 +131,7 @@ def steps_to_measure(taken: int, count: int, every: int) -> Numbers:
 
 
 class NystromSteps:
-    """Method steps along the motion of an `EquationOfMotion`, whose terms must all be compiled."""
+    """Runge-Kutta-Nystrom steps of an `EquationOfMotion` with only terms of `CompiledTerm`."""
 
     def __init__(self, motion: EquationOfMotion, settings: SolverSettings = DEFAULTS) -> None:
         self._motion = motion
