@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Unit cell: two rotors and the bar between them form a four-bar linkage of one degree of freedom.
 
-In staggered angles the bar has its rest length if
+Let theta_1 and theta_2 be the staggered angles of the two rotors. The bar has its rest length if
 
     cos(theta_1 + theta_2) - cos(2 theta_bar) + (a / r) (sin(theta_2) - sin(theta_1)) = 0
 

@@ -261,7 +261,7 @@ def padded_size(rotors: int) -> int:
 def sum_terms(work: Array, rotors: int, kinds: NDArray[np.int64], parameters: Array) -> float:
     """Set the torques in `work` to the sum of all terms; return the dissipated power [W].
 
-    If there are springs, they must be the first term. Active terms (see `Term.active`) must be the last ones.
+    If there are springs, they must be the first term. Terms with `Term.active` must be the last.
     """
     prefer_wide_vectors()
     power, start = 0.0, 0

@@ -131,7 +131,7 @@ class WallTheory(ABC):
         return (gamma * self._ratio(velocity)) ** 2 / (gamma + 1)
 
     def _misfit(self, velocity: float, charge: int) -> float:
-        """Return Q gamma - 1 [1]; Q gamma is the slope of a wall divided by that of a kink at rest."""
+        """Return Q gamma - 1 [1]; Q gamma is the ratio of its slope to that at rest."""
         excess = self._excess(velocity)
         return excess if _checked_sign('charge', charge) > 0 else -2 - excess
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Evaluation of the analyser on noisy records of scenes: normalised errors and failures."""
+"""Evaluation of the analyser on simulated records with known walls and added noise."""
 
 from __future__ import annotations
 
@@ -224,7 +224,7 @@ _QUICK_CELLS = 15
 
 @dataclass(frozen=True)
 class CellStudy:
-    """Study of random and difficult cells, or only of the cells that `only` names."""
+    """Study of the analyser on random and difficult cells (`AccuracyCell`), or on those in `only`."""
 
     seed: int
     count: int

@@ -58,7 +58,8 @@ _SAMPLES = 200
 _LEGS = 2.0
 """Longest path of a wall from its kick to the start of the scene [edge-to-edge passages]."""
 _WINDOWS, _FORCED_WINDOWS = 3, 6
-"""Frames in the fit of a slope, divided by frames of an average [1]: without and with forces."""
+"""Length of the window for the fit of a slope, divided by the length of the averaging window [1];
+`_FORCED_WINDOWS` applies to chains with further force terms."""
 _STOPPED = 0.02
 """A wall counts as stopped if its speed is below this fraction of its largest speed [1]."""
 _CHAINS = 200

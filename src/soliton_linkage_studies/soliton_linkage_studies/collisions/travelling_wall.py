@@ -83,8 +83,8 @@ class TravellingWall:
 def travelling_wall(chain: Chain, speed: float, charge: int, turn: int = 1) -> TravellingWall:
     """Return the wall of charge +1 or -1 that moves at `speed` [m/s].
 
-    `turn`, +1 or -1, is the direction in which the wall turns the rotors of a spinner, as in
-    `SpinnerTheory`. Raises ArithmeticError if the solver finds no wall near the continuum
+    `turn` is the sign of the angle by which the wall turns the rotors of a spinner (see
+    `SpinnerTheory`). Raises ArithmeticError if the solver finds no wall near the continuum
     solution.
     """
     grid = _Grid(chain)

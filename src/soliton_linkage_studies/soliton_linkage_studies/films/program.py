@@ -134,7 +134,7 @@ def write_film(scene: Scene, frame_rate: float, path: Path, kind: FileKind) -> N
 
 
 class _Painter(FFMpegWriter):
-    """FFmpeg writer of rendered pixels; its `grab_frame` would draw all artists again."""
+    """FFmpeg writer of rendered pixels; the inherited `grab_frame` draws all artists again."""
 
     def write(self, pixels: memoryview) -> None:
         """Write the RGBA pixels of one frame."""
