@@ -224,7 +224,7 @@ _QUICK_CELLS = 15
 
 @dataclass(frozen=True)
 class CellStudy:
-    """Study of the analyser on random and difficult cells (`AccuracyCell`), or on those in `only`."""
+    """Study of the analyser on random and difficult cells (`AccuracyCell`), or those in `only`."""
 
     seed: int
     count: int
