@@ -138,7 +138,8 @@ def analysed_sites(chain: Chain, recording: Recording) -> Array:
     """
     analyser, sites = Analyser(chain), []
     for time, angles in zip(recording.times, recording.angles, strict=True):
-        walls = analyser.analyse(round(1e9 * time), angles).solitons
+        analysis = analyser.analyse(round(1e9 * time), angles)
+        walls = analysis.solitons if analysis else ()
         sites.append(walls[0].rotor if len(walls) == 1 else math.nan)
     return np.array(sites)
 
