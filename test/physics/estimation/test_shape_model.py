@@ -78,6 +78,26 @@ def test_a_kink_and_an_anti_kink_are_located_with_the_stated_deviation(name):
     assert max(map(abs, errors)) < 4
 
 
+@pytest.mark.parametrize('mirrored', [False, True])
+def test_an_anti_kink_is_located_while_a_kink_leaves_at_the_edge(mirrored):
+    chain = Chain(61, rotor_length=0.03, rest_angle=0.97)
+    errors = []
+    for site in np.arange(52.0, 54.0, 0.25):
+        theta, (kink, anti_kink) = kink_and_anti_kink(chain, float(site))
+        for first in range(46, 54, 2):
+            part = theta[first : first + 40]
+            angles, true = staggered(part), anti_kink - first
+            if mirrored:
+                angles, true = -angles[::-1], len(part) - 1 - true
+            analyser = Analyser(replace(chain, number_of_rotors=len(part)), 1e-3)
+            found = analyser.analyse(0, angles)
+            assert found is not None
+            walls = [each for each in found.solitons if each.charge < 0]
+            assert len(walls) == 1, (kink - first, site)
+            errors.append(walls[0].rotor - true)
+    assert max(map(abs, errors)) < 0.02
+
+
 def test_a_wall_keeps_its_velocity_when_another_wall_appears():
     chain, speed, rng = CHAINS['wobbler'], 0.02, np.random.default_rng(1)
     still = staggered(static_wall(chain, 30.3))[1:-1][::-1]

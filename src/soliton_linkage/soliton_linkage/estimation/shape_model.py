@@ -83,9 +83,15 @@ class ShapeMeasurementModel:
 
     def measure(self, state: FrameState, seen: Array) -> list[WallMeasurement]:
         """Return the measurements of all walls for angles [rad], shape (N,), NaN if unseen."""
-        borders = self._borders(state)
+        polarised = self._polarised(state)
+        find = ring_borders if self._line.periodic else domain_borders
+        borders = find(polarised, self._domain)
         if not borders:
             return []
+        # The walls at the edges are fitted only so that they can be subtracted.
+        reported = len(borders)
+        if not self._line.periodic:
+            borders += edge_borders(polarised, borders)
         spinner = self._chain.motion is Motion.SPINNER
         turned = (state.twists if spinner else state.upright) < 0
         theta = staggered(math.pi - seen if turned else seen)
@@ -102,7 +108,7 @@ class ShapeMeasurementModel:
             # Repeat the fits, because the first ones assumed inaccurate sites of the other walls.
             walls = self._fitted(theta, walls, scanned=False)
         parts = []
-        for wall in walls:
+        for wall in walls[:reported]:
             first, view = self._linearise(theta, walls, wall)
             if self._explains(wall, first, view):
                 parts.append((wall, first, view))
@@ -110,12 +116,11 @@ class ShapeMeasurementModel:
             self._learn(parts)
         return [self._measurement(wall, view) for wall, _, view in parts]
 
-    def _borders(self, state: FrameState) -> list[tuple[float, int]]:
+    def _polarised(self, state: FrameState) -> Array:
+        """Return the polarisation of each bond, shape (B,): 1 or -1 in the uniform states."""
         first, second = state.first**2, state.second**2
         strength = np.maximum(first + second, np.finfo(np.float64).tiny)
-        polarised = (first - second) / (strength * self._uniform)
-        find = ring_borders if self._line.periodic else domain_borders
-        return find(polarised, self._domain)
+        return np.asarray((first - second) / (strength * self._uniform))
 
     def _linearise(
         self, theta: Array, walls: Sequence[_ShapeFit], wall: _ShapeFit
@@ -246,6 +251,26 @@ def domain_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
         share = before / (before - after) if before * after < 0 else 0.5
         borders.append((bond + 0.5 + share, 1 if right[bond] else -1))
     return borders
+
+
+def edge_borders(
+    polarised: Array, borders: Sequence[tuple[float, int]]
+) -> list[tuple[float, int]]:
+    """Return sites and charges of walls whose domain at an edge is too short for `domain_borders`.
+
+    `borders` are the `domain_borders`. At such a wall, the polarisation changes its sign between
+    the edge and the nearest of these borders.
+    """
+    found = []
+    for backwards, charge in ((False, borders[-1][1]), (True, borders[0][1])):
+        scores = polarised[::-1] if backwards else polarised
+        sign = charge if backwards else -charge
+        if scores[-1] * sign < 0:
+            bond = int(np.flatnonzero(scores * sign > 0)[-1])
+            before, after = float(scores[bond]), float(scores[bond + 1])
+            site = bond + 0.5 + before / (before - after)
+            found.append((len(scores) - site if backwards else site, -charge))
+    return found
 
 
 def ring_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
