@@ -26,7 +26,7 @@ _FRAMES_BEHIND = 2
 """Number of frames for `_LONGEST_DELAY` [1], above 1 because one frame is always in transit."""
 _LATE = re.compile('deadlines missed in the last second')
 """Pattern of a warning that the page omits, because the page shows the fraction of late frames."""
-_PAUSED = re.compile(f'{_LATE.pattern}|^(waiting for joint_states|no soliton)')
+_PAUSED = re.compile(f'{_LATE.pattern}|^waiting for joint_states')
 """Pattern of the warnings that the page omits while a simulation is paused."""
 _ACTUATOR = 'start edge_actuator'
 _SIMULATOR = 'only a simulator can do this; no simulator of this chain is running'

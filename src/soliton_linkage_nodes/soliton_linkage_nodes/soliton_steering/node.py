@@ -365,7 +365,7 @@ def report(chain: SteeredChain | None, silent: bool, server: MoveServer) -> Repo
         if chain is None
         else 'waiting for joint_states'
         if silent
-        else 'no soliton'
+        else 'waiting for exactly one soliton'
         if wall is None
         else f'moving the soliton, at rotor {wall.site:.2f}'
         if goal is not None
@@ -384,4 +384,4 @@ def report(chain: SteeredChain | None, silent: bool, server: MoveServer) -> Repo
         'last move': '' if ended is None else f'{ended.outcome.value}: {ended.message}',
         'gentle speed [rotor spacings/s]': chain.steering.adiabatic_speed if chain else math.nan,
     }
-    return Report(message, values, warning=wall is None)
+    return Report(message, values, warning=chain is None or silent)
