@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures show the angles at the right rotor and time, and are written to the given folder."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from soliton_linkage.linkage.recording import Recording
-from soliton_linkage.solitons.track import Crossing, Track, follow
+from soliton_linkage.solitons.track import Crossing, Track, follow, measured_track
 from soliton_linkage_studies.drawing import lean_norm
 from soliton_linkage_studies.figure_report import save_figure
 from soliton_linkage_studies.pictures import (
@@ -21,7 +21,7 @@ from soliton_linkage_studies.pictures import (
     track_figure,
     track_positions,
     track_velocities,
-    unbroken_sites,
+    unbroken,
 )
 
 CHAIN = chain_of(FLIPPER, 20)
@@ -54,6 +54,23 @@ def test_the_track_lies_over_the_wall_of_the_kymograph(recording):
     (line,) = kymograph(new_axes(), CHAIN, recording, track).lines
     assert line.get_xdata() == pytest.approx(recording.times)
     assert line.get_ydata() == pytest.approx(np.linspace(9.5, 10.5, 9), abs=0.001)
+
+
+def test_a_kymograph_shows_the_tracks_of_all_walls(recording):
+    class Wall(NamedTuple):
+        rotor: float
+        velocity: float = 0.0
+        position_deviation: float = 0.1
+        velocity_deviation: float = 0.1
+
+    walls = [[Wall(3.0 + k), Wall(12.0)][: k % 3] for k in range(9)]
+    track = measured_track(CHAIN, recording.times, walls)
+    first, second = (
+        each.get_ydata() for each in kymograph(new_axes(), CHAIN, recording, track).lines
+    )
+    np.testing.assert_array_equal(np.isfinite(first), [k % 3 > 0 for k in range(9)])
+    np.testing.assert_array_equal(np.isfinite(second), [k % 3 > 1 for k in range(9)])
+    assert np.nanmax(np.abs(second - 12.0)) == 0
 
 
 def test_a_long_kymograph_is_thinned_out_and_keeps_its_span():
@@ -141,6 +158,6 @@ def test_a_run_is_saved_as_two_pictures_with_a_caption_each(recording, tmp_path)
 def test_a_track_is_interrupted_where_it_changes_to_another_soliton():
     sites = np.array([24.0, 24.5, 12.0, 12.5, np.nan, 30.0, 31.0])
     track = Track(np.arange(7.0), sites, 0 * sites)
-    shown = unbroken_sites(track)
+    shown = unbroken(track.sites)
     np.testing.assert_array_equal(shown, [24.0, 24.5, np.nan, 12.5, np.nan, 30.0, 31.0])
     assert track.sites[2] == 12.0

@@ -38,8 +38,8 @@ Horizontal displacement u = r sin φ of the mass of each rotor over time: purple
 lean right, orange for rotors that lean left, and white for upright rotors. The scale goes from −r
 to r, where r is the rotor length. It is stretched about the two rest states, so that oscillations
 of a few per cent are visible. Colours darker than a rest state show displacements beyond it, for
-example beside the wall of a wobbling flipper. The black line with a white border is the track of
-the soliton, where it is detected.
+example beside the wall of a wobbling flipper. The black lines with a white border are the tracks
+of the solitons, where they are detected.
 
 An edge rotor has two rest angles, because it has only one spring. After a reflection it rests at
 the other angle, so that the colour of its row may differ from that of the neighbouring rows.
@@ -65,14 +65,15 @@ _JUMP = 5.0
 
 
 def kymograph(axes: Axes, chain: Chain, recording: Recording, track: Track) -> Axes:
-    """Draw the displacements u_n(t) as an image over time, with the soliton's track."""
+    """Draw the displacements u_n(t) as an image over time, with the tracks of all solitons."""
     every = max(1, len(recording.times) // _MOST_COLUMNS)
     leans = displacement(chain, recording.angles[::every]).T
     edges = (*_edges(recording.times), -0.5, chain.number_of_rotors - 0.5)
     image = show_leans(axes, chain, leans, edges)
     border = [withStroke(linewidth=3.5, foreground=WHITE)]
-    sites = unbroken_sites(track)
-    axes.plot(track.times, sites, color=BLACK, label='soliton', path_effects=border)
+    for number, sites in enumerate((track.sites, *track.others)):
+        label, shown = None if number else 'soliton', unbroken(sites)
+        axes.plot(track.times, shown, color=BLACK, label=label, path_effects=border)
     axes.legend(loc='upper right')
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel='time [s]', ylabel='rotor n [1]', title=description(chain))
@@ -85,16 +86,16 @@ def kymograph(axes: Axes, chain: Chain, recording: Recording, track: Track) -> A
     return axes
 
 
-def unbroken_sites(track: Track) -> Array:
+def unbroken(sites: Array) -> Array:
     """Return the sites of a track, with NaN where the track changes to another soliton."""
-    sites = track.sites.copy()
-    sites[1:][np.abs(np.diff(track.sites)) > _JUMP] = np.nan
-    return sites
+    shown = sites.copy()
+    shown[1:][np.abs(np.diff(sites)) > _JUMP] = np.nan
+    return shown
 
 
 def track_positions(axes: Axes, chain: Chain, track: Track) -> Axes:
     """Draw the soliton position over time, with a band of +- 2 standard deviations."""
-    sites = unbroken_sites(track)
+    sites = unbroken(track.sites)
     axes.plot(track.times, sites, color=MEASURED, linewidth=0.8, label='measured')
     _draw_band(axes, track.times, sites, track.site_deviations)
     axes.set(ylabel='position [rotor spacings]', ylim=(0, chain.number_of_rotors - 1))

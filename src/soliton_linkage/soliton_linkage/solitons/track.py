@@ -33,6 +33,8 @@ class Track:
     """Standard deviation of the site [rotor spacings], shape (T,), or (0,) if unknown."""
     site_rate_deviations: Array = field(default_factory=lambda: np.empty(0))
     """Standard deviation of the rate [rotor spacings / s], shape (T,), or (0,) if unknown."""
+    others: Array = field(default_factory=lambda: np.empty((0, 0)))
+    """Site coordinates of the second and all further solitons [rotor spacings], shape (K, T)."""
 
 
 @dataclass(frozen=True)
@@ -70,14 +72,16 @@ class MeasuredWall(Protocol):
 
 
 def measured_track(chain: Chain, times: Array, walls: Sequence[Sequence[MeasuredWall]]) -> Track:
-    """Return the trajectory of the first of the `walls` in each frame, at `times` [s], (T,)."""
+    """Return the trajectories of the `walls` in each frame, at `times` [s], shape (T,)."""
     rows = np.full((len(walls), 4), np.nan)
-    for row, found in zip(rows, walls, strict=True):
+    others = np.full((max([1, *map(len, walls)]) - 1, len(walls)), np.nan)
+    for frame, (row, found) in enumerate(zip(rows, walls, strict=True)):
         if found:
+            others[: len(found) - 1, frame] = [wall.rotor for wall in found[1:]]
             wall = found[0]
             row[:] = wall.rotor, wall.velocity, wall.position_deviation, wall.velocity_deviation
     rows[:, 1:] /= chain.spacing
-    return Track(times, *rows.T)
+    return Track(times, *rows.T, others)
 
 
 def follow(chain: Chain, recording: Recording) -> Track:

@@ -170,6 +170,8 @@ class Experiment:
         """Show the soliton until it has returned or, with `end` = 'time', until the time limit."""
         settings = self._settings
         timed, start = settings.end == 'time', self._observer.stamp
+        if not (settings.nudge or settings.burst_cycles):
+            start = next(iter(self._observer.states))
         line, trip = ChainLine(self._observer), RoundTrip(self._observer)
 
         def ended() -> bool:

@@ -14,11 +14,13 @@ from typing import Any
 import numpy as np
 from rosbags.rosbag2 import Reader
 
+from soliton_linkage.estimation.estimates import AnalysedSoliton
+from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.track import Crossing, Track, find_crossings, measured_track
 from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.bags.reading import open_bag, read_topic
-from soliton_linkage_nodes.live_view.sharing import shared_page
+from soliton_linkage_nodes.live_view.sharing import shared_page, soliton_numbers
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.messages.state_conversions import solitons_from_msg
 from soliton_linkage_nodes.programs.bag_analysis import read_recording
@@ -38,6 +40,8 @@ class RecordedRun:
     named: NamedChain
     recording: Recording
     track: Track
+    solitons: tuple[list[float], ...]
+    """The `soliton_numbers` at each time of `track`."""
     crossings: tuple[Crossing, ...]
     states: Mapping[int, tuple[float, ...]]
     """Stamps [ns] of the live states, and site coordinates of their solitons [rotor spacings]."""
@@ -60,11 +64,13 @@ def read_run(bag: Path) -> RecordedRun:
         messages = reader.message_count
     first = time_from_msg(frames[0].header.stamp)
     nudged = ((nudges[0] if nudges else first) - first) * 1e-9
-    track = _track(named, states, first, nudged)
+    times, walls = _walls(states, first, nudged)
+    track = measured_track(named.chain, times, walls)
     return RecordedRun(
         named=named,
         recording=_since(recording, nudged),
         track=track,
+        solitons=tuple(map(soliton_numbers, walls)),
         crossings=find_crossings(named.chain, track),
         states={
             stamp: soliton_sites(state)
@@ -101,8 +107,7 @@ def draw(run: RecordedRun, folder: Path) -> None:
     chain, recording, track = run.named.chain, run.recording, run.track
     save_run(chain, recording, track, run.crossings, folder)
     nearest = np.searchsorted(track.times, recording.times).clip(max=len(track.times) - 1)
-    tracked = zip(track.sites[nearest], track.site_deviations[nearest], strict=True)
-    solitons = [[s, d * chain.spacing, 1.0] if np.isfinite(s) else [] for s, d in tracked]
+    solitons = [run.solitons[state] for state in nearest]
     energies = {'elastic': chain.elastic_energy(recording.angles)}
     if len(recording.rates):
         energies['kinetic'] = chain.kinetic_energy(recording.rates)
@@ -141,12 +146,14 @@ def _rate(received: list[int]) -> float:
     return (len(received) - 1) / ((received[-1] - received[0]) * 1e-9)
 
 
-def _track(named: NamedChain, states: list[SolitonState], first: int, nudged: float) -> Track:
+def _walls(
+    states: list[SolitonState], first: int, nudged: float
+) -> tuple[Array, list[tuple[AnalysedSoliton, ...]]]:
+    """Return the times of the states since the nudge [s], and the walls in each state."""
     stamps = [time_from_msg(state.header.stamp) - first for state in states]
     times = np.array(stamps, dtype=np.float64) * 1e-9 - nudged
     kept = np.flatnonzero(times >= -_BEFORE_NUDGE)
-    walls = [solitons_from_msg(states[number]) for number in kept]
-    return measured_track(named.chain, times[kept], walls)
+    return times[kept], [solitons_from_msg(states[number]) for number in kept]
 
 
 def _since(recording: Recording, nudged: float) -> Recording:
