@@ -365,6 +365,26 @@ def test_a_wall_that_jumps_is_lost_and_released():
     assert not loop.steering.torques().any()
 
 
+@pytest.mark.parametrize('period', [0.02, 0.05])
+@pytest.mark.parametrize('example', [FLIPPER, SPINNER])
+def test_after_a_jump_the_speed_is_that_of_a_new_estimate(example, period):
+    orbit = orbit_of_example(example, 20)
+    steering, other = steering_of(orbit), steering_of(orbit)
+    times = period * np.arange(40)
+    for time in times:
+        steering.observe(time, orbit.configuration(orbit.arc_at(8.0, 0) + 5.0 * (time - times[-1])))
+    for frame, time in enumerate(times[-1] + period + times):
+        angles = orbit.configuration(orbit.arc_at(3.0, 0) + 5.0 * period * frame)
+        for each in (steering, other):
+            each.observe(time, angles)
+        # The first frames after a jump may be outliers.
+        if frame >= 4:
+            assert steering.wall is not None
+            assert other.wall is not None
+            assert steering.wall.speed == pytest.approx(other.wall.speed, rel=0.01)
+            assert steering.wall.site == pytest.approx(other.wall.site, abs=0.01)
+
+
 def test_a_wall_that_leaves_its_hold_is_lost():
     loop, wall = rigid_loop(FLIPPER, 2.0)
     loop.steering.move(3.0)

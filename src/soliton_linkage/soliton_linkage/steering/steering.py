@@ -178,6 +178,9 @@ class Steering:
         if before is not None and estimate.time < before.time:
             return self._lost(f'the stamps decreased by {before.time - estimate.time:.3g} s')
         if last is not None and self._jumped(last, estimate):
+            # The observer takes the jump for a high speed.
+            self._observer.reset()
+            self._last = self._observer.update(time, angles)
             return self._lost('the soliton has moved farther than its speed allows')
         if self._trajectory is None:
             return None
