@@ -1,11 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
+import sys
+from pathlib import Path
+
 import numpy as np
+import pytest
 from sensor_msgs.msg import JointState
 
+from soliton_linkage.identification.identification import identify
 from soliton_linkage_msgs.msg import Delivery, RotorImpulses
 from soliton_linkage_nodes.chain_identifier.joint_record import JointRecord
 from soliton_linkage_nodes.messages.conversions import JointStates
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
+
+sys.path.append(str(Path(__file__).parents[2] / 'physics'))
+
+from passages import FLIPPER, SPINNER, passage, read
 
 NAMES = ('a', 'b', 'c')
 
@@ -89,3 +98,36 @@ def test_frames_in_halves_name_all_joints():
     record.finish()
     assert record.joint_names == ('a', 'b', 'c', 'd')
     np.testing.assert_array_equal(record.readings().angles, np.outer([1, 2, 3], np.ones(4)))
+
+
+def recorded(
+    parts: list[np.ndarray], most: int = 10_000, period: int = SECOND // 250
+) -> JointRecord:
+    record = JointRecord((), most)
+    frames = np.concatenate(parts)
+    names = tuple(f'rotor_{n}' for n in range(frames.shape[1]))
+    for number, angles in enumerate(frames):
+        record.add(
+            JointStates(*divmod(SECOND + number * period, SECOND), '', names, angles, angles[:0])
+        )
+    record.finish()
+    return record
+
+
+@pytest.mark.parametrize('most', [10_000, 500])
+def test_a_reset_of_the_chain_divides_the_record(most):
+    whole, _ = read(passage(FLIPPER, 400), 1, noise=0.003)
+    readings = recorded([whole[:250], whole], most).readings()
+    first, second = readings.recordings
+    assert first.times[-1] < second.times[0] == pytest.approx(1.0)
+    assert first.angles[-1] == pytest.approx(whole[249])
+    assert second.angles[0] == pytest.approx(whole[0])
+    found = identify(readings, FLIPPER)
+    assert found.chain.rotor_lengths[1:-1] == pytest.approx(FLIPPER.rotor_lengths[1:-1], rel=0.02)
+
+
+def test_moving_walls_and_a_slipping_encoder_do_not_divide_the_record():
+    whole = passage(SPINNER, 40)
+    slipped = whole + 0.5 * np.outer(np.arange(40) > 20, np.arange(10) == 4)
+    for frames in (whole, slipped):
+        assert len(recorded([frames, frames[::-1]]).readings().recordings) == 1

@@ -372,7 +372,9 @@ def test_after_a_jump_the_speed_is_that_of_a_new_estimate(example, period):
     steering, other = steering_of(orbit), steering_of(orbit)
     times = period * np.arange(40)
     for time in times:
-        steering.observe(time, orbit.configuration(orbit.arc_at(8.0, 0) + 5.0 * (time - times[-1])))
+        steering.observe(
+            time, orbit.configuration(orbit.arc_at(8.0, 0) + 5.0 * (time - times[-1]))
+        )
     for frame, time in enumerate(times[-1] + period + times):
         angles = orbit.configuration(orbit.arc_at(3.0, 0) + 5.0 * period * frame)
         for each in (steering, other):

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.linkage.chain import Array
+from soliton_linkage.linkage.chain import Array, wrapped
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 
 _FEWEST_ROTORS = 4
@@ -29,6 +29,16 @@ _MOST_NAMED = 4
 """Largest number of rotors that an error message names [1]."""
 _PAUSE = 1.0
 """Time that `join_recordings` leaves between two recordings [s]."""
+_SHORTEST = 30
+"""Smallest number of frames between two resets for which `divided` keeps them [1]."""
+_RESET_STEP = 0.1
+"""Smallest step of a rotor at a reset [rad]."""
+_RESET_ROTORS = 2
+"""Smallest number of rotors that step at a reset [1], because a single one may be a slipping
+encoder."""
+_RESET_RATIO = 4.0
+"""At a reset, the change of all angles is larger than this times the changes before and after it
+[1]. For moving walls at 10 to 500 frames per second, this ratio was at most 2.3."""
 _LARGEST_RELATIVE_DEVIATION = 100.0
 """Relative standard deviations are limited to values between 1 / 100 and this [1]."""
 
@@ -141,20 +151,25 @@ def interpolated(angles: Array, times: Array | None = None) -> Array:
 
 
 def join_recordings(recordings: Sequence[Readings]) -> Readings:
-    """Join recordings with an unknown impulse between them; ValueError if their joints differ."""
-    first, *others = recordings
+    """Join recordings with an unknown impulse between them; ValueError if their joints differ.
+
+    The times of a recording are shifted unless it begins after the end of the previous one.
+    """
+    first, *others = recordings = [part for each in recordings for part in each.recordings]
     if not others:
         return first
     begin, impulses, tilts, times = 0.0, [*first.impulses], [*first.tilts], [first.times]
-    for before, each in pairwise(recordings):
+    for each in others:
         if each.joints != first.joints:
             raise ValueError(
                 f'a recording of {len(each.joints)} joints, {each.joints[0]!r} to '
                 f'{each.joints[-1]!r}, is not of the chain of {len(first.joints)} joints, '
                 f'{first.joints[0]!r} to {first.joints[-1]!r}; record the same joints'
             )
-        seam = begin + float(before.times[-1]) + _PAUSE / 2
-        begin = seam + _PAUSE / 2 - float(each.times[0])
+        seam = begin + float(each.times[0])
+        if seam <= times[-1][-1]:
+            seam = float(times[-1][-1]) + _PAUSE / 2
+            begin = seam + _PAUSE / 2 - float(each.times[0])
         times.append(each.times + begin)
         impulses.append(RecordedImpulse(seam))
         impulses += [impulse._replace(time=impulse.time + begin) for impulse in each.impulses]
@@ -174,6 +189,43 @@ def join_recordings(recordings: Sequence[Readings]) -> Readings:
         impulses=impulses,
         tilts=tilts,
         parts=tuple(recordings),
+    )
+
+
+def is_reset(times: Sequence[float], angles: Sequence[Array]) -> bool:
+    """Return whether the chain is put into another state between the second and third of 4 frames.
+
+    This is the case if several rotors step at once. A kick changes only the rates.
+    """
+    changes = [np.nan_to_num(wrapped(step)) for step in np.diff(angles, axis=0)]
+    before, here, after = (float(np.linalg.norm(each)) for each in changes)
+    first, gap, last = np.diff(times)
+    usual = max(before, after) * max(1.0, gap / min(first, last))
+    stepping = np.count_nonzero(np.abs(changes[1]) > _RESET_STEP)
+    return bool(stepping >= _RESET_ROTORS and here > _RESET_RATIO * usual)
+
+
+def divided(recording: Readings, resets: Sequence[float]) -> Readings:
+    """Return a recording as several joined ones, which begin at the times of resets [s].
+
+    Each has its own motion and cannot be continued. Parts with few frames are omitted.
+    """
+    begins = [-math.inf, *sorted(resets)]
+    parts = [
+        _part(recording, begin, end)
+        for begin, end in pairwise([*begins, math.inf])
+        if np.count_nonzero((recording.times >= begin) & (recording.times < end)) >= _SHORTEST
+    ]
+    return join_recordings(parts or [recording])
+
+
+def _part(recording: Readings, begin: float, end: float) -> Readings:
+    tilt = recording.tilt_at(begin)
+    return replace(
+        recording.select((recording.times >= begin) & (recording.times < end)),
+        impulses=[each for each in recording.impulses if begin <= each.time < end],
+        gravity=replace(recording.gravity, tilt=tilt),
+        tilts=[each for each in recording.tilts if begin < each.time < end],
     )
 
 

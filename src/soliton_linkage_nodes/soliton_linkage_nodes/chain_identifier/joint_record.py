@@ -15,7 +15,9 @@ from soliton_linkage.identification.readings import (
     Readings,
     RecordedImpulse,
     RecordedTilt,
+    divided,
     informative_frames,
+    is_reset,
 )
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
@@ -41,7 +43,8 @@ def _no_impulses() -> _Impulses:
 class JointRecord:
     """Record of frames, impulses and tilts of a chain.
 
-    If delivered impulses were received, the commanded impulses are not used.
+    If delivered impulses were received, the commanded impulses are not used. A reset of a
+    simulated chain divides the record into several recordings.
     """
 
     def __init__(self, joint_names: Sequence[str], most: int) -> None:
@@ -57,6 +60,8 @@ class JointRecord:
         self._angles: dict[int, Array] = {}
         self._deviations: dict[int, Array] = {}
         self._latest = -math.inf
+        self._last: deque[tuple[int, Array]] = deque(maxlen=4)
+        self._resets: deque[int] = deque(maxlen=_MOST_IMPULSES)
         self._commanded_impulses, self._commanded_torques = _no_impulses(), _no_impulses()
         self._delivered_impulses, self._delivered_torques = _no_impulses(), _no_impulses()
         self._delivered: DeliveryTotals | None = None
@@ -84,9 +89,17 @@ class JointRecord:
             return
         self._latest = joints.stamp
         self._angles[joints.stamp] = angles
+        self._note_reset(joints.stamp, angles)
         if len(self._angles) > self._most:
             self._keep_most_informative()
         self.frames += 1
+
+    def _note_reset(self, stamp: int, angles: Array) -> None:
+        self._last.append((stamp, angles))
+        if len(self._last) == self._last.maxlen:
+            stamps, frames = zip(*self._last, strict=True)
+            if is_reset([(each - stamps[0]) / SECOND for each in stamps], frames):
+                self._resets.append(stamps[2])
 
     def add_deviations(self, joints: JointStates) -> None:
         """Store the standard deviations of a frame's angles; ValueError if they are invalid."""
@@ -135,7 +148,7 @@ class JointRecord:
         begin = next(iter(self._angles), 0)
         unknown = np.full(len(self.joint_names), np.nan)
         deviations = [self._deviations.get(stamp, unknown) for stamp in self._angles]
-        return Readings(
+        whole = Readings(
             np.array([(stamp - begin) / SECOND for stamp in self._angles], dtype=np.float64),
             np.array(list(self._angles.values())),
             np.array(deviations) if self._deviations else None,
@@ -144,6 +157,7 @@ class JointRecord:
             gravity,
             [RecordedTilt((stamp - begin) / SECOND, tilt) for stamp, tilt in self._tilts],
         )
+        return divided(whole, [(stamp - begin) / SECOND for stamp in self._resets])
 
     def _read(self, joints: JointStates) -> Array:
         reader = self._reader or FrameReader(joints.name)
