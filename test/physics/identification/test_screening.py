@@ -76,3 +76,21 @@ def test_a_jump_of_fifteen_deviations_is_a_slip_and_one_wrong_reading_is_not():
         with pytest.raises(ValueError, match=r'rotor 6 slips by about 0\.1'):
             check_jumps(slipping, 0.01)
         check_jumps(deviating(passing(), [frame], 6, 0.15), 0.01)
+
+
+def test_a_rotor_that_turns_during_a_gap_between_frames_does_not_slip():
+    for frames in (9, 30):
+        recording = deviating(passing(), [], 6, 0.0)
+        first = 480 - frames // 2
+        check_jumps(
+            recording.select(np.delete(np.arange(1000), slice(first, first + frames))), 0.01
+        )
+
+
+def test_turning_rotors_have_no_outliers_and_slips_where_few_frames_were_selected():
+    recording = deviating(passing(), [], 6, 0.0)
+    for interval in (5, 10, 15):
+        frames = np.append(np.arange(100), np.arange(100, 1000, interval))
+        used = without_outliers(recording.select(frames))
+        assert np.isfinite(used.angles).all()
+        check_jumps(used, 0.01)

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
+from scipy.ndimage import binary_dilation, median_filter
 
 from soliton_linkage.estimation.noise import robust_deviation
 from soliton_linkage.identification.mounting import (
@@ -133,6 +133,11 @@ _BESIDE = 3
 _LONGEST_RUN = 3
 """A run of successive wrong readings of a rotor is removed if it is not longer than this [1]; a
 longer run may be a slip of the encoder."""
+_SPARSE = 3.0
+"""Frames are sparse at intervals of more than this times the dense interval [1]. A rotor may turn
+far in such an interval, so that its angle looks like a wrong reading or like a slip."""
+_DENSE_FRAMES = 0.05
+"""The dense interval is this quantile of the frame intervals [1]."""
 _PASSES = 6
 """Largest number of searches for wrong readings [1]; a search finds an error only after larger
 errors near it are removed."""
@@ -142,13 +147,22 @@ def without_outliers(recording: Readings) -> Readings:
     """Return a recording in which isolated wrong readings are replaced by NaN."""
     noise = noise_of(recording.unwrapped, recording.relative_deviations)
     noise = max(noise, LEAST_NOISE)
+    dense = ~_sparse(recording.times, _BESIDE)[:, None]
     for _ in range(_PASSES):
         limits = _OUTLIER * noise * recording.relative_deviations
-        outliers = isolated(recording.filled, limits) & np.isfinite(recording.angles)
+        outliers = isolated(recording.filled, limits) & dense & np.isfinite(recording.angles)
         if not outliers.any():
             break
         recording = replace(recording, angles=np.where(outliers, np.nan, recording.angles))
     return recording
+
+
+def _sparse(times: Array, reach: int) -> NDArray[np.bool_]:
+    """Return which frames are within `reach` frames of a long frame interval, (T,)."""
+    spans = np.diff(times)
+    long = spans > _SPARSE * np.quantile(spans, _DENSE_FRAMES)
+    beside = np.append(long, False) | np.append(False, long)
+    return np.asarray(binary_dilation(beside, np.ones(2 * reach + 1)))
 
 
 def isolated(angles: Array, limits: Array) -> NDArray[np.bool_]:
@@ -270,6 +284,7 @@ def check_jumps(recording: Readings, noise: float) -> None:
     sudden = _sudden_changes(readings, 1)
     # The change over three intervals does not contain a single wrong reading beside the jump.
     sudden[3:-3] = np.minimum(sudden[3:-3], _sudden_changes(readings, 3))
+    sudden[_sparse(times, 2)[1:-2]] = 0.0
     sudden /= np.max([deviations[frame : frame + len(sudden)] for frame in range(4)], axis=0)
     sums = np.cumsum(np.vstack([np.zeros(readings.shape[1]), readings]), axis=0)
     means = (sums[width:] - sums[:-width]) / width
