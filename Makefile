@@ -14,17 +14,17 @@ help:  ## list the targets
 demo: scenario $(if $(filter filmed%,$(SCENARIO)),build develop,build-demo)
 	@$(enter) experiment config/$(SCENARIO).yaml --output out/demo --page
 
-live: scenario build-demo  ## a chain in the browser to push, carry and record; SCENARIO=spinner, LESSON=1
+live: scenario build-demo  ## a chain in the browser to push, move and record; SCENARIO=spinner, LESSON=1
 	@$(enter) live config/$(SCENARIO).yaml --output out/live $(if $(LESSON),--lesson) $(ARGS)
 
 # More at a time than there are cores: tests of nodes mostly wait.
 test: build develop  ## run the tests side by side; ARGS='-k nudge' goes to pytest instead
 	@$(enter) python3 -m pytest $(or $(ARGS),--numprocesses $$(($$(nproc) + 2)) --dist worksteal)
 
-test-interfaces: build develop  ## the tests of services, beside stand-ins of the packages of standards
+test-interfaces: build develop  ## the tests of services, with substitutes for the standard packages
 	@setup/interfaces.sh
 
-check: build develop  ## formatting, lint, unsafe calls, strict typing and pins
+check: build develop  ## formatting, lint, unsafe calls, strict typing and pinned versions
 	@. setup/environment.sh && ruff format --check . && ruff check . && \
 	    mypy --python-executable $$(ls .python/typing/bin/python3 2>/dev/null || command -v python3) && \
 	    python3 setup/pins.py
@@ -51,19 +51,19 @@ films: build  ## film the motions of the paper into out/films; ARGS='--quick'
 sweep: build  ## sweep parameters, by default the phase diagram; ARGS='config/studies/... --quick'
 	@$(enter) soliton-linkage sweep $(ARGS)
 
-collisions: build  ## let kinks and anti-kinks meet at many speeds; ARGS='--quick'
+collisions: build  ## collide kinks and anti-kinks at many speeds; ARGS='--quick'
 	@$(enter) soliton-linkage collisions --output out/collisions $(ARGS)
 
-accuracy: build  ## measure the estimators against their bound, and what the analyser states; ARGS='--quick'
+accuracy: build  ## compare the errors of the estimators with their bound and with the stated deviations; ARGS='--quick'
 	@$(enter) soliton-linkage accuracy --output out/accuracy $(ARGS)
 
 contraction: build  ## record walls at a dozen speeds and measure how they contract; ARGS='--quick'
 	@$(enter) contraction --output out/contraction $(ARGS)
 
-moves: build  ## carry solitons to places on simulated chains; ARGS='--quick'
+moves: build  ## move solitons to positions on simulated chains; ARGS='--quick'
 	@$(enter) soliton-linkage moves --output out/moves $(ARGS)
 
-camera: build develop  ## see the angles of rendered films again, by a camera, against the truth; ARGS='--quick'
+camera: build develop  ## measure the angles in rendered films by a camera, and compare them with the true angles; ARGS='--quick'
 	@$(enter) soliton-linkage camera --output out/camera $(ARGS)
 
 active: build  ## show walls that motors move by non-reciprocal coupling, with their theory
@@ -75,16 +75,16 @@ waves: build  ## show wave packets that move and create walls
 driving: build  ## show on one page what drives a chain: actuator, energy balance, bars, tilt, moves
 	@$(enter) soliton-linkage driving --output out/driving $(ARGS)
 
-benchmark: build develop  ## compare with what one would use instead; ONLY=publish; ARGS='--quick'
+benchmark: build develop  ## compare the speed with other tools; ONLY=publish; ARGS='--quick'
 	@$(enter) setup/benchmark.sh $(or $(ONLY),all) $(ARGS)
 
 soak: build develop  ## run the whole suite for an hour, killing a node each minute; ARGS='--minutes 5'
 	@$(enter) python3 benchmark/soak.py $(ARGS)
 
-fuzz: build develop  ## feed wounded bags and messages to what reads them; ARGS='--minutes 60'
+fuzz: build develop  ## feed damaged bags and messages to the code that reads them; ARGS='--minutes 60'
 	@$(enter) python3 test/fuzz/fuzz.py $(ARGS)
 
-format: build develop  ## put the code in its form
+format: build develop  ## format the code
 	@. setup/environment.sh && ruff format . && ruff check --fix .
 
 build:  ## install and build, as every target above does first

@@ -218,7 +218,9 @@ export class ChainView {
       c.fillRect(x - half, 18, 2 * half, canvas.height - 44);
       c.globalAlpha = 1;
       triangle(c, x, 17, -7, -13);
-      c.fillText(charge > 0 ? 'soliton' : 'anti-soliton', clampText(x + 11, canvas, 90), 10);
+      const name = charge > 0 ? 'soliton' : 'anti-soliton';
+      const { width } = c.measureText(name);
+      c.fillText(name, x + 11 + width > canvas.width ? x - 11 - width : x + 11, 10);
     });
     this.drawLine(c, frame.goal, look.purple, 3, [7, 5]);
     this.drawLine(c, this.mark, look.ink, 2, []);
@@ -459,8 +461,4 @@ export function triangle(c, x, y, half, height) {
   c.lineTo(x - half, y + height);
   c.lineTo(x + half, y + height);
   c.fill();
-}
-
-function clampText(x, canvas, width) {
-  return x + width > canvas.width ? x - width - 22 : x;
 }
