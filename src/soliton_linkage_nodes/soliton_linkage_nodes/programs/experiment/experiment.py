@@ -169,8 +169,11 @@ class Experiment:
     def _watch(self) -> None:
         """Show the soliton until it has returned or, with `end` = 'time', until the time limit."""
         settings = self._settings
-        timed, start = settings.end == 'time', self._observer.stamp
-        if not (settings.nudge or settings.burst_cycles):
+        timed = settings.end == 'time'
+        if settings.nudge or settings.burst_cycles:
+            # On a busy machine, the states that have been received are older than the command.
+            start = max(self._observer.stamp, self._observer.get_clock().now().nanoseconds)
+        else:
             start = next(iter(self._observer.states))
         line, trip = ChainLine(self._observer), RoundTrip(self._observer)
 

@@ -30,12 +30,12 @@ from soliton_linkage_nodes.runtime.stamps import time_from_msg
 from soliton_linkage_studies.pictures import save_run
 
 _BEFORE_NUDGE = 0.5
-"""The pictures begin at this time before the nudge [s]."""
+"""The pictures begin at this time before the nudge or burst [s]."""
 
 
 @dataclass(frozen=True)
 class RecordedRun:
-    """Data from the bag of one experiment. Times are counted from the nudge [s]."""
+    """Data from the bag of one experiment. Times are counted from the nudge or burst [s]."""
 
     named: NamedChain
     recording: Recording
@@ -57,13 +57,16 @@ def read_run(bag: Path) -> RecordedRun:
     with open_bag(bag) as reader:
         named, recording = read_recording(reader)
         received, frames = zip(*read_topic(reader, 'joint_states'), strict=True)
-        nudges = [stamp for stamp, _ in read_topic(reader, 'nudge')]
+        commands = (
+            *read_topic(reader, 'nudge'),
+            *_if_recorded(reader, interfaces.EDGE_COMMAND.name),
+        )
         states = [message for _, message in read_topic(reader, 'soliton_state')]
-        events = _events(reader)
+        events = [each for _, each in _if_recorded(reader, interfaces.SOLITON_EVENTS.name)]
         custom = reader.storage.metadata.custom or {}
         messages = reader.message_count
     first = time_from_msg(frames[0].header.stamp)
-    nudged = ((nudges[0] if nudges else first) - first) * 1e-9
+    nudged = ((commands[0][0] if commands else first) - first) * 1e-9
     times, walls = _walls(states, first, nudged)
     track = measured_track(named.chain, times, walls)
     return RecordedRun(
@@ -78,7 +81,7 @@ def read_run(bag: Path) -> RecordedRun:
             # Skip states before the first frame, which the recorder may have received.
             if (stamp := time_from_msg(state.header.stamp)) >= first
         },
-        events=events,
+        events=tuple(event.kind_name for event in events),
         messages=messages,
         lost=sum(json.loads(custom.get('lost_messages', '{}')).values()),
         publish_rate=_rate([stamp for stamp in received if stamp >= first + nudged * 1e9]),
@@ -134,10 +137,10 @@ def summarise(run: RecordedRun) -> dict[str, Any]:
     }
 
 
-def _events(reader: Reader) -> tuple[str, ...]:
-    name = interfaces.SOLITON_EVENTS.name
+def _if_recorded(reader: Reader, name: str) -> list[tuple[int, Any]]:
+    """Return receive times [ns] and messages of a topic that older bags may lack."""
     recorded = any(each.topic.rpartition('/')[2] == name for each in reader.connections)
-    return tuple(event.kind_name for _, event in read_topic(reader, name)) if recorded else ()
+    return list(read_topic(reader, name)) if recorded else []
 
 
 def _rate(received: list[int]) -> float:
