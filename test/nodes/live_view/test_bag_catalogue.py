@@ -64,9 +64,25 @@ def test_the_track_gives_the_position_of_the_soliton_over_time(tmp_path, named):
     write_bag(tmp_path / 'bag', sorted(entries, key=lambda entry: entry[1]))
     track = track_of(BagCatalogue([tmp_path]).bag('bag_0'))
     assert track.points == ((0.0, 0.0), (0.01, 1.0), (0.02, None), (0.03, 3.0))
-    assert track.delay == pytest.approx(0.0)
+    assert track.time_of(START / 10**9 + 0.01) == pytest.approx(0.01, abs=1e-6)
     write_bag(tmp_path / 'stateless', run_of(named, 3))
-    assert track_of(BagCatalogue([tmp_path]).bag('stateless_0')).points == ()
+    stateless = track_of(BagCatalogue([tmp_path]).bag('stateless_0'))
+    assert stateless.points == ()
+    assert math.isfinite(stateless.time_of(START / 10**9))
+
+
+def test_the_time_of_a_frame_is_that_of_its_point_although_the_delay_varies(tmp_path, named):
+    received = [0.0, 0.01, 2.5, 2.51, 2.52, 2.6]
+    entries = run_of(named, 3)
+    entries += [
+        (interfaces.SOLITON_STATE, START + round(at * 10**9), state(0.02 * n, float(n)))
+        for n, at in enumerate(received)
+    ]
+    write_bag(tmp_path / 'bag', sorted(entries, key=lambda entry: entry[1]))
+    track = track_of(BagCatalogue([tmp_path]).bag('bag_0'))
+    times = [track.time_of(START / 10**9 + 0.02 * n) for n in range(len(received))]
+    assert [at for at, _ in track.points] == pytest.approx(times, abs=1e-6)
+    assert times == pytest.approx(received, abs=1e-6)
 
 
 def test_without_folders_there_are_no_bags():

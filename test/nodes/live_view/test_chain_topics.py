@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from divided_frames import halves
 from graphs import Graph
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 
 from soliton_linkage_msgs.msg import Soliton, SolitonState
@@ -219,3 +220,24 @@ def test_late_frames_are_a_share_of_the_last_seconds(graph: Graph) -> None:
     report(110, 1200)
     graph.until(lambda: found.update() or found.late_share('/') is not None, 'two reports')
     assert math.isclose(found.late_share('/') or 0.0, 0.05)
+
+
+def test_two_sources_of_one_topic_are_reported_while_both_publish(
+    graph: Graph, named: NamedChain
+) -> None:
+    topics = finder(graph).chains['/']
+    first, second = (graph.speak(interfaces.JOINT_STATES) for _ in range(2))
+    stamps = count(1)
+
+    def publish(*sources: Publisher) -> None:
+        for source in sources:
+            angles = np.zeros(named.rotors)
+            before, stamp = topics.model.frames, time_to_msg(next(stamps) * SECOND)
+            source.publish(frame_to_msg(named, Frame(angles, 0 * angles), 0 * angles, stamp))
+            graph.until(lambda n=before: topics.update() or topics.model.frames > n, 'the frame')
+
+    publish(first, first, first, second, second)
+    assert topics.conflict == '', 'one decrease is a restart'
+    publish(first, second, first, second, first, second)
+    assert 'several nodes publish joint_states' in topics.conflict
+    graph.until(lambda: publish(second) or not topics.conflict, 'the end of the conflict')

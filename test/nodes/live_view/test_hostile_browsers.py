@@ -76,9 +76,9 @@ class DrawnTopic:
         self.sequence, message = self.drawn[self._type].pop()
         return serialize_message(message) if self._raw else message
 
-    def waiting(self) -> Iterator[tuple[Any, None]]:
+    def waiting(self) -> Iterator[tuple[Any, dict[str, int | None]]]:
         while (message := self.newest()) is not None:
-            yield message, None
+            yield message, {'publication_sequence_number': self.sequence}
 
     def adapt(self) -> bool:
         return False

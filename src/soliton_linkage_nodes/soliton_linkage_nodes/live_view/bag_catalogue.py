@@ -9,6 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from soliton_linkage.linkage.chain import Array
 from soliton_linkage_nodes.bags.guards import load_json, parse_count
 from soliton_linkage_nodes.bags.metadata import (
     METADATA_FILE,
@@ -81,8 +84,25 @@ class BagTrack:
     points: tuple[tuple[float, float | None], ...]
     """Pairs of a time since the start of the bag [s] and the site coordinate of the soliton [rotor
     spacings], None without a soliton."""
-    delay: float
-    """Time from the stamp of the first joint_states message to its reception [s]."""
+    stamps: Array
+    """Stamps of recorded messages [s], shape (n,)."""
+    times: Array
+    """Reception time of each of these messages since the start of the bag [s], shape (n,)."""
+
+    def time_of(self, stamp: float) -> float:
+        """Return the time since the start of the bag [s] of a stamp [s]; NaN if none is recorded.
+
+        On a busy computer, the delay between stamp and reception varies during a recording.
+        Therefore the delay of the nearest recorded stamp is used.
+        """
+        if not self.stamps.size:
+            return math.nan
+        nearest = int(np.argmin(np.abs(self.stamps - stamp)))
+        return float(self.times[nearest] + stamp - self.stamps[nearest])
+
+
+NO_TRACK = BagTrack((), np.zeros(0), np.zeros(0))
+"""Track without messages: it has no point, and the time of each stamp is NaN."""
 
 
 class BagCatalogue:
@@ -117,24 +137,24 @@ def track_of(bag: CataloguedBag) -> BagTrack:
     """Read the trajectory of the soliton from a bag; ValueError if the bag cannot be read."""
     with open_bag(bag.path) as reader:
         connections = {c.topic.rpartition('/')[2]: c for c in reader.connections}
-        delay = 0.0
-        frames = connections.get(interfaces.JOINT_STATES.name)
-        if frames is not None:
-            for _, received, serialized in read_messages(reader, [frames]):
-                stamp = time_from_msg(decoder(frames)(serialized).header.stamp)
-                delay = (received - stamp) / SECOND
-                break
         states = connections.get(interfaces.SOLITON_STATE.name)
-        if states is None:
-            return BagTrack((), delay)
-        decode, step = decoder(states), max(1, states.msgcount // _TRACK_POINTS)
-        points = []
-        for number, (_, received, serialized) in enumerate(read_messages(reader, [states])):
+        analysed = states is not None and states.msgcount > 0
+        read = states if analysed else connections.get(interfaces.JOINT_STATES.name)
+        if read is None:
+            return NO_TRACK
+        decode, step = decoder(read), max(1, read.msgcount // _TRACK_POINTS)
+        points, stamps, times = [], [], []
+        for number, (_, received, serialized) in enumerate(read_messages(reader, [read])):
             if number % step == 0:
-                position = state_numbers(decode(serialized))['rotor']
-                at = round(bag.time_of(received), 4)
-                points.append((at, None if math.isnan(position) else round(position, 2)))
-    return BagTrack(tuple(points), delay)
+                message = decode(serialized)
+                stamps.append(time_from_msg(message.header.stamp) / SECOND)
+                times.append(round(bag.time_of(received), 4))
+                if analysed:
+                    position = state_numbers(message)['rotor']
+                    points.append(
+                        (times[-1], None if math.isnan(position) else round(position, 2))
+                    )
+    return BagTrack(tuple(points), np.array(stamps), np.array(times))
 
 
 def _catalogued(path: Path) -> CataloguedBag | None:

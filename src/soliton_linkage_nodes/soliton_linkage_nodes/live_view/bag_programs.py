@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import os
 import time
 from pathlib import Path
@@ -12,8 +13,8 @@ from typing import Any
 
 from soliton_linkage_nodes.bags.services import service_type
 from soliton_linkage_nodes.live_view.bag_catalogue import (
+    NO_TRACK,
     BagCatalogue,
-    BagTrack,
     CataloguedBag,
     track_of,
 )
@@ -188,10 +189,11 @@ class BagReplay(_BagProgram):
         super().__init__(_PLAYER, finder, read_only)
         self.played = 0
         self.bag: CataloguedBag | None = None
-        self.track = BagTrack((), 0.0)
+        self.track = NO_TRACK
         self.paused = False
         self.rate = 1.0
         self.loop = False
+        self._frames_before = 0
         self._catalogue = catalogue
         self._log_folder = log_folder
         self._changing = asyncio.Lock()
@@ -206,10 +208,10 @@ class BagReplay(_BagProgram):
     def position(self) -> float | None:
         """Time since the start of the bag that the replay has reached [s], or None if unknown."""
         chain = self._finder.chains.get(self.namespace)
-        if self.bag is None or chain is None or not chain.model.stamp > 0:
+        if self.bag is None or chain is None or chain.model.frames == self._frames_before:
             return None
-        at = self.bag.time_of(round((chain.model.stamp + self.track.delay) * SECOND))
-        return min(max(at, 0.0), self.bag.duration)
+        at = self.track.time_of(chain.model.stamp)
+        return None if math.isnan(at) else min(max(at, 0.0), self.bag.duration)
 
     async def play(self, name: str, start: float = 0.0) -> str:
         """Play the bag `name`, beginning at `start` [s] after the start of the bag."""
@@ -226,6 +228,8 @@ class BagReplay(_BagProgram):
             self.played += 1
         await self._stop()
         self.bag, self.paused = bag, False
+        chain = self._finder.chains.get(self.namespace)
+        self._frames_before = chain.model.frames if chain else 0
         arguments = [
             *('-p', f'bag:={bag.path}', '-p', f'topics:=[{",".join(bag.played)}]'),
             *('-p', f'rate:={self.rate:.6f}', '-p', f'loop:={str(self.loop).lower()}'),

@@ -65,6 +65,8 @@ class ChainModel:
         self.frames = 0
         self.goal = math.nan
         """Goal of the current move [rotor spacings]."""
+        self.bag_time = math.nan
+        """Time since the start of the replayed bag [s], NaN without a replay."""
         self.history: deque[Column] = deque(maxlen=_HISTORY_COLUMNS)
         """Recent states. A page that is opened later begins with these states."""
         self.stamp = math.nan
@@ -179,6 +181,7 @@ class ChainModel:
             'rotors': self.rotors,
             'first': first,
             'goal': self.goal,
+            'bag_time': self.bag_time,
         }
         arrays: dict[str, Array | Floats] = {
             'overview': self._overview,
@@ -196,7 +199,8 @@ class ChainModel:
         """
         if self.named is None:
             return {'error': self.error, 'spacing': None}
-        return {'error': self.error, **chain_constants(self.named.chain)}
+        constants = chain_constants(self.named.chain)
+        return {'error': self.error, 'rotors': self.named.rotors, **constants}
 
     def shared(self, title: str) -> str:
         """Return an HTML page that shows the last minute; ValueError without chain or frame."""

@@ -46,6 +46,10 @@ _LONGEST_WAIT = 2.0
 because an analyser may use other stamps than the encoders."""
 _LATE_SPAN = 10.0
 """Time window for the fraction of missed deadlines [s]."""
+_CHANGES = 3
+"""Number of decreases of the sequence number from which on a topic has several publishers [1]."""
+_CHANGE_SPAN = 4.0
+"""Time window in which these decreases are counted [s]."""
 _MOST_CHAINS = 16
 """Largest number of chains that the page shows [1]."""
 _MOST_BYTES = 4_000_000
@@ -122,6 +126,31 @@ class CameraTopic:
         self._subscription, self._jpeg, self.pictures = None, b'', 0
 
 
+class Sources:
+    """Detector of several publishers that send messages on one topic at the same time.
+
+    The sequence number of a message decreases if the message before came from another publisher. A
+    node that restarts, and whose old publisher is still in the ROS graph, causes this only once.
+    """
+
+    def __init__(self) -> None:
+        self._number = 0
+        self._changes: deque[float] = deque([-math.inf] * _CHANGES, maxlen=_CHANGES)
+
+    @property
+    def several(self) -> bool:
+        """Whether several publishers have sent messages in the last seconds."""
+        return time.monotonic() - self._changes[0] < _CHANGE_SPAN
+
+    def add(self, number: int | None) -> None:
+        """Process the sequence number of a message, None if the middleware has none."""
+        if number is None:
+            return
+        if number < self._number:
+            self._changes.append(time.monotonic())
+        self._number = number
+
+
 class ChainTopics:
     """Subscriptions to the topics of one chain; the namespace of the chain ends with a slash."""
 
@@ -143,6 +172,7 @@ class ChainTopics:
         self._analysed: dict[int, bytes] = {}
         self._shown_at = self._state_at = -math.inf
         self._apart = False
+        self._joint_sources, self._state_sources = Sources(), Sources()
         self._kicks = AdaptiveSubscription(
             node, replace(interfaces.LAST_KICK, name=f'{namespace}{interfaces.LAST_KICK.name}')
         )
@@ -161,7 +191,8 @@ class ChainTopics:
                 self._joints.set_joints(named.joint_names)
             except ValueError as error:
                 self.model.error = f'chain: {error}'
-        for serialized, _ in self._states.waiting():
+        for serialized, info in self._states.waiting():
+            self._state_sources.add(info['publication_sequence_number'])
             try:
                 self.newest_state = stamp_of(serialized)
                 self._analysed[self.newest_state] = serialized
@@ -175,12 +206,23 @@ class ChainTopics:
             frame = None
         if frame is not None:
             self.model.update_rate(self._joints.number)
+            self._joint_sources.add(self._joints.number)
             self._frames[frame.stamp] = frame
             self.newest_frame = frame.stamp
         for kept in (self._frames, self._analysed):
             for stamp in list(kept)[:-_PAIRED]:
                 del kept[stamp]
         self._show_frame(frame is not None)
+
+    @property
+    def conflict(self) -> str:
+        """Reason why the shown messages belong to several chains, or ''."""
+        topics = (
+            (interfaces.JOINT_STATES, self._joint_sources),
+            (interfaces.SOLITON_STATE, self._state_sources),
+        )
+        mixed = next((topic.name for topic, sources in topics if sources.several), '')
+        return f'several nodes publish {mixed} at the same time; stop all but one' if mixed else ''
 
     def is_analysed(self, stamp: int) -> bool:
         """Return whether the frame at `stamp` [ns] has its state, or no analyser publishes."""

@@ -39,6 +39,8 @@ _POLL_INTERVAL = 0.02
 """Poll interval for an answer [s]."""
 _TILT_RESOLUTION = 1e-5
 """The requested tilt counts as reached if the reported tilt differs by less than this [rad]."""
+_MOVES = 0.5
+"""Speed above which a released soliton is not at rest [rotor spacings/s]."""
 _CARRIED_OUT = 'commands carried out'
 """Name of the value in edge_actuator's reports that counts the executed commands."""
 READ_ONLY = 'this page is read-only; start live_view with read_only:=false to send commands'
@@ -211,7 +213,11 @@ class ChainCommands:
         answer = await self._call_own('soliton_steering/release', Trigger.Request())
         self.holding = False
         self._forget_move()
-        return answer
+        chain = self._finder.chains.get(self.namespace)
+        speed = chain.model.numbers.get('velocity', 0.0) if chain else 0.0
+        spacing = chain.model.named.chain.spacing if chain and chain.model.named else 1.0
+        moves = abs(speed) > _MOVES * spacing
+        return f'{answer}: {"it moves on freely" if moves else "it rests here until pushed"}'
 
     async def call_identifier(self, name: str) -> str:
         """Call a service of the chain identifier: `identify`, `save` or `forget`."""

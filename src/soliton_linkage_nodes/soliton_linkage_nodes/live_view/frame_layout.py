@@ -43,6 +43,7 @@ FIELDS = (
     'winding_beyond',
     'charge',
     'zero_mode_rotor',
+    'bag_time',  # time of joint_states since the start of the replayed bag [s]
     'goal',  # goal of the current move [rotor spacings]
 )
 ARRAYS = (

@@ -69,13 +69,24 @@ _BUILD_TIMEOUT = 60.0
 """Time limit for building a page [s], sufficient on a busy machine."""
 _RECONNECT_TIMEOUT = 15.0
 """A browser keeps its page if its connection is interrupted for less than this time [s]."""
-_TABS = ('Drive', 'Run', 'Settings', 'Bags', 'Identify')
+_TABS = {
+    'Drive': 'Push, move or tilt the chain. The answer to each command is shown here.',
+    'Run': 'Pause, step, reset, speed up or slow down a simulated chain.',
+    'Settings': 'Change parameters of a node. A node is one of the programs that run together, '
+    'such as the simulator or the analyser.',
+    'Bags': 'Record and replay. A bag is a recording of the topics, that is, of all angles, '
+    'results and commands.',
+    'Identify': 'Estimate the lengths of the rotors and springs of this chain from its motion.',
+}
+"""Explanation of each tab, at most three lines of the controls."""
+_EXPERIMENTS = 'Five experiments. Each asks a question, and measures the answer on this chain.'
 _LESSON = 'Lesson'
 _LESSON_TABS = (_LESSON, 'Drive', 'Run')
 _SHARING = (
     ('photo_camera', 'save the view as a picture', 'live.savePicture()'),
     ('download', 'save the last minute as one HTML file', 'live.saveMinute()'),
 )
+_WARNING = '<button type="button" class="{}" popovertarget="live-warnings" hidden></button>'
 _PLOTS = Path(__file__).with_name('browser') / 'plots.html'
 _MARKDOWN = ['fenced-code-blocks', 'header-ids', 'tables']
 _DOCUMENTS = Path(__file__).with_name('docs')
@@ -145,29 +156,32 @@ class Page:
             )
             self._chooser.on_value_change(lambda event: self._choose(event.value))
             ui.html(
-                '<div id="live-health" role="status" aria-live="polite"></div>', sanitize=False
+                '<div id="live-health" role="status" aria-live="polite">'
+                + ''.join(map(_WARNING.format, ('warning', 'warning more')))
+                + '</div>',
+                sanitize=False,
             ).classes('live-health-area')
             if self._view.read_only:
                 ui.label('read-only').classes('live-badge')
             for icon, label, script in _SHARING:
                 shared = ui.button(icon=icon, on_click=partial(ui.run_javascript, script))
-                shared.props(f'flat dense round aria-label="{label}" title="{label}"')
-            ui.button(icon='school', on_click=self._toggle_lesson).props(
-                'flat dense round aria-label="lesson: guided experiments" '
-                'title="lesson: guided experiments" id=live-lesson'
+                _explain(shared.props('flat dense round'), label)
+            lessons = ui.button('Lessons', icon='school', on_click=self._toggle_lesson)
+            _explain(
+                lessons.props('flat dense no-caps id=live-lesson'), 'lessons: guided experiments'
             )
-            ui.button(icon='contrast', on_click=self._toggle_dark).props(
-                'flat dense round aria-label="light or dark background" id=live-dark'
-            )
+            dark = ui.button(icon='contrast', on_click=self._toggle_dark)
+            _explain(dark.props('flat dense round id=live-dark'), 'light or dark background')
 
     async def _controls(self) -> None:
         view = self._view
-        with ui.tabs().props('dense no-caps align=justify inline-label') as tabs:
-            self._tabs = {name: ui.tab(name) for name in (*_TABS, _LESSON)}
-        self._tab_row = tabs
-        ui.html('<div class="live-answer" id="live-answer"></div>', sanitize=False).classes(
-            'live-answer-area'
-        )
+        with ui.element('div').classes('live-controls-head'):
+            with ui.tabs().props('dense no-caps align=justify inline-label') as tabs:
+                self._tabs = {name: ui.tab(name) for name in (*_TABS, _LESSON)}
+            self._tab_row = tabs
+            with ui.element('div').classes('live-answer-area'):
+                ui.element('div').classes('live-answer').props('id=live-answer tabindex=0')
+                explanation = ui.label(_TABS['Drive']).classes('live-tab-hint')
         with ui.tab_panels(tabs, value='Drive', animated=False, keep_alive=True).classes(
             'live-panels'
         ):
@@ -193,6 +207,7 @@ class Page:
         ui.timer(0.1, self._bags.list_bags, once=True)
 
         async def on_tab(event: Any) -> None:
+            explanation.text = _TABS.get(event.value, _EXPERIMENTS)
             if event.value == 'Bags':
                 await self._bags.list_bags()
 
@@ -245,6 +260,12 @@ class Page:
             controls.refresh(why)
         for others in (self._parameters, self._record, self._bags):
             others.refresh()
+
+
+def _explain(control: ui.button, text: str) -> None:
+    """Add a tooltip to a button, and the same text for screen readers."""
+    with control.props(f'aria-label="{text}"'):
+        ui.tooltip(text)
 
 
 def _title(namespace: str) -> str:

@@ -108,6 +108,7 @@ def health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
         'lost': lost,
         'paused': paused,
         'replay': replay,
+        'conflict': chain.conflict,
         'warnings': warnings,
         'error': chain.model.error,
     }

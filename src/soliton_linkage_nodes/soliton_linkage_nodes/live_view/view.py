@@ -108,6 +108,9 @@ class View:
             if move.foreign:
                 move.rotor = chain.model.numbers.get('rotor', math.nan)
             chain.model.goal = move.goal if move.under_way else math.nan
+            if namespace == self.replay.namespace:
+                at = self.replay.position
+                chain.model.bag_time = math.nan if at is None else at
         now = time.monotonic()
         if now - self._updated_at >= _STATUS_PERIOD:
             self._updated_at = now

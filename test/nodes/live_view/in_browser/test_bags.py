@@ -75,7 +75,7 @@ def test_a_bag_is_played_beside_the_chain_with_seek_rate_and_loop(
     visit.page.mouse.click(box['x'] + 10 + 0.9 * (box['width'] - 20), box['y'] + 30)
     whole = view.replay.bag.duration
     visit.answers('paused at ')
-    until(lambda: view.replay.position > 0.85 * whole, 'the frame at this time')
+    until(lambda: (view.replay.position or 0) > 0.85 * whole, 'the frame at this time')
     visit.wait('live.status.replay.paused && live.shown.state_age - live.shown.age < 2')
     visit.wait('document.getElementById("live-stale").textContent === "paused"')
     visit.click('replay-play')
@@ -92,7 +92,7 @@ def test_a_bag_is_played_beside_the_chain_with_seek_rate_and_loop(
     until(
         lambda: view.replay.running and (view.replay.position or 0) < 0.3 * whole, 'the beginning'
     )
-    until(lambda: view.replay.position > 0.7 * whole, 'the end')
+    until(lambda: (view.replay.position or 0) > 0.7 * whole, 'the end')
     until(lambda: view.replay.position < 0.3 * whole, 'the beginning again')
     assert view.replay.running
     visit.tab('Drive')

@@ -306,3 +306,92 @@ def test_the_lesson_shows_its_experiments(visit: Visit) -> None:
         visit.page.locator(f'#live-try-{number}').wait_for()
     visit.click('lesson')
     visit.page.locator('#live-nudge').wait_for()
+
+
+def test_every_explanation_lies_in_the_window_and_beside_its_panel(visit: Visit) -> None:
+    for width, height in ((1280, 720), (1600, 1000)):
+        visit.resize(width, height)
+        for button in visit.page.locator('.live-help:visible').all():
+            button.click()
+            text = visit.page.locator('.live-help-text:popover-open').bounding_box()
+            panel = button.locator('xpath=ancestor::figure').bounding_box()
+            assert 0 < text['x'] < text['x'] + text['width'] < width
+            assert 0 < text['y'] < text['y'] + text['height'] < height
+            beside = (
+                text['x'] + text['width'] <= panel['x']
+                or text['x'] >= panel['x'] + panel['width']
+                or text['y'] + text['height'] <= panel['y']
+                or text['y'] >= panel['y'] + panel['height']
+            )
+            assert beside
+            visit.page.keyboard.press('Escape')
+    visit.resize(1400, 1000)
+
+
+def test_texts_of_any_length_move_no_control_and_no_plot(visit: Visit) -> None:
+    visit.resize(1280, 720)
+    visit.tab('Drive')
+    places = """[...document.querySelectorAll('.live-panels button, canvas, .q-tab')]
+        .map((e) => { const { x, y, width, height } = e.getBoundingClientRect();
+        return [x, y, width, height]; }).filter(([, , width]) => width)"""
+    before = visit.js(places)
+    for length in (0, 5, 100):
+        after = visit.js(
+            f"""(() => {{
+            const text = 'a long text '.repeat({length});
+            live.answers.show({{ id: 1, name: 'Test', answer: text, good: true }});
+            const captions = document.querySelectorAll('figcaption span');
+            captions.forEach((e) => {{ e.textContent = text; }});
+            const banner = document.getElementById('live-stale');
+            banner.textContent = 'a banner';
+            banner.hidden = {str(length == 0).lower()};
+            return {places}; }})()"""
+        )
+        assert after == before
+    visit.resize(1400, 1000)
+
+
+def test_the_tabs_stay_at_the_top_of_the_scrolled_controls(visit: Visit) -> None:
+    visit.resize(1280, 720)
+    visit.tab('Drive')
+    before = visit.page.get_by_role('tab', name='Drive').bounding_box()
+    visit.page.locator('.live-controls').evaluate('e => e.scrollTo(0, 1e4)')
+    assert visit.page.locator('.live-controls').evaluate('e => e.scrollTop') > 0
+    assert visit.page.get_by_role('tab', name='Drive').bounding_box() == before
+    visit.resize(1400, 1000)
+
+
+def test_a_click_opens_the_complete_text_of_all_warnings(visit: Visit) -> None:
+    texts = ['the first warning ' * 20, 'the second warning', 'the third warning']
+    visit.js(
+        f"""(() => {{ live.readText = (message) => {{
+        if (message.status) message.status.failures = {texts};
+        live.constructor.prototype.readText.call(live, message); }}; }})()"""
+    )
+    visit.page.get_by_role('button', name='2 more').click()
+    shown = visit.page.locator('#live-warnings')
+    assert all(text.strip() in shown.inner_text() for text in texts)
+    visit.page.keyboard.press('Escape')
+    visit.js('delete live.readText')
+    visit.page.get_by_role('button', name='2 more').wait_for(state='hidden')
+
+
+def test_each_icon_of_the_header_has_a_tooltip(visit: Visit) -> None:
+    for button in visit.page.locator('.live-header button:has(i.q-icon):visible').all():
+        button.hover()
+        text = visit.page.get_by_role('tooltip')
+        text.wait_for()
+        assert text.inner_text() == button.get_attribute('aria-label')
+        visit.page.mouse.move(500, 500)
+        text.wait_for(state='hidden')
+
+
+def test_the_labels_of_a_slider_lie_in_its_group(visit: Visit) -> None:
+    visit.tab('Drive')
+    for group in visit.page.locator('fieldset:visible:has(.live-slider)').all():
+        outer = group.bounding_box()
+        labels = group.locator('.q-slider__marker-labels')
+        assert labels.count() == 3
+        for label in labels.all():
+            box = label.bounding_box()
+            assert outer['x'] < box['x'] < box['x'] + box['width'] < outer['x'] + outer['width']

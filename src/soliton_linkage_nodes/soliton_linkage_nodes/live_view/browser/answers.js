@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Display of the answers to actions of this page. An answer is pending, successful or rejected.
 
-import { setText } from './drawing.js';
+import { setLine } from './drawing.js';
 
 const PATIENCE = 2; // seconds after which a missing answer is reported
 const SHOWN = { true: 6, false: 20 }; // display time of a success and of a rejection [s]
+const LONG = { Record: 'starting the recorder; this takes a few seconds' };
 const NAMES = { move: 'Move', nudge: 'Nudge', pull: 'Pull', seek: 'Seek', pause: 'Pause' };
 
 export class Answers {
@@ -46,7 +47,7 @@ export class Answers {
     if (!last) return '';
     const seconds = (performance.now() - last.since) / 1000;
     if (last.good === null) {
-      if (last.long) return `… ${last.name}: under way`;
+      if (last.long) return `… ${last.name}: ${LONG[last.name] || 'under way'}`;
       return seconds < PATIENCE ? `… ${last.name}: waiting for the answer` : `▲ ${last.name}: no answer within ${PATIENCE} s, still waiting`;
     }
     if (seconds > SHOWN[last.good]) return '';
@@ -57,7 +58,7 @@ export class Answers {
   refresh() {
     const { text } = this;
     document.querySelectorAll('.live-answer').forEach((line) => {
-      setText(line, text);
+      setLine(line, text);
       line.dataset.state = text ? text[0] : '';
     });
   }

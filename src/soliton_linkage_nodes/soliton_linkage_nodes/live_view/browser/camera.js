@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Camera pictures of the chain, requested only while the panel is visible.
 
-import { setText } from './drawing.js';
+import { setLine, setText } from './drawing.js';
 
 export class CameraPanel {
   // request(wanted) starts or stops the pictures; shown() requests the next picture.
@@ -73,8 +73,9 @@ export class CameraPanel {
     this.figure.classList.toggle('stopped', stopped);
     let text = '';
     if (stopped) text = `no picture for ${age.toFixed(1)} s`;
+    else if (reason && !seen) text = reason;
     else if (seen && this.rate >= 0) text = `${this.size}, ${this.rate.toFixed(0)} pictures/s`;
-    setText(this.note, text);
+    setLine(this.note, text);
     setText(this.reason, this.error || reason || (seen || !this.wanted ? '' : 'waiting for a picture'));
   }
 }

@@ -103,6 +103,7 @@ export class ChainView {
     const look = theme();
     const { canvas, frame } = this;
     if (!frame || !this.chain) return;
+    if (this.chain.conflict) { canvas.showReason(look, this.chain.conflict); return; }
     if (!frame.rotors) { canvas.showReason(look, this.chain.error || 'waiting for joint_states'); return; }
     const c = canvas.begin();
     this.drawSolitons(c, look);
@@ -292,7 +293,7 @@ export class ChainView {
 
   note() {
     const { frame, chain } = this;
-    if (!frame || !frame.rotors) return '';
+    if (!frame || !frame.rotors || chain.conflict) return '';
     const parts = [`${frame.rotors} rotors`];
     if (chain.motion) parts.unshift(chain.motion);
     if (Number.isFinite(frame.rotor)) {

@@ -182,6 +182,12 @@ export function setText(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
+// Sets a text in a line of constant height, which may cut the text. The tooltip is the whole text.
+export function setLine(element, text) {
+  setText(element, text);
+  if (element.title !== text) element.title = text;
+}
+
 export function line(c, points, colour, width = 2) {
   c.strokeStyle = colour;
   c.lineWidth = width;

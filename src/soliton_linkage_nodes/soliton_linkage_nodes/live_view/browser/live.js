@@ -4,8 +4,9 @@
 import { Answers } from './answers.js';
 import { CameraPanel } from './camera.js';
 import { ChainView } from './chain.js';
-import { leanScale, setText } from './drawing.js';
+import { leanScale, setLine, setText } from './drawing.js';
 import { Guide } from './guide.js';
+import { placeHelps } from './help.js';
 import { Layout, Track, readCamera, readHistory } from './frames.js';
 import { download, picture } from './picture.js';
 import { Dial, EnergyPlot, Kymograph, LeanPlot, TimeLine, TopologyPlot } from './plots.js';
@@ -14,6 +15,8 @@ const SILENCE = 1; // seconds without a message after which the page warns
 const ALL = '*';
 const LATE = 0.05; // share of missed deadlines above which the header is amber
 const LATE_MEANING = 'share of the frames of the last 10 s that were published after their time, because the computer is busy';
+const START = 10e3; // time after the loading of the page in which nothing needs to arrive [ms]
+const CHANGED = 10e3; // display time of a message that the chain has changed [ms]
 const END = 0.2; // last part of a replay that counts as its end [s]
 const MOVES = 0.5; // speed of a soliton above which it is not at rest [rotor spacings/s]
 const element = (id) => document.getElementById(`live-${id}`);
@@ -31,6 +34,7 @@ class Live {
     this.unacknowledged = 0; // number of frames that arrived and are not drawn yet
     this.costs = []; // drawing time of each of the last frames [ms]
     this.received = 0; // time of the last message
+    this.changed = 0; // time until which the page reports that the chain has changed
     this.guide = new Guide(element('guide'), {
       Nudge: () => this.act('nudge', { speed: this.nudgeSpeed, edge: 'nearest' }),
       Move: () => this.act('move', { rotor: Math.floor(this.view.known / 2) }),
@@ -57,6 +61,7 @@ class Live {
     this.camera = new CameraPanel(element('camera-figure'), {
       request: (camera) => this.send({ camera }), shown: () => this.send('seen'), silence: SILENCE,
     });
+    placeHelps();
     this.tiles = new Map();
     this.turn = 0;
     this.connect();
@@ -92,11 +97,21 @@ class Live {
 
   readText(message) {
     if (message.layout) this.layout = new Layout(message.layout);
-    if (message.chains) this.chains = message.chains.map(withScale);
+    if (message.chains) this.readChains(message.chains.map(withScale));
     if (message.track) this.time.track = message.track;
     if (message.status) this.status = message.status;
     if ('answer' in message) this.answers.show(message);
     if (!this.watched && this.chains.length) this.watch(this.chains[0].name);
+  }
+
+  // Stores the constants of the chains. The history of a chain ends if the chain has changed.
+  readChains(chains) {
+    const before = this.chains.find(({ name }) => name === this.watched);
+    const after = chains.find(({ name }) => name === this.watched);
+    this.chains = chains;
+    if (!before || !before.spacing || !after || JSON.stringify(outline(before)) === JSON.stringify(outline(after))) return;
+    this.tracks.delete(after.name);
+    this.changed = performance.now() + CHANGED;
   }
 
   readBinary(buffer) {
@@ -166,7 +181,8 @@ class Live {
     const status = this.statusOf(chain.name);
     const able = status.reasons ? !status.reasons.drive : true;
     const paused = this.status.replay && status.replay ? this.status.replay.paused : status.health && status.health.paused;
-    return { ...chain, status, able, paused };
+    const conflict = (status.health && status.health.conflict) || '';
+    return { ...chain, status, able, paused, conflict };
   }
 
   paint() {
@@ -245,9 +261,9 @@ class Live {
     if (!newest) return;
     const chain = this.known(index);
     const { frame } = newest;
-    setText(element('chain-note'), this.view.note());
+    setLine(element('chain-note'), this.view.note());
     Object.entries(this.plots).forEach(([name, plot]) => {
-      setText(element(`${name}-note`), plot.note(frame, chain));
+      setLine(element(`${name}-note`), plot.note(frame, chain));
       if (plot.title) setText(element(`${name}-title`), plot.title(chain));
     });
     this.refreshMove(chain);
@@ -272,15 +288,22 @@ class Live {
     }
     if (this.status.recorder) add(`● recorder: ${this.status.recorder.message}`);
     const warnings = [...this.status.failures, ...(health ? [health.error, ...health.warnings] : [])].filter(Boolean);
-    if (warnings.length) add(warnings[0], 'warning');
-    if (warnings.length > 1) add(`${warnings.length - 1} more`, 'warning more');
     const key = JSON.stringify([parts, warnings]);
     if (key === this.healthKey) return;
     this.healthKey = key;
-    // The header shows only one line. The tooltip contains the complete text.
-    element('health').title = [...parts.map(([text]) => text), ...warnings.slice(1)].join('\n');
-    element('health').replaceChildren(...parts.map(([textContent, className, title]) => (
-      Object.assign(document.createElement('span'), { textContent, className, title }))));
+    const line = element('health');
+    const buttons = line.querySelectorAll('button');
+    line.querySelectorAll('span').forEach((part) => part.remove());
+    line.prepend(...parts.map(([textContent, className, title]) => (
+      Object.assign(document.createElement('span'), { textContent, className, title: title || textContent }))));
+    // The header shows only one line. A button opens the complete texts. It is kept, because a new
+    // element would lose a click.
+    [warnings[0] || '', warnings.length > 1 ? `${warnings.length - 1} more` : ''].forEach((text, i) => {
+      setText(buttons[i], text);
+      buttons[i].title = warnings.join('\n');
+      buttons[i].hidden = !text;
+    });
+    setText(element('warnings'), warnings.join('\n\n') || 'no warnings');
   }
 
   // Warns if the shown frame is so old that it does not show the present state.
@@ -291,20 +314,30 @@ class Live {
     let expected = false;
     if (silence > SILENCE) text = `no message from live_view for ${silence.toFixed(1)} s`;
     else if (this.watched !== ALL && newest) {
-      const { paused, status } = this.known(index);
+      const { paused, status, conflict } = this.known(index);
       const replay = status.replay && this.status.replay;
       const ended = replay && (replay.ended || replay.position > replay.duration - END);
-      if (age === Infinity) text = 'waiting for joint_states';
-      else if (age > SILENCE) {
+      const opened = this.status.replay;
+      if (conflict) text = conflict;
+      else if (opened && !opened.ended && opened.position === null) {
+        text = `starting the replay of ${opened.bag}`;
+        expected = true;
+      } else if (age === Infinity) {
+        text = 'waiting for joint_states';
+        expected = performance.now() < START;
+      } else if (age > SILENCE) {
         expected = Boolean(paused || replay);
         text = ended ? 'end of the replay; End in the tab Bags returns to the live chain' : `no joint_states for ${age.toFixed(1)} s`;
-        if (replay && !ended) text = `the bag contains no joint_states for ${age.toFixed(1)} s`;
+        if (replay && !ended) text = `no joint_states in the replay for ${age.toFixed(1)} s: a gap in the bag, or a busy computer`;
         if (paused) text = replay ? 'paused' : `paused, ${text}`;
+      } else if (performance.now() < this.changed) {
+        text = `another chain is published now: ${this.chains[index].motion}, ${newest.frame.rotors} rotors`;
+        expected = true;
       }
     }
     banner.hidden = !text;
     banner.classList.toggle('paused', expected);
-    setText(banner, text);
+    setLine(banner, text);
   }
 
   refreshMove({ status: { move } }) {
@@ -328,11 +361,16 @@ class Live {
     element('time-figure').hidden = !here;
     if (!here) return;
     this.time.canvas.fit();
-    this.time.draw(replay, frame.rotors);
+    // The position in the status is older than the frame.
+    const position = Number.isFinite(frame.bag_time) ? frame.bag_time : replay.position;
+    this.time.draw({ ...replay, position }, frame.rotors);
     const state = replay.ended ? 'ended' : replay.paused ? 'paused' : `${replay.rate} × recorded speed`;
-    setText(element('time-note'), `${replay.bag}, ${(replay.position || 0).toFixed(1)} s of ${replay.duration.toFixed(1)} s, ${state}`);
+    setText(element('time-note'), `${replay.bag}, ${(position || 0).toFixed(1)} s of ${replay.duration.toFixed(1)} s, ${state}`);
   }
 }
+
+// Returns the constants that distinguish two chains. Motors and other small changes do not count.
+function outline({ motion, spacing, rotors }) { return [motion, spacing, rotors]; }
 
 // Adds the function that maps the lean of a rotor to a relative colour.
 function withScale(chain) {

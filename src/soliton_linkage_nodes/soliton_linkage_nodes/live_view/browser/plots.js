@@ -6,16 +6,19 @@ import { Canvas, REST, axes, finite, leanColour, leanPixel, line, theme, uncerta
 import { SPAN, Track, solitonsOf } from './frames.js';
 
 const NO_STATE = 'no recent soliton_state; start soliton_analyser if it does not run';
-const NO_RECORDED_STATE = 'the bag contains no soliton_state at this time';
+const NO_RECORDED_STATE = 'no soliton_state in the replay at this time';
 const NO_JOINTS = 'waiting for joint_states';
 const [LEFT, RIGHT] = [62, 10]; // margins of the time line [pixels]
 const SMALL = '14px system-ui, sans-serif';
 
 // Returns the reason why no state is drawn.
-function noState({ status }) { return status && status.replay ? NO_RECORDED_STATE : NO_STATE; }
+function noState({ status, conflict }) {
+  return conflict || (status && status.replay ? NO_RECORDED_STATE : NO_STATE);
+}
 
-// Returns whether the analyser published until the time of the frame.
-function analysed(frame) { return frame.state_age - frame.age < 2; }
+// Returns whether the analyser published until the time of the frame, and no other node mixes its
+// messages with those of the chain.
+function analysed(frame, { conflict }) { return frame.state_age - frame.age < 2 && !conflict; }
 
 class Plot {
   constructor(element) { this.canvas = new Canvas(element); }
@@ -36,7 +39,7 @@ export class LeanPlot extends Plot {
       x: [-0.5, frame.rotors - 0.5], y: [-largest * unit, largest * unit], xLabel: 'rotor n', yLabel: chain.rest_lean ? 'u [mm]' : 'sin φ',
     });
     c.fillStyle = look.red;
-    if (analysed(frame)) {
+    if (analysed(frame, chain)) {
       solitonsOf(frame).forEach(([rotor, deviation]) => {
         const half = chain.spacing ? (2 * deviation) / chain.spacing : 0;
         c.globalAlpha = 0.25;
@@ -60,7 +63,7 @@ export class LeanPlot extends Plot {
   title(chain) { return chain.rest_lean ? 'Lean u of each rotor [mm]' : 'Lean of each rotor, sin φ'; }
 
   note(frame, chain) {
-    if (!analysed(frame)) return frame.rotors ? 'no soliton_state' : '';
+    if (!analysed(frame, chain)) return frame.rotors && !chain.conflict ? 'no soliton_state' : '';
     if (!(frame.walls > 0)) return 'no soliton';
     return `soliton at ${uncertain(frame.rotor, frame.position_deviation / (chain.spacing || 1))}`;
   }
@@ -132,7 +135,7 @@ export class Dial extends Plot {
   draw(frame, chain) {
     const { canvas } = this;
     const look = theme();
-    if (!analysed(frame)) { canvas.showReason(look, noState(chain)); return; }
+    if (!analysed(frame, chain)) { canvas.showReason(look, noState(chain)); return; }
     const c = canvas.begin();
     const legs = chain.motion === 'spinner' ? 2 : 4;
     const radius = Math.max(30, Math.min(canvas.width / 2 - 62, canvas.height / 2 - 14));
@@ -167,8 +170,8 @@ export class Dial extends Plot {
     c.fillText(frame.completed === 1 ? 'cycle' : 'cycles', x, y + 14);
   }
 
-  note(frame) {
-    if (!analysed(frame)) return '';
+  note(frame, chain) {
+    if (!analysed(frame, chain)) return '';
     if (!Number.isFinite(frame.phase)) return 'the phase is unknown';
     return `phase ${finite(frame.phase / Math.PI)} π, ${finite(frame.phase_rate)} rad/s`;
   }
@@ -178,6 +181,7 @@ export class EnergyPlot extends Plot {
   draw(frame, chain, track) {
     const { canvas } = this;
     const look = theme();
+    if (chain.conflict) { canvas.showReason(look, chain.conflict); return; }
     if (!chain.spacing) { canvas.showReason(look, 'energies are unknown: no node publishes the topic chain'); return; }
     const c = canvas.begin();
     let largest = 1e-9;
@@ -196,15 +200,22 @@ export class EnergyPlot extends Plot {
     c.rect(left, top, w, h + 2);
     c.clip();
     track.energies.forEach((series, i) => {
-      c.setLineDash(i > 1 ? [6, 3] : []);
-      line(c, track.points(series, toX, (value) => toY(value / 10 ** power)), colours[i], 2);
+      const points = track.points(series, toX, (value) => toY(value / 10 ** power));
+      c.setLineDash(i > 1 ? [3, 3] : []);
+      line(c, points, colours[i], 2);
+      // A thin line across each gap shows that the curve continues.
+      c.setLineDash([]);
+      c.globalAlpha = 0.4;
+      if (i < 2) line(c, points.filter(([, y]) => Number.isFinite(y)), colours[i], 1);
+      c.globalAlpha = 1;
     });
     c.restore();
   }
 
   title(chain) { return this.unit && chain.spacing ? `Energy [${this.unit}]` : 'Energy'; }
 
-  note(frame) {
+  note(frame, { conflict }) {
+    if (conflict) return '';
     // Noise can make the estimate slightly negative.
     const sum = Math.max(0, frame.kinetic + frame.elastic);
     if (!Number.isFinite(sum) || !this.unit) return '';
@@ -218,7 +229,7 @@ export class TopologyPlot extends Plot {
   draw(frame, chain) {
     const { canvas } = this;
     const look = theme();
-    if (!analysed(frame)) { canvas.showReason(look, noState(chain)); return; }
+    if (!analysed(frame, chain)) { canvas.showReason(look, noState(chain)); return; }
     const c = canvas.begin();
     const left = 20;
     const w = canvas.width - 40;
@@ -263,8 +274,8 @@ export class TopologyPlot extends Plot {
     c.fillText(`ν = ${finite(frame.winding_beyond, 0)}`, left + w, top - 16);
   }
 
-  note(frame) {
-    if (!analysed(frame)) return '';
+  note(frame, chain) {
+    if (!analysed(frame, chain)) return '';
     // The charge of the whole chain is 0 up to one rotor before the soliton is at the edge.
     const charge = solitonsOf(frame).reduce((sum, soliton) => sum + soliton[2], 0 * frame.charge);
     return `charge ${finite(charge, 0)}, zero mode at ${finite(frame.zero_mode_rotor)}`;
@@ -296,7 +307,7 @@ export class TimeLine extends Plot {
     const { canvas, canvas: { element } } = this;
     const look = theme();
     const c = canvas.begin();
-    const { toX, toY: at } = axes(canvas, look, {
+    const { toX, toY: at, top, h } = axes(canvas, look, {
       x: [0, Math.max(replay.duration, 1e-9)], y: [0, Math.max(rotors - 1, 1)], xLabel: 'time [s]', yLabel: 'rotor', left: LEFT, right: RIGHT,
     });
     const toY = (rotor) => (rotor === null ? NaN : at(rotor));
@@ -308,7 +319,7 @@ export class TimeLine extends Plot {
     if (!this.track.length) c.fillText('the bag contains no soliton_state', canvas.width / 2, canvas.height / 2 - 9);
     if (Number.isFinite(replay.position)) {
       c.fillStyle = look.ink;
-      c.fillRect(toX(replay.position) - 1.5, 0, 3, canvas.height - 20);
+      c.fillRect(toX(replay.position) - 1.5, top, 3, h);
     }
   }
 }

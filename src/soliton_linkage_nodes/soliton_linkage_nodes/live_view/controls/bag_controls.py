@@ -99,12 +99,6 @@ class BagControls:
         self._listings = 0
         self._finished = view.recording.finished
         self._rows: dict[str, tuple[CataloguedBag | None, ui.element]] = {}
-        with ui.element('div').classes('live-row'):
-            ui.label('Recorded bags').classes('live-title')
-            ui.button('Refresh', icon='refresh', on_click=self.list_bags).props(
-                'flat dense no-caps id=live-bags-list'
-            )
-        self._list = ui.element('div').classes('live-bags').props('id=live-bags')
         self._transport = ControlGroup('Replay of a bag', 'replay')
         with self._transport.body:
             self._pausing = button('Pause', self._pause, 'pause', 'live-replay-play')
@@ -122,6 +116,12 @@ class BagControls:
 
             rate.on_value_change(change_rate)
             loop.on_value_change(change_loop)
+        with ui.element('div').classes('live-row'):
+            ui.label('Recorded bags').classes('live-title')
+            ui.button('Refresh', icon='refresh', on_click=self.list_bags).props(
+                'flat dense no-caps id=live-bags-list'
+            )
+        self._list = ui.element('div').classes('live-bags').props('id=live-bags')
 
     def refresh(self) -> None:
         """Disable the replay controls if no bag is open; list bags again after a recording."""

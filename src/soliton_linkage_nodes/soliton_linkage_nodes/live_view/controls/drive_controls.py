@@ -103,10 +103,12 @@ def number(label: str, value: float, unit: str, **props: Any) -> ui.number:
 
 def scale(slider: ui.slider, low: float, high: float, unit: str) -> None:
     """Set the range of a slider, and label its ends and its middle."""
+    # Beyond the rounded ends the slider shows no label.
+    low, high = (float(f'{end:.6g}') for end in (low, high))
     middle = (low + high) / 2
     texts = {low: f'{low:.3g}', middle: f'{middle:.3g} {unit}', high: f'{high:.3g}'}
     labels = [{'value': v, 'label': text.replace('-', '−')} for v, text in texts.items()]
-    slider.props(f"min={low:.6g} max={high:.6g} :marker-labels='{json.dumps(labels)}'")
+    slider.props(f"min={low:g} max={high:g} :marker-labels='{json.dumps(labels)}'")
 
 
 def hint(text: str) -> None:

@@ -117,7 +117,10 @@ class WaveControls(ChainControls):
             return
         known, self._chain = self._chain, named.chain
         kappa = named.chain.non_reciprocity
-        self._current.text = f'κ = {kappa:.3g} N m/rad; 0 is a chain without motors'
+        self._current.text = (
+            f'κ = {kappa:.3g} N m/rad: torque of the motors of a bond per difference of its '
+            'angles; 0: no motors'
+        )
         if known == replace(named.chain, non_reciprocity=known.non_reciprocity if known else 0.0):
             return
         largest = 2 * abs(kappa) or _LARGEST_COUPLING
