@@ -81,7 +81,8 @@ def measured_track(chain: Chain, times: Array, walls: Sequence[Sequence[Measured
             wall = found[0]
             row[:] = wall.rotor, wall.velocity, wall.position_deviation, wall.velocity_deviation
     rows[:, 1:] /= chain.spacing
-    return Track(times, *rows.T, others)
+    sites, site_rates, deviations, rate_deviations = rows.T
+    return Track(times, sites, site_rates, deviations, rate_deviations, others)
 
 
 def follow(chain: Chain, recording: Recording) -> Track:
