@@ -245,6 +245,20 @@ def test_the_zero_that_an_error_names_makes_the_recording_acceptable():
     assert identify(Readings(TIMES, readings, names=NAMES), Chain()).rigid
 
 
+@pytest.mark.parametrize('wrong', [[4], list(range(10))], ids=['rotor_4', 'all rotors'])
+@pytest.mark.parametrize('name', KICKS)
+def test_a_wrong_gain_is_named_and_its_correction_is_accepted(name, wrong):
+    _, times, readings = kicked(name, 3)
+    readings[:, wrong] *= 1.08
+    whose = 'rotor_4' if len(wrong) == 1 else 'all rotors'
+    with pytest.raises(ValueError, match=f'readings of {whose} are about .* too large') as error:
+        identify(Readings(times, readings, names=NAMES), Chain())
+    factor = float(str(error.value).split()[-1])
+    assert factor == pytest.approx(1.08, abs=0.02)
+    readings[:, wrong] /= factor
+    identify(Readings(times, readings, names=NAMES), Chain())
+
+
 @pytest.fixture(scope='module')
 def clean():
     return identify(Readings(TIMES, READINGS), Chain())

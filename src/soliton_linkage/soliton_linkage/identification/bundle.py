@@ -88,7 +88,7 @@ class CholeskyFactor(NamedTuple):
     below: Array
 
     def whitened(self, values: Array) -> Array:
-        """Return misclosures, (N - 1, T), transformed to independent values with variance 1."""
+        """Return misclosures, (N - 1, ..., T), as independent values with variance 1."""
         whitened = np.empty_like(values)
         whitened[0] = values[0] / self.diagonal[0]
         for n in range(1, len(values)):
@@ -196,6 +196,27 @@ class Bundle:
                 matrix[:end, :end] += part.T @ part
                 vector[:end] -= part.T @ whitened[n]
         return NormalEquations(matrix, vector, squares)
+
+    def gain_equations(self) -> tuple[Array, Array]:
+        """Return both sides of the normal equations of the P unknowns and of N gain errors g.
+
+        A reading is y = o + (1 + g) phi. The sides have shapes (P + N, P + N) and (P + N,).
+        """
+        rotors, size = self.lengths.rotors, UNKNOWNS_PER_ROTOR * self.lengths.rotors - 2
+        matrix, vector = np.zeros((size + rotors, size + rotors)), np.zeros(size + rotors)
+        for frames in self._batches():
+            linearised, factors, whitened = self._linearised(frames)
+            angles = self.angles[:, frames]
+            slopes = np.zeros((len(whitened), size + rotors, whitened.shape[1]))
+            for n, of_bond in enumerate(linearised.slopes):
+                begin = UNKNOWNS_PER_ROTOR * n
+                slopes[n, begin : begin + UNKNOWNS_PER_BOND] = of_bond.T
+                slopes[n, size + n] = -linearised.first[n] * angles[n]
+                slopes[n, size + n + 1] = -linearised.second[n] * angles[n + 1]
+            rows = factors.whitened(slopes).transpose(1, 0, 2).reshape(size + rotors, -1)
+            matrix += rows @ rows.T
+            vector -= rows @ whitened.ravel()
+        return matrix, vector
 
     def close(self) -> float:
         """Take one Newton step of all angles to close bonds; return the largest change [rad]."""

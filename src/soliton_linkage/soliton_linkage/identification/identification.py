@@ -12,10 +12,11 @@ from soliton_linkage.identification.adjustment import Adjustment, adjust
 from soliton_linkage.identification.bar_motion import BarMotion, bar_motion
 from soliton_linkage.identification.diagnosis import check_explained, length_warnings
 from soliton_linkage.identification.free_motion import FreeMotion
+from soliton_linkage.identification.gains import bar_gains, check_gains
 from soliton_linkage.identification.kicks import fit_around_kicks
 from soliton_linkage.identification.lengths import initial_lengths
 from soliton_linkage.identification.mass_scale import mass_scale
-from soliton_linkage.identification.motion_fit import MotionFit, MotionFitter
+from soliton_linkage.identification.motion_fit import UNEXPLAINED, MotionFit, MotionFitter
 from soliton_linkage.identification.mounting import absent_joints, check_unit
 from soliton_linkage.identification.readings import (
     Readings,
@@ -122,6 +123,8 @@ def _by_model(
         fitter, fit = fitted
         check_slips(some, fit.residuals, fit.noise)
         prior, excess = fit.prior, fit.noise / noise
+        if excess < UNEXPLAINED:
+            check_gains(readings.joints, *fitter.gain_scores())
         spreads = 0.0 if tolerance else prior.tolerances.lengths, prior.mass_deviation
         check_explained('springs', excess, spreads, fit.residuals, some)
         fit = fitter.sampled(fit)
@@ -138,6 +141,8 @@ def _by_model(
         raise ValueError(_NOT_CLOSED)
     spread = 0.0 if tolerance else found.tolerances.lengths
     excess = found.noise / noise
+    if excess < UNEXPLAINED:
+        check_gains(readings.joints, *bar_gains(readings, found, max(noise, found.noise)))
     check_explained('bars', excess, (spread, 0.0), residuals, readings)
     strained = found.noise > STRAINED * noise
     moved = None if strained else _fit_bars(some, found, given, spacing_known)

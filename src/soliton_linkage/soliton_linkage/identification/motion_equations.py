@@ -165,26 +165,37 @@ class Record(NamedTuple):
         return self.stamps.whitened(pulls, errors)
 
 
-def window_matrix(window: FreeWindow, record: Record, every: int) -> Array:
+def window_matrix(
+    window: FreeWindow, record: Record, every: int, with_gains: bool = False
+) -> Array:
     """Return the matrix of the normal equations of a window, for readings of unit variance.
 
     To save time, only each `every`-th frame is used, and the matrix is scaled up to all frames.
+    If `with_gains`, the matrix has N more unknowns, the errors of encoder gains, between the
+    unknowns of the chain and those of the initial state.
     """
     motion, rotors = window.motion, np.arange(record.readings.shape[1])
-    matrix = np.zeros((motion.size, motion.size))
+    size = motion.size + with_gains * len(rotors)
+    matrix = np.zeros((size, size))
     frames = np.arange(window.frames.start, window.frames.stop, every)
     factor = (window.frames.stop - window.frames.start) / len(frames)
     for states, slopes in states_with_sensitivities(motion, record.times[frames]):
         some, frames = np.split(frames, [len(states)])
         slopes[UNKNOWNS_PER_ROTOR * rotors + 1, :, rotors] += 1
+        if with_gains:
+            by_gain = np.eye(len(rotors))[:, None] * states[:, 0]
+            chain, initial = np.split(slopes, [motion.slices.forces.stop])
+            slopes = np.concatenate([chain, by_gain, initial])
         weights, pulls, _ = record.weighted(window, some, states)
         slopes *= weights
-        rows = record.stamps.whitened(pulls, slopes).reshape(motion.size, -1)
+        rows = record.stamps.whitened(pulls, slopes).reshape(size, -1)
         matrix += rows @ rows.T
     return np.asarray(factor * matrix)
 
 
-def window_gradient(window: FreeWindow, record: Record, states: Array) -> Array:
+def window_gradient(
+    window: FreeWindow, record: Record, states: Array, with_gains: bool = False
+) -> Array:
     """Return the right side of the normal equations of a window, (Q,), as in `window_matrix`.
 
     `states` are the angles and rates in the B frames of the window, (B, 2, N).
@@ -194,7 +205,29 @@ def window_gradient(window: FreeWindow, record: Record, states: Array) -> Array:
     errors = record.stamps.whitened(pulls, record.whitened(window.frames, pulls, errors))
     gradient = gradient_of(window.motion, times, states, errors * weights)
     split(gradient[window.motion.slices.lengths])[1][:] += np.sum(errors * weights, axis=0)
+    if with_gains:
+        by_gain = np.sum(errors * weights * states[:, 0], axis=0)
+        gradient = np.insert(gradient, window.motion.slices.forces.stop, by_gain)
     return gradient
+
+
+def gain_equations(
+    windows: Sequence[FreeWindow], record: Record, noise: float, every: int
+) -> tuple[Array, Array]:
+    """Return both sides of the normal equations of the chain and of N gain errors.
+
+    The initial states are eliminated. `noise` is the standard deviation of a reading [rad];
+    `every` is as in `window_matrix`.
+    """
+    size = windows[0].motion.slices.forces.stop + record.readings.shape[1]
+    matrix, vector = np.zeros((size, size)), np.zeros(size)
+    for window in windows:
+        states = states_at(window.motion, record.times[window.frames])
+        right = window_gradient(window, record, states, True) / noise**2
+        part = eliminated(window_matrix(window, record, every, True), size, noise, 0.0)
+        matrix += part.matrix
+        vector += right[:size] - part.coupling.T @ right[size:]
+    return matrix, vector
 
 
 def estimated_stamps(

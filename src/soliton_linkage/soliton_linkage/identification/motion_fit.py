@@ -17,6 +17,7 @@ import numpy as np
 
 from soliton_linkage.identification.bundle import covariance_in
 from soliton_linkage.identification.free_motion import FreeMotion, UnknownSlices, states_at
+from soliton_linkage.identification.gains import gain_scores
 from soliton_linkage.identification.lengths import Tolerances
 from soliton_linkage.identification.motion_equations import (
     Eliminated,
@@ -24,6 +25,7 @@ from soliton_linkage.identification.motion_equations import (
     StampErrors,
     eliminated,
     estimated_stamps,
+    gain_equations,
     quasi_newton_step,
     solver,
     window_gradient,
@@ -156,6 +158,7 @@ class MotionFitter:
         deviations = relative_deviations * np.sqrt(self._repeats)
         exact = StampErrors(0.0, np.zeros_like(times))
         self._record = Record(times, readings, deviations, exact)
+        self._every = max(1, len(times) // _MATRIX_FRAMES)
         self._found: list[Array] = []
         self._interval = float(np.median(np.diff(times)))
         self._noise, self._tolerance = noise, tolerance
@@ -229,6 +232,12 @@ class MotionFitter:
         cost -= self._cost(self._windows)[0]
         self._windows = found
         return cost
+
+    def gain_scores(self) -> tuple[Array, Array]:
+        """Return the scores of the encoder gains, and their information, as in `gains`."""
+        prior = self._prior.evaluate(self._motion)
+        equations = gain_equations(self._windows, self._record, self._noise, self._every)
+        return gain_scores(*equations, *prior, self._basis)
 
     def sampled(self, found: MotionFit) -> MotionFit:
         """Return `found`, from `fit`, with its covariance enlarged to the scatter of samples."""
@@ -341,8 +350,7 @@ class MotionFitter:
         return np.isfinite(self._record.readings[window.frames])
 
     def _equations(self) -> list[Array]:
-        every = max(1, len(self._stamps) // _MATRIX_FRAMES)
-        return [window_matrix(window, self._record, every) for window in self._windows]
+        return [window_matrix(window, self._record, self._every) for window in self._windows]
 
     def _improve(self, steps: int, converged: float, equations: list[Array] | None = None) -> None:
         equations = equations or self._equations()
