@@ -197,23 +197,26 @@ class Bundle:
                 vector[:end] -= part.T @ whitened[n]
         return NormalEquations(matrix, vector, squares)
 
-    def gain_equations(self) -> tuple[Array, Array]:
-        """Return both sides of the normal equations of the P unknowns and of N gain errors g.
+    def error_equations(self, shapes: Array) -> tuple[Array, Array]:
+        """Return both sides of the normal equations of the P unknowns and of K N encoder errors.
 
-        A reading is y = o + (1 + g) phi. The sides have shapes (P + N, P + N) and (P + N,).
+        Each error adds its size times its shape to the readings of a rotor. `shapes` has shape (K,
+        N, T), and the sides have shapes (P + K N, P + K N) and (P + K N,).
         """
         rotors, size = self.lengths.rotors, UNKNOWNS_PER_ROTOR * self.lengths.rotors - 2
-        matrix, vector = np.zeros((size + rotors, size + rotors)), np.zeros(size + rotors)
+        every = size + len(shapes) * rotors
+        matrix, vector = np.zeros((every, every)), np.zeros(every)
         for frames in self._batches():
             linearised, factors, whitened = self._linearised(frames)
-            angles = self.angles[:, frames]
-            slopes = np.zeros((len(whitened), size + rotors, whitened.shape[1]))
+            slopes = np.zeros((len(whitened), every, whitened.shape[1]))
             for n, of_bond in enumerate(linearised.slopes):
                 begin = UNKNOWNS_PER_ROTOR * n
                 slopes[n, begin : begin + UNKNOWNS_PER_BOND] = of_bond.T
-                slopes[n, size + n] = -linearised.first[n] * angles[n]
-                slopes[n, size + n + 1] = -linearised.second[n] * angles[n + 1]
-            rows = factors.whitened(slopes).transpose(1, 0, 2).reshape(size + rotors, -1)
+                slopes[n, size + n :: rotors] = -linearised.first[n] * shapes[:, n, frames]
+                slopes[n, size + n + 1 :: rotors] = (
+                    -linearised.second[n] * shapes[:, n + 1, frames]
+                )
+            rows = factors.whitened(slopes).transpose(1, 0, 2).reshape(every, -1)
             matrix += rows @ rows.T
             vector -= rows @ whitened.ravel()
         return matrix, vector

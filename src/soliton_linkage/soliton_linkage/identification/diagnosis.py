@@ -37,9 +37,17 @@ standard deviation is computed from the readings without the prior."""
 
 
 def check_explained(
-    model: str, noise: float, spreads: tuple[float, float], residuals: Array, readings: Readings
+    model: str,
+    noise: float,
+    spreads: tuple[float, float],
+    residuals: Array,
+    readings: Readings,
+    fault: str,
 ) -> None:
     """Raise ValueError with the most likely causes if the model does not explain the readings.
+
+    If it explains them only with an error of an encoder, which the text `fault` describes, raise
+    ValueError with this text.
 
     `model` is the name of the fitted model. `noise` is the noise computed from the `residuals`,
     (T, N), divided by the reading noise [1]. `spreads` contains two estimates of relative standard
@@ -60,6 +68,8 @@ def check_explained(
             f'masses and stiffnesses differ by {masses:.0%} (limit {_LARGEST_SPREADS[1]:.0%})'
         )
     if not faults:
+        if fault:
+            raise ValueError(fault)
         return
     by_rotor = np.mean(residuals**2, axis=0)
     by_frame = np.mean(residuals**2, axis=1)
@@ -80,7 +90,8 @@ def check_explained(
         ),
         (1.0, 'joints are missing or not in the order of the rotors'),
     ]
-    named = '; '.join(cause for _, cause in sorted(causes, key=lambda each: -each[0]))
+    ordered = [cause for _, cause in sorted(causes, key=lambda each: -each[0])]
+    named = '; '.join([fault, *ordered] if fault else ordered)
     raise ValueError(
         f'no model explains this recording: with {model}, {" and ".join(faults)}. Most likely '
         f'causes: {named}. Correct them, or select a part of the recording by --begin and --end'

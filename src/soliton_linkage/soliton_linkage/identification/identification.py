@@ -11,12 +11,12 @@ import numpy as np
 from soliton_linkage.identification.adjustment import Adjustment, adjust
 from soliton_linkage.identification.bar_motion import BarMotion, bar_motion
 from soliton_linkage.identification.diagnosis import check_explained, length_warnings
+from soliton_linkage.identification.encoder_errors import bar_scores, encoder_fault
 from soliton_linkage.identification.free_motion import FreeMotion
-from soliton_linkage.identification.gains import bar_gains, check_gains
 from soliton_linkage.identification.kicks import fit_around_kicks
 from soliton_linkage.identification.lengths import initial_lengths
 from soliton_linkage.identification.mass_scale import mass_scale
-from soliton_linkage.identification.motion_fit import UNEXPLAINED, MotionFit, MotionFitter
+from soliton_linkage.identification.motion_fit import MotionFit, MotionFitter
 from soliton_linkage.identification.mounting import absent_joints, check_unit
 from soliton_linkage.identification.readings import (
     Readings,
@@ -123,10 +123,9 @@ def _by_model(
         fitter, fit = fitted
         check_slips(some, fit.residuals, fit.noise)
         prior, excess = fit.prior, fit.noise / noise
-        if excess < UNEXPLAINED:
-            check_gains(readings.joints, *fitter.gain_scores())
+        fault = encoder_fault(readings.joints, *fitter.error_scores())
         spreads = 0.0 if tolerance else prior.tolerances.lengths, prior.mass_deviation
-        check_explained('springs', excess, spreads, fit.residuals, some)
+        check_explained('springs', excess, spreads, fit.residuals, some, fault)
         fit = fitter.sampled(fit)
         given = _scaled(given, readings, fit.motion.gravity)
         scale = mass_scale(fit, some, given.spacing)
@@ -141,9 +140,9 @@ def _by_model(
         raise ValueError(_NOT_CLOSED)
     spread = 0.0 if tolerance else found.tolerances.lengths
     excess = found.noise / noise
-    if excess < UNEXPLAINED:
-        check_gains(readings.joints, *bar_gains(readings, found, max(noise, found.noise)))
-    check_explained('bars', excess, (spread, 0.0), residuals, readings)
+    scores = bar_scores(readings, found, max(noise, found.noise))
+    fault = encoder_fault(readings.joints, *scores)
+    check_explained('bars', excess, (spread, 0.0), residuals, readings, fault)
     strained = found.noise > STRAINED * noise
     moved = None if strained else _fit_bars(some, found, given, spacing_known)
     if moved is not None:

@@ -166,26 +166,26 @@ class Record(NamedTuple):
 
 
 def window_matrix(
-    window: FreeWindow, record: Record, every: int, with_gains: bool = False
+    window: FreeWindow, record: Record, every: int, shapes: Array | None = None
 ) -> Array:
     """Return the matrix of the normal equations of a window, for readings of unit variance.
 
     To save time, only each `every`-th frame is used, and the matrix is scaled up to all frames.
-    If `with_gains`, the matrix has N more unknowns, the errors of encoder gains, between the
-    unknowns of the chain and those of the initial state.
+    With `shapes` of K encoder errors in the frames of the window, (K, B, N), the matrix has K N
+    more unknowns between the unknowns of the chain and those of the initial state.
     """
     motion, rotors = window.motion, np.arange(record.readings.shape[1])
-    size = motion.size + with_gains * len(rotors)
+    size = motion.size + (0 if shapes is None else len(shapes) * len(rotors))
     matrix = np.zeros((size, size))
     frames = np.arange(window.frames.start, window.frames.stop, every)
     factor = (window.frames.stop - window.frames.start) / len(frames)
     for states, slopes in states_with_sensitivities(motion, record.times[frames]):
         some, frames = np.split(frames, [len(states)])
         slopes[UNKNOWNS_PER_ROTOR * rotors + 1, :, rotors] += 1
-        if with_gains:
-            by_gain = np.eye(len(rotors))[:, None] * states[:, 0]
+        if shapes is not None:
             chain, initial = np.split(slopes, [motion.slices.forces.stop])
-            slopes = np.concatenate([chain, by_gain, initial])
+            own = shapes[:, None, some - window.frames.start] * np.eye(len(rotors))[:, None]
+            slopes = np.concatenate([chain, *own, initial])
         weights, pulls, _ = record.weighted(window, some, states)
         slopes *= weights
         rows = record.stamps.whitened(pulls, slopes).reshape(size, -1)
@@ -194,7 +194,7 @@ def window_matrix(
 
 
 def window_gradient(
-    window: FreeWindow, record: Record, states: Array, with_gains: bool = False
+    window: FreeWindow, record: Record, states: Array, shapes: Array | None = None
 ) -> Array:
     """Return the right side of the normal equations of a window, (Q,), as in `window_matrix`.
 
@@ -205,29 +205,34 @@ def window_gradient(
     errors = record.stamps.whitened(pulls, record.whitened(window.frames, pulls, errors))
     gradient = gradient_of(window.motion, times, states, errors * weights)
     split(gradient[window.motion.slices.lengths])[1][:] += np.sum(errors * weights, axis=0)
-    if with_gains:
-        by_gain = np.sum(errors * weights * states[:, 0], axis=0)
-        gradient = np.insert(gradient, window.motion.slices.forces.stop, by_gain)
+    if shapes is not None:
+        own = np.sum(errors * weights * shapes, axis=1).ravel()
+        gradient = np.insert(gradient, window.motion.slices.forces.stop, own)
     return gradient
 
 
-def gain_equations(
-    windows: Sequence[FreeWindow], record: Record, noise: float, every: int
+def error_equations(
+    windows: Sequence[FreeWindow],
+    record: Record,
+    noise: float,
+    every: int,
+    shapes: Callable[[Array], Array],
 ) -> tuple[Array, Array]:
-    """Return both sides of the normal equations of the chain and of N gain errors.
+    """Return both sides of the normal equations of the chain and of K N encoder errors.
 
-    The initial states are eliminated. `noise` is the standard deviation of a reading [rad];
-    `every` is as in `window_matrix`.
+    The initial states are eliminated. `noise` is the standard deviation of a reading [rad],
+    `every` is as in `window_matrix`, and `shapes` maps angles, (B, N), to shapes, (K, B, N).
     """
-    size = windows[0].motion.slices.forces.stop + record.readings.shape[1]
-    matrix, vector = np.zeros((size, size)), np.zeros(size)
+    parts: list[tuple[Array, Array]] = []
     for window in windows:
         states = states_at(window.motion, record.times[window.frames])
-        right = window_gradient(window, record, states, True) / noise**2
-        part = eliminated(window_matrix(window, record, every, True), size, noise, 0.0)
-        matrix += part.matrix
-        vector += right[:size] - part.coupling.T @ right[size:]
-    return matrix, vector
+        some = shapes(states[:, 0])
+        size = window.motion.slices.forces.stop + some.shape[0] * some.shape[2]
+        right = window_gradient(window, record, states, some) / noise**2
+        part = eliminated(window_matrix(window, record, every, some), size, noise, 0.0)
+        parts.append((part.matrix, right[:size] - part.coupling.T @ right[size:]))
+    matrices, vectors = zip(*parts, strict=True)
+    return np.sum(matrices, axis=0), np.sum(vectors, axis=0)
 
 
 def estimated_stamps(

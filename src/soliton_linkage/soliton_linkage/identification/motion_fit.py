@@ -16,16 +16,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from soliton_linkage.identification.bundle import covariance_in
+from soliton_linkage.identification.encoder_errors import error_scores, error_shapes
 from soliton_linkage.identification.free_motion import FreeMotion, UnknownSlices, states_at
-from soliton_linkage.identification.gains import gain_scores
 from soliton_linkage.identification.lengths import Tolerances
 from soliton_linkage.identification.motion_equations import (
     Eliminated,
     Record,
     StampErrors,
     eliminated,
+    error_equations,
     estimated_stamps,
-    gain_equations,
     quasi_newton_step,
     solver,
     window_gradient,
@@ -233,11 +233,11 @@ class MotionFitter:
         self._windows = found
         return cost
 
-    def gain_scores(self) -> tuple[Array, Array]:
-        """Return the scores of the encoder gains, and their information, as in `gains`."""
-        prior = self._prior.evaluate(self._motion)
-        equations = gain_equations(self._windows, self._record, self._noise, self._every)
-        return gain_scores(*equations, *prior, self._basis)
+    def error_scores(self) -> tuple[Array, Array]:
+        """Return the scores of the errors of the encoders, as `encoder_errors.error_scores`."""
+        prior, given = self._prior.evaluate(self._motion), (self._windows, self._record)
+        equations = error_equations(*given, self._noise, self._every, error_shapes)
+        return error_scores(*equations, *prior, self._basis)
 
     def sampled(self, found: MotionFit) -> MotionFit:
         """Return `found`, from `fit`, with its covariance enlarged to the scatter of samples."""
