@@ -249,7 +249,7 @@ def test_the_zero_that_an_error_names_makes_the_recording_acceptable():
 def test_a_wrong_gain_is_named_and_its_correction_is_accepted(name):
     _, times, readings = kicked(name, 3)
     readings[:, 4] *= 1.06
-    with pytest.raises(ValueError, match='rotor_4 has a wrong gain, .* too large') as error:
+    with pytest.raises(ValueError, match=r'rotor_4 has a wrong gain, .* too large') as error:
         identify(Readings(times, readings, names=NAMES), Chain())
     named = re.search(r'divide the readings by ([\d.]+)', str(error.value))
     assert named
@@ -267,7 +267,7 @@ def test_play_of_an_encoder_is_named(name):
     for angle in rotor[1:]:
         shown.append(np.clip(shown[-1], angle - 0.1, angle + 0.1))
     readings[:, 5] = shown
-    with pytest.raises(ValueError, match='rotor_5 has an encoder with a play of about 0.[12]'):
+    with pytest.raises(ValueError, match=r'rotor_5 has an encoder with a play of about 0\.[12]'):
         identify(Readings(times, readings, names=NAMES), Chain())
 
 

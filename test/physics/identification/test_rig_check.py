@@ -257,6 +257,7 @@ def test_jitter_of_stamps_is_estimated(jitter):
         (lambda stamps: stamps - 3.0, 'clock', '3 s behind the clock'),
         (lambda stamps: stamps + 3.0, 'clock', '3 s ahead of the clock'),
         (lambda stamps: stamps / 4, 'clock', '0.25 s in a second'),
+        (lambda stamps: 0.95 * stamps - 5.0, 'clock', '0.95 s in a second'),
     ],
 )
 def test_wrong_stamps_are_reported(change, subject, text):

@@ -26,7 +26,7 @@ _LARGEST_AGE = 0.5
 """Largest acceptable age of a frame at its arrival [s]."""
 _LARGEST_LEAD = 0.01
 """Largest time by which a stamp may be in the future [s]; NTP clocks differ less."""
-_LARGEST_SLOWNESS = 0.1
+_LARGEST_SLOWNESS = 0.02
 """Largest acceptable relative error of the speed at which stamps advance [1]."""
 _LATE = 1.5
 """A frame is late or missing if an interval is longer than this times the median interval [1]."""
@@ -224,15 +224,18 @@ def _stamp_findings(frames: WatchedFrames) -> Iterator[RigFinding]:
     remedy = '; measure at equal intervals, and stamp frames where they are measured'
     text = f'the stamps jitter by {1e3 * jitter:.3g} ms{"" if steady else remedy}'
     yield RigFinding(RIGHT if steady else DOUBTFUL, 'jitter', text)
-    speed = float(stamps[-1] - stamps[0]) / elapsed
     ages = arrivals - stamps
+    # The youngest frames of the first and of the last third are not late.
+    third = len(ages) // 3
+    youngest = [int(np.argmin(ages[:third])), int(np.argmin(ages[-third:])) - third]
+    speed = float(np.diff(stamps[youngest])[0] / np.diff(arrivals[youngest])[0])
     age, least = float(np.median(ages)), float(ages.min())
     if abs(speed - 1) > _LARGEST_SLOWNESS:
         yield RigFinding(
             DOUBTFUL,
             'clock',
-            f'the stamps advance by {speed:.3g} s in a second of the clock: they come from a '
-            'simulation or a bag, or the clock of the stamps is wrong',
+            f'the stamps advance by {speed:.3g} s in a second of the clock: a simulator or a bag '
+            'player does not run in real time, or the clock of the stamps is wrong',
         )
     elif age > _LARGEST_AGE > least:
         yield RigFinding(
@@ -247,7 +250,7 @@ def _stamp_findings(frames: WatchedFrames) -> Iterator[RigFinding]:
             WRONG,
             'clock',
             f'the stamps are {abs(age):.3g} s {side} the clock of this machine; synchronise the '
-            'clocks, for example by NTP, or set use_sim_time if the stamps are simulated',
+            'clocks, for example by NTP; restart a simulator that was slower than real time',
         )
     else:
         yield RigFinding(RIGHT, 'clock', f'frames arrive {1e3 * age:.3g} ms after their stamps')
