@@ -77,12 +77,6 @@ def motor_torques(chain: Chain, angles: Array) -> Array:
     return _of_bonds(chain, [math.remainder(d, 2 * math.pi) for d in q - np.roll(q, -1)])
 
 
-def motor_torque_rates(chain: Chain, rates: Array) -> Array:
-    """Rates of change of the non-reciprocal torques [N m/s]."""
-    q = rates * chain.signs
-    return _of_bonds(chain, list(q - np.roll(q, -1)))
-
-
 def _of_bonds(chain: Chain, differences: Sequence[float]) -> Array:
     found = np.zeros(chain.number_of_rotors)
     for bond, kappa in enumerate(chain.non_reciprocities):

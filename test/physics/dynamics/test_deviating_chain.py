@@ -51,7 +51,7 @@ def test_extensions_of_springs_that_differ_are_rounded_less_than_their_lengths(c
 
 
 @given(any_deviating_configuration())
-def test_springs_that_differ_agree_with_their_bare_twins_one_by_one(configuration):
+def test_springs_energy_and_torques_agree_with_their_bare_twins_one_by_one(configuration):
     chain, angles = configuration
     shortest = shortest_length(chain, angles)
     assume(shortest > 1e-3 * reach(chain))
@@ -63,6 +63,20 @@ def test_springs_that_differ_agree_with_their_bare_twins_one_by_one(configuratio
     of_levers = 16 * EPS * reach(chain) ** 2 / shortest
     assert first == pytest.approx(bare_first, rel=0, abs=of_levers)
     assert second == pytest.approx(bare_second, rel=0, abs=of_levers)
+    stiffest = float(chain.stiffnesses.max())
+    assert chain.elastic_energy(angles) == pytest.approx(
+        math.fsum(0.5 * chain.stiffnesses * bare**2),
+        rel=8 * EPS,
+        abs=chain.number_of_springs * stiffest * reach(chain) * limit,
+    )
+    tensions, torques = chain.stiffnesses * bare, np.zeros(chain.number_of_rotors)
+    for n in range(chain.number_of_springs):
+        torques[n] -= tensions[n] * bare_first[n]
+        torques[(n + 1) % chain.number_of_rotors] -= tensions[n] * bare_second[n]
+    lever = float(chain.rotor_lengths.max())
+    assert chain.spring_torques(angles) == pytest.approx(
+        torques, rel=0, abs=2 * stiffest * (lever * limit + reach(chain) * of_levers)
+    )
 
 
 @given(any_deviating_configuration())
@@ -161,15 +175,6 @@ def test_a_mirrored_chain_whose_springs_differ_has_mirrored_torques(configuratio
     assert image.spring_torques(-angles[::-1]) == pytest.approx(
         -chain.spring_torques(angles)[::-1], rel=0, abs=limit
     )
-
-
-@given(any_chain(), st.sampled_from([-1, 1]))
-def test_uniform_states_of_a_periodic_chain_are_relaxed(chain, lean):
-    rotors = chain.number_of_rotors + chain.number_of_rotors % 2
-    ring = dataclasses.replace(chain, number_of_rotors=rotors, periodic=True)
-    assert ring.number_of_springs == rotors
-    limit = rounding(ring) + 4 * EPS * ring.rotor_length
-    assert np.abs(ring.spring_extensions(ring.uniform_state(lean))).max() <= limit
 
 
 @given(any_deviating_chain())

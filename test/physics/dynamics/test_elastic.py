@@ -1,23 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Laws of motion: energy, time reversal, exact stamps, kicks, torques, ten thousand rotors."""
 
-import dataclasses
 import math
 
 import numpy as np
 import pytest
-from chains import EPS, FLIPPER, SPINNER, STRONG_WOBBLER, WOBBLER, chain_of
+from chains import CLASSES, EPS, FLIPPER, SPINNER, STRONG_WOBBLER, chain_of
 from linkage_motion import wall_between
 
 from soliton_linkage.dynamics.elastic import ElasticSettings, ElasticSimulation, simulate
 from soliton_linkage.linear.bands import penetration_depth
-from soliton_linkage.linear.rigidity import Edge, edge_mode, mode_towards_last
+from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.tanh_fit import find_solitons
 
-MOVING = ((FLIPPER, 0.1), (WOBBLER, 0.08), (STRONG_WOBBLER, 0.03), (SPINNER, 0.3))
+MOVING = ((FLIPPER, 0.1), (STRONG_WOBBLER, 0.03), (SPINNER, 0.3))
 DURATION = 60
 UNLIMITED = ElasticSettings(longest_step=math.inf)
 
@@ -50,15 +48,8 @@ def test_energy_and_path_are_as_exact_as_the_tolerance_asks(example, speed):
     tolerances = 10.0 ** -np.arange(3, 12)
     drifts, errors = [], []
     for tolerance in tolerances:
-        simulation = ElasticSimulation(
-            chain,
-            angles,
-            rates,
-            chain.time_unit,
-            float(tolerance),
-            integrator='DOP853',
-            settings=UNLIMITED,
-        )
+        given = chain, angles, rates, chain.time_unit, float(tolerance)
+        simulation = ElasticSimulation(*given, integrator='DOP853', settings=UNLIMITED)
         recording = simulation.record(DURATION * chain.time_unit)
         energy = energies(chain, recording)
         drifts.append(np.abs(energy - energy[0]).max() / energy[0])
@@ -70,14 +61,6 @@ def test_energy_and_path_are_as_exact_as_the_tolerance_asks(example, speed):
     assert (drifts <= 2 * DURATION * tolerances / norm).all()
     for order in np.polyfit(np.log(tolerances), np.log([errors, drifts]).T, 1)[0]:
         assert order == pytest.approx(1, abs=0.1)
-
-
-def test_the_same_start_gives_the_same_motion_to_the_last_bit():
-    for example, speed in MOVING:
-        chain, angles, rates = nudged(example, speed)
-        first, second = (moved(chain, angles.copy(), rates.copy()) for _ in range(2))
-        assert np.array_equal(first.angles, second.angles)
-        assert np.array_equal(first.rates, second.rates)
 
 
 def test_frames_at_two_periods_agree_at_the_instants_that_they_share():
@@ -116,16 +99,6 @@ def test_a_recording_holds_both_ends_of_its_duration():
     assert simulate(chain, angles, rates, 0.3, 0.1).times == pytest.approx([0, 0.1, 0.2, 0.3])
     assert simulate(chain, angles, rates, 0.29, 0.1).times == pytest.approx([0, 0.1, 0.2])
     assert simulate(chain, angles, rates, 0, 0.1).times == pytest.approx([0])
-
-
-def test_rates_are_the_derivative_of_the_angles():
-    chain, angles, rates = nudged(SPINNER, 0.3)
-    step = 1e-3 * chain.time_unit
-    recording = simulate(chain, angles, rates, 200 * step, step, 1e-13)
-    slopes = (recording.angles[2:] - recording.angles[:-2]) / (2 * step)
-    # Errors: (step^2 / 6) phi''' and rounding over the step.
-    limit = (1e-6 + EPS * 10 / 1e-3) / chain.time_unit
-    assert slopes == pytest.approx(recording.rates[1:-1], rel=0, abs=limit)
 
 
 @pytest.mark.parametrize(('example', 'speed'), MOVING)
@@ -176,19 +149,6 @@ def test_a_rotor_of_a_chain_with_slack_springs_is_accelerated_evenly():
     )
 
 
-def test_holding_the_same_torque_again_changes_nothing():
-    chain, angles, rates = nudged(FLIPPER, 0.1)
-    torque = np.full(10, 1e-5)
-    once, again = (ElasticSimulation(chain, angles, rates) for _ in range(2))
-    once.hold(torque)
-    for _ in range(20):
-        again.hold(torque.copy())
-        once.advance()
-        again.advance()
-    assert np.array_equal(once.angles, again.angles)
-    assert once.energy_drift == again.energy_drift
-
-
 def test_the_simulation_copies_its_arguments():
     chain, angles, rates = nudged(FLIPPER, 0.1)
     torque = np.full(10, 1e-5)
@@ -237,7 +197,7 @@ def unseen(chain: Chain, spacings: int) -> float:
     return 4 * math.exp(-spacings * chain.spacing / penetration_depth(chain)) + 1e-8
 
 
-@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+@pytest.mark.parametrize('example', CLASSES)
 def test_a_wall_in_ten_thousand_rotors_moves_as_in_forty(example):
     tracks = []
     for rotors, rotor in ((40, 20), (10_000, 5000)):
@@ -311,34 +271,3 @@ def test_a_chain_too_fast_to_follow_is_given_up_by_rotor_and_limit():
         simulation.advance()
     assert np.array_equal(simulation.angles, chain.uniform_state(-1))
     assert simulation.frame == 0
-
-
-@pytest.mark.parametrize('damping', [0.0, 1e-4])
-def test_the_integrators_made_for_chains_move_one_as_scipy_does(damping):
-    chain = dataclasses.replace(chain_of(FLIPPER, 12), damping=damping)
-    impulses = (
-        0.5 * chain.moment_of_inertia * edge_mode(chain, chain.uniform_state(-1), Edge.FIRST)
-    )
-    torques = np.linspace(-1e-3, 1e-3, 12)
-    ends = []
-    for integrator in ('DOP853', 'symplectic'):
-        simulation = ElasticSimulation(
-            chain, chain.uniform_state(-1), gravity=Gravity(0.2, 0.3), integrator=integrator
-        )
-        for _ in range(30):
-            simulation.advance()
-        simulation.kick(impulses)
-        simulation.hold(torques)
-        for _ in range(50):
-            simulation.advance()
-        assert abs(simulation.energy_drift) < 1e-9
-        ends.append((simulation.angles, simulation.rates, simulation.dissipated))
-    for end in ends[1:]:
-        for one, other in zip(ends[0], end, strict=True):
-            np.testing.assert_allclose(one, other, rtol=0, atol=1e-8)
-
-
-def test_an_unknown_integrator_is_rejected():
-    chain = chain_of(FLIPPER, 4)
-    with pytest.raises(ValueError, match="'leapfrog' must be one of"):
-        ElasticSimulation(chain, chain.uniform_state(1), integrator='leapfrog')

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from chains import EPS, FLIPPER, SPINNER, WOBBLER, chain_of
+from chains import CLASSES, EPS, chain_of
 from deviating_chains import deviating, rounding
 
 from soliton_linkage.dynamics.initial_states import leaning, with_soliton
@@ -13,8 +13,6 @@ from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.linear.rigidity import rigidity_matrix
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.solitons.static_wall import effective_mass, static_wall
-
-CLASSES = (FLIPPER, WOBBLER, SPINNER)
 
 
 @pytest.mark.parametrize('example', CLASSES)

@@ -22,7 +22,6 @@ LAW = Feedback(0.1, 0.02, 0.3, -0.2, 0.05, 0.04, reference=0.4, delay=2, limit=0
 
 
 def naive(chain: Chain, now: Array, before: Array, period: float) -> Array:
-    """The law rotor by rotor."""
     law, q, torques = chain.feedback, coordinates(chain, now), np.zeros(len(now))
     v = (q - coordinates(chain, before)) / period
     for n in range(len(now)):
