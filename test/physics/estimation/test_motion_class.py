@@ -21,11 +21,10 @@ from soliton_linkage.solitons.static_wall import site_arc, static_wall
 ROTORS = 50
 SLIGHT_WOBBLER = (0.8, 0.77)
 NEARLY_WOBBLING = (0.57, 0.97)
-FLIPPERS = (WIDE_FLIPPER, FLIPPER, NEARLY_WOBBLING, SLIGHT_WOBBLER, WOBBLER, STRONG_WOBBLER)
+FLIPPERS = (WIDE_FLIPPER, NEARLY_WOBBLING, SLIGHT_WOBBLER, STRONG_WOBBLER)
 
 
 def motion_evidence(angles: Array, noise: float = 0.0) -> MotionEvidence:
-    """Return the evidence of a single frame."""
     observer = MotionObserver()
     observer.observe(angles, noise)
     return observer.evidence
@@ -47,28 +46,20 @@ def walls(example: tuple[float, float], rotors: int = ROTORS) -> list[Array]:
     ]
 
 
-def ratio_of(example: tuple[float, float]) -> float:
-    d = chain_of(example, 4).lean_ratio
-    return (1 - d) / (1 + d)
-
-
-@pytest.mark.parametrize('example', EXAMPLES)
-def test_one_frame_without_noise_determines_the_class(example):
+@pytest.mark.parametrize('example', [*EXAMPLES, NEARLY_WOBBLING, SLIGHT_WOBBLER])
+def test_one_frame_without_noise_determines_the_class_and_the_tail_ratio(example):
     chain = chain_of(example, ROTORS)
     for angles in walls(example):
-        found = motion_evidence(angles).verdict()
-        assert found.motion is chain.motion
-        assert found.confidence > 0.95
-
-
-@pytest.mark.parametrize('example', FLIPPERS)
-def test_the_tail_ratio_of_a_wall_at_rest_agrees_with_theory(example):
-    expected = ratio_of(example)
-    for angles in walls(example):
         evidence = motion_evidence(angles)
-        # The reference is the mean of the outer rotors, where the tails of wide walls still are.
-        assert evidence.rest_angle == pytest.approx(chain_of(example, 4).rest_angle, rel=0.02)
-        assert evidence.tail_ratio == pytest.approx(expected, rel=0.1, abs=0.002)
+        found = evidence.verdict()
+        if example in EXAMPLES:
+            assert found.motion is chain.motion
+            assert found.confidence > 0.95
+        if chain.motion is not Motion.SPINNER:
+            # The mean of the outer rotors is the reference, which have tails of wide walls.
+            assert evidence.rest_angle == pytest.approx(chain.rest_angle, rel=0.02)
+            expected = (1 - chain.lean_ratio) / (1 + chain.lean_ratio)
+            assert evidence.tail_ratio == pytest.approx(expected, rel=0.1, abs=0.002)
 
 
 @pytest.mark.parametrize('noise', [0.01, 0.2])
@@ -216,13 +207,10 @@ def test_a_moving_wall_keeps_its_class(example):
     assert found.motion is chain.motion
 
 
-def test_an_invalid_noise_is_rejected():
+def test_an_invalid_noise_and_angles_of_several_frames_are_rejected():
     for noise in [-0.1, math.nan, math.inf]:
         with pytest.raises(ValueError, match=f'noise = {noise} rad must be a finite number'):
             motion_evidence(np.zeros(20), noise)
-
-
-def test_angles_of_several_frames_are_rejected():
     with pytest.raises(ValueError, match=r'angles have the shape \(2, 20\); give one row'):
         motion_evidence(np.zeros((2, 20)))
 

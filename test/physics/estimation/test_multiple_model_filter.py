@@ -29,8 +29,6 @@ def followed(arcs: Array, noise: float, at_edge: bool = False) -> tuple[Multiple
 
 
 class Twin:
-    """Naive Kalman filter in matrices."""
-
     def __init__(
         self, variance: float, share: float, error: float, disturbance: float, damping: float
     ) -> None:

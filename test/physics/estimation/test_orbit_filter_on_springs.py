@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from chains import FLIPPER, SPINNER, WIDE_FLIPPER, WOBBLER, chain_of
+from chains import CLASSES, FLIPPER, SPINNER, WIDE_FLIPPER, WOBBLER, chain_of
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.initial_states import with_soliton
@@ -94,8 +94,6 @@ def passage(
 
 @dataclass(frozen=True)
 class Followed:
-    """Result of a filter for a record."""
-
     tracker: OrbitFilter
     estimates: list[OrbitEstimate]
     scores: Array
@@ -161,7 +159,7 @@ def test_unmodelled_deviations_increase_the_stated_uncertainty():
     assert np.mean(variances) < 1.5
 
 
-@pytest.mark.parametrize('share', [0.2, -0.2, 0.5])
+@pytest.mark.parametrize('share', [-0.2, 0.5])
 def test_a_kick_is_detected_within_a_few_rotors(share):
     chain = chain_of(FLIPPER, 40)
     simulation = moving(FLIPPER, chain)
@@ -234,7 +232,7 @@ def test_a_wall_that_leaves_an_edge_is_located_correctly(example, rotors, factor
             assert estimate.noise < 1e-4 < estimate.misfit
 
 
-@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+@pytest.mark.parametrize('example', CLASSES)
 def test_a_kicked_chain_at_rest_is_tracked_without_noise(example):
     chain = chain_of(example, 16)
     start = chain.uniform_state(-1)

@@ -3,11 +3,11 @@
 
 import math
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 import pytest
-from chains import FLIPPER, SPINNER, STRONG_WOBBLER, WOBBLER, chain_of
+from chains import CLASSES, SPINNER, STRONG_WOBBLER, chain_of
+from orbits import uniform_orbit
 from scipy.optimize import brentq
 from scipy.signal import savgol_filter
 
@@ -23,7 +23,6 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.orbit.orbit import Orbit
-from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
 FLIPPER_CHAIN, WOBBLER_CHAIN, SPINNER_CHAIN = (
     Chain(17, rotor_length=length, rest_angle=rest)
@@ -87,8 +86,9 @@ def test_fast_walls_have_no_compliance_correction():
         length = share / math.sin(0.77) ** 2 * WOBBLER_CHAIN.spacing
         orbit = orbit_of(Chain(17, rotor_length=length, rest_angle=0.77))
         one, other = orbit.arc_at(5.0, 0), orbit.arc_at(5.5, 0)
-        assert ComplianceCorrection(orbit).rate_ratio(other, rate, one) == 1.0
-        assert ComplianceCorrection(orbit).rate_ratio(other, 1e-3 * rate, one) != 1.0
+        compliance = ComplianceCorrection(orbit)
+        assert compliance.rate_ratio(other, rate, one) == 1.0
+        assert compliance.rate_ratio(other, 1e-3 * rate, one) != 1.0
 
 
 def test_impulses_add_up():
@@ -102,11 +102,6 @@ def test_impulses_add_up():
 
 ROTORS, RATE = 10, 8.0
 ARC_STEP = 1e-4
-
-
-@lru_cache(maxsize=3)
-def even_orbit(example: tuple[float, float]) -> Orbit:
-    return UniformOrbit(chain_of(example, ROTORS))
 
 
 def stiffness(orbit: Orbit, arc: float) -> Array:
@@ -127,10 +122,10 @@ def seen_shift(
     return nearest, nearest + UnseenRotorCorrection(orbit).shift(arc, rate, residuals, 1.0, noise)
 
 
-@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+@pytest.mark.parametrize('example', CLASSES)
 def test_balanced_rotors_need_not_be_seen(example):
     for hidden in [[5], [4, 5], [3, 6]]:
-        orbit = even_orbit(example)
+        orbit = uniform_orbit(example, ROTORS)
         arc = orbit.arc_at(4.7, 0)
         held, beside = stiffness(orbit, arc), np.random.default_rng(1).normal(0, 1e-3, ROTORS)
         others = np.delete(np.arange(ROTORS), hidden)
@@ -142,9 +137,9 @@ def test_balanced_rotors_need_not_be_seen(example):
         assert abs(without - nearest) > 1e-6
 
 
-@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+@pytest.mark.parametrize('example', CLASSES)
 def test_inertial_forces_on_unseen_rotors_do_not_shift_the_arc(example):
-    orbit = even_orbit(example)
+    orbit = uniform_orbit(example, ROTORS)
     arc = orbit.arc_at(4.4, 0)
     bend = (orbit.tangent(arc + ARC_STEP) - orbit.tangent(arc - ARC_STEP)) / (2 * ARC_STEP)
     turning = orbit.chain.moment_of_inertia * bend * RATE**2
@@ -154,7 +149,7 @@ def test_inertial_forces_on_unseen_rotors_do_not_shift_the_arc(example):
 
 
 def test_the_correction_vanishes_in_noise_and_for_distant_rotors():
-    orbit = even_orbit(SPINNER)
+    orbit = uniform_orbit(SPINNER, ROTORS)
     arc = orbit.arc_at(4.7, 0)
     beside = np.random.default_rng(2).normal(0, 1e-3, ROTORS)
     without, informed = seen_shift(orbit, arc, beside, [5], 0.0, 1e-12)

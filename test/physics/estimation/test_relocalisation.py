@@ -5,7 +5,8 @@ import math
 
 import numpy as np
 import pytest
-from chains import FLIPPER, SPINNER, WOBBLER, chain_of
+from chains import CLASSES, FLIPPER, chain_of
+from orbits import uniform_orbit
 
 from soliton_linkage.estimation.hypotheses import Hypotheses, Hypothesis
 from soliton_linkage.estimation.measurement import FrameLikelihood
@@ -14,17 +15,15 @@ from soliton_linkage.estimation.relocalisation import Relocaliser, ScanBudget
 from soliton_linkage.estimation.settings import DEFAULTS, TrackingSettings
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
-EXAMPLES = [FLIPPER, WOBBLER, SPINNER]
-
 
 def search_of(orbit: UniformOrbit, **limits: int) -> Relocaliser:
     return Relocaliser(orbit, DEFAULTS.likelihood, **limits)
 
 
-@pytest.mark.parametrize('example', EXAMPLES)
+@pytest.mark.parametrize('example', CLASSES)
 def test_one_frame_locates_a_wall_with_the_stated_deviation(example):
     for given in [True, False]:
-        orbit, random, noise = UniformOrbit(chain_of(example, 20)), np.random.default_rng(1), 0.02
+        orbit, random, noise = uniform_orbit(example, 20), np.random.default_rng(1), 0.02
         search, scores = search_of(orbit), []
         for _ in range(60):
             arc = random.uniform(0, orbit.length)
@@ -40,7 +39,7 @@ def test_one_frame_locates_a_wall_with_the_stated_deviation(example):
 
 
 def test_legs_compete_without_edge_rotors():
-    orbit = UniformOrbit(chain_of(FLIPPER, 20))
+    orbit = uniform_orbit(FLIPPER, 20)
     frame = orbit.configuration(orbit.arc_at(9.2, 1))
     frame[[0, -1]] = np.nan
     sites = search_of(orbit).find(frame, 0.01).candidates
@@ -49,9 +48,9 @@ def test_legs_compete_without_edge_rotors():
     assert [orbit.site(each.arc) for each in alike] == pytest.approx([9.2] * 4, abs=1e-3)
 
 
-@pytest.mark.parametrize('example', EXAMPLES)
+@pytest.mark.parametrize('example', CLASSES)
 def test_frames_without_information_give_no_candidate(example):
-    orbit, random = UniformOrbit(chain_of(example, 24)), np.random.default_rng(2)
+    orbit, random = uniform_orbit(example, 24), np.random.default_rng(2)
     search = search_of(orbit)
     few = np.full(24, np.nan)
     few[5] = orbit.configuration(orbit.arc_at(12.0, 0))[5]
@@ -62,9 +61,9 @@ def test_frames_without_information_give_no_candidate(example):
         assert all(each.view.likelihood < each.view.random for each in found.candidates[:1])
 
 
-@pytest.mark.parametrize('example', EXAMPLES)
+@pytest.mark.parametrize('example', CLASSES)
 def test_a_long_orbit_is_scanned_where_the_backgrounds_allow(example):
-    orbit, random = UniformOrbit(chain_of(example, 60)), np.random.default_rng(3)
+    orbit, random = uniform_orbit(example, 60), np.random.default_rng(3)
     whole, parts = search_of(orbit), search_of(orbit, most_angles=1)
     for site in (0.2, 7.3, 31.6, 58.9):
         leg = int(random.integers(orbit.number_of_legs))
@@ -90,7 +89,7 @@ def test_the_budget_limits_searches_per_second_of_stamps():
     assert budget.spend(0.0)
 
 
-ORBIT = UniformOrbit(chain_of(FLIPPER, 20))
+ORBIT = uniform_orbit(FLIPPER, 20)
 
 
 def hypotheses(*arcs: float) -> Hypotheses:

@@ -131,6 +131,7 @@ def test_results_are_the_same_without_a_compiler(capsys):
     analyse_record.main()
     compiled, plain = (json.loads(said) for said in (capsys.readouterr().out, plain.stdout))
     assert (compiled['compiled'], plain['compiled']) == (True, False)
+    np.testing.assert_allclose(plain['moved'], compiled['moved'], rtol=0, atol=1e-12)
     # Fused products change sums by 1e-16; over these frames this grows to 2e-12.
     for one, other in zip(compiled['said'], plain['said'], strict=True):
         for left, right in zip(one, other, strict=True):

@@ -117,8 +117,6 @@ def test_a_wall_keeps_its_velocity_when_another_wall_appears():
 
 
 class Run(NamedTuple):
-    """Frames of a collision."""
-
     task: Collision
     times: Array
     angles: Array
@@ -194,23 +192,6 @@ def test_each_wall_of_a_collision_is_located_with_the_stated_deviation(bounce):
     assert len(errors) == 4 * np.count_nonzero(first)
     assert 0.4 < math.sqrt(np.mean(np.square(errors))) < 1.2
     assert max(map(abs, errors)) < 4.5
-
-
-def test_three_walls_have_the_charge_of_the_outer_domains():
-    chain = Chain(60, rest_angle=0.5)
-    rotors = np.arange(60)
-    width = chain.wall_width / chain.spacing
-    analyser = Analyser(chain)
-    for k in range(20):
-        order = -np.prod([np.tanh((rotors - x) / width) for x in (12 + 0.1 * k, 30, 46)], axis=0)
-        theta = np.arcsin(order * math.sin(chain.rest_angle))
-        found = analyser.analyse(k * 4_000_000, np.where(rotors % 2, np.pi - theta, theta))
-        assert found is not None
-        assert found.topology is not None
-        assert sum(each.charge for each in found.solitons) == found.topology.charge == 1
-    assert [(each.id, each.charge) for each in found.solitons] == [(1, 1), (2, -1), (3, 1)]
-    sites = [each.rotor for each in found.solitons]
-    np.testing.assert_allclose(sites, (13.9, 30, 46), atol=0.05)
 
 
 SHAPE_CHAINS = {

@@ -150,7 +150,6 @@ def passage_of(
 
 
 def mean_logarithm(family: WallFamily, frames: Array, sites: Array, leg: int) -> float:
-    """Return the mean of the fits to noiseless frames."""
     found = [
         family.fit(frame, float(site), leg, 1e-5).logarithm
         for frame, site in zip(frames, sites, strict=True)

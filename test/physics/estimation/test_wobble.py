@@ -6,7 +6,16 @@ import math
 
 import numpy as np
 import pytest
-from chains import EXAMPLES, FLIPPER, SPINNER, STRONG_WOBBLER, WIDE_FLIPPER, WOBBLER, chain_of
+from chains import (
+    CLASSES,
+    EXAMPLES,
+    FLIPPER,
+    SPINNER,
+    STRONG_WOBBLER,
+    WIDE_FLIPPER,
+    WOBBLER,
+    chain_of,
+)
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
@@ -63,7 +72,6 @@ def ratio_of(chain: Chain) -> float:
 
 
 def flat(wobbling: Wobble) -> list[float]:
-    """Return all numbers of a wobble in a row."""
     return np.hstack(wobbling).tolist()
 
 
@@ -188,7 +196,7 @@ def test_the_noisy_wobble_is_unbiased_with_the_stated_deviations(example, noise)
             assert float(np.std(errors)) > 0.9 - spread / 2
 
 
-@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+@pytest.mark.parametrize('example', CLASSES)
 def test_the_wall_on_an_orbit_gives_the_same_result(example):
     chain = chain_of(example, 41)
     orbit = UniformOrbit(chain)
