@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from study_files import pictures, written
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
 from soliton_linkage.dynamics.initial_states import with_pair
@@ -101,11 +102,10 @@ def test_the_program_writes_page_table_and_data(tmp_path):
     settings = yaml.safe_load(CONFIG.read_text(encoding='utf-8'))
     settings['chains'] = {'flipper': settings['chains']['flipper'] | {'number_of_rotors': 40}}
     settings |= {'ratios': [4.0], 'diagram': {'ratios': [0.25, 4.0], 'decays': [4.0]}}
-    path = tmp_path / 'active.yaml'
-    path.write_text(yaml.safe_dump(settings), encoding='utf-8')
+    path = written(settings, tmp_path)
     assert program.main([str(path), '--output', str(tmp_path / 'out'), '--workers', '1']) == 0
-    names = {'table.md', *(f'active.{kind}' for kind in ('png', 'pdf', 'csv', 'txt'))}
-    assert {each.name for each in (tmp_path / 'out').iterdir()} == names
+    names = {each.name for each in (tmp_path / 'out').iterdir()}
+    assert names == pictures('active') | {'table.md'}
     with (tmp_path / 'out/active.csv').open(newline='', encoding='utf-8') as file:
         rows = list(csv.DictReader(file))
     assert {row['panel'] for row in rows} == set('abcdef')

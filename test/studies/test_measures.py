@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 from chains import EXAMPLES, FLIPPER, SPINNER, chain_of
-from linkage_motion import walls_over_a_site
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.deviations import Deviations, drawn_deviations
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.passage import blocked_bonds
+from soliton_linkage.solitons.static_wall import site_arc
 from soliton_linkage.solitons.track import Crossing, Track
 from soliton_linkage_studies.measures import (
     MEASURES,
@@ -50,10 +50,9 @@ def test_one_bond_of_another_class_blocks_the_wall():
 def test_slow_walls_have_the_speed_of_rigid_bars(example, kick):
     chain = chain_of(example, 14)
     # v = v0 / Lambda, where Lambda / r is the arc of the motion of bars over one spacing.
-    _, arc = walls_over_a_site(chain, 7, False, False, 3)
     taken = measure_speed(chain, SweepTrial(kick=kick, **QUICK))
     assert taken['outcome'] == 'returns'
-    slow = kick / (arc * chain.rotor_length / chain.spacing)
+    slow = kick / (site_arc(chain) * chain.rotor_length / chain.spacing)
     # Springs stretch by (v / c)^2, here 0.02; each end of a crossing has an error of one frame.
     assert taken['speed'] == pytest.approx(slow, rel=0.05)
 

@@ -6,11 +6,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from chains import EXAMPLES, FLIPPER, SPINNER, chain_of
-from linkage_motion import walls_over_a_site
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from soliton_linkage.linkage.recording import Recording
+from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage.solitons.track import Crossing, Track, follow, measured_track
 from soliton_linkage_studies.drawing import lean_norm
 from soliton_linkage_studies.figure_report import save_figure
@@ -33,7 +33,7 @@ def new_axes() -> Any:
 
 @pytest.fixture
 def recording():
-    walls, _ = walls_over_a_site(CHAIN, 9, False, False, 9)
+    walls = np.array([static_wall(CHAIN, site) for site in np.linspace(9.5, 10.5, 9).tolist()])
     return Recording(0.5 * np.arange(9) + 2, walls, np.zeros_like(walls))
 
 

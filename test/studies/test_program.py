@@ -120,19 +120,15 @@ def test_a_failed_study_prints_its_error_in_one_line(capsys):
         assert signal.getsignal(signal.SIGTERM) == handler
 
 
-def test_a_programming_error_is_not_hidden():
-    with pytest.raises(KeyError):
-        run_study(study_parser('any', '', 'less'), ['any.yaml'], failing(KeyError('x')), '')
-
-
-def test_the_returned_text_is_printed_last(capsys):
+def test_the_returned_text_is_printed_last_and_a_programming_error_is_not_hidden(capsys):
     parser = study_parser('any', '', 'less')
+    with pytest.raises(KeyError):
+        run_study(parser, ['any.yaml'], failing(KeyError('x')), '')
     assert run_study(parser, ['any.yaml', '--quick'], lambda each: f'{each.quick}', '') == 0
     assert capsys.readouterr().out == 'True\n'
 
 
-@pytest.mark.parametrize('sent', [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_study_leaves_no_process(sent, tmp_path):
+def test_a_terminated_study_leaves_no_process(tmp_path):
     script = tmp_path / 'waiting.py'
     script.write_text(WAITING, encoding='utf-8')
     process = subprocess.Popen(
@@ -143,8 +139,7 @@ def test_an_interrupted_study_leaves_no_process(sent, tmp_path):
     )
     assert process.stderr is not None
     assert '0 of 4' in process.stderr.readline()
-    # A terminal sends Ctrl-C to all processes of the group.
-    os.killpg(process.pid, sent) if sent == signal.SIGINT else process.send_signal(sent)
+    process.terminate()
     _, said = process.communicate(timeout=120)
     assert process.returncode == 130
     assert said.endswith('waiting: stopped; nothing is written\n')

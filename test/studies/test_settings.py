@@ -56,15 +56,12 @@ def test_a_range_includes_its_bounds(minimum, span, value):
             section.number('x', minimum, maximum)
 
 
-def test_a_value_that_is_no_finite_number_is_rejected_by_name():
+def test_a_value_that_is_no_finite_number_is_rejected_by_name(tmp_path):
     for value in ['1e-3', True, None, [1], float('nan'), float('inf')]:
         section = Section('file.yaml', 'part', {'x': value})
         message = re.escape(f'file.yaml: part.x = {value!r} must be a number in the range 0 to 1')
         with pytest.raises(ValueError, match=message):
             section.number('x', 0, 1)
-
-
-def test_a_number_that_yaml_reads_as_text_is_explained(tmp_path):
     settings = load_settings(written(tmp_path, 'x: 1e-3\n'))
     with pytest.raises(ValueError, match=r"x = '1e-3' must be .*; write exponents as 1\.0e-3"):
         settings.number('x', 0, 1)
@@ -92,15 +89,12 @@ def test_an_error_names_file_key_and_limit():
     ]:
         with pytest.raises(ValueError, match=re.escape(f'file.yaml: {message}')):
             read()
-
-
-def test_a_whole_number_has_no_decimal_point():
     section = Section('file.yaml', '', {'n': 3.0})
     with pytest.raises(ValueError, match=r'n = 3\.0 must be a whole .* omit the decimal poi'):
         section.whole_number('n', 0, 9)
 
 
-def test_a_file_without_settings_is_rejected(tmp_path):
+def test_a_file_without_settings_or_text_is_rejected(tmp_path):
     for text, message in [
         ('x: [1', 'is not YAML .*line'),
         ('- 1\n- 2\n', 'contains list .* instead of sections of keys and values'),
@@ -110,9 +104,6 @@ def test_a_file_without_settings_is_rejected(tmp_path):
         path = written(tmp_path, text)
         with pytest.raises(ValueError, match=f'{re.escape(str(path))}: .*{message}'):
             load_settings(path)
-
-
-def test_a_file_that_is_absent_or_not_text_is_rejected(tmp_path):
     with pytest.raises(ValueError, match=r'absent\.yaml: cannot be read .*; give a settings file'):
         load_settings(tmp_path / 'absent.yaml')
     (tmp_path / 'binary').write_bytes(b'\xff\xfe\x00')
@@ -127,10 +118,14 @@ def test_a_chain_has_the_given_ratio_and_scale(ratio, rest_angle, spacing):
     assert chain == Chain(7, spacing, ratio * spacing, rest_angle)
 
 
-def test_a_chain_takes_optional_keys():
+def test_a_chain_takes_optional_keys_and_requires_its_shape():
     values = {**CHAIN, 'mass': 3, 'stiffness': 2.0, 'damping': 0.1}
     chain = chain_from(Section('file.yaml', 'chain', values))
     assert (chain.mass, chain.stiffness, chain.damping) == (3, 2, 0.1)
+    for key in CHAIN:
+        values = {name: value for name, value in CHAIN.items() if name != key}
+        with pytest.raises(ValueError, match=f'chain.{key} is missing; give'):
+            chain_from(Section('file.yaml', 'chain', values))
 
 
 def test_an_invalid_chain_is_rejected():
@@ -146,11 +141,4 @@ def test_an_invalid_chain_is_rejected():
         if key == 'spacing':
             values['rotor_length_ratio'] = 500
         with pytest.raises(ValueError, match=re.escape(f'file.yaml: {message}')):
-            chain_from(Section('file.yaml', 'chain', values))
-
-
-def test_a_chain_requires_its_shape():
-    for key in list(CHAIN):
-        values = {name: value for name, value in CHAIN.items() if name != key}
-        with pytest.raises(ValueError, match=f'chain.{key} is missing; give'):
             chain_from(Section('file.yaml', 'chain', values))

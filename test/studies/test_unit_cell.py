@@ -120,22 +120,6 @@ def test_one_curve_splits_into_two_at_d_c_and_no_step_crosses_the_gap(pair):
         assert (component_of(spinner, half) == index).all()
 
 
-@settings(max_examples=10)
-@given(any_chain(2, 2))
-def test_steps_along_a_curve_are_even_in_arc_length(chain):
-    # A chord is never longer than its arc, and the sum of ever shorter chords converges to it.
-    curves, finer_ones = configuration_curves(chain, 200), configuration_curves(chain, 1600)
-    for curve, finer in zip(curves, finer_ones, strict=True):
-        assert np.abs(finer[::8] - curve).max() < TRACED
-        chords = np.linalg.norm(np.diff(curve, axis=0), axis=1)
-        arcs = np.linalg.norm(np.diff(finer, axis=0), axis=1).reshape(200, 8).sum(axis=1)
-        step = arcs.max()
-        assert (chords <= step * (1 + 1e-9)).all()
-        # Eight chords underestimate the arc at a corner by less than an eighth.
-        assert (arcs >= step * (1 - 1 / 8)).all()
-        assert np.median(arcs) >= step * (1 - 1e-2)
-
-
 def on_a_curve(chain: Chain, configurations: Array, points: int = 400) -> Array:
     """Return the distance of configurations from their curve, in steps of the curve."""
     curves = configuration_curves(chain, points)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from study_files import pictures, written
 
 from soliton_linkage.estimation import Analyser
 from soliton_linkage.estimation.estimates import TrackingStatus
@@ -102,10 +103,9 @@ def test_the_program_writes_page_table_and_data(tmp_path):
     settings['duration'] = 2.0
     settings['kink'] = {'frequencies': [10.0, 39.0], 'amplitudes': [0.1], 'cycles': [5.0]}
     settings['uniform'] = {'frequencies': [30.0, 39.0], 'amplitudes': [0.1, 1.0]}
-    path = tmp_path / 'waves.yaml'
-    path.write_text(yaml.safe_dump(settings), encoding='utf-8')
+    path = written(settings, tmp_path)
     assert program.main([str(path), '--output', str(tmp_path / 'out'), '--workers', '1']) == 0
-    names = {'table.md', *(f'waves.{kind}' for kind in ('png', 'pdf', 'csv', 'txt'))}
-    assert {each.name for each in (tmp_path / 'out').iterdir()} == names
+    names = {each.name for each in (tmp_path / 'out').iterdir()}
+    assert names == pictures('waves') | {'table.md'}
     with (tmp_path / 'out/waves.csv').open(newline='', encoding='utf-8') as file:
         assert {row['panel'] for row in csv.DictReader(file)} == set('abcdef')

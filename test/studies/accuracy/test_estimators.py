@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from chains import EXAMPLES, FLIPPER, SPINNER, WOBBLER, chain_of
+from chains import CLASSES, EXAMPLES, FLIPPER, SPINNER, WOBBLER, chain_of
 
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
@@ -40,7 +40,7 @@ def test_the_bound_is_the_noise_over_the_angle_change_per_spacing(example):
         assert bound(chain, 0.03) == pytest.approx(0.03 / change, rel=10 * step**2)
 
 
-@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+@pytest.mark.parametrize('example', CLASSES)
 def test_the_orbit_estimator_has_no_error_in_exact_frames(example):
     chain = chain_of(example, ROTORS)
     trial = EstimatorTrial(frames=30, noise=0.0, coarse_start=0.5, cold_every=6)
@@ -85,14 +85,7 @@ def test_biases_between_rotors_are_odd_about_the_middle_of_a_bond(example):
 
 @pytest.mark.parametrize(
     ('off_by_widths', 'other_leg', 'failed'),
-    [
-        (1.9, False, False),
-        (-1.9, False, False),
-        (2.1, False, True),
-        (-2.1, False, True),
-        (0.0, True, True),
-        (math.nan, False, True),
-    ],
+    [(1.9, False, False), (-2.1, False, True), (0.0, True, True), (math.nan, False, True)],
 )
 def test_a_lost_estimate_is_a_failure(off_by_widths, other_leg, failed, monkeypatch):
     chain = chain_of(FLIPPER, ROTORS)

@@ -4,7 +4,7 @@
 from pathlib import Path
 
 import pytest
-import yaml
+from study_files import pictures, written
 
 from soliton_linkage_studies.accuracy import program as accuracy
 from soliton_linkage_studies.settings import load_settings
@@ -52,28 +52,20 @@ SETTINGS = {
     },
 }
 CELLS = {'cells': {'count': 2, 'frames': 30}}
-PICTURES = ('contraction_simulated', 'record', 'rigid_steps')
 FILES = {
     'table.md',
     'table.csv',
     'contraction_simulated.md',
     'record.md',
     'rigid_steps.md',
-    *(
-        f'{picture}.{suffix}'
-        for picture in ('single_frame', 'bias_by_position', *PICTURES)
-        for suffix in ('png', 'pdf', 'csv', 'txt')
+    *pictures(
+        'single_frame', 'bias_by_position', 'contraction_simulated', 'record', 'rigid_steps'
     ),
 }
 
 
-def written(settings: object, path: Path) -> Path:
-    path.write_text(yaml.safe_dump(settings), encoding='utf-8')
-    return path
-
-
 def test_all_files_are_written(tmp_path, capsys):
-    config = written(SETTINGS, tmp_path / 'settings.yaml')
+    config = written(SETTINGS, tmp_path)
     folder = tmp_path / 'new/folder'
     assert accuracy.main([str(config), '--output', str(folder), '--workers', '1']) == 0
     assert {path.name for path in folder.iterdir()} == FILES
@@ -84,7 +76,7 @@ def test_all_files_are_written(tmp_path, capsys):
 
 
 def test_cells_are_measured_alone_and_compared_with_an_earlier_table(tmp_path, capsys):
-    config = written(SETTINGS | CELLS, tmp_path / 'settings.yaml')
+    config = written(SETTINGS | CELLS, tmp_path)
     chosen = [str(config), '--cells', '0', '--frames', '12', '--output', str(tmp_path)]
     assert accuracy.main([*chosen, '--seed', '7', '--workers', '1']) == 0
     folder = tmp_path / 'cells_7'
@@ -93,7 +85,7 @@ def test_cells_are_measured_alone_and_compared_with_an_earlier_table(tmp_path, c
         'configuration.yaml',
         'cells.csv',
         'table.md',
-        *(f'normalised_errors.{suffix}' for suffix in ('png', 'pdf', 'csv', 'txt')),
+        *pictures('normalised_errors'),
     }
     assert len(table.read_text(encoding='utf-8').splitlines()) == 2
     assert 'seed 7' in capsys.readouterr().out
@@ -108,19 +100,13 @@ def test_cells_are_measured_alone_and_compared_with_an_earlier_table(tmp_path, c
     assert 'differs in frames' in capsys.readouterr().err
 
 
-def test_the_installed_settings_contain_every_part():
+def test_the_installed_settings_contain_every_part_and_quick_parts_have_fewer_tasks():
     settings = load_settings(CONFIG)
     assert set(settings.values) == {*accuracy.PARTS, accuracy.CELLS}
-    for quick in (False, True):
-        parts = accuracy.read_parts(settings, quick)
-        assert len(parts) == len(accuracy.PARTS)
-        assert all(part.tasks() for part in parts)
-
-
-def test_a_quick_study_has_fewer_tasks():
-    full, quick = (accuracy.read_parts(load_settings(CONFIG), quick) for quick in (False, True))
+    full, quick = (accuracy.read_parts(settings, quick) for quick in (False, True))
+    assert len(full) == len(accuracy.PARTS)
     for all_of_it, less in zip(full, quick, strict=True):
-        assert len(less.tasks()) < len(all_of_it.tasks())
+        assert 0 < len(less.tasks()) < len(all_of_it.tasks())
 
 
 def test_invalid_settings_are_named(tmp_path, capsys):
@@ -151,7 +137,7 @@ def test_invalid_settings_are_named(tmp_path, capsys):
         ('record', 'runs', 1, 'record.runs = 1 must be a whole number'),
     ]:
         settings = {**SETTINGS, part: {**SETTINGS[part], key: value}}
-        config = written(settings, tmp_path / 'bad.yaml')
+        config = written(settings, tmp_path)
         assert accuracy.main([str(config), '--output', str(tmp_path / 'out')]) == 1
         said = capsys.readouterr().err
         assert complaint in said
@@ -161,6 +147,6 @@ def test_invalid_settings_are_named(tmp_path, capsys):
 
 def test_a_file_without_parts_or_with_unknown_parts_is_rejected(tmp_path):
     with pytest.raises(ValueError, match='is empty; give one or more of single_frame'):
-        accuracy.read_parts(load_settings(written({}, tmp_path / 'empty.yaml')), False)
+        accuracy.read_parts(load_settings(written({}, tmp_path)), False)
     with pytest.raises(ValueError, match='other = 1 is not known; known keys are single_frame'):
-        accuracy.read_parts(load_settings(written({'other': 1}, tmp_path / 'other.yaml')), False)
+        accuracy.read_parts(load_settings(written({'other': 1}, tmp_path)), False)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from chains import FLIPPER, SPINNER, WOBBLER, chain_of
+from chains import CLASSES, FLIPPER, SPINNER, WOBBLER, chain_of
 
 from soliton_linkage.estimation.orbit_model import ComplianceCorrection
 from soliton_linkage.linear.bands import speed_of_sound
@@ -15,7 +15,7 @@ from soliton_linkage_studies.accuracy.cells import AccuracyCell
 from soliton_linkage_studies.accuracy.scenes import averages_and_slopes, scene_of
 
 FRAMES = 60
-CHAIN_OF = {example: chain_of(example, 12) for example in (FLIPPER, WOBBLER, SPINNER)}
+CHAIN_OF = {example: chain_of(example, 12) for example in CLASSES}
 
 
 def cell_of(example: tuple[float, float], rotors: int, **others: object) -> AccuracyCell:
@@ -23,7 +23,7 @@ def cell_of(example: tuple[float, float], rotors: int, **others: object) -> Accu
     return replace(cell, **others)
 
 
-@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+@pytest.mark.parametrize('example', CLASSES)
 def test_a_wall_without_phonons_moves_at_the_requested_constant_speed(example):
     cell = cell_of(example, 30)
     scene = scene_of(cell, FRAMES, np.random.default_rng(4))
@@ -39,7 +39,7 @@ def test_a_wall_without_phonons_moves_at_the_requested_constant_speed(example):
     assert slopes[both] == pytest.approx(scene.site_rates[1:, 0][both], rel=0.05)
 
 
-@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+@pytest.mark.parametrize('example', CLASSES)
 def test_a_nudged_wall_moves_away_from_its_edge(example):
     scene = scene_of(cell_of(example, 12, nudged=True), FRAMES, np.random.default_rng(3))
     assert np.abs(np.diff(scene.instants[:, 0])).max() < 0.3
@@ -48,7 +48,7 @@ def test_a_nudged_wall_moves_away_from_its_edge(example):
         assert wall.rotor == pytest.approx(scene.positions[frame, 0], abs=0.7)
 
 
-@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+@pytest.mark.parametrize('example', CLASSES)
 def test_walls_of_both_charges_have_their_detected_positions(example):
     cell = cell_of(example, 70, walls=2)
     scene = scene_of(cell, FRAMES, np.random.default_rng(2))

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The integrator of the cells conserves energy and agrees with the simulator."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from chains import FLIPPER, SPINNER, WOBBLER, chain_of
+from chains import CLASSES, SPINNER, chain_of
 
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import mode_towards_last
@@ -17,21 +19,17 @@ def launched(chain: Chain, speed: float) -> tuple[np.ndarray, np.ndarray]:
     return angles, speed / chain.time_unit * mode_towards_last(chain, angles)
 
 
-@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+@pytest.mark.parametrize('example', CLASSES)
 def test_the_integrator_agrees_with_the_simulator(example):
     uniform = chain_of(example, 12)
     drawn = drawn_deviations(12, 3, spacing=0.02, rotor_length=0.02, stiffness=0.05, mass=0.05)
-    for chain in (uniform, Chain(**{**vars_of(uniform), 'deviations': drawn})):
+    for chain in (uniform, replace(uniform, deviations=drawn)):
         angles, rates = launched(chain, 0.2)
         period = 0.37 * chain.time_unit
         motion = Springs(chain, angles, rates, period).record(60)
         other = simulate(chain, angles, rates, 59 * period, period, 1e-11)
         assert np.abs(motion.angles - other.angles).max() < 1e-4
         assert motion.rates[-1] == pytest.approx(other.rates[-1], abs=1e-3 / chain.time_unit)
-
-
-def vars_of(chain: Chain) -> dict[str, object]:
-    return {name: getattr(chain, name) for name in chain.__dataclass_fields__}
 
 
 def test_energy_is_conserved_except_for_damping():

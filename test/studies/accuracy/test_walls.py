@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from chains import FLIPPER, SPINNER, WOBBLER, chain_of
+from chains import CLASSES, FLIPPER, SPINNER, WOBBLER, chain_of
 
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.solitons.continuum import wall_theory
@@ -12,7 +12,7 @@ from soliton_linkage_studies.accuracy.walls import left_of, nearest_arc, wall_pa
 ROTORS = 60
 
 
-@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+@pytest.mark.parametrize('example', CLASSES)
 def test_a_kink_has_zero_energy_at_every_position(example):
     for leg in [0, 1]:
         chain = chain_of(example, ROTORS)
@@ -57,7 +57,7 @@ def test_an_anti_kink_of_spinners_is_pinned_at_its_equilibrium():
     assert path.nearest_allowed(position + 2) == pytest.approx(position + 2)
 
 
-@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+@pytest.mark.parametrize('example', CLASSES)
 def test_the_nearest_configuration_of_an_orbit_is_found(example):
     orbit = UniformOrbit(chain_of(example, 20))
     for share in (0.1, 0.23, 0.5, 0.81):

@@ -3,7 +3,7 @@
 
 import csv
 
-import yaml
+from study_files import pictures, written
 
 from soliton_linkage_studies.collisions import program as collisions
 
@@ -27,16 +27,11 @@ SETTINGS = {
         'turning': {'rotor_length_ratio': 8, 'rest_angle': 0.9, 'speed': 0.6},
     },
 }
-FILES = {
-    f'{name}.{kind}'
-    for name in ('collisions', 'collision_windows', 'collision_pictures')
-    for kind in ('png', 'pdf', 'csv', 'txt')
-}
+FILES = pictures('collisions', 'collision_windows', 'collision_pictures')
 
 
 def test_it_draws_and_tabulates(tmp_path, capsys):
-    path, output = tmp_path / 'collisions.yaml', tmp_path / 'out'
-    path.write_text(yaml.safe_dump(SETTINGS), encoding='utf-8')
+    path, output = written(SETTINGS, tmp_path), tmp_path / 'out'
     command = [str(path), '--output', str(output), '--quick', '--workers', '1']
     assert collisions.main(command) == 0
     assert {each.name for each in output.iterdir()} == FILES | {'table.md', 'quick'}
@@ -50,7 +45,6 @@ def test_it_draws_and_tabulates(tmp_path, capsys):
 
 
 def test_wrong_settings_are_named(tmp_path, capsys):
-    path = tmp_path / 'collisions.yaml'
-    path.write_text(yaml.safe_dump({**SETTINGS, 'sweeps': 3}), encoding='utf-8')
+    path = written({**SETTINGS, 'sweeps': 3}, tmp_path)
     assert collisions.main([str(path), '--output', str(tmp_path)]) == 1
     assert 'sweeps' in capsys.readouterr().err

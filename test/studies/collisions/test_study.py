@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 from meeting_walls import NARROW, ring_of
+from study_files import written
 
 from soliton_linkage_studies.collisions.runs import Collision, CollisionRun
 from soliton_linkage_studies.collisions.study import (
@@ -95,7 +96,5 @@ def test_errors_name_the_wrong_setting(tmp_path):
         for key in keys[:-1]:
             section = section[key]
         section[keys[-1]] = value
-        path = tmp_path / 'collisions.yaml'
-        path.write_text(yaml.safe_dump(settings), encoding='utf-8')
         with pytest.raises(ValueError, match=keys[-1]):
-            read_collision_study(load_settings(path), False)
+            read_collision_study(load_settings(written(settings, tmp_path)), False)

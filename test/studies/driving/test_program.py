@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from study_files import pictures, written
 
 from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage_studies.driving import program as driving
@@ -31,18 +32,11 @@ def small_settings() -> dict[str, dict[str, object]]:
     return {**settings, 'moves': moves}
 
 
-def written(settings: object, folder: Path) -> Path:
-    path = folder / 'driving.yaml'
-    path.write_text(yaml.safe_dump(settings), encoding='utf-8')
-    return path
-
-
 def test_every_panel_has_data_and_all_findings_hold(tmp_path, capsys):
     output = tmp_path / 'new/out'
     path = written(small_settings(), tmp_path)
     assert driving.main([str(path), '--output', str(output), '--quick', '--workers', '1']) == 0
-    names = {'table.md', *(f'driving.{kind}' for kind in ('png', 'pdf', 'csv', 'txt'))}
-    assert {path.name for path in output.iterdir()} == names
+    assert {path.name for path in output.iterdir()} == pictures('driving') | {'table.md'}
     with (output / 'driving.csv').open(newline='', encoding='utf-8') as file:
         points = list(csv.DictReader(file))
     series: dict[str, set[str]] = {panel: set() for panel in PANELS}

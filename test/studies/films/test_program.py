@@ -20,6 +20,7 @@ from chains import EXAMPLES, WIDE_FLIPPER, chain_of
 from linkage_motion import distance, wall_between
 from matplotlib.quiver import Quiver
 from PIL import Image
+from study_files import written
 
 from soliton_linkage.linear.bands import couplings, gap
 from soliton_linkage.linear.statics import stiffness_matrix
@@ -70,9 +71,7 @@ def changed(folder: Path, film: str | None = None, **values: object) -> Path:
         section.pop(key, None)
         if value is not None:
             section[key] = value
-    path = folder / 'films.yaml'
-    path.write_text(yaml.safe_dump(content), encoding='utf-8')
-    return path
+    return written(content, folder)
 
 
 def frames_of(path: Path, ffmpeg: str, width: int, height: int) -> float:
@@ -122,8 +121,7 @@ def test_a_quick_run_makes_nine_playable_films(tmp_path, capsys):
     content: Any = yaml.safe_load(CONFIG.read_text(encoding='utf-8'))
     for film in content['films'].values():
         film.update({key: 0.05 * film[key] for key in ('duration',) if key in film})
-    config = tmp_path / 'films.yaml'
-    config.write_text(yaml.safe_dump(content), encoding='utf-8')
+    config = written(content, tmp_path)
     assert main([str(config), '--output', str(output), '--quick', '--workers', '1']) == 0
     kind = file_kind()
     captions = [output / f'{name}.txt' for name in NAMES]
@@ -309,17 +307,12 @@ def test_invalid_settings_are_rejected_before_filming(tmp_path, capsys):
     for film, values, message in [
         (None, {'size': [1281, 720]}, 'size = [1281, 720] must be two even numbers of pixels'),
         (None, {'frame_rate': 0}, 'frame_rate = 0 must be a number in the range 1 to 120'),
-        (None, {'films': None}, 'films is missing; give a section of keys'),
-        (None, {'fps': 3}, 'fps = 3 is not known; known keys are frame_rate, size, films'),
         ('S3_flipper', {'kind': 'opera'}, "films.S3_flipper.kind = 'opera' must be one of cycle"),
-        ('S3_flipper', {'title': None}, 'films.S3_flipper.title is missing; give a text'),
-        ('S3_flipper', {'kick': '1e-1'}, "S3_flipper.kick = '1e-1' must be a number in the rang"),
         (
             'S3_flipper',
             {'speed': 1},
             'films.S3_flipper.speed = 1 is not known; known keys are chai',
         ),
-        ('S3_flipper', {'chain': 3}, 'films.S3_flipper.chain = 3 must be a section; indent'),
         ('S2_tilted', {'times': [0, 2, 1]}, 'times = [0, 2, 1] must increase from 0; sort them'),
         ('S2_tilted', {'tilts': [0.1]}, 'tilts = [0.1] must be 6 numbers; give one for each time'),
         (

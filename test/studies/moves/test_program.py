@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from chains import FLIPPER, chain_of
+from study_files import pictures, written
 
 from soliton_linkage.steering.steering import Outcome
 from soliton_linkage_studies import moves
@@ -26,17 +26,11 @@ SETTINGS = {
 }
 
 
-def written(settings: object, path: Path) -> Path:
-    path.write_text(yaml.safe_dump(settings), encoding='utf-8')
-    return path
-
-
 def test_the_command_writes_table_and_picture(tmp_path, capsys):
     output = tmp_path / 'out'
-    path = written(SETTINGS, tmp_path / 'moves.yaml')
+    path = written(SETTINGS, tmp_path)
     assert moves.main([str(path), '--output', str(output), '--workers', '1']) == 0
-    names = {'table.md', *(f'moves.{kind}' for kind in ('png', 'pdf', 'csv', 'txt'))}
-    assert {path.name for path in output.iterdir()} == names
+    assert {path.name for path in output.iterdir()} == pictures('moves') | {'table.md'}
     lines = (output / 'table.md').read_text().splitlines()
     assert len(lines) == 3
     assert lines[2].startswith('| flipper | noisy | 1 of 1 |')
@@ -93,6 +87,6 @@ def test_the_installed_settings_are_valid_and_a_quick_study_has_fewer_moves():
 
 def test_wrong_settings_are_named(tmp_path, capsys):
     for key, value in [('moves', 0), ('frame_rate', -1.0), ('surprise', 1), ('chains', 3)]:
-        path = written(SETTINGS | {key: value}, tmp_path / 'moves.yaml')
+        path = written(SETTINGS | {key: value}, tmp_path)
         assert moves.main([str(path), '--output', str(tmp_path)]) == 1
         assert key in capsys.readouterr().err

@@ -140,11 +140,9 @@ def test_errors_in_a_file_are_reported(tmp_path):
         (f'measure: colour\n{GRID}', "measure = 'colour' must be one of motion, speed, survival"),
         (GRID, 'measure is missing; give one of motion'),
         (f'measure: motion\nspeed: 3\n{GRID}', 'speed = 3 is not known; known keys are measure'),
-        ('measure: motion', 'sweep must contain one or more parameters'),
         ('measure: motion\nsweep: 3', 'sweep = 3 must contain one or more parameters'),
         ('measure: motion\nsweep: {length: [1]}', r'sweep.length = \[1\] is not known'),
         ('measure: motion\nsweep: {kick: 3}', 'sweep.kick = 3 must be a list of 1 to 10000'),
-        ('measure: motion\nsweep: {kick: []}', r'sweep.kick = \[\] must be a list of 1 to'),
         (
             'measure: motion\nsweep: {rest_angle: [0.5, 2.0]}',
             'sweep.rest_angle.1 = 2.0 must be a number in the range 0.001 to 1.57',
@@ -153,10 +151,6 @@ def test_errors_in_a_file_are_reported(tmp_path):
         (
             'measure: motion\nsweep: {kick: {from: 0.1, to: 1.0}}',
             'sweep.kick.points is missing; give a whole number in the range 2 to 10000',
-        ),
-        (
-            'measure: motion\nsweep: {kick: {from: 0.1, to: 1.0, points: 2.5}}',
-            r'sweep.kick.points = 2.5 must be a whole number in the range 2 to 10000',
         ),
         (
             'measure: motion\nsweep: {kick: {from: 0.1, to: 1.0, points: 3, scale: cubic}}',
@@ -180,14 +174,6 @@ def test_errors_in_a_file_are_reported(tmp_path):
             'contains rotor_length and rotor_length_ratio; remove one',
         ),
         (
-            'measure: motion\nchain: {rotor_length: 0.1, rotor_length_ratio: 1.0}\n' + GRID,
-            'contains rotor_length and rotor_length_ratio; remove one',
-        ),
-        (
-            'measure: motion\ndeviations: {mass: 2.0}\n' + GRID,
-            'deviations.mass = 2.0 must be a number in the range 0 to 1',
-        ),
-        (
             'measure: motion\nchain: {spacing: 1000.0}\nsweep: {rotor_length_ratio: [2.0]}',
             'sweep.rotor_length_ratio = 2.0 gives Chain.rotor_length = 2000.0 must lie in the '
             'range 1e-06 to 1000 m; change this value or a parameter of the chain',
@@ -199,7 +185,6 @@ def test_errors_in_a_file_are_reported(tmp_path):
         ),
         (f'measure: motion\nseeds: 0\n{GRID}', 'seeds = 0 must be a whole number in the range 1'),
         (f'measure: motion\nseeds: [1, 1]\n{GRID}', 'must be a list of different seeds, or'),
-        (f'measure: motion\nseeds: []\n{GRID}', 'must be a list of different seeds, or'),
         (
             'measure: motion\nseeds: 10000\nsweep: {kick: {from: 0.1, to: 1.0, points: 5000}}',
             'gives 50000000 rows, more than 10000000; reduce the points or the seeds',

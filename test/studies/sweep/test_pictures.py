@@ -22,10 +22,11 @@ from soliton_linkage_studies.sweep.pictures import (
 RATIOS = Axis('rotor_length_ratio', tuple(np.geomspace(0.3, 6, 9).tolist()), logarithmic=True)
 ANGLES = Axis('rest_angle', tuple(np.linspace(0.2, 1.3, 7).tolist()))
 KICKS = Axis('kick', (0.1, 0.2, 0.3, 0.4, 0.5, 0.6))
+MECHANICS = Axis('mechanics', ('elastic', 'rigid'))
+SCALES = Axis('deviations.scale', KICKS.values)
 
 
 def drawn(study: SweepStudy, rows: list[dict[str, str]]) -> Any:
-    """Return axes on which a sweep is drawn."""
     return draw_sweep(Figure().subplots(), study, rows)
 
 
@@ -40,6 +41,15 @@ def speed_rows(study: SweepStudy, speed: Any) -> list[dict[str, str]]:
         values, seed = study.point(row)
         rows.append({'outcome': 'returns', 'speed': repr(speed(*values.values(), seed))})
     return rows
+
+
+def outcome_rows(study: SweepStudy, seeds: int) -> list[dict[str, str]]:
+    """Return rows in which walls on bars return with the first seeds only."""
+    points = [study.point(row) for row in range(study.rows)]
+    return [
+        {'outcome': 'returns' if values['mechanics'] == 'elastic' or seed < seeds else 'lost'}
+        for values, seed in points
+    ]
 
 
 def test_a_map_of_classes_has_the_motion_of_each_chain_between_its_limits():
@@ -113,16 +123,9 @@ def test_a_curve_of_numbers_shows_median_and_range():
 
 
 def test_a_second_axis_with_few_values_makes_one_curve_per_value():
-    mechanics = Axis('mechanics', ('elastic', 'rigid'))
-    scales = Axis('deviations.scale', KICKS.values)
-    for axes_of_study in ((mechanics, scales), (scales, mechanics)):
+    for axes_of_study in ((MECHANICS, SCALES), (SCALES, MECHANICS)):
         study = SweepStudy('curves', 'survival', {}, axes_of_study, (0, 1))
-        rows = []
-        for row in range(study.rows):
-            values, seed = study.point(row)
-            good = values['mechanics'] == 'elastic' or seed == 1
-            rows.append({'outcome': 'returns' if good else 'lost'})
-        axes = drawn(study, rows)
+        axes = drawn(study, outcome_rows(study, 1))
         heights = {line.get_label(): set(np.asarray(line.get_ydata())) for line in axes.lines}
         assert heights == {'elastic': {1.0}, 'rigid': {0.5}}
 
@@ -143,15 +146,8 @@ def test_more_than_two_axes_are_not_drawn():
 
 
 def test_fractions_are_drawn_from_0_to_1_with_errors_in_distinct_colours():
-    mechanics = Axis('mechanics', ('elastic', 'rigid'))
-    scales = Axis('deviations.scale', KICKS.values)
-    study = SweepStudy('curves', 'survival', {}, (mechanics, scales), tuple(range(8)))
-    rows = []
-    for row in range(study.rows):
-        values, seed = study.point(row)
-        good = values['mechanics'] == 'elastic' or seed < 2
-        rows.append({'outcome': 'returns' if good else 'lost'})
-    axes = drawn(study, rows)
+    study = SweepStudy('curves', 'survival', {}, (MECHANICS, SCALES), tuple(range(8)))
+    axes = drawn(study, outcome_rows(study, 2))
     assert axes.get_ylim() == (-0.02, 1.02)
     beside: list[tuple[float, ...]] = []
     assert [line.get_color() for line in axes.lines] == [BLUE, RED]
