@@ -2,14 +2,10 @@
 """The tables of a benchmark contain its measurements."""
 
 import json
-import sys
 from importlib.metadata import requires
 from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2] / 'benchmark'))
-
 from comparison import Comparison, Figure, Part, write
 
 ROOT = Path(__file__).parents[2]

@@ -3,15 +3,10 @@
 
 import asyncio
 import os
-import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
 import websockets
-
-sys.path.insert(0, str(Path(__file__).parents[2] / 'benchmark'))
-
 from live import memory
 from live_watchers import crowd
 

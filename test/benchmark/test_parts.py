@@ -3,14 +3,11 @@
 
 import json
 import statistics
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2] / 'benchmark'))
 from comparison import Comparison, Figure
 
 Found = dict[str, Any]

@@ -1,15 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The comparison of simulators at a rate runs, and judges by the instants that it saw."""
 
-import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2] / 'benchmark'))
-
 from rate import MOST_ROTORS, Bench, Run, run_of
 
 RATE = 1000.0

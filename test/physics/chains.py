@@ -20,6 +20,7 @@ SPINNER = (2.0, 1.18)
 WIDE_SPINNER = (4.0, 0.9)
 # One of each class of motion, the one that asks most of a law.
 EXAMPLES = (WIDE_FLIPPER, STRONG_WOBBLER, WIDE_SPINNER)
+CLASSES = (FLIPPER, WOBBLER, SPINNER)
 
 
 def chain_of(example: tuple[float, float], rotors: int) -> Chain:
@@ -50,6 +51,5 @@ def any_angles(chain: Chain) -> st.SearchStrategy[Array]:
 
 @st.composite
 def any_configuration(draw: st.DrawFn, fewest: int = 2, most: int = 9) -> tuple[Chain, Array]:
-    """Draw a chain and a configuration of it."""
     chain = draw(any_chain(fewest, most))
     return chain, draw(any_angles(chain))

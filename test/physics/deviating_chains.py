@@ -55,7 +55,6 @@ def any_deviating_chain(
 def any_deviating_configuration(
     draw: st.DrawFn, fewest: int = 2, most: int = 9
 ) -> tuple[Chain, Array]:
-    """Draw a deviating chain and a configuration of it."""
     chain = draw(any_deviating_chain(fewest, most))
     return chain, draw(any_angles(chain))
 

@@ -1,20 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Walls under torques that are held from frame to frame, with rigid bars and with springs."""
 
-from functools import lru_cache
-
 import numpy as np
-from chains import chain_of
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.steering.steering import MoveResult, Steering
-
-
-@lru_cache(maxsize=32)
-def orbit_of_example(example: tuple[float, float], rotors: int) -> UniformOrbit:
-    return UniformOrbit(chain_of(example, rotors))
 
 
 class RigidWall:
@@ -100,7 +92,6 @@ class Loop:
             self.frames += 1
 
     def until_ended(self, longest: float = 60.0) -> MoveResult:
-        """Advance until a move ends."""
         self.ended = None
         limit = self.time + longest
         while self.ended is None:

@@ -47,7 +47,6 @@ def renderer(
     settings: FilmSettings | None = None,
     hands: tuple[Hand, ...] = (),
 ) -> tuple[MarkerLayout, Renderer, Motion]:
-    """Return a renderer of a swinging chain."""
     # A rendered film has no error of the positions.
     layout = MarkerLayout(chain, MarkerSettings(placing_tolerance=0.0))
     motion = swinging(chain, amplitude, rate)

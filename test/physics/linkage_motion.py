@@ -7,12 +7,11 @@ their length because its motion follows the zero mode, phi' = t(phi) with |t| = 
 """
 
 import math
-from functools import lru_cache
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from soliton_linkage.linear.rigidity import mode_towards_last, zero_mode
+from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linkage.chain import Array, Chain, Motion
 
 TOLERANCE = 1e-10
@@ -72,24 +71,6 @@ def rigid_motion(chain: Chain, start: Array, arcs: Array, sense: float = 1.0) ->
     return np.ascontiguousarray(solution.y.T)
 
 
-@lru_cache(maxsize=64)
-def closed_orbit(chain: Chain, spacing: float = 0.05) -> Array:
-    """Configurations a spacing [rad] of arc apart along one whole cycle, shape (K, N).
-
-    It starts in the left-leaning state and ends where the same state comes into reach again.
-    """
-    start = chain.uniform_state(-1)
-    orbit = start[None]
-    while len(orbit) * spacing < 1000:
-        piece = rigid_motion(chain, orbit[-1], spacing * np.arange(101))[1:]
-        orbit = np.concatenate([orbit, piece])
-        near = np.linalg.norm(turned_into_range(orbit - start), axis=1) < 0.6 * spacing
-        near[: round(1 / spacing)] = False
-        if near.any():
-            return orbit[: np.flatnonzero(near)[0] + 1]
-    raise AssertionError(f'{chain} did not return within an arc of 1000 rad')
-
-
 def distance(angles: Array, others: Array) -> Array:
     """Largest difference of two configurations over the rotors, turns of 2 pi apart [rad]."""
     return np.asarray(np.abs(turned_into_range(angles - others)).max(axis=-1))
@@ -98,24 +79,3 @@ def distance(angles: Array, others: Array) -> Array:
 def turned_into_range(differences: Array) -> Array:
     """Return angles less the multiple of 2 pi that brings them next to 0 [rad]."""
     return np.asarray(differences - 2 * np.pi * np.round(differences / (2 * np.pi)))
-
-
-@lru_cache(maxsize=32)
-def walls_over_a_site(
-    chain: Chain, rotor: int, turned: bool, crossed: bool, samples: int
-) -> tuple[Array, float]:
-    """Return evenly spaced walls from between a rotor and the next to one further, and the arc.
-
-    Their truth is rotor + 1/2 + k / (samples - 1): the arc length of the motion is the same at
-    each place. The arc of a whole spacing is Lambda / r [rad].
-    """
-    start = wall_between(chain, rotor, turned, crossed)
-    end = wall_between(chain, rotor + 1, turned, not crossed)
-    sense = 1.0 if zero_mode(chain, start) @ mode_towards_last(chain, start) > 0 else -1.0
-    arcs = np.linspace(0, 2.5, 501)
-    arc = arcs[np.argmin(distance(rigid_motion(chain, start, arcs, sense), end))]
-    for _ in range(3):
-        reached = rigid_motion(chain, start, np.array([arc]), sense)[0]
-        arc += turned_into_range(end - reached) @ zero_mode(chain, end) * sense
-    walls = rigid_motion(chain, start, np.linspace(0, arc, samples), sense)
-    return walls, float(arc)

@@ -5,7 +5,7 @@ import dataclasses
 from functools import lru_cache
 
 import numpy as np
-from chains import FLIPPER, SPINNER, WOBBLER, chain_of
+from chains import chain_of
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
@@ -14,7 +14,6 @@ from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
 Example = tuple[float, float]
-CLASSES = (FLIPPER, WOBBLER, SPINNER)
 LENGTHS = ('rotor_length', 'spacing', 'rest_length')
 ACCURACY_UNIFORM, ACCURACY_DEVIATING = 1e-6, 1e-8
 """Accuracy of angles [rad]: splines, and Chebyshev series whose tails are cut."""

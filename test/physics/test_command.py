@@ -23,7 +23,6 @@ def failing(arguments: list[str]) -> int:
 
 @pytest.fixture
 def entries(monkeypatch):
-    """Have one sub-command, `fail`."""
     entry = EntryPoint('fail', f'{__name__}:failing', 'soliton_linkage.commands')
     monkeypatch.setattr(EntryPoint, 'load', lambda _: failing)
     monkeypatch.setattr(command, 'entry_points', lambda **_: [entry])
@@ -72,11 +71,13 @@ def test_a_study_without_its_package_names_the_package_to_install(monkeypatch, c
     ) in capsys.readouterr().err
 
 
-def test_help_imports_neither_studies_nor_numerics():
-    code = 'import sys; from soliton_linkage.command import main; main([]); print(*sys.modules)'
+def test_help_and_a_first_chain_import_no_unused_module():
+    code = 'import sys; from soliton_linkage.command import main; main([]); print(*sys.modules); '
+    code += 'import soliton_linkage; soliton_linkage.Chain(); print(*sys.modules)'
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
-    *shown, imported = done.stdout.splitlines()
+    *shown, imported, later = done.stdout.splitlines()
     assert not {'numpy', 'numba', 'matplotlib', 'rclpy'} & set(imported.split())
+    assert not {'numba', 'matplotlib', 'soliton_linkage.estimation'} & set(later.split())
     assert any(line.split()[:3] == ['figures', 'Draw', 'the'] for line in shown)
 
 

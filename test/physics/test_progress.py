@@ -10,8 +10,6 @@ from soliton_linkage.progress import ProgressLine
 
 
 class Screen(io.StringIO):
-    """A stderr that is a terminal or a file."""
-
     def __init__(self, terminal: bool) -> None:
         super().__init__()
         self._terminal = terminal
@@ -21,8 +19,6 @@ class Screen(io.StringIO):
 
 
 class Clock:
-    """A replacement of the module time."""
-
     now = 0.0
 
     def monotonic(self) -> float:

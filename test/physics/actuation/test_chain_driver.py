@@ -18,8 +18,6 @@ PULSE = EdgeCommand(Edge.FIRST, CommandKind.PULSE, 1e-3, 0.05)
 
 
 class Desk:
-    """Driver whose chain is at rest, and its reports."""
-
     def __init__(self) -> None:
         self.reports: list[KickReport] = []
         chain = Chain(number_of_rotors=8)

@@ -16,8 +16,6 @@ IMPULSES = np.array([0.5, 0.0])
 
 
 class Desk:
-    """Record and its reports."""
-
     def __init__(self, measured: bool) -> None:
         self.reports: list[KickReport] = []
         self.record = KickRecord(2, self.reports.append)

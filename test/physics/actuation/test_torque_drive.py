@@ -46,7 +46,6 @@ PERIOD = 0.004
 
 
 def torques(drive: EdgeDrive, start: float, end: float) -> Array:
-    """Return the mean torques over periods."""
     count = round((end - start) / PERIOD)
     starts = [start + PERIOD * number for number in range(count)]
     return np.array([drive.mean_torque(t, t + PERIOD).torque for t in starts])

@@ -140,8 +140,9 @@ def driven(
     return np.array(angles), simulation, reports
 
 
-@pytest.mark.parametrize('rotor', [0, 5])
-@pytest.mark.parametrize(('period', 'bound'), [(0.001, 0.002), (PERIOD, 0.005), (0.004, 0.05)])
+@pytest.mark.parametrize(
+    ('rotor', 'period', 'bound'), [(0, 0.001, 0.002), (5, PERIOD, 0.005), (0, 0.004, 0.05)]
+)
 def test_a_rotor_follows_an_imposed_angle(rotor, period, bound):
     order = command(0.3, quantity=DrivenQuantity.ANGLE, window=WaveWindow.HANN)
     angles, _, _ = driven(order, rotor, math.inf, period)

@@ -45,7 +45,6 @@ def recorded(gravity: Gravity, site: float, speed: float, frames: int = 400) -> 
 
 
 def noisy(exact: Readings) -> Readings:
-    """The same with noise."""
     return replace(exact, angles=read(exact.angles, 1, NOISE, 0.0)[0], parts=())
 
 

@@ -53,24 +53,14 @@ def resting() -> Array:
 
 BAD = {
     'backwards': (changed(4, np.negative), 'rotor_4 is mounted backwards'),
-    'mirrored': (changed(5, lambda angles: math.pi - angles), 'rotor_5 is mounted backwards'),
-    'first backwards': (changed(0, np.negative), 'rotor_0 is mounted backwards'),
-    'last backwards': (changed(9, np.negative), 'rotor_9 is mounted backwards'),
     'half a turn off': (
         changed(4, lambda angles: angles + math.pi),
         'rotor_4 has an error of half',
     ),
-    'zero off': (
-        changed(6, lambda angles: angles + 0.8),
-        'the zero of rotor_6 has an error of about',
-    ),
     'zero far off': (changed(6, lambda angles: angles + 1.3), 'rotor_6 does not change its side'),
     'neighbours swapped': (ordered(0, 1, 2, 4, 3, 5, 6, 7, 8, 9), 'not in the order'),
-    'next but one swapped': (ordered(0, 1, 2, 5, 4, 3, 6, 7, 8, 9), 'rotor_5 is before rotor_3'),
     'seen from behind': (READINGS[:, ::-1], 'seen from behind'),
     'degrees': (np.rad2deg(READINGS), '^the angles look like degrees; publish radians$'),
-    'every other joint absent': (ordered(0, 2, 4, 6, 8), 'do not move like neighbours'),
-    'one joint absent': (ordered(0, 1, 2, 3, 4, 6, 7, 8, 9), 'rotor_4 and rotor_5 do not move'),
     'half missing': (half_missing(), '5 of 10 rotors are missing .* rotor_0, rotor_2'),
     'slipping': (slipping(), 'the encoder of rotor_3 slips by about 0.29 rad at 1.6 s'),
     'no model': (
@@ -108,7 +98,8 @@ FORMULAS: dict[str, Callable[[Array], Array]] = {
 )
 def test_the_formula_that_an_error_recommends_makes_the_recording_acceptable(rotor, fault):
     readings = changed(rotor, fault)
-    with pytest.raises(ValueError, match=f'rotor_{rotor} ') as error:
+    fault_named = f'rotor_{rotor} (is mounted backwards|has an error of half)'
+    with pytest.raises(ValueError, match=fault_named) as error:
         identify(Readings(TIMES, readings, names=NAMES), Chain())
     named = re.search(r'publish (.*?) for it', str(error.value))
     assert named
@@ -144,8 +135,7 @@ def kicked(name: str, seed: int, before: int = 0, hit: int = 0) -> tuple[Chain, 
     return chain, 0.004 * np.arange(len(angles)), read(np.array(angles), seed)[0]
 
 
-@pytest.mark.parametrize('before', [0, 100])
-@pytest.mark.parametrize('name', KICKS)
+@pytest.mark.parametrize(('name', 'before'), [('flipper', 100), ('wobbler', 0), ('spinner', 0)])
 def test_a_rotor_of_a_kicked_chain_that_is_mounted_backwards_is_named(name, before):
     _, times, readings = kicked(name, 3, before)
     for rotor in (0, 4, 9):
@@ -164,8 +154,9 @@ def test_absent_joints_are_named_in_an_error_and_in_a_warning():
     assert found.warnings[0].startswith('the recording has no joint joint1, joint3')
 
 
-@pytest.mark.parametrize('nominal', [FLIPPER, WOBBLER, SPINNER], ids=KICKS)
-@pytest.mark.parametrize('seed', [1, 3])
+@pytest.mark.parametrize(
+    ('nominal', 'seed'), [(FLIPPER, 1), (WOBBLER, 3), (SPINNER, 1)], ids=KICKS
+)
 def test_an_absent_joint_is_not_reported_as_a_zero_error(nominal, seed):
     readings = read(passage(unequal(nominal, seed)), seed)[0]
     letters = [*'abcdefghij']
@@ -227,7 +218,7 @@ def test_joints_are_accepted_after_the_swap_that_an_error_recommends(pair):
     order = list(range(10))
     order[pair[0]], order[pair[1]] = order[pair[1]], order[pair[0]]
     swapped, names = ordered(*order), [NAMES[n] for n in order]
-    with pytest.raises(ValueError, match='swap them') as error:
+    with pytest.raises(ValueError, match=r'rotor_\d is before rotor_\d.* swap them') as error:
         identify(Readings(TIMES, swapped, names=names), Chain())
     named = re.findall(r'rotor_\d', str(error.value))
     first, second = (names.index(name) for name in named)
@@ -237,7 +228,7 @@ def test_joints_are_accepted_after_the_swap_that_an_error_recommends(pair):
 
 def test_the_zero_that_an_error_names_makes_the_recording_acceptable():
     readings = changed(6, lambda angles: angles + 0.8)
-    with pytest.raises(ValueError, match='zero of rotor_6') as error:
+    with pytest.raises(ValueError, match='the zero of rotor_6 has an error of about') as error:
         identify(Readings(TIMES, readings, names=NAMES), Chain())
     named = re.search(r'about (\S+) rad', str(error.value))
     assert named

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Laws of the chain: geometry, energy and torques against naive twins, symmetries, bad input.
+"""Laws of the chain: geometry, symmetries, bad input.
 
 Here all rotors and springs are alike; those that differ have laws of their own.
 """
@@ -7,42 +7,17 @@ Here all rotors and springs are alike; those that differ have laws of their own.
 import dataclasses
 import math
 import re
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from chains import EPS, EXAMPLES, FLIPPER, any_chain, any_configuration, chain_of
+from deviating_chains import shortest_length
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from soliton_linkage.linkage.chain import Array, Chain, Motion, displacement, staggered, wrapped
+from soliton_linkage.linkage.chain import Chain, Motion, displacement, staggered, wrapped
 
 LEANS = (-1, 1)
-
-
-def masses(chain: Chain, angles: Array) -> list[tuple[float, float]]:
-    """Place (x, z) of each mass [m], as design.md draws it."""
-    return [
-        (
-            n * chain.spacing + chain.rotor_length * math.sin(angle),
-            chain.rotor_length * math.cos(angle),
-        )
-        for n, angle in enumerate(angles)
-    ]
-
-
-def lengths(chain: Chain, angles: Array) -> Array:
-    """Length of each spring [m], one at a time."""
-    places = masses(chain, angles)
-    return np.array([math.dist(left, right) for left, right in pairwise(places)])
-
-
-def rounding_of_lengths(chain: Chain) -> float:
-    """Rounding error of a length of the naive implementation [m].
-
-    Places are sums of up to N a and r, and each is rounded a few times.
-    """
-    return 4 * EPS * (chain.number_of_rotors * chain.spacing + 2 * chain.rotor_length)
 
 
 def rounding_of_extensions(chain: Chain) -> float:
@@ -53,25 +28,6 @@ def rounding_of_extensions(chain: Chain) -> float:
     """
     a, r = chain.spacing, chain.rotor_length
     return 2 * EPS * (4 * r**2 + 4 * a * r) / chain.rest_length
-
-
-def energy(chain: Chain, angles: Array) -> float:
-    extensions = lengths(chain, angles) - chain.rest_length
-    return 0.5 * chain.stiffness * math.fsum(x**2 for x in extensions)
-
-
-def torques(chain: Chain, angles: Array) -> Array:
-    """Torque of each rotor [N m]: the lever from its pivot crossed with the pulls on its mass."""
-    places = masses(chain, angles)
-    result = np.zeros(chain.number_of_rotors)
-    for n in range(chain.number_of_rotors - 1):
-        (x, z), (next_x, next_z) = places[n], places[n + 1]
-        length = math.dist(places[n], places[n + 1])
-        tension = chain.stiffness * (length - chain.rest_length)
-        pull = tension * (next_x - x) / length, tension * (next_z - z) / length
-        result[n] += z * pull[0] - (x - n * chain.spacing) * pull[1]
-        result[n + 1] -= next_z * pull[0] - (next_x - (n + 1) * chain.spacing) * pull[1]
-    return result
 
 
 def test_a_rotor_at_0_points_up_and_at_a_quarter_turn_to_the_last_rotor():
@@ -109,37 +65,18 @@ def test_uniform_states_are_relaxed(chain, lean):
 
 
 @given(any_configuration())
-def test_energy_and_torques_agree_with_their_naive_twins(configuration):
-    chain, angles = configuration
-    size = chain.spacing + 2 * chain.rotor_length
-    shortest = lengths(chain, angles).min()
-    assume(shortest > 1e-3 * size)
-    rounding = rounding_of_lengths(chain) + rounding_of_extensions(chain)
-    bonds = chain.number_of_rotors - 1
-    assert chain.elastic_energy(angles) == pytest.approx(
-        energy(chain, angles), rel=8 * EPS, abs=bonds * chain.stiffness * size * rounding
-    )
-    # Directions of springs are rounded by the rounding of places over their length.
-    limit = 2 * chain.stiffness * chain.rotor_length * rounding * (2 + 2 * size / shortest)
-    assert chain.spring_torques(angles) == pytest.approx(torques(chain, angles), rel=0, abs=limit)
-
-
-@given(any_configuration())
-def test_reflected_chains_have_the_same_energy_and_reflected_torques(configuration):
+def test_inverted_chains_have_the_same_extensions_and_opposite_torques(configuration):
     chain, angles = configuration
     extensions, bare = chain.spring_extensions(angles), chain.spring_torques(angles)
     limit = 2 * rounding_of_extensions(chain)
-    mirrored = chain.spring_extensions(-angles[::-1])
-    assert mirrored == pytest.approx(extensions[::-1], rel=0, abs=limit)
     assert chain.spring_extensions(np.pi - angles) == pytest.approx(
         extensions, rel=0, abs=limit + 16 * EPS * chain.rotor_length
     )
     size = chain.spacing + 2 * chain.rotor_length
-    shortest = lengths(chain, angles).min()
+    shortest = shortest_length(chain, angles)
     assume(shortest > 1e-3 * size)
     # Directions of springs are rounded by the rounding of a few sizes over their length.
     rounding = 16 * EPS * chain.stiffness * size * chain.rotor_length * size / shortest
-    assert chain.spring_torques(-angles[::-1]) == pytest.approx(-bare[::-1], rel=0, abs=rounding)
     assert chain.spring_torques(np.pi - angles) == pytest.approx(-bare, rel=0, abs=rounding)
 
 
@@ -153,22 +90,6 @@ def test_whole_turns_of_a_rotor_change_nothing(configuration, turns):
     assert chain.spring_extensions(turned) == pytest.approx(
         chain.spring_extensions(angles), rel=0, abs=limit
     )
-
-
-@given(any_chain(), st.data())
-def test_kinetic_energy_is_that_of_masses_on_circles(chain, data):
-    rates = np.array(
-        data.draw(
-            st.lists(
-                st.floats(-1e3, 1e3),
-                min_size=chain.number_of_rotors,
-                max_size=chain.number_of_rotors,
-            )
-        )
-    )
-    speeds = [chain.rotor_length * rate for rate in rates]
-    expected = math.fsum(0.5 * chain.mass * speed**2 for speed in speeds)
-    assert chain.kinetic_energy(rates) == pytest.approx(expected, rel=16 * EPS)
 
 
 def test_many_frames_at_once_give_the_results_of_single_frames():

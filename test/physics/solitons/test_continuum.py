@@ -26,7 +26,6 @@ DIFFERENTIATED = 1e-10
 
 @st.composite
 def any_theory(draw: st.DrawFn, exact_sound: bool = False) -> Theory:
-    """Draw a theory of any chain that has one."""
     chain = draw(any_chain(fewest=3))
     assume(abs(chain.lean_ratio - 1) > 1e-3)
     assume(abs(chain.lean_ratio / chain.critical_lean_ratio - 1) > 1e-6)
@@ -54,7 +53,6 @@ def scale_of(theory: Theory) -> float:
 
 
 def slope(theory: Theory, positions: Array, velocity: float, charge: int) -> Array:
-    """Slope of the field by five-point differences."""
     step = DIFFERENCE * theory.width(velocity)
     values = [field(theory, positions + n * step, velocity, charge) for n in (-2, -1, 1, 2)]
     return np.asarray((values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * step))

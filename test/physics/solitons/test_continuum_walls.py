@@ -125,7 +125,6 @@ def test_the_energy_of_an_anti_kink_converges_to_the_theory_with_the_square_of_d
 
 
 def arc_of(example: tuple[float, float]) -> float:
-    """Length of the exact motion by one site over a, Lambda [1]."""
     return site_arc(chain_of(example, 3)) * example[0]
 
 

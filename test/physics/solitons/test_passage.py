@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from chains import EPS, EXAMPLES, FLIPPER, SPINNER, WOBBLER, any_chain, chain_of
+from chains import CLASSES, EPS, EXAMPLES, FLIPPER, SPINNER, WOBBLER, any_chain, chain_of
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -23,12 +23,10 @@ from soliton_linkage.solitons.passage import (
 )
 from soliton_linkage_studies.measures import check_passable, follow_wall
 
-CLASSES = (FLIPPER, WOBBLER, SPINNER)
 ROTORS = 7
 
 
 def deviating(chain: Chain, seed: int, fraction: float) -> Chain:
-    """Draw deviations of r, a and k_e."""
     drawn = drawn_deviations(
         chain.number_of_rotors, seed, rotor_length=fraction, spacing=fraction, stiffness=fraction
     )

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from chains import (
+    CLASSES,
     EPS,
     EXAMPLES,
     FLIPPER,
@@ -21,11 +22,12 @@ from chains import (
 )
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from linkage_motion import wall_between, walls_over_a_site
+from linkage_motion import wall_between
 
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import mode_towards_last, zero_mode
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
+from soliton_linkage.solitons.static_wall import site_arc, static_wall
 from soliton_linkage.solitons.tanh_fit import (
     Soliton,
     charge_of_field,
@@ -81,12 +83,9 @@ def walls(example: tuple[float, float], rotors: int = 40) -> list[tuple[Chain, f
     rotor = rotors // 2 - 1
     result = []
     for turned in BOTH:
-        for crossed in BOTH:
-            frames, _ = walls_over_a_site(chain, rotor, turned, crossed, 9)
-            truths = rotor + 0.5 + np.linspace(0, 1, 9)
-            result += [
-                (chain, float(truth), frame) for truth, frame in zip(truths, frames, strict=True)
-            ]
+        for leg in (0, 1):
+            truths = (rotor + 0.5 + np.linspace(0, 1, 9)).tolist()
+            result += [(chain, truth, static_wall(chain, truth, leg, turned)) for truth in truths]
     return result
 
 
@@ -121,7 +120,6 @@ def test_the_bias_is_limited_at_every_site_between_two_rotors(example):
 def test_errors_by_noise_agree_with_an_independent_program(example):
     random = np.random.default_rng(11)
     noise = 0.01
-    _, arc = walls_over_a_site(chain_of(example, 40), 19, False, False, 9)
     errors, deviations = [], []
     for chain, truth, angles in walls(example):
         for _ in range(12):
@@ -131,7 +129,7 @@ def test_errors_by_noise_agree_with_an_independent_program(example):
     error = float(np.sqrt(np.mean(np.square(errors))))
     # The standard deviation of 432 errors scatters by 3.4 %; three times that is allowed. The
     # Cramer-Rao bound is sigma / (Lambda / r).
-    assert 0.9 * noise / arc <= error <= 1.1 * ERROR[example]
+    assert 0.9 * noise / site_arc(chain) <= error <= 1.1 * ERROR[example]
     assert np.sqrt(np.mean(np.square(deviations))) >= 0.9 * error
 
 
@@ -288,7 +286,7 @@ def pair_on_a_ring(chain: Chain) -> Array:
     return staggered(np.arcsin(lean * math.sin(chain.rest_angle)))
 
 
-@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+@pytest.mark.parametrize('example', CLASSES)
 def test_walls_on_a_ring_are_found_independent_of_the_numbering(example):
     ring = dataclasses.replace(chain_of(example, 60), periodic=True)
     angles = pair_on_a_ring(ring)

@@ -4,10 +4,10 @@
 import numpy as np
 import pytest
 from chains import FLIPPER, SPINNER, WIDE_FLIPPER, WIDE_SPINNER, WOBBLER, chain_of
-from linkage_motion import walls_over_a_site
 
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import mode_towards_last
+from soliton_linkage.solitons.static_wall import site_arc, static_wall
 from soliton_linkage.solitons.track import Track, find_crossings, follow
 
 CHAIN = chain_of(FLIPPER, 21)
@@ -51,9 +51,8 @@ def test_frames_without_a_soliton_do_not_divide_a_crossing():
 @pytest.mark.parametrize('example', [FLIPPER, WIDE_FLIPPER, WOBBLER, SPINNER, WIDE_SPINNER])
 def test_a_slow_wall_has_the_speed_of_the_rigid_linkage(example):
     chain = chain_of(example, 40)
-    walls, arc = walls_over_a_site(chain, 12, False, False, 9)
+    start, arc = static_wall(chain, 12.5), site_arc(chain)
     rate = 0.02 * chain.spacing / chain.rotor_length / chain.time_unit * arc
-    start = walls[0]
     duration = 8 * arc / rate
     recording = simulate(
         chain, start, rate * mode_towards_last(chain, start), duration, duration / 50, 1e-8

@@ -5,15 +5,14 @@ import math
 
 import numpy as np
 import pytest
-from chains import FLIPPER, SPINNER, WOBBLER
-from driven_walls import orbit_of_example
+from chains import CLASSES, FLIPPER
+from orbits import uniform_orbit
 
 from soliton_linkage.linear.normal_modes import normal_modes
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.steering.phonon_energy_estimator import PhononEnergyEstimator
 
-CLASSES = (FLIPPER, WOBBLER, SPINNER)
 PERIOD = 0.004
 ROTORS = 12
 
@@ -42,7 +41,7 @@ def watched(orbit: UniformOrbit, arc: float, rates: Array) -> Array:
 
 @pytest.mark.parametrize('example', CLASSES)
 def test_the_estimate_is_the_energy_of_the_normal_modes_for_any_wall_motion(example):
-    orbit = orbit_of_example(example, ROTORS)
+    orbit = uniform_orbit(example, ROTORS)
     arc = orbit.arc_at(5.3, 0)
     rates = vibrating(orbit, arc, 2e-6, 800) + 3.0 * orbit.tangent(arc)
     energies = watched(orbit, arc, rates)
@@ -53,7 +52,7 @@ def test_the_estimate_is_the_energy_of_the_normal_modes_for_any_wall_motion(exam
 
 
 def test_white_noise_of_the_rates_does_not_count_as_phonons():
-    orbit = orbit_of_example(FLIPPER, ROTORS)
+    orbit = uniform_orbit(FLIPPER, ROTORS)
     arc = orbit.arc_at(5.3, 0)
     noise = np.random.default_rng(9).normal(0, 0.1, (3000, ROTORS))
     of_noise = orbit.chain.moment_of_inertia * 0.1**2 * (ROTORS - 1)
@@ -64,7 +63,7 @@ def test_white_noise_of_the_rates_does_not_count_as_phonons():
 
 
 def test_frames_without_rates_are_ignored():
-    orbit = orbit_of_example(FLIPPER, ROTORS)
+    orbit = uniform_orbit(FLIPPER, ROTORS)
     arc = orbit.arc_at(5.3, 0)
     watch = PhononEnergyEstimator(orbit)
     rates = vibrating(orbit, arc, 1e-6, 50)
@@ -79,7 +78,7 @@ def test_frames_without_rates_are_ignored():
 
 
 def test_decreasing_time_restarts_the_estimate():
-    orbit = orbit_of_example(FLIPPER, ROTORS)
+    orbit = uniform_orbit(FLIPPER, ROTORS)
     arc = orbit.arc_at(5.3, 0)
     watch = PhononEnergyEstimator(orbit)
     for frame, rates in enumerate(vibrating(orbit, arc, 1e-6, 50)):

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from chains import FLIPPER, SPINNER, WOBBLER, chain_of
-from driven_walls import orbit_of_example
+from chains import CLASSES, FLIPPER, chain_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from orbits import uniform_orbit
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.linear.bands import gap
@@ -77,9 +77,9 @@ def test_braking_takes_half_the_distance_of_constant_speed(rate, shortest):
     assert (np.diff(speeds) <= 1e-12).all()
 
 
-@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+@pytest.mark.parametrize('example', CLASSES)
 def test_a_free_wall_at_the_adiabatic_rate_radiates_nothing(example):
-    orbit = orbit_of_example(example, 12)
+    orbit = uniform_orbit(example, 12)
     chain, rate = orbit.chain, adiabatic_rate(orbit)
     start = orbit.arc_at(3.5, 0)
     rates = rate * orbit.tangent(start)
@@ -96,14 +96,14 @@ def test_a_free_wall_at_the_adiabatic_rate_radiates_nothing(example):
     assert after < 0.02 * whole
 
 
-@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+@pytest.mark.parametrize('example', CLASSES)
 def test_the_adiabatic_rate_does_not_depend_on_the_length_of_the_chain(example):
-    assert adiabatic_rate(orbit_of_example(example, 60)) == pytest.approx(
-        adiabatic_rate(orbit_of_example(example, 150)), rel=0.1
+    assert adiabatic_rate(uniform_orbit(example, 60)) == pytest.approx(
+        adiabatic_rate(uniform_orbit(example, 150)), rel=0.1
     )
 
 
-@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+@pytest.mark.parametrize('example', CLASSES)
 def test_the_adiabatic_rate_scales_with_the_time_unit_of_the_springs(example):
     for size, mass, stiffness in [(3.0, 1.0, 1.0), (1.0, 0.01, 400.0)]:
         chain = chain_of(example, 12)
@@ -122,7 +122,7 @@ def test_the_adiabatic_rate_scales_with_the_time_unit_of_the_springs(example):
 
 
 def test_the_bandwidth_is_below_the_gap_and_the_frame_rate():
-    orbit = orbit_of_example(FLIPPER, 12)
+    orbit = uniform_orbit(FLIPPER, 12)
     for period in (1e-4, 1e-2, 0.1):
         assert bandwidth(orbit, period) <= gap(orbit.chain) / 8
         assert bandwidth(orbit, period) * period <= 0.1 * (1 + 1e-12)

@@ -6,7 +6,8 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from chains import FLIPPER
-from driven_walls import Loop, RigidWall, orbit_of_example
+from driven_walls import Loop, RigidWall
+from orbits import uniform_orbit
 
 from soliton_linkage.linkage.quantities import described_fields
 from soliton_linkage.steering.reference_trajectory import adiabatic_rate, bandwidth
@@ -20,7 +21,7 @@ PERIOD = 0.01
 
 def moved(settings: SteeringSettings) -> Loop:
     """Return a loop after a move of a rigid-bar wall by one spacing."""
-    orbit = orbit_of_example(FLIPPER, ROTORS)
+    orbit = uniform_orbit(FLIPPER, ROTORS)
     steering = Steering(orbit, TorqueAllocation(orbit, torque_limit=0.1), settings)
     loop = Loop(steering, RigidWall(orbit, orbit.arc_at(4.0, 0)), PERIOD)
     loop.go_on(0.2)
@@ -39,7 +40,7 @@ def test_each_setting_has_a_description_and_its_default_is_in_range():
 
 
 def test_rates_and_bandwidths_scale_with_their_fractions():
-    orbit = orbit_of_example(FLIPPER, ROTORS)
+    orbit = uniform_orbit(FLIPPER, ROTORS)
     slower = replace(DEFAULTS, adiabatic_fraction=0.25, bandwidth_share=1 / 16)
     assert adiabatic_rate(orbit, slower) == adiabatic_rate(orbit) / 2
     assert bandwidth(orbit, PERIOD, slower) == bandwidth(orbit, PERIOD) / 2
@@ -48,7 +49,7 @@ def test_rates_and_bandwidths_scale_with_their_fractions():
 
 
 def test_the_settings_of_durations_change_the_time_of_a_move():
-    b = bandwidth(orbit_of_example(FLIPPER, ROTORS), PERIOD)
+    b = bandwidth(uniform_orbit(FLIPPER, ROTORS), PERIOD)
     usual = moved(DEFAULTS).time
     longer = moved(replace(DEFAULTS, min_duration=20.0)).time
     assert longer - usual == pytest.approx(10 / b, abs=3 * PERIOD)

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from chains import FLIPPER, SPINNER, WOBBLER
-from driven_walls import Loop, RigidWall, SpringWall, orbit_of_example
+from chains import CLASSES, FLIPPER, SPINNER, WOBBLER
+from driven_walls import Loop, RigidWall, SpringWall
+from orbits import uniform_orbit
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.estimation.relocalisation import fit_anywhere
@@ -23,7 +24,6 @@ from soliton_linkage.steering.settings import DEFAULTS, SteeringSettings
 from soliton_linkage.steering.steering import Outcome, Steering
 from soliton_linkage.steering.torque_allocation import TorqueAllocation
 
-CLASSES = (FLIPPER, WOBBLER, SPINNER)
 ROTORS = 10
 PERIOD = 0.01
 NOISE = 0.01
@@ -38,7 +38,7 @@ def rigid_loop(
     example: tuple[float, float], place: float, disturbance: float = 0.0
 ) -> tuple[Loop, RigidWall]:
     """Return a loop that has observed a rigid-bar wall for a while, and the wall."""
-    orbit = orbit_of_example(example, ROTORS)
+    orbit = uniform_orbit(example, ROTORS)
     wall = RigidWall(orbit, orbit.arc_at(place, 0), disturbance=disturbance)
     loop = Loop(steering_of(orbit), wall, PERIOD)
     loop.go_on(SEEN)
@@ -64,10 +64,10 @@ def held_within(loop: Loop, place: float, distance: float, seconds: float = 0.5)
 
 @pytest.mark.parametrize(
     ('example', 'start', 'goal'),
-    [(FLIPPER, 2.2, 7.9), (FLIPPER, 9.0, 3.0), (WOBBLER, 4.0, 2.5), (SPINNER, 7.1, 4.4)],
+    [(FLIPPER, 2.2, 7.9), (WOBBLER, 4.0, 2.5), (SPINNER, 7.1, 4.4)],
 )
 def test_a_wall_among_springs_reaches_the_goal_without_phonons(example, start, goal):
-    orbit = orbit_of_example(example, ROTORS)
+    orbit = uniform_orbit(example, ROTORS)
     wall = spring_wall(orbit.chain, orbit.configuration(orbit.arc_at(start, 1)))
     loop = Loop(steering_of(orbit), wall)
     loop.go_on(SEEN)
@@ -87,7 +87,7 @@ def test_a_wall_among_springs_reaches_the_goal_without_phonons(example, start, g
 
 @pytest.mark.parametrize(('example', 'seed'), [(FLIPPER, 1), (WOBBLER, 1), (SPINNER, 1)])
 def test_the_goal_is_reached_with_unmodelled_noise_friction_and_disorder(example, seed):
-    orbit = orbit_of_example(example, ROTORS)
+    orbit = uniform_orbit(example, ROTORS)
     chain = orbit.chain
     drawn = drawn_deviations(
         ROTORS, seed, spacing=0.05, rotor_length=0.05, mass=0.05, stiffness=0.05, damping=0.05
@@ -108,7 +108,7 @@ def test_the_goal_is_reached_with_unmodelled_noise_friction_and_disorder(example
 
 @pytest.mark.parametrize('example', CLASSES)
 def test_with_known_deviations_the_wall_ends_on_the_orbit_of_that_chain(example):
-    even = orbit_of_example(example, ROTORS).chain
+    even = uniform_orbit(example, ROTORS).chain
     drawn = drawn_deviations(
         ROTORS, 1, spacing=0.05, rotor_length=0.05, rest_length=0.02, mass=0.05, stiffness=0.05
     )
@@ -123,7 +123,7 @@ def test_with_known_deviations_the_wall_ends_on_the_orbit_of_that_chain(example)
 
 @pytest.mark.parametrize('example', [FLIPPER, SPINNER])
 def test_a_wall_is_held_against_gravity(example):
-    orbit = orbit_of_example(example, ROTORS)
+    orbit = uniform_orbit(example, ROTORS)
     wall = spring_wall(orbit.chain, orbit.configuration(orbit.arc_at(3.0, 0)), gravity=1.0)
     loop = Loop(steering_of(orbit), wall)
     loop.go_on(0.04)
@@ -135,7 +135,7 @@ def test_a_wall_is_held_against_gravity(example):
 
 @pytest.mark.parametrize('example', CLASSES)
 def test_a_wall_is_moved_out_of_its_edge_and_back(example):
-    orbit = orbit_of_example(example, ROTORS)
+    orbit = uniform_orbit(example, ROTORS)
     loop, wall = rigid_loop(example, 0.0)
     wall.arc = fit_anywhere(orbit, orbit.chain.uniform_state(-1)).arc
     loop.steering = steering_of(orbit)
@@ -182,11 +182,11 @@ def test_the_error_after_an_impulse_decays_with_the_bandwidth(example):
     assert max(offsets[-100:]) < 1e-3 * max(offsets)
 
 
-@pytest.mark.parametrize(('example', 'delay'), [(FLIPPER, 4), *((each, 8) for each in CLASSES)])
-def test_the_loop_is_stable_with_delayed_torques(example, delay):
-    orbit = orbit_of_example(example, ROTORS)
+@pytest.mark.parametrize('example', CLASSES)
+def test_the_loop_is_stable_with_delayed_torques(example):
+    orbit = uniform_orbit(example, ROTORS)
     wall = RigidWall(orbit, orbit.arc_at(4.0, 0))
-    loop = Loop(steering_of(orbit), wall, PERIOD, delay=delay)
+    loop = Loop(steering_of(orbit), wall, PERIOD, delay=8)
     loop.go_on(SEEN)
     assert loop.steering.move(6.0) is None
     assert loop.until_ended().outcome is Outcome.REACHED
@@ -195,7 +195,7 @@ def test_the_loop_is_stable_with_delayed_torques(example, delay):
 
 @pytest.mark.parametrize('period', [0.001, 0.04])
 def test_the_loop_is_stable_at_any_frame_rate(period):
-    orbit = orbit_of_example(FLIPPER, ROTORS)
+    orbit = uniform_orbit(FLIPPER, ROTORS)
     wall = RigidWall(orbit, orbit.arc_at(4.0, 0))
     loop = Loop(steering_of(orbit), wall, period)
     loop.go_on(1.0)
@@ -264,7 +264,7 @@ def test_a_released_wall_moves_freely():
 
 
 def test_an_upside_down_chain_is_steered_as_well():
-    orbit = orbit_of_example(FLIPPER, ROTORS)
+    orbit = uniform_orbit(FLIPPER, ROTORS)
     wall = spring_wall(orbit.chain, math.pi - orbit.configuration(orbit.arc_at(3.0, 0)))
     loop = Loop(steering_of(orbit), wall)
     loop.go_on(SEEN)
@@ -273,27 +273,24 @@ def test_an_upside_down_chain_is_steered_as_well():
     assert place_of(orbit, math.pi - wall.frame()) == pytest.approx(4.0, abs=0.01)
 
 
-def test_a_goal_outside_the_chain_is_rejected():
+def test_a_goal_outside_the_chain_and_an_invalid_speed_are_rejected():
+    loop, _ = rigid_loop(FLIPPER, 3.0)
     for place in [-0.1, 9.1, math.nan, math.inf]:
-        loop, _ = rigid_loop(FLIPPER, 3.0)
         refused = loop.steering.move(place)
         assert refused is not None
         assert refused.outcome is Outcome.OUT_OF_CHAIN
         assert 'range 0 to 9' in refused.message
         assert refused.site == pytest.approx(3.0, abs=1e-3)
         assert not loop.steering.holding
-
-
-def test_an_invalid_speed_is_rejected():
     for speed in [-1.0, math.nan, math.inf]:
-        refused = rigid_loop(FLIPPER, 3.0)[0].steering.move(4.0, speed)
+        refused = loop.steering.move(4.0, speed)
         assert refused is not None
         assert refused.outcome is Outcome.INVALID_SPEED
         assert '0 or more' in refused.message
 
 
 def test_a_move_without_a_wall_is_rejected():
-    steering = steering_of(orbit_of_example(FLIPPER, ROTORS))
+    steering = steering_of(uniform_orbit(FLIPPER, ROTORS))
     for angles in (None, np.full(ROTORS, 2.0)):
         if angles is not None:
             steering.observe(0.0, angles)
@@ -315,7 +312,7 @@ def test_a_rejected_move_does_not_change_the_current_one():
 
 
 def test_an_edge_actuator_reaches_as_far_as_the_edge_mode():
-    orbit = orbit_of_example(FLIPPER, ROTORS)
+    orbit = uniform_orbit(FLIPPER, ROTORS)
     steering = Steering(orbit, TorqueAllocation(orbit, (0,), torque_limit=0.1))
     wall = spring_wall(orbit.chain, orbit.configuration(orbit.arc_at(0.5, 0)))
     loop = Loop(steering, wall)
@@ -333,7 +330,7 @@ def test_an_edge_actuator_reaches_as_far_as_the_edge_mode():
 
 
 def test_far_from_the_actuators_the_bandwidth_decreases_to_limit_noise_torques():
-    orbit = orbit_of_example(SPINNER, ROTORS)
+    orbit = uniform_orbit(SPINNER, ROTORS)
     goal = orbit.arc_at(3.0, 0)
     times, torques = [], []
     for rotors in ((), (0,)):
@@ -401,7 +398,7 @@ def test_a_wall_that_leaves_its_hold_is_lost():
 
 
 def test_a_wall_under_excessive_load_leaves_its_reference_and_is_lost():
-    orbit = orbit_of_example(FLIPPER, ROTORS)
+    orbit = uniform_orbit(FLIPPER, ROTORS)
     wall = RigidWall(orbit, orbit.arc_at(4.0, 0))
     loop = Loop(Steering(orbit, TorqueAllocation(orbit, torque_limit=1e-3)), wall, PERIOD)
     loop.go_on(SEEN)
@@ -415,7 +412,7 @@ def test_a_wall_under_excessive_load_leaves_its_reference_and_is_lost():
 
 
 def test_a_wall_that_does_not_settle_is_reported_as_not_held():
-    orbit = orbit_of_example(FLIPPER, ROTORS)
+    orbit = uniform_orbit(FLIPPER, ROTORS)
     wall = RigidWall(orbit, orbit.arc_at(4.0, 0))
     loop = Loop(steering_of(orbit, SteeringSettings(tolerance=1e-3)), wall, PERIOD, noise=0.05)
     loop.go_on(SEEN)
@@ -438,10 +435,10 @@ def test_decreasing_stamps_lose_the_wall():
 
 @pytest.mark.parametrize(
     ('example', 'hurry', 'seconds'),
-    [(FLIPPER, 5, 0.45), (SPINNER, 10, 0.05), (SPINNER, 10, 0.3), (WOBBLER, 10, 0.45)],
+    [(FLIPPER, 5, 0.45), (SPINNER, 10, 0.05), (WOBBLER, 10, 0.45)],
 )
 def test_a_moving_wall_is_braked_and_moved_despite_missing_frames(example, hurry, seconds):
-    orbit = orbit_of_example(example, 20)
+    orbit = uniform_orbit(example, 20)
     steering = Steering(orbit, TorqueAllocation(orbit, torque_limit=0.1))
     rate = hurry * steering.adiabatic_speed * orbit.site_arc
     wall = RigidWall(orbit, orbit.arc_at(2.0, 0), rate)

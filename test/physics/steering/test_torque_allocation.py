@@ -5,25 +5,24 @@ import math
 
 import numpy as np
 import pytest
-from chains import FLIPPER, SPINNER, WIDE_SPINNER, WOBBLER
-from driven_walls import orbit_of_example
+from chains import CLASSES, FLIPPER, WIDE_SPINNER
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from orbits import uniform_orbit
 
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linear.rigidity import rigidity_matrix
 from soliton_linkage.steering.torque_allocation import TorqueAllocation
 
-EXAMPLES = (FLIPPER, WOBBLER, SPINNER)
 ROTORS = 12
 
 rotor_sets = st.sets(st.integers(0, ROTORS - 1), max_size=ROTORS).map(lambda each: tuple(each))
 
 
 @settings(max_examples=30)
-@given(st.sampled_from(EXAMPLES), rotor_sets, st.floats(2, 9), st.integers(0, 1), st.floats(-1, 1))
+@given(st.sampled_from(CLASSES), rotor_sets, st.floats(2, 9), st.integers(0, 1), st.floats(-1, 1))
 def test_torques_act_on_actuated_rotors_only_with_minimum_norm(example, rotors, place, leg, force):
-    orbit = orbit_of_example(example, ROTORS)
+    orbit = uniform_orbit(example, ROTORS)
     arc = orbit.arc_at(place, leg)
     torques, given_force = TorqueAllocation(orbit, rotors).torques(arc, force)
     tangent = orbit.tangent(arc)
@@ -37,8 +36,8 @@ def test_torques_act_on_actuated_rotors_only_with_minimum_norm(example, rotors, 
 
 
 def test_actuators_on_all_rotors_strain_no_spring():
-    for example in EXAMPLES:
-        orbit = orbit_of_example(example, ROTORS)
+    for example in CLASSES:
+        orbit = uniform_orbit(example, ROTORS)
         for place in (0.0, 3.3, 6.0, 11.0):
             arc = orbit.arc_at(place, 0)
             torques, _ = TorqueAllocation(orbit).torques(arc, 2.0)
@@ -51,8 +50,8 @@ def test_actuators_on_all_rotors_strain_no_spring():
 
 def test_the_deflection_agrees_with_the_stiffness_matrix():
     for rotors in [(0,), (0, 1, 2), (1, 4, 7, 10)]:
-        for example in EXAMPLES:
-            orbit = orbit_of_example(example, ROTORS)
+        for example in CLASSES:
+            orbit = uniform_orbit(example, ROTORS)
             arc, force = orbit.arc_at(1.4, 0), 1e-3
             allocation = TorqueAllocation(orbit, rotors)
             torques, _ = allocation.torques(arc, force)
@@ -65,9 +64,9 @@ def test_the_deflection_agrees_with_the_stiffness_matrix():
             )
 
 
-@pytest.mark.parametrize('example', EXAMPLES)
+@pytest.mark.parametrize('example', CLASSES)
 def test_the_torque_of_an_edge_actuator_grows_as_the_zero_mode_decays(example):
-    orbit = orbit_of_example(example, 24)
+    orbit = uniform_orbit(example, 24)
     allocation = TorqueAllocation(orbit, (0,))
     depth = penetration_depth(orbit.chain) / orbit.chain.spacing
     # Two rotors further the wall is the same; the effect of the edge decays with each rotor.
@@ -79,7 +78,7 @@ def test_the_torque_of_an_edge_actuator_grows_as_the_zero_mode_decays(example):
 
 
 def test_actuators_move_a_wall_within_their_reach_and_no_farther():
-    orbit = orbit_of_example(WIDE_SPINNER, 40)
+    orbit = uniform_orbit(WIDE_SPINNER, 40)
     allocation = TorqueAllocation(orbit, (0, 1), torque_limit=0.1)
     start, force = orbit.arc_at(1.0, 0), 1e-3
     reach = allocation.reach(start, force)
@@ -92,7 +91,7 @@ def test_actuators_move_a_wall_within_their_reach_and_no_farther():
 
 
 def test_the_minimum_coupling_is_at_the_farthest_site():
-    orbit = orbit_of_example(WIDE_SPINNER, 40)
+    orbit = uniform_orbit(WIDE_SPINNER, 40)
     start, goal = orbit.arc_at(1.0, 0), orbit.arc_at(9.0, 0)
     share = float(orbit.tangent(goal)[0] ** 2 + orbit.tangent(goal)[1] ** 2)
     assert TorqueAllocation(orbit, (0, 1)).min_coupling(start, goal) == pytest.approx(
@@ -105,7 +104,7 @@ def test_the_minimum_coupling_is_at_the_farthest_site():
 
 
 def test_actuators_on_all_rotors_reach_all_sites():
-    orbit = orbit_of_example(FLIPPER, ROTORS)
+    orbit = uniform_orbit(FLIPPER, ROTORS)
     allocation = TorqueAllocation(orbit, torque_limit=0.1)
     arc = orbit.arc_at(4.0, 0)
     assert allocation.can_move(arc, orbit.arc_at(11.0, 0), 0.1)
@@ -116,7 +115,7 @@ def test_actuators_on_all_rotors_reach_all_sites():
 
 @given(st.floats(-10, 10))
 def test_torques_beyond_the_limit_are_scaled_together(force):
-    orbit = orbit_of_example(FLIPPER, ROTORS)
+    orbit = uniform_orbit(FLIPPER, ROTORS)
     arc = orbit.arc_at(4.3, 0)
     free, _ = TorqueAllocation(orbit).torques(arc, force)
     limited, given_force = TorqueAllocation(orbit, torque_limit=0.5).torques(arc, force)
@@ -128,4 +127,4 @@ def test_torques_beyond_the_limit_are_scaled_together(force):
 
 def test_an_actuated_rotor_outside_the_chain_is_rejected():
     with pytest.raises(ValueError, match='actuated rotor 12 must be one of 0 to 11'):
-        TorqueAllocation(orbit_of_example(FLIPPER, ROTORS), (3, 12))
+        TorqueAllocation(uniform_orbit(FLIPPER, ROTORS), (3, 12))
