@@ -15,7 +15,7 @@ from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
-FRAMES = 36
+FRAMES = 60
 
 
 def record(chain: Chain) -> list[tuple[int, Array, Array]]:

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from chains import FLIPPER, SPINNER, WIDE_FLIPPER, WOBBLER, chain_of
+from chains import CLASSES, FLIPPER, SPINNER, WIDE_FLIPPER, WOBBLER, chain_of
 from linkage_motion import distance
-from orbits import CLASSES, deviating_chain, deviating_orbit, some_arcs, uniform_orbit
+from orbits import deviating_chain, deviating_orbit, some_arcs, uniform_orbit
 
 from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.estimation.relocalisation import fit_anywhere, fit_near

@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 import pytest
-from chains import EXAMPLES, FLIPPER, SPINNER, STRONG_WOBBLER, WOBBLER, chain_of
+from chains import CLASSES, EXAMPLES, FLIPPER, SPINNER, STRONG_WOBBLER, WOBBLER, chain_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from linkage_motion import distance
-from orbits import CLASSES, Example, accuracy, deviating_orbit, some_arcs, uniform_orbit
+from orbits import Example, accuracy, deviating_orbit, some_arcs, uniform_orbit
 from sampled_orbit import closed_orbit
 
 from soliton_linkage.linear.rigidity import Edge, mode_towards_last, zero_mode
