@@ -365,7 +365,7 @@ def test_a_wall_that_jumps_is_lost_and_released():
 @pytest.mark.parametrize('period', [0.02, 0.05])
 @pytest.mark.parametrize('example', [FLIPPER, SPINNER])
 def test_after_a_jump_the_speed_is_that_of_a_new_estimate(example, period):
-    orbit = orbit_of_example(example, 20)
+    orbit = uniform_orbit(example, 20)
     steering, other = steering_of(orbit), steering_of(orbit)
     times = period * np.arange(40)
     for time in times:
