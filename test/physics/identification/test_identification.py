@@ -314,3 +314,16 @@ def test_readings_are_weighted_by_their_deviations():
         errors = shown / true * made.spacings.mean() / found.chain.spacings.mean() - 1
         assert np.sqrt(np.mean((errors / found.deviations[name]) ** 2)) < 1.6, name
     assert (found.offset_deviations < unweighed[1]).all()
+
+
+def test_torques_during_a_recording_are_named_as_a_possible_cause_of_its_faults():
+    torques = [RecordedImpulse(0.5 + 0.004 * frame) for frame in range(101)]
+    swapped = ordered(0, 1, 2, 4, 3, 5, 6, 7, 8, 9)
+    for angles, impulses, named in (
+        (swapped, torques, True),
+        (swapped, [RecordedImpulse(0.5), RecordedImpulse(1.0)], False),
+        (resting(), torques, False),
+    ):
+        with pytest.raises(ValueError, match='swap them|nudge the chain') as error:
+            identify(Readings(TIMES, angles, None, NAMES, impulses), FLIPPER)
+        assert ('torques act for 0.4 s' in str(error.value)) == named

@@ -26,6 +26,7 @@ from soliton_linkage.identification.readings import (
 from soliton_linkage.identification.result import STRAINED, Identification, by_bonds, by_springs
 from soliton_linkage.identification.screening import (
     LEAST_NOISE,
+    IncompletePassage,
     check_jumps,
     check_motion,
     check_slips,
@@ -34,7 +35,7 @@ from soliton_linkage.identification.screening import (
     without_outliers,
 )
 from soliton_linkage.identification.stages import Stages
-from soliton_linkage.identification.windows import initial_windows
+from soliton_linkage.identification.windows import ARRIVAL, initial_windows
 from soliton_linkage.linkage.chain import Array, Chain
 
 _NOT_CLOSED = (
@@ -46,6 +47,10 @@ _ADJUSTED = 0.05
 _KICK = (
     'a kick that was not recorded acts near {}; the frames near it were not used for masses, '
     'springs and drag'
+)
+_STRAINING = (
+    'torques act for {:.2g} s of this recording and may strain the springs; if the joints are '
+    'correct, record again without torques'
 )
 _RIGID = (
     'bars are assumed only because {}; springs may fit better: record a longer passage without '
@@ -78,9 +83,17 @@ def identify(
     try:
         found = _identified(readings, given, tolerance, spacing_known, Stages(progress))
     except ValueError as error:
-        raise ValueError('; '.join(filter(None, (absent, str(error))))) from error
+        lasting = 0.0 if isinstance(error, IncompletePassage) else _duration_of_torques(readings)
+        strained = _STRAINING.format(lasting) if lasting else ''
+        raise ValueError('; '.join(filter(None, (absent, str(error), strained)))) from error
     warnings = *filter(None, [absent]), *length_warnings(found.chain), *found.warnings
     return replace(found, warnings=warnings)
+
+
+def _duration_of_torques(readings: Readings) -> float:
+    """Return how long known torques act [s]; they are recorded as successive impulses."""
+    spans = np.diff(sorted(impulse.time for impulse in readings.impulses))
+    return float(spans[spans < ARRIVAL].sum())
 
 
 def _identified(

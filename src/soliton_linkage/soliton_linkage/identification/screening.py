@@ -40,13 +40,17 @@ _SHARPNESS = 20.0
 weight exp(-s d^2 / 2)."""
 
 
+class IncompletePassage(ValueError):
+    """Error of a recording in which no wall passes all rotors."""
+
+
 def check_motion(readings: Array, names: Sequence[str]) -> None:
     """Raise ValueError unless a wall passes all rotors in order in `readings` [rad], (T, N)."""
     check_mounting(readings, names)
     check_zeros(readings, names)
     inner = leaning_over(readings)[1:-1]
     if not inner.any():
-        raise ValueError(
+        raise IncompletePassage(
             'no soliton passes in this recording, because no rotor changes its side; nudge the '
             'chain during the recording'
         )
@@ -59,7 +63,7 @@ def check_motion(readings: Array, names: Sequence[str]) -> None:
                 'soliton passes both neighbours: the rotor is held, or the zero error of its '
                 'encoder exceeds its lean; release the rotor and set the zero'
             )
-        raise ValueError(
+        raise IncompletePassage(
             f'the soliton passes only {len(inner) - still.size} of {len(inner)} inner rotors, '
             f'not {names[int(still[0])]}; record until it has reached both edges'
         )
