@@ -65,6 +65,10 @@ def test_camera_pictures_are_shown_while_the_panel_is_open(visit, camera):
     visit.has_text('camera-figure', '320 × 180, ')
     for place, colour in (((40, 90), RED), ((280, 90), BLUE)):
         assert visit.page.evaluate(PIXEL, place) == pytest.approx(colour, abs=12)
+    for size in ((390, 844), (1400, 900)):
+        visit.resize(*size)
+        shown = visit.page.locator('#live-camera').bounding_box()
+        assert shown['width'] / shown['height'] == pytest.approx(320 / 180, rel=0.02)
     visit.shot('camera')
     box = visit.page.locator('#live-camera-figure summary')
     box.click()
