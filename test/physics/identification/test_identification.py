@@ -324,6 +324,6 @@ def test_torques_during_a_recording_are_named_as_a_possible_cause_of_its_faults(
         (swapped, [RecordedImpulse(0.5), RecordedImpulse(1.0)], False),
         (resting(), torques, False),
     ):
-        with pytest.raises(ValueError, match='swap them|nudge the chain') as error:
+        with pytest.raises(ValueError, match=r'swap them|nudge the chain') as error:
             identify(Readings(TIMES, angles, None, NAMES, impulses), FLIPPER)
         assert ('torques act for 0.4 s' in str(error.value)) == named
