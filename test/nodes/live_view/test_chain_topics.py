@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 from itertools import count
 
 import numpy as np
@@ -241,3 +242,18 @@ def test_two_sources_of_one_topic_are_reported_while_both_publish(
     publish(first, second, first, second, first, second)
     assert 'several nodes publish joint_states' in topics.conflict
     graph.until(lambda: publish(second) or not topics.conflict, 'the end of the conflict')
+
+
+def test_the_chain_is_that_of_the_remaining_publisher(graph: Graph, named: NamedChain) -> None:
+    other = replace(named, chain=replace(named.chain, stiffness=2 * named.chain.stiffness))
+    inbox = Node('inbox', context=graph.context)
+    found = ChainFinder(inbox, '/')
+    topics = found.chains['/']
+    publishers = [graph.speak(interfaces.CHAIN) for _ in range(2)]
+    for publisher, sent in zip(publishers, (named, other), strict=True):
+        publisher.publish(chain_to_msg(sent, time_to_msg(0)))
+        graph.until(lambda s=sent: found.update() or topics.model.named == s, 'the chain')
+    graph.until(lambda: inbox.count_publishers('/chain') == 2, 'both publishers')
+    topics.adapt()
+    graph.user.destroy_publisher(publishers[1])
+    graph.until(lambda: found.update() or topics.model.named == named, 'the remaining chain')

@@ -270,6 +270,11 @@ class ChainTopics:
         for topic in (self._joints, self._states, self._kicks, self.camera):
             topic.adapt()
         self.publishers = self._joints.publishers
+        sources = len(self._chain.publishers)
+        self._chain.adapt()
+        if len(self._chain.publishers) < sources:
+            # The last message may be from the publisher that has ended.
+            self._chain.resubscribe()
 
     def close(self) -> None:
         """Unsubscribe."""

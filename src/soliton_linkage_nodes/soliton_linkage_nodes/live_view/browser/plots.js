@@ -31,7 +31,7 @@ export class LeanPlot extends Plot {
     const { canvas } = this;
     const look = theme();
     const n = frame.overview.length;
-    if (!frame.rotors || !n) { canvas.showReason(look, NO_JOINTS); return; }
+    if (chain.conflict || !frame.rotors || !n) { canvas.showReason(look, chain.conflict || NO_JOINTS); return; }
     const c = canvas.begin();
     const largest = chain.rest_lean ? Math.max(1.3 * chain.rest_lean, 1.05 * chain.longest_rotor) : 1.1;
     const unit = chain.rest_lean ? 1e3 : 1;
@@ -103,7 +103,8 @@ export class Kymograph extends Plot {
     const { canvas } = this;
     const look = theme();
     this.paint(track, chain.lean);
-    if (!track.height || !Number.isFinite(track.newest)) { canvas.showReason(look, NO_JOINTS); return; }
+    const empty = !track.height || !Number.isFinite(track.newest);
+    if (chain.conflict || empty) { canvas.showReason(look, chain.conflict || NO_JOINTS); return; }
     const c = canvas.begin();
     const { toX, toY, left, top, w, h } = axes(canvas, look, {
       x: [-SPAN, 0], y: [-0.5, frame.rotors - 0.5], xLabel: 'time [s]', yLabel: 'rotor n',
