@@ -72,7 +72,7 @@ def write_bag(
 
 
 def as_sqlite3(bag: Path) -> None:
-    """NextAction a bag into a sqlite3 bag, as the writer of rosbags writes it."""
+    """Turn a bag into a sqlite3 bag, as the writer of rosbags writes it."""
     whole = bag.with_name(f'{bag.name}.mcap')
     bag.rename(whole)
     with (
@@ -97,13 +97,11 @@ def as_sqlite3(bag: Path) -> None:
 
 
 def data_file(bag: Path) -> Path:
-    """Return the only data file of a bag."""
     (found,) = (path for path in bag.iterdir() if path.suffix in ('.mcap', '.db3'))
     return found
 
 
 def messages_of(bag: Path) -> dict[str, list[bytes]]:
-    """Return the serialized messages of each topic of a bag."""
     with open_bag(bag) as reader:
         held: dict[str, list[bytes]] = {connection.topic: [] for connection in reader.connections}
         for connection, _, serialized in read_messages(reader, reader.connections):
@@ -112,13 +110,11 @@ def messages_of(bag: Path) -> dict[str, list[bytes]]:
 
 
 def lost_in(bag: Path) -> dict[str, int]:
-    """Return the lost messages of each topic in the metadata of a bag."""
     with open_bag(bag) as reader:
         return json.loads(reader.storage.metadata.custom['lost_messages'])
 
 
 def publish_frames(publisher: Publisher, named: NamedChain, frames: int) -> list[bytes]:
-    """Publish frames and return them as they were sent."""
     sent = [serialize_message(frame_message(named, number)) for number in range(frames)]
     for message in sent:
         publisher.publish(message)

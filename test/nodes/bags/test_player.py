@@ -6,7 +6,6 @@ import pty
 import re
 import select
 import signal
-import struct
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,6 @@ import pytest
 from ament_index_python.packages import get_package_prefix
 from graphs import Graph, values
 from programs import PACKAGE
-from rclpy.serialization import deserialize_message
 from recordings import MILLISECOND, START, frame_message, run_of, write_bag
 from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
@@ -22,6 +20,7 @@ from std_srvs.srv import Trigger
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Chain
+from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_msgs.srv import GetRate, Seek, SetRate
 from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.reading import find_topic, open_bag
@@ -41,7 +40,6 @@ PATIENT = {'lockstep_timeout': 600.0}
 
 
 def played(graph: Graph) -> str:
-    """Return the number of played messages in the diagnostics."""
     return values(graph.next_report('bag_player'))['messages played']
 
 
@@ -77,15 +75,6 @@ def test_latched_topics_come_first_and_the_rest_waits_for_a_subscriber(graph, na
     assert frames[0] == frame_message(named, 0)
     graph.until(lambda: played(graph) == '102', 'the end of the bag')
     assert len(chains) == 1
-
-
-def test_a_late_analyser_still_gets_the_chain(graph, named, tmp_path):
-    bag = write_bag(tmp_path / 'run', run_of(named, 2, gap=MINUTE))
-    frames = graph.hear(interfaces.JOINT_STATES)
-    graph.start(BagPlayer, {'bag': str(bag)})
-    graph.until(lambda: frames, 'the first frame')
-    chains = graph.hear(interfaces.CHAIN)
-    graph.until(lambda: chains, 'the chain')
 
 
 def test_without_subscribers_it_plays_and_reports_so(graph, named, tmp_path, capfd):
@@ -136,22 +125,12 @@ def test_the_clock_shows_the_recorded_time_where_it_is_asked_for(graph, named, t
         ({'bag': 'RUN', 'wait_for': ['joints']}, "has no topic 'joints', it contains /chain, "),
         ({'bag': 'RUN', 'start_offset': 5.0}, 'start_offset of bag_player = 5 s must lie before'),
         ({'bag': 'RUN', 'start_offset': 6e307}, 'start_offset of bag_player = 6e+307 must lie in'),
-        ({'bag': 'FILE'}, 'has no .mcap or .db3 file'),
-        ({'bag': 'RUN', 'rate': 0.0}, 'rate of bag_player = 0.0 must lie in the range'),
-        ({'bag': 'RUN', 'speed': 2.0}, "parameter 'speed' of bag_player is unknown"),
     ],
 )
 def test_an_unplayable_bag_is_reported_in_one_line(graph, named, tmp_path, given, complaint):
-    run = run_of(named, 3)
-    paths = {
-        'RUN': write_bag(tmp_path / 'run', run),
-        'NUDGES': write_bag(tmp_path / 'nudges', run[:1]),
-        'FILE': tmp_path / 'file.txt',
-    }
-    paths['FILE'].write_text('no bag')
     asked = dict(given)
-    if asked.get('bag') in paths:
-        asked['bag'] = str(paths[asked['bag']])
+    if (messages := {'RUN': 5, 'NUDGES': 1}.get(given.get('bag'))) is not None:
+        asked['bag'] = str(write_bag(tmp_path / 'run', run_of(named, 3)[:messages]))
     with pytest.raises(ValueError, match=re.escape(complaint)) as refusal:
         graph.start(BagPlayer, asked)
     assert '\n' not in str(refusal.value)
@@ -173,16 +152,6 @@ def test_damage_that_shows_while_playing_ends_it_with_one_line(start, named, tmp
     assert program.wait() == 1
     assert f"bag '{bag}' is damaged: " in program.said[-1]
     assert 'Traceback' not in ''.join(program.said)
-
-
-def test_it_ends_after_all_subscribers_received_all_messages(graph, start, named, tmp_path):
-    bag = write_bag(tmp_path / 'run', run_of(named, 100))
-    frames = graph.hear(interfaces.JOINT_STATES)
-    program = start('bag_player', '--ros-args', '-p', f'bag:={bag}', '-p', 'rate:=100.0')
-    graph.until(lambda: program.process.poll() is not None, 'its end')
-    assert program.process.returncode == 0
-    assert program.said[-1] == f'played 102 of 102 messages of {bag}'
-    graph.until(lambda: len(frames) == 100, 'the frames')
 
 
 @pytest.mark.parametrize(('number', 'heard'), [(signal.SIGINT, True), (signal.SIGTERM, False)])
@@ -238,6 +207,9 @@ def test_a_seek_sends_the_preceding_latched_message_and_continues_there(graph, n
         assert graph.call(Seek, 'bag_player/seek', time=sought).success
         graph.until(lambda: chains, 'the chain before it')
         assert stamps_of(chains) == [place // 10 * 10 * MILLISECOND]
+    for outside in (-1, 200):
+        sought = time_to_msg(START + outside * MILLISECOND)
+        assert not graph.call(Seek, 'bag_player/seek', time=sought).success
     assert frames == []
     assert graph.call(Trigger, 'bag_player/resume').success
     graph.until(lambda: player.finished and len(frames) == 67, 'the rest')
@@ -254,14 +226,6 @@ def test_the_time_in_which_the_recorder_was_paused_is_skipped(graph, named, tmp_
     player = graph.start(BagPlayer, {'bag': str(bag)})
     graph.until(lambda: player.finished and len(frames) == 20, 'the end')
     assert 'skipped 1000 s without a message' in capfd.readouterr().err
-
-
-@pytest.mark.parametrize('place', [-1, 200])
-def test_a_seek_outside_the_bag_is_rejected(graph, named, tmp_path, place):
-    bag = write_bag(tmp_path / 'run', run_of(named, 100))
-    graph.start(BagPlayer, {'bag': str(bag), 'start_paused': True, 'subscriber_timeout': 0.0})
-    sought = time_to_msg(START + place * MILLISECOND)
-    assert not graph.call(Seek, 'bag_player/seek', time=sought).success
 
 
 def test_in_a_pause_it_plays_message_by_message(graph, named, tmp_path):
@@ -290,16 +254,6 @@ def test_the_rate_is_set_and_reported(graph, named, tmp_path):
     graph.until(lambda: player.finished, 'the end of two minutes')
 
 
-def test_a_loop_begins_again(graph, named, tmp_path):
-    bag = write_bag(tmp_path / 'run', run_of(named, 10))
-    chains, frames = graph.hear(interfaces.CHAIN), graph.hear(interfaces.JOINT_STATES)
-    player = graph.start(BagPlayer, {'bag': str(bag), 'loop': True})
-    graph.until(lambda: len(frames) >= 30, 'three rounds')
-    graph.stop(player)
-    assert frames[:30] == 3 * [frame_message(named, number) for number in range(10)]
-    assert len(chains) >= 3
-
-
 def test_it_waits_for_the_subscribers_that_are_expected(graph, named, tmp_path):
     bag = write_bag(tmp_path / 'run', run_of(named, 20))
     frames = graph.hear(interfaces.JOINT_STATES)
@@ -313,13 +267,11 @@ def test_it_waits_for_the_subscribers_that_are_expected(graph, named, tmp_path):
     assert len(nudges) == 1
 
 
-def soliton_states(graph: Graph, bag: Path, **given: Any) -> list[bytes]:
+def soliton_states(graph: Graph, bag: Path, **given: Any) -> list[Any]:
     """Return the states of a new analyser for a bag that is played in lockstep."""
-    heard: list[bytes] = []
+    heard: list[Any] = []
     topic = interfaces.SOLITON_STATE
-    subscription = graph.user.create_subscription(
-        topic.type, topic.name, heard.append, topic.qos, raw=True
-    )
+    subscription = graph.user.create_subscription(topic.type, topic.name, heard.append, topic.qos)
     analyser = graph.start(SolitonAnalyser, {'longest_lag': 0.0})
     player = graph.start(BagPlayer, {'bag': str(bag), 'lockstep': True, **PATIENT, **given})
     graph.until(lambda: player.finished, 'the end')
@@ -339,11 +291,10 @@ def frames_in(bag: Path) -> int:
         return find_topic(reader, 'joint_states').msgcount
 
 
-@pytest.mark.parametrize(('rotor_length', 'nudge'), [(0.05, 10.0), (0.12, 12.5)])
-def test_replays_in_lockstep_give_the_same_soliton_states(graph, tmp_path, rotor_length, nudge):
-    chain = Chain(number_of_rotors=12, rotor_length=rotor_length)
+def test_replays_in_lockstep_give_the_same_soliton_states(graph, tmp_path):
+    chain = Chain(number_of_rotors=12)
     start = chain.uniform_state(-1)
-    kick = nudge * mode_towards_last(chain, start)
+    kick = 10.0 * mode_towards_last(chain, start)
     recording = simulate(chain, start, kick, duration=1.5, period=0.01)
     named = NamedChain(chain, default_joint_names(12))
     first_stamp = time_to_msg(START)
@@ -357,48 +308,27 @@ def test_replays_in_lockstep_give_the_same_soliton_states(graph, tmp_path, rotor
     bag = write_bag(tmp_path / 'run', entries)
     first = soliton_states(graph, bag)
     second = soliton_states(graph, bag, lockstep_window=1)
-    state = interfaces.SOLITON_STATE.type
-    assert any(deserialize_message(data, state).solitons for data in first)
-    assert [canonical(data, state) for data in first] == [
-        canonical(data, state) for data in second
-    ]
-
-
-def canonical(serialized: bytes, kind: Any) -> bytes:
-    """All fields of a message to the last bit, without the padding, which is left to chance."""
-    return pickled(deserialize_message(serialized, kind))
-
-
-def pickled(value: Any) -> bytes:
-    if hasattr(value, 'get_fields_and_field_types'):
-        return b''.join(
-            pickled(getattr(value, name)) for name in value.get_fields_and_field_types()
-        )
-    if isinstance(value, float):
-        return struct.pack('<d', value)
-    if isinstance(value, (list, tuple)) or hasattr(value, 'tolist'):
-        return b'[' + b','.join(map(pickled, value)) + b']'
-    return repr(value).encode()
+    assert any(state.solitons for state in first)
+    # NaN equals NaN in the text, which has all digits.
+    assert list(map(repr, first)) == list(map(repr, second))
 
 
 def test_in_lockstep_no_more_frames_are_on_their_way_than_the_window(graph, named, tmp_path):
     bag = write_bag(tmp_path / 'run', run_of(named, 50))
     frames = graph.hear(interfaces.JOINT_STATES)
-    topic = interfaces.SOLITON_STATE
-    answers = graph.user.create_publisher(topic.type, topic.name, topic.qos)
+    answers = interfaces.SOLITON_STATE.publisher(graph.user)
     graph.start(BagPlayer, {'bag': str(bag), 'lockstep': True, 'lockstep_window': 7})
     for expected in range(7, 51):
         graph.until(lambda n=expected: len(frames) == n, f'{expected} frames')
         reports = graph.reports('bag_player') if expected == 7 else []
         graph.until(lambda seen=reports, n=expected: seen or n > 7, 'some time')
         assert len(frames) == expected
-        answers.publish(topic.type(header=frames[expected - 7].header))
+        answers.publish(SolitonState(header=frames[expected - 7].header))
 
 
 def test_frames_that_the_analyser_does_not_answer_are_given_up(graph, named, tmp_path):
     bag = write_bag(tmp_path / 'run', run_of(named, 20)[1:-1])
-    topic = interfaces.SOLITON_STATE
-    graph.user.create_publisher(topic.type, topic.name, topic.qos)
+    interfaces.SOLITON_STATE.publisher(graph.user)
     frames = graph.hear(interfaces.JOINT_STATES)
     given = {'lockstep_window': 10, 'lockstep_timeout': 0.2}
     player = graph.start(BagPlayer, {'bag': str(bag), 'lockstep': True, **given})

@@ -31,9 +31,8 @@ def test_it_is_read_whole_and_comes_back_whole(layout, frames, tmp_path):
             assert list(read_topic(reader, 'joint_states')) == frames
 
 
-@pytest.mark.parametrize('name', ['mcap in zstd chunks', 'split mcap', 'split sqlite3'])
-def test_it_is_played(graph, name, frames, tmp_path):
-    bag = write_rosbag2_bag(tmp_path / 'rosbag2_2026', LAYOUTS[name], frames)
+def test_it_is_played(graph, frames, tmp_path):
+    bag = write_rosbag2_bag(tmp_path / 'rosbag2_2026', LAYOUTS['split sqlite3'], frames)
     heard: list[interfaces.JointState] = []
     topic = interfaces.JOINT_STATES
     graph.user.create_subscription(topic.type, JOINT_STATES, heard.append, topic.qos)

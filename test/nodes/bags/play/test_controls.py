@@ -10,7 +10,7 @@ import pytest
 from builtin_interfaces.msg import Duration, Time
 from graphs import Graph
 from rclpy.node import Node
-from recordings import MILLISECOND, START, run_of, write_bag
+from recordings import MILLISECOND, START, frame_message, run_of, write_bag
 
 from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.services import service_type
@@ -67,7 +67,6 @@ def wait_for_number(graph: Graph, heard: list[Any], number: int) -> None:
 
 
 def ready(graph: Graph, services: Services) -> None:
-    """Wait until one message has passed."""
     graph.until(lambda: burst(services, 1), 'the player to be ready')
 
 
@@ -80,6 +79,7 @@ def test_in_a_pause_messages_are_burst_to_the_end_and_again(graph, named, tmp_pa
     assert burst(services, 0) == 14
     graph.until(lambda: len(heard) == 20, 'all frames')
     assert burst(services, 1) == 0
+    assert not services['play_next'](None, SimpleNamespace(success=True)).success
     assert not player.finished
     services['seek'](SimpleNamespace(time=Time(sec=START // 10**9)), SimpleNamespace())
     graph.until(lambda: burst(services, 0), 'the player to begin again')
@@ -138,14 +138,16 @@ def test_a_stopped_player_restarts_with_its_parameters(graph, named, tmp_path, s
     assert frames_of(heard) == list(range(10, 30))
 
 
-def test_rounds_are_reported(graph, named, tmp_path, capfd):
+def test_rounds_of_a_loop_are_whole_and_reported(graph, named, tmp_path, capfd):
     bag = write_bag(tmp_path / 'run', run_of(named, 10))
-    frames = graph.hear(interfaces.JOINT_STATES)
+    chains, frames = graph.hear(interfaces.CHAIN), graph.hear(interfaces.JOINT_STATES)
     player = graph.start(BagPlayer, {'bag': str(bag), 'loop': True})
     graph.until(lambda: len(frames) >= 30, 'three rounds')
     report = graph.next_report('bag_player').message
     assert re.fullmatch(r'played \d+ messages in \d+ rounds \(the bag contains 12\)', report)
     graph.stop(player)
+    assert frames[:30] == 3 * [frame_message(named, number) for number in range(10)]
+    assert len(chains) >= 3
     (line,) = re.findall('played .*', capfd.readouterr().err)
     told = re.fullmatch(
         rf'played (\d+) messages of {bag} in (\d+) rounds \(the bag contains 12\)', line

@@ -78,31 +78,6 @@ def test_without_pace_everything_is_due(clock, started):
     assert clock.now == 1000.0
 
 
-def test_in_a_pause_one_message_passes_for_each_step():
-    moved = PlaybackClock(1.0, paused=True)
-    moved.start(0)
-    passed: list[int] = []
-
-    def play() -> None:
-        passed.extend(n for n in range(5) if moved.wait_for(n) is NextAction.PLAY)
-
-    playing = threading.Thread(target=play)
-    playing.start()
-    for expected in ([0], [0, 1], [0, 1, 2]):
-        assert moved.play_next()
-        # It answers when the message passes; the list grows a moment after.
-        deadline = threading.Event()
-        for _ in range(12_000):
-            if passed == expected:
-                break
-            deadline.wait(0.01)
-        assert passed == expected
-    moved.stop()
-    playing.join(120)
-    assert passed == [0, 1, 2]
-    assert not moved.play_next()
-
-
 def test_an_unused_step_is_forgotten():
     moved = PlaybackClock(paused=True, longest_step=0.05)
     assert not moved.play_next()
@@ -123,42 +98,6 @@ def test_a_wait_ends_where_another_instant_is_sought_or_it_is_to_stop():
         moved.take_sought()
 
 
-@pytest.fixture
-def playing():
-    """Five messages that are paused, in a thread that takes note of those that pass."""
-    moved, passed = PlaybackClock(paused=True, longest_step=0.05), list[int]()
-    moved.start(0)
-
-    def play() -> None:
-        turn = NextAction.SEEK
-        while turn is NextAction.SEEK:
-            passed.extend(n for n in range(5) if moved.wait_for(n) is NextAction.PLAY)
-            turn = moved.wait_at_end()
-            if turn is NextAction.SEEK:
-                moved.take_sought()
-
-    thread = threading.Thread(target=play)
-    thread.start()
-    yield moved, passed
-    moved.stop()
-    thread.join()
-
-
-def test_a_burst_plays_a_number_of_messages_in_a_pause_and_0_plays_all(playing):
-    moved, passed = playing
-    assert moved.burst(3) == 3
-    assert moved.burst(0) == 2
-    assert passed[:5] == [0, 1, 2, 3, 4]
-    assert moved.burst(0) == 0
-    assert not moved.play_next()
-    moved.seek(0)
-    while not moved.play_next():
-        pass
-    assert moved.burst(10) == 4
-    moved.resume()
-    assert moved.burst(1) == 0
-
-
 def test_a_burst_that_lasts_is_answered_before_its_end():
     slow = PlaybackClock(paused=True, longest_burst=2.0)
     slow.start(0)
@@ -168,15 +107,3 @@ def test_a_burst_that_lasts_is_answered_before_its_end():
     assert slow.wait_for(1) is NextAction.PLAY
     assert slow.wait_for(2) is NextAction.PLAY
     assert not slow.stepping
-
-
-def test_after_a_stop_it_may_be_opened_again():
-    moved = PlaybackClock(paused=True)
-    moved.start(0)
-    moved.seek(5)
-    moved.stop()
-    assert moved.wait_at_end() is NextAction.STOP
-    moved.reopen()
-    moved.resume()
-    assert moved.wait_at_end() is NextAction.PLAY
-    assert not moved.stopping.is_set()

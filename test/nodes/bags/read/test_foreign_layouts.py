@@ -9,9 +9,7 @@ from pathlib import Path
 import pytest
 import yaml
 from mcap.writer import Writer
-from rclpy.serialization import serialize_message
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
 from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.reading import open_bag, read_messages
@@ -170,20 +168,3 @@ def test_stamps_before_1970_are_read_and_counted_once_as_lost_when_recovered(tmp
     with pytest.raises(ValueError, match=r'nothing can be recovered .* 60 messages'):
         recover_bag(bag, tmp_path / 'none')
     assert not (tmp_path / 'none_0').exists()
-
-
-def test_service_events_are_played_if_their_type_is_installed(graph, tmp_path):
-    topic, event = '/stop/_service_event', Trigger.Event(request=[Trigger.Request()])
-    path = tmp_path / 'run.mcap'
-    with path.open('wb') as file:
-        writer = Writer(file)
-        writer.start(profile='ros2')
-        schema = writer.register_schema('std_srvs/srv/Trigger_Event', 'ros2msg', b'')
-        channel = writer.register_channel(topic, 'cdr', schema)
-        writer.add_message(channel, 10, serialize_message(event), 10)
-        writer.finish()
-    received: list[object] = []
-    graph.user.create_subscription(Trigger.Event, topic, received.append, 10)
-    graph.start(BagPlayer, {'bag': str(path), 'wait_for': [topic]})
-    graph.until(lambda: received, 'the event')
-    assert received == [event]

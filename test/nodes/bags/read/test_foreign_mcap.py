@@ -63,7 +63,6 @@ class Case:
 
     @property
     def content(self) -> bytes:
-        """The finished file."""
         header = mcap.record(Opcode.HEADER, mcap.text(''), mcap.text(''))
         data = mcap.MAGIC + header + b''.join(self.records) + DATA_END
         start = 0 if self.summary is None else len(data)
@@ -115,7 +114,6 @@ CASES = {
 
 @pytest.fixture(params=CASES)
 def path(request, tmp_path):
-    """A file of each case."""
     file = tmp_path / 'case.mcap'
     file.write_bytes(CASES[request.param].content)
     return file

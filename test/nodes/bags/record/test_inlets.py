@@ -7,11 +7,10 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from programs import Program
 from rclpy.duration import Duration
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from recordings import messages_of
 from rosbags.highlevel import AnyReader
-from sensor_msgs.msg import Image, JointState
+from sensor_msgs.msg import Image
 from std_msgs.msg import Float64
 
 from soliton_linkage_msgs.msg import Delivery
@@ -70,17 +69,6 @@ def test_a_pattern_adds_to_the_suite(graph, tmp_path):
     graph.stop(recorder)
     suite = {f'/{topic.name.lstrip("/")}' for topic in interfaces.SUITE_TOPICS}
     assert messages_of(tmp_path / 'run_0').keys() == {*suite, '/arm/force'}
-
-
-def test_a_publisher_that_offers_less_is_received_as_well(graph, tmp_path):
-    recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
-    volatile = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-    publisher = graph.user.create_publisher(JointState, 'joint_states', volatile)
-    graph.until(publisher.get_subscription_count, 'the recorder')
-    publisher.publish(JointState(name=['x']))
-    graph.until(lambda: recorder.messages, 'the message')
-    graph.stop(recorder)
-    assert len(messages_of(tmp_path / 'run_0')['/joint_states']) == 1
 
 
 def test_a_pattern_that_is_none_is_named(graph, tmp_path):
