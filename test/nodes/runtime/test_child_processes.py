@@ -5,16 +5,13 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from ament_index_python.packages import get_package_prefix
+from programs import LONGEST_WAIT, until
 
 from soliton_linkage_nodes.runtime.child_processes import ChildProcesses
-
-LONGEST_WAIT = 240.0
 
 
 @pytest.fixture
@@ -29,28 +26,14 @@ def environment(graph):
     return {**os.environ, 'ROS_DOMAIN_ID': str(graph.domain)}
 
 
-def wait_until(condition: Callable[[], bool], what: str) -> None:
-    deadline = time.monotonic() + LONGEST_WAIT
-    while not condition():
-        assert time.monotonic() < deadline, f'waited {LONGEST_WAIT:g} s for {what}'
-        time.sleep(0.02)
-
-
-@pytest.fixture
-def recording(children, environment, tmp_path):
-    """Start a recorder, wait for its first words in its log, and return the name of its bag."""
+def test_one_process_stops_while_others_continue(children, environment, tmp_path):
     children.start('bag_recorder', ['-p', f'output:={tmp_path / "run"}'], environment)
-    log = tmp_path / 'log' / 'bag_recorder.log'
-    wait_until(lambda: 'recording to' in log.read_text(encoding='utf-8'), 'the first words')
-    return tmp_path / 'run'
-
-
-def test_one_process_stops_while_others_continue(children, environment, recording):
     children.start('edge_actuator', [], environment)
+    until(lambda: 'recording to' in children.output('bag_recorder'), 'the first words')
     children.check()
     assert not children.wait('bag_recorder', 0)
     assert children.stop(['bag_recorder']) == {'bag_recorder': 0}
-    assert Path(f'{recording}_0', 'metadata.yaml').is_file()
+    assert (tmp_path / 'run_0' / 'metadata.yaml').is_file()
     children.check()
     assert children.stop().keys() == {'edge_actuator'}
 
@@ -58,14 +41,18 @@ def test_one_process_stops_while_others_continue(children, environment, recordin
 def test_one_that_ends_by_itself_is_missed_with_its_last_words(children, environment):
     children.start('bag_player', ['-p', 'bag:=nowhere'], environment)
     with pytest.raises(RuntimeError, match='bag_player ended with exit code 1') as failure:
-        wait_until(lambda: bool(children.check()), 'its end')
+        until(lambda: bool(children.check()), 'its end')
     assert "bag 'nowhere' does not exist" in str(failure.value)
-    with pytest.raises(RuntimeError, match='bag_player ended with exit code 1'):
-        children.wait('bag_player', LONGEST_WAIT)
+    for end in (children.ended, lambda: children.wait('bag_player', LONGEST_WAIT)):
+        with pytest.raises(RuntimeError, match='bag_player ended with exit code 1'):
+            end()
 
 
-def test_one_that_does_not_heed_the_interrupt_is_killed(children, recording):
-    os.kill(process_with(str(recording)), signal.SIGSTOP)
+def test_one_that_does_not_heed_the_interrupt_is_killed(children, environment, tmp_path):
+    output = f'output:={tmp_path / "run"}'
+    children.start('bag_recorder', ['-p', output], environment)
+    until(lambda: 'recording to' in children.output('bag_recorder'), 'the first words')
+    os.kill(process_with(output), signal.SIGSTOP)
     assert children.stop() == {'bag_recorder': -signal.SIGKILL}
 
 
@@ -91,10 +78,10 @@ signal.pause()
     child = Path('/proc', number.strip())
     executable = Path(get_package_prefix('soliton_linkage_nodes'), 'lib', 'soliton_linkage_nodes')
     name = str(executable / 'edge_actuator').encode()
-    wait_until(lambda: name in (child / 'cmdline').read_bytes(), 'the child')
+    until(lambda: name in (child / 'cmdline').read_bytes(), 'the child')
     process.kill()
     process.communicate()
-    wait_until(lambda: gone(child), 'the end of the child')
+    until(lambda: gone(child), 'the end of the child')
 
 
 def process_with(argument: str) -> int:

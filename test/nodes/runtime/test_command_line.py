@@ -4,28 +4,12 @@
 import re
 
 import pytest
-from recordings import run_of, write_bag
 
 from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.recorder import BagRecorder
-from soliton_linkage_nodes.chain_identifier.node import ChainIdentifier
-from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.runtime.command_line import check_arguments, executable_name, help_text
-from soliton_linkage_nodes.serial_encoders.node import SerialEncoders
 from soliton_linkage_nodes.simulator.node import Simulator
-from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
-from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
 
-NODES = (
-    Simulator,
-    EdgeActuator,
-    SolitonAnalyser,
-    SolitonSteering,
-    ChainIdentifier,
-    BagRecorder,
-    BagPlayer,
-    SerialEncoders,
-)
 OF_ROS = {
     *('use_sim_time', 'start_type_description_service', 'rosout', 'parameter_events'),
     *('describe_parameters', 'get_parameters', 'get_parameter_types', 'list_parameters'),
@@ -35,16 +19,10 @@ OF_ROS = {
 }
 
 
-@pytest.mark.parametrize('node', NODES, ids=executable_name)
-def test_help_lists_every_parameter_and_topic(graph, node, named, tmp_path, terminal):
-    needed = {
-        BagRecorder: {'output': str(tmp_path / 'out')},
-        BagPlayer: {'bag': str(write_bag(tmp_path / 'bag', run_of(named, 2)))},
-        SerialEncoders: {'port': terminal.path},
-    }
-    started = graph.start(node, needed.get(node, {}))
-    assert started.get_name() == executable_name(node)
-    told = help_text(node)
+def test_help_lists_every_parameter_and_topic(graph, node_type, needed):
+    started = graph.start(node_type, needed.get(node_type, {}))
+    assert started.get_name() == executable_name(node_type)
+    told = help_text(node_type)
     shown = re.findall(r'^  (\S+):=(.*)  \((\w+)\)$', told, flags=re.MULTILINE)
     assert {name for name, _, _ in shown} == started.get_parameters_by_prefix('').keys() - OF_ROS
     for name, _, kind in shown:
@@ -53,7 +31,9 @@ def test_help_lists_every_parameter_and_topic(graph, node, named, tmp_path, term
     spoken = {publisher.topic_name for publisher in started.publishers}
     spoken |= {subscription.topic_name for subscription in started.subscriptions}
     spoken |= {service.srv_name for service in started.services}
-    replayed = {'chain', 'joint_states', 'soliton_state', 'nudge'} if node is BagPlayer else set()
+    replayed = (
+        {'chain', 'joint_states', 'soliton_state', 'nudge'} if node_type is BagPlayer else set()
+    )
     assert {name.rpartition('/')[2] for name in spoken} - OF_ROS - replayed <= words
 
 

@@ -9,7 +9,6 @@ from graphs import Graph
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
-from recordings import run_of, write_bag
 
 from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.recorder import BagRecorder
@@ -42,11 +41,7 @@ def dump(graph: Graph, node: Node) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize('create', LISTS, ids=lambda create: create.__name__)
-def test_a_dump_of_all_parameters_makes_the_same_node_again(graph, named, create, tmp_path):
-    needed = {
-        BagRecorder: {'output': str(tmp_path / 'out')},
-        BagPlayer: {'bag': str(write_bag(tmp_path / 'bag', run_of(named, 2)))},
-    }
+def test_a_dump_of_all_parameters_makes_the_same_node_again(graph, create, needed, tmp_path):
     first = graph.start(create, {**needed.get(create, {}), **LISTS[create]})
     dumped = dump(graph, first)
     assert None not in dumped.values()

@@ -188,21 +188,15 @@ def test_at_an_infinite_rate_it_sleeps_only_without_work(clock):
     assert loop.punctuality == pacing.Punctuality(89, 0, 0.0, 0.0)
 
 
-@pytest.fixture
-def requests(monkeypatch):
-    """Requests of a loop for priority."""
-    asked: list[bool] = []
-    monkeypatch.setattr(pacing, 'raise_priority', asked.append)
-    return asked
-
-
 @pytest.mark.parametrize(
     ('rate', 'first', 'asked'),
     [(100.0, True, [True, False, True]), (100.0, False, []), (math.inf, True, [False])],
 )
 def test_it_has_priority_if_asked_for_and_while_it_keeps_its_rate(
-    clock, requests, rate, first, asked
+    clock, monkeypatch, rate, first, asked
 ):
+    requests = []
+    monkeypatch.setattr(pacing, 'raise_priority', requests.append)
     stall = {10: SECOND // 20}
     instants(clock, rate, 40, lambda call: stall.get(call, 0), first=first)
     assert requests == asked

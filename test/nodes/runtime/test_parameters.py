@@ -131,8 +131,6 @@ class Examples:
 
 
 class Declarer(GuardedNode):
-    """Declares the examples."""
-
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('declarer', **kwargs)
         self.settings = declare(self, Examples, 'group.')
@@ -267,13 +265,6 @@ def test_a_change_at_run_time_that_is_not_allowed_changes_nothing(graph):
         assert node.get_parameter(f'group.{name}').value == before
 
 
-def test_an_adjustable_parameter_can_be_changed(graph):
-    node = graph.start(Declarer)
-    assert change(graph, lean='right')[0].successful
-    assert node.get_parameter('group.lean').value == 'right'
-    assert current(node, Examples, 'group.') == dataclasses.replace(Examples(), lean='right')
-
-
 @pytest.mark.parametrize(
     'create', [Simulator, EdgeActuator, BagRecorder], ids=lambda c: c.__name__
 )
@@ -300,25 +291,6 @@ def test_nodes_describe_each_parameter_with_unit_range_and_whether_it_can_change
         if expected.maximum is not None:
             assert [bounds.to_value for bounds in ranges] == [expected.maximum]
         assert parameter.type != ParameterType.PARAMETER_NOT_SET
-
-
-def test_the_parameters_that_can_change_at_run_time():
-    adjustable = {
-        name
-        for node in OF_NODE
-        for name, field in of_node(node).items()
-        if field.metadata['quantity'].adjustable
-    }
-    assert adjustable == {
-        'gravity.acceleration',
-        'gravity.tilt',
-        'nudge_as',
-        'nudge_duration',
-        'nudge_edge',
-        'real_time_factor',
-        'sensors.noise',
-        'sensors.quantisation',
-    }
 
 
 def test_the_configuration_shows_every_parameter_with_its_default():

@@ -13,7 +13,6 @@ from rclpy.node import Node
 from recordings import run_of, write_bag
 from std_msgs.msg import Float64
 
-from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.runtime.process import SpinSlices, initialise
 
 NODES = (
@@ -24,11 +23,12 @@ NODES = (
     'bag_recorder',
     'bag_player',
 )
+SMALL = ['-p', 'chain.number_of_rotors:=8', '-p', 'publish_rate:=50.0']
 MINUTE = 60 * 10**9
 MOST_HEARD = 50_000
 FIRST_WORDS = {
-    'simulator': 'simulating a chain of 40 rotors (flipper, a = 0.1 m, r = 0.05 m, rest angle '
-    '0.97 rad), elastic, integrator symplectic, at 500 Hz',
+    'simulator': 'simulating a chain of 8 rotors (flipper, a = 0.1 m, r = 0.05 m, rest angle '
+    '0.97 rad), elastic, integrator symplectic, at 50 Hz',
     'edge_actuator': 'pneumatic actuators on the chain of /chain; a nudge is a kick at the',
     'soliton_analyser': 'analysing /joint_states of the chain of /chain',
     'soliton_steering': 'steering the soliton of the chain of /chain by all joints',
@@ -40,6 +40,7 @@ FIRST_WORDS = {
 def test_every_node_stops_cleanly_on_a_signal(graph, start, named, tmp_path):
     long_bag = write_bag(tmp_path / 'long', run_of(named, 2, gap=MINUTE))
     given = {
+        'simulator': SMALL,
         'bag_recorder': ['-p', f'output:={tmp_path / "run"}'],
         'bag_player': ['-p', f'bag:={long_bag}'],
     }
@@ -64,7 +65,8 @@ def test_a_simulator_that_computes_a_long_frame_stops_as_well(graph, start):
 def test_two_signals_are_as_good_as_one(graph, start):
     reports = {node: graph.reports(node) for node in ('simulator', 'bag_recorder')}
     nodes = {0.03: 'simulator', 0.1: 'bag_recorder'}
-    programs = {gap: start(node) for gap, node in nodes.items()}
+    given = {'simulator': ['--ros-args', *SMALL]}
+    programs = {gap: start(node, *given.get(node, [])) for gap, node in nodes.items()}
     graph.until(
         lambda: min(map(len, reports.values())) > 4,
         'reports of all programs',
@@ -127,14 +129,6 @@ def test_wrong_arguments_are_logged_in_one_line(start):
     assert 'Traceback' not in ''.join(program.said)
     with pytest.raises(ValueError, match=r"wrong ROS arguments: \['--unknown'\]"):
         initialise(['--ros-args', '--unknown'])
-
-
-def test_an_unwritable_output_is_logged_in_one_line(graph, tmp_path):
-    for output in ['file/run', 'file/deep/run']:
-        (tmp_path / 'file').write_text('not a directory')
-        said = rf"bag '{tmp_path / output}_0' cannot be written: .*; choose another output$"
-        with pytest.raises(OSError, match=said):
-            graph.start(BagRecorder, {'output': str(tmp_path / output)})
 
 
 COMPUTING = """
